@@ -37,8 +37,15 @@ from slamgauge.ekf.estimators import online_filter
 from slamgauge.ekf.maps.correction_table import CORRECTIONS, Correction
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
 from slamgauge.ekf.online_filter import OnlineFilter
-from slamgauge.ekf.settings.association import NEAREST_NEIGHBOUR, Association, MapManagement
-from slamgauge.ekf.settings.initialisation import Delayed, Initialisation, InverseDepth, Rays
+from slamgauge.ekf.settings import (
+    NEAREST_NEIGHBOUR,
+    Association,
+    Delayed,
+    Initialisation,
+    InverseDepth,
+    MapManagement,
+    Rays,
+)
 from slamgauge.se2 import wrap
 
 STRETCH = 5000  # steps

@@ -4,7 +4,7 @@ import os
 import sys
 
 if __name__ == "__main__":
-    # Python has put the current folder in front; a file there must not pass for a library that we import
+    # Python puts the current folder first in its path; a file there must not replace a library
     if not sys.flags.safe_path and sys.path[:1] in ([""], [os.getcwd()]):  # noqa: PTH109 pathlib is not loaded yet
         del sys.path[0]
     from slamgauge.compare.cli.main import main

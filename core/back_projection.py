@@ -11,7 +11,7 @@ from slamgauge.sensors import inverse
 
 
 def positions_seen(recording: Recording, rows: Int, path: Float) -> Float:
-    """Return positions (n, 2) [m], world frame, of the landmarks that these rows observe from a path (N+1, 3).
+    """Return positions (n, 2) [m], world frame, of the landmarks that the observations `rows` see from a path (N+1, 3).
 
     A bearing without a range puts its landmark at a distance of 1 m.
     """

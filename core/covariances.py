@@ -1,4 +1,4 @@
-"""Covariances seen as correlations: units differ, so each entry is judged by its own standard deviations."""
+"""Operations on covariances, scaled to correlations because units differ."""
 
 from __future__ import annotations
 
@@ -8,14 +8,17 @@ from slamgauge.arrays import Float
 
 
 def scale_of(covs: Float) -> Float:
-    """What makes correlations of covariances (n, d, d) when they are divided by it; 1 for what has no variance."""
+    """Return the products of standard deviations (n, d, d), by which covariances divide into correlations.
+
+    An entry without variance counts as variance 1.
+    """
     variances = np.diagonal(covs, axis1=1, axis2=2)
     sigmas = np.sqrt(np.where(variances > 0.0, variances, 1.0))
     return sigmas[:, :, None] * sigmas[:, None, :]
 
 
 def without_negative_eigenvalues(covs: Float) -> Float:
-    """Covariances (n, d, d) whose correlations have no eigenvalue below zero, exactly symmetric.
+    """Return the covariances (n, d, d), exactly symmetric, with negative eigenvalues of correlations set to zero.
 
     Rounding leaves such eigenvalues where a covariance is singular.
     """
@@ -27,14 +30,14 @@ def without_negative_eigenvalues(covs: Float) -> Float:
 
 
 def inverted(matrices: Float) -> Float:
-    """Inverses of positive definite matrices (n, d, d), exactly symmetric; their units may differ widely."""
+    """Return inverses of positive definite matrices (n, d, d), exactly symmetric; units may differ widely."""
     scale = scale_of(matrices)
-    with np.errstate(over="ignore"):  # what is not finite is found by whoever takes it
+    with np.errstate(over="ignore"):  # the caller checks for infinite entries
         inverse = np.linalg.inv(matrices / scale) / scale
     return (inverse + inverse.swapaxes(1, 2)) / 2
 
 
 def square_roots(covs: Float) -> Float:
-    """Symmetric square roots (n, d, d) of covariances (n, d, d), singular ones too."""
+    """Return symmetric square roots (n, d, d) of covariances (n, d, d), which may be singular."""
     values, vectors = np.linalg.eigh(covs)
     return (vectors * np.sqrt(values.clip(min=0.0))[:, None, :]) @ vectors.swapaxes(1, 2)

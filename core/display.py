@@ -1,4 +1,4 @@
-"""How values show themselves: a line for the prompt, a table for notebooks, a data frame where pandas is installed."""
+"""Display of records: a line at the prompt, a table in notebooks, a data frame if pandas is installed."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from typing import Any
 
 from slamgauge.errors import UserError
 
-LONGEST_FIGURE = 24  # characters: what is longer is a sentence
+LONGEST_FIGURE = 24  # characters; longer texts may wrap
 
 
 def html_table(head: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
-    """A table whose texts are shown as they are, figures in one line each; where it is too wide it scrolls."""
+    """Return a table of HTML with escaped texts: figures do not wrap, and a wide table scrolls."""
     titles = "".join(f"<th>{html.escape(title)}</th>" for title in head)
     lines = "".join(f"<tr>{''.join(_cell(str(text)) for text in row)}</tr>" for row in rows)
     table = f"<table><thead><tr>{titles}</tr></thead><tbody>{lines}</tbody></table>"
@@ -25,17 +25,17 @@ def _cell(text: str) -> str:
 
 
 def fact_table(facts: Mapping[str, object]) -> str:
-    """A line for each fact."""
+    """Return a table of HTML with a row for each fact."""
     return html_table(("", ""), [*facts.items()])
 
 
 def counted(count: int, what: str) -> str:
-    """`1 landmark`, `2 landmarks`."""
+    """Return `1 landmark`, `2 landmarks`."""
     return f"{count} {what}{'s' * (count != 1)}"
 
 
 def data_frame(columns: Mapping[str, Any], index: list[str] | None = None) -> Any:
-    """A `pandas.DataFrame`.
+    """Return a `pandas.DataFrame`.
 
     Raises:
         UserError: pandas is not installed.

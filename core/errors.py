@@ -1,4 +1,4 @@
-"""Whose fault it is: a user's mistake has its own type, the machine's refusals are known, all else is our defect."""
+"""Three kinds of failures: a user's mistake (`UserError`), a refusal of the machine, and else a defect of slamgauge."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import errno
 import traceback
 from pathlib import Path
 
-# names in `errno`, not all of them on every system: no room, no memory or files left, a broken device or connection
+# names in `errno`, some missing on some systems: no space, no memory, too many files, a broken device or connection
 _REFUSALS = frozenset(
     (
         *("ENOSPC", "EDQUOT", "EFBIG", "EIO", "ENFILE", "EMFILE", "ENOMEM", "EAGAIN", "ESTALE"),
@@ -16,14 +16,14 @@ _REFUSALS = frozenset(
 
 
 class UserError(ValueError):
-    """What the user gave cannot be used: one line that says where it stands, what it is and the remedy.
+    """Unusable input of a user. The text is one line with the place, the value and the remedy.
 
-    The command `slamgauge` prints that line alone (exit status 2). It is a `ValueError`, as in other libraries.
+    The command `slamgauge` prints this line alone (exit status 2).
     """
 
 
 def refused_by_the_machine(error: BaseException) -> bool:
-    """Whether memory, room or a connection was lacking, here or in the cause; the same may succeed another time."""
+    """Return whether the error or its cause is a lack of memory, disk space or connection: a retry may succeed."""
     refused = isinstance(error, OSError) and errno.errorcode.get(error.errno or 0) in _REFUSALS
     if refused or isinstance(error, MemoryError):
         return True
@@ -31,7 +31,7 @@ def refused_by_the_machine(error: BaseException) -> bool:
 
 
 def failure_text(error: Exception) -> str:
-    """What is known of a failure, in one line: a mistake, a refusal of the machine, or a defect and where it shows."""
+    """Return a line for a failure: the text of a mistake or of a refusal, or the type and place of a defect."""
     if isinstance(error, UserError):
         return str(error)
     what = f"{type(error).__name__}: {' '.join(str(error).split())}"

@@ -1,4 +1,4 @@
-"""What an estimator returns."""
+"""`Estimate`, the result of an estimator."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ AXES = ("x", "y", "heading")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MapHistory:
-    """The map as it stood at some steps: a row for every landmark, or for every member of one that is a ray still.
+    """The map at some steps: a row for every landmark that is a point, and for every member of a ray.
 
-    Equal by value, and therefore not hashable, as arrays are not.
+    Compared by value, and not hashable.
 
     Attributes:
         step: (K,) in increasing order.
@@ -73,15 +73,15 @@ class MapHistory:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RayLog:
-    """What became of every ray of a bearing-only estimate.
+    """Start, end and members of every ray of a bearing-only estimate.
 
-    Equal by value, and therefore not hashable, as arrays are not.
+    Compared by value, and not hashable.
 
     Attributes:
         landmark: (B,) id of each ray's landmark.
-        birth: (B,) step at which it began.
-        end: (B,) step at which it became a point or was lost; -1 if it is a ray still.
-        survivor: (B,) number of the member that became the point; -1 if there is none.
+        birth: (B,) step of its first bearing.
+        end: (B,) step at which it became a point or was deleted; -1 if it is still a ray.
+        survivor: (B,) number of the member that became the point; -1 without a point.
         distances: (B, G) distances of the members at birth [m], NaN where a ray had fewer.
         members: (N+1,) members of all rays after each step.
     """
@@ -97,7 +97,7 @@ class RayLog:
         landmark = as_ints("rays.landmark", self.landmark, (None,))
         birth, end = (as_ints(f"rays.{name}", getattr(self, name), (len(landmark),)) for name in ("birth", "end"))
         require_rows("rays.birth", birth >= 0, birth, "give the step at which the ray began, >= 0")
-        require_rows("rays.end", (end == -1) | (end >= birth), end, "a ray cannot end before its birth; -1: it goes on")
+        require_rows("rays.end", (end == -1) | (end >= birth), end, "a ray cannot end before its birth; -1: open")
         distances = as_array("rays.distances", self.distances, (len(landmark), None))
         survivor = as_ints("rays.survivor", self.survivor, (len(landmark),))
         known = (survivor >= -1) & (survivor < distances.shape[1])
@@ -112,27 +112,27 @@ class RayLog:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Estimate:
-    """What an estimator returns; only `kind` and `poses` are required.
+    """The result of an estimator; only `kind` and `poses` are required.
 
-    Equal by value, and therefore not hashable, as arrays are not.
+    Compared by value, and not hashable.
 
     Attributes:
         kind: `filtered` (pose k uses the measurements up to step k) or `smoothed` (uses all).
         poses: (N+1, 3).
         pose_covs: (N+1, 3, 3) world frame, additive error (x, y, heading); None if not estimated.
-        landmark_ids: (L,) distinct ids of the mapped landmarks; none by default.
+        landmark_ids: (L,) distinct ids of the mapped landmarks; empty by default.
         landmarks: (L, 2) [m] at the end of the recording, in the order of their ids.
         landmark_covs: (L, 2, 2) [m^2]; None if not estimated.
-        association: (M,) id of the landmark that each observation was given, -1 if rejected.
-        nis: (N+1,) normalised innovation squared of each step's update; None if there is none.
-        nis_dof: (N+1,) its degrees of freedom, 0 where there was no update.
+        association: (M,) id of each observation's landmark, -1 if rejected; None if not known.
+        nis: (N+1,) normalised innovation squared of each step's update; None if not computed.
+        nis_dof: (N+1,) its degrees of freedom, 0 at steps without an update.
         seconds: (N+1,) computing time of each step; None if not measured.
-        rays: what became of the rays of a bearing-only estimate; None without rays.
-        history: the map at some of the steps; None if it was not kept.
-        chi_square: of an optimum, its squared residuals in units of their stated noise, summed; None of a filter.
-        chi_square_dof: its degrees of freedom, the rows of all observations less two for every landmark.
-        optimum_check: of a causal optimum, how far its last pose and sigmas are from the hindsight optimum's, in sigmas
-            of the latter; infinite where that could not be found; None where nothing was checked.
+        rays: start and end of the rays of a bearing-only estimate; None without rays.
+        history: the map at some of the steps; None if not stored.
+        chi_square: sum of squared weighted residuals of an optimum; None for a filter.
+        chi_square_dof: its degrees of freedom: the rows of all observations minus two for every landmark.
+        optimum_check: for a causal optimum the distance of its last pose and sigmas from the hindsight optimum's, in
+            sigmas of the latter; infinite if the hindsight optimum was not found; None if not checked.
     """
 
     kind: Kind
@@ -158,7 +158,7 @@ class Estimate:
         count = len(poses)
         ids = as_distinct_ids("landmark_ids", self.landmark_ids)
         if not len(ids) and np.size(self.landmarks):
-            raise UserError("landmark_ids: none for the landmarks that are given; give the id of each row")
+            raise UserError("landmark_ids: missing for the given landmarks; give the id of each row")
         store(self, poses=poses, landmark_ids=ids, landmarks=as_floats("landmarks", self.landmarks, (len(ids), 2)))
         if self.pose_covs is not None:
             store(self, pose_covs=as_covariances("pose_covs", self.pose_covs, (count, 3, 3)))
@@ -199,7 +199,7 @@ class Estimate:
         }
 
     def to_frame(self) -> Any:
-        """The path as a `pandas.DataFrame`: x, y [m], heading [rad], and their sigmas if there are any."""
+        """Return the path as a `pandas.DataFrame`: x, y [m], heading [rad], and sigmas if there are covariances."""
         columns: dict[str, Any] = dict(zip(AXES, self.poses.T, strict=True))
         if self.pose_covs is not None:
             sigmas = np.sqrt(np.diagonal(self.pose_covs, axis1=1, axis2=2).clip(min=0))
@@ -211,7 +211,7 @@ class Estimate:
 
 
 def _as_figure(name: str, value: object) -> float | int:
-    """A number >= 0 as plain Python has it: degrees of freedom are whole, and only the check may be infinite."""
+    """Return a number >= 0 as a Python number: `chi_square_dof` is whole, only `optimum_check` may be infinite."""
     figure = float(as_array(name, value, ())[()])
     whole, endless = name == "chi_square_dof", name == "optimum_check"
     if not figure >= 0 or (figure == np.inf and not endless) or (whole and not figure.is_integer()):
@@ -220,7 +220,7 @@ def _as_figure(name: str, value: object) -> float | int:
 
 
 def _require_on_the_path(rays: RayLog | None, history: MapHistory | None, steps: int) -> None:
-    """Refuse rays and maps of steps that the path of an estimate does not have."""
+    """Refuse rays and maps at steps beyond the path."""
     rule = f"a step must lie in 0..{steps}, as the poses do"
     if rays is not None:
         require_rows("rays.birth", rays.birth <= steps, rays.birth, rule)
@@ -231,8 +231,8 @@ def _require_on_the_path(rays: RayLog | None, history: MapHistory | None, steps:
 
 
 class Estimator(Protocol):
-    """Anything that turns a recording into an estimate."""
+    """A callable from a recording to an estimate."""
 
     def __call__(self, recording: Recording, /) -> Estimate:
-        """Estimate from the recording alone."""
+        """Return the estimate; nothing but the recording is used."""
         ...

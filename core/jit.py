@@ -1,4 +1,4 @@
-"""Compilation of kernels: by numba on first use, kept on disk for later processes (`kernel_cache`)."""
+"""Compilation of kernels by numba on first use; `kernel_cache` stores the machine code on disk."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ Result = TypeVar("Result")
 
 
 def kernel(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
-    """Compile `function` on first call; machine code is cached on disk where that is possible."""
+    """Compile `function` on first call; machine code is cached on disk if possible."""
     return _compiled(function, callable_from_python=True)
 
 
 def inner(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
-    """A kernel for other kernels alone: no way into it from Python is compiled, half the time where it is small."""
+    """Compile a kernel that only kernels call: without an entry from Python, which halves the time of small ones."""
     return _compiled(function, callable_from_python=False)
 
 
@@ -59,15 +59,15 @@ def _compiled(function: Callable[Arguments, Result], *, callable_from_python: bo
         "no_cpython_wrapper": not callable_from_python,
     }
     dispatcher: Any = njit(**options)(function)
-    dispatcher._cache = cache_of(function)  # where `cache=True` puts numba's own
+    dispatcher._cache = cache_of(function)  # `cache=True` would set numba's own cache here
     return dispatcher
 
 
 def direct(function: Callable[Arguments, Result], *arguments: object) -> Callable[Arguments, Result]:
-    """The machine code of a kernel for arguments of these types, compiled if it is not yet.
+    """Return the machine code of a kernel for arguments of these types, compiled if necessary.
 
-    A call then spares numba's look at every argument's type, a microsecond where there are a dozen arrays: they must be
-    of the same types each time. What is no kernel is returned as it is.
+    Calls of the machine code skip numba's check of argument types (1 us for a dozen arrays): the types must be the same
+    each time. A plain Python function is returned unchanged.
     """
     if not isinstance(function, Dispatcher):
         return function

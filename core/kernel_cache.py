@@ -1,10 +1,10 @@
-"""Machine code of kernels kept on disk, and when it may be reused.
+"""Cache of the kernels' machine code on disk.
 
-The machine code of a kernel includes that of the kernels it calls, but numba compares it with its own source file
-alone: an edited kernel would live on in its callers. Each kept file therefore carries a seal: a digest of the machine
-code, of the kernel's module and of all modules of the project which that module imports. Code whose seal differs,
-because a source was edited or because a power cut left half a file, is compiled again. Contents are compared, not
-dates.
+The machine code of a kernel includes the code of the kernels that it calls, but numba compares it with the kernel's own
+source file only: the old code of an edited kernel would remain in its callers. Each cached file therefore contains a
+seal: a digest of the machine code, of the kernel's module and of all project modules which that module imports. If the
+seal differs (an edited source, or half a file after a power cut), the kernel is compiled again. Contents are compared,
+not dates.
 
 The machine code of a checkout lies next to its sources, that of an installed package in the user's cache folder: pip
 does not remove files that it did not install, and a folder `slamgauge` that remained in site-packages would hide an
@@ -33,14 +33,14 @@ from numba.core.caching import (
 
 from slamgauge.compile_progress import note
 
-COMPILER = "slamgauge.jit"  # how kernels are compiled
+COMPILER = "slamgauge.jit"  # its changes affect all kernels
 INSTALLED = {"site-packages", "dist-packages"}  # folders that pip installs into
 _IMPORT = re.compile(r"^(?:from ([\w.]+) import (\([^)]*\)|[^\n]*)|import ([\w., ]+))", re.MULTILINE)
-_folders: set[Path] = set()  # where numba keeps the kernels that have been imported
+_folders: set[Path] = set()  # cache folders of the kernels imported so far
 
 
 class DamagedError(Exception):
-    """What is kept is not what was written, or of other sources or types."""
+    """A cached file is damaged, or was made from other sources."""
 
 
 class _InCheckout(InTreeCacheLocator):
@@ -53,7 +53,7 @@ class _InCheckout(InTreeCacheLocator):
 
 
 class _Sealed(CompileResultCacheImpl):
-    """How the machine code of a function becomes a file, and a file machine code."""
+    """Writes and reads the machine code of a function, with its seal."""
 
     _locator_classes = (UserProvidedCacheLocator, _InCheckout, UserWideCacheLocator, InTreeCacheLocator)
 
@@ -62,61 +62,61 @@ class _Sealed(CompileResultCacheImpl):
         self._module = function.__module__
 
     def reduce(self, cres: Any) -> tuple[str, Any]:
-        """What is written: the seal, and what numba would write."""
+        """Return the content of the file: the seal and the parts that numba writes."""
         parts = super().reduce(cres)
         return self._seal(parts), parts
 
     def rebuild(self, target_context: Any, payload: Any) -> Any:
-        """Machine code of what was read."""
+        """Return the machine code in the content of a file."""
         seal, parts = payload
         if seal != self._seal(parts):
             raise DamagedError
         return super().rebuild(target_context, parts)
 
     def _seal(self, parts: Any) -> str:
-        library = parts[0]  # the machine code; damage elsewhere cannot be read at all
+        library = parts[0]  # the machine code; a file damaged elsewhere cannot be unpickled
         return hashlib.sha256(sources_digest(self._module) + repr(library).encode()).hexdigest()
 
 
 class _KernelCache(FunctionCache):
-    """numba's cache of a function; damaged files are as good as none, and a full disk does not end the program."""
+    """numba's cache of a function, without errors: damaged files are replaced, and a full disk is ignored."""
 
     _impl_class = _Sealed
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Machine code for these types, None where it must be compiled."""
+        """Return the machine code for these types, None if it must be compiled."""
         found = None
         try:
             found = super().load_overload(sig, target_context)
             damaged = found is not None and tuple(found.signature.args) != tuple(sig)  # two programs wrote at once
-        except Exception:  # noqa: BLE001 half a pickle fails in every way
+        except Exception:  # noqa: BLE001 a damaged pickle may raise any error
             damaged = True
         if damaged:
             found = None
-            with suppress(OSError):  # the folder is not ours to write to
+            with suppress(OSError):  # the folder is read-only
                 self.flush()
         note(compiled=found is None)
         return found
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Keep machine code, if that can be done."""
-        with suppress(Exception):  # no room, or a damaged index that cannot be replaced
+        """Write machine code if possible."""
+        with suppress(Exception):  # a full disk, or a damaged index that cannot be replaced
             super().save_overload(sig, data)
 
 
 class _NoCache(NullCache):
-    """Where numba may write to no folder."""
+    """No cache: numba can write to no folder."""
 
     def load_overload(self, sig: Any, target_context: Any) -> None:  # noqa: ARG002
-        """Nothing is kept."""
+        """Return None: nothing is cached."""
         note(compiled=True)
 
 
 def cache_of(function: Callable[..., object]) -> FunctionCache | NullCache:
-    """Where numba shall keep the machine code of a function."""
+    """Return the cache for the machine code of a function."""
     try:
         found = _KernelCache(function)
-    except RuntimeError:  # no folder that numba may write to
+    except RuntimeError:  # numba can write to no folder
         return _NoCache()
     _folders.add(Path(cast("str", found.cache_path)))
     return found
@@ -124,7 +124,7 @@ def cache_of(function: Callable[..., object]) -> FunctionCache | NullCache:
 
 @cache
 def sources_digest(module: str) -> bytes:
-    """Digest of the names and contents of a module, of all project modules that it imports, and of `slamgauge.jit`."""
+    """Return a digest of names and contents: a module, all project modules that it imports, and `slamgauge.jit`."""
     digest = hashlib.sha256()
     for name, source in sorted(_sources({COMPILER, module}).items()):
         digest.update(f"{name} {len(source)}\n".encode() + source)
@@ -132,7 +132,7 @@ def sources_digest(module: str) -> bytes:
 
 
 def _sources(modules: set[str]) -> dict[str, bytes]:
-    """Sources of these modules, and of all modules of the same top-level packages that they import, by name."""
+    """Return the sources of modules, and of all modules of the same top-level packages that they import, by name."""
     found: dict[str, bytes] = {}
     roots, waiting = {name.partition(".")[0] for name in modules}, [*modules]
     while waiting:
@@ -149,13 +149,13 @@ def _sources(modules: set[str]) -> dict[str, bytes]:
 
 
 def kept_files() -> dict[Path, list[Path]]:
-    """The folders in which machine code of the kernels imported so far is kept, and their files."""
-    names = ("*.nbi", "*.nbc", "*.nb[ic].tmp.*")  # the last is left by processes that were killed
+    """Return the cache folders of the kernels imported so far, and their files."""
+    names = ("*.nbi", "*.nbc", "*.nb[ic].tmp.*")  # killed processes leave the last kind
     return {folder: sorted(file for name in names for file in folder.glob(name)) for folder in sorted(_folders)}
 
 
 def clear_kept() -> int:
-    """Remove that machine code; how many files are gone."""
+    """Remove these files; return their number."""
     files = [file for found in kept_files().values() for file in found]
     for file in files:
         file.unlink(missing_ok=True)

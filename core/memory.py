@@ -1,4 +1,4 @@
-"""Memory that a piece of work needs, held against what is free before the work begins."""
+"""Check of free memory before work begins."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from pathlib import Path
 from slamgauge.errors import UserError
 
 GIGABYTE = 1e9
-FREE_IN_PROC = Path("/proc/meminfo")  # Linux; elsewhere all of the machine's memory counts as free
+FREE_IN_PROC = Path("/proc/meminfo")  # Linux; on other systems all memory counts as free
 
 
 def require_memory(needed: float, what: str, remedy: str) -> None:
-    """Refuse work that does not fit.
+    """Refuse work that needs more than the free memory.
 
     Args:
         needed: bytes.
-        what: that needs them.
-        remedy: what to do instead.
+        what: name of the work, for the error text.
+        remedy: end of the error text.
 
     Raises:
-        UserError: less is free.
+        UserError: fewer bytes are free.
     """
     free = free_memory()
     if needed > free:
@@ -34,23 +34,23 @@ def require_memory(needed: float, what: str, remedy: str) -> None:
 
 
 def free_memory() -> float:
-    """Bytes that are free on this machine, or all that limits allow this process if that is less, as far as is told."""
+    """Return the free bytes of this machine, or the process's limit if that is smaller; infinite if unknown."""
     return min(_available(), _limit())
 
 
 def give_back() -> None:
-    """Give what is free of this process's memory back to the system, before more is taken.
+    """Return this process's unused memory to the system.
 
-    Figures refer to themselves in circles, which Python looks for now and then only, and glibc keeps freed arrays of up
-    to 32 MB for itself: together that is a third of what a run of a million steps takes.
+    Figures are reference cycles, which Python collects rarely, and glibc keeps freed arrays of up to 32 MB. Together
+    these are a third of the memory of a run of a million steps.
     """
     gc.collect()
-    with suppress(AttributeError, TypeError):  # other C libraries have no such function, or cannot be asked
+    with suppress(AttributeError, TypeError):  # other C libraries have no such function
         ctypes.CDLL(None).malloc_trim(0)
 
 
 def _available() -> float:
-    """Bytes that are free on this machine, all that it has where it does not say; infinite where it says nothing."""
+    """Return the free bytes of this machine, else all its bytes, else infinity."""
     try:
         lines = FREE_IN_PROC.read_text(encoding="ascii").splitlines()
         sizes = dict(line.split(":", 1) for line in lines)
@@ -64,10 +64,10 @@ def _available() -> float:
 
 
 def _limit() -> float:
-    """Bytes that limits allow this process (`ulimit -d`, `ulimit -v`); infinite without."""
+    """Return the limit of this process in bytes (`ulimit -d`, `ulimit -v`); infinite without a limit."""
     try:
         import resource
-    except ImportError:  # Windows has none
+    except ImportError:  # Windows has no limits
         return math.inf
     limits = (resource.getrlimit(kind)[0] for kind in (resource.RLIMIT_AS, resource.RLIMIT_DATA))
     return min((float(limit) for limit in limits if limit != resource.RLIM_INFINITY), default=math.inf)

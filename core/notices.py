@@ -1,4 +1,4 @@
-"""What a library does by itself and its user should know: said once, on standard error."""
+"""Notices on standard error, printed once per process."""
 
 from __future__ import annotations
 

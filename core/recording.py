@@ -1,4 +1,4 @@
-"""All that an estimator may see of a run."""
+"""`Recording`, everything an estimator receives of a run."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from slamgauge.validation import as_covariances, as_floats, as_ints, equal, for_
 
 
 class Observations(NamedTuple):
-    """What the sensor saw at one step: ids (m,), values (m, d) and covariances (m, d, d)."""
+    """The observations of one step: ids (m,), values (m, d) and covariances (m, d, d)."""
 
     landmark: Int | None
     value: Float
@@ -27,22 +27,22 @@ class Observations(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Recording:
-    """All that an estimator may see: N odometry increments and M landmark observations.
+    """Everything an estimator receives: N odometry increments and M landmark observations.
 
-    Equal by value, and therefore not hashable, as arrays are not.
+    Compared by value, and not hashable.
 
     Attributes:
         stamps: (N+1,) [s], strictly increasing; step k leads from stamp k-1 to stamp k.
         prior_mean: (3,) mean of the start pose.
-        prior_cov: (3, 3) its covariance; may be zero (a fixed start).
+        prior_cov: (3, 3) its covariance; zero for a fixed start.
         odometry: (N, 3) body-frame increments (dx, dy, dtheta).
-        odometry_cov: (N, 3, 3) as estimators shall assume it; may be singular. One (3, 3) stands for all steps.
+        odometry_cov: (N, 3, 3) assumed by estimators; may be singular. A single (3, 3) is valid for all steps.
         sensor: `range-bearing` (range [m], bearing [rad]), `bearing` ([rad]) or `position`
             (landmark in the body frame, [m]).
-        observation_step: (M,) in 0..N, in increasing order; the pose that observed.
+        observation_step: (M,) in 0..N, in increasing order.
         observation: (M, d) values.
-        observation_cov: (M, d, d) as estimators shall assume it, positive definite. One (d, d) stands for all.
-        landmark: (M,) ids >= 0, or None when the association is unknown.
+        observation_cov: (M, d, d) assumed by estimators, positive definite. A single (d, d) is valid for all.
+        landmark: (M,) ids >= 0, or None if the association is unknown.
     """
 
     stamps: Float
@@ -118,7 +118,7 @@ class Recording:
         }
 
     def to_frame(self) -> Any:
-        """The observations as a `pandas.DataFrame`: step, stamp [s], landmark, values [m, rad]."""
+        """Return the observations as a `pandas.DataFrame`: step, stamp [s], landmark, values [m, rad]."""
         columns: dict[str, Any] = {"step": self.observation_step, "stamp": self.stamps[self.observation_step]}
         if self.landmark is not None:
             columns["landmark"] = self.landmark
@@ -130,7 +130,7 @@ class Recording:
         return len(self.odometry)
 
     def first(self, steps: int) -> Self:
-        """The recording up to pose `steps` and with its observations."""
+        """Return the recording up to pose `steps`, with the observations of that pose."""
         last = int(np.searchsorted(self.observation_step, steps, side="right"))
         return replace(
             self,
@@ -144,7 +144,7 @@ class Recording:
         )
 
     def only(self, kept: NDArray[np.bool_]) -> Self:
-        """The recording with the `kept` (M,) observations alone."""
+        """Return the recording with the observations marked in `kept` (M,) only."""
         return replace(
             self,
             observation_step=self.observation_step[kept],
@@ -154,17 +154,17 @@ class Recording:
         )
 
     def associated(self, association: Int) -> Self:
-        """The recording with the ids of an `Estimate.association` (M,), without the observations it rejects (-1)."""
+        """Return the recording with the ids of an `Estimate.association` (M,), without rejected observations (-1)."""
         kept = np.asarray(association) >= 0
         return replace(self, landmark=np.where(kept, association, 0)).only(kept)
 
     def own_ids(self, association: Int) -> Int:
-        """The association (M,), as the recording's own array of ids where it is the same: then there is one of both."""
+        """Return the association (M,), as the recording's array of ids if both are equal: this saves a copy."""
         ids = self.landmark
         return ids if ids is not None and np.array_equal(association, ids) else association
 
     def scans(self) -> Iterator[Observations]:
-        """The observations of step 0, 1, ..., N in turn (views, not copies)."""
+        """Yield the observations of step 0, 1, ..., N (views, not copies)."""
         for steps in chunks(self.steps + 1):
             bounds = np.searchsorted(self.observation_step, np.arange(steps.start, steps.stop + 1)).tolist()
             for first, last in pairwise(bounds):

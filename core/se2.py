@@ -1,8 +1,8 @@
 """Planar poses, the group SE(2): composition, exponential, logarithm and their Jacobians.
 
 A pose is ``(x, y, heading)`` in the world frame, metres and radians, heading in (-pi, pi]. An increment
-``(dx, dy, dtheta)`` is expressed in the body frame at the start of its step. A tangent vector ``(x, y, turn)`` is the
-constant body-frame velocity that makes an increment in unit time: exp(tangent) = (V(turn) (x, y), turn).
+``(dx, dy, dtheta)`` is in the body frame at the start of its step. A tangent vector ``(x, y, turn)`` is a constant
+body-frame velocity; in unit time it makes the increment exp(tangent) = (V(turn) (x, y), turn).
 
 The functions of the first part take numbers or arrays of equal shape; `slamgauge.se2_kernels` compiles the same
 functions for kernels. Source: Sola, Deray and Atchuthan, arXiv 1812.01537, equations 153 to 164.
@@ -21,7 +21,7 @@ from slamgauge.arrays import Float, chunks, select
 
 
 def wrap_angle(angle: Any) -> Any:
-    """Return the angle [rad] brought into (-pi, pi]; an angle already there is returned unchanged."""
+    """Return the angle [rad] wrapped into (-pi, pi]; an angle already there is unchanged."""
     wrapped = angle - 2.0 * np.pi * np.ceil((angle - np.pi) / (2.0 * np.pi))
     wrapped = select((wrapped <= -np.pi) | (wrapped > np.pi), np.pi, wrapped)  # rounding at the seam
     return select((angle > -np.pi) & (angle <= np.pi), angle, wrapped)
@@ -79,12 +79,12 @@ def jacobian_coefficients(turn: Any) -> tuple[Any, Any, Any, Any]:
 
 
 def wrap(angle: ArrayLike) -> Float:
-    """Return angles [rad] brought into (-pi, pi]; an angle already there is returned unchanged."""
+    """Return angles [rad] wrapped into (-pi, pi]; an angle already there is unchanged."""
     return wrap_angle(np.asarray(angle, dtype=np.float64))
 
 
 def rotation(heading: ArrayLike) -> Float:
-    """Rotation matrices (..., 2, 2) that take body-frame vectors at `heading` [rad] to the world."""
+    """Return rotation matrices (..., 2, 2) from the body frame at `heading` [rad] to the world frame."""
     turn = np.empty((*np.shape(heading), 2, 2))
     turn[..., 0, 0] = turn[..., 1, 1] = np.cos(heading)
     turn[..., 1, 0] = np.sin(heading)
@@ -93,7 +93,7 @@ def rotation(heading: ArrayLike) -> Float:
 
 
 def compose(pose: ArrayLike, increment: ArrayLike) -> Float:
-    """Poses (..., 3) reached from `pose` by the body-frame `increment` (..., 3)."""
+    """Return the poses (..., 3) reached from `pose` by the body-frame `increment` (..., 3)."""
     pose, increment = np.asarray(pose, dtype=np.float64), np.asarray(increment, dtype=np.float64)
     position = pose[..., :2] + np.einsum("...ij,...j->...i", rotation(pose[..., 2]), increment[..., :2])
     heading = wrap(pose[..., 2] + increment[..., 2])
@@ -101,7 +101,7 @@ def compose(pose: ArrayLike, increment: ArrayLike) -> Float:
 
 
 def between(start: ArrayLike, end: ArrayLike) -> Float:
-    """Body-frame increments (..., 3) that lead from the poses `start` to the poses `end`."""
+    """Return the body-frame increments (..., 3) from the poses `start` to the poses `end`."""
     start, end = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
     displacement = end[..., :2] - start[..., :2]
     position = np.einsum("...ji,...j->...i", rotation(start[..., 2]), displacement)
@@ -109,7 +109,7 @@ def between(start: ArrayLike, end: ArrayLike) -> Float:
 
 
 def chain(start: ArrayLike, increments: ArrayLike) -> Float:
-    """Poses (N+1, 3) of a path from `start` (3,) along body-frame `increments` (N, 3)."""
+    """Return the poses (N+1, 3) of a path from `start` (3,) along body-frame `increments` (N, 3)."""
     start, increments = np.asarray(start, dtype=np.float64), np.asarray(increments, dtype=np.float64)
     headings = start[2] + np.concatenate([[0.0], np.cumsum(increments[:, 2])])
     poses = np.zeros((len(headings), 3))
@@ -150,11 +150,6 @@ def right_jacobian(tangent: ArrayLike) -> Float:
     jacobian[..., 0, 1], jacobian[..., 1, 0] = j01, -j01
     jacobian[..., 0, 2], jacobian[..., 1, 2], jacobian[..., 2, 2] = j02, j12, 1.0
     return jacobian
-
-
-def left_jacobian(tangent: ArrayLike) -> Float:
-    """Return J (..., 3, 3) at tangents (..., 3): exp(tangent + d) = exp(J d) exp(tangent) to first order in d."""
-    return right_jacobian(-np.asarray(tangent, dtype=np.float64))
 
 
 def _columns(vectors: ArrayLike) -> Float:

@@ -1,4 +1,4 @@
-"""Functions of `slamgauge.se2` compiled for kernels: each takes and returns numbers."""
+"""The formulas of `slamgauge.se2`, compiled for kernels: each takes and returns numbers."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from slamgauge.se2 import (
 
 
 def _half_cotangent(half: Any) -> Any:
-    """Return the same as `half_cotangent`: residuals turn little, and there the series takes a quarter of the time."""
+    """Return `half_cotangent`, by a series for small turns: that takes a quarter of the time."""
     if abs(half) < 0.05:
         q = half * half
         return 1.0 - q / 3.0 * (1.0 + q / 15.0 * (1.0 + q * 2.0 / 21.0 * (1.0 + q / 10.0)))
@@ -26,7 +26,7 @@ def _half_cotangent(half: Any) -> Any:
 
 
 def _jacobian_coefficients(turn: Any) -> tuple[Any, Any, Any, Any]:
-    """Return the same as `jacobian_coefficients`, near 0 without the sines."""
+    """Return `jacobian_coefficients`, by series near 0."""
     if abs(turn) < 1e-2:
         c = 1.0 - turn * turn / 6.0 + turn**4 / 120.0
         s = 0.5 * turn - turn**3 / 24.0 + turn**5 / 720.0

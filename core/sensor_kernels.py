@@ -1,7 +1,7 @@
-"""The models of `slamgauge.sensor_models`, compiled, for a sensor by its code.
+"""The models of `slamgauge.sensor_models`, compiled; the caller passes the code of a sensor.
 
-In kernels every observation has two rows. A bearing without a range is the second; the first then is 0 and carries no
-information.
+In kernels every observation has two rows. A bearing-only observation has its bearing in the second row; the first row
+is 0 and carries no information.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ def locate(sensor: int, z0: float, z1: float) -> tuple[float, float, float, floa
 
 @kernel
 def wrap_innovation(sensor: int, row: int, value: float) -> float:
-    """Return the difference of two observations in a row: that of two angles is wrapped into (-pi, pi]."""
+    """Return the difference of two observations in a row, wrapped into (-pi, pi] if the row is an angle."""
     return wrap(value) if IS_ANGLE[sensor][row] else value
 
 

@@ -1,7 +1,7 @@
-"""The table of sensors, and their models in numpy for a sensor by name.
+"""The table of sensors, and their models in numpy; the caller passes the name of a sensor.
 
-Every model lives in the body frame. `delta` (..., 2) [m] is the landmark there, R(heading)' (l - p); an observation z
-(..., d) has the sensor's own d numbers. The formulas are in `slamgauge.sensor_models`, one file for each sensor;
+`delta` (..., 2) [m] is the landmark in the body frame, R(heading)' (l - p). An observation z (..., d) has the d numbers
+of its sensor. The formulas are in `slamgauge.sensor_models`, one file for each sensor;
 `slamgauge.sensor_kernels` compiles the same functions for kernels.
 """
 
@@ -28,10 +28,10 @@ class SensorModel:
 
     Attributes:
         name: as in `Recording.sensor`.
-        code: the sensor in kernels.
+        code: number of the sensor in kernels.
         columns: name of each number of an observation.
-        units: unit of each of them; those in rad are angles.
-        sigmas: name of the standard deviation of each of them; equal names share one.
+        units: their units; numbers in rad are angles.
+        sigmas: names of their standard deviations; equal names share one.
         places_landmarks: whether one observation gives the landmark's position.
         observe: (dx, dy, nearest) to z and A = dz/d(delta), row by row.
         locate: z to delta and B = d(delta)/dz, row by row.
@@ -48,7 +48,7 @@ class SensorModel:
 
     @property
     def dim(self) -> int:
-        """Numbers of an observation, d."""
+        """Number d of columns of an observation."""
         return len(self.columns)
 
     @property
@@ -138,18 +138,18 @@ def innovation(sensor: str, z: ArrayLike, predicted: ArrayLike) -> Float:
 
 @np.errstate(divide="ignore", invalid="ignore")  # at distance 0
 def _observed(sensor: str, delta: ArrayLike, nearest: float) -> tuple[Float, Float]:
-    """Predictions (..., d) and Jacobians (..., d, 2)."""
+    """Return predictions (..., d) and Jacobians (..., d, 2)."""
     model, delta = SENSORS[sensor], np.asarray(delta, dtype=np.float64)
     return _split(model.observe(delta[..., 0], delta[..., 1], nearest), model.dim, 2)
 
 
 def _located(sensor: str, z: ArrayLike) -> tuple[Float, Float]:
-    """Landmarks (..., 2) in the body frame and their Jacobians (..., 2, d)."""
+    """Return landmarks (..., 2) in the body frame and their Jacobians (..., 2, d)."""
     model, z = SENSORS[sensor], np.asarray(z, dtype=np.float64)
     return _split(model.locate(*np.moveaxis(z, -1, 0)), 2, model.dim)
 
 
 def _split(parts: tuple[Any, ...], rows: int, columns: int) -> tuple[Float, Float]:
-    """Values (..., rows) and Jacobians (..., rows, columns) of a model's results."""
+    """Return values (..., rows) and Jacobians (..., rows, columns) from the results of a model."""
     whole = np.stack(np.broadcast_arrays(*parts), axis=-1)
     return whole[..., :rows], whole[..., rows:].reshape(*whole.shape[:-1], rows, columns)

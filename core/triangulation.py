@@ -11,12 +11,12 @@ from slamgauge.arrays import Float
 from slamgauge.jit import kernel
 
 GAUSS_NEWTON_STEPS = 8
-GRID = 1024.0  # [m] between places that are worked from: differences from them are exact
-FOUND = 0.1  # standard deviations: a landmark that moves less has been found
+GRID = 1024.0  # m; the origin of the computation is a multiple of this, so that differences from it are exact
+FOUND = 0.1  # standard deviations; a smaller step ends the search
 
 
 class Triangulation(NamedTuple):
-    """A landmark (2,) [m] from its bearings, and its largest standard deviation [m], poses taken as exact."""
+    """A landmark (2,) [m] from its bearings, and its largest standard deviation [m] if the poses are exact."""
 
     landmark: Float
     sigma: float
@@ -24,7 +24,7 @@ class Triangulation(NamedTuple):
 
 
 class _Found(NamedTuple):
-    """Where the steps have ended [m], and the last step [m]; the nearest pose [m], and the share of poses before it."""
+    """Final position and last step [m], distance of the nearest pose [m], share of poses that have it in front."""
 
     x: float
     y: float
@@ -35,16 +35,16 @@ class _Found(NamedTuple):
 
 
 def triangulate(poses: Float, bearings: Float, variances: Float, sure: float) -> Triangulation:
-    """The landmark of largest likelihood: Gauss-Newton from the least squares on distances from the lines of sight.
+    """Return the maximum likelihood landmark: Gauss-Newton, started at the point nearest to all bearing lines.
 
     Args:
-        poses: (n, 3) that saw the landmark.
+        poses: (n, 3) of the bearings.
         bearings: (n,) [rad] in the body frame.
         variances: (n,) [rad^2].
-        sure: largest standard deviation of a landmark that is `placed`, as a share of its distance.
+        sure: largest standard deviation of a `placed` landmark, as a share of its distance.
 
     Returns:
-        The landmark; one that is placed lies in front of the poses.
+        The landmark. If it is `placed`, it lies in front of the poses.
     """
     found = _searched(np.ascontiguousarray(poses), np.ascontiguousarray(bearings), np.ascontiguousarray(variances))
     settled = found.step < FOUND * found.sigma < FOUND * sure * found.nearest
@@ -53,7 +53,7 @@ def triangulate(poses: Float, bearings: Float, variances: Float, sure: float) ->
 
 @kernel
 def _searched(poses: Float, bearings: Float, variances: Float) -> _Found:
-    """Where the Gauss-Newton steps end; sigma is infinite, and the place a metre from the last pose, if nowhere."""
+    """Run Gauss-Newton; without a solution return infinite sigma and a point 1 m from the last pose."""
     count = len(poses)
     origin_x, origin_y = GRID * np.round(poses[0, 0] / GRID), GRID * np.round(poses[0, 1] / GRID)
     angle, residual = poses[:, 2] + bearings, np.empty(count)
@@ -64,7 +64,7 @@ def _searched(poses: Float, bearings: Float, variances: Float) -> _Found:
         residual[i] = gradient[i, 0] * (poses[i, 0] - origin_x) + gradient[i, 1] * (poses[i, 1] - origin_y)
     x, y, sigma, step, nearest, ahead = 0.0, 0.0, math.inf, math.inf, math.inf, 0.0
     for _ in range(GAUSS_NEWTON_STEPS):
-        a, b, d, pull_x, pull_y = 0.0, 0.0, 0.0, 0.0, 0.0  # information [[a, b], [b, d]], and what pulls
+        a, b, d, pull_x, pull_y = 0.0, 0.0, 0.0, 0.0, 0.0  # information matrix [[a, b], [b, d]] and vector
         for i in range(count):
             g, h = gradient[i, 0] / variances[i], gradient[i, 1] / variances[i]
             a += g * gradient[i, 0]

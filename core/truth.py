@@ -1,4 +1,4 @@
-"""What only the scores may see of a run."""
+"""`Truth`, which only the scores receive."""
 
 from __future__ import annotations
 
@@ -21,21 +21,21 @@ from slamgauge.validation import (
     wrap_headings,
 )
 
-NOBODY = -1  # the landmark of an observation that is of none
+NOBODY = -1  # landmark of clutter
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Truth:
-    """What only the scores may see; a field is None where a real recording has no ground truth.
+    """Ground truth of a run, which only the scores receive; a field without ground truth is None.
 
-    Equal by value, and therefore not hashable, as arrays are not.
+    Compared by value, and not hashable.
 
     Attributes:
-        poses: (N+1, 3); a row of NaN where the ground truth has a gap.
+        poses: (N+1, 3); a row of NaN in a gap of the ground truth.
         landmark_ids: (L,) distinct ids >= 0.
         landmarks: (L, 2) [m].
-        association: (M,) true landmark id of each observation, -1 for clutter, which is of none.
-        outlier: (M,) whether an observation of a landmark has nothing of the stated noise.
+        association: (M,) true landmark id of each observation, -1 for clutter.
+        outlier: (M,) whether an observation is an outlier.
     """
 
     poses: Float | None = None
@@ -78,7 +78,7 @@ class Truth:
 
     @property
     def misleading(self) -> Marks | None:
-        """(M,) which observations are clutter or outliers, as far as that is known."""
+        """(M,) whether each observation is clutter or an outlier; None if unknown."""
         if self.association is None:
             return self.outlier
         clutter = self.association == NOBODY
@@ -86,7 +86,7 @@ class Truth:
 
 
 def require_same_run(truth: Truth | None, recording: Recording) -> None:
-    """Refuse a truth of another length before any estimator spends its time."""
+    """Refuse a truth of another length than the recording."""
     for name, given, expected in (
         ("poses", truth and truth.poses, recording.steps + 1),
         ("association", truth and truth.association, len(recording.observation)),

@@ -1,6 +1,6 @@
-"""What the vocabulary's constructors check (shape, finite numbers, covariances, indices), and when values are equal.
+"""Checks of the records' constructors (shapes, finite numbers, covariances, indices), and comparison by value.
 
-A value that does not fit raises ``UserError`` with the field, the row, the value and the remedy in one line.
+An invalid value raises ``UserError`` with field, row, value and remedy in one line.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from slamgauge.covariances import scale_of
 from slamgauge.errors import UserError
 from slamgauge.se2 import wrap
 
-LARGEST = 1e50  # no quantity of a robot is larger; products of some such numbers are still finite
-REAL = "fiu"  # kinds of numpy types that are real numbers
-WHOLE = 2**53  # from here on a double does not hold every whole number
+LARGEST = 1e50  # largest valid input; products of a few such numbers are still finite
+REAL = "fiu"  # kinds of numpy types for real numbers
+WHOLE = 2**53  # a double represents all whole numbers below this
 Number = TypeVar("Number", np.float64, np.int64)
 
 
@@ -32,7 +32,7 @@ def store(instance: object, **fields: object) -> None:
 
 
 def equal(one: object, other: object) -> bool:
-    """Whether two dataclasses are of the same type and equal field by field; arrays exactly, a gap (NaN) to a gap."""
+    """Return whether two dataclasses have the same type and equal fields; NaN is equal to NaN."""
     if type(one) is not type(other) or not is_dataclass(one):
         return False
     return all(_same(getattr(one, field.name), getattr(other, field.name)) for field in fields(one))
@@ -45,14 +45,14 @@ def _same(one: object, other: object) -> bool:
 
 
 def as_array(name: str, value: object, shape: tuple[int | None, ...]) -> Float:
-    """`value` as a float64 array with the given shape (None: any length); a copy, unless nobody can write into it."""
+    """Return a float64 array with the given shape (None: any length); a copy, unless `value` is read-only."""
     array = value if _is_kept(value, np.float64) else as_numbers(name, value, f"give shape {_spell(shape)}")
     _require_shape(name, array, shape)
     return array
 
 
 def _is_kept(value: object, dtype: type[Number]) -> TypeGuard[NDArray[Number]]:
-    """Whether records may share an array: it has their type and layout, and nobody can change it."""
+    """Return whether records can share an array: it has their type and layout, and is read-only."""
     if not isinstance(value, np.ndarray) or value.dtype != dtype:
         return False
     return value.flags.c_contiguous and value.flags.aligned and is_frozen(value)
@@ -64,10 +64,10 @@ def _require_shape(name: str, array: NDArray[np.generic], shape: tuple[int | Non
 
 
 def as_numbers(name: str, value: object, remedy: str) -> Float:
-    """A float64 copy of `value` with whatever shape it has; letters are no numbers, nor are complex ones real."""
+    """Return a float64 copy of `value`, in any shape; texts and complex numbers are refused."""
     try:
         given = np.asarray(value)
-        if given.dtype.kind in f"{REAL}bO":  # of objects each is looked at as it becomes a float
+        if given.dtype.kind in f"{REAL}bO":  # numpy converts objects one by one
             return np.array(given, dtype=np.float64, order="C")
     except (TypeError, ValueError, OverflowError):
         pass
@@ -80,7 +80,7 @@ def _spell(shape: tuple[int | None, ...]) -> str:
 
 
 def as_floats(name: str, value: object, shape: tuple[int | None, ...]) -> Float:
-    """`as_array` of finite numbers."""
+    """Return `as_array` of finite numbers."""
     array = as_array(name, value, shape)
     finite = np.isfinite(array).all(axis=tuple(range(1, array.ndim)))
     require_rows(name, finite, array, "every number must be finite")
@@ -88,9 +88,9 @@ def as_floats(name: str, value: object, shape: tuple[int | None, ...]) -> Float:
 
 
 def as_ints(name: str, value: object, shape: tuple[int | None, ...]) -> Int:
-    """Whole numbers as an int64 array; a copy, unless nobody can write into it."""
+    """Return whole numbers as an int64 array; a copy, unless `value` is read-only."""
     rule = "every entry must be a whole number below 2**53"
-    if isinstance(value, np.ndarray) and value.dtype == np.int64:  # no detour by floats: there may be millions
+    if isinstance(value, np.ndarray) and value.dtype == np.int64:  # no conversion to floats: there may be millions
         whole = value if _is_kept(value, np.int64) else np.array(value, order="C")
         _require_shape(name, whole, shape)
         require_rows(name, (whole > -WHOLE) & (whole < WHOLE), whole, rule)
@@ -101,7 +101,7 @@ def as_ints(name: str, value: object, shape: tuple[int | None, ...]) -> Int:
 
 
 def as_distinct_ids(name: str, value: object) -> Int:
-    """Ids (n,) that are >= 0 and distinct, as int64."""
+    """Return ids (n,), >= 0 and distinct, as int64."""
     ids = as_ints(name, value, (None,))
     first = np.zeros(len(ids), dtype=bool)
     first[np.unique(ids, return_index=True)[1]] = True
@@ -110,9 +110,9 @@ def as_distinct_ids(name: str, value: object) -> Int:
 
 
 def as_covariances(name: str, value: object, shape: tuple[int | None, ...], *, definite: bool = False) -> Float:
-    """Symmetric positive semi-definite (or definite) matrices, exactly symmetric on return.
+    """Return positive semi-definite (or definite) matrices, exactly symmetric.
 
-    One that stands for all rows is kept once, and the others are views of it.
+    If all rows are equal, one is stored, and the result is a view of it.
     """
     if isinstance(value, np.ndarray) and value.ndim == 3 and value.dtype.kind in REAL and is_one_for_all(value):
         _require_shape(name, value, shape)
@@ -131,26 +131,26 @@ def as_covariances(name: str, value: object, shape: tuple[int | None, ...], *, d
 
 
 def is_one_for_all(stack: NDArray[np.generic]) -> bool:
-    """Whether all rows (n, ...), two or more, are equal."""
+    """Return whether all rows (n, ...) are equal; False for fewer than two."""
     if len(stack) < 2 or stack.strides[0] == 0:
         return len(stack) > 1
     return all(bool((stack[rows] == stack[0]).all()) for rows in chunks(len(stack)))
 
 
 def _symmetric(name: str, stack: Float, first: int, *, definite: bool) -> Float:
-    """Covariances (n, d, d), exactly symmetric, of which the first is row `first` of all that were given."""
+    """Return covariances (n, d, d), exactly symmetric; the first has the number `first` in error texts."""
     transposed = stack.swapaxes(1, 2)
     scale = np.abs(stack).max(axis=(1, 2), initial=0.0)
-    sigmas = np.sqrt(np.abs(np.diagonal(stack, axis1=1, axis2=2)))  # units differ: judge each pair by its own
+    sigmas = np.sqrt(np.abs(np.diagonal(stack, axis1=1, axis2=2)))  # units differ: one tolerance for each pair
     allowed = 1e-9 * sigmas[:, :, None] * sigmas[:, None, :] + 1e-15 * scale[:, None, None]
     symmetric = (np.abs(stack / 2 - transposed / 2) <= allowed / 2).all(axis=(1, 2))
     require_rows(name, symmetric, stack, "a covariance must be symmetric; use (P + P.T) / 2", first)
-    stack = stack / 2 + transposed / 2  # half of each: sums may be more than a double holds
+    stack = stack / 2 + transposed / 2  # halves first: the sum might overflow
     variances = np.diagonal(stack, axis1=1, axis2=2)
     nonnegative = (variances >= -1e-12 * scale[:, None]).all(axis=1)
     require_rows(name, nonnegative, stack, "a covariance must not have a negative variance", first)
     with np.errstate(over="ignore"):
-        correlations = np.clip(stack / scale_of(stack), -2.0, 2.0)  # beyond 1 is no correlation, and may be infinite
+        correlations = np.clip(stack / scale_of(stack), -2.0, 2.0)  # invalid ones may be infinite
     smallest = np.linalg.eigvalsh(correlations)[:, 0]
     require_rows(name, smallest >= -1e-9, stack, "a covariance must not have a negative eigenvalue", first)
     if definite:
@@ -160,7 +160,7 @@ def _symmetric(name: str, stack: Float, first: int, *, definite: bool) -> Float:
 
 
 def are_among(values: Int, ids: Int) -> NDArray[np.bool_]:
-    """Which of the values (n,) are among the ids."""
+    """Return whether each value (n,) is among the ids."""
     found = np.zeros(len(values), dtype=np.bool_)
     for rows in chunks(len(values)):
         found[rows] = np.isin(values[rows], ids)
@@ -168,16 +168,16 @@ def are_among(values: Int, ids: Int) -> NDArray[np.bool_]:
 
 
 def for_all(matrix: object, count: int) -> object:
-    """One matrix (d, d) as that of all rows (count, d, d); anything else as it is."""
+    """Return a matrix (d, d) as a view (count, d, d); any other value unchanged."""
     try:
         array = np.asarray(matrix)
-    except ValueError:  # rows of several lengths, which `as_covariances` names
+    except ValueError:  # rows of different lengths, which `as_covariances` refuses
         return matrix
     return np.broadcast_to(array, (count, *array.shape)) if array.ndim == 2 else matrix
 
 
 def require_type(name: str, value: object, kind: type) -> None:
-    """Refuse an argument of another type, by its name."""
+    """Refuse an argument of another type."""
     if not isinstance(value, kind):
         is_, give = (_with_article(each.__name__) for each in (type(value), kind))
         raise UserError(f"{name}: is {is_}; give {give}")
@@ -188,7 +188,7 @@ def _with_article(name: str) -> str:
 
 
 def wrap_headings(poses: Float) -> Float:
-    """Poses (n, 3) with their headings wrapped: in place, unless nobody can write there."""
+    """Return poses (n, 3) with wrapped headings; a writable array is changed in place."""
     headings = wrap(poses[:, 2])
     if not poses.flags.writeable:
         if np.array_equal(headings, poses[:, 2], equal_nan=True):
@@ -199,7 +199,7 @@ def wrap_headings(poses: Float) -> Float:
 
 
 def require_rows(name: str, good: ArrayLike, rows: NDArray[np.generic], rule: str, first: int = 0) -> None:
-    """Raise for the first row that breaks `rule`, naming field, row (counted from `first`) and value."""
+    """Refuse the first row that is not good, with field, row (counted from `first`), value and `rule`."""
     bad = np.flatnonzero(np.logical_not(good))
     if len(bad):
         value = np.array2string(np.asarray(rows[bad[0]]), precision=6, separator=", ").replace("\n", "")
@@ -207,10 +207,10 @@ def require_rows(name: str, good: ArrayLike, rows: NDArray[np.generic], rule: st
 
 
 def require_lag(lag: int) -> int:
-    """The steps of a window, as Python's own number.
+    """Return the number of steps of a window as an int.
 
     Raises:
-        UserError: that is no number of steps.
+        UserError: it is not a whole number of at least 1.
     """
     try:
         steps = operator.index(lag)

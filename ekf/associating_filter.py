@@ -1,11 +1,11 @@
-"""The online filter that finds out by itself which landmark it sees.
+"""The online filter for observations without ids.
 
-`nearest-neighbour` is the rule of the practical: observation by observation, the landmark of the smallest squared
-Mahalanobis distance below the gate corrects the filter at once, and if there is none, a new landmark is mapped
-at once. `jcbb` associates a whole scan jointly (Neira and Tardos 2001, see `kernels.joint_compatibility`), corrects
-with all matched observations in one update, then maps the rest.
+`nearest-neighbour` is the rule of the exercise. It takes one observation after the other: the landmark with the
+smallest squared Mahalanobis distance within the gate corrects the filter; without such a landmark a new one is mapped.
+`jcbb` associates a whole scan jointly (Neira and Tardos 2001, see `kernels.joint_compatibility`), corrects with all
+matched observations in one update, then maps the rest.
 
-The id of a landmark is the number of its track, 0, 1, 2, ... in the order of birth, and is never used again.
+The id of a landmark is the number of its track, 0, 1, 2, ... in the order of birth; it is never used again.
 """
 
 from __future__ import annotations
@@ -31,8 +31,7 @@ from slamgauge.ekf.maps.matching import Matcher, update_nearest
 from slamgauge.ekf.maps.tracks import Tracks
 from slamgauge.ekf.maps.transaction import is_addition_certain, transaction
 from slamgauge.ekf.online_filter import PointFilter
-from slamgauge.ekf.settings.association import NEAREST_NEIGHBOUR, Association
-from slamgauge.ekf.settings.robustness import PLAIN, Robustness
+from slamgauge.ekf.settings import NEAREST_NEIGHBOUR, PLAIN, Association, Robustness
 from slamgauge.errors import UserError
 from slamgauge.recording import Observations
 from slamgauge.sensors import PLACING
@@ -45,12 +44,12 @@ class AssociatingFilter(PointFilter):
         sensor: `range-bearing` or `position`.
         prior_mean: (3,) start pose.
         prior_cov: (3, 3) its covariance; zero is legal.
-        correction: see `SlamFilter`; a rule of your own needs its `sequential` form for the nearest neighbour.
-        association: how observations find their landmarks.
-        robust: how updates are guarded against outliers; a gate the association has itself.
+        correction: see `SlamFilter`; the nearest neighbour needs a rule with a `sequential` form.
+        association: method, gate and map management.
+        robust: `student-t` or `none`; the gate is that of the association.
 
     Raises:
-        UserError: a sensor, correction or method that does not exist or does not fit, or an invalid prior.
+        UserError: an unknown or unsuitable sensor, correction or method, or an invalid prior.
     """
 
     def __init__(
@@ -67,7 +66,7 @@ class AssociatingFilter(PointFilter):
             sensor, prior_mean, prior_cov, correction, landmarks=32, tails=require_robustness(robust).tails
         )
         if not isinstance(cast("object", association), Association):
-            raise UserError(f"association: {association!r} is not one; give Association(method, gate)")
+            raise UserError(f"association: {association!r} is not an Association; give Association(method, gate)")
         if association.method == "nearest-neighbour":
             sequential_of(self._map.correction.rule)
         self._association = association
@@ -90,7 +89,7 @@ class AssociatingFilter(PointFilter):
 
     @property
     def _robot(self) -> tuple[Float, Float]:
-        """Pose and covariance; the mean over what landmarks may be where that is undecided."""
+        """Pose and covariance; the mean over the matchings while they are undecided."""
         if self._mean_robot is None:
             matchings = self._tracks.matchings
             self._mean_robot = self._map.state.pose, self._map.state.pose_cov
@@ -115,11 +114,11 @@ class AssociatingFilter(PointFilter):
 
     @property
     def associated(self) -> Int:
-        """(m,) id that each observation of the current step was given, -1 if none; see `standing`."""
+        """(m,) landmark of each observation of the current step, -1 without one; see `standing`."""
         return self._associated
 
     def standing(self, ids: Int) -> Int:
-        """What has become of ids given earlier: merged ones have their survivor's, unconfirmed or deleted ones -1."""
+        """Return the present ids of earlier ids: that of the merged landmark, or -1 if unconfirmed or deleted."""
         return self._tracks.standing(ids)
 
     def predict(self, increment: ArrayLike, cov: ArrayLike) -> None:
@@ -130,13 +129,13 @@ class AssociatingFilter(PointFilter):
         self._associated = self._associated[:0]
 
     def update(self, observations: Observations) -> tuple[float, int]:
-        """Associate the observations of one step, correct, and map what is new; ids are not looked at.
+        """Associate the observations of one step, correct, and map new landmarks; ids are ignored.
 
         Returns:
             The normalised innovation squared and its degrees of freedom.
 
         Raises:
-            UserError: an update that has no solution; see `SlamFilter.update`.
+            UserError: no update exists; see `SlamFilter.update`.
         """
         given, given_covs = rows_of(observations, self._map.correction.dim)
         if not len(given):
@@ -169,7 +168,7 @@ class AssociatingFilter(PointFilter):
         new = ~matched & ~doubtful
         associated = np.full(len(values), NONE)
         associated[matched] = self._map.state.ids[slots[matched]]
-        self._map.state.reserve(self._map.state.size + 2 * int(new.sum()))  # is refused before anything changes
+        self._map.state.reserve(self._map.state.size + 2 * int(new.sum()))  # may raise an error: before any change
         with nullcontext() if is_addition_certain(self._map) else transaction(self._map):
             nis, dof = self._map.correction.update(slots[matched], values[matched], covs[matched])
             associated[new] = self._tracks.new_ids.given + np.arange(new.sum())
@@ -179,12 +178,12 @@ class AssociatingFilter(PointFilter):
 
     @property
     def _widest_gate(self) -> float:
-        """An observation within this squared distance of a landmark that is not seen otherwise starts no track."""
+        """Squared distance of a landmark that is not observed otherwise within which an observation starts no track."""
         management = self._association.map_management
         return self._association.gate if management is None else max(self._association.gate, management.new_gate)
 
     def _joint_gates(self, observations: int) -> Float:
-        """Largest joint squared distances (m + 1,) of 0, 1, ... m pairs."""
+        """Return the largest joint squared distances (m + 1,) of 0, 1, ... m pairs."""
         if len(self._quantiles) <= observations:
             rarer = np.exp(-self._association.gate / 2.0)  # probability beyond the gate, 2 degrees of freedom
             dof = 2.0 * np.arange(1, 2 * observations + 1)

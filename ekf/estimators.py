@@ -1,4 +1,4 @@
-"""The filters as estimators: a loop over the online form."""
+"""The filters as estimators: a loop over the steps of the online filters."""
 
 from __future__ import annotations
 
@@ -18,12 +18,11 @@ from slamgauge.ekf.advanced.sigma_points import InvariantBelief
 from slamgauge.ekf.advanced.sliding_window import KEPT, LAG, SlidingWindowFilter
 from slamgauge.ekf.associating_filter import AssociatingFilter
 from slamgauge.ekf.bearings.bearing_filter import BearingFilter
-from slamgauge.ekf.given_ids import GivenIds
-from slamgauge.ekf.history import History
-from slamgauge.ekf.maps.correction_table import CORRECTIONS, TABLE, Correction
+from slamgauge.ekf.history import Associations, History
+from slamgauge.ekf.maps.correction_table import CORRECTIONS, RULES, Correction
 from slamgauge.ekf.maps.input_checks import without_rounding
 from slamgauge.ekf.online_filter import OnlineFilter
-from slamgauge.ekf.settings.filter_settings import DEFAULTS, FilterSettings
+from slamgauge.ekf.settings import DEFAULTS, FilterSettings
 from slamgauge.ekf.slam_filter import SlamFilter
 from slamgauge.estimate import Estimate
 from slamgauge.memory import require_memory
@@ -32,31 +31,19 @@ from slamgauge.recording import Recording
 from slamgauge.sensors import SENSORS
 from slamgauge.validation import require_type
 
-__all__ = [
-    "dead_reckoning",
-    "ekf_slam",
-    "fej_ekf",
-    "iekf",
-    "oc_ekf",
-    "riekf",
-    "riukf",
-    "robocentric_ekf",
-    "sliding_window",
-]
-
-ROOM = 1.5  # memory of a filter over that of its covariance
-ROOM_IN_NUMPY = 5.0  # the same of those in numpy: their steps make new arrays
+ROOM = 1.5  # memory of a filter divided by that of its covariance
+ROOM_IN_NUMPY = 5.0  # the same for filters in numpy: their steps allocate new arrays
 
 
 def ekf_slam(recording: Recording, settings: FilterSettings = DEFAULTS) -> Estimate:
-    """Textbook EKF-SLAM (the practical, equations 1.1).
+    """Textbook EKF-SLAM (the exercise, equation 1.1).
 
     Args:
         recording: known or unknown association.
         settings: association, initialisation of bearing-only landmarks, robustness, and frames of the map's history.
 
     Raises:
-        UserError: bearings without ids, and an initialisation that needs them.
+        UserError: a bearing-only recording without ids, and an initialisation that needs ids.
     """
     return _run(recording, "ekf", settings)
 
@@ -64,8 +51,8 @@ def ekf_slam(recording: Recording, settings: FilterSettings = DEFAULTS) -> Estim
 def fej_ekf(recording: Recording, settings: FilterSettings = DEFAULTS) -> Estimate:
     """EKF-SLAM with first-estimates Jacobians (Huang, Mourikis and Roumeliotis, IJRR 2010); called as `ekf_slam`.
 
-    It leans on good first estimates: where landmarks are close to the robot, or first seen from a poorly known
-    pose, it can diverge.
+    It needs good first estimates: it can diverge if landmarks are close to the robot, or if the pose is uncertain at
+    their first observation.
     """
     return _run(recording, "fej-ekf", settings)
 
@@ -73,8 +60,8 @@ def fej_ekf(recording: Recording, settings: FilterSettings = DEFAULTS) -> Estima
 def oc_ekf(recording: Recording, settings: FilterSettings = DEFAULTS) -> Estimate:
     """Observability-constrained EKF-SLAM (Huang, Mourikis and Roumeliotis, IJRR 2010); called as `ekf_slam`.
 
-    As `fej_ekf` it learns nothing about shift and turn of the whole map, but its Jacobians are taken at the newest
-    estimates, and changed no more than that needs: it leans less on good first estimates.
+    Like `fej_ekf` it gains no information about translation and rotation of the whole map. Its Jacobians are taken at
+    the newest estimates and changed as little as possible: it depends less on good first estimates.
     """
     return _run(recording, "oc-ekf", settings)
 
@@ -93,10 +80,10 @@ def riukf(recording: Recording) -> Estimate:
     """Right-invariant filter with sigma points (UKF-M; Brossard, Barrau and Bonnabel, ICRA 2020).
 
     Args:
-        recording: known association, and ranges with bearings or positions.
+        recording: known association; `range-bearing` or `position`.
 
     Raises:
-        UserError: bearings alone, or no ids.
+        UserError: a bearing-only recording, or no ids.
     """
     return _in_numpy(recording, InvariantBelief)
 
@@ -105,23 +92,23 @@ def robocentric_ekf(recording: Recording) -> Estimate:
     """EKF-SLAM with the map in the robot's frame (Castellanos et al., Robotics and Autonomous Systems 2007).
 
     Args:
-        recording: known association, and ranges with bearings or positions.
+        recording: known association; `range-bearing` or `position`.
 
     Raises:
-        UserError: bearings alone, or no ids.
+        UserError: a bearing-only recording, or no ids.
     """
     return _in_numpy(recording, RobocentricBelief)
 
 
 def sliding_window(recording: Recording, lag: int = LAG) -> Estimate:
-    """The filter whose last steps are linearised anew at every scan (Sibley, Matthies and Sukhatme, JFR 2010).
+    """Sliding-window filter: it relinearises its last steps at every scan (Sibley, Matthies and Sukhatme, JFR 2010).
 
     Args:
-        recording: known association; bearings alone, too.
-        lag: steps that are linearised anew, at least 1.
+        recording: known association; any sensor.
+        lag: number of relinearised steps, at least 1.
 
     Raises:
-        UserError: no ids, no lag, or no solution in double precision.
+        UserError: no ids, an invalid lag, or no solution in double precision.
     """
     require_type("recording", recording, Recording)
     slam = SlidingWindowFilter(recording.sensor, recording.prior_mean, recording.prior_cov, lag)
@@ -132,7 +119,7 @@ def sliding_window(recording: Recording, lag: int = LAG) -> Estimate:
 
 
 def dead_reckoning(recording: Recording) -> Estimate:
-    """Odometry alone: the prior carried along the increments."""
+    """Dead reckoning: prior and odometry, without observations."""
     require_type("recording", recording, Recording)
     blind = SlamFilter("position", recording.prior_mean, recording.prior_cov, landmarks=0)
     poses, pose_covs = np.empty((recording.steps + 1, 3)), np.empty((recording.steps + 1, 3, 3))
@@ -148,7 +135,7 @@ def dead_reckoning(recording: Recording) -> Estimate:
 
 
 class StepResult(NamedTuple):
-    """What a step of a filter gave: NIS, its degrees of freedom, computing time [s]."""
+    """Result of a step: NIS, its degrees of freedom, computing time [s]."""
 
     nis: float
     nis_dof: int
@@ -156,7 +143,7 @@ class StepResult(NamedTuple):
 
 
 def drive(slam: OnlineFilter, recording: Recording) -> Iterator[StepResult]:
-    """Feed a recording to a filter, step 0, 1, ..., N."""
+    """Run a filter on a recording; yield the results of step 0, 1, ..., N."""
     for step, scan in enumerate(recording.scans()):
         start = perf_counter()
         if step > 0:
@@ -182,12 +169,12 @@ def _driven(slam: OnlineFilter, recording: Recording, frames: int) -> Estimate:
     steps = recording.steps
     poses, pose_covs = np.empty((steps + 1, 3)), np.empty((steps + 1, 3, 3))
     nis, nis_dof, seconds = np.zeros(steps + 1), np.zeros(steps + 1, dtype=np.int64), np.zeros(steps + 1)
-    members, given, history = np.zeros(steps + 1, np.int64), GivenIds(recording), History(steps, frames)
+    members, association, history = np.zeros(steps + 1, np.int64), Associations(recording), History(steps, frames)
     for step, result in enumerate(drive(slam, recording)):
         nis[step], nis_dof[step], seconds[step] = result
         poses[step], pose_covs[step] = slam.pose, slam.pose_cov
         members[step] = slam.member_count
-        given.note(slam.associated)
+        association.append(slam.associated)
         history.keep(step, slam)
     pose_covs = without_rounding("pose_covs", pose_covs)
     freeze(poses, pose_covs, nis, nis_dof, seconds)
@@ -198,7 +185,7 @@ def _driven(slam: OnlineFilter, recording: Recording, frames: int) -> Estimate:
         landmark_ids=slam.landmark_ids,
         landmarks=slam.landmarks,
         landmark_covs=without_rounding("landmark_covs", slam.landmark_covs),
-        association=recording.own_ids(slam.standing(given.all())),
+        association=recording.own_ids(slam.standing(association.ids)),
         nis=nis,
         nis_dof=nis_dof,
         seconds=seconds,
@@ -221,10 +208,8 @@ def online_filter(recording: Recording, correction: Correction, settings: Filter
     radius = area_that_pays(recording, correction)
     if radius is None:
         return SlamFilter(recording.sensor, *start, landmarks=landmarks, robust=robust)
-    name = TABLE[correction].estimator
-    tell_once(
-        f"{landmarks} landmarks: {name} works area by area (CompressedFilter), which gives the same for less work"
-    )
+    name = RULES[correction].estimator
+    tell_once(f"{landmarks} landmarks: {name} uses compressed updates (CompressedFilter): the same result in less time")
     prior = recording.prior_mean, recording.prior_cov
     compressed = CompressedFilter(recording.sensor, *prior, radius, correction, robust)
     compressed.reserve(landmarks)
@@ -232,21 +217,21 @@ def online_filter(recording: Recording, correction: Correction, settings: Filter
 
 
 def _landmarks_of(recording: Recording) -> int:
-    """How many landmarks a recording tells of; none where it has no ids."""
+    """Return the number of landmarks in a recording; 0 without ids."""
     return 0 if recording.landmark is None else len(distinct(recording.landmark))
 
 
 def _require_room(landmarks: int, room: float, window: int = 0, kept: int = 0) -> None:
-    """Refuse what does not fit into memory: the covariance of a map, `room` times, and the poses of a window.
+    """Refuse a map that does not fit into memory: `room` times its covariance, and the poses of a window.
 
     Args:
-        landmarks: of the map.
-        room: how much is needed over the covariance.
-        window: its poses.
-        kept: poses that stay unknowns beside the landmarks when they leave it.
+        landmarks: number in the map.
+        room: needed memory divided by that of the covariance.
+        window: poses in the window.
+        kept: poses that stay in the state when they leave the window.
     """
     size = 3 + 2 * landmarks + 3 * kept
     what, remedy = f"the covariance of {landmarks} landmarks", "give fewer landmarks"
     if window:
-        what, remedy = f"{what} beside a window of {window} steps", f"{remedy}, or a shorter lag"
+        what, remedy = f"{what} and a window of {window} steps", f"{remedy}, or a shorter lag"
     require_memory(8.0 * size * (room * size + 3 * window), what, remedy)

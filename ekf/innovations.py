@@ -1,7 +1,7 @@
-"""The innovations of a log: what the right-invariant filter did not foresee, and how likely that was.
+"""Innovations of a log by the right-invariant filter, and their likelihood.
 
-The filter is `riekf` with a weight for each row of an observation where there are outliers (see
-`kernels.outlier_likelihood`); without outliers it is `riekf` itself.
+The filter is `riekf`; if outliers are assumed, each row of an observation has a weight (see
+`kernels.outlier_likelihood`).
 """
 
 from __future__ import annotations
@@ -27,38 +27,38 @@ __all__ = ["GAUSSIAN", "MIXTURE", "STUDENT_T", "Innovations", "Log", "Tails", "g
 
 
 class Innovations(NamedTuple):
-    """Every observation's two rows, in the order of the recording; NaN where a row says nothing.
+    """Two rows for every observation, in the order of the recording; NaN for a row without information.
 
-    Each is conditioned on all rows before it: without outliers and with the right noise the normalised ones are
-    independent, of mean 0 and variance 1.
+    Each row is conditioned on all rows before it. Without outliers and with the right noise, the normalised innovations
+    are independent with mean 0 and variance 1.
     """
 
     value: Float  # (M, 2) [m or rad]
-    variance: Float  # (M, 2) without outliers
-    weight: Float  # (M, 2) with which the row was taken in
-    log_likelihood: Float  # (M, 2); 0 where a row says nothing
+    variance: Float  # (M, 2) if there were no outliers
+    weight: Float  # (M, 2) of the row in the update
+    log_likelihood: Float  # (M, 2); 0 for a row without information
 
 
 def gaussian_tails() -> Tails:
-    """No outliers."""
+    """Return Gaussian noise: no outliers."""
     return Tails(np.full(2, GAUSSIAN), np.zeros(2), np.zeros(2), np.ones(2))
 
 
 class Log:
-    """A recording made ready to be filtered many times, with ever other noise.
+    """A recording prepared for many filter runs with different noise.
 
     Args:
         recording: with ids; `range-bearing` or `position`.
 
     Raises:
-        UserError: it has no ids, or its sensor tells bearings alone.
+        UserError: no ids, or a bearing-only sensor.
     """
 
     def __init__(self, recording: Recording) -> None:
         if recording.landmark is None:
             raise UserError("landmark: a log without ids; associate it first (Recording.associated)")
         if not SENSORS[recording.sensor].places_landmarks:
-            raise UserError("sensor: bearings alone place no landmark at its first sight; give ranges, too")
+            raise UserError("sensor: a first bearing does not place a landmark; give ranges too")
         self._recording = recording
         self._code = SENSORS[recording.sensor].code
         self._kept, self._order = _ordered(recording.observation_step, recording.landmark, recording.steps)
@@ -73,7 +73,7 @@ class Log:
         """Filter the log with these increments (N, 3), observations (M, 2) and covariances, and tails.
 
         Returns:
-            The innovations; None where no update exists: an innovation's covariance is not positive definite.
+            The innovations; None if no update exists: an innovation covariance is not positive definite.
         """
         belief = allocate_belief(self._landmarks)
         _, start, cov = start_of(self._recording.prior_mean, self._recording.prior_cov)
@@ -93,9 +93,9 @@ class Log:
 
 
 def _ordered(steps: Int, ids: Int, last_step: int) -> tuple[Int, Order]:
-    """Which observations (M',) in which order: in every step those of mapped landmarks, then those of new ones.
+    """Return the rows (M',) of the used observations and their order: in every step mapped landmarks, then new ones.
 
-    What a step sees again of a landmark that is new in it is left out.
+    Further observations of a landmark in its first step are not used.
     """
     _, first_sight, landmark = np.unique(ids, return_index=True, return_inverse=True)
     new = np.zeros(len(ids), dtype=bool)

@@ -1,19 +1,45 @@
-"""What all online filters have in common, and those among them of which every landmark is a point."""
+"""Interface of the online filters, its defaults for filters without rays, and tables of points and members."""
 
 from __future__ import annotations
 
-from typing import Protocol
+from collections.abc import Sequence
+from typing import NamedTuple, Protocol
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from slamgauge.arrays import Float, Int
-from slamgauge.ekf.maps.members import Members, points
 from slamgauge.estimate import RayLog
 from slamgauge.recording import Observations
 
+POINT = -1  # number of a landmark without members
+
+
+class Members(NamedTuple):
+    """A row for every point, and for every member of a ray."""
+
+    landmark: Int  # (k,) id
+    number: Int  # (k,) along the ray, from 0; POINT for a point
+    weight: Float  # (k,) probability
+    position: Float  # (k, 2) [m]
+    cov: Float  # (k, 2, 2) [m^2]
+
+
+def points(landmark: Int, position: Float, cov: Float) -> Members:
+    """Return rows for points (k,) at positions (k, 2) with covariances (k, 2, 2)."""
+    return Members(landmark, np.full(len(landmark), POINT), np.ones(len(landmark)), position, cov)
+
+
+def joined(parts: Sequence[Members]) -> Members:
+    """Return the rows of all parts."""
+    return Members(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+
+
+NO_MEMBERS = points(np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros((0, 2, 2)))
+
 
 class OnlineFilter(Protocol):
-    """A filter that is driven step by step: `predict`, then `update` with what the sensor has seen."""
+    """A filter that a robot calls at every step: `predict`, then `update` with the observations."""
 
     @property
     def pose(self) -> Float:
@@ -42,12 +68,12 @@ class OnlineFilter(Protocol):
 
     @property
     def associated(self) -> Int:
-        """(m,) id that each observation of the current step was given, -1 if none."""
+        """(m,) landmark of each observation of the current step, -1 without one."""
         ...
 
     @property
     def member_count(self) -> int:
-        """How many members those landmarks have that are no points yet."""
+        """Number of members of all rays."""
         ...
 
     def predict(self, increment: ArrayLike, cov: ArrayLike) -> None:
@@ -55,41 +81,38 @@ class OnlineFilter(Protocol):
         ...
 
     def update(self, observations: Observations) -> tuple[float, int]:
-        """Take in the observations of one step; returns the NIS and its degrees of freedom."""
+        """Process the observations of one step; return the NIS and its degrees of freedom."""
         ...
 
     def standing(self, ids: Int) -> Int:
-        """What has become of ids given earlier: the landmark's id now, -1 if it is none."""
+        """Return the present ids of earlier ids, -1 for deleted landmarks."""
         ...
 
     def whole_map(self) -> Members:
-        """Every point, and every member of landmarks that are no points yet."""
+        """Return every point, and every member of every ray."""
         ...
 
     def ray_log(self, members: Int) -> RayLog | None:
-        """What became of rays, with the number of members (N+1,) after each step; None without rays."""
+        """Return the log of rays, with the number of members (N+1,) after each step; None without rays."""
         ...
 
 
 class PointFilter(OnlineFilter, Protocol):
-    """An online filter of which every landmark is a point: there are no rays, and no members.
-
-    What ids become is what it is with known association: they are the user's own, and stay.
-    """
+    """An online filter without rays, by default with known association: ids stay the same."""
 
     @property
     def member_count(self) -> int:
-        """No landmark has members."""
+        """0: no landmark has members."""
         return 0
 
     def standing(self, ids: Int) -> Int:
-        """What has become of ids given earlier: they stay."""
+        """Return the ids unchanged."""
         return ids
 
     def whole_map(self) -> Members:
-        """Every landmark is a point."""
+        """Return all landmarks as points."""
         return points(self.landmark_ids, self.landmarks, self.landmark_covs)
 
     def ray_log(self, members: Int) -> RayLog | None:  # noqa: ARG002
-        """None: there are no rays."""
+        """Return None."""
         return None

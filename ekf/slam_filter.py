@@ -1,4 +1,4 @@
-"""The online filter: what a robot calls at every step."""
+"""The online filter for known association."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from slamgauge.ekf.maps.map_edits import add_landmarks
 from slamgauge.ekf.maps.matching import are_within
 from slamgauge.ekf.maps.transaction import is_addition_certain, transaction
 from slamgauge.ekf.online_filter import PointFilter
-from slamgauge.ekf.settings.robustness import PLAIN, Robustness
+from slamgauge.ekf.settings import PLAIN, Robustness
 from slamgauge.errors import UserError
 from slamgauge.recording import Observations
 
-LEFT_OUT = -1  # id of an observation that was beyond the gate
-NOTHING_SEEN: Int = np.zeros(0, dtype=np.int64)
+REJECTED = -1  # in `associated`, an observation beyond the gate
+NO_IDS: Int = np.zeros(0, dtype=np.int64)
 
 
 class SlamFilter(PointFilter):
@@ -33,15 +33,15 @@ class SlamFilter(PointFilter):
         prior_mean: (3,) start pose.
         prior_cov: (3, 3) its covariance; zero is legal.
         correction: `standard`, `first-estimates`, `observability-constrained`, `iterated`, `right-invariant` (see
-            `kernels.corrections`), or a rule of your own.
-        landmarks: how many to make room for at first; the filter grows beyond that by itself.
+            `kernels.corrections`), or your own `Rule`.
+        landmarks: initial capacity; the map grows as needed.
         robust: how updates are guarded against outliers.
 
     Attributes:
-        map: state and correction of the map (see `maps.landmark_map`), for other filters and for tests.
+        map: state and correction (see `maps.landmark_map`), for other filters and tests.
 
     Raises:
-        UserError: a sensor or correction that does not exist, an invalid prior, or an invalid number of landmarks.
+        UserError: an unknown sensor or correction, an invalid prior, or an invalid number of landmarks.
     """
 
     def __init__(
@@ -57,7 +57,7 @@ class SlamFilter(PointFilter):
         self.map = LandmarkMap(sensor, prior_mean, prior_cov, correction, landmarks, robust.tails)
         self._correction = self.map.correction
         self._monitor = DivergenceMonitor(self._correction.rule)
-        self._associated = NOTHING_SEEN
+        self._associated = NO_IDS
 
     @property
     def pose(self) -> Float:
@@ -92,29 +92,29 @@ class SlamFilter(PointFilter):
     def predict(self, increment: ArrayLike, cov: ArrayLike) -> None:
         """Move by a body-frame increment (3,) [m, m, rad] with covariance (3, 3).
 
-        A speed v and a yaw rate omega over dt make the increment (v dt, 0, omega dt).
+        The increment of speed v and yaw rate omega over dt is (v dt, 0, omega dt).
 
         Raises:
-            UserError: shapes that do not fit, a number that is not finite, or no covariance; the filter is unchanged.
+            UserError: wrong shapes, a number that is not finite, or an invalid covariance; the filter is unchanged.
         """
         self._correction.predict(increment, cov)
-        self._associated = NOTHING_SEEN
+        self._associated = NO_IDS
 
     def update(self, observations: Observations, gate: float | None = None) -> tuple[float, int]:
         """Correct with all observations of one step, then map the landmarks that are new.
 
         Args:
             observations: ids (m,), values (m, d) and covariances (m, d, d).
-            gate: observations of mapped landmarks whose squared Mahalanobis distance, each by itself, is beyond this
-                are left out as outliers; `associated` then has -1 for them. By default that of `robust`.
+            gate: largest squared Mahalanobis distance of a single observation of a mapped landmark; the filter rejects
+                observations beyond it, and `associated` has -1 for them. By default the gate of `robust`.
 
         Returns:
-            The normalised innovation squared and its degrees of freedom (0, 0 without mapped landmarks), of the
-            observations that were not left out.
+            The normalised innovation squared of the accepted observations and its degrees of freedom (0, 0 without
+            mapped landmarks).
 
         Raises:
-            UserError: no ids, shapes that do not fit, a negative range, a number that is not finite, or a covariance
-                that is not positive definite, or no update in double precision; the filter is then unchanged.
+            UserError: no ids, wrong shapes, a negative range, a number that is not finite, a covariance that is not
+                positive definite, or no update in double precision; the filter is unchanged.
         """
         values, covs = rows_of(observations, self._correction.dim)
         ids = ids_of(observations, len(values))
@@ -127,7 +127,7 @@ class SlamFilter(PointFilter):
 
     @property
     def associated(self) -> Int:
-        """(m,) ids of the current step's observations, -1 where one was left out."""
+        """(m,) ids of the current step's observations, -1 for rejected ones."""
         return self._associated
 
     def _update(self, ids: Int, values: NDArray[np.generic], covs: NDArray[np.generic]) -> tuple[float, int]:
@@ -139,17 +139,17 @@ class SlamFilter(PointFilter):
         return self._update_and_map(ids, np.asarray(values, np.float64), np.asarray(covs, np.float64))
 
     def _update_and_map(self, ids: Int, values: Float, covs: Float) -> tuple[float, int]:
-        """An update in which some landmarks are new: first the mapped ones, then augmentation.
+        """Correct with mapped landmarks, then map the new ones.
 
-        A new landmark that is seen more than once in the step is mapped by its first observation; the
-        others correct it in an update of their own.
+        A new landmark is mapped by its first observation; its other observations of the step correct it in another
+        update.
         """
         require_ids(ids)
         if self._correction.dim == 1:
-            raise UserError("landmark: a bearing alone places no landmark; use slamgauge.ekf.BearingFilter")
+            raise UserError("landmark: one bearing does not place a landmark; use slamgauge.ekf.BearingFilter")
         self._correction.require_sound(values, covs)
         mapped, new, again = of_scan(ids, self.map.state.ids)
-        self.map.state.reserve(self.map.state.size + 2 * int(new.sum()))  # is refused before anything changes
+        self.map.state.reserve(self.map.state.size + 2 * int(new.sum()))  # may raise an error: before any change
         certain = not again.any() and is_addition_certain(self.map)
         with nullcontext() if certain else transaction(self.map):
             total, dof = 0.0, 0
@@ -171,5 +171,5 @@ class SlamFilter(PointFilter):
         rows = np.flatnonzero(np.isin(ids, self.map.state.ids))
         kept[rows] = are_within(self.map, self.map.state.slots_of(ids[rows]), values[rows], covs[rows], gate)
         result = self._update(ids[kept], values[kept], covs[kept])
-        self._associated = np.where(kept, ids, LEFT_OUT)
+        self._associated = np.where(kept, ids, REJECTED)
         return result

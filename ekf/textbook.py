@@ -22,11 +22,11 @@ from slamgauge.se2 import compose, rotation, wrap
 from slamgauge.validation import require_type
 
 if TYPE_CHECKING:
-    from slamgauge.ekf.settings.association import Association
+    from slamgauge.ekf.settings import Association
 
 J = np.array([[0.0, -1.0], [1.0, 0.0]])
 GATE = 9.0  # M_DIST_TH of the exercise: largest squared Mahalanobis distance of an observation and its landmark
-Step = tuple[Float, Float, list[int], float, int]  # x, P, landmark id of each observation, NIS, its degrees of freedom
+Step = tuple[Float, Float, list[int], float, int]  # x, P, ids of the observations, NIS, its degrees of freedom
 
 
 class Linearised(NamedTuple):

@@ -19,6 +19,7 @@ FOLDERS = {"core": "slamgauge", **{name: f"slamgauge.{name}" for name in ("ekf",
 LEVELS = {
     "slamgauge": ("arrays", "sensor_models"),
     "slamgauge.ekf": (
+        "setting_rules",
         "settings",
         "kernels",
         "maps",

@@ -31,8 +31,7 @@ if TYPE_CHECKING:
     from slamgauge.compare.estimators.requests import Asked
     from slamgauge.compare.scenarios.scenario import Scenario
     from slamgauge.compare.scenarios.schema import Association
-    from slamgauge.ekf.settings.initialisation import Initialisation
-    from slamgauge.ekf.settings.robustness import Robustness
+    from slamgauge.ekf.settings import Initialisation, Robustness
     from slamgauge.estimate import Estimate, Estimator
     from slamgauge.recording import Recording
     from slamgauge.truth import Truth
@@ -143,9 +142,9 @@ class Evaluate(WithPage):
         from slamgauge.compare.scenarios.schema import INITIALISATIONS, Association
         from slamgauge.compare.storage.files import load_recording, load_truth
         from slamgauge.compare.storage.safe_names import shown
-        from slamgauge.ekf.settings.association import Association as FilterAssociation
-        from slamgauge.ekf.settings.robustness import Robustness
-        from slamgauge.ekf.settings.validation import fitted, require
+        from slamgauge.ekf.setting_rules import fitted, require
+        from slamgauge.ekf.settings import Association as FilterAssociation
+        from slamgauge.ekf.settings import Robustness
 
         recording = load_recording(self.recording)
         beside = self.recording.with_name("truth.npz")

@@ -16,10 +16,7 @@ from slamgauge.compare.estimators.isolated_process import Isolated, Spent
 from slamgauge.compare.estimators.registry import REGISTRY, UNDER, Entry, entry_of
 from slamgauge.compare.estimators.requests import Asked, Chosen, ask
 from slamgauge.compare.scenarios.schema import Association
-from slamgauge.ekf.settings.association import NEAREST_NEIGHBOUR
-from slamgauge.ekf.settings.filter_settings import FilterSettings
-from slamgauge.ekf.settings.initialisation import Initialisation
-from slamgauge.ekf.settings.robustness import PLAIN, Robustness
+from slamgauge.ekf.settings import NEAREST_NEIGHBOUR, PLAIN, FilterSettings, Initialisation, Robustness
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, Estimator
 from slamgauge.recording import Recording

@@ -9,8 +9,7 @@ from slamgauge.compare.noise.innovation_model import NoiseModel
 from slamgauge.compare.noise.outliers import fit
 from slamgauge.compare.noise.parameters import Told
 from slamgauge.ekf.estimators import riekf
-from slamgauge.ekf.settings.association import Association, MapManagement
-from slamgauge.ekf.settings.filter_settings import FilterSettings
+from slamgauge.ekf.settings import Association, FilterSettings, MapManagement
 from slamgauge.errors import UserError
 from slamgauge.recording import Recording
 

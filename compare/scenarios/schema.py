@@ -15,13 +15,11 @@ from slamgauge.compare.scenarios.section import NonNegative, Positive, Section
 from slamgauge.compare.scenarios.sensor_errors import Sensor
 from slamgauge.compare.scenarios.settings_sections import Number, Whole, rule_of, section_of
 from slamgauge.compare.scenarios.trajectory import Csv, Trajectory
-from slamgauge.ekf.settings.association import Association as FilterAssociation
-from slamgauge.ekf.settings.association import MapManagement, Method
-from slamgauge.ekf.settings.initialisation import Delayed as DelayedSettings
-from slamgauge.ekf.settings.initialisation import Initialisation, Rays
-from slamgauge.ekf.settings.initialisation import InverseDepth as InverseDepthSettings
-from slamgauge.ekf.settings.robustness import Robustness
-from slamgauge.ekf.settings.validation import fitted
+from slamgauge.ekf.setting_rules import fitted
+from slamgauge.ekf.settings import Association as FilterAssociation
+from slamgauge.ekf.settings import Delayed as DelayedSettings
+from slamgauge.ekf.settings import Initialisation, MapManagement, Method, Rays, Robustness
+from slamgauge.ekf.settings import InverseDepth as InverseDepthSettings
 from slamgauge.errors import UserError
 from slamgauge.se2 import between
 from slamgauge.sensors import SENSORS
@@ -72,7 +70,7 @@ class Association(Section):
 
     `gate` is the largest squared Mahalanobis distance. `map_management` (probation, deletion and merging of
     landmarks, see `ekf.maps.tracks`) is off for `nearest-neighbour`, the practical's bare rule, and on for
-    `jcbb`, unless it is said otherwise. The rest is that of `ekf.settings.association.Association`.
+    `jcbb`, unless it is said otherwise. The rest is that of `ekf.settings.Association`.
     """
 
     method: Literal["known", Method] = "known"

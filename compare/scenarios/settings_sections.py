@@ -9,7 +9,7 @@ from typing import Annotated, Any, TypeVar, get_type_hints
 from pydantic import AfterValidator, BaseModel, Field, create_model
 from pydantic_core import PydanticCustomError
 
-from slamgauge.ekf.settings.validation import is_fitted, mistake_of
+from slamgauge.ekf.setting_rules import is_fitted, mistake_of
 from slamgauge.validation import LARGEST
 
 

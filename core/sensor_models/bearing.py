@@ -1,6 +1,6 @@
 """Bearing [rad] of a landmark; one bearing does not place it.
 
-The functions take numbers (in kernels) or arrays of equal shape (in numpy); dx, dy [m] is the landmark in the body
+The functions take numbers (in kernels) or arrays of equal shape (in numpy). The landmark is at dx, dy [m] in the body
 frame.
 """
 

@@ -1,6 +1,6 @@
 """Position x, y [m] of a landmark in the body frame.
 
-The functions take numbers (in kernels) or arrays of equal shape (in numpy); dx, dy [m] is the landmark in the body
+The functions take numbers (in kernels) or arrays of equal shape (in numpy). The landmark is at dx, dy [m] in the body
 frame.
 """
 

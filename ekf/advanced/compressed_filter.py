@@ -50,7 +50,7 @@ from slamgauge.ekf.maps.input_checks import (
 )
 from slamgauge.ekf.maps.map_edits import replace_map
 from slamgauge.ekf.online_filter import PointFilter
-from slamgauge.ekf.settings.robustness import PLAIN, Robustness
+from slamgauge.ekf.settings import PLAIN, Robustness
 from slamgauge.ekf.slam_filter import SlamFilter
 from slamgauge.errors import UserError
 from slamgauge.memory import require_memory

@@ -1,1 +1,1 @@
-"""Bearings alone: landmarks are initialised as rays, in inverse depth, or delayed, until they are points."""
+"""Bearing-only SLAM: landmarks start as rays, in inverse depth, or delayed."""

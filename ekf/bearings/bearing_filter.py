@@ -1,8 +1,8 @@
-"""The online filter for bearings alone: provisional landmarks are the initialiser's, points are the map's.
+"""The online filter for bearing-only sensors.
 
-A landmark starts as provisional, in the form of its initialisation: as a ray of members (`rays`), in inverse depth
-(`inverse_depth`), or waiting to be placed (`delayed`). What a scan sees of points corrects first, all at once; then the
-provisional ones have their turn.
+A landmark starts as a provisional landmark of the initialiser: as a ray of members (`rays`), in inverse depth
+(`inverse_depth`), or waiting for more bearings (`delayed`). Later it becomes a point of the map. A scan corrects with
+all bearings of points at once, then with those of provisional landmarks.
 """
 
 from __future__ import annotations
@@ -28,16 +28,14 @@ from slamgauge.ekf.maps.input_checks import ids_of, require_gate, require_ids, r
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
 from slamgauge.ekf.maps.map_edits import merge_landmarks, remove_landmark
 from slamgauge.ekf.maps.matching import are_within
-from slamgauge.ekf.maps.members import Members, joined, points
-from slamgauge.ekf.settings.association import Association
-from slamgauge.ekf.settings.initialisation import Delayed, Initialisation, InverseDepth, Rays
-from slamgauge.ekf.settings.robustness import PLAIN, Robustness
+from slamgauge.ekf.online_filter import Members, joined, points
+from slamgauge.ekf.settings import PLAIN, Association, Delayed, Initialisation, InverseDepth, Rays, Robustness
 from slamgauge.errors import UserError
 from slamgauge.estimate import RayLog
 from slamgauge.recording import Observations
 from slamgauge.validation import are_among
 
-NOBODY = -2  # owner of a slot that no bearing is compared with
+NOBODY = -2  # owner of a slot that is not associated with bearings
 
 
 class BearingFilter:
@@ -47,14 +45,13 @@ class BearingFilter:
         prior_mean: (3,) start pose.
         prior_cov: (3, 3) its covariance; zero is legal.
         correction: see `SlamFilter`.
-        initialisation: how landmarks are initialised; as rays with their defaults if not given.
-        association: how bearings find their landmarks; None where they have ids.
-        robust: how updates by points are guarded against outliers; other landmarks have the gate of their
-            initialisation, and bearings without ids that of the association.
+        initialisation: how landmarks are initialised; by default as rays.
+        association: how bearings are associated; None if they have ids.
+        robust: how updates by points are guarded against outliers; provisional landmarks have the gate of their
+            initialisation, bearings without ids that of the association.
 
     Raises:
-        UserError: a correction or method that does not exist, an invalid prior, or an association for landmarks
-            that do not start as rays.
+        UserError: an unknown correction or method, an invalid prior, or an association without rays.
     """
 
     def __init__(
@@ -68,9 +65,9 @@ class BearingFilter:
     ) -> None:
         initialisation = Rays() if initialisation is None else initialisation
         if not (association is None or isinstance(cast("object", association), Association)):
-            raise UserError(f"association: {association!r} is not one; give Association(method, gate), or None")
+            raise UserError(f"association: {association!r} is not an Association; give Association(method, gate)")
         if association is not None and not isinstance(initialisation, Rays):
-            raise UserError("association: only rays can be associated; give ids, or initialise by ekf.Rays")
+            raise UserError("association: only rays can be associated; give ids, or use ekf.Rays")
         self._gate = require_robustness(robust).known_gate
         compile_bearings_once()
         self._map = LandmarkMap("bearing", prior_mean, prior_cov, correction, landmarks=32, tails=robust.tails)
@@ -93,46 +90,46 @@ class BearingFilter:
 
     @property
     def cov(self) -> Float:
-        """(3 + 2n, 3 + 2n) covariance of the robot and everything else in the state."""
+        """(3 + 2n, 3 + 2n) covariance of the whole state."""
         return self._map.state.cov
 
     @property
     def landmark_ids(self) -> Int:
-        """(L,) ids of the landmarks: points, and provisional ones whose position can be stated."""
+        """(L,) ids of the landmarks: points, and provisional landmarks with a position."""
         return self._landmarks().landmark
 
     @property
     def landmarks(self) -> Float:
-        """(L, 2) their positions [m]; of a ray that of its heaviest member."""
+        """(L, 2) their positions [m]; for a ray that of its heaviest member."""
         return self._landmarks().position
 
     @property
     def landmark_covs(self) -> Float:
-        """(L, 2, 2) their covariances [m^2]; of a ray that of its heaviest member."""
+        """(L, 2, 2) their covariances [m^2]; for a ray that of its heaviest member."""
         return self._landmarks().cov
 
     @property
     def provisional(self) -> dict[int, int]:
-        """Landmarks that are not points yet, and how many members each has."""
+        """Number of members of each landmark that is not a point yet."""
         return self._provisional.counts
 
     @property
     def member_count(self) -> int:
-        """How many members the provisional landmarks have."""
+        """Number of members of all provisional landmarks."""
         return sum(self._provisional.counts.values())
 
     @property
     def associated(self) -> Int:
-        """(m,) id that each bearing of the current step was given, -1 if none."""
+        """(m,) landmark of each bearing of the current step, -1 without one."""
         return self._associated
 
     def standing(self, ids: Int) -> Int:
-        """What has become of ids given earlier: joined ones have their survivor's, deleted or unconfirmed ones -1."""
+        """Return the present ids of earlier ids: that of the merged landmark, or -1 if deleted or unconfirmed."""
         ids = ids if self._association is None else self._association.survivors(ids)
         return np.where(are_among(ids, self.landmark_ids), ids, NONE)
 
     def ray_log(self, members: Int) -> RayLog | None:
-        """What became of the rays, with the number of members (N+1,) after each step; None without rays."""
+        """Return the log of rays, with the number of members (N+1,) after each step; None without rays."""
         return None if self._provisional.log is None else self._provisional.log.log(members)
 
     def predict(self, increment: ArrayLike, cov: ArrayLike) -> None:
@@ -144,19 +141,19 @@ class BearingFilter:
         self._associated = self._associated[:0]
 
     def update(self, observations: Observations, gate: float | None = None) -> tuple[float, int]:
-        """Correct with the bearings of points, then take in those of provisional and new landmarks.
+        """Correct with the bearings of points, then process those of provisional and new landmarks.
 
         Args:
             observations: ids (m,), bearings (m, 1) and variances (m, 1, 1).
-            gate: bearings of points whose squared Mahalanobis distance is beyond this are left out as outliers;
-                `associated` then has -1 for them. Provisional landmarks have the gate of their initialisation.
+            gate: largest squared Mahalanobis distance of a bearing of a point; bearings beyond it are rejected, and
+                `associated` has -1 for them. Provisional landmarks have the gate of their initialisation.
 
         Returns:
             The normalised innovation squared of the points and its degrees of freedom.
 
         Raises:
-            UserError: no ids for a filter without association, shapes that do not fit, a number that is not finite or
-                a variance not positive, or no update in double precision; the filter is then unchanged.
+            UserError: no ids for a filter without association, wrong shapes, a number that is not finite, a variance
+                that is not positive, or no update in double precision; the filter is unchanged.
         """
         gate = self._gate if gate is None else gate
         require_gate(gate)
@@ -181,7 +178,7 @@ class BearingFilter:
         return self._monitor.checked(result)
 
     def _manage(self, association: RayAssociation) -> None:
-        """Forget the landmarks that association gives up, and join those that it takes for one."""
+        """Remove landmarks that the association gives up, and merge duplicates that it finds."""
         rays = np.array([*self._provisional.counts], dtype=np.int64)
         for landmark in association.given_up(rays, self._point_landmarks()).tolist():
             self._forget(landmark)
@@ -194,7 +191,7 @@ class BearingFilter:
                 self._associated = np.where(self._associated == gone, kept, self._associated)
 
     def _without_outliers(self, ids: Int, values: Float, covs: Float, gate: float | None) -> Int:
-        """The ids (m,), NONE for bearings of points that are beyond the gate."""
+        """Return the ids (m,), NONE for bearings of points beyond the gate."""
         require_ids(ids)
         if gate is None:
             return ids
@@ -205,9 +202,9 @@ class BearingFilter:
         return kept
 
     def _update_all(self, ids: list[int], values: Float, covs: Float) -> tuple[float, int]:
-        """Correct with the bearings of points, then hand on those of the others; returns as `update`.
+        """Correct with the bearings of points, then with the others; return the result of `update`.
 
-        Of a provisional landmark that is seen more than once the first bearing is taken in, and the others after it.
+        Several bearings of a provisional landmark are processed one after the other.
         """
         total, dof, left = 0.0, 0, np.arange(len(ids))
         while len(left):
@@ -216,7 +213,7 @@ class BearingFilter:
         return total, dof
 
     def _update_first(self, ids: list[int], values: Float, covs: Float) -> tuple[float, int, list[int]]:
-        """`_update_all` without the later bearings of provisional landmarks, whose rows are returned too."""
+        """Run `_update_all` with the first bearing of each provisional landmark; also return the rows of the others."""
         of_points = [row for row, landmark in enumerate(ids) if landmark in self._points]
         slots = self._slots_of_points([ids[row] for row in of_points])
         nis, dof = self._map.correction.update(slots, values[of_points], covs[of_points])
@@ -236,7 +233,7 @@ class BearingFilter:
         return np.array([*self._points], dtype=np.int64)
 
     def _forget(self, landmark: int) -> None:
-        """Take a landmark out of the state."""
+        """Remove a landmark from the state."""
         if landmark in self._points:
             remove_landmark(self._map, int(self._map.state.slots_of(np.array(self._points.pop(landmark)))))
         else:
@@ -252,7 +249,7 @@ class BearingFilter:
         return owners
 
     def _landmarks(self) -> Members:
-        """A row for every landmark, points first; of equal members the nearest. Unconfirmed landmarks have none."""
+        """Return a row for every confirmed landmark, points first; of a ray the heaviest member, else the nearest."""
         rows = self.whole_map()
         order = np.lexsort((-rows.number, rows.weight, rows.landmark))
         heaviest = order[np.diff(rows.landmark[order], append=NONE) != 0]
@@ -263,7 +260,7 @@ class BearingFilter:
         return Members(landmark, number, weight, rows.position[heaviest], rows.cov[heaviest])
 
     def whole_map(self) -> Members:
-        """Every point and every member of provisional landmarks."""
+        """Return every point and every member of provisional landmarks."""
         slots = self._slots_of_points([*self._points])
         known = points(self._point_landmarks(), self._map.state.positions[slots], self._map.state.position_covs[slots])
         return joined([known, self._provisional.members()])
@@ -276,4 +273,4 @@ def _initialiser(landmarks: LandmarkMap, initialisation: Initialisation) -> Init
         return InverseDepthInitialiser(landmarks, initialisation)
     if isinstance(cast("object", initialisation), Delayed):
         return DelayedInitialiser(landmarks, initialisation)
-    raise UserError(f"initialisation: {initialisation!r} is not one; give Rays(), InverseDepth() or Delayed()")
+    raise UserError(f"initialisation: {initialisation!r} is not known; give Rays(), InverseDepth() or Delayed()")

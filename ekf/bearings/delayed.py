@@ -1,16 +1,15 @@
-"""Delayed initialisation of bearing-only landmarks: a short window of past poses, then a point as soon as it is sure.
+"""Delayed initialisation of bearing-only landmarks: triangulation from a window of past poses.
 
-While there are landmarks to be placed, the poses they are seen from are cloned into the state, every `spacing` metres
-and no more than `poses` of them. A landmark waits with its bearings until they place it (`slamgauge.triangulate`). Then
-all of them enter at once, linearised where they meet: r = H_x dx + H_f df + noise. With Q'H_f = [T; 0] the upper two
-rows say where the landmark is, given the poses; the others, in which it does not occur, correct the poses. That is
-exact but for the linearisation, which is made where the landmark is known. Bearings whose innovation is improbable
-go on waiting.
+While landmarks wait, the filter clones poses into the state, every `spacing` metres and at most `poses` of them. A
+landmark waits until its bearings triangulate it (`slamgauge.triangulate`). Then all its bearings are linearised at the
+triangulated point: r = H_x dx + H_f df + noise. With Q'H_f = [T; 0], the upper two rows give the landmark as a function
+of the poses, and the other rows, which do not contain it, correct the poses. This is exact apart from the
+linearisation. If the innovation of the bearings is improbable, the landmark continues to wait.
 
-A full window gives up the clone whose neighbours are nearest to each other, so that it keeps its baseline, and the
-bearings of landmarks that left the view before they were placed: seen again, they close a loop. Clones that hold only
-such bearings take up half of the window at most; beyond that the oldest of them goes. What a step costs does not grow
-with time. Jacobians are taken at the present estimate, whatever the correction.
+A full window removes the clone whose neighbours are nearest to each other, which keeps a long baseline and bearings of
+landmarks that left the view before they were placed: if re-observed, they close a loop. Clones with such bearings only
+take at most half of the window; beyond that the oldest is removed. The cost of a step does not grow with time.
+Jacobians are taken at the present estimate, whatever the correction.
 
 Sources: Bailey, "Constrained initialisation for bearing-only SLAM", ICRA 2003 (delayed initialisation from past poses
 in the state); Mourikis and Roumeliotis, "A multi-state constraint Kalman filter for vision-aided inertial
@@ -28,18 +27,18 @@ from slamgauge.arrays import Float, Int
 from slamgauge.ekf.maps.landmark_ids import Ids
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
 from slamgauge.ekf.maps.map_edits import NewEntries, add_entries, remove_landmark
-from slamgauge.ekf.maps.members import NO_MEMBERS, Members
-from slamgauge.ekf.settings.initialisation import FEWEST, Delayed
+from slamgauge.ekf.online_filter import NO_MEMBERS, Members
+from slamgauge.ekf.settings import FEWEST, Delayed
 from slamgauge.se2 import wrap
 from slamgauge.sensor_models.bearing import gradient as bearing_gradient
 from slamgauge.triangulation import triangulate
 
-IMPROBABLE = 1e-3  # probability that right bearings are made to wait
+IMPROBABLE = 1e-3  # probability that correct bearings have to wait
 
 
 @dataclass(frozen=True)
 class Sight:
-    """A bearing [rad] with its variance [rad^2], and the clone it was taken from."""
+    """A bearing [rad], its variance [rad^2], and the clone of its pose."""
 
     clone: int
     bearing: float
@@ -47,24 +46,24 @@ class Sight:
 
 
 class DelayedInitialiser:
-    """The landmarks of a map that are not placed yet; see `Initialiser` for its methods."""
+    """The waiting landmarks of a map. The methods are those of `Initialiser`."""
 
-    log = None  # there are no rays
+    log = None  # without rays
 
     def __init__(self, landmarks: LandmarkMap, settings: Delayed) -> None:
         self._map = landmarks
         self._settings = settings
         self._sights: dict[int, list[Sight]] = {}
-        self._clones: list[int] = []  # in the order of time; each has its own id in the map and the next
+        self._clones: list[int] = []  # in the order of time; a clone has two ids in the map: this and the next
         self._ids = Ids()
 
     @property
     def counts(self) -> dict[int, int]:
-        """Landmarks that wait; they have no members."""
+        """0 members for each waiting landmark."""
         return dict.fromkeys(self._sights, 0)
 
     def observe(self, step: int, ids: list[int], values: Float, covs: Float) -> dict[int, int]:  # noqa: ARG002
-        """Note the bearings if the robot has moved on, then place the landmarks that they place."""
+        """Store the bearings if the robot has moved, then place the landmarks that have enough."""
         points: dict[int, int] = {}
         if not ids or not self._has_moved_on():
             return points
@@ -81,11 +80,11 @@ class DelayedInitialiser:
         return points
 
     def members(self) -> Members:
-        """None: a landmark has no position before it is placed."""
+        """Return no rows: a waiting landmark has no position."""
         return NO_MEMBERS
 
     def member_ids(self) -> dict[int, Int]:
-        """None: a bearing cannot be compared with a slot."""
+        """Return nothing: a waiting landmark has no slot."""
         return {}
 
     def forget(self, step: int, landmark: int) -> None:  # noqa: ARG002
@@ -100,7 +99,7 @@ class DelayedInitialiser:
         return bool(np.hypot(*(self._map.state.robot[:2] - last)) >= self._settings.spacing)
 
     def _clone_pose(self) -> int:
-        """Append the pose as two slots: the position, and the heading with an entry that is always zero."""
+        """Append the pose as two slots: the position, and the heading with a zero."""
         jacobian = np.zeros((4, 3))
         jacobian[:3] = np.eye(3)
         ids = self._ids.take(2)
@@ -110,7 +109,7 @@ class DelayedInitialiser:
         return int(ids[0])
 
     def _dispensable(self, ids: list[int]) -> int:
-        """The clone to give up while the landmarks `ids` are in view."""
+        """Return the clone to remove while the landmarks `ids` are in view."""
         useful = {sight.clone for landmark in ids for sight in self._sights[landmark]}
         past = [clone for clone in self._clones if clone not in useful]
         if len(past) > self._settings.poses // 2:
@@ -121,7 +120,7 @@ class DelayedInitialiser:
         return self._clones[1 + int(np.argmin(gaps))]
 
     def _place(self, landmark: int) -> int | None:
-        """Put a landmark into the state if its bearings place it; its id in the map."""
+        """Add a landmark to the map if its bearings place it; return its id in the map."""
         sights = self._sights[landmark]
         if len(sights) < FEWEST:
             return None
@@ -146,11 +145,11 @@ class DelayedInitialiser:
         return int(new[0])
 
     def _columns(self, clone: int) -> Int:
-        """Entries of the state that hold a clone's x, y and heading."""
+        """Return the state entries of a clone's x, y and heading."""
         return self._map.state.columns_of(np.array([clone, clone + 1]))[:3]
 
     def _drop_unused(self) -> None:
-        """Remove the clones from which no waiting landmark was seen."""
+        """Remove the clones without bearings of waiting landmarks."""
         used = {sight.clone for sights in self._sights.values() for sight in sights}
         for clone in [each for each in self._clones if each not in used]:
             self._drop_clone(clone)
@@ -166,9 +165,9 @@ class DelayedInitialiser:
 
 
 def whitened_bearings(poses: Float, bearings: Float, variances: Float, landmark: Float) -> tuple[Float, Float, Float]:
-    """Residuals (m,) of bearings from poses (m, 3) to a landmark (2,), in their own standard deviations.
+    """Return residuals (m,) of bearings from poses (m, 3) to a landmark (2,), divided by their standard deviations.
 
-    With their Jacobians (m, 3m) with respect to the poses, and (m, 2) with respect to the landmark.
+    The other results are their Jacobians by the poses (m, 3m) and by the landmark (m, 2).
     """
     count, sigmas = len(bearings), np.sqrt(variances)
     offset = landmark - poses[:, :2]

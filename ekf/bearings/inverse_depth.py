@@ -1,14 +1,13 @@
-"""Undelayed initialisation of bearing-only landmarks by inverse depth: one Gaussian from 2 m to the horizon.
+"""Undelayed initialisation of bearing-only landmarks by inverse depth: one Gaussian from 2 m to infinity.
 
-A landmark begins as an anchor a, the robot's position at the first bearing, the direction phi of that bearing in the
-world, and the inverse omega of its distance from there: l = a + u(phi) / omega. A bearing sees the direction of
-omega (a - p) + u(phi), which is nearly linear in omega and smooth through omega = 0, a landmark at infinity. So an
-omega below zero is no mistake in itself, and is left alone: later bearings bring it back. What is three standard
-deviations beyond infinity is no landmark, and is initialised again. When the depth is known well enough for a point
-to be as good, the landmark becomes one.
+A landmark starts as an anchor a, the robot's position at the first bearing, the direction phi of that bearing in the
+world frame, and the inverse omega of its distance: l = a + u(phi) / omega. A bearing measures the direction of
+omega (a - p) + u(phi). This is nearly linear in omega and smooth through omega = 0, a landmark at infinity. A negative
+omega is therefore accepted: later bearings correct it. A landmark that is three standard deviations beyond infinity is
+deleted and initialised again. A landmark becomes a point when a point represents its depth as well.
 
-Jacobians are taken at the present estimate, whatever the correction. Anchors are points and turn with the
-map; phi and omega do not (see `kernels.corrections`), which makes this consistent in the right-invariant filter.
+Jacobians are taken at the present estimate, whatever the correction. Anchors are points and rotate with the map; phi
+and omega do not (see `kernels.corrections`): this makes the right-invariant filter consistent.
 
 Sources: Montiel, Civera and Davison, "Unified inverse depth parametrization for monocular SLAM", RSS 2006; Civera,
 Davison and Montiel, IEEE Transactions on Robotics 24(5), 2008 (linearity index).
@@ -22,31 +21,31 @@ from dataclasses import dataclass
 import numpy as np
 
 from slamgauge.arrays import Float, Int
-from slamgauge.ekf.bearings.ray_recorder import RayRecorder
+from slamgauge.ekf.bearings.initialiser import RayRecorder
 from slamgauge.ekf.maps.landmark_ids import Ids
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
 from slamgauge.ekf.maps.map_edits import NewEntries, add_entries, remove_landmark
-from slamgauge.ekf.maps.members import NO_MEMBERS, Members
-from slamgauge.ekf.settings.initialisation import InverseDepth
+from slamgauge.ekf.online_filter import NO_MEMBERS, Members
+from slamgauge.ekf.settings import InverseDepth
 from slamgauge.se2 import wrap
 from slamgauge.sensor_models.bearing import gradient as bearing_gradient
 from slamgauge.sensors import MIN_BEARING_DISTANCE
 
 BEYOND_INFINITY = 3.0  # standard deviations of omega
-VAGUE = 0.5  # rad; what a bearing predicted no better than this says is not linear, and is left out
-FARTHEST = 10.0  # times the expected distance: where a landmark is said to be whose omega is about zero or below
+VAGUE = 0.5  # rad; a bearing with a larger predicted standard deviation is too nonlinear, and is not used
+FARTHEST = 10.0  # times the expected distance: reported position of a landmark with omega near zero or negative
 
 
 @dataclass
 class Depth:
-    """A landmark in the state: ids of its two slots, the anchor's and that of (phi, omega)."""
+    """A landmark in inverse depth: ids of its two slots, for the anchor and for (phi, omega)."""
 
     ids: Int
     failures: int = 0
 
 
 class InverseDepthInitialiser:
-    """The landmarks of a map in inverse depth; see `Initialiser` for its methods."""
+    """The landmarks of a map in inverse depth. The methods are those of `Initialiser`."""
 
     def __init__(self, landmarks: LandmarkMap, settings: InverseDepth) -> None:
         self._map = landmarks
@@ -57,11 +56,11 @@ class InverseDepthInitialiser:
 
     @property
     def counts(self) -> dict[int, int]:
-        """Landmarks in inverse depth; each is a member of its own."""
+        """1 member for each landmark in inverse depth."""
         return dict.fromkeys(self._depths, 1)
 
     def observe(self, step: int, ids: list[int], values: Float, covs: Float) -> dict[int, int]:
-        """Correct with all bearings in one update, turn well-known landmarks into points, initialise new ones."""
+        """Correct with all bearings in one update, convert well-known landmarks into points, start new ones."""
         seen = [row for row, landmark in enumerate(ids) if landmark in self._depths]
         if seen:
             self._correct(step, [ids[row] for row in seen], values[seen, 0], covs[seen, 0, 0])
@@ -74,7 +73,7 @@ class InverseDepthInitialiser:
         return points
 
     def members(self) -> Members:
-        """One of each landmark: where it is if its omega is right."""
+        """Return each landmark at its estimated depth."""
         if not self._depths:
             return NO_MEMBERS
         positions, covs = zip(*(self._as_point(depth) for depth in self._depths.values()), strict=True)
@@ -83,16 +82,16 @@ class InverseDepthInitialiser:
         return Members(landmark, np.zeros(count, np.int64), np.ones(count), np.array(positions), np.array(covs))
 
     def member_ids(self) -> dict[int, Int]:
-        """None: a bearing cannot be compared with a slot."""
+        """Return nothing: a slot in inverse depth is not associated with bearings."""
         return {}
 
     def forget(self, step: int, landmark: int) -> None:
-        """Take a landmark out of the state; it is lost."""
+        """Delete a landmark."""
         self._remove(self._depths.pop(landmark))
         self.log.end(step, landmark)
 
     def _correct(self, step: int, ids: list[int], bearings: Float, variances: Float) -> None:
-        """Correct with the bearings (m,) that pass the gate; landmarks that fail too often are lost."""
+        """Correct with the bearings (m,) that pass the gate; delete landmarks that fail too often."""
         columns = np.concatenate(
             [[0, 1, 2], self._map.state.columns_of(np.concatenate([self._depths[landmark].ids for landmark in ids]))]
         )
@@ -109,7 +108,7 @@ class InverseDepthInitialiser:
                 self.forget(step, landmark)
 
     def _place_or_drop(self, step: int, landmark: int, points: dict[int, int]) -> None:
-        """Make a point of a landmark whose depth is known well enough, drop one that lies beyond infinity."""
+        """Convert a landmark with a well-known depth into a point; delete one beyond infinity."""
         if landmark not in self._depths:
             return
         depth = self._depths[landmark]
@@ -126,7 +125,7 @@ class InverseDepthInitialiser:
             self.log.end(step, landmark, 0)
 
     def _begin(self, step: int, landmark: int, bearing: float, variance: float) -> None:
-        """Anchor a new landmark at the robot."""
+        """Start a new landmark, anchored at the robot."""
         x, y, heading = self._map.state.robot
         jacobian = np.zeros((4, 3))
         jacobian[:3] = np.eye(3)
@@ -150,7 +149,7 @@ class InverseDepthInitialiser:
 
 
 def linearise_depths(state: Float, bearings: Float) -> tuple[Float, Float]:
-    """Innovations (m,) of bearings [rad] and their Jacobian (m, 3 + 4m); zeros for what is too near to have a bearing.
+    """Return innovations (m,) of bearings [rad] and their Jacobian (m, 3 + 4m); zero for landmarks at the robot.
 
     Args:
         state: (3 + 4m,) robot x, y, heading, then anchor x, y, phi and omega of each landmark.
@@ -177,16 +176,16 @@ def linearise_depths(state: Float, bearings: Float) -> tuple[Float, Float]:
 
 
 def locate_depth(state: Float) -> tuple[Float, Float]:
-    """Position (2,) [m] of a landmark (anchor x, y, phi, omega), omega > 0, and its Jacobian (2, 4)."""
+    """Return the position (2,) [m] of a landmark (anchor x, y, phi, omega), omega > 0, and its Jacobian (2, 4)."""
     omega, along = state[3], np.array([np.cos(state[2]), np.sin(state[2])])
     jacobian = np.column_stack([np.eye(2), np.array([-along[1], along[0]]) / omega, -along / omega**2])
     return state[:2] + along / omega, jacobian
 
 
 def linearity_index(state: Float, sigma: float, pose: Float) -> float:
-    """4 sigma_d / d |cos(parallax)|: a point is as good as inverse depth where this is small.
+    """Return 4 sigma_d / d |cos(parallax)|; a point represents the depth well if this is small.
 
-    With sigma_d = sigma / omega^2, and d the distance of the landmark (anchor x, y, phi, omega) from the robot.
+    sigma_d = sigma / omega^2, and d is the distance of the landmark (anchor x, y, phi, omega) from the robot.
     """
     position, _ = locate_depth(state)
     offset = position - pose[:2]

@@ -1,15 +1,14 @@
-"""Which landmark a bearing is of, landmarks being points or rays of members: one bearing claims one landmark.
+"""Association of bearings without ids with landmarks, which are points or rays of members.
 
-A bearing is as far from a ray as from the nearest of its members. `nearest-neighbour` then goes through the pairs of a
-scan, the nearest first, and takes those of which both are free; `jcbb` finds the pairs that are jointly compatible
-(`kernels.joint_compatibility`), each ray standing for its member that is nearest to the bearing.
+The distance of a bearing from a ray is that from the nearest member. `nearest-neighbour` takes the pairs of a scan in
+the order of distance, if bearing and landmark are both free. `jcbb` finds the jointly compatible pairs
+(`kernels.joint_compatibility`); a ray takes part with the member nearest to the bearing.
 
-With map management a ray must be seen often enough at first, or it was none, and one that is not seen for long is given
-up: it lies in the direction of whatever comes there next. `jcbb` leaves out bearings that are ambiguous, and those of a
-point that was not seen lately and whose direction is not known: they begin a ray, and where that becomes a point, the
-two are joined, all of a scan jointly (`maps.duplicate_landmarks`). One rule for ranges does not hold here: a bearing
-that may be an outlier of a landmark begins a ray all the same (many landmarks lie in a direction, most of them out of
-reach, and would keep new ones from beginning).
+With map management, a ray is deleted if it has too few observations at first, or no recent ones: otherwise it would
+attract bearings of other landmarks in its direction. `jcbb` ignores ambiguous bearings. A bearing of a point that was
+not observed recently, and whose direction is uncertain, starts a ray. If this ray becomes a point, both are merged,
+jointly for a scan (`maps.duplicate_landmarks`). Unlike observations with ranges, a bearing that may be an outlier of a
+landmark does start a ray: many landmarks lie in one direction, most of them out of reach, and would prevent new rays.
 """
 
 from __future__ import annotations
@@ -26,15 +25,15 @@ from slamgauge.ekf.maps.landmark_map import LandmarkMap
 from slamgauge.ekf.maps.map_edits import find_duplicates
 from slamgauge.ekf.maps.matching import Matcher
 from slamgauge.ekf.maps.scan_clock import ScanClock
-from slamgauge.ekf.settings.association import Association
+from slamgauge.ekf.settings import Association
 
 
 class RayAssociation:
-    """Gives landmarks their ids: 0, 1, 2, ... in the order of birth, none ever used again.
+    """Associates bearings with landmarks; ids are 0, 1, 2, ... in the order of birth, and never used again.
 
     Args:
         landmarks: the map.
-        settings: how bearings are associated.
+        settings: method, gate and map management.
     """
 
     def __init__(self, landmarks: LandmarkMap, settings: Association) -> None:
@@ -43,24 +42,24 @@ class RayAssociation:
         self._settings = settings
         self._ids = Ids()
         self.clock = ScanClock()
-        # of each id ever given
+        # one entry for each id ever given:
         self._born: Int = np.zeros(0, dtype=np.int64)  # scan
-        self._last: Int = np.zeros((0, 2), dtype=np.int64)  # scan and step that saw it last
+        self._last: Int = np.zeros((0, 2), dtype=np.int64)  # scan and step of the last observation
         self._sights: Int = self._born
-        self._fate: Int = self._born  # itself, the older one that it was joined with, or GONE
-        self._apart: dict[int, set[int]] = {}  # landmarks that one scan has seen as two, themselves included
+        self._fate: Int = self._born  # itself, the older landmark that it was merged into, or GONE
+        self._apart: dict[int, set[int]] = {}  # landmarks observed in one scan, including the landmark itself
         self._seen: Int = self._born  # landmarks of the last scan
 
     @property
     def confirmed(self) -> Marks:
-        """Whether each id ever given is of a landmark that was seen often enough."""
+        """(n,) whether each id ever given is of a landmark with enough observations."""
         management = self._settings.map_management
         return (self._fate == np.arange(len(self._fate))) & (
             self._sights >= (1 if management is None else management.sights)
         )
 
     def associate(self, owners: Int, values: Float, covs: Float) -> Int:
-        """Landmark of each bearing (m, 1) of a scan, new ones included; -1 for bearings that are left out.
+        """Return the landmark of each bearing (m, 1) of a scan, known or new; -1 for ignored bearings.
 
         Args:
             owners: (L,) landmark of each slot.
@@ -80,7 +79,7 @@ class RayAssociation:
         return found
 
     def _note(self, begun: Int, seen: Int) -> None:
-        """Note the landmarks of a scan, those that begin with it among them."""
+        """Store the landmarks of a scan; `begun` are the new ones among them."""
         self._born = np.append(self._born, np.full(len(begun), self.clock.scan))
         self._fate = np.append(self._fate, begun)
         self._sights = np.append(self._sights, np.zeros_like(begun))
@@ -94,7 +93,7 @@ class RayAssociation:
         self.clock.close_scan()
 
     def given_up(self, rays: Int, points: Int) -> Int:
-        """Landmarks that were seen too seldom at first, and rays not seen for long; they are gone for good."""
+        """Give up landmarks with too few observations at first, and rays without recent ones; return both."""
         management = self._settings.map_management
         if management is None:
             return rays[:0]
@@ -108,7 +107,7 @@ class RayAssociation:
         return gone
 
     def agreed(self, owners: Int, points: Int) -> Int:
-        """Pairs (p, 2) of landmarks that certainly are one, the older first: a point of the last scan, and another.
+        """Return pairs (p, 2) of duplicate landmarks, the older first; one is a point of the last scan.
 
         Args:
             owners: (L,) landmark of each slot.
@@ -127,7 +126,7 @@ class RayAssociation:
         return np.sort(owners[matchings.agreed(management.certainty)], axis=1)
 
     def join(self, kept: int, gone: int) -> None:
-        """Take two landmarks for one."""
+        """Merge two landmarks."""
         self._sights, self._last = self._sights.copy(), self._last.copy()
         self._sights[kept] += self._sights[gone]
         self._last[kept] = np.maximum(self._last[kept], self._last[gone])
@@ -138,7 +137,7 @@ class RayAssociation:
         self._seen = np.where(self._seen == gone, kept, self._seen)
 
     def survivors(self, ids: Int) -> Int:
-        """What has become of ids (n,): joined ones have their survivor's, those that are gone -1."""
+        """Return the present ids of ids (n,): that of the merged landmark, or -1 if deleted."""
         return followed(np.append(self._fate, GONE))[ids]
 
     def _end(self, landmarks: int | Int, fate: int) -> None:
@@ -146,7 +145,7 @@ class RayAssociation:
         self._fate[landmarks] = fate
 
     def _part(self, gone: int) -> set[int]:
-        """The landmarks that were seen as others than `gone`, about which nothing is noted any more."""
+        """Remove `gone` from `_apart`; return the landmarks that one scan observed together with it."""
         others = self._apart.pop(gone) - {gone}
         for each in others:
             self._apart[each].discard(gone)
@@ -162,9 +161,9 @@ class RayAssociation:
         return found
 
     def _jointly(self, pairs: Pairs, covs: Float, owners: Int) -> tuple[Int, Marks]:
-        """Return the landmarks (m,) of bearings with covariances (m, 2, 2), and which have none: they are ambiguous."""
+        """Return the landmarks (m,) of bearings with covariances (m, 2, 2), and whether each bearing is ambiguous."""
         gate, observations = self._settings.gate, len(covs)
-        rarer = chdtrc(1.0, gate)  # probability beyond the gate, 1 degree of freedom
+        rarer = chdtrc(1.0, gate)  # probability of a larger distance, 1 degree of freedom
         quantiles = np.concatenate([[0.0], chdtri(np.arange(1.0, observations + 1), rarer)])
         management = self._settings.map_management
         if management is not None:
@@ -176,11 +175,11 @@ class RayAssociation:
             limits = Limits(gate, management.margin, self._settings.node_limit)
             doubtful = self._matcher.ambiguous(pairs, covs, slots, limits)
             slots[doubtful] = NONE
-        return np.append(owners, NONE)[slots], doubtful  # NONE is the last
+        return np.append(owners, NONE)[slots], doubtful  # index NONE is the last entry
 
 
 def _keep_nearest_members(pairs: Pairs, owners: Int) -> Pairs:
-    """Set the owners of the pairs, and return the nearest pair of each bearing and owner."""
+    """Set the owners of the pairs; return the nearest pair of each bearing and owner."""
     observation, owner, distance = pairs.observation, owners[pairs.slot], pairs.distance
     order = np.lexsort((distance, owner, observation))
     leads = np.diff(observation[order], prepend=NONE) != 0

@@ -23,13 +23,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from slamgauge.arrays import Float, Int
-from slamgauge.ekf.bearings.ray_recorder import RayRecorder
+from slamgauge.ekf.bearings.initialiser import RayRecorder
 from slamgauge.ekf.maps.landmark_ids import Ids
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
 from slamgauge.ekf.maps.map_edits import add_landmarks, remove_landmark
 from slamgauge.ekf.maps.matching import innovations
-from slamgauge.ekf.maps.members import NO_MEMBERS, Members
-from slamgauge.ekf.settings.initialisation import Rays
+from slamgauge.ekf.online_filter import NO_MEMBERS, Members
+from slamgauge.ekf.settings import Rays
 
 MIN_SHARE = 0.05  # members with a smaller share rho are not updated
 SAME = 1.2  # ratio of distances below which the last two members are the same
@@ -141,20 +141,20 @@ class RayInitialiser:
                 self.forget(step, landmark)
             return False
         ray.failures = 0
-        Z = np.where(Z > R, Z, 2.0 * math.pi)  # H = 0 at the robot: every bearing is equally likely
+        Z = np.where(Z > R, Z, 2.0 * math.pi)  # H = 0 for a member at the robot: every bearing is equally likely
         # Lambda_i <- Lambda_i lambda_i / sum, with lambda_i = exp(-nu_i^2 / (2 Z_i)) / sqrt(Z_i)
         ray.log_weights = _normalised(ray.log_weights - squared / 2.0 - np.log(Z) / 2.0)
         return True
 
     def _prune(self, ray: Ray) -> None:
-        """Remove members with Lambda_i < tau / N_g, and of two that are nearly at the same distance the lighter one."""
+        """Remove members with Lambda_i < tau / N_g, and the lighter of two members at nearly the same distance."""
         kept = ray.log_weights >= math.log(self._settings.threshold / ray.first_count)
         if kept.sum() == 2:
             positions = self._map.state.entries(self._map.state.columns_of(ray.members[kept])).reshape(-1, 2)
             near, far = sorted(np.hypot(*(positions - self._map.state.robot[:2]).T))
             if far < SAME * near:
                 kept[:] = False
-        kept[np.argmax(ray.log_weights)] = True  # never the last one
+        kept[np.argmax(ray.log_weights)] = True  # the heaviest member always remains
         self._remove(ray.members[~kept])
         ray.members, ray.numbers = ray.members[kept], ray.numbers[kept]
         ray.log_weights = _normalised(ray.log_weights[kept])

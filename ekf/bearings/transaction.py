@@ -1,4 +1,4 @@
-"""A transaction of bearing-only filters: provisional landmarks are restored with the map."""
+"""A transaction of bearing-only filters: it also restores provisional landmarks."""
 
 from __future__ import annotations
 
@@ -7,22 +7,22 @@ from collections.abc import Generator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
+from slamgauge.ekf.bearings.initialiser import RayRecorder
 from slamgauge.ekf.bearings.inverse_depth import Depth
-from slamgauge.ekf.bearings.ray_recorder import RayRecorder
 from slamgauge.ekf.bearings.rays import Ray
 from slamgauge.ekf.maps.landmark_ids import Ids
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
 from slamgauge.ekf.maps.scan_clock import ScanClock
 from slamgauge.ekf.maps.transaction import transaction
 
-MUTABLE = (Depth, Ids, Ray, RayRecorder, ScanClock)  # objects within parts that change
+MUTABLE = (Depth, Ids, Ray, RayRecorder, ScanClock)  # types of changing objects within parts
 
 
 @contextmanager
 def transaction_with(landmarks: LandmarkMap, *parts: object) -> Generator[None]:
     """Restore the map and the attributes of `parts` if the body of the `with` statement raises.
 
-    Arrays in `parts` are replaced but never changed in place, and so they are not copied.
+    Arrays in `parts` are not copied: filters replace them and never change them in place.
     """
     before = [_copies(vars(part)) for part in parts]
     try:
@@ -39,7 +39,7 @@ def _copies(values: Mapping[Any, object]) -> dict[Any, object]:
 
 
 def _copy(value: object) -> object:
-    """Return a copy of the value that later changes do not reach."""
+    """Return a copy that later changes do not affect."""
     if isinstance(value, dict):
         return _copies(value)
     if isinstance(value, list):

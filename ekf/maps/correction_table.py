@@ -1,6 +1,6 @@
 """Table of the corrections: their names, estimators and kernels.
 
-A new correction needs a row here, its kernel in `kernels.corrections` or `kernels.linearisation`, a callable in
+A new correction needs a rule here, its kernel in `kernels.corrections` or `kernels.linearisation`, a callable in
 `slamgauge.ekf.estimators`, and its entry in the registry of `slamgauge.compare.estimators`.
 """
 
@@ -35,8 +35,8 @@ Update = Callable[[int, Belief, int, Workspace], tuple[float, int]]
 Retract = Callable[[Belief, Float, Deferred], None]
 
 WHOLE_SCAN = sys.maxsize
-BLOCK = 16  # observations that an update processes at a time; see docs/performance.md
-ROWS = 64  # that may be deferred: more save nothing, and applying them takes longer
+BLOCK = 16  # observations per block of an update; see docs/performance.md
+ROWS = 64  # largest number of deferred rows: more save nothing and take longer to apply
 
 
 class Rule(NamedTuple):
@@ -46,14 +46,15 @@ class Rule(NamedTuple):
         update: corrects with a scan.
         retract: moves the state by a given correction (see `kernels.linear_update`).
         first_estimates: whether the belief stores first estimates, for the prediction and for Jacobians.
-        form: of the Jacobians of observations (`Belief.form`).
-        block: observations that the update processes at a time.
+        form: form of the Jacobians of observations (`Belief.form`).
+        block: observations per block of an update.
         deferred_rows: sides and rows of deferred downdates (see `kernels.deferred_downdate`). There must be no rows
             with an update that reads the covariances between landmarks.
-        sequential: how it corrects with one observation after the other; None if it cannot.
+        sequential: how it corrects with one observation after the other; None if this is not possible.
         predict: moves the robot.
         find_slots: finds the landmarks of a scan. `update`, `predict` and `find_slots` are all compiled code of a step
             with known association; `slamgauge bench` replaces them by timed ones.
+        estimator: name of the estimator, for notices.
     """
 
     update: Update
@@ -65,35 +66,26 @@ class Rule(NamedTuple):
     sequential: Sequential | None = None
     predict: Predict = predict
     find_slots: FindSlots = slots.find_slots
+    estimator: str = "the filter"
 
 
-class Row(NamedTuple):
-    """A correction of the table."""
+_STANDARD = Rule(update_standard, deferred_rows=(1, ROWS), sequential=Sequential(), estimator="ekf")
 
-    estimator: str  # its name as an estimator
-    rule: Rule
-
-
-_STANDARD = Rule(update_standard, deferred_rows=(1, ROWS), sequential=Sequential())
-
-TABLE: dict[Correction, Row] = {
-    "standard": Row("ekf", _STANDARD),
-    "first-estimates": Row("fej-ekf", _STANDARD._replace(first_estimates=True)),
-    "observability-constrained": Row("oc-ekf", _STANDARD._replace(first_estimates=True, form=PROJECTED)),
-    "iterated": Row("iekf", Rule(update_iterated, block=WHOLE_SCAN, sequential=Sequential(passes=MAX_PASSES))),
-    "right-invariant": Row(
-        "riekf",
-        Rule(
-            update_right_invariant,
-            retract_right_invariant,
-            deferred_rows=(2, ROWS),
-            sequential=Sequential(invariant=True),
-        ),
+RULES: dict[Correction, Rule] = {
+    "standard": _STANDARD,
+    "first-estimates": _STANDARD._replace(first_estimates=True, estimator="fej-ekf"),
+    "observability-constrained": _STANDARD._replace(first_estimates=True, form=PROJECTED, estimator="oc-ekf"),
+    "iterated": Rule(update_iterated, block=WHOLE_SCAN, sequential=Sequential(passes=MAX_PASSES), estimator="iekf"),
+    "right-invariant": Rule(
+        update_right_invariant,
+        retract_right_invariant,
+        deferred_rows=(2, ROWS),
+        sequential=Sequential(invariant=True),
+        estimator="riekf",
     ),
 }
-assert {*TABLE} == {*get_args(Correction)}
-RULES: dict[str, Rule] = {name: row.rule for name, row in TABLE.items()}
-CORRECTIONS: dict[str, Correction] = {row.estimator: name for name, row in TABLE.items()}
+assert {*RULES} == {*get_args(Correction)}
+CORRECTIONS: dict[str, Correction] = {rule.estimator: name for name, rule in RULES.items()}
 
 
 def rule_of(correction: Correction | Rule) -> Rule:
@@ -104,33 +96,28 @@ def rule_of(correction: Correction | Rule) -> Rule:
     """
     if isinstance(correction, Rule):
         if correction.block < 1:
-            raise UserError(f"correction: a rule with block={correction.block} takes nothing in; give at least 1")
+            raise UserError(f"correction: a rule with block={correction.block} is invalid; give at least 1")
         if correction.update is update_iterated and correction.block != WHOLE_SCAN:
-            raise UserError("correction: the iterated update takes in a whole scan at a time; give block=WHOLE_SCAN")
+            raise UserError("correction: the iterated update needs the whole scan; give block=WHOLE_SCAN")
         return correction
     if not isinstance(cast("object", correction), str):
         raise UserError(
-            f"correction: {correction!r} is not a correction; use one of {', '.join(RULES)}, or a Rule of your own"
+            f"correction: {correction!r} is not a correction; use one of {', '.join(RULES)}, or your own Rule"
         )
     if correction in RULES:
         return RULES[correction]
     if correction in CORRECTIONS:
         remedy = f"the estimator of that name uses {CORRECTIONS[correction]!r}"
     else:
-        remedy = did_you_mean(str(correction), RULES, f"use one of {', '.join(RULES)}, or a Rule of your own")
+        remedy = did_you_mean(str(correction), RULES, f"use one of {', '.join(RULES)}, or your own Rule")
     raise UserError(f"correction: {correction!r} is not known; {remedy}")
-
-
-def estimator_of(rule: Rule) -> str:
-    """Return the name of the estimator with this rule; "the filter" for a rule that is not in the table."""
-    return next((row.estimator for row in TABLE.values() if row.rule == rule), "the filter")
 
 
 def sequential_of(rule: Rule) -> Sequential:
     """Return how the rule corrects with one observation after the other.
 
     Raises:
-        UserError: it cannot.
+        UserError: this is not possible.
     """
     if rule.sequential is None:
         remedy = "give its `sequential` form, or associate by 'jcbb'"

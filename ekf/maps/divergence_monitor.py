@@ -1,22 +1,22 @@
-"""Detects a diverged filter by its innovations, and prints that once, at the step where it shows."""
+"""Notice that a filter has diverged, printed once, at the step whose innovations show it."""
 
 from __future__ import annotations
 
-from slamgauge.ekf.maps.correction_table import Rule, estimator_of
+from slamgauge.ekf.maps.correction_table import Rule
 from slamgauge.notices import tell_once
 
-LOST = 1e4  # NIS over its degrees of freedom: linearisation does not hold where noise is that small
+LOST = 1e4  # NIS divided by its degrees of freedom; noise that is too small for the linearisation gives such values
 
 
 class DivergenceMonitor:
     """Sum of the NIS of a filter's steps.
 
     Args:
-        rule: of the filter.
+        rule: of the filter, with its name.
     """
 
     def __init__(self, rule: Rule) -> None:
-        self._name = estimator_of(rule)
+        self._name = rule.estimator
         self._nis, self._dof = 0.0, 0
 
     def checked(self, result: tuple[float, int]) -> tuple[float, int]:
@@ -25,6 +25,6 @@ class DivergenceMonitor:
         self._nis, self._dof = self._nis + nis, self._dof + dof
         if self._nis > LOST * max(1, self._dof):
             tell_once(
-                f"{self._name} has lost itself: its NIS is {LOST:g} times what noise explains; raise the sensor's noise"
+                f"{self._name} has diverged: its NIS is over {LOST:g} times its degrees of freedom; raise the noise"
             )
         return result

@@ -1,14 +1,13 @@
-"""Which tracks of a scan are landmarks of the map, known by another name: judged for all of the scan jointly.
+"""Joint detection of duplicate landmarks: tracks of a scan that are old landmarks of the map.
 
-A robot that comes back with a position known badly cannot tell from one scan which landmark is which. What it sees
-there begins tracks: a small map of its own, tied to the old one through the robot. A matching says of every track
-which landmark it is, or that it is new. The differences d of k tracks and their landmarks, with covariance C, and
-m - k new ones at `density` give it the weight
+A robot that returns with an uncertain position cannot associate one scan with the old landmarks. Its observations start
+tracks: a separate small map, correlated with the old one through the robot. A matching assigns a landmark to every
+track, or marks it as new. With the differences d of k tracks and their landmarks, their covariance C, and m - k new
+landmarks at `density`, the weight of a matching is
 
     N(d; 0, C) density^(m - k).
 
-As long as the weight is spread over several matchings nothing is decided. What nearly all of it agrees on is joined,
-and until then the robot's pose is the mean over the matchings.
+Pairs in which nearly all of the weight agrees are merged. Until then the robot's pose is the mean over the matchings.
 
 Sources: Reid, "An algorithm for tracking multiple targets", IEEE Transactions on Automatic Control 24(6), 1979, for the
 weights; Tardos, Neira, Newman and Leonard, "Robust mapping and localization in indoor environments using sonar data",
@@ -29,36 +28,36 @@ from slamgauge.ekf.maps.landmark_map import LandmarkMap
 from slamgauge.ekf.maps.map_edits import robot_if_merged
 from slamgauge.se2 import wrap
 
-MOST_TRACKS = 12  # of a scan that are matched at a time, those first that were seen most
-MOST_MATCHINGS = 64  # that are followed from track to track, the heaviest
-NEGLIGIBLE = 1e-3  # weight of a matching that the robot's pose does without
-ROUNDING = 1e-9  # of a variance
+MOST_TRACKS = 12  # tracks of a scan that are matched: those with the most observations
+MOST_MATCHINGS = 64  # heaviest matchings that are extended by the next track
+NEGLIGIBLE = 1e-3  # weight of a matching that the robot's pose ignores
+ROUNDING = 1e-9  # relative rounding error of a variance
 
 
 class Matchings(NamedTuple):
     """Matchings of tracks with landmarks, heaviest first."""
 
-    pairs: Int  # (p, 2) slots of a track and of a landmark that it may be
-    chosen: Int  # (h, m) for each matching and track the pair, or NONE
-    weight: Float  # (h,) adding up to one
+    pairs: Int  # (p, 2) slots of a track and of its possible landmark
+    chosen: Int  # (h, m) row of `pairs` for each matching and track, or NONE
+    weight: Float  # (h,) with sum 1
 
     def agreed(self, certainty: float) -> Int:
-        """Pairs (k, 2) of the heaviest matching that matchings of at least that weight have in common."""
+        """Return the pairs (k, 2) of the heaviest matching on which at least the weight `certainty` agrees."""
         best = self.chosen[0][self.chosen[0] != NONE]
         shares = [self.weight[(self.chosen == each).any(axis=1)].sum() for each in best]
         return self.pairs[best[np.array(shares) >= certainty]]
 
 
 def find_matchings(landmarks: LandmarkMap, pairs: Int, sights: Int, density: float) -> Matchings:
-    """The likeliest matchings, if `pairs` (p, 2) of the slots of a track and a landmark are possible.
+    """Return the likeliest matchings from the possible `pairs` (p, 2) of slots of a track and a landmark.
 
-    None is matched where rounding hides the covariance of their differences.
+    No track is matched if the covariance of the differences is singular by rounding.
 
     Args:
         landmarks: the map.
-        pairs: p >= 1 of them; no slot is that of a track in one and of a landmark in another.
-        sights: (L,) of each slot.
-        density: of landmarks that are new [1/m^2].
+        pairs: at least one; a slot is either a track or a landmark in all of them.
+        sights: (L,) number of observations of each slot.
+        density: density of new landmarks [1/m^2].
     """
     tracks = np.unique(pairs[:, 0])
     tracks = tracks[np.argsort(-sights[tracks], kind="stable")][:MOST_TRACKS]
@@ -78,7 +77,7 @@ def find_matchings(landmarks: LandmarkMap, pairs: Int, sights: Int, density: flo
 
 
 def robot_of(landmarks: LandmarkMap, matchings: Matchings) -> tuple[Float, Float]:
-    """Pose (3,) and covariance (3, 3) of the robot: mean and covariance over the matchings."""
+    """Return pose (3,) and covariance (3, 3) of the robot: mean and covariance over the matchings."""
     heavy = matchings.weight >= min(NEGLIGIBLE, float(matchings.weight[0]))
     share = matchings.weight[heavy] / matchings.weight[heavy].sum()
     robots = [robot_if_merged(landmarks, matchings.pairs[each[each != NONE]]) for each in matchings.chosen[heavy]]
@@ -93,7 +92,7 @@ def robot_of(landmarks: LandmarkMap, matchings: Matchings) -> tuple[Float, Float
 
 
 def _differences(landmarks: LandmarkMap, pairs: Int) -> tuple[Float, Float]:
-    """Track minus landmark (2p,) [m] of all pairs, and the covariance (2p, 2p)."""
+    """Return track minus landmark (2p,) [m] of all pairs, and the covariance (2p, 2p)."""
     slots, places = np.unique(pairs, return_inverse=True)
     track, landmark = places.reshape(-1, 2).T
     columns = (3 + 2 * slots[:, None] + [0, 1]).ravel()
@@ -106,7 +105,7 @@ def _differences(landmarks: LandmarkMap, pairs: Int) -> tuple[Float, Float]:
 
 
 def _extended(chosen: Int, pair: int, landmark: Int) -> Int:
-    """Matchings (h, m) with that pair, or NONE, as choice of one track more, where its landmark (of all p) is free."""
+    """Return matchings (h, m) extended by a track with `pair`, or NONE, if no other track has the landmark (p,)."""
     free: Marks = np.ones(len(chosen), dtype=np.bool_)
     if pair != NONE:
         free = ((chosen == NONE) | (landmark[chosen] != landmark[pair])).all(axis=1)
@@ -114,7 +113,7 @@ def _extended(chosen: Int, pair: int, landmark: Int) -> Int:
 
 
 def _log_weights(chosen: Int, difference: Float, cov: Float, density: float) -> Float:
-    """Logarithms (h,) of the weights of matchings (h, m); the differences of new tracks are 0 with variance 1."""
+    """Return logarithms (h,) of the weights of matchings (h, m); new tracks have difference 0 with variance 1."""
     matchings, tracks = chosen.shape
     matched = np.repeat(chosen != NONE, 2, axis=1)
     rows = (2 * chosen[:, :, None] + [0, 1]).reshape(matchings, 2 * tracks)

@@ -1,7 +1,7 @@
-"""What online filters refuse at their boundary, in one line: what, where, remedy.
+"""Checks of the online filters' input; an error text is one line with place, value and remedy.
 
 At every step this module checks types and shapes only. Kernels check the numbers (`joint_update.are_sound`,
-`prediction.predict`), and change nothing when they refuse them. The reason is determined afterwards.
+`prediction.predict`), and change nothing if they refuse them. Functions of this module then find the reason.
 """
 
 from __future__ import annotations
@@ -15,32 +15,31 @@ from numpy.typing import ArrayLike, NDArray
 from slamgauge.arrays import Float, Int, chunks
 from slamgauge.covariances import scale_of, without_negative_eigenvalues
 from slamgauge.ekf.kernels.rounding_limits import EXHAUSTED, LARGEST, NO_MINIMUM
-from slamgauge.ekf.settings.association import Association
-from slamgauge.ekf.settings.robustness import Robustness
-from slamgauge.ekf.settings.validation import is_number, require
+from slamgauge.ekf.setting_rules import is_number, require
+from slamgauge.ekf.settings import Association, Robustness
 from slamgauge.errors import UserError
 from slamgauge.recording import Observations
 from slamgauge.sensors import SENSORS
 from slamgauge.validation import REAL, as_covariances, as_floats, as_ints, as_numbers, require_rows
 
-DIVERGED = "every value is sound, so the filter has diverged; raise its noise, or start it anew"
+DIVERGED = "every value is valid, so the filter has diverged; raise its noise, or start a new filter"
 TOO_FAR_APART = (
-    "its standard deviations and those of the filter lie so far apart that double precision does not hold both; "
+    "its standard deviations and those of the filter are too far apart for double precision; "
     "raise the smallest, or lower the largest"
 )
-TOO_LARGE = f"nothing is measured in numbers beyond {LARGEST:g}"
-ENDLESS = "the iterated update comes to no minimum; use another filter, or raise the noise"
+TOO_LARGE = f"a number must be below {LARGEST:g}"
+ENDLESS = "the iterated update does not converge; use another filter, or raise the noise"
 WHY = {EXHAUSTED: TOO_FAR_APART, NO_MINIMUM: ENDLESS}
-ROUNDING = 1e-3  # of a correlation, in what is left of a variance; see `kernels.rounding_limits`
-JUDGED = 1e-9  # of a correlation; what `slamgauge.validation` lets pass
+ROUNDING = 1e-3  # largest rounding error of a correlation after a subtraction; see `kernels.rounding_limits`
+TOLERATED = 1e-9  # negative eigenvalue of a correlation that `slamgauge.validation` accepts
 INCREMENT = "give an increment (dx, dy, dtheta) of the body frame in m, m, rad"
 
 
 def start_of(prior_mean: ArrayLike, prior_cov: ArrayLike) -> tuple[Float, Float, Float]:
-    """Where a filter starts (2,) [m] in the world, its pose (3,) relative to that place, and the covariance (3, 3).
+    """Return the start position (2,) [m], the pose (3,) relative to it, and the covariance (3, 3).
 
     Raises:
-        UserError: they are not a pose and a covariance.
+        UserError: an invalid pose or covariance.
     """
     mean = as_floats("prior_mean", prior_mean, (3,))
     return mean[:2].copy(), np.array([0.0, 0.0, mean[2]]), as_covariances("prior_cov", prior_cov, (3, 3))
@@ -53,7 +52,7 @@ def require_sensor(sensor: str, known: tuple[str, ...]) -> None:
 
 
 def require_room(landmarks: int) -> int:
-    """How many landmarks to make room for, if that is a number of landmarks."""
+    """Return a number of landmarks as an int; refuse anything else."""
     try:
         count = operator.index(landmarks)
     except TypeError:
@@ -64,21 +63,21 @@ def require_room(landmarks: int) -> int:
 
 
 def require_radius(area_radius: float) -> None:
-    """Refuse a radius that is no distance."""
+    """Refuse a radius that is not a positive number."""
     if not (is_number(area_radius) and area_radius > 0.0):
         raise UserError(f"area_radius: {area_radius!r} m is not a distance; choose it above 0")
 
 
 def require_gate(gate: float | None) -> None:
-    """Refuse a gate that `Association` would refuse; None is no gate."""
+    """Refuse a gate that `Association` refuses; None is allowed."""
     if gate is not None:
         require(Association, "gate", gate)
 
 
 def require_robustness(robust: Robustness) -> Robustness:
-    """Refuse what is no such setting."""
+    """Return the setting; refuse other types."""
     if not isinstance(cast("object", robust), Robustness):
-        raise UserError(f"robust: {robust!r} is not one; give Robustness('gate'), or leave it out")
+        raise UserError(f"robust: {robust!r} is not a Robustness; give Robustness('gate')")
     return robust
 
 
@@ -86,7 +85,7 @@ def load_increment(increment: ArrayLike, cov: ArrayLike, to: Float, cov_to: Floa
     """Copy an increment and its covariance into arrays (3,) and (3, 3).
 
     Raises:
-        UserError: they have other shapes, or are no real numbers.
+        UserError: wrong shapes, or not real numbers.
     """
     if (
         isinstance(increment, np.ndarray)
@@ -95,7 +94,7 @@ def load_increment(increment: ArrayLike, cov: ArrayLike, to: Float, cov_to: Floa
         and isinstance(cov, np.ndarray)
         and cov.shape == (3, 3)
         and cov.dtype.kind in REAL
-    ):  # the way of almost every step
+    ):  # almost every step
         to[:] = increment
         cov_to[:] = cov
         return
@@ -112,7 +111,7 @@ def load_increment(increment: ArrayLike, cov: ArrayLike, to: Float, cov_to: Floa
 
 
 def explain_increment(increment: Float, cov: Float) -> UserError:
-    """Why the kernel has refused an increment (3,) with covariance (3, 3)."""
+    """Return the error for an increment (3,) with covariance (3, 3) that the kernel refused."""
     try:
         as_floats("increment", increment[None], (1, 3))
         as_covariances("increment_cov", cov[None], (1, 3, 3))
@@ -120,14 +119,14 @@ def explain_increment(increment: Float, cov: Float) -> UserError:
         require_rows("increment", [believable], increment[None], f"{TOO_LARGE}; correct it or its covariance")
     except UserError as error:
         return UserError(str(error).replace("[0] =", " ="))
-    return UserError(f"increment_cov: {cov.tolist()} is no covariance; use (P + P.T) / 2, or raise its variances")
+    return UserError(f"increment_cov: {cov.tolist()} is not a covariance; use (P + P.T) / 2, or raise its variances")
 
 
 def ids_of(observations: Observations, count: int) -> Int:
-    """Ids (m,) of `count` observations that `rows_of` has taken.
+    """Return the ids (m,) of `count` observations.
 
     Raises:
-        UserError: they have none, these are no whole numbers, or there are more or fewer.
+        UserError: no ids, ids that are not whole numbers, or another number of ids.
     """
     ids = observations.landmark
     if ids is None:
@@ -140,10 +139,10 @@ def ids_of(observations: Observations, count: int) -> Int:
 
 
 def rows_of(observations: Observations, dim: int) -> tuple[NDArray[np.generic], NDArray[np.generic]]:
-    """Values (m, dim) and covariances (m, dim, dim) of the observations; empty lists are no observations.
+    """Return values (m, dim) and covariances (m, dim, dim) of the observations, which may be empty lists.
 
     Raises:
-        UserError: they have other shapes, or are no real numbers.
+        UserError: wrong shapes, or not real numbers.
     """
     try:
         values, covs = observations.value, observations.cov
@@ -159,13 +158,13 @@ def rows_of(observations: Observations, dim: int) -> tuple[NDArray[np.generic], 
         and covs.dtype.kind in REAL
         and values.shape[1:] == (dim,)
         and covs.shape == (len(values), dim, dim)
-    ):  # the way of almost every step
+    ):  # almost every step
         return values, covs
     return _rows_of_anything(values, covs, dim)
 
 
 def _rows_of_anything(values: ArrayLike, covs: ArrayLike, dim: int) -> tuple[Float, Float]:
-    """What `rows_of` gives, of lists and other things that numpy can make arrays of."""
+    """Return the result of `rows_of` for lists and other objects that numpy converts."""
     given = as_numbers("observation", values, f"give shape (any, {dim})")
     if given.shape == (0,):
         given = given.reshape(0, dim)
@@ -182,15 +181,15 @@ def _rows_of_anything(values: ArrayLike, covs: ArrayLike, dim: int) -> tuple[Flo
 
 
 def explain_scan(sensor: str, values: ArrayLike, covs: ArrayLike, nis: float, variances: Float) -> UserError:
-    """Why a kernel has refused observations (m, d) with covariances (m, d, d).
+    """Return the error for observations (m, d) with covariances (m, d, d) that a kernel refused.
 
     Args:
         sensor: see `Recording`.
         values: the observations.
         covs: their covariances.
-        nis: what the kernel has returned.
-        variances: (n,) of the filter. Where these are sound, an innovation covariance that is not positive definite is
-            so by rounding.
+        nis: NIS that the kernel returned.
+        variances: (n,) variances of the filter. If they are valid, rounding is the reason for an innovation covariance
+            that is not positive definite.
     """
     try:
         require_sound(sensor, values, covs)
@@ -200,20 +199,20 @@ def explain_scan(sensor: str, values: ArrayLike, covs: ArrayLike, nis: float, va
 
 
 def why_not(nis: float, variances: Float) -> str:
-    """Why there is no update, if all that was given is sound; arguments as those of `explain_scan`."""
+    """Return why no update exists although all input is valid; arguments as in `explain_scan`."""
     if nis in WHY:
         return WHY[nis]
     return TOO_FAR_APART if np.isfinite(variances).all() and (variances >= 0.0).all() else DIVERGED
 
 
 def without_rounding(name: str, covs: Float) -> Float:
-    """Covariances (n, d, d) without the negative eigenvalues that rounding leaves where they are singular.
+    """Return covariances (n, d, d) without negative eigenvalues of their correlations from rounding.
 
-    A filter subtracts from covariances, and what that leaves is exact to the rounding of what there was. Eigenvalues
-    are those of correlations, as in `slamgauge.validation`, which takes the smallest of them as they are.
+    A filter subtracts from covariances, and the rounding error of the result is relative to the covariance before. The
+    tolerance of `slamgauge.validation` applies.
 
     Raises:
-        UserError: they are more than rounding can be: precision is exhausted.
+        UserError: negative eigenvalues beyond rounding: double precision is not sufficient.
     """
     mended = covs
     for rows in chunks(len(covs)):
@@ -225,7 +224,7 @@ def without_rounding(name: str, covs: Float) -> Float:
 
 
 def _singular(name: str, covs: Float, first: int) -> Int:
-    """Which of the covariances (n, d, d), the first of them row `first` of all, have a negative eigenvalue."""
+    """Return the rows of covariances (n, d, d) with a negative eigenvalue; errors count rows from `first`."""
     variances = np.diagonal(covs, axis1=1, axis2=2)
     with np.errstate(invalid="ignore", over="ignore"):
         correlations = covs / scale_of(covs)
@@ -235,11 +234,11 @@ def _singular(name: str, covs: Float, first: int) -> Int:
     largest = variances.max(axis=1, initial=0.0)
     rounding = (smallest >= -ROUNDING) & (variances >= -ROUNDING * largest[:, None]).all(axis=1)
     require_rows(name, rounding, covs, TOO_FAR_APART, first)
-    return np.flatnonzero(smallest < -JUDGED)
+    return np.flatnonzero(smallest < -TOLERATED)
 
 
 def require_sound(sensor: str, values: ArrayLike, covs: ArrayLike) -> None:
-    """Refuse observations (m, d) that a `Recording` would refuse, with its words."""
+    """Refuse observations (m, d) that `Recording` refuses, with the same texts."""
     dim = SENSORS[sensor].dim
     values = as_floats("observation", values, (None, dim))
     if SENSORS[sensor].has_range:
@@ -251,5 +250,5 @@ def require_sound(sensor: str, values: ArrayLike, covs: ArrayLike) -> None:
 
 
 def require_ids(ids: Int) -> None:
-    """Refuse ids of new landmarks that no `Recording` may have."""
+    """Refuse negative ids of new landmarks."""
     require_rows("landmark", ids >= 0, ids, "an id must be >= 0; use landmark=None for unknown association")

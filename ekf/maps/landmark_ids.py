@@ -1,4 +1,4 @@
-"""Ids that are given once, and what becomes of them."""
+"""Ids of landmarks: new ones, merged ones, and those of a scan."""
 
 from __future__ import annotations
 
@@ -10,27 +10,27 @@ GONE = -1
 
 
 class Ids:
-    """Allots 0, 1, 2, ...; none is ever given again."""
+    """Source of the ids 0, 1, 2, ...; each is used once."""
 
     def __init__(self) -> None:
         self.given = 0
 
     def take(self, count: int) -> Int:
-        """The next `count` ids."""
+        """Return the next `count` ids."""
         first = self.given
         self.given += count
         return np.arange(first, self.given)
 
 
 def followed(fate: Int) -> Int:
-    """What becomes of each id in the end, if `fate` is what becomes of it next; of GONE, the last, GONE."""
+    """Return the final successor of each id from the next one, `fate`; the last entry is that of GONE."""
     while ((further := fate[fate]) != fate).any():
         fate = further
     return fate
 
 
 def of_scan(ids: Int, known: Int) -> tuple[Marks, Marks, Marks]:
-    """Which observations of a scan (m,) are of known landmarks, map a new one, or see a new one again."""
+    """Return which observations (m,) of a scan are of known landmarks, first of new ones, and further of new ones."""
     mapped = np.isin(ids, known)
     first = np.zeros(len(ids), dtype=np.bool_)
     first[np.unique(ids, return_index=True)[1]] = True

@@ -1,4 +1,4 @@
-"""Changes of a map without observations of mapped landmarks: adding, removing and merging landmarks."""
+"""Adding, removing and merging landmarks of a map."""
 
 from __future__ import annotations
 
@@ -14,19 +14,18 @@ from slamgauge.ekf.kernels.belief import ROBOT, Belief
 from slamgauge.ekf.kernels.deferred_downdate import allocate_deferred
 from slamgauge.ekf.kernels.linear_update import append_linear
 from slamgauge.ekf.maps.input_checks import DIVERGED
-from slamgauge.ekf.maps.landmark_map import LandmarkMap
-from slamgauge.ekf.maps.map_correction import two_rows
+from slamgauge.ekf.maps.landmark_map import LandmarkMap, two_rows
 from slamgauge.errors import UserError
 
 
 class NewEntries(NamedTuple):
-    """State entries J x + noise to append, where x are entries of the state; two for each new landmark."""
+    """New state entries, two for each landmark: a linear function J x + noise of entries x of the state."""
 
     values: Float  # (2m,) positions relative to `MapState.origin`
     columns: Int  # (c,) entries x
     jacobian: Float  # (2m, c) J
     noise_cov: Float  # (2m, 2m)
-    points: Sequence[bool]  # (m,) which are positions in the plane (see `kernels.corrections`: these turn with the map)
+    points: Sequence[bool]  # (m,) whether they are positions, which rotate with the map (see `kernels.corrections`)
 
 
 def replace_map(landmarks: LandmarkMap, ids: Int, positions: Float, cov: Float) -> None:
@@ -51,10 +50,10 @@ def replace_map(landmarks: LandmarkMap, ids: Int, positions: Float, cov: Float) 
 def add_landmarks(landmarks: LandmarkMap, ids: Int, values: Float, covs: Float) -> None:
     """Map new landmarks (m,) at their first observations (m, 2), with covariances (m, 2, 2).
 
-    For a bearing-only sensor the observations are ranges and bearings, with ranges that the caller chooses.
+    For a bearing-only sensor the observations are ranges and bearings; the caller chooses the ranges.
 
     Raises:
-        UserError: their positions or covariances are not finite; nothing has changed.
+        UserError: positions or covariances that are not finite; nothing has changed.
     """
     state = landmarks.state
     first, last = state.size, state.size + 2 * len(ids)
@@ -63,7 +62,7 @@ def add_landmarks(landmarks: LandmarkMap, ids: Int, values: Float, covs: Float) 
     augment(landmarks.correction.code, belief, *two_rows(values, covs))
     added = (belief.state[first:last], np.diagonal(belief.cov)[first:last])
     if not all(np.isfinite(each).all() for each in added):
-        raise UserError(f"observation: no finite landmarks follow from this scan; {DIVERGED}")
+        raise UserError(f"observation: the landmarks of this scan are not finite; {DIVERGED}")
     state.resize(last)
     state.set_ids(np.concatenate([state.ids, ids]))
 
@@ -106,7 +105,7 @@ def find_duplicates(landmarks: LandmarkMap, slots: Int, apart: Marks, gate: floa
 
 
 def robot_if_merged(landmarks: LandmarkMap, pairs: Int) -> tuple[Float, Float]:
-    """Return the pose (3,) and its covariance (3, 3) that merging pairs of slots (p, 2) would give."""
+    """Return the pose (3,) and its covariance (3, 3) after merging pairs of slots (p, 2), without a change."""
     state, belief = landmarks.state, landmarks.state.belief
     slots, places = np.unique(pairs, return_inverse=True)
     columns = np.concatenate([np.arange(ROBOT), (ROBOT + 2 * slots[:, None] + [0, 1]).ravel()])

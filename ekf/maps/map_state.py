@@ -26,13 +26,13 @@ class MapState:
     Args:
         prior_mean: (3,) start pose.
         prior_cov: (3, 3) its covariance; zero is legal.
-        rule: of the filter.
-        landmarks: initial room; the state grows beyond that by itself.
+        rule: kernels of a step.
+        landmarks: initial capacity; the state grows as needed.
 
     Attributes:
         origin: (2,) origin of the belief's positions [m] in the world frame.
-        belief_with_deferred: the belief, for callers that read no covariances between landmarks; downdates of these
-            may be deferred (see `kernels.deferred_downdate`).
+        belief_with_deferred: the belief for callers that do not read covariances between landmarks; some downdates of
+            these covariances may be deferred (see `kernels.deferred_downdate`).
         deferred: the deferred downdates.
         ids: (L,) landmarks in the order of slots.
         sorted_ids: (L,) the same, sorted.
@@ -71,7 +71,7 @@ class MapState:
 
     @property
     def capacity(self) -> int:
-        """Number of state entries that there is room for."""
+        """Number of state entries that the arrays can store."""
         return len(self.belief_with_deferred.state)
 
     @property
@@ -133,7 +133,7 @@ class MapState:
 
     def set_ids(self, ids: Int) -> None:
         """Set the ids (L,) in the order of slots."""
-        self.ids: Int = np.ascontiguousarray(ids, dtype=np.int64)  # the type that `find_slots` is compiled for
+        self.ids: Int = np.ascontiguousarray(ids, dtype=np.int64)  # `find_slots` is compiled for this type
         self.sorted_slots: Int = np.argsort(self.ids)
         self.sorted_ids: Int = self.ids[self.sorted_slots]
 
@@ -142,7 +142,7 @@ class MapState:
         self.belief_with_deferred = self.belief_with_deferred._replace(size=size)
 
     def reserve(self, size: int) -> None:
-        """Make room for `size` entries.
+        """Enlarge the arrays to `size` entries if necessary.
 
         Raises:
             UserError: there is not enough memory; nothing has changed.

@@ -1,4 +1,4 @@
-"""Landmarks of a map that the observations of a scan may be of."""
+"""Association of a scan with the landmarks of a map."""
 
 from __future__ import annotations
 
@@ -20,8 +20,7 @@ from slamgauge.ekf.kernels.warm_up import compile_association_once
 from slamgauge.ekf.maps.correction_table import sequential_of
 from slamgauge.ekf.maps.input_checks import explain_scan
 from slamgauge.ekf.maps.landmark_ids import Ids
-from slamgauge.ekf.maps.landmark_map import LandmarkMap
-from slamgauge.ekf.maps.map_correction import two_rows
+from slamgauge.ekf.maps.landmark_map import LandmarkMap, two_rows
 from slamgauge.ekf.maps.transaction import is_addition_certain, transaction
 
 
@@ -84,13 +83,13 @@ def update_nearest(
         Slots (m,), -1 for none; the NIS and its degrees of freedom.
 
     Raises:
-        UserError: the rule has no such form, or no update exists.
+        UserError: the rule has no sequential form, or no update exists.
     """
     state, correction = landmarks.state, landmarks.correction
     form, count, before = sequential_of(correction.rule), len(values), state.size
     state.reserve(before + 2 * count)
     work = correction.loaded(values, covs)
-    is_one_block = count <= correction.rule.block  # P then changes at the end only
+    is_one_block = count <= correction.rule.block  # P changes at the end only
     certain = is_one_block and is_addition_certain(landmarks)
     with transaction(landmarks, covariance=not certain):
         update = update_sequentially(correction.code, state.belief, count, gates, form, work)

@@ -1,4 +1,4 @@
-"""What is lately seen, by scans and by the steps that they take."""
+"""Recent observations, counted in scans and steps."""
 
 from __future__ import annotations
 
@@ -15,23 +15,22 @@ class ScanClock:
 
     @property
     def now(self) -> tuple[int, int]:
-        """The present scan and step."""
+        """Present scan and step."""
         return self.scan, self._step
 
     def open_step(self) -> None:
-        """The robot moves on."""
+        """Start a step."""
         self._step += self.scan > 0
 
     def close_scan(self) -> None:
-        """All that the present step has seen is noted."""
+        """End the scan of the present step."""
         self.scan += 1
         self._step_of_scan = self._step
 
     def are_recent(self, last: Int, scans: int) -> Marks:
-        """Whether scans and steps (n, 2) are among the last scans, and lie no further back than so many take.
+        """Return whether scans and steps (n, 2) are in the last `scans` scans, at their mean duration.
 
-        How long they take is the mean over all scans so far: where the robot has seen nothing for long, the last scans
-        are none to go by.
+        The limit on steps excludes old scans after a long time without observations.
         """
         ago_scans, ago_steps = (np.array(self.now) - last).T
         return (ago_scans <= scans) & (ago_steps * (self.scan - 1) <= scans * self._step_of_scan)

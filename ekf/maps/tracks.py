@@ -1,6 +1,6 @@
-"""Which tracks are landmarks: probation of new ones, deletion of those that fail, joining of duplicates.
+"""Tracks, the candidates of landmarks without ids: probation, deletion, merging of duplicates.
 
-A track is what observations without ids are associated with. Its id is its number, 0, 1, 2, ... in the order of birth.
+The id of a track is its number, 0, 1, 2, ... in the order of birth.
 """
 
 from __future__ import annotations
@@ -13,19 +13,19 @@ from slamgauge.ekf.maps.landmark_ids import GONE, Ids, followed
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
 from slamgauge.ekf.maps.map_edits import find_duplicates, merge_landmarks, remove_landmark
 from slamgauge.ekf.maps.scan_clock import ScanClock
-from slamgauge.ekf.settings.association import MapManagement
+from slamgauge.ekf.settings import MapManagement
 
 
 class Tracks:
-    """The tracks of a map, in the order of its slots; without `management` all are landmarks at once.
+    """The tracks of a map, in the order of its slots; without `management` every track is a landmark.
 
     Args:
         landmarks: the map.
-        management: the rules.
+        management: probation and merging; None for none.
 
     Attributes:
-        clock: of the scans.
-        matchings: what the tracks of the last scan may be of the map's landmarks; None if they are none of them.
+        clock: count of scans and steps.
+        matchings: possible matchings of the last scan's tracks with landmarks; None without possible pairs.
     """
 
     def __init__(self, landmarks: LandmarkMap, management: MapManagement | None) -> None:
@@ -33,16 +33,16 @@ class Tracks:
         self._management = management
         self.new_ids = Ids()
         self.matchings: Matchings | None = None
-        self._sights: Int = np.zeros(0, dtype=np.int64)  # of each slot
+        self._sights: Int = np.zeros(0, dtype=np.int64)  # observations of each slot
         self._birth: Int = self._sights  # scan
-        self._last: Int = np.zeros((0, 2), dtype=np.int64)  # scan and step that saw it last
-        self._apart = np.zeros((0, 0), dtype=bool)  # pairs that one scan has seen as two
+        self._last: Int = np.zeros((0, 2), dtype=np.int64)  # scan and step of the last observation
+        self._apart = np.zeros((0, 0), dtype=bool)  # pairs that one scan has observed together
         self.clock = ScanClock()
-        self._fate: Int = self._sights  # of each id ever given: itself, the id that it was merged into, or GONE
+        self._fate: Int = self._sights  # for each id ever given: itself, the id that it was merged into, or GONE
 
     @property
     def ids(self) -> Int:
-        """(L,) of the track in each slot."""
+        """(L,) id of the track in each slot."""
         return self._map.state.ids
 
     @property
@@ -52,12 +52,12 @@ class Tracks:
 
     @property
     def recent(self) -> Marks:
-        """(L,) whether the track in each slot was seen as lately as probation takes."""
+        """(L,) whether the track in each slot was observed within the last `probation` scans."""
         assert self._management is not None
         return self.clock.are_recent(self._last, self._management.probation)
 
     def close_scan(self, associated: Int) -> None:
-        """Note the tracks of a scan, the new ones among them; then delete and join in the map what the rules say."""
+        """Store the tracks of a scan, known and new; then delete failed tracks and merge duplicates."""
         self._begin()
         slots = np.flatnonzero(np.isin(self.ids, associated))
         self._sights[slots] += 1
@@ -67,13 +67,13 @@ class Tracks:
             return
         self._apart[np.ix_(slots, slots)] = True
         overdue = (self.clock.scan - self._birth >= self._management.probation) & ~self.confirmed
-        for slot in np.flatnonzero(overdue)[::-1].tolist():  # from the end: removal moves the last
+        for slot in np.flatnonzero(overdue)[::-1].tolist():  # from the end: removal moves the last slot
             self._end(slot, GONE)
             remove_landmark(self._map, slot)
         self._join(associated, self._management)
 
     def _begin(self) -> None:
-        """Note the tracks that the map has been given since the last scan."""
+        """Store the tracks that were added to the map since the last scan."""
         born = np.arange(len(self._fate), self.new_ids.given)
         self._fate = np.concatenate([self._fate, born])
         self._sights = np.concatenate([self._sights, np.zeros(len(born), dtype=np.int64)])
@@ -83,16 +83,16 @@ class Tracks:
             self._apart = np.pad(self._apart, (0, len(born)))
 
     def standing(self, ids: Int) -> Int:
-        """What has become of ids given earlier: the survivor's id, GONE if deleted or not confirmed."""
+        """Return the present ids of earlier ids: that of the merged track, or GONE if deleted or unconfirmed."""
         fate = np.append(self._fate, GONE)  # fate[GONE] is GONE
         fate[self.ids[~self.confirmed]] = GONE
         return followed(fate)[ids]
 
     def _join(self, associated: Int, management: MapManagement) -> None:
-        """Join the landmarks that the scan has seen with those that they certainly are; the older id survives."""
+        """Merge the scan's landmarks with their certain duplicates; the older id remains."""
         while True:
             seen = np.isin(self.ids, followed(np.append(self._fate, GONE))[associated])
-            # tracks on probation are no landmarks to join with, nor are two of the scan one
+            # not with tracks on probation, and not two tracks of the scan
             apart = self._apart[seen] | ~self.confirmed | seen
             pairs = find_duplicates(self._map, np.flatnonzero(seen), apart, management.merge_gate)
             if not len(pairs):
@@ -106,7 +106,7 @@ class Tracks:
                 self._merge(*(int(np.flatnonzero(self.ids == name)[0]) for name in sorted(names)))
 
     def _merge(self, kept: int, gone: int) -> None:
-        """Take two slots for one landmark."""
+        """Merge the landmarks in two slots."""
         self._sights[kept] += self._sights[gone]
         self._last[kept] = np.maximum(self._last[kept], self._last[gone])
         self._apart[kept] |= self._apart[gone]
@@ -115,7 +115,7 @@ class Tracks:
         merge_landmarks(self._map, kept, gone)
 
     def _end(self, slot: int, fate: int) -> None:
-        """The track in `slot` ends; the last one takes its slot, as in `map_edits.remove_landmark`."""
+        """End the track in `slot`; the last one moves into its slot, as in `map_edits.remove_landmark`."""
         self._fate[self.ids[slot]] = fate
         for array in (self._sights, self._birth, self._last):
             array[slot] = array[-1]

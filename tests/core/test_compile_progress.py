@@ -1,4 +1,4 @@
-"""What is said while kernels are loaded or compiled."""
+"""Progress lines while kernels are loaded or compiled."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Terminal(io.StringIO):
 
 
 def told(monkeypatch: pytest.MonkeyPatch, *compiled: bool, terminal: bool = False) -> str:
-    """What is said of these kernels, each of which takes long."""
+    """Return the output for these kernels; each takes long."""
     stream = Terminal(terminal=terminal)
     monkeypatch.setattr(compile_progress, "ANNOUNCE_AFTER", 1e-3)
     monkeypatch.setattr(sys, "stderr", stream)
@@ -43,16 +43,16 @@ def told(monkeypatch: pytest.MonkeyPatch, *compiled: bool, terminal: bool = Fals
     return stream.getvalue()
 
 
-def test_what_is_compiled_is_said_to_be(monkeypatch: pytest.MonkeyPatch):
+def test_compilation_is_reported(monkeypatch: pytest.MonkeyPatch):
     line = "slamgauge: compiling filter kernels (once per installation) ...\n"
     assert told(monkeypatch, True) == line
 
 
-def test_what_is_loaded_is_said_to_be(monkeypatch: pytest.MonkeyPatch):
+def test_loading_is_reported(monkeypatch: pytest.MonkeyPatch):
     assert told(monkeypatch, False) == "slamgauge: loading filter kernels from disk ...\n"
 
 
-def test_lines_have_room(monkeypatch: pytest.MonkeyPatch):
+def test_lines_fit_a_terminal(monkeypatch: pytest.MonkeyPatch):
     sources = [path.read_text() for folder in ("ekf", "graph_baseline") for path in (ROOT / folder).rglob("*.py")]
     names = [name for source in sources for name in re.findall(r'announced\("(.*)"\)', source)]
     for terminal, more in ((False, 0), (True, len("999" * 2) - len("1" + "0"))):
@@ -71,13 +71,13 @@ def test_one_line_outside_terminals(monkeypatch: pytest.MonkeyPatch):
     assert stream.getvalue().count("\n") == 1
 
 
-def test_a_terminal_is_shown_how_many_there_were(monkeypatch: pytest.MonkeyPatch):
+def test_a_terminal_shows_the_count(monkeypatch: pytest.MonkeyPatch):
     text = told(monkeypatch, True, True, True, terminal=True)
     assert "\rslamgauge: compiling filter kernels (once) ... 1 so far, 0 s" in text
     assert text.endswith(" s\n")
 
 
-def test_nothing_is_said_of_what_is_quick(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+def test_nothing_is_printed_for_quick_work(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
     monkeypatch.setattr(compile_progress, "ANNOUNCE_AFTER", 60.0)
     with compile_progress.announced("filter kernels"):
         compile_progress.note(compiled=True)

@@ -1,4 +1,4 @@
-"""Covariances mended as correlations, whatever the units."""
+"""Repair of covariances as correlations, in any units."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ import numpy as np
 from slamgauge.covariances import without_negative_eigenvalues
 
 
-def test_rounding_of_a_singular_covariance_is_taken_away() -> None:
-    """In units that differ by 1e8: in each the eigenvalue would be lost beside the largest."""
+def test_rounding_of_a_singular_covariance_is_removed() -> None:
+    """Units differ by 1e8, so that the negative eigenvalue is small compared with the largest."""
     units = np.diag([1e4, 1.0, 1e-4])
     direction = np.array([[1.0, 1.0, 0.5]])
     singular = units @ direction.T @ direction @ units

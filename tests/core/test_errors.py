@@ -1,4 +1,4 @@
-"""Which errors are the machine's."""
+"""Errors of the machine and errors of users."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from slamgauge.errors import UserError, refused_by_the_machine
         (RuntimeError("a defect"), False),
     ],
 )
-def test_lack_of_memory_room_and_connections_is_the_machines_also_as_a_cause(error: Exception, refused: bool) -> None:
+def test_lack_of_memory_space_and_connections_is_an_error_of_the_machine(error: Exception, refused: bool) -> None:
     assert refused_by_the_machine(error) is refused
     mistake = UserError("estimator own.py:estimate: it raised an error")
     mistake.__cause__ = error

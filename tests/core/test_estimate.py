@@ -1,4 +1,4 @@
-"""What an estimate may be."""
+"""Valid and invalid estimates."""
 
 from __future__ import annotations
 
@@ -45,6 +45,6 @@ def test_figures_of_an_optimum_are_plain_numbers() -> None:
         ({"chi_square": 1.0}, "chi_square: give chi_square and chi_square_dof together, or neither"),
     ],
 )
-def test_figures_of_an_optimum_that_make_no_sense_are_refused(figures: dict[str, Any], message: str) -> None:
+def test_invalid_figures_of_an_optimum_are_refused(figures: dict[str, Any], message: str) -> None:
     with pytest.raises(UserError, match=f"^{message}$"):
         estimate(**figures)

@@ -1,4 +1,4 @@
-"""What records keep of the arrays that they are given, and how much memory a long run takes."""
+"""Arrays that records share or copy, and the memory of a long run."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ OVERRIDES = [f"trajectory.duration={STEPS / 10}"]
 
 
 @pytest.mark.parametrize("take", [as_floats, as_ints])
-def test_an_array_that_nobody_can_write_into_is_kept_and_any_other_copied(take: Callable[..., Any]) -> None:
+def test_read_only_arrays_are_shared_and_others_copied(take: Callable[..., Any]) -> None:
     given = np.arange(5, dtype=np.int64 if take is as_ints else np.float64)
     view = given[1:]
     view.setflags(write=False)
@@ -38,7 +38,7 @@ def test_an_array_that_nobody_can_write_into_is_kept_and_any_other_copied(take: 
     assert take("value", given[::2], (None,)).flags.c_contiguous
 
 
-def test_a_covariance_that_stands_for_all_rows_is_there_once() -> None:
+def test_a_covariance_for_all_rows_is_stored_once() -> None:
     one = np.diag([1.0, 2.0])
     for given in (np.tile(one, (9, 1, 1)), np.broadcast_to(one, (9, 2, 2))):
         kept = as_covariances("cov", given, (9, 2, 2))
@@ -52,7 +52,7 @@ def test_a_covariance_that_stands_for_all_rows_is_there_once() -> None:
     assert as_covariances("cov", several, (9, 2, 2)).strides[0] > 0
 
 
-def test_headings_are_wrapped_in_a_copy_of_what_is_read_only() -> None:
+def test_headings_of_read_only_poses_are_wrapped_in_a_copy() -> None:
     poses = np.array([[0.0, 0.0, 4.0], [0.0, 0.0, 1.0]])
     poses.setflags(write=False)
     estimate = Estimate(kind="filtered", poses=poses)
@@ -61,7 +61,7 @@ def test_headings_are_wrapped_in_a_copy_of_what_is_read_only() -> None:
     assert np.shares_memory(replace(estimate, poses=estimate.poses).poses, estimate.poses)
 
 
-def test_what_is_informed_shares_what_is_the_same() -> None:
+def test_informed_recordings_share_unchanged_arrays() -> None:
     for name in ("q2-gate-1", "q3-scale-2"):
         scenario = load_scenario(name, ["trajectory.duration=3", "sensor.clutter_rate=0.5"])
         truth, recording, told = simulate_informed(scenario, 3)
@@ -71,40 +71,38 @@ def test_what_is_informed_shares_what_is_the_same() -> None:
         assert np.shares_memory(recording.observation, told.observation)
 
 
-def test_memory_of_a_long_run_is_what_is_kept_of_its_steps_and_observations(monkeypatch: pytest.MonkeyPatch) -> None:
-    """`docs/performance.md` has the bytes: 32 and 32 of a recording, 24 of the truth, 120 of a filter's estimate."""
+def test_memory_of_a_long_run_is_that_of_its_results(monkeypatch: pytest.MonkeyPatch) -> None:
+    """`docs/performance.md` states the bytes: 32 and 32 for a recording, 24 for the truth, 120 for an estimate."""
     monkeypatch.setattr(arrays, "CHUNK", 500)
     scenario = load_scenario("q1-long-dense", OVERRIDES)
-    ekf_slam(
-        simulate(load_scenario("q1-long-dense", ["trajectory.duration=3"]), 0)[1]
-    )  # what is loaded once is none of it
+    ekf_slam(simulate(load_scenario("q1-long-dense", ["trajectory.duration=3"]), 0)[1])  # loads modules first
     (truth, recording), kept, peak = _traced(lambda: simulate(scenario, 0))
     observations = len(recording.observation)
     assert kept == pytest.approx(STEPS * (32 + 24) + observations * 32, rel=0.05)
-    assert peak < kept + observations * 24 + 3e6  # three arrays of the sights, and what a stretch of them takes
+    assert peak < kept + observations * 24 + 3e6  # three arrays of observations, and one chunk
     estimate, kept, peak = _traced(lambda: ekf_slam(recording))
     assert kept == pytest.approx(STEPS * 120, rel=0.1)
     assert estimate.association is recording.landmark
     assert peak < kept + observations * 8 + 1e5  # no second array of ids
     score, kept, peak = _traced(lambda: evaluate(truth, recording, estimate))
     assert score.loop_closure is not None
-    assert kept < STEPS * 33 + len(score.loop_closure) * 300  # NEES and sigmas of every step
+    assert kept < STEPS * 33 + len(score.loop_closure) * 300  # NEES and sigmas of all steps
     assert peak < kept + STEPS * 90
 
 
-def test_a_path_and_the_limits_of_its_map_take_hardly_more_than_the_path(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_limits_of_a_map_need_little_memory(monkeypatch: pytest.MonkeyPatch) -> None:
     increments = np.tile([0.1, 0.0, 1e-3], (200_000, 1))
     whole = chain(np.ones(3), increments)
     monkeypatch.setattr(arrays, "CHUNK", 500)
     path, kept, peak = _traced(lambda: chain(np.ones(3), increments))
     np.testing.assert_array_equal(path, whole)
     assert kept == pytest.approx(len(path) * 24, rel=0.01)
-    assert peak < kept + len(path) * 8 + 3e5  # its headings, and what is worked on together
+    assert peak < kept + len(path) * 8 + 3e5  # headings, and one chunk
     _, kept, peak = _traced(lambda: map_limits([path[:, :2], path[:, :2]], [path[:, :2]]))
     assert peak < 1e5
 
 
-def test_nothing_depends_on_how_many_rows_are_worked_on_together(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_results_do_not_depend_on_the_size_of_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
     clutter = ["sensor.clutter_rate=0.3", "trajectory.duration=80"]
     for overrides in (clutter, [*clutter, "association.method=nearest-neighbour"]):
         truth, recording = simulate(load_scenario("q1-long-dense", overrides), 1)
@@ -121,7 +119,7 @@ def test_nothing_depends_on_how_many_rows_are_worked_on_together(monkeypatch: py
         assert _without_times(parts) == _without_times(scores)
 
 
-def test_results_that_are_read_back_share_the_ids(tmp_path: Path) -> None:
+def test_loaded_results_share_the_ids(tmp_path: Path) -> None:
     """Recording, truth and estimate share one array of ids."""
     truth, recording = simulate(load_scenario("q1-short-dense", ["trajectory.duration=500"]), 0)
     estimate, ids = ekf_slam(recording), recording.landmark
@@ -146,7 +144,7 @@ def _without_times(scores: dict[str, Any]) -> dict[str, Any]:
 
 
 def _traced(work: Callable[[], Any]) -> tuple[Any, int, int]:
-    """What the work returns, the bytes that this keeps, and those that it took at most."""
+    """Return the result of the work, the bytes that it keeps, and its peak memory in bytes."""
     tracemalloc.start()
     try:
         result = work()
@@ -156,7 +154,7 @@ def _traced(work: Callable[[], Any]) -> tuple[Any, int, int]:
     return result, kept, peak
 
 
-def test_a_recording_of_scans_is_read_in_stretches(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_scans_are_read_in_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
     recording: Recording = simulate(load_scenario("q1-long-dense", ["trajectory.duration=5"]), 0)[1]
     whole = [scan.value for scan in recording.scans()]
     monkeypatch.setattr(arrays, "CHUNK", 7)

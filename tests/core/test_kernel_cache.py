@@ -23,25 +23,25 @@ CALLER = HEAD.format("from made_kernels.callee import inside\n") + "outside(x):\
 
 
 def imported(folder: Path) -> Any:
-    """The calling kernel, imported as a program that begins now would."""
+    """Return the calling kernel, imported as by a new program."""
     kernel_cache.sources_digest.cache_clear()
     importlib.invalidate_caches()
     for name in [each for each in sys.modules if each.partition(".")[0] == "made_kernels"]:
         del sys.modules[name]
     for bytecode in (folder / "__pycache__").glob("*.pyc"):
-        bytecode.unlink()  # an edit within a second, of the same length, would go unseen by Python
+        bytecode.unlink()  # Python ignores an edit of the same length within a second
     return importlib.import_module("made_kernels.caller").outside
 
 
 def called(folder: Path) -> tuple[int, bool]:
-    """Result of the calling kernel for 1 in a program that begins now, and whether its code was on the disk."""
+    """Return the result of the calling kernel for 1 in a new program, and whether its code was on disk."""
     outside = imported(folder)
     return outside(1), bool(outside.stats.cache_hits)
 
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Two modules, a kernel that calls another, compiled and kept."""
+    """Return a folder of two modules: a kernel that calls another, compiled and cached."""
     monkeypatch.setattr(config, "CACHE_DIR", "")
     monkeypatch.syspath_prepend(tmp_path)
     folder = tmp_path / "made_kernels"
@@ -63,14 +63,14 @@ def test_an_edit_of_a_module_that_is_not_imported_costs_no_compilation(folder: P
     assert called(folder) == (2, True)
 
 
-def test_an_edited_kernel_does_not_live_on_in_its_callers(folder: Path):
+def test_an_edit_of_a_kernel_recompiles_its_callers(folder: Path):
     (folder / "callee.py").write_text(CALLEE.format(2), encoding="utf-8")
     assert called(folder) == (3, False)
     assert called(folder) == (3, True)
 
 
-def test_a_program_that_ends_between_index_and_code_leaves_no_old_code_under_a_new_index(folder: Path):
-    """numba writes the index first."""
+def test_a_program_killed_between_index_and_code_leaves_no_old_code(folder: Path):
+    """numba writes the index before the code."""
     old = {path: path.read_bytes() for path in kept(folder, "nbc")}
     (folder / "callee.py").write_text(CALLEE.format(2), encoding="utf-8")
     assert called(folder) == (3, False)
@@ -88,14 +88,14 @@ def test_dates_of_sources_do_not_matter(folder: Path, year: int):
 
 @pytest.mark.parametrize("suffix", ["nbi", "nbc"])
 @pytest.mark.parametrize("share", [0.0, 0.5, 0.999])
-def test_files_that_were_cut_are_compiled_anew(folder: Path, suffix: str, share: float):
+def test_truncated_files_are_compiled_again(folder: Path, suffix: str, share: float):
     for path in kept(folder, suffix):
         path.write_bytes(path.read_bytes()[: int(share * path.stat().st_size)])
     assert called(folder) == (2, False)
     assert called(folder) == (2, True)
 
 
-def test_code_for_other_types_under_a_name_is_compiled_anew(folder: Path):
+def test_code_for_other_types_is_compiled_again(folder: Path):
     """Two programs that compile a kernel for different types at once may choose the same name for its file."""
     before = {*kept(folder, "nbc")}
     assert imported(folder)(1.5) == 2.5
@@ -107,8 +107,8 @@ def test_code_for_other_types_under_a_name_is_compiled_anew(folder: Path):
 
 
 @pytest.mark.parametrize("suffix", ["nbi", "nbc"])
-def test_files_with_zeros_in_their_midst_are_compiled_anew(folder: Path, suffix: str):
-    """What some file systems leave after a power cut."""
+def test_files_with_zeros_are_compiled_again(folder: Path, suffix: str):
+    """Some file systems write zeros in a power cut."""
     for path in kept(folder, suffix):
         content = path.read_bytes()
         third = len(content) // 3
@@ -117,9 +117,7 @@ def test_files_with_zeros_in_their_midst_are_compiled_anew(folder: Path, suffix:
     assert called(folder) == (2, True)
 
 
-def test_damage_in_a_folder_that_cannot_be_written_to_costs_a_compilation_each_time(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_damage_in_a_read_only_folder_costs_a_compilation_each_time(folder: Path, monkeypatch: pytest.MonkeyPatch):
     for path in kept(folder, "nbi"):
         path.write_bytes(b"")
 
@@ -131,10 +129,10 @@ def test_damage_in_a_folder_that_cannot_be_written_to_costs_a_compilation_each_t
     assert called(folder) == (2, False)
 
 
-def test_an_installed_package_keeps_machine_code_in_the_users_cache_folder(
+def test_machine_code_of_an_installed_package_is_in_the_users_cache_folder(
     tmp_path: Path, folder: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    """pip would leave machine code behind, and a folder of the package without its sources."""
+    """pip does not remove machine code: it would leave a folder of the package without sources."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.syspath_prepend(tmp_path / "site-packages")
     installed = shutil.copytree(
@@ -146,10 +144,10 @@ def test_an_installed_package_keeps_machine_code_in_the_users_cache_folder(
     assert [*(tmp_path / "cache/numba").rglob("*.nbc")]
 
 
-def test_what_is_kept_is_told_and_cleared(folder: Path, monkeypatch: pytest.MonkeyPatch):
+def test_cached_files_are_listed_and_cleared(folder: Path, monkeypatch: pytest.MonkeyPatch):
     cache = folder / "__pycache__"
     monkeypatch.setattr(kernel_cache, "_folders", {cache})
-    (cache / "caller.outside.nbc.tmp.0123").touch()  # of a program that was killed
+    (cache / "caller.outside.nbc.tmp.0123").touch()  # left by a killed program
     (cache / "caller.cpython-311.pyc").touch()
     assert len(kernel_cache.kept_files()[cache]) == 5
     assert kernel_cache.clear_kept() == 5

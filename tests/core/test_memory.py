@@ -11,15 +11,15 @@ from slamgauge import memory
 from slamgauge.errors import UserError
 
 
-def test_what_fits_is_let_through_and_what_does_not_is_a_line() -> None:
+def test_work_that_does_not_fit_is_refused_in_a_line() -> None:
     memory.require_memory(1.0, "a byte", "none")
     with pytest.raises(UserError, match=r"^a map needs 1000000000\.0 GB of memory, and .* GB are free; take less$"):
         memory.require_memory(1e18, "a map", "take less")
 
 
 @pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="glibc alone is told to give back what it keeps")
-def test_what_is_freed_is_given_back_to_the_system() -> None:
-    """Of many small arrays the last ones stay, so that what is freed lies below them."""
+def test_freed_memory_is_returned_to_the_system() -> None:
+    """The last of many small arrays stay, so that the freed memory is below them."""
     program = """
 import numpy
 from pathlib import Path
@@ -39,7 +39,7 @@ print(before - resident())
     assert 150.0 < given_back < 200.0  # MB
 
 
-def test_free_memory_is_what_the_system_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_free_memory_equals_the_system_value(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     told = tmp_path / "meminfo"
     monkeypatch.setattr(memory, "FREE_IN_PROC", told)
     told.write_text("MemTotal: 9000 kB\nMemAvailable: 1000 kB\n")

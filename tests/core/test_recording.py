@@ -1,4 +1,4 @@
-"""What a recording may be, and the parts of it."""
+"""Valid recordings, and parts of them."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def test_scans_come_step_by_step() -> None:
     assert [scan.landmark for scan in recording(landmark=None).scans()] == [None, None, None]
 
 
-def test_the_first_steps_are_a_recording_of_their_own() -> None:
+def test_the_first_steps_are_a_recording() -> None:
     whole = recording(observation_step=[0, 1, 2])
     for steps in range(3):
         part = whole.first(steps)
@@ -52,7 +52,7 @@ def test_the_first_steps_are_a_recording_of_their_own() -> None:
     assert recording(landmark=None).first(1).landmark is None
 
 
-def test_observations_can_be_left_out() -> None:
+def test_observations_can_be_selected() -> None:
     whole = recording(observation_step=[0, 1, 2])
     part = whole.only(np.array([True, False, True]))
     np.testing.assert_array_equal(part.observation_step, [0, 2])

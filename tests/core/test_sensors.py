@@ -1,4 +1,4 @@
-"""Sensor models: every Jacobian against central differences, inverses, angles across the cut, kernels beside numpy."""
+"""Sensor models: Jacobians compared with central differences, inverses, wrapped angles, kernels compared with numpy."""
 
 from __future__ import annotations
 
@@ -73,12 +73,12 @@ def test_an_inverse_undoes_a_prediction(sensor: str, bearing: float) -> None:
 
 
 @pytest.mark.parametrize("bearing", BEARINGS)
-def test_a_bearing_alone_is_put_at_one_metre(bearing: float) -> None:
+def test_a_bearing_only_landmark_is_put_at_one_metre(bearing: float) -> None:
     np.testing.assert_allclose(inverse("bearing", [bearing]), direction(bearing), rtol=1e-15, atol=1e-16)
 
 
 @pytest.mark.parametrize("bearing", BEARINGS)
-def test_a_bearing_from_too_close_carries_no_information_and_its_range_does(bearing: float) -> None:
+def test_within_a_centimetre_a_bearing_carries_no_information_but_the_range_does(bearing: float) -> None:
     delta = 0.5 * MIN_BEARING_DISTANCE * direction(bearing)
     assert predict("range-bearing", delta)[0] == pytest.approx(0.5 * MIN_BEARING_DISTANCE, rel=1e-14)
     A = jacobian("range-bearing", delta)
@@ -88,7 +88,7 @@ def test_a_bearing_from_too_close_carries_no_information_and_its_range_does(bear
     assert jacobian("bearing", delta, nearest=0.0).any()
 
 
-def test_an_innovation_across_the_cut_is_the_short_way_round() -> None:
+def test_an_innovation_across_pi_is_wrapped() -> None:
     z, predicted = np.array([[2.0, PI - 0.01], [1.0, -PI + 0.02]]), np.array([[1.5, -PI + 0.02], [1.0, PI - 0.01]])
     np.testing.assert_allclose(innovation("range-bearing", z, predicted), [[0.5, -0.03], [0.0, 0.03]], atol=1e-14)
     np.testing.assert_allclose(innovation("bearing", z[:, 1:], predicted[:, 1:]), [[-0.03], [0.03]], atol=1e-14)
@@ -111,7 +111,7 @@ def test_models_take_arrays_of_any_shape(sensor: str) -> None:
 @pytest.mark.parametrize("distance", [0.0, 0.5 * MIN_BEARING_DISTANCE, *DISTANCES])
 @pytest.mark.parametrize("bearing", BEARINGS)
 def test_kernels_predict_as_numpy_does(sensor: str, distance: float, bearing: float) -> None:
-    """A sensor of one number is the second row in kernels; the first row is zero."""
+    """In kernels a single number is the second row; the first row is zero."""
     delta, dim = distance * direction(bearing), SENSORS[sensor].dim
     z0, z1, *A = observe(SENSORS[sensor].code, *delta)
     z, rows = np.zeros(2), np.zeros((2, 2))

@@ -1,4 +1,4 @@
-"""What a truth may lack."""
+"""Missing fields and gaps of a truth."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from slamgauge.truth import Truth
 from tests.reference.vocabulary_examples import truth
 
 
-def test_a_truth_may_lack_anything() -> None:
+def test_every_field_of_a_truth_may_be_missing() -> None:
     nothing = Truth()
     assert [getattr(nothing, field.name) for field in fields(Truth)] == [None] * 5
     assert truth(landmark_ids=None, landmarks=None, association=[7, 7]).association is not None

@@ -1,4 +1,4 @@
-"""Every rule that the vocabulary's constructors check, and what their arrays are afterwards."""
+"""Every rule of the records' constructors, and the arrays that they store."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from tests.reference.vocabulary_examples import estimate, history, rays, recordi
 
 
 def in_row(row: int, value: Any, array: Any) -> Float:
-    """`array` with one row replaced."""
+    """Return `array` with one row replaced."""
     changed = np.array(array, dtype=float)
     changed[row] = value
     return changed
 
 
 def covs(count: int, row: int, matrix: Any) -> Float:
-    """`count` unit covariances of which one is replaced."""
+    """Return `count` unit covariances with one replaced."""
     return in_row(row, matrix, np.tile(np.eye(len(matrix)), (count, 1, 1)))
 
 
@@ -136,7 +136,7 @@ RULES: list[tuple[Callable[..., object], dict[str, Any], str, str]] = [
     # rays and history, alone and on the path
     (rays, {"birth": [0, -1]}, "rays.birth[1]", "give the step at which the ray began"),
     (rays, {"birth": [1, 1], "end": [0, -1]}, "rays.end[0]", "cannot end before its birth"),
-    (rays, {"end": [2, -2]}, "rays.end[1]", "-1: it goes on"),
+    (rays, {"end": [2, -2]}, "rays.end[1]", "-1: open"),
     (rays, {"survivor": [3, -1]}, "rays.survivor[0]", "give the number of a member"),
     (rays, {"members": [3, -5, 2]}, "rays.members[1]", "cannot be negative"),
     (estimate, {"rays": rays(birth=[0, 3])}, "rays.birth[1] = 3", "must lie in 0..2"),
@@ -181,7 +181,7 @@ def test_the_examples_themselves_are_valid() -> None:
 
 
 def test_ids_too_large_for_whole_float64_numbers_are_not_merged_silently() -> None:
-    """Two ids that differ must stay different, or be refused."""
+    """Different ids stay different, or are refused."""
     try:
         landmark = recording(landmark=[2**53, 2**53 + 1, 2**53 + 2]).landmark
     except ValueError:
@@ -215,13 +215,13 @@ def test_rounding_of_a_symmetric_matrix_is_removed() -> None:
     assert np.array_equal(accepted, accepted.T)
 
 
-def test_an_asymmetric_block_beside_a_large_variance_is_refused() -> None:
-    """Units differ within a covariance, so symmetry has to be judged against each pair's own sigmas."""
+def test_an_asymmetric_block_next_to_a_large_variance_is_refused() -> None:
+    """Units differ within a covariance, so that each pair has its own tolerance."""
     with pytest.raises(ValueError, match="symmetric"):
         recording(prior_cov=[[1e6, 0.0, 0.0], [0.0, 1e-4, 9e-5], [0.0, 0.0, 1e-4]])
 
 
-def test_a_covariance_with_a_variance_of_zero_has_no_correlation() -> None:
+def test_an_entry_of_zero_variance_has_no_correlation() -> None:
     with pytest.raises(ValueError, match="eigenvalue"):
         recording(prior_cov=[[0.0, 0.1, 0.0], [0.1, 1.0, 0.0], [0.0, 0.0, 1.0]])
 
@@ -280,7 +280,7 @@ def test_an_estimate_is_equal_down_to_its_rays_and_history() -> None:
     assert recording() != recording(landmark=None)
 
 
-def test_covariances_of_a_long_recording_are_told_by_their_row():
+def test_errors_of_a_long_recording_name_the_row():
     many = np.tile(np.eye(2), (150_000, 1, 1))
     np.testing.assert_array_equal(as_covariances("cov", many, (None, 2, 2), definite=True), many)
     many[140_000] = [[1.0, 2.0], [2.0, 1.0]]
@@ -288,7 +288,7 @@ def test_covariances_of_a_long_recording_are_told_by_their_row():
         as_covariances("cov", many, (None, 2, 2))
 
 
-def test_covariances_at_the_ends_of_a_double_are_taken_or_refused_without_a_warning():
+def test_covariances_at_the_limits_of_doubles_cause_no_warning():
     with np.errstate(all="raise", under="ignore"):
         whole = as_covariances("cov", 1.5e308 * np.eye(3)[None], (None, 3, 3))
         np.testing.assert_array_equal(whole, 1.5e308 * np.eye(3)[None])

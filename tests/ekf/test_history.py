@@ -1,4 +1,4 @@
-"""What an estimate keeps of its way: the map at some steps, and the log of its rays."""
+"""History of an estimate: the map at some steps, and the log of rays."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from slamgauge.ekf import (
     ekf_slam,
     riekf,
 )
-from slamgauge.ekf.bearings.ray_recorder import RayRecorder
+from slamgauge.ekf.bearings.initialiser import RayRecorder
 from slamgauge.ekf.bearings.rays import distances_and_sigmas
 from slamgauge.ekf.estimators import drive
 from slamgauge.ekf.history import History
-from slamgauge.ekf.maps.members import POINT
-from slamgauge.ekf.settings.initialisation import Initialisation
+from slamgauge.ekf.online_filter import POINT
+from slamgauge.ekf.settings import Initialisation
 from slamgauge.estimate import Estimate, MapHistory, RayLog
 from slamgauge.recording import Recording
 from tests.reference.random_recordings import random_recording
@@ -62,7 +62,7 @@ def test_frames_are_spread_evenly_from_first_to_last(steps: int, frames: int) ->
 
 
 @pytest.mark.parametrize("steps", range(12))
-def test_a_frame_is_never_lost_to_rounding(steps: int) -> None:
+def test_no_frame_is_lost_by_rounding(steps: int) -> None:
     for frames in range(1, 15):
         history = History(steps, frames)
         wanted = history._wanted  # pyright: ignore[reportPrivateUsage]
@@ -71,7 +71,7 @@ def test_a_frame_is_never_lost_to_rounding(steps: int) -> None:
 
 
 @pytest.mark.parametrize("bearing", [False, True])
-def test_without_frames_nothing_is_kept(bearing: bool) -> None:
+def test_without_frames_there_is_no_history(bearing: bool) -> None:
     recording = ring() if bearing else random_recording(0)[1]
     assert ekf_slam(recording).history is None
     assert ekf_slam(recording, FilterSettings(frames=0)).history is None
@@ -95,7 +95,7 @@ def test_a_map_without_landmarks_has_no_rows() -> None:
 
 @pytest.mark.parametrize("known", [True, False])
 def test_points_are_the_map_at_that_step(known: bool) -> None:
-    """That of a filter which saw the recording up to there, and at the end the estimate's own."""
+    """They equal the map of a filter that ends at that step."""
     _, recording = random_recording(1, steps=30)
     recording = recording if known else replace(recording, landmark=None)
     estimate = ekf_slam(recording, FilterSettings(frames=4))
@@ -112,7 +112,7 @@ def test_points_are_the_map_at_that_step(known: bool) -> None:
 
 @INITIALISATIONS
 def test_members_are_those_of_the_filter_at_that_step(initialisation: Initialisation) -> None:
-    """A ray's weights add up to one; its heaviest member, and every point, is what the filter reports."""
+    """Weights of a ray have sum one; the filter reports its heaviest member, and every point."""
     recording = ring()
     history = history_of(riekf(recording, FilterSettings(initialisation=initialisation, frames=recording.steps + 1)))
     slam = BearingFilter(recording.prior_mean, recording.prior_cov, "right-invariant", initialisation)
@@ -147,10 +147,8 @@ def test_members_are_those_of_the_filter_at_that_step(initialisation: Initialisa
     [(Rays(), None), (InverseDepth(), None), (Rays(), Association("jcbb", map_management=MapManagement()))],
     ids=["rays", "inverse-depth", "rays without ids"],
 )
-def test_the_log_tells_the_same_as_the_maps(
-    initialisation: Rays | InverseDepth, association: Association | None
-) -> None:
-    """Birth: the first map with the landmark. End: the first in which it is no ray. Survivor: the last one's number."""
+def test_the_log_agrees_with_the_maps(initialisation: Rays | InverseDepth, association: Association | None) -> None:
+    """Birth: first map with the ray. End: first map without it. Survivor: number of the last member."""
     recording = ring()
     if association is None:
         association = Association()
@@ -190,7 +188,7 @@ def test_without_rays_there_is_no_log() -> None:
     assert ekf_slam(random_recording(0)[1]).rays is None
 
 
-def test_a_landmark_that_begins_twice_has_two_rows() -> None:
+def test_a_landmark_that_starts_twice_has_two_rows() -> None:
     recorder = RayRecorder()
     recorder.begin(0, 7, np.array([1.0, 2.0]))
     recorder.begin(1, 8, np.array([3.0]))

@@ -1,4 +1,4 @@
-"""The likelihood of a whole log: held against the filter itself, and against densities by scipy."""
+"""The likelihood of a log, compared with the filter and with densities by scipy."""
 
 from __future__ import annotations
 
@@ -14,28 +14,29 @@ from scipy.stats import norm, t
 from slamgauge import Recording, UserError, load_scenario, riekf, simulate
 from slamgauge.ekf.innovations import GAUSSIAN, MIXTURE, STUDENT_T, Log, Tails, gaussian_tails, weigh
 from slamgauge.ekf.kernels.log_likelihood import run_log
+from tests.reference.random_recordings import bearing_only
 
 
 def recording_of(*overrides: str, seed: int = 3) -> Recording:
     return simulate(load_scenario("q1-short-dense", ["trajectory.duration=20", "start=sampled", *overrides]), seed)[1]
 
 
-def as_it_is(recording: Recording, tails: Tails | None = None):
-    told = (recording.odometry, recording.odometry_cov, recording.observation, recording.observation_cov)
-    found = Log(recording).innovations(*told, tails or gaussian_tails())
+def innovations_of(recording: Recording, tails: Tails | None = None):
+    given = (recording.odometry, recording.odometry_cov, recording.observation, recording.observation_cov)
+    found = Log(recording).innovations(*given, tails or gaussian_tails())
     assert found is not None
     return found
 
 
 @pytest.mark.parametrize("sensor", ["range-bearing", "position"])
-def test_without_outliers_it_is_the_right_invariant_filter(sensor: str):
+def test_without_outliers_it_equals_the_right_invariant_filter(sensor: str):
     recording = recording_of()
     if sensor == "position":
         distance, bearing = recording.observation.T
         values = np.column_stack([distance * np.cos(bearing), distance * np.sin(bearing)])
         covs = np.broadcast_to(np.diag([0.2, 0.3]), (len(values), 2, 2))
         recording = replace(recording, sensor="position", observation=values, observation_cov=covs)
-    found = as_it_is(recording)
+    found = innovations_of(recording)
     nis = np.nansum(found.value**2 / found.variance, axis=1)
     per_step = np.bincount(recording.observation_step, weights=nis, minlength=recording.steps + 1)
     expected = riekf(recording).nis
@@ -45,7 +46,7 @@ def test_without_outliers_it_is_the_right_invariant_filter(sensor: str):
     np.testing.assert_allclose(found.log_likelihood, np.nan_to_num(density), rtol=1e-12, atol=1e-12)
 
 
-def test_a_first_sight_and_what_its_step_sees_again_carry_no_likelihood():
+def test_all_observations_of_the_first_step_of_a_landmark_carry_no_likelihood():
     recording = recording_of()
     first = np.flatnonzero(recording.observation_step == recording.observation_step[0])
     ids = recording.landmark
@@ -59,15 +60,15 @@ def test_a_first_sight_and_what_its_step_sees_again_carry_no_likelihood():
         observation_cov=twice.observation_cov[doubled],
         landmark=ids[doubled],
     )
-    found = as_it_is(twice)
+    found = innovations_of(twice)
     assert np.isnan(found.value[:2]).all()
     assert (found.log_likelihood[:2] == 0.0).all()
-    assert found.log_likelihood.sum() == pytest.approx(as_it_is(recording).log_likelihood.sum(), rel=1e-12)
+    assert found.log_likelihood.sum() == pytest.approx(innovations_of(recording).log_likelihood.sum(), rel=1e-12)
     assert np.isnan(found.value[:, 0]).sum() == len(np.unique(ids)) + 1
 
 
 @pytest.mark.parametrize("e", [0.0, 0.3, -2.0, 40.0])
-def test_the_density_of_a_row_is_that_of_its_law(e: float):
+def test_the_density_of_a_row_equals_scipy(e: float):
     tails = Tails(np.array([MIXTURE, STUDENT_T]), np.full(2, 0.1), np.full(2, 3.0), np.full(2, 4.0))
     inlier, outlier = 0.9 * norm.pdf(e, scale=0.5), 0.1 * norm.pdf(e, scale=math.sqrt(0.25 + 9.0))
     likelihood, weight = weigh(e, 0.25, 0, tails)
@@ -79,8 +80,7 @@ def test_the_density_of_a_row_is_that_of_its_law(e: float):
     assert gaussian_tails().law.tolist() == [GAUSSIAN, GAUSSIAN]
 
 
-def test_a_row_that_is_an_outlier_moves_nothing():
-    """With gross outliers the rows after them are foreseen as if the outliers had not been."""
+def test_outliers_with_the_right_tails_hardly_change_later_rows():
     recording = recording_of()
     ids = recording.landmark
     assert ids is not None
@@ -90,40 +90,34 @@ def test_a_row_that_is_an_outlier_moves_nothing():
     observation[wrong, 0] += 50.0
     dirty = replace(recording, observation=observation)
     mixture = Tails(np.array([MIXTURE, GAUSSIAN]), np.full(2, 0.05), np.full(2, 30.0), np.ones(2))
-    robust, clean = as_it_is(dirty, mixture), as_it_is(recording)
+    robust, clean = innovations_of(dirty, mixture), innovations_of(recording)
     assert (robust.weight[wrong, 0] < 1e-9).all()
     apart = np.abs(robust.value - clean.value)[~wrong] / np.sqrt(clean.variance[~wrong])
-    assert np.nanmax(apart) < 1.0  # less than a standard deviation, for what 5 % of the ranges told
-    plain = np.abs(as_it_is(dirty).value - clean.value)[~wrong] / np.sqrt(clean.variance[~wrong])
+    assert np.nanmax(apart) < 1.0  # less than a standard deviation, by the loss of 5 % of the ranges
+    plain = np.abs(innovations_of(dirty).value - clean.value)[~wrong] / np.sqrt(clean.variance[~wrong])
     assert np.nanmax(plain) > 10.0
 
 
-def test_a_filter_that_is_lost_comes_back():
-    """After a jump of the robot that no odometry tells, all that follows looks like outliers: half of them for ever."""
+def test_a_filter_recovers_after_a_jump_without_odometry():
+    """First all observations look like outliers."""
     recording = recording_of()
     odometry = recording.odometry.copy()
     odometry[recording.steps // 2, 0] += 6.0
     mixture = Tails(np.full(2, MIXTURE), np.full(2, 0.01), np.array([4.0, 1.0]), np.ones(2))
-    found = as_it_is(replace(recording, odometry=odometry), mixture)
+    found = innovations_of(replace(recording, odometry=odometry), mixture)
     late = recording.observation_step > 0.8 * recording.steps
     assert np.nanmean(found.weight[late] < 0.5) < 0.1
 
 
-def test_what_it_cannot_filter_is_refused():
+def test_unsuitable_recordings_are_refused():
     recording = recording_of()
     with pytest.raises(UserError, match="landmark: a log without ids"):
         Log(replace(recording, landmark=None))
-    bearings = replace(
-        recording,
-        sensor="bearing",
-        observation=recording.observation[:, 1:],
-        observation_cov=np.ones((len(recording.observation), 1, 1)),
-    )
-    with pytest.raises(UserError, match="sensor: bearings alone"):
-        Log(bearings)
+    with pytest.raises(UserError, match="sensor: a first bearing does not place a landmark"):
+        Log(bearing_only(recording))
 
 
-def test_no_update_is_told():
+def test_the_result_is_none_if_no_update_exists():
     recording = recording_of()
     far = (
         recording.odometry,
@@ -134,12 +128,11 @@ def test_no_update_is_told():
     assert Log(recording).innovations(*far, gaussian_tails()) is None
 
 
-def test_a_log_is_filtered_by_code_that_was_compiled_before():
-    """Whether noise is kept once for all rows, and whether it may be written to."""
+def test_kernels_are_compiled_once_for_all_layouts_of_arrays():
     recording = recording_of("trajectory.duration=2")
-    as_it_is(recording)
-    told = (recording.odometry, recording.odometry_cov, recording.observation, recording.observation_cov)
+    innovations_of(recording)
+    given = (recording.odometry, recording.odometry_cov, recording.observation, recording.observation_cov)
     for laid_out in (np.array, np.asfortranarray):
-        increments, their_cov, seen, its_cov = map(laid_out, told)
+        increments, their_cov, seen, its_cov = map(laid_out, given)
         Log(recording).innovations(increments, their_cov, seen, its_cov, gaussian_tails())
     assert len(cast("Dispatcher", run_log).signatures) == 1

@@ -1,7 +1,7 @@
-"""Laws that hold whatever the numbers: names, frames, causality, what cannot be observed, consistency.
+"""Laws of filters: ids, frames, causality, unobservable directions, consistency.
 
-Statistical tests use fixed seeds and two-sided chi-square bounds that a filter with exactly chi-square
-statistics misses once in 1000 (each test as a whole, see `circles`). Each has a counterpart that must leave the bounds.
+Statistical tests use fixed seeds and two-sided chi-square bounds; a filter with exact chi-square statistics misses them
+once in 1000 (each test as a whole, see `circles`). Each test has a counterpart that must leave the bounds.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ SENSORS = pytest.mark.parametrize("sensor", ["range-bearing", "position"])
 
 
 def map_of(estimate: Estimate) -> tuple[Int, Float, Float]:
-    """Ids in increasing order, landmarks and their covariances."""
+    """Return ids in increasing order, landmarks and their covariances."""
     assert estimate.landmark_ids is not None
     assert estimate.landmarks is not None
     assert estimate.landmark_covs is not None
@@ -55,11 +55,11 @@ def ids_of(recording: Recording) -> Int:
 
 
 def assert_close(actual: Float, expected: Float) -> None:
-    """Equal but for rounding over some 60 updates of quantities of order 1 to 10."""
+    """Compare up to rounding over some 60 updates of quantities of order 1 to 10."""
     np.testing.assert_allclose(actual, expected, rtol=1e-9, atol=1e-10)
 
 
-# --- names and order -----------------------------------------------------------------------------
+# --- ids and order -------------------------------------------------------------------------------
 
 
 @RELATIVES
@@ -133,10 +133,10 @@ def test_a_step_without_observations_changes_nothing(correction: Correction) -> 
 @SENSORS
 @pytest.mark.parametrize("motion", [[3.0, -4.0, 2.0], [-20.0, 7.0, math.pi], [0.0, 0.0, -3.1]])
 def test_moving_the_world_moves_the_estimate_with_it(estimator: Estimator, sensor: str, motion: list[float]) -> None:
-    """The measurements are relative: a prior moved by g gives poses and map moved by g, covariances turned."""
+    """A prior moved by g gives poses and map moved by g, and rotated covariances: measurements are relative."""
     _, recording = random_recording(3, sensor=sensor, steps=60)
     root = np.random.default_rng(3).normal(size=(3, 3)) * [[0.1], [0.1], [0.02]]
-    recording = replace(recording, prior_cov=root @ root.T)  # no symmetry that a wrong frame could hide in
+    recording = replace(recording, prior_cov=root @ root.T)  # without symmetry, so that a wrong frame shows
     turn = np.eye(3)
     turn[:2, :2] = rotation(motion[2])
     moved = replace(
@@ -152,17 +152,17 @@ def test_moving_the_world_moves_the_estimate_with_it(estimator: Estimator, senso
     assert_close(new_covs, turn[:2, :2] @ landmark_covs @ turn[:2, :2].T)
 
 
-# --- what cannot be observed ---------------------------------------------------------------------
+# --- unobservable directions ---------------------------------------------------------------------
 
 
 def without_motion_noise(recording: Recording, *, standing: bool) -> Recording:
-    """The recording's sights, told to an estimator that trusts the odometry entirely."""
+    """Return the recording with odometry covariances of zero, and without motion if `standing`."""
     odometry = np.zeros_like(recording.odometry) if standing else recording.odometry
     return replace(recording, odometry=odometry, odometry_cov=np.zeros_like(recording.odometry_cov))
 
 
 def standing_robot(sensor: str) -> Recording:
-    """Sights of six landmarks, with noise, 60 times from the same place."""
+    """Return observations of six landmarks, with noise, at 60 steps from the same place."""
     _, recording = random_recording(4, sensor=sensor, steps=60, prior_sigmas=(0.1, 0.1, 0.2))
     rng = np.random.default_rng(4)
     places = np.array([3.0, 0.0]) + [0.4, 0.7] * rng.uniform(-1, 1, (6, 2))
@@ -173,8 +173,8 @@ def standing_robot(sensor: str) -> Recording:
 
 @SENSORS
 @pytest.mark.parametrize("consistent", [riekf, fej_ekf, oc_ekf, riukf, robocentric_ekf])
-def test_a_standing_robot_learns_nothing_about_its_own_pose(consistent: Estimator, sensor: str) -> None:
-    """Julier and Uhlmann (ICRA 2001): landmarks seen for the first time from here say nothing about here."""
+def test_a_standing_robot_gains_no_information_about_its_pose(consistent: Estimator, sensor: str) -> None:
+    """Julier and Uhlmann (ICRA 2001): new landmarks give no information about the pose that observes them."""
     recording = standing_robot(sensor)
     estimate = consistent(recording)
     still = np.ones((61, 1))
@@ -182,13 +182,13 @@ def test_a_standing_robot_learns_nothing_about_its_own_pose(consistent: Estimato
     np.testing.assert_allclose(covs_of(estimate), still[:, :, None] * recording.prior_cov, rtol=0, atol=1e-15)
 
     claimed = covs_of(ekf_slam(recording))[-1, 2, 2] / recording.prior_cov[2, 2]
-    assert claimed < 0.9  # the textbook filter's known fault, without which this test could not fail
+    assert claimed < 0.9  # the known fault of the textbook filter, which shows that this test can fail
 
 
 @SENSORS
 @pytest.mark.parametrize("consistent", [riekf, riukf, robocentric_ekf])
-def test_with_perfect_odometry_the_map_says_nothing_about_the_pose(consistent: Estimator, sensor: str) -> None:
-    """All that is left is the start, which relative measurements never see: dead reckoning is the optimum."""
+def test_with_perfect_odometry_dead_reckoning_is_the_optimum(consistent: Estimator, sensor: str) -> None:
+    """Only the start is uncertain, and relative measurements give no information about it."""
     recording = without_motion_noise(random_recording(5, sensor=sensor, steps=60)[1], standing=False)
     estimate, blind = consistent(recording), dead_reckoning(recording)
     np.testing.assert_allclose(between(blind.poses, estimate.poses), 0.0, atol=1e-12)
@@ -200,11 +200,11 @@ def test_with_perfect_odometry_the_map_says_nothing_about_the_pose(consistent: E
 
 @SENSORS
 @pytest.mark.parametrize("invariant", [riekf, riukf])
-def test_doubt_about_the_whole_worlds_place_passes_through_unchanged(invariant: Estimator, sensor: str) -> None:
-    """Prior doubt S about a shift and turn of the whole world (1 m, 2 m, 0.3 rad).
+def test_prior_uncertainty_of_the_whole_world_passes_through_unchanged(invariant: Estimator, sensor: str) -> None:
+    """Prior covariance S of a translation and rotation of the whole world (1 m, 2 m, 0.3 rad).
 
-    It changes no estimate, and comes out at every pose as N S N', N = [I, J p; 0, 1]: no information about
-    the unobservable directions is ever invented. Exact for the right-invariant filters, whatever the gains.
+    It changes no estimate, and adds N S N' to every pose covariance, N = [I, J p; 0, 1]: the filter gains no
+    information in unobservable directions. This is exact for right-invariant filters, whatever the gains.
     """
     _, recording = random_recording(6, sensor=sensor, steps=60)
     S = np.array([[1.0, 0.0, 0.2], [0.0, 4.0, 0.0], [0.2, 0.0, 0.09]])
@@ -223,13 +223,13 @@ def test_doubt_about_the_whole_worlds_place_passes_through_unchanged(invariant: 
     np.testing.assert_allclose(unsure_landmarks, landmarks, rtol=0, atol=1e-11)
     np.testing.assert_allclose(unsure_covs, landmark_covs + world(landmarks)[:, :2, :2], rtol=0, atol=1e-11)
 
-    assert np.abs(ekf_slam(doubtful).poses - ekf_slam(recording).poses).max() > 0.01  # not so for the textbook filter
+    assert np.abs(ekf_slam(doubtful).poses - ekf_slam(recording).poses).max() > 0.01  # the textbook filter fails
 
 
 @SENSORS
 @pytest.mark.parametrize("correction", ["first-estimates", "observability-constrained"])
-def test_first_estimates_keep_shift_and_turn_of_the_world_unobservable(sensor: str, correction: Correction) -> None:
-    """H F...F N = 0: prior doubt S along N comes out at every step as N S N', and changes no estimate.
+def test_first_estimates_keep_the_world_frame_unobservable(sensor: str, correction: Correction) -> None:
+    """H F...F N = 0: prior covariance S along N adds N S N' at every step, and changes no estimate.
 
     N = [I, J p; 0, 1; I, J l] at the predicted pose and every landmark's first estimate.
     """
@@ -253,7 +253,7 @@ def test_first_estimates_keep_shift_and_turn_of_the_world_unobservable(sensor: s
 
 
 def turned(points: Float) -> Float:
-    """Rows [I, J p] (2n, 3) for points (n, 2)."""
+    """Return rows [I, J p] (2n, 3) for points (n, 2)."""
     return np.concatenate([np.tile(np.eye(2), (len(points), 1, 1)), (points @ J.T)[:, :, None]], axis=2).reshape(-1, 3)
 
 
@@ -261,7 +261,7 @@ def turned(points: Float) -> Float:
 
 
 def nis_outside(estimator: Estimator, sensor: Sensor, assumed: float = 1.0) -> int:
-    """1 if the sum of all runs' NIS leaves its band, the sensor's covariance being told times `assumed`."""
+    """Return 1 if the sum of all runs' NIS leaves its band, for a sensor covariance scaled by `assumed`."""
     total, dof = 0.0, 0
     for seed in range(RUNS):
         recording = circling(seed, sensor, 0.05)[1]
@@ -281,7 +281,7 @@ def test_nis_is_chi_square(estimator: Estimator, sensor: Sensor) -> None:
 
 @FILTERS
 @pytest.mark.parametrize("assumed", [0.9, 1.1])
-def test_nis_tells_a_sensor_covariance_that_is_a_tenth_off(estimator: Estimator, assumed: float) -> None:
+def test_nis_detects_a_sensor_covariance_with_an_error_of_a_tenth(estimator: Estimator, assumed: float) -> None:
     assert nis_outside(estimator, "range-bearing", assumed) == 1
 
 
@@ -293,7 +293,7 @@ def test_nees_of_the_right_invariant_filter_is_chi_square_at_every_step(sensor: 
 
 @SENSORS
 def test_nees_of_the_observability_constrained_filter_is_chi_square_at_every_step(sensor: Sensor) -> None:
-    """Where the heading is known to 6 degrees, and the textbook filter's leaves the band."""
+    """With a heading uncertainty of 6 degrees, for which the textbook filter leaves the band."""
     nees, of_textbook = (
         np.asarray(sum(additive_nees(*run) for run in run_all(estimator, sensor, heading_sigma=0.1)))
         for estimator in (oc_ekf, ekf_slam)
@@ -303,8 +303,8 @@ def test_nees_of_the_observability_constrained_filter_is_chi_square_at_every_ste
 
 
 @SENSORS
-def test_nees_in_its_own_coordinates_is_chi_square_even_when_the_heading_is_hardly_known(sensor: Sensor) -> None:
-    """12 degrees: the additive error is then curved, the invariant one is not."""
+def test_nees_in_invariant_coordinates_is_chi_square_for_an_uncertain_heading(sensor: Sensor) -> None:
+    """With 12 degrees the additive error is not Gaussian; the invariant error is."""
     nees = sum(invariant_nees(*run) for run in run_all(riekf, sensor, heading_sigma=0.2))
     assert outside(np.asarray(nees), 3 * RUNS, STEPS + 1) == 0
 
@@ -312,6 +312,6 @@ def test_nees_in_its_own_coordinates_is_chi_square_even_when_the_heading_is_hard
 @SENSORS
 @pytest.mark.parametrize("nees_of", [additive_nees, invariant_nees])
 def test_nees_of_the_textbook_filter_leaves_the_band(sensor: Sensor, nees_of: Callable[..., Float]) -> None:
-    """The fault that the right-invariant filter mends, and the proof that the tests above can fail."""
+    """The right-invariant filter corrects this fault; it also shows that the tests above can fail."""
     nees = sum(nees_of(*run) for run in run_all(ekf_slam, sensor, heading_sigma=0.2))
     assert outside(np.asarray(nees), 3 * RUNS, STEPS + 1) > STEPS / 2

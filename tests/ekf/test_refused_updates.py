@@ -1,4 +1,4 @@
-"""An update that is refused leaves everything as it was: pose, covariance, map, books and what comes after."""
+"""A refused update changes nothing: pose, covariance, map, internal records and later results."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def with_rule(rule: Rule) -> Callable[[], SlamFilter]:
     return lambda: SlamFilter("range-bearing", *START, rule)
 
 
-MAKERS: dict[str, tuple[int, bool, Callable[[], Any]]] = {  # dimension, whether it is given ids, a fresh one
+MAKERS: dict[str, tuple[int, bool, Callable[[], Any]]] = {  # dimension, whether it needs ids, constructor
     **{name: (2, True, with_rule(rule)) for name, rule in RULES.items()},
     "gate": (2, True, lambda: SlamFilter("range-bearing", *START, robust=Robustness("gate"))),
     "student-t": (2, True, lambda: SlamFilter("range-bearing", *START, robust=Robustness("student-t"))),
@@ -62,7 +62,7 @@ def scan(ids: list[int] | None, values: Any, cov: Float) -> Observations:
 
 
 def driven(name: str) -> Any:
-    """A filter that has seen three landmarks for some steps."""
+    """Return a filter that has observed three landmarks for some steps."""
     dim, has_ids, make = MAKERS[name]
     slam = make()
     for _ in range(6):
@@ -77,7 +77,7 @@ def believed(slam: Any) -> dict[str, Any]:
 
 
 def beyond(name: str) -> dict[str, Observations]:
-    """Scans that no filter can take in, by what is wrong with them."""
+    """Return scans that every filter refuses, by their fault."""
     dim, has_ids, _ = MAKERS[name]
     large, far = SEEN[dim].copy(), SEEN[dim].copy()
     large[2, 0], far[2, 0] = 1e308, 1e155
@@ -99,17 +99,17 @@ def beyond(name: str) -> dict[str, Observations]:
 
 
 @pytest.mark.parametrize("name", MAKERS)
-def test_refused_scans_leave_everything_as_it_was(name: str):
+def test_refused_scans_change_nothing(name: str):
     dim, has_ids, _ = MAKERS[name]
     for what, given in beyond(name).items():
         slam, other = driven(name), driven(name)
-        before, _ = believed(slam), believed(other)  # to look at it settles a compressed filter's account
+        before, _ = believed(slam), believed(other)  # reading applies a compressed filter's pending updates
         with pytest.raises(UserError, match=r"^[^\n]+$"):
             slam.update(given)
         for key, value in believed(slam).items():
             np.testing.assert_array_equal(value, before[key], err_msg=f"{what}: {key}")
         believed(other)
-        for _ in range(8):  # what comes after is as if nothing had been
+        for _ in range(8):  # later results are the same
             for each in (slam, other):
                 each.predict([0.3, 0.0, 0.2], np.diag([1e-5, 1e-5, 1e-6]))
                 each.update(scan([2, 7, 7] if has_ids else None, SEEN[dim], NOISE[dim]))
@@ -118,7 +118,7 @@ def test_refused_scans_leave_everything_as_it_was(name: str):
 
 
 @pytest.mark.parametrize("name", [*RULES, "nearest invariant"])
-def test_a_block_after_the_first_that_is_refused_takes_the_first_with_it(name: str):
+def test_a_refused_later_block_undoes_the_first(name: str):
     """41 observations are three blocks; the last two, of one landmark, are too precise for double precision."""
     slam = MAKERS[name][2]()
     rng = np.random.default_rng(0)
@@ -138,31 +138,31 @@ def test_a_block_after_the_first_that_is_refused_takes_the_first_with_it(name: s
 
 
 @pytest.mark.parametrize("name", [name for name, (_, has_ids, _) in MAKERS.items() if has_ids])
-def test_a_landmark_may_be_seen_two_hundred_times_in_a_scan(name: str):
+def test_a_landmark_may_be_observed_two_hundred_times_in_a_scan(name: str):
     dim, _, make = MAKERS[name]
     slam = make()
     slam.update(scan([5] * 200, np.tile(SEEN[dim][1], (200, 1)), NOISE[dim]))
     assert np.isfinite(slam.pose_cov).all()
 
 
-def test_1100_bearings_of_a_landmark_are_no_recursion():
+def test_1100_bearings_of_a_landmark_need_no_deep_recursion():
     slam = BearingFilter(*START)
     slam.update(scan([5] * 1100, np.tile(SEEN[1][1], (1100, 1)), NOISE[1]))
     assert slam.provisional == {5: 3} or len(slam.landmark_ids) == 1
 
 
 @pytest.mark.parametrize("increment", [[1e308, 0.0, 0.0], [1e60, 0.0, 0.0]])
-def test_increments_of_no_believable_size_are_refused(increment: list[float]):
+def test_huge_increments_are_refused(increment: list[float]):
     slam = driven("standard")
     before = pickle.dumps(slam.map.state.belief)
-    with pytest.raises(UserError, match=r"^increment = .*: nothing is measured in numbers beyond 1e\+50[^\n]*$"):
+    with pytest.raises(UserError, match=r"^increment = .*: a number must be below 1e\+50[^\n]*$"):
         slam.predict(increment, np.eye(3))
     with pytest.raises(UserError, match=r"^increment"):
         slam.predict(np.zeros(3), 1e200 * np.eye(3))
     assert pickle.dumps(slam.map.state.belief) == before
 
 
-def test_a_map_that_outgrows_memory_is_refused_and_stays(monkeypatch: pytest.MonkeyPatch):
+def test_a_map_that_needs_too_much_memory_is_refused_and_unchanged(monkeypatch: pytest.MonkeyPatch):
     slam = driven("standard")
     before = believed(slam)
     monkeypatch.setattr("slamgauge.memory.free_memory", lambda: 100_000.0)

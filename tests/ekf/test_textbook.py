@@ -1,4 +1,4 @@
-"""The textbook EKF: its Jacobians by differences, `ekf` against it on all scenarios of questions 1 and 2, refusals.
+"""The textbook EKF: Jacobians by differences, comparison with `ekf` on the scenarios of questions 1 and 2, refusals.
 
 On random recordings, with correlated noise and position sensors too, `test_filters_against_textbook` and
 `test_associating_filter` compare the two.
@@ -22,16 +22,16 @@ from slamgauge import (
 )
 from slamgauge import textbook_ekf as exported
 from slamgauge.arrays import Float
-from slamgauge.ekf.settings.filter_settings import FilterSettings
+from slamgauge.ekf.settings import FilterSettings
 from slamgauge.ekf.textbook import augment, linearise, locate, motion_jacobians, predict, textbook_ekf, update
 from tests.reference.jacobians import assert_jacobian
 from tests.reference.random_recordings import random_recording, recording_of
 
 SENSORS = pytest.mark.parametrize("sensor", ["range-bearing", "position"])
-X = np.array([0.3, -0.2, 2.9, 1.5, 2.0, -0.6, -3.0])  # a robot that looks backwards, and two landmarks
-EQUAL = 1e-9  # largest difference, absolute up to 1 and relative above: the last digits of two orders of summation
+X = np.array([0.3, -0.2, 2.9, 1.5, 2.0, -0.6, -3.0])  # a robot that faces backwards, and two landmarks
+EQUAL = 1e-9  # largest difference, absolute up to 1 and relative above: sums in another order
 FULL = ("q1-short-dense", "q1-long-dense", "q1-long-sparse", "q2-short-dense", "q2-long-sparse")
-# steps: the textbook needs minutes for all of q2-gate-1, where all associations and figures are equal, too
+# steps: the textbook needs minutes for all of q2-gate-1 (with equal results)
 SHORT = {"q2-long-dense": 400, "q2-gate-1": 150, "q2-gate-100": 400}
 
 
@@ -92,7 +92,7 @@ def test_augmentation_on_full_matrices() -> None:
     np.testing.assert_allclose(augmented, T @ P @ T.T + noise, rtol=0, atol=1e-12)
 
 
-def test_update_in_joseph_form_is_the_same() -> None:
+def test_the_update_equals_the_joseph_form() -> None:
     P, R = 0.01 * random_covariance(7), 0.01 * np.stack([random_covariance(2), 2 * random_covariance(2)])
     z, slots = np.array([[2.5, 1.3], [2.9, 2.1]]), np.array([0, 1])
     seen = linearise("position", X, slots, z, R)
@@ -106,7 +106,7 @@ def test_update_in_joseph_form_is_the_same() -> None:
     assert dof == 4
 
 
-def test_a_bearing_from_the_landmarks_own_place_is_not_used() -> None:
+def test_a_bearing_of_a_landmark_at_the_robot_is_not_used() -> None:
     x = np.array([1.0, 2.0, 0.3, 1.003, 2.0])
     R = np.array([[[0.01, 0.004], [0.004, 0.02]]])
     seen = linearise("range-bearing", x, np.array([0]), np.array([[0.1, 2.0]]), R)
@@ -156,7 +156,7 @@ def test_a_new_landmark_that_is_observed_twice_in_a_scan() -> None:
     assert_equal(ekf_slam(repeated), textbook_ekf(repeated))
 
 
-# --- what it does not have -----------------------------------------------------------------------
+# --- refusals ------------------------------------------------------------------------------------
 
 
 def test_bearing_only_recordings_are_refused() -> None:
@@ -173,7 +173,7 @@ def test_other_associations_are_refused(association: Association) -> None:
 # --- its name ------------------------------------------------------------------------------------
 
 
-def test_it_is_an_estimator_by_name_with_the_gate_of_the_scenario() -> None:
+def test_the_estimator_textbook_ekf_uses_the_gate_of_the_scenario() -> None:
     assert exported is textbook_ekf
     scenario = load_scenario("q2-gate-100", ["trajectory.duration=5"])
     _, recording = simulate(scenario, 0)

@@ -6,14 +6,15 @@ Bounds are two-sided; a filter with exactly chi-square statistics misses them on
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from scipy.stats import chi2
 
 from slamgauge.arrays import Float
+from slamgauge.ekf import OnlineFilter
 from slamgauge.estimate import Estimate
-from slamgauge.recording import Recording
+from slamgauge.recording import Observations, Recording
 from slamgauge.se2 import chain, compose, rotation, wrap
 from slamgauge.sensors import Sensor
 
@@ -92,3 +93,15 @@ def invariant_nees(truth: Float, estimate: Estimate) -> Float:
     D = np.tile(np.eye(3), (len(truth), 1, 1))
     D[:, :2, 2] = estimate.poses[:, :2] @ J.T
     return np.einsum("ki,kij,kj->k", xi, D.swapaxes(1, 2) @ np.linalg.inv(covs_of(estimate)) @ D, xi)
+
+
+def back_and_forth(slam: OnlineFilter, steps: int) -> Iterator[int]:
+    """Move a filter back and forth without slip, six landmarks in view; yield the number of each step."""
+    rng = np.random.default_rng(0)
+    positions = rng.uniform(-8, 8, (6, 2))
+    values = np.column_stack([np.hypot(*positions.T), np.arctan2(positions[:, 1], positions[:, 0])])
+    covs = np.tile(np.diag([0.1, np.deg2rad(5)]) ** 2, (6, 1, 1))
+    for k in range(steps):
+        slam.predict([0.1 if k % 2 else -0.1, 0.0, 0.0], np.diag([1e-4, 0.0, 1e-6]))
+        slam.update(Observations(np.arange(6), values + rng.normal(size=values.shape) * [0.1, np.deg2rad(5)], covs))
+        yield k

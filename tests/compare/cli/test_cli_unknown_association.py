@@ -70,7 +70,7 @@ def test_evaluate_associates_as_its_options_state(folder: Path, capsys: pytest.C
 
 def test_refused_gates_and_optima(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     assert run("evaluate", folder / "recording.npz", "--gate", 0) == 2
-    assert "gate: 0.0 lets nothing pass; choose it above 0" in capsys.readouterr().err
+    assert "gate: 0.0 is out of range; choose it above 0" in capsys.readouterr().err
     assert run("evaluate", folder / "recording.npz", "--gate", 1e308) == 2
     assert capsys.readouterr().err == "slamgauge: gate: 1e+308 is beyond 1e+50; choose a smaller one\n"
     alone = tmp_path / "recording.npz"

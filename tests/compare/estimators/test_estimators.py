@@ -19,8 +19,8 @@ from slamgauge.compare.scoring.comparison import compare_estimators
 from slamgauge.compare.studies.study_run import run_once
 from slamgauge.ekf import FilterSettings, ekf_slam, riekf
 from slamgauge.ekf.maps.correction_table import CORRECTIONS
-from slamgauge.ekf.settings.association import Association as FilterAssociation
-from slamgauge.ekf.settings.association import MapManagement
+from slamgauge.ekf.settings import Association as FilterAssociation
+from slamgauge.ekf.settings import MapManagement
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline import batch, causal

@@ -12,7 +12,7 @@ import pytest
 
 from slamgauge.compare.scenarios.scenario import Scenario, ScenarioError, load_scenario, shipped_scenarios
 from slamgauge.compare.scenarios.trajectory import Segments
-from slamgauge.ekf.settings.initialisation import Delayed, InverseDepth, Rays
+from slamgauge.ekf.settings import Delayed, InverseDepth, Rays
 
 Write = Callable[[str], str]
 
@@ -274,7 +274,7 @@ def test_mistakes_of_the_association():
     overrides = ("association.method=nearest", "association.gate=0", "association.gat=9")
     assert mistakes("q2-long-dense", *overrides) == [
         "association.method: must be 'known', 'nearest-neighbour' or 'jcbb', not 'nearest'",
-        "association.gate: 0.0 lets nothing pass; choose it above 0",
+        "association.gate: 0.0 is out of range; choose it above 0",
         "association.gat: unknown key; did you mean gate?",
     ]
 
@@ -319,27 +319,26 @@ def test_questions_2_and_3_are_question_1_with_another_association_and_noise(
             ["association.method=jcbb", "initialisation=delayed"],
             'association.method = "jcbb" needs rays; set initialisation = "fis", or the method "known"',
         ),
-        (["fis.s_min=10"], "fis.s_max: 10.0 m must lie beyond s_min, 10.0 m; choose it farther"),
+        (["fis.s_min=10"], "fis.s_max: 10.0 m must be beyond s_min, 10.0 m; choose it larger"),
         (
             ["fis.alpha=1"],
-            "fis.alpha: 1.0 is no share of a distance; choose it above 0 and below 1",
+            "fis.alpha: 1.0 is out of range; choose it above 0 and below 1",
         ),
         (
             ["fis.beta=1"],
-            "fis.beta: 1.0 makes no progression; choose it above 1",
+            "fis.beta: 1.0 is out of range; choose it above 1",
         ),
         (
             ["fis.beta=1.000001"],
-            "fis.beta: 1.000001 makes 693149 members of a ray from s_min to s_max; choose it larger, "
-            "for 1000 members at most",
+            "fis.beta: 1.000001 gives 693149 members from s_min to s_max; choose it larger, for 1000 members at most",
         ),
         (
             ["fis.s_min=1e-307"],
-            "fis.beta: 1.7 makes 1337 members of a ray from s_min to s_max; choose it larger, for 1000 members at most",
+            "fis.beta: 1.7 gives 1337 members from s_min to s_max; choose it larger, for 1000 members at most",
         ),
         (["initialisation=ekf"], "initialisation: must be 'fis', 'inverse-depth' or 'delayed', not 'ekf'"),
-        (["delayed.poses=2"], "delayed.poses: 2 place no landmark; choose at least 3"),
-        (["inverse_depth.mean=0"], "inverse_depth.mean: 0.0 1/m is no inverse distance; choose it above 0"),
+        (["delayed.poses=2"], "delayed.poses: 2 is out of range; choose it at least 3"),
+        (["inverse_depth.mean=0"], "inverse_depth.mean: 0.0 is out of range; choose it above 0"),
         (["sensor.sigma_range=1"], "sensor.sigma_range: a bearing sensor has none; remove it or change kind"),
     ],
 )

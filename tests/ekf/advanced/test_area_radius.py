@@ -1,4 +1,4 @@
-"""Which filter a recording with many landmarks gets, and that it makes no difference."""
+"""Choice of the compressed filter for large maps, and equality with the full filter."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def notices_anew() -> Iterator[None]:
 
 
 def along_a_road(landmarks: int, near: float, stride: float) -> Recording:
-    """Half a metre of a straight road for each landmark, driven there and back; those within `near` [m] are seen."""
+    """Return a drive along a straight road and back, half a metre per landmark; the range is `near` [m]."""
     there = np.arange(0.0, 0.5 * landmarks, stride)
     x = np.concatenate([there, there[::-1]])
     heading = np.repeat([0.0, np.pi], len(there))
@@ -56,37 +56,35 @@ def chosen(recording: Recording, correction: str = "ekf") -> type:
 
 
 @pytest.mark.parametrize("name", ["ekf", "riekf"])
-def test_a_long_road_is_worked_area_by_area_and_says_so(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_long_road_uses_compressed_updates_and_prints_a_notice(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     recording = along_a_road(400, 3.0, 0.02)
     assert chosen(recording, name) is CompressedFilter
     assert capsys.readouterr().err == (
-        f"slamgauge: 400 landmarks: {name} works area by area (CompressedFilter), which gives the same for less work\n"
+        f"slamgauge: 400 landmarks: {name} uses compressed updates (CompressedFilter): the same result in less time\n"
     )
     assert {chosen(recording, other) for other in CORRECTIONS if other not in ("ekf", "riekf")} == {SlamFilter}
 
 
-def test_the_dearer_account_of_the_right_invariant_filter_is_counted() -> None:
+def test_the_larger_cost_of_the_right_invariant_filter_is_included() -> None:
     recording = along_a_road(400, 3.0, 0.02)
     full, standard = work(recording, "standard", 4.5)
     same, invariant = work(recording, "right-invariant", 4.5)
     assert same == full > invariant > standard
 
 
-def test_areas_that_are_left_at_once_and_maps_that_are_one_area_are_not() -> None:
+def test_small_areas_and_maps_of_one_area_use_the_full_filter() -> None:
     assert chosen(along_a_road(400, 3.0, 0.5)) is SlamFilter
     assert chosen(along_a_road(310, 200.0, 5.0)) is SlamFilter
     assert area_that_pays(along_a_road(100, 3.0, 0.02), "standard") is None
 
 
-def test_a_dozen_sights_a_step_of_a_map_that_settling_copies_at_every_metre_and_a_half_are_not() -> None:
+def test_large_scans_with_frequent_changes_of_area_use_the_full_filter() -> None:
     """The compressed filter takes 1.6 times as long here."""
     assert area_that_pays(along_a_road(800, 3.0, 0.1), "standard") is None
 
 
 @pytest.mark.parametrize(("name", "estimator"), [("ekf", estimators.ekf_slam), ("riekf", riekf)])
-def test_the_estimate_is_that_of_the_full_filter(
-    name: str, estimator: Estimator, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_estimate_equals_the_full_filter(name: str, estimator: Estimator, monkeypatch: pytest.MonkeyPatch) -> None:
     recording = along_a_road(60, 3.0, 0.1)
     full = estimator(recording)
 
@@ -101,7 +99,7 @@ def test_the_estimate_is_that_of_the_full_filter(
 
 
 def beyond_the_covariance(landmarks: int) -> float:
-    """Bytes that the compressed filter allocates at its most, on a road, without its covariance."""
+    """Return the peak memory of the compressed filter on a road, without its covariance, in bytes."""
     recording = along_a_road(landmarks, 3.0, 0.5)
     tracemalloc.start()
     slam = CompressedFilter("range-bearing", recording.prior_mean, recording.prior_cov, 4.5)
@@ -115,13 +113,13 @@ def beyond_the_covariance(landmarks: int) -> float:
 
 
 def test_the_compressed_filter_needs_little_beyond_the_covariance() -> None:
-    """Twice the map, twice as much: what it settles is not copied."""
-    beyond_the_covariance(20)  # kernels are loaded
+    """Twice the map, twice the memory: the filter makes no copy of the covariance."""
+    beyond_the_covariance(20)  # loads kernels
     few, more, most = (beyond_the_covariance(landmarks) for landmarks in (100, 200, 400))
     assert 0.0 < few < more < most < 2.5 * more
 
 
-def test_memory_that_is_not_there_is_told_before_work_begins(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_lack_of_memory_is_reported_before_work_begins(monkeypatch: pytest.MonkeyPatch) -> None:
     recording = along_a_road(20, 3.0, 0.5)
     monkeypatch.setattr("slamgauge.memory.free_memory", lambda: 1e3)
     for estimator, what in ((riekf, "covariance"), (batch, "batch"), (causal, "causal")):

@@ -1,4 +1,4 @@
-"""The compressed filter equals the full one, of either correction; only the account of the rest of the map differs."""
+"""The compressed filter equals the full one for both corrections."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ BOTH = pytest.mark.parametrize("correction", ["standard", "right-invariant"])
 
 
 def assert_equal_all_along(recording: Recording, area_radius: float, correction: Correction) -> int:
-    """Compare pose and covariance at every step, the whole map every 50 steps; returns how often an area was left."""
+    """Compare pose and covariance at every step, the whole map every 50 steps; return how often an area was left."""
     prior = recording.sensor, recording.prior_mean, recording.prior_cov
     full = SlamFilter(*prior, correction)
     compressed = CompressedFilter(*prior, area_radius, correction=correction)
@@ -67,13 +67,13 @@ NORTH, SOUTH = np.array([[40.0, 8.0], [36.0, 9.0], [41.0, 13.0]]), np.array([[1.
 
 
 def seen_from(pose: Float, places: Float, ids: list[int], variance: float = 0.01) -> Observations:
-    """Positions of `places` (m, 2) as they are from a pose (3,)."""
+    """Return positions `places` (m, 2) in the body frame of a pose (3,)."""
     covs = np.tile(variance * np.eye(2), (len(ids), 1, 1))
     return Observations(np.array(ids), (places - pose[:2]) @ rotation(pose[2]), covs)
 
 
 def in_another_area(correction: Correction) -> tuple[SlamFilter, CompressedFilter]:
-    """Both filters between two places for the second time, at that of two landmarks, and there lost in heading."""
+    """Return both filters after a second drive to two landmarks, with a large heading error there."""
     north, south = np.array([40.0, 10.0, 0.5]), np.array([0.0, 0.0, 0.8])
     prior = "position", north, np.diag([0.01, 0.01, 0.01])
     full, compressed = SlamFilter(*prior, correction), CompressedFilter(*prior, area_radius=6.0, correction=correction)
@@ -89,7 +89,7 @@ def in_another_area(correction: Correction) -> tuple[SlamFilter, CompressedFilte
 @BOTH
 @pytest.mark.parametrize("turn", [-3.0, -1.0, 1e-9, 0.4, 2.5])
 def test_a_huge_turn_of_the_rest_of_the_map(turn: float, correction: Correction) -> None:
-    """What is seen in the area turns the robot by radians; the rest of the map moves by V dx, and turns with it."""
+    """Observations rotate the robot by radians; the rest of the map moves by V dx and rotates with it."""
     full, compressed = in_another_area(correction)
     rest = full.landmarks[:3]
     for k in range(4):
@@ -103,7 +103,7 @@ def test_a_huge_turn_of_the_rest_of_the_map(turn: float, correction: Correction)
 
 
 @BOTH
-def test_landmarks_new_to_an_area_seen_once_and_twice_between_turns(correction: Correction) -> None:
+def test_landmarks_that_are_new_to_an_area_between_turns(correction: Correction) -> None:
     full, compressed = in_another_area(correction)
     for k in range(6):
         pose = full.pose + np.array([0.2, -0.1, 0.3])
@@ -117,7 +117,7 @@ def test_landmarks_new_to_an_area_seen_once_and_twice_between_turns(correction: 
 
 
 @BOTH
-def test_a_refused_scan_leaves_the_account_as_it_was(correction: Correction) -> None:
+def test_a_refused_scan_leaves_pending_updates_unchanged(correction: Correction) -> None:
     full, compressed = in_another_area(correction)
     scan = seen_from(full.pose + 0.2, SOUTH, [1, 2])
     for slam in (full, compressed):
@@ -130,7 +130,7 @@ def test_a_refused_scan_leaves_the_account_as_it_was(correction: Correction) -> 
 
 
 @pytest.mark.parametrize("correction", ["first-estimates", "observability-constrained", "iterated", RULES["iterated"]])
-def test_other_corrections_have_no_account(correction: Correction) -> None:
+def test_other_corrections_are_refused(correction: Correction) -> None:
     with pytest.raises(
         UserError, match=r"^correction: .* has no account of an area; use standard or right-invariant[^\n]*$"
     ):
@@ -138,7 +138,7 @@ def test_other_corrections_have_no_account(correction: Correction) -> None:
 
 
 @BOTH
-def test_a_new_landmark_seen_twice_in_one_step(correction: Correction) -> None:
+def test_a_new_landmark_observed_twice_in_a_step(correction: Correction) -> None:
     twice = Observations(np.array([4, 4]), np.array([[2.0, 1.0], [2.2, 1.0]]), np.tile(np.eye(2) * 0.04, (2, 1, 1)))
     again = Observations(np.array([4]), np.array([[2.1, 0.9]]), np.eye(2)[None] * 0.04)
     prior = "position", np.zeros(3), np.eye(3) * 0.01

@@ -1,4 +1,4 @@
-"""The parts of filters in numpy: Jacobians, sigma points and their moments, Kalman's step."""
+"""Parts of the filters in numpy: Jacobians, sigma points and their moments, the Kalman update."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ J = np.array([[0.0, -1.0], [1.0, 0.0]])
 
 
 @pytest.mark.parametrize("heading", ANGLES)
-def test_places_seen_from_a_robot(heading: float) -> None:
+def test_positions_in_the_body_frame(heading: float) -> None:
     robot, place = np.array([2.0, -1.0, heading]), np.array([2.001, -1.0])
 
     def seen(at: Float) -> Float:
@@ -49,14 +49,14 @@ def test_places_seen_from_a_robot(heading: float) -> None:
 
 @pytest.mark.parametrize("heading", ANGLES)
 @pytest.mark.parametrize("turn", ANGLES)
-def test_pose_in_a_world_that_is_seen_from_the_robot(heading: float, turn: float) -> None:
+def test_the_pose_from_the_world_frame_in_the_body_frame(heading: float, turn: float) -> None:
     both = np.array([0.3, -0.2, turn, -4.0, 7.0, heading])
     jacobian = pose_jacobian(both[:3], both[3:])
     assert_jacobian(lambda at: between(at[3:], at[:3]), jacobian, both, angles=[2])
 
 
-def test_exp_turns_about_where_it_must() -> None:
-    """R(t) - I = V(t) J t, on which the coordinates of `sigma_points` rest; V is the mean of R over the turn."""
+def test_exp_is_a_rotation_about_a_point() -> None:
+    """R(t) - I = V(t) J t, which the coordinates of `sigma_points` use; V is the mean of R over the turn."""
     t = np.array([0.0, 1e-300, 1e-9, 1e-4, 0.5, -2.0, math.pi, -6.0])
     np.testing.assert_allclose(rotation(t) - np.eye(2), mean_rotation(t) @ J * t[:, None, None], rtol=0, atol=1e-15)
     nodes, weights = np.polynomial.legendre.leggauss(20)
@@ -68,7 +68,7 @@ def test_exp_turns_about_where_it_must() -> None:
 
 
 def test_moments_are_exact_for_parabolas_of_one_variable_and_for_lines() -> None:
-    """Mean and variance of a + bx + cx^2 under N(0, sigma^2), and of a plane."""
+    """Mean and variance of a + bx + cx^2 for x ~ N(0, sigma^2), and of a plane."""
     slope, bend, sigma = 1.3, -0.4, 0.7
     points = SPREAD * sigma * np.array([[1.0], [-1.0]])
     mean, cov = moments(slope * points + bend * points**2)
@@ -83,7 +83,7 @@ def test_moments_are_exact_for_parabolas_of_one_variable_and_for_lines() -> None
     np.testing.assert_allclose(cov, plane @ root @ root @ plane.T, rtol=1e-13)
 
 
-def test_roots_are_symmetric_and_refuse_what_is_singular() -> None:
+def test_roots_are_symmetric_and_singular_matrices_are_refused() -> None:
     root = np.random.default_rng(1).normal(size=(6, 6)) * np.logspace(0, -3, 6)
     cov = root @ root.T
     factor, inverse = symmetric_roots(cov)
@@ -94,7 +94,7 @@ def test_roots_are_symmetric_and_refuse_what_is_singular() -> None:
         symmetric_roots(root[:, :3] @ root[:, :3].T)
 
 
-def test_motion_noise_is_that_of_the_linear_filter_where_turn_and_translation_are_independent() -> None:
+def test_motion_noise_equals_the_linear_filter_if_turn_and_translation_are_independent() -> None:
     turn, cov = rotation(0.7), np.array([[0.04, 0.01, 0.0], [0.01, 0.09, 0.0], [0.0, 0.0, 0.25]])
     whole = np.eye(3)
     whole[:2, :2] = turn
@@ -103,8 +103,8 @@ def test_motion_noise_is_that_of_the_linear_filter_where_turn_and_translation_ar
     np.testing.assert_allclose(motion_noise(turn, cov), whole @ cov @ whole.T, rtol=0, atol=1e-16)
 
 
-def test_motion_noise_has_the_second_moments_of_what_noise_does_to_the_pose() -> None:
-    """By quadrature, translation going with the turn: what the linear filter leaves out is right to 1 % of itself."""
+def test_motion_noise_has_the_second_moments_of_the_pose_error() -> None:
+    """Compared with quadrature for correlated translation and turn: the second-order terms have an error below 1 %."""
     turn, line = rotation(-1.1), np.array([0.2, -0.1, 0.05])
     nodes, weights = np.polynomial.hermite_e.hermegauss(30)
     changes = np.array(
@@ -119,8 +119,8 @@ def test_motion_noise_has_the_second_moments_of_what_noise_does_to_the_pose() ->
     np.testing.assert_allclose(motion_noise(turn, np.outer(line, line)), exact, rtol=0, atol=0.01 * added)
 
 
-def test_a_new_landmark_has_the_covariance_of_its_sight() -> None:
-    """Wide in bearing: within 5 % of quadrature of the sight's noise, where the linear covariance is a tenth off."""
+def test_a_new_landmark_has_the_covariance_of_its_observation() -> None:
+    """For a large bearing noise: within 5 % of quadrature; the linear covariance has an error of a tenth."""
     start, z, cov = np.array([1.0, 2.0, 0.6]), np.array([5.0, 0.4]), np.diag([0.1, 0.3]) ** 2
     belief = InvariantBelief("range-bearing", start, np.zeros((3, 3)))
     belief.add(z[None], cov[None])
@@ -136,20 +136,20 @@ def test_a_new_landmark_has_the_covariance_of_its_sight() -> None:
     np.testing.assert_allclose(belief.landmarks[0], start[:2] + 5.0 * np.array([np.cos(1.0), np.sin(1.0)]), atol=1e-14)
 
 
-def test_a_scan_of_near_landmarks_moves_sigma_points_and_jacobians_apart() -> None:
-    """Otherwise both filters would be one; and with less noise they are, at second order."""
+def test_sigma_points_and_jacobians_differ_for_near_landmarks() -> None:
+    """With less noise the difference is of second order."""
     apart = [differ(riukf, riekf, noise) for noise in (1.0, 0.1, 0.01)]
     assert apart[0] > 1e-3
     np.testing.assert_array_less(np.array(apart[1:]), np.array(apart[:-1]) / 30.0)
 
 
 def differ(one: Estimator, other: Estimator, noise: float) -> float:
-    """Largest distance of two filters' poses [m] on the same recording."""
+    """Return the largest distance of two filters' positions [m] on the same recording."""
     _, recording = random_recording(3, noise=noise, steps=40)
     return float(np.abs(between(one(recording).poses, other(recording).poses)).max())
 
 
-def test_kalmans_step_is_the_textbooks() -> None:
+def test_the_kalman_update_equals_the_textbook() -> None:
     rng = np.random.default_rng(2)
     root, H, R = rng.normal(size=(5, 5)), rng.normal(size=(4, 5)), block_diagonal(np.tile(np.eye(2), (2, 1, 1)))
     P, v = root @ root.T, rng.normal(size=4)

@@ -1,4 +1,4 @@
-"""Jacobians of a window's cost against differences, at the places where they tend to break."""
+"""Jacobians of a window's cost compared with differences, at difficult states."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def root_of(sensor: int) -> Float:
 @HEADINGS
 @pytest.mark.parametrize("distance", [0.02, 3.0, 200.0])
 @pytest.mark.parametrize("bearing", [0.3, PI, -2.0])
-def test_a_sights_residual(sensor: int, heading: float, distance: float, bearing: float) -> None:
+def test_the_residual_of_an_observation(sensor: int, heading: float, distance: float, bearing: float) -> None:
     pose = np.array([1.0, -2.0, heading])
     landmark = pose[:2] + rotation(heading) @ (distance * np.array([math.cos(bearing), math.sin(bearing)]))
     value = landmark - pose[:2] if sensor == POSITION else np.array([distance + 0.1, bearing - 0.05])
@@ -50,7 +50,7 @@ def test_a_sights_residual(sensor: int, heading: float, distance: float, bearing
 
 
 @SENSORS
-def test_what_is_too_close_says_nothing_of_its_bearing(sensor: int) -> None:
+def test_a_landmark_at_the_robot_gives_no_bearing_information(sensor: int) -> None:
     r, H = np.zeros(2), np.zeros((2, 5))
     observed = passes.Observed(sensor, np.zeros(1, np.int64), np.array([[0.5, 1.0]]), np.eye(2)[None])
     passes.observation_error(observed, 0, np.zeros(3), np.zeros(2), r, H)
@@ -63,7 +63,7 @@ def test_what_is_too_close_says_nothing_of_its_bearing(sensor: int) -> None:
 
 @HEADINGS
 def test_the_errors_of_the_prior(heading: float) -> None:
-    """Where they are counted from, their Jacobian is the unit matrix but for the heading's column."""
+    """At the reference their Jacobian is the unit matrix except for the column of the heading."""
     rng = np.random.default_rng(0)
     landmarks, size = 2, ROBOT + 2 * 2 + 2 * 3
     at = rng.normal(scale=5.0, size=size)
@@ -82,8 +82,8 @@ def test_the_errors_of_the_prior(heading: float) -> None:
     assert_jacobian(errors, expected, at, angles=(2, 9, 12))
 
 
-def test_a_prior_is_what_it_was_made_of() -> None:
-    """Of steps from where it was made; and a shift and turn of everything is none but the error of x_0's heading."""
+def test_a_prior_equals_the_factors_that_it_replaces() -> None:
+    """For steps from its reference; moving everything changes only the heading error of x_0."""
     problem = some_problem(RANGE_BEARING)
     size = ROBOT + len(problem.rest)
     A, b = np.zeros((size, size)), np.zeros(size)
@@ -105,8 +105,8 @@ def test_a_prior_is_what_it_was_made_of() -> None:
     np.testing.assert_allclose(error, float(wrap(turn)) * np.eye(size)[2], atol=1e-12)
 
 
-def test_a_prior_says_the_same_from_elsewhere() -> None:
-    """Its minimum is where it was, whatever the errors are counted from."""
+def test_a_prior_does_not_depend_on_its_reference() -> None:
+    """The minimum does not depend on the reference of the errors."""
     problem = some_problem(RANGE_BEARING)
     size = ROBOT + len(problem.rest)
     prior = passes.Prior(*(each.copy() for each in problem.prior))
@@ -117,7 +117,7 @@ def test_a_prior_says_the_same_from_elsewhere() -> None:
 
 
 def some_problem(sensor: int) -> passes.Problem:
-    """Three poses, two landmarks, a kept pose, and sights of all."""
+    """Return three poses, two landmarks, a kept pose, and observations of all."""
     rng = np.random.default_rng(1)
     size, rest = ROBOT + 4 + 3, np.array([3.0, 1.0, -1.0, 4.0, -2.0, -1.0, 3.1])
     root = rng.normal(size=(size, size))
@@ -137,10 +137,10 @@ def some_problem(sensor: int) -> passes.Problem:
 
 
 @SENSORS
-def test_a_pass_finds_the_gradient_and_the_way_back(sensor: int) -> None:
-    """The minimum of the model that a pass makes is where differences of the cost say, over all its own unknowns."""
+def test_a_pass_finds_gradient_and_minimum(sensor: int) -> None:
+    """Compared with differences of the cost over all unknowns."""
     problem = some_problem(sensor)
-    free = [0, 2]  # of each motion's noise; it cannot slip
+    free = [0, 2]  # rows with motion noise: no slip
     first, count = ROBOT + len(problem.rest), len(problem.window.pose)
 
     def at(step: Float) -> passes.Problem:
@@ -167,7 +167,7 @@ def test_a_pass_finds_the_gradient_and_the_way_back(sensor: int) -> None:
     passes.go_back(problem.window, first, step, work)
     whole = np.concatenate([step, (work.step - problem.window.multiplier)[1:, free].ravel()])
 
-    # a Gauss-Newton step answers the gradient by the squared Jacobians, whose errors are of the residuals' curvature
+    # a Gauss-Newton step uses the squared Jacobians, without the curvature of residuals
     assert gradient @ whole < 0.0
     curvature = gauss_newton_matrix(at, zero)
     np.testing.assert_allclose(curvature @ whole, -gradient / 2.0, atol=1e-6 * np.abs(gradient).max())
@@ -178,7 +178,7 @@ def test_a_pass_finds_the_gradient_and_the_way_back(sensor: int) -> None:
 
 
 def gauss_newton_matrix(at: Callable[[Float], passes.Problem], zero: Float) -> Float:
-    """J'J of all residuals, each made by differences."""
+    """Return J'J of all residuals by differences."""
 
     def residuals(step: Float) -> Float:
         problem = at(step)

@@ -1,4 +1,4 @@
-"""Delayed initialisation: the placement is exact conditioning, and the window stays short."""
+"""Delayed initialisation: placement is exact conditioning, and the window is bounded."""
 
 from __future__ import annotations
 
@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 from slamgauge.arrays import Float, Int
+from slamgauge.ekf import textbook
 from slamgauge.ekf.bearings.bearing_filter import BearingFilter
 from slamgauge.ekf.bearings.delayed import IMPROBABLE, DelayedInitialiser, whitened_bearings
 from slamgauge.ekf.maps.correction_table import RULES, Correction
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
-from slamgauge.ekf.settings.initialisation import FEWEST, Delayed
+from slamgauge.ekf.settings import FEWEST, Delayed
 from slamgauge.recording import Observations
 from slamgauge.se2 import rotation, wrap
 from slamgauge.triangulation import triangulate
@@ -42,7 +43,7 @@ def moved(pose: Float, increment: Float) -> Float:
 
 @pytest.mark.parametrize("heading", [0.3, math.pi, -math.pi])
 def test_the_jacobians_of_whitened_bearings(heading: float) -> None:
-    """Residuals are measured less expected, hence of the poses and of the landmark with the minus of a prediction."""
+    """Residuals are measurement minus prediction, hence the sign."""
     poses = np.array([[0.0, 0.0, heading], [1.0, -0.5, 1.0], [6.0, 4.5, -2.0]])
     landmark, variances = np.array([3.0, 4.0]), np.array([1e-2, 4e-2, 1.0])
     offset = landmark - poses[:, :2]
@@ -61,23 +62,18 @@ def test_the_jacobians_of_whitened_bearings(heading: float) -> None:
 
 
 class Twin:
-    """Robot, its clones and placed landmarks on full matrices; a placement by the information form."""
+    """Robot, clones and landmarks on full matrices; a placement in information form."""
 
     def __init__(self, mean: Float, cov: Float, sure: float) -> None:
         self.x, self.P, self.sure = mean.copy(), cov.copy(), sure
-        self.clones: list[int] = []  # first entry of each, in the order of time
+        self.clones: list[int] = []  # first state entry of each, in the order of time
         self.sights: list[float] = []
 
     def predict(self, increment: Float) -> None:
-        move = rotation(self.x[2]) @ increment[:2]
-        F, G = np.eye(len(self.x)), np.zeros((len(self.x), 3))
-        F[:2, 2], G[:2, :2], G[2, 2] = J @ move, rotation(self.x[2]), 1.0
-        self.x[:2] += move
-        self.x[2] = wrap(self.x[2] + increment[2])
-        self.P = F @ self.P @ F.T + G @ Q @ G.T
+        self.x, self.P = textbook.predict(self.x, self.P, increment, Q)
 
     def see(self, z: float) -> bool:
-        """Clone the robot; place the landmark when its bearings allow."""
+        """Clone the robot; place the landmark if its bearings are sufficient; return whether it is placed."""
         self.clones.append(len(self.x))
         self.sights.append(z)
         T = np.vstack([np.eye(len(self.x)), np.eye(3, len(self.x))])
@@ -92,10 +88,10 @@ class Twin:
         return found.placed
 
     def condition(self, columns: Int, poses: Float, landmark: Float) -> None:
-        """The posterior of (the rest, landmark), with nothing known of the landmark before.
+        """Compute the posterior of state and landmark with a flat prior on the landmark.
 
-        P has the clone of the moment twice over, as robot and clone, and no inverse: the information form is of all
-        else, the robot being put back afterwards.
+        P is singular because the robot equals the newest clone: the information form omits the robot, which is added
+        again afterwards.
         """
         size = len(self.x)
         kept = np.arange(3, size)  # without the robot, a copy of the newest clone
@@ -113,7 +109,7 @@ class Twin:
         P = np.linalg.inv(information)
         x = np.concatenate([self.x[kept], landmark]) + P @ H.T @ r / SIGMA**2
         newest = self.clones[-1] - 3
-        T = np.zeros((5, size - 1))  # robot and landmark: what is left when nothing waits
+        T = np.zeros((5, size - 1))  # robot and landmark remain when no landmark waits
         T[:3, newest : newest + 3] = np.eye(3)
         T[3:, -2:] = np.eye(2)
         self.x, self.P = T @ x, T @ P @ T.T
@@ -123,10 +119,7 @@ class Twin:
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize("correction", ["standard", "first-estimates", "observability-constrained", "iterated"])
 def test_a_placement_is_exact_conditioning(correction: Correction, seed: int) -> None:
-    """Robot, clones and a flat prior on the landmark, and all bearings at once; before and after, the whole covariance.
-
-    With one landmark, clones and points keep the same order in filter and twin.
-    """
+    """Filter and reference have the same mean and the same whole covariance, before and after the placement."""
     rng = np.random.default_rng(seed)
     mean, cov = np.array([0.3, -0.2, 3.0]), np.diag([0.02, 0.03, 0.02]) ** 2
     slam, twin = BearingFilter(mean, cov, correction, Delayed(spacing=0.0, poses=60)), Twin(mean, cov, 0.1)
@@ -150,7 +143,7 @@ def test_a_placement_is_exact_conditioning(correction: Correction, seed: int) ->
         if not placed:
             entries = np.array([0, 1, 2, *(3 + 4 * c + i for c in range(steps) for i in range(3))])
             assert len(P) == 3 + 4 * steps
-            np.testing.assert_array_equal(np.delete(P, entries, axis=0), 0.0)  # the entry that fills a clone's slot
+            np.testing.assert_array_equal(np.delete(P, entries, axis=0), 0.0)  # the unused entry of a clone's slot
             P = P[np.ix_(entries, entries)]
         np.testing.assert_allclose(P, twin.P, rtol=0, atol=1e-11)
         if placed:
@@ -160,8 +153,8 @@ def test_a_placement_is_exact_conditioning(correction: Correction, seed: int) ->
     assert 0 in slam.landmark_ids
 
 
-def test_improbable_bearings_wait() -> None:
-    """Bearings of two landmarks under one name are never placed; those of one that enters beside them are."""
+def test_bearings_of_two_landmarks_with_one_id_are_never_placed() -> None:
+    """A third landmark is placed as if they did not exist."""
     rng = np.random.default_rng(3)
     slam, pose = BearingFilter(np.zeros(3), np.zeros((3, 3)), initialisation=Delayed(poses=12)), np.zeros(3)
     landmarks = np.array([[3.0, 3.0], [2.0, 4.5], [4.0, -2.0]])
@@ -185,13 +178,13 @@ def test_improbable_bearings_wait() -> None:
 
 
 def clones_in(slam: BearingFilter) -> int:
-    """Poses in the state beside robot and points."""
+    """Return the number of cloned poses in the state."""
     return (len(slam.cov) - 3 - 2 * len(slam.landmark_ids)) // 4
 
 
 @CORRECTIONS
-def test_covariances_stay_sound_and_the_window_short(correction: Correction) -> None:
-    """A loop among landmarks seen with probability 0.7, of which always some wait; then one in which nothing does."""
+def test_covariances_stay_semidefinite_and_the_window_bounded(correction: Correction) -> None:
+    """A loop among landmarks that are observed with probability 0.7; at the end no landmark waits."""
     rng = np.random.default_rng(5)
     angles = rng.uniform(-np.pi, np.pi, 25)
     landmarks = rng.uniform(6.5, 9.0, (25, 1)) * np.column_stack([np.cos(angles), np.sin(angles)]) + [0.0, 5.0]
@@ -218,11 +211,11 @@ def test_covariances_stay_sound_and_the_window_short(correction: Correction) -> 
         assert error @ np.linalg.solve(slam.pose_cov, error) < 21.1  # chi-square, 3 dof, 1 in 10 000
 
 
-def test_a_long_way_is_mapped_to_its_end() -> None:
-    """Landmarks left behind unplaced do not keep the window: most of what comes into view is placed everywhere.
+def test_a_long_path_is_mapped_to_its_end() -> None:
+    """Landmarks that were never placed do not fill the window.
 
-    A window that always gave up the clone nearest to its neighbours ended with its clones spread over the whole way,
-    held by landmarks that are never seen again, and placed nothing more.
+    A window that always removed the clone nearest to its neighbours ended with clones spread over the whole path, used
+    by landmarks that are never re-observed, and placed nothing more.
     """
     rng = np.random.default_rng(7)
     landmarks = np.column_stack([rng.uniform(0.0, 200.0, 200), rng.uniform(1.0, 10.0, 200) * rng.choice([-1, 1], 200)])
@@ -243,14 +236,14 @@ def test_a_long_way_is_mapped_to_its_end() -> None:
     assert (bins > 0.5 * there).all()
 
 
-def test_standing_still_adds_no_poses() -> None:
+def test_a_standing_robot_adds_no_poses() -> None:
     rng = np.random.default_rng(8)
     slam = BearingFilter(np.zeros(3), np.zeros((3, 3)), initialisation=Delayed(spacing=0.2))
     landmarks = np.array([[3.0, 3.0], [2.0, 4.5]])
     for k in range(20):
         slam.update(sights(np.zeros(3), landmarks, [0, 1] if k else [0], rng))
         assert clones_in(slam) == 1
-        slam.predict([0.0, 0.0, 0.1], Q)  # turning on the spot is no way either
+        slam.predict([0.0, 0.0, 0.1], Q)  # a turn without translation adds no pose either
     assert slam.provisional == {0: 0}
     slam.predict([0.21, 0.0, 0.0], Q)
     slam.update(sights(np.array([0.2, 0.0, 0.0]), landmarks, [0, 1], rng))
@@ -258,8 +251,7 @@ def test_standing_still_adds_no_poses() -> None:
     assert slam.provisional == {0: 0, 1: 0}
 
 
-def test_numbers_are_given_once() -> None:
-    """Of clones and points alike, over a run in which both come and go."""
+def test_ids_of_clones_and_points_are_used_once() -> None:
     rng = np.random.default_rng(9)
     inner = LandmarkMap("bearing", np.zeros(3), np.zeros((3, 3)), "standard", landmarks=0)
     waiting, pose, points = DelayedInitialiser(inner, Delayed(poses=5, spacing=0.2)), np.zeros(3), dict[int, int]()
@@ -287,7 +279,7 @@ def test_numbers_are_given_once() -> None:
     assert np.hypot(*(places - landmarks[[*points]]).T).max() < 1.0
 
 
-def test_a_landmark_is_forgotten_with_its_poses() -> None:
+def test_a_removed_landmark_takes_its_poses_with_it() -> None:
     inner = LandmarkMap("bearing", np.zeros(3), np.zeros((3, 3)), "standard", landmarks=0)
     waiting = DelayedInitialiser(inner, Delayed())
     waiting.observe(0, [4, 5], np.zeros((2, 1)), np.ones((2, 1, 1)))
@@ -299,12 +291,3 @@ def test_a_landmark_is_forgotten_with_its_poses() -> None:
     assert len(inner.state.ids) == 2
     waiting.forget(1, 4)
     assert len(inner.state.cov) == 3
-
-
-# --- settings ------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(("key", "value"), [("poses", 2), ("spacing", -0.1), ("spacing", math.nan), ("sure", 0.0)])
-def test_settings_that_cannot_be(key: str, value: float) -> None:
-    with pytest.raises(ValueError, match=rf"^{key}: {value} [^\n]*; choose [^\n]*$"):
-        Delayed(**{key: value})  # pyright: ignore[reportArgumentType]

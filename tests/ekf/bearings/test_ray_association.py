@@ -1,4 +1,4 @@
-"""Association of bearings with rays and points: against brute force scan by scan, and what filters make of it."""
+"""Association of bearings with rays and points, compared with brute force."""
 
 from __future__ import annotations
 
@@ -21,12 +21,9 @@ METHODS = pytest.mark.parametrize("method", ["nearest-neighbour", "jcbb"])
 J = np.array([[0.0, -1.0], [1.0, 0.0]])
 
 
-# --- scan by scan --------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class Problem:
-    """A scan before landmarks that are points or rays of some members, slots in random order."""
+    """A scan and landmarks that are points or rays, slots in random order."""
 
     map: LandmarkMap
     owners: Int  # (L,) landmark of each slot
@@ -37,12 +34,12 @@ class Problem:
     P: Float
 
     def distances(self) -> Float:
-        """d^2 (m, L) of bearings and slots."""
+        """Return d^2 (m, L) of bearings and slots."""
         predicted = np.einsum("li,ij,lj->l", self.jacobian, self.P, self.jacobian)
         return self.innovation**2 / (predicted + self.covs[:, 0])
 
     def of_rays(self) -> Scan:
-        """The scan with one column per landmark, each standing for its member nearest to the bearing."""
+        """Return the scan with one column per landmark: its member nearest to the bearing."""
         landmarks, distances = int(self.owners.max()) + 1, self.distances()
         m, n = len(self.values), len(self.P)
         innovation, jacobian = np.zeros((m, landmarks, 2)), np.zeros((m, landmarks, 2, n))
@@ -58,7 +55,7 @@ class Problem:
 
 
 def random_problem(seed: int) -> Problem:
-    """Landmarks near enough to each other that bearings have several candidates; some bearings are of nothing."""
+    """Return landmarks so close together that bearings have several candidates, and some clutter."""
     rng = np.random.default_rng(seed)
     owners = np.concatenate([[landmark] * int(rng.integers(1, 4)) for landmark in range(int(rng.integers(2, 5)))])
     angles = rng.uniform(-0.6, 0.6, int(owners.max()) + 1)[owners] + 0.03 * rng.normal(size=len(owners))
@@ -85,7 +82,7 @@ def random_problem(seed: int) -> Problem:
 
 
 def named(problem: Problem, settings: Association) -> tuple[list[int], int]:
-    """Names of the bearings, and how many landmarks there were before; those are given their names by a first scan."""
+    """Return the ids of the bearings, and the number of landmarks, which a first scan has mapped."""
     landmarks, after = int(problem.owners.max()) + 1, problem.map
     before = LandmarkMap("bearing", after.state.pose, after.state.pose_cov, "standard", landmarks=0)
     association = RayAssociation(before, settings)
@@ -101,7 +98,7 @@ def named(problem: Problem, settings: Association) -> tuple[list[int], int]:
 
 
 def greedy(distances: Float, gate: float) -> dict[int, int]:
-    """Landmark of each bearing: the nearest pair of all, then the nearest of what is free, and so on."""
+    """Return the landmark of each bearing: the nearest pair, then the nearest among the free ones, and so on."""
     found: dict[int, int] = {}
     while True:
         free = distances.copy()
@@ -118,7 +115,7 @@ def quantiles_of(gate: float, most: int) -> Float:
 
 
 @pytest.mark.parametrize("gate", [1.0, 9.0])
-def test_nearest_neighbours_are_those_of_brute_force(gate: float) -> None:
+def test_nearest_neighbours_equal_brute_force(gate: float) -> None:
     claimed, contested = 0, 0
     for seed in range(200):
         problem = random_problem(seed)
@@ -134,8 +131,8 @@ def test_nearest_neighbours_are_those_of_brute_force(gate: float) -> None:
 
 
 @pytest.mark.parametrize("gate", [2.0, 9.0])
-def test_joint_association_is_that_of_brute_force(gate: float) -> None:
-    """Over every assignment of bearings to landmarks: most pairs first, then the smallest joint distance."""
+def test_joint_association_equals_brute_force(gate: float) -> None:
+    """Among all assignments: the most pairs, then the smallest joint distance."""
     outcomes = {"several": 0, "not the nearest": 0, "member that is not the first": 0}
     for seed in range(200):
         problem = random_problem(seed)
@@ -152,8 +149,7 @@ def test_joint_association_is_that_of_brute_force(gate: float) -> None:
     assert min(outcomes.values()) > 5, outcomes
 
 
-def test_what_is_ambiguous_is_left_out() -> None:
-    """With map management `jcbb` gives no bearing away that may be another's; what has no landmark begins one."""
+def test_with_map_management_ambiguous_bearings_are_ignored_and_others_start_landmarks() -> None:
     gate, outcomes = 4.0, {"ambiguous": 0, "known": 0, "new": 0}
     management = MapManagement(margin=4.0)
     for seed in range(200):
@@ -171,7 +167,7 @@ def test_what_is_ambiguous_is_left_out() -> None:
     assert min(outcomes.values()) > 5, outcomes
 
 
-def test_a_scan_of_nothing_has_no_names() -> None:
+def test_an_empty_scan_has_no_ids() -> None:
     problem = random_problem(0)
     nothing = replace(problem, values=problem.values[:0], covs=problem.covs[:0])
     assert named(nothing, Association("jcbb", map_management=MapManagement()))[0] == []

@@ -1,4 +1,4 @@
-"""What waits changes nothing: filters whose updates wait, held against the same ones that take them in at once."""
+"""Deferred downdates: filters with them are compared with filters without."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from slamgauge.se2 import rotation
 
 DEFERRING = pytest.mark.parametrize("correction", [name for name, rule in RULES.items() if rule.deferred_rows[1] > 0])
 SENSORS = pytest.mark.parametrize("sensor", ["range-bearing", "position"])
-LANDMARKS = 420  # beside which scans of four landmarks are small, once 400 are mapped
+LANDMARKS = 420  # scans of four landmarks are small compared with 400 mapped ones
 PRIOR_COV = np.diag([0.01, 0.01, 1e-4])
 STEP, STEP_COV = np.array([0.4, 0.0, 0.05]), np.diag([1e-3, 1e-4, 1e-5])
 NOISE = np.diag([0.01, 0.0025])
 
 
 class World:
-    """A robot on a circle among landmarks, seeded."""
+    """A robot on a circle among landmarks."""
 
     def __init__(self, sensor: str) -> None:
         self.rng = np.random.default_rng(5)
@@ -35,13 +35,13 @@ class World:
         self.pose = np.zeros(3)
 
     def moved(self) -> Float:
-        """The increment of a step, as odometry tells it."""
+        """Return the odometry of a step."""
         self.pose[:2] += rotation(self.pose[2]) @ STEP[:2]
         self.pose[2] += STEP[2]
         return STEP + self.rng.multivariate_normal(np.zeros(3), STEP_COV)
 
     def seen(self, ids: Int) -> Observations:
-        """Noisy observations of landmarks (m,)."""
+        """Return noisy observations of landmarks (m,)."""
         offset = (self.landmarks[ids] - self.pose[:2]) @ rotation(self.pose[2])
         value = offset if self.sensor == "position" else np.column_stack([np.hypot(*offset.T), bearings(offset)[:, 0]])
         noise = self.rng.multivariate_normal(np.zeros(2), NOISE, len(ids))
@@ -54,20 +54,20 @@ def bearings(offset: Float) -> Float:
 
 
 def both(sensor: str, correction: str) -> tuple[SlamFilter, SlamFilter]:
-    """A filter of the table, and the same one without deferred downdates."""
+    """Return a filter, and the same one without deferred downdates."""
     rule = RULES[correction]  # pyright: ignore[reportArgumentType]
     start = (sensor, np.zeros(3), PRIOR_COV)
     return SlamFilter(*start, rule), SlamFilter(*start, rule._replace(deferred_rows=(1, 0)))
 
 
 def is_deferred(slam: SlamFilter | BearingFilter) -> bool:
-    """Whether downdates of covariances between landmarks are deferred."""
+    """Return whether downdates of covariances between landmarks are deferred."""
     landmarks = slam.map if isinstance(slam, SlamFilter) else slam._map  # pyright: ignore[reportPrivateUsage]
     return bool(landmarks.state.deferred.used[0] > 0)
 
 
 def assert_same(late: SlamFilter, at_once: SlamFilter, *, whole: bool) -> None:
-    """Poses, places and covariances to 1e-9 of a standard deviation; without `whole`, what nobody has to settle for."""
+    """Compare poses, positions and covariances to 1e-9 of a standard deviation; `whole`: all of the covariance."""
     sigmas = np.sqrt(at_once.map.state.variances)
     assert (np.abs(late.pose - at_once.pose) <= 1e-9 * sigmas[:3]).all()
     assert (np.abs(late.landmarks - at_once.landmarks).ravel() <= 1e-9 * sigmas[3:]).all()
@@ -82,7 +82,7 @@ def assert_same(late: SlamFilter, at_once: SlamFilter, *, whole: bool) -> None:
 @SENSORS
 @DEFERRING
 def test_deferred_updates_give_the_same_estimate(sensor: str, correction: str) -> None:
-    """Sparse scans, and dense ones, new landmarks, removals, gates, merging and a refused scan among them."""
+    """Sparse and dense scans with new landmarks, removals, gates, merging and a refused scan."""
     world, (late, at_once) = World(sensor), both(sensor, correction)
     choice, waited = np.random.default_rng(8), 0
     for slam, scan in zip((late, at_once), [world.seen(np.arange(400))] * 2, strict=True):
@@ -119,7 +119,7 @@ def test_deferred_updates_give_the_same_estimate(sensor: str, correction: str) -
 
 
 def driven(sensor: str, correction: str) -> tuple[World, SlamFilter, SlamFilter]:
-    """Both filters after six sparse scans."""
+    """Return both filters after six sparse scans."""
     world, (late, at_once) = World(sensor), both(sensor, correction)
     scans = [world.seen(np.arange(400))]
     increments = [np.zeros(3)]
@@ -139,11 +139,11 @@ def unpickled(slam: SlamFilter) -> SlamFilter:
 
 
 @pytest.mark.parametrize("copied", [copy.deepcopy, unpickled])
-def test_copies_have_deferred_rows_of_their_own(copied: Callable[[SlamFilter], SlamFilter]) -> None:
+def test_copies_have_their_own_deferred_rows(copied: Callable[[SlamFilter], SlamFilter]) -> None:
     world, late, at_once = driven("position", "right-invariant")
     other = copied(late)
     assert is_deferred(other)
-    assert_same(other, at_once, whole=True)  # which applies the rows of the copy
+    assert_same(other, at_once, whole=True)  # applies the rows of the copy
     assert is_deferred(late)
     scan = world.seen(np.array([3, 4]))
     for slam in (late, other, at_once):
@@ -154,7 +154,7 @@ def test_copies_have_deferred_rows_of_their_own(copied: Callable[[SlamFilter], S
 
 @DEFERRING
 def test_a_refused_scan_leaves_the_deferred_rows(correction: str) -> None:
-    """To the last bit, where it is refused for its innovations alone: a landmark twice, beyond all precision."""
+    """To the last bit, if the innovations are the reason: two observations too precise for double precision."""
     world, late, at_once = driven("range-bearing", correction)
     before = pickle.dumps((late.map.state.belief_with_deferred, late.pose, late.pose_cov))
     exact = world.seen(np.array([5, 5]))
@@ -166,8 +166,8 @@ def test_a_refused_scan_leaves_the_deferred_rows(correction: str) -> None:
 
 
 @DEFERRING
-def test_a_refused_block_after_others_leaves_what_waits(correction: str) -> None:
-    """41 observations are three blocks, the first of which settles; the last two, of one landmark, are too precise."""
+def test_a_refused_later_block_leaves_the_deferred_rows(correction: str) -> None:
+    """41 observations are three blocks; the first applies the rows, the last two observations are too precise."""
     world, late, at_once = driven("range-bearing", correction)
     scan = world.seen(np.array([*range(40), 39]))
     scan.cov[-2:] *= 1e-20
@@ -180,8 +180,8 @@ def test_a_refused_block_after_others_leaves_what_waits(correction: str) -> None
 
 
 @DEFERRING
-def test_what_a_refused_scan_has_postponed_is_undone(correction: str) -> None:
-    """A new landmark seen thrice: what the scan sees of an old one has been taken in before it is refused."""
+def test_rows_deferred_by_a_refused_scan_are_removed(correction: str) -> None:
+    """The update with an old landmark succeeds before that with a new landmark, observed three times, is refused."""
     world, late, at_once = driven("range-bearing", correction)
     scan = world.seen(np.array([3, 405, 405, 405]))
     scan.cov[-2:] *= 1e-24
@@ -192,8 +192,8 @@ def test_what_a_refused_scan_has_postponed_is_undone(correction: str) -> None:
 
 
 @DEFERRING
-def test_bearings_alone_wait_too(correction: str) -> None:
-    """Points of a bearing filter, seen one at a time; a ray begins and ends in between."""
+def test_bearing_filters_defer_too(correction: str) -> None:
+    """Points are observed one at a time; a ray starts and ends in between."""
     rule, rng = RULES[correction], np.random.default_rng(3)  # pyright: ignore[reportArgumentType]
     late, at_once = (
         BearingFilter(np.zeros(3), PRIOR_COV, each) for each in (rule, rule._replace(deferred_rows=(1, 0)))

@@ -1,4 +1,4 @@
-"""What iterating an update is, and where it ends."""
+"""The iterated update: one pass is the EKF, many passes end at the minimum."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ SENSORS = pytest.mark.parametrize("sensor", ["range-bearing", "position"])
 
 @SENSORS
 def test_one_iteration_is_the_ekf(sensor: str) -> None:
-    """To rounding, though both kernels run on their own; many passes then lead elsewhere."""
+    """One pass equals the EKF to rounding; many passes differ."""
     _, recording = random_recording(7, sensor=sensor, steps=60)
 
     def single_pass(code: int, belief: Belief, count: int, work: Workspace) -> tuple[float, int]:
@@ -40,8 +40,8 @@ def test_one_iteration_is_the_ekf(sensor: str) -> None:
         assert np.abs(iterated - expected).max() > 1e-9
 
 
-def test_a_linear_problem_is_solved_in_one_pass_and_further_ones_change_nothing() -> None:
-    """A known heading makes the position sensor linear: the answer is the weighted mean."""
+def test_a_linear_problem_needs_one_pass() -> None:
+    """A known heading makes the position sensor linear: the solution is the weighted mean."""
     prior = np.diag([0.04, 0.04, 0.0])
     covs = np.diag([0.01, 0.01])[None]
     finals = []
@@ -53,12 +53,12 @@ def test_a_linear_problem_is_solved_in_one_pass_and_further_ones_change_nothing(
         finals.append((slam.pose, slam.landmarks[0], slam.cov))
     for actual, expected in zip(finals[1], finals[0], strict=True):
         np.testing.assert_allclose(actual, expected, rtol=0, atol=1e-15)
-    # x: the landmark is seen at 0.5 + 1.2 where 2.0 was expected; of that -0.3 the motion takes 0.09 / 0.11
+    # x: observed at 0.5 + 1.2, expected at 2.0; the motion takes 0.09 / 0.11 of the difference -0.3
     np.testing.assert_allclose(finals[0][0], [0.5 + 0.3 * 0.09 / 0.11, -0.1 * 0.01 / 0.03, 0.0], atol=1e-15)
 
 
 def test_iteration_ends_at_the_minimum_of_prior_and_observations() -> None:
-    """The gradient of the step's cost vanishes there, and does not at the standard update."""
+    """The gradient of the cost is zero there, and not zero at the standard update."""
     prior = np.diag([0.3, 0.3, 0.1]) ** 2
     covs = np.tile(np.diag([0.05, 0.02]) ** 2, (2, 1, 1))
     sights = np.array([[1.5, 0.2], [1.2, -0.9]]), np.array([[1.3, 0.5], [1.4, -0.5]])

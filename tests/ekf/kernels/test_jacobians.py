@@ -35,12 +35,12 @@ def direction(angle: float) -> Float:
 
 
 def seen(sensor: int, delta: Float) -> Float:
-    """The sensor model of the vocabulary for a landmark at `delta` in the body frame."""
+    """Return the observation of a landmark at `delta` in the body frame."""
     return delta if sensor == POSITION else np.array([np.hypot(*delta), np.arctan2(delta[1], delta[0])])
 
 
 def placed(sensor: int, pose: Float, z: Float) -> Float:
-    """World position of a landmark that `pose` sees at `z`."""
+    """Return the world position of a landmark observed as `z` from `pose`."""
     delta = z if sensor == POSITION else z[0] * direction(z[1])
     return pose[:2] + rotation(pose[2]) @ delta
 
@@ -48,7 +48,7 @@ def placed(sensor: int, pose: Float, z: Float) -> Float:
 # --- the check itself ----------------------------------------------------------------------------
 
 
-def test_differences_tell_a_jacobian_that_is_slightly_wrong() -> None:
+def test_differences_detect_a_slightly_wrong_jacobian() -> None:
     def function(x: Float) -> Float:
         return np.array([np.sin(x[0]) * x[1], np.arctan2(x[1], x[0])])
 
@@ -75,7 +75,7 @@ def test_differences_across_the_cut_of_an_angle() -> None:
 def linearised(
     sensor: int, state: Float, slots: list[int], z: Float, point: Float | None = None, *, observable: bool = False
 ) -> tuple[Float, Float, int]:
-    """Innovations (2m,), the dense Jacobian (2m, size) and the number of rows that carry information."""
+    """Return innovations (2m,), the dense Jacobian (2m, size) and the number of rows with information."""
     count = len(slots)
     innovation, compact = np.empty(2 * count), np.empty((2 * count, 5))
     belief = belief_of(state, np.eye(len(state)), point, observable=observable)
@@ -92,7 +92,7 @@ def linearised(
 @pytest.mark.parametrize("bearing", BEARINGS)
 @pytest.mark.parametrize("heading", HEADINGS)
 def test_linearise(sensor: int, heading: float, bearing: float, distance: float) -> None:
-    """Three landmarks, the one at the awkward place in the middle slot; the first is seen twice."""
+    """Three landmarks; the tested one is in the middle slot, the first is observed twice."""
     pose = np.array([3.0, -4.0, heading])
     awkward = pose[:2] + rotation(heading) @ (distance * direction(bearing))
     state = np.concatenate([pose, [5.0, 1.0], awkward, [-6.0, -9.0]])
@@ -107,12 +107,12 @@ def test_linearise(sensor: int, heading: float, bearing: float, distance: float)
         H,
         state,
         step=[1e-3 * min(distance, 1.0)] * 2 + [1e-3] + [1e-3] * 2 + [1e-3 * distance] * 2 + [1e-3] * 2,
-        tolerance=2e-9,  # rounding of l - p where the landmark is 1 cm away: 1e-15 / (1e-5 * 100)
+        tolerance=2e-9,  # rounding of l - p for a landmark at 1 cm: 1e-15 / (1e-5 * 100)
     )
 
 
 @pytest.mark.parametrize("bearing", BEARINGS)
-def test_linearise_skips_the_bearing_from_too_close(bearing: float) -> None:
+def test_linearise_ignores_the_bearing_of_a_landmark_at_the_robot(bearing: float) -> None:
     state = np.concatenate([[0.0, 0.0, 0.6], 0.5 * MIN_BEARING_DISTANCE * direction(bearing + 0.6)])
     innovation, H, informative = linearised(RANGE_BEARING, state, [0], np.array([[0.3, 1.0]]))
     assert informative == 1
@@ -121,7 +121,7 @@ def test_linearise_skips_the_bearing_from_too_close(bearing: float) -> None:
     np.testing.assert_allclose(H[0, 3:], direction(bearing + 0.6), atol=1e-13)
 
 
-def test_an_innovation_across_the_cut_is_the_short_way_round() -> None:
+def test_an_innovation_across_pi_is_wrapped() -> None:
     state = np.array([0.0, 0.0, PI - 0.1, -2.0, 0.0])
     behind = np.array([0.0, 0.0, 0.1, -2.0, 0.0])
     for at, z in ((state, 0.1 + 2 * PI - 0.02), (behind, PI), (behind, -PI + 1e-3)):
@@ -139,8 +139,8 @@ def test_the_innovation_is_taken_at_the_state_and_the_jacobian_at_the_point(sens
 
 
 @pytest.mark.parametrize("sensor", SENSORS)
-def test_projected_jacobians_see_no_shift_or_turn_and_are_the_nearest_that_do_not(sensor: int) -> None:
-    """H N = 0 to rounding, where N is far from the origin too; and what was taken away lies in the span of N."""
+def test_projected_jacobians_are_the_nearest_without_translation_and_rotation(sensor: int) -> None:
+    """H N = 0 to rounding, also far from the origin; the difference of the Jacobians is in the span of N."""
     rng = np.random.default_rng(2)
     changed = 0.0
     for _ in range(100):
@@ -163,7 +163,7 @@ def test_projected_jacobians_see_no_shift_or_turn_and_are_the_nearest_that_do_no
 
 
 @pytest.mark.parametrize("sensor", SENSORS)
-def test_projection_changes_nothing_where_the_point_is_the_state(sensor: int) -> None:
+def test_projection_at_the_state_changes_nothing(sensor: int) -> None:
     state, z = np.array([3.0, -4.0, 0.4, 5.0, 1.0]), np.array([[5.0, 0.3]])
     _, H, _ = linearised(sensor, state, [0], z, state.copy(), observable=True)
     np.testing.assert_allclose(H, linearised(sensor, state, [0], z)[1], rtol=0, atol=1e-15)
@@ -177,7 +177,7 @@ INCREMENTS = [[0.3, 0.0, 0.02], [0.0, 0.0, 0.0], [0.0, 0.0, PI], [-0.2, 0.7, -2.
 def predicted(
     pose: Float, cov: Float, increment: list[float], noise: Float, point: Float | None = None
 ) -> tuple[Float, Float]:
-    """The state and the upper triangle of its covariance after `predict`."""
+    """Return the state and the upper triangle of its covariance after `predict`."""
     size = len(cov)
     state, cov = np.concatenate([pose, np.zeros(size - 3)]), cov.copy()
     assert predict(belief_of(state, cov, point), np.array(increment), noise)
@@ -186,8 +186,8 @@ def predicted(
 
 @pytest.mark.parametrize("increment", INCREMENTS)
 @pytest.mark.parametrize("heading", HEADINGS)
-def test_prediction_carries_cross_covariances_by_the_motions_jacobian(heading: float, increment: list[float]) -> None:
-    """A unit cross-covariance with the map comes out as F itself."""
+def test_prediction_multiplies_cross_covariances_by_the_jacobian(heading: float, increment: list[float]) -> None:
+    """A unit cross-covariance with the map becomes F."""
     pose = np.array([3.0, -4.0, heading])
     cov = np.zeros((7, 7))
     cov[:3, 3:6] = np.eye(3)
@@ -207,7 +207,7 @@ def test_prediction_adds_noise_and_moves_the_robots_covariance_by_both_jacobians
     pose = np.array([3.0, -4.0, heading])
     F = differentiate(lambda at: compose(at, increment), pose, angles=[2])
     G = differentiate(lambda at: compose(pose, at), increment, angles=[2])
-    for _ in range(6):  # six random symmetric matrices span them all
+    for _ in range(6):  # six random symmetric matrices span all
         root_P, root_Q = rng.normal(size=(2, 3, 3))
         P, Q = root_P @ root_P.T, root_Q @ root_Q.T
         after = predicted(pose, P, increment, Q)[1]
@@ -215,7 +215,7 @@ def test_prediction_adds_noise_and_moves_the_robots_covariance_by_both_jacobians
         np.testing.assert_allclose(after, np.triu(expected), rtol=0, atol=1e-10 * np.abs(expected).max())
 
 
-def test_prediction_from_another_point_reaches_from_there_to_the_new_position() -> None:
+def test_the_jacobian_of_a_prediction_from_a_first_estimate() -> None:
     pose, point, increment = np.array([3.0, -4.0, 0.6]), np.array([2.8, -4.1, 0.5, 0.0]), [0.3, 0.1, 0.02]
     cov = np.zeros((6, 6))
     cov[:3, 3:] = np.eye(3)
@@ -230,7 +230,7 @@ def test_prediction_from_another_point_reaches_from_there_to_the_new_position() 
 
 
 def augmented(sensor: int, pose: Float, cov: Float, z: Float, R: Float) -> tuple[Float, Float]:
-    """The new landmark, and the columns of the upper triangle that belong to it."""
+    """Return the new landmark and its columns of the upper triangle."""
     size = len(cov)
     state, room = np.concatenate([pose, np.zeros(size - 1)]), np.zeros((size + 2, size + 2))
     room[:size, :size] = cov
@@ -244,7 +244,7 @@ def augmented(sensor: int, pose: Float, cov: Float, z: Float, R: Float) -> tuple
 @pytest.mark.parametrize("bearing", BEARINGS)
 @pytest.mark.parametrize("heading", HEADINGS)
 def test_augmentation(sensor: int, heading: float, bearing: float, distance: float) -> None:
-    """Unit cross-covariance with the map gives J_r; sensor noise alone gives J_z R J_z'."""
+    """A unit cross-covariance with the map becomes J_r; sensor noise becomes J_z R J_z'."""
     pose = np.array([3.0, -4.0, heading])
     z = distance * direction(bearing) if sensor == POSITION else np.array([distance, bearing])
     cov = np.zeros((7, 7))

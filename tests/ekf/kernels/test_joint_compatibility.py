@@ -25,7 +25,7 @@ from slamgauge.ekf.maps.correction_table import Correction
 from slamgauge.ekf.maps.landmark_ids import Ids
 from slamgauge.ekf.maps.map_edits import replace_map
 from slamgauge.ekf.maps.matching import update_nearest
-from slamgauge.ekf.settings.association import Association
+from slamgauge.ekf.settings import Association
 from slamgauge.ekf.slam_filter import SlamFilter
 from slamgauge.recording import Observations
 from slamgauge.se2 import rotation
@@ -50,17 +50,17 @@ SENSORS = pytest.mark.parametrize("sensor", ["range-bearing", "position"])
 
 
 def random_belief(rng: np.random.Generator, landmarks: int) -> tuple[Float, Float]:
-    """State and covariance: any correlations, singular at times, millimetres to metres, headings up to 2 rad."""
+    """Return state and covariance: any correlations, some singular, millimetres to metres, headings up to 2 rad."""
     size = 3 + 2 * landmarks
     x = rng.uniform(-6, 6, size)
     x[2] = rng.uniform(-np.pi, np.pi)
     root = rng.normal(size=(size, int(rng.integers(1, size)))) * 10 ** rng.uniform(-3, 0.3, (size, 1))
-    root[: int(rng.choice([0, 0, 3]))] = 0.0  # a robot known exactly
+    root[: int(rng.choice([0, 0, 3]))] = 0.0  # an exactly known robot
     return x, root @ root.T
 
 
 def at_the_gate(rng: np.random.Generator, scan: Scan, towards: Float, slots: Int, gate: float) -> Float:
-    """Innovations (m, 2) whose d^2 with `slots` is some 0.7 to 1.3 gates, longest along `towards` (m, 2)."""
+    """Return innovations (m, 2) with d^2 of about 0.7 to 1.3 gates for `slots`, mainly along `towards` (m, 2)."""
     H = scan.jacobian[np.arange(len(slots)), slots]
     S = H @ scan.P @ H.swapaxes(1, 2) + scan.R
     v = np.einsum("mij,mj->mi", S, towards)
@@ -78,7 +78,7 @@ def predicted(sensor: str, x: Float, slots: Int) -> Float:
 
 
 def upper(P: Float) -> Float:
-    """What a filter keeps of P: the upper triangle and the robot's block."""
+    """Return the part of P that a filter stores: the upper triangle and the robot's block."""
     kept = np.where(np.tri(len(P), k=-1, dtype=bool), np.nan, P)
     kept[:3, :3] = P[:3, :3]
     return kept
@@ -92,7 +92,7 @@ def found(sensor: str, x: Float, point: Float, P: Float, z: Float, R: Float, gat
 
 @SENSORS
 @pytest.mark.parametrize("shifted", [False, True], ids=["at the state", "at first estimates"])
-def test_pairs_are_all_those_within_the_gate(sensor: str, shifted: bool) -> None:
+def test_pairs_are_all_pairs_within_the_gate(sensor: str, shifted: bool) -> None:
     rng = np.random.default_rng(0)
     within = 0
     for _ in range(200):
@@ -103,7 +103,7 @@ def test_pairs_are_all_those_within_the_gate(sensor: str, shifted: bool) -> None
             rng, 5, rng.choice([0.01, 0.1, 1.0]) * np.array([1.0, 1.0 if sensor == "position" else 0.3])
         )
         at = predicted(sensor, x, slots)
-        # along the line of sight, where distances tell most, or anywhere
+        # along the line of sight or anywhere
         sight = at / np.linalg.norm(at, axis=1)[:, None] if sensor == "position" else np.tile([1.0, 0.0], (5, 1))
         towards = np.where(rng.random((5, 1)) < 0.5, sight * rng.choice([-1, 1], (5, 1)), rng.normal(size=(5, 2)))
         z = at + at_the_gate(rng, dense_scan(sensor, x, point, P, at, R), towards, slots, gate)
@@ -117,13 +117,13 @@ def test_pairs_are_all_those_within_the_gate(sensor: str, shifted: bool) -> None
         order = pairs.by_distance
         np.testing.assert_array_equal(order, np.lexsort([pairs.distance, pairs.observation]))
         within += len(pairs.slot)
-    assert 1000 < within < 5000  # of 6000
+    assert 1000 < within < 5000  # among 6000
 
 
 @SENSORS
 @pytest.mark.parametrize("correction", ["standard", "right-invariant"])
-def test_the_nearest_landmark_is_never_set_aside_as_far(sensor: str, correction: Correction) -> None:
-    """Second of two observations, so that the first has moved the state away from where its covariance stands."""
+def test_the_nearest_landmark_is_never_skipped(sensor: str, correction: Correction) -> None:
+    """It is the second of two observations; the first has moved the state, and its downdate is pending."""
     rng = np.random.default_rng(1)
     outcomes = np.zeros(2, dtype=np.int64)
     for _ in range(300):
@@ -149,8 +149,8 @@ def test_the_nearest_landmark_is_never_set_aside_as_far(sensor: str, correction:
     assert outcomes.min() > 50
 
 
-def test_a_landmark_that_moves_against_the_robot_is_found_as_far_off_as_the_gate_lets_it() -> None:
-    """Standard deviations add up, they do not only add in squares: the bound has no slack here."""
+def test_a_landmark_anticorrelated_with_the_robot_is_found_up_to_the_gate() -> None:
+    """Standard deviations add linearly: the bound of the search is exact here."""
     x = np.array([0.0, 0.0, 0.0, 5.0, 0.0])
     spread = np.array([-0.3, 0.0, 0.0, 0.4, 0.0])  # perfectly correlated, along the line of sight
     R = np.diag([1e-4, 1e-4])[None]
@@ -161,14 +161,14 @@ def test_a_landmark_that_moves_against_the_robot_is_found_as_far_off_as_the_gate
             assert len(found(sensor, x, x, np.outer(spread, spread), z, R, 9.0).slot) == count
 
 
-def test_too_little_room_for_pairs_is_told_and_then_made() -> None:
+def test_the_room_for_pairs_grows() -> None:
     slam = AssociatingFilter("position", np.zeros(3), np.diag([1.0, 1.0, 0.1]), association=Association("jcbb"))
     grid = np.stack(np.meshgrid(np.arange(6.0), np.arange(6.0)), axis=-1).reshape(-1, 2) * 0.1
     x, P = np.concatenate([np.zeros(3), grid.ravel()]), np.eye(75)
     z, R = grid[:4].copy(), np.tile(np.eye(2), (4, 1, 1))
     assert find_compatible(1, belief_of(x, P), z, R, 9.0, allocate_pairs(143)) == -144
     assert find_compatible(1, belief_of(x, P), z, R, 9.0, allocate_pairs(144)) == 144
-    for scan in (10 * grid, 10 * grid):  # the filter has room for none at first
+    for scan in (10 * grid, 10 * grid):  # at first without room
         slam.update(Observations(None, scan, np.tile(1e-3 * np.eye(2), (36, 1, 1))))
     np.testing.assert_array_equal(slam.associated, np.arange(36))
 
@@ -177,7 +177,7 @@ def test_too_little_room_for_pairs_is_told_and_then_made() -> None:
 
 
 def quantiles(gate: float, pairs: int) -> Float:
-    """Largest joint d^2 of 0, 1, ... pairs."""
+    """Return the largest joint d^2 of 0, 1, ... pairs."""
     return np.concatenate([[0.0], chi2.isf(np.exp(-gate / 2), 2 * np.arange(1, pairs + 1))])
 
 
@@ -189,7 +189,7 @@ def crowded_scan(seed: int, sensor: str) -> tuple[Scan, Pairs, float]:
     rng = np.random.default_rng(seed)
     x = np.concatenate([[0.0, 0.0, 0.3], (np.array([4.0, 1.0]) + rng.uniform(-0.8, 0.8, (5, 2))).ravel()])
     N = additive_from_invariant(x)[:, :3]
-    N[3:, :2] = 0.0  # the robot moves, the world stays
+    N[3:, :2] = 0.0  # the robot moves relative to the world
     N[3:, 2] = 0.0
     root = rng.normal(size=(13, 13)) * 0.03
     P = N @ np.diag([0.4, 0.4, 0.1]) ** 2 @ N.T + root @ root.T
@@ -211,8 +211,8 @@ CROWDED = [pytest.param(sensor, range(60), id=sensor) for sensor in ("range-bear
 
 
 @pytest.mark.parametrize(("sensor", "seeds"), CROWDED)
-def test_joint_search_finds_the_best_of_all_assignments(sensor: str, seeds: range) -> None:
-    """The most pairs, then the smallest joint d^2, of all that branch and bound may visit."""
+def test_joint_search_finds_the_best_assignment(sensor: str, seeds: range) -> None:
+    """The most pairs, then the smallest joint d^2."""
     nearest, strict, pairs_found = 0, 0, 0
     for seed in seeds:
         scan, pairs, gate = crowded_scan(seed, sensor)
@@ -220,20 +220,20 @@ def test_joint_search_finds_the_best_of_all_assignments(sensor: str, seeds: rang
         assert best == sorted(brute_force_joint(scan, gate, quantiles(gate, 4)))
         assert len({slot for _, slot in best}) == len(best)
         assert scan.distance(best) <= quantiles(gate, 4)[len(best)]
-        # so none is missed that is compatible whatever the order
+        # so that no compatible set is missed, in any order
         every = brute_force_joint(scan, gate, quantiles(gate, 4), every_subset=True)
         assert len(every) <= len(best)
         assert len(every) < len(best) or scan.distance(every) >= scan.distance(best) - 1e-9
         nearest += best == sorted((i, slots[0]) for i, slots in search_order(scan, gate))
         strict += sorted(every) != best
         pairs_found += len(best)
-    assert nearest < 50  # of 60: most problems are beyond nearest neighbours
+    assert nearest < 50  # among 60: nearest neighbours fail for most
     assert strict > 0
     assert pairs_found > 120
 
 
 @pytest.mark.parametrize(("sensor", "seeds"), CROWDED)
-def test_a_joint_search_cut_short_still_gives_a_compatible_set(sensor: str, seeds: range) -> None:
+def test_a_joint_search_at_its_limit_returns_a_compatible_set(sensor: str, seeds: range) -> None:
     cut = 0
     for seed in seeds:
         scan, pairs, gate = crowded_scan(seed, sensor)
@@ -258,7 +258,7 @@ def test_a_joint_search_cut_short_still_gives_a_compatible_set(sensor: str, seed
 
 
 def greedily(scan: Scan, order: list[tuple[int, list[int]]], gate: float) -> list[Pair]:
-    """The nearest neighbours that are jointly compatible."""
+    """Return the jointly compatible nearest neighbours."""
     pairs: list[Pair] = []
     for i, slots in order:
         for slot in slots:
@@ -271,7 +271,7 @@ def greedily(scan: Scan, order: list[tuple[int, list[int]]], gate: float) -> lis
 
 @pytest.mark.parametrize(("sensor", "seeds"), CROWDED)
 @pytest.mark.parametrize("margin", [0.5, 6.0])
-def test_ambiguous_is_what_one_step_away_explains_nearly_as_well(sensor: str, seeds: range, margin: float) -> None:
+def test_ambiguous_observations_equal_brute_force(sensor: str, seeds: range, margin: float) -> None:
     marked = 0
     for seed in seeds:
         scan, pairs, gate = crowded_scan(seed, sensor)
@@ -291,7 +291,7 @@ def test_ambiguous_is_what_one_step_away_explains_nearly_as_well(sensor: str, se
 
 
 @SENSORS
-def test_located_are_landmarks_seen_lately_or_known_to_some_times_the_noise(sensor: str) -> None:
+def test_located_landmarks_are_recent_or_well_known(sensor: str) -> None:
     rng = np.random.default_rng(4)
     outcomes = {"known": 0, "recent": 0, "neither": 0}
     for _ in range(50):

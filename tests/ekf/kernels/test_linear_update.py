@@ -1,4 +1,4 @@
-"""State entries and measurements with Jacobians of their own, against dense algebra on random states."""
+"""State entries and measurements with given Jacobians, compared with dense algebra on random states."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from slamgauge.arrays import Float, Int
-from slamgauge.ekf import SlamFilter
+from slamgauge.ekf import SlamFilter, textbook
 from slamgauge.ekf.kernels.linear_update import append_linear, linear_update, project_columns
 from slamgauge.ekf.maps.correction_table import RULES, Correction
 from slamgauge.ekf.maps.map_edits import NewEntries, add_entries, remove_landmark, replace_map
 from slamgauge.recording import Observations
-from slamgauge.se2 import rotation, wrap
+from slamgauge.se2 import wrap
 from tests.reference.random_recordings import random_covariances
 from tests.reference.textbook import J, belief_of, exp_action
 
@@ -25,7 +25,7 @@ def random_cov(rng: np.random.Generator, size: int, scale: float = 0.1) -> Float
 
 
 def upper(P: Float, room: int = 0) -> Float:
-    """What the kernels see of P: its upper triangle, the robot's block whole, elsewhere rubbish."""
+    """Return P as kernels store it: upper triangle and robot's block, other entries invalid."""
     seen = np.full((len(P) + room, len(P) + room), 1e3)
     seen[: len(P), : len(P)] = np.where(np.tri(len(P), k=-1, dtype=bool), 1e3, P)
     seen[:3, :3] = P[:3, :3]
@@ -40,7 +40,7 @@ def mirrored(P: Float) -> Float:
 
 
 @SIZES
-def test_a_projection_is_that_of_the_whole_matrix(columns: int, rows: int) -> None:
+def test_a_projection_equals_that_of_the_whole_matrix(columns: int, rows: int) -> None:
     rng = np.random.default_rng(columns)
     P, chosen = random_cov(rng, 13), rng.permutation(13)[:columns]
     jacobian, W = rng.normal(size=(rows, columns)), np.full((rows, 13), np.nan)
@@ -51,7 +51,7 @@ def test_a_projection_is_that_of_the_whole_matrix(columns: int, rows: int) -> No
 
 
 @SIZES
-def test_a_linear_update_is_that_of_the_textbook(columns: int, rows: int) -> None:
+def test_a_linear_update_equals_the_textbook(columns: int, rows: int) -> None:
     rng = np.random.default_rng(columns + 10)
     P, chosen = random_cov(rng, 13), rng.permutation(13)[:columns]
     H, v, R = np.zeros((rows, 13)), rng.normal(size=rows), random_covariances(rng, 1, np.full(rows, 0.2))[0]
@@ -79,7 +79,7 @@ def test_a_column_given_twice_counts_twice() -> None:
 
 
 @pytest.mark.parametrize("mistake", ["innovation", "noise", "jacobian"])
-def test_what_has_no_solution_changes_nothing(mistake: str) -> None:
+def test_an_update_without_solution_changes_nothing(mistake: str) -> None:
     rng = np.random.default_rng(21)
     cov = upper(random_cov(rng, 7))
     before = cov.copy()
@@ -93,7 +93,7 @@ def test_what_has_no_solution_changes_nothing(mistake: str) -> None:
 
 
 @SIZES
-def test_entries_are_appended_as_by_the_book(columns: int, rows: int) -> None:
+def test_appended_entries_equal_the_textbook(columns: int, rows: int) -> None:
     rng = np.random.default_rng(columns + 30)
     P, chosen = random_cov(rng, 13), rng.permutation(13)[:columns]
     jacobian, own = rng.normal(size=(rows, columns)), random_cov(rng, rows)
@@ -111,7 +111,7 @@ def test_entries_are_appended_as_by_the_book(columns: int, rows: int) -> None:
 
 
 class Twin:
-    """Dense state and covariance, slots in the order of the filter, each a point or not."""
+    """Dense state and covariance in the order of the filter's slots, which are points or not."""
 
     def __init__(self, rng: np.random.Generator, correction: Correction) -> None:
         self.x, self.P = np.array([0.0, 0.0, 3.0]), random_cov(rng, 3)  # `entries` are relative to the start
@@ -119,10 +119,10 @@ class Twin:
         self.is_point: list[bool] = []
         self.invariant = correction == "right-invariant"
         self.rng = rng
-        self.slam = SlamFilter("position", self.x, self.P, correction, landmarks=2)  # soon outgrown
+        self.slam = SlamFilter("position", self.x, self.P, correction, landmarks=2)  # the map must grow
 
     def add(self, points: list[bool]) -> None:
-        """New slots that depend on three entries of the state."""
+        """Append slots that depend on three entries of the state."""
         count, first = len(points), max(self.ids, default=0) + 7
         ids = [first + 3 * k for k in range(count)]
         columns = self.rng.permutation(len(self.x))[:3]
@@ -136,7 +136,7 @@ class Twin:
         self.x, self.ids, self.is_point = np.append(self.x, values), self.ids + ids, self.is_point + points
 
     def correct(self) -> None:
-        """A measurement of entries of the robot and of two slots."""
+        """Update with a measurement of entries of the robot and of two slots."""
         named = self.rng.permutation(self.ids)[:2]
         columns = np.concatenate([[0, 1, 2], self.slam.map.state.columns_of(named)])
         mine = [3 + 2 * self.ids.index(name) + k for name in named.tolist() for k in range(2)]
@@ -152,14 +152,14 @@ class Twin:
         S = H @ self.P @ H.T + R
         assert nis == pytest.approx(v @ np.linalg.solve(S, v), rel=1e-9)
         D = self.to_additive()
-        K = np.linalg.inv(D) @ self.P @ H.T @ np.linalg.inv(S)  # gain in the error's own coordinates
+        K = np.linalg.inv(D) @ self.P @ H.T @ np.linalg.inv(S)  # gain in the coordinates of the error
         P = np.linalg.inv(D) @ (self.P - self.P @ H.T @ np.linalg.inv(S) @ H @ self.P) @ np.linalg.inv(D).T
         self.x = self.moved(K @ v)
         D = self.to_additive()
         self.P = D @ P @ D.T
 
     def to_additive(self) -> Float:
-        """D of the additive error D xi: turns of the robot turn the points, and nothing else."""
+        """Return D of the additive error D xi: rotations of the robot rotate the points only."""
         D = np.eye(len(self.x))
         if self.invariant:
             for first in self.turning():
@@ -180,7 +180,7 @@ class Twin:
         return [0] + [3 + 2 * slot for slot, point in enumerate(self.is_point) if point]
 
     def remove(self, slot: int) -> None:
-        """The last slot moves into the gap."""
+        """Remove a slot; the last one moves into it."""
         remove_landmark(self.slam.map, slot)
         order = [*range(len(self.ids) - 1)]
         if slot < len(order):
@@ -192,12 +192,7 @@ class Twin:
     def predict(self) -> None:
         increment, Q = self.rng.normal(size=3), random_cov(self.rng, 3)
         self.slam.predict(increment, Q)
-        move = rotation(self.x[2]) @ increment[:2]
-        F, G = np.eye(len(self.x)), np.zeros((len(self.x), 3))
-        F[:2, 2], G[:2, :2], G[2, 2] = J @ move, rotation(self.x[2]), 1.0
-        self.x[:2] += move
-        self.x[2] = wrap(self.x[2] + increment[2])
-        self.P = F @ self.P @ F.T + G @ Q @ G.T
+        self.x, self.P = textbook.predict(self.x, self.P, increment, Q)
 
     def check(self) -> None:
         np.testing.assert_array_equal(self.slam.landmark_ids, self.ids)
@@ -208,10 +203,10 @@ class Twin:
 
 @CORRECTIONS
 @pytest.mark.parametrize("seed", range(3))
-def test_a_mixed_state_lives_as_by_the_book(correction: Correction, seed: int) -> None:
-    """Points and other slots appended, corrected and removed from the start, the middle and the end of the state."""
+def test_a_state_of_points_and_other_slots_equals_the_dense_reference(correction: Correction, seed: int) -> None:
+    """Slots are appended, corrected, and removed from the start, the middle and the end."""
     twin = Twin(np.random.default_rng(seed), correction)
-    # predictions from first estimates are another test's, see test_filters_against_textbook
+    # test_filters_against_textbook tests predictions from first estimates
     if RULES[correction].first_estimates:
         twin.predict = lambda: None
     for points in ([True, False], [True], [False, True, True, False], [True, False, True]):
@@ -232,8 +227,8 @@ def test_a_mixed_state_lives_as_by_the_book(correction: Correction, seed: int) -
     twin.check()
 
 
-def test_slots_freed_by_others_turn_with_the_map_again() -> None:
-    """A landmark that `update` maps where a slot that was no point has been is a point."""
+def test_a_landmark_in_a_freed_slot_is_a_point() -> None:
+    """The earlier slot was not a point."""
     slam = SlamFilter("position", np.zeros(3), 0.1 * np.eye(3), "right-invariant", landmarks=1)
     new = NewEntries(np.zeros(2), np.arange(3), np.eye(3)[1:], np.zeros((2, 2)), [False])
     add_entries(slam.map, np.array([5]), new)
@@ -247,8 +242,8 @@ def test_slots_freed_by_others_turn_with_the_map_again() -> None:
     np.testing.assert_array_equal(slam.cov, fresh.cov)
 
 
-def test_a_new_map_is_of_points() -> None:
-    """Also where the old one had slots that were none."""
+def test_a_replaced_map_has_points_only() -> None:
+    """The old map had slots that were not points."""
     rng, found = np.random.default_rng(11), list[Float]()
     landmarks, cov = rng.normal(size=(3, 2)), random_cov(rng, 9)
     for others in (0, 3):

@@ -1,4 +1,4 @@
-"""Where double precision is exhausted, filters say so in one line; what is singular and sound they take."""
+"""Limits of double precision are reported in one line; singular covariances are accepted."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ RELATIVES = [riukf, robocentric_ekf]
 ALL = pytest.mark.parametrize("estimator", [*FAMILY, *RELATIVES])
 SENSORS = pytest.mark.parametrize("sensor", ["range-bearing", "position"])
 Estimator = Callable[..., Estimate]
-FAR_APART = r"^(observation|pose_covs)[^\n]*so far apart that double precision does not hold both[^\n]*$"
+FAR_APART = r"^(observation|pose_covs)[^\n]*too far apart for double precision[^\n]*$"
 
 
 def with_sigmas(recording: Recording, prior: Float, motion: Float, sight: Float) -> Recording:
-    """The same values with these standard deviations: (3,), (3,), and one for every step (N+1,)."""
+    """Return the same values with other standard deviations: (3,), (3,), and one for every step (N+1,)."""
     return replace(
         recording,
         prior_cov=np.diag(prior) ** 2,
@@ -51,13 +51,13 @@ FAR = np.array([1e6, 1e6, 0.1])
         pytest.param(USUAL, USUAL, LARGE, id="sights"),
     ],
 )
-def test_sigmas_of_1e6_and_1e_minus_7_are_told_apart_from_an_answer(
+def test_sigmas_of_1e6_and_1e_minus_7_give_a_result_or_an_error(
     estimator: Estimator, sensor: str, prior: Float, motion: Float, sight: Float
 ) -> None:
     _, recording = random_recording(3, sensor=sensor, steps=10, landmarks=4, noise=0.01)
     recording = with_sigmas(recording, prior, motion, sight)
-    # the iterated filter may notice first that it does not arrive
-    told = f"{FAR_APART}|comes to no minimum" if estimator is iekf else FAR_APART
+    # the iterated filter may first detect that it does not converge
+    told = f"{FAR_APART}|does not converge" if estimator is iekf else FAR_APART
     with pytest.raises(UserError, match=told):
         estimator(recording)
 
@@ -65,10 +65,10 @@ def test_sigmas_of_1e6_and_1e_minus_7_are_told_apart_from_an_answer(
 @pytest.mark.parametrize("estimator", RELATIVES)
 @SENSORS
 @pytest.mark.parametrize("prior", [USUAL, np.zeros(3)])
-def test_motions_far_wider_than_sights_are_told_by_the_relatives_too(
+def test_filters_in_numpy_also_report_motions_far_wider_than_observations(
     estimator: Estimator, sensor: str, prior: Float
 ) -> None:
-    """The robocentric filter loses nothing of a far prior, and sigma points take little from what bends as much."""
+    """The robocentric filter does not depend on the prior; sigma points lose little for such nonlinear motions."""
     _, recording = random_recording(3, sensor=sensor, steps=10, landmarks=4, noise=0.01)
     with pytest.raises(UserError, match=FAR_APART):
         estimator(with_sigmas(recording, prior, FAR, SMALL))
@@ -78,7 +78,7 @@ def test_motions_far_wider_than_sights_are_told_by_the_relatives_too(
 @SENSORS
 @pytest.mark.parametrize("prior", [np.zeros(3), np.array([1.0, 0.0, 0.0]), np.array([1e4, 1e4, 0.1])])
 @pytest.mark.parametrize("motion", [np.zeros(3), np.array([0.5, 0.0, 0.0]), np.array([0.0, 0.0, 0.1])])
-def test_singular_covariances_are_no_such_case(estimator: Estimator, sensor: str, prior: Float, motion: Float) -> None:
+def test_singular_covariances_are_accepted(estimator: Estimator, sensor: str, prior: Float, motion: Float) -> None:
     _, recording = random_recording(3, sensor=sensor, steps=10, landmarks=4, noise=0.01)
     estimate = estimator(with_sigmas(recording, prior, motion, np.full(11, 0.01)))
     assert estimate.pose_covs is not None
@@ -89,7 +89,7 @@ def test_singular_covariances_are_no_such_case(estimator: Estimator, sensor: str
 @SENSORS
 @pytest.mark.parametrize("line", [[1.0, 0.0, 0.0], [1.0, 0.0, 1.0], [1.0, 1.0, 1.0], [0.3, 0.1, -0.2]])
 def test_motion_noise_of_rank_one_from_a_known_start(estimator: Estimator, sensor: str, line: list[float]) -> None:
-    """What is left of a variance of 1 m^2 when landmarks are seen to .1 mm: singular, but for its rounding."""
+    """A variance of 1 m^2 after observations of 0.1 mm is singular except for rounding."""
     _, recording = random_recording(5, sensor=sensor, steps=10, landmarks=4, noise=0.001)
     recording = with_sigmas(recording, np.zeros(3), np.zeros(3), np.full(11, 1e-4))
     recording = replace(recording, odometry_cov=np.tile(np.outer(line, line), (recording.steps, 1, 1)))
@@ -99,7 +99,7 @@ def test_motion_noise_of_rank_one_from_a_known_start(estimator: Estimator, senso
     assert (np.abs(wrap(estimate.poses[:, 2])) <= np.pi).all()
 
 
-def test_rounding_is_taken_from_a_covariance_and_nothing_else() -> None:
+def test_only_rounding_is_removed_from_a_covariance() -> None:
     line = np.array([1e-3, 1.0, 20.0])
     singular = np.outer(line, line)
     rounded = singular + np.diag([-1e-8, 0.0, 0.0]) * singular
@@ -109,7 +109,7 @@ def test_rounding_is_taken_from_a_covariance_and_nothing_else() -> None:
     np.testing.assert_allclose(mended[1], singular, rtol=1e-7)
     correlations = mended[1] / np.sqrt(np.outer(np.diag(mended[1]), np.diag(mended[1])))
     assert np.linalg.eigvalsh(correlations)[0] > -1e-14
-    with pytest.raises(UserError, match=r"^pose_covs\[0\][^\n]*so far apart"):
+    with pytest.raises(UserError, match=r"^pose_covs\[0\][^\n]*too far apart"):
         without_rounding("pose_covs", (singular + np.diag([-0.1, 0.0, 0.0]) * singular)[None])
     with pytest.raises(UserError, match=r"^pose_covs\[1\][^\n]*has diverged"):
         without_rounding("pose_covs", np.stack([np.eye(3), np.full((3, 3), np.nan)]))

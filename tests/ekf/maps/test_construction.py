@@ -1,4 +1,4 @@
-"""What online filters refuse when they are made: one line that says what, where and what to do."""
+"""Invalid arguments of online filters are refused in one line with place, value and remedy."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ START = (np.array([0.1, 0.2, 0.3]), 1e-4 * np.eye(3))
         (np.zeros(3), [[1.0], [0.0, 1.0]], r"^prior_cov: not an array of numbers; give shape \(3, 3\)$"),
     ],
 )
-def test_priors_that_are_none(mean: object, cov: object, match: str) -> None:
+def test_invalid_priors(mean: object, cov: object, match: str) -> None:
     for make in (
         lambda: SlamFilter("position", mean, cov),  # pyright: ignore[reportArgumentType]
         lambda: CompressedFilter("position", mean, cov, 5.0),  # pyright: ignore[reportArgumentType]
@@ -39,14 +39,14 @@ def test_priors_that_are_none(mean: object, cov: object, match: str) -> None:
 
 
 @pytest.mark.parametrize("landmarks", [-1, 1.5, 3.0, "3", None, True, [3]], ids=str)
-def test_numbers_of_landmarks_that_are_none(landmarks: object) -> None:
+def test_invalid_numbers_of_landmarks(landmarks: object) -> None:
     refusal = r"^landmarks: \S+ is not a number of landmarks; give a whole number, at least 0$"
     with pytest.raises(UserError, match=refusal):
         SlamFilter("position", *START, landmarks=landmarks)  # pyright: ignore[reportArgumentType]
 
 
 @pytest.mark.parametrize("sensor", [None, ["position"], np.array(["position", "position"]), "sonar"], ids=str)
-def test_sensors_that_are_none(sensor: object) -> None:
+def test_invalid_sensors(sensor: object) -> None:
     for make in (
         lambda: SlamFilter(sensor, *START),  # pyright: ignore[reportArgumentType]
         lambda: CompressedFilter(sensor, *START, 5.0),  # pyright: ignore[reportArgumentType]
@@ -56,12 +56,12 @@ def test_sensors_that_are_none(sensor: object) -> None:
             make()
 
 
-def test_associations_that_are_none() -> None:
+def test_invalid_associations() -> None:
     for make in (
         lambda: AssociatingFilter("position", *START, association="jcbb"),  # pyright: ignore[reportArgumentType]
         lambda: BearingFilter(*START, association="jcbb"),  # pyright: ignore[reportArgumentType]
     ):
-        with pytest.raises(UserError, match=r"^association: 'jcbb' is not one; give Association\(method, gate\)"):
+        with pytest.raises(UserError, match=r"^association: 'jcbb' is not an Association; give Association\("):
             make()
 
 
@@ -71,10 +71,10 @@ def test_associations_that_are_none() -> None:
         ("riekf", r"the estimator of that name uses 'right-invariant'"),
         ("oc-ekf", r"the estimator of that name uses 'observability-constrained'"),
         ("right-invarient", r"did you mean right-invariant\?"),
-        ("ukf", r"use one of standard, .*right-invariant, or a Rule of your own"),
+        ("ukf", r"use one of standard, .*right-invariant, or your own Rule"),
     ],
 )
-def test_corrections_that_do_not_exist(name: str, remedy: str) -> None:
+def test_unknown_corrections(name: str, remedy: str) -> None:
     for make in (
         lambda: SlamFilter("position", *START, name),  # pyright: ignore[reportArgumentType]
         lambda: AssociatingFilter("position", *START, name),  # pyright: ignore[reportArgumentType]

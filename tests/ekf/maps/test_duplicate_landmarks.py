@@ -1,4 +1,4 @@
-"""Which tracks are which landmarks: weights against all matchings, the robot against conditional Gaussians."""
+"""Duplicate landmarks: weights compared with all matchings, the robot with conditional Gaussians."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from slamgauge.ekf.maps.landmark_map import LandmarkMap
 from slamgauge.ekf.maps.map_edits import replace_map
 
 DENSITY = 1e-2
-PAIRS = np.array([[3, 0], [3, 1], [4, 0], [4, 2]])  # slots of two tracks, and of landmarks that they may be
+PAIRS = np.array([[3, 0], [3, 1], [4, 0], [4, 2]])  # slots of two tracks and of their possible landmarks
 
 
 def drawn(seed: int) -> tuple[LandmarkMap, Float, Float]:
-    """A map of five landmarks, the last two near the first: state (13,) and covariance (13, 13), too."""
+    """Return a map of five landmarks, the last two near the first, with state (13,) and covariance (13, 13)."""
     rng = np.random.default_rng(seed)
     root = 0.3 * rng.normal(size=(13, 13))
     cov = root @ root.T
@@ -29,7 +29,7 @@ def drawn(seed: int) -> tuple[LandmarkMap, Float, Float]:
 
 
 def difference(pairs: Float) -> Float:
-    """Jacobian (2k, 13) of track minus landmark for pairs (k, 2) of slots."""
+    """Return the Jacobian (2k, 13) of track minus landmark for pairs (k, 2) of slots."""
     rows = np.zeros((2 * len(pairs), 13))
     for number, (track, landmark) in enumerate(pairs):
         rows[2 * number : 2 * number + 2, 3 + 2 * track : 5 + 2 * track] = np.eye(2)
@@ -38,7 +38,7 @@ def difference(pairs: Float) -> Float:
 
 
 def all_matchings() -> list[list[int]]:
-    """Pairs of each matching: for each track one or none, no landmark twice."""
+    """Return the pairs of each matching: at most one for each track and each landmark."""
     chosen = itertools.product([NONE, 0, 1], [NONE, 2, 3])
     matchings = [[each for each in both if each != NONE] for both in chosen]
     return [each for each in matchings if len({*PAIRS[each, 1].tolist()}) == len(each)]
@@ -52,7 +52,7 @@ def weight_of(matching: list[int], state: Float, cov: Float) -> float:
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_weights_are_those_of_all_matchings(seed: int) -> None:
+def test_weights_equal_those_of_all_matchings(seed: int) -> None:
     landmarks, state, cov = drawn(seed)
     found = find_matchings(landmarks, PAIRS, np.array([9, 9, 9, 5, 5]), DENSITY)
     expected = {tuple(each): weight_of(each, state, cov) for each in all_matchings()}
@@ -65,7 +65,7 @@ def test_weights_are_those_of_all_matchings(seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_the_robot_is_the_mean_over_what_landmarks_may_be(seed: int) -> None:
+def test_the_robot_is_the_mean_over_matchings(seed: int) -> None:
     landmarks, state, cov = drawn(seed)
     found = find_matchings(landmarks, PAIRS, np.array([9, 9, 9, 5, 5]), DENSITY)
     heavy = found.weight >= 1e-3
@@ -84,7 +84,7 @@ def test_the_robot_is_the_mean_over_what_landmarks_may_be(seed: int) -> None:
     np.testing.assert_allclose(pose_cov, expected, atol=1e-6)
 
 
-def test_what_nearly_all_weight_agrees_on_is_agreed() -> None:
+def test_pairs_with_nearly_all_weight_are_agreed() -> None:
     landmarks, state, cov = drawn(0)
     found = find_matchings(landmarks, PAIRS, np.array([9, 9, 9, 5, 5]), DENSITY)
     weights = {tuple(each): weight_of(each, state, cov) for each in all_matchings()}

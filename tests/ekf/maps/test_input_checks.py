@@ -1,4 +1,4 @@
-"""What online filters refuse at their boundary: one line that says what, where and what to do; nothing changes."""
+"""Online filters refuse invalid input in one line with place, value and remedy, and do not change."""
 
 from __future__ import annotations
 
@@ -10,7 +10,18 @@ import numpy as np
 import pytest
 
 from slamgauge.arrays import Float, Int
-from slamgauge.ekf import AssociatingFilter, Association, BearingFilter, CompressedFilter, OnlineFilter, SlamFilter
+from slamgauge.ekf import (
+    AssociatingFilter,
+    Association,
+    BearingFilter,
+    CompressedFilter,
+    OnlineFilter,
+    SlamFilter,
+    SlidingWindowFilter,
+)
+from slamgauge.ekf.advanced.numpy_filter import NumpyFilter
+from slamgauge.ekf.advanced.robocentric import RobocentricBelief
+from slamgauge.ekf.advanced.sigma_points import InvariantBelief
 from slamgauge.ekf.kernels.corrections import update_standard
 from slamgauge.ekf.kernels.joint_update import are_sound
 from slamgauge.ekf.kernels.prediction import is_semidefinite
@@ -28,15 +39,21 @@ FILTERS: dict[str, Callable[[], OnlineFilter]] = {
     "CompressedFilter": lambda: CompressedFilter("range-bearing", *START, area_radius=5.0),
     "nearest neighbour": lambda: AssociatingFilter("range-bearing", *START),
     "jcbb": lambda: AssociatingFilter("range-bearing", *START, association=JCBB),
+    "riukf": lambda: NumpyFilter("range-bearing", InvariantBelief("range-bearing", *START)),
+    "robocentric": lambda: NumpyFilter("range-bearing", RobocentricBelief("range-bearing", *START)),
+    "SlidingWindowFilter": lambda: SlidingWindowFilter("range-bearing", *START, lag=3),
     "BearingFilter": lambda: BearingFilter(*START),
     "BearingFilter without ids": lambda: BearingFilter(*START, association=JCBB),
 }
 EVERY = pytest.mark.parametrize("kind", FILTERS)
+IDS = pytest.mark.parametrize(
+    "kind", ["SlamFilter", "CompressedFilter", "riukf", "robocentric", "SlidingWindowFilter", "BearingFilter"]
+)
 LINE = r"^[^\n]*[:;] [^\n]*$"
 
 
 def scan(kind: str, count: int = 3, first: int = 0) -> Observations:
-    """Observations of landmarks about the robot."""
+    """Return observations of landmarks around the robot."""
     ids = np.arange(first, first + count)
     values: Float = np.column_stack([3.0 + ids, -1.0 + 0.7 * ids]).astype(np.float64)
     covs = np.tile(np.diag([0.1, 0.05]) ** 2, (count, 1, 1))
@@ -46,7 +63,7 @@ def scan(kind: str, count: int = 3, first: int = 0) -> Observations:
 
 
 def started(kind: str) -> OnlineFilter:
-    """A filter on its way, with landmarks, some of which it has just seen."""
+    """Return a filter with landmarks, of which it has just observed some."""
     slam = FILTERS[kind]()
     for _ in range(3):
         slam.update(scan(kind))
@@ -56,7 +73,8 @@ def started(kind: str) -> OnlineFilter:
 
 
 def belief_of(slam: OnlineFilter) -> list[Float | Int]:
-    return [slam.pose, slam.pose_cov, slam.landmark_ids, slam.landmarks, slam.landmark_covs, slam.associated]
+    whole = slam.belief.cov if isinstance(slam, NumpyFilter) else getattr(slam, "cov", slam.pose_cov)
+    return [slam.pose, slam.pose_cov, whole, slam.landmark_ids, slam.landmarks, slam.landmark_covs, slam.associated]
 
 
 def assert_refused(kind: str, act: Callable[[OnlineFilter], object], match: str) -> None:
@@ -95,11 +113,11 @@ def assert_refused(kind: str, act: Callable[[OnlineFilter], object], match: str)
         ([1.0, 0.0, 0.0], np.eye(3) + np.eye(3, k=1) / 2, r"^increment_cov = .*: a covariance must be symmetric"),
     ],
 )
-def test_increments_that_are_none(kind: str, increment: object, cov: object, match: str) -> None:
+def test_invalid_increments(kind: str, increment: object, cov: object, match: str) -> None:
     assert_refused(kind, lambda slam: slam.predict(increment, cov), match)  # pyright: ignore[reportArgumentType]
 
 
-# of every kind numpy can make of what people give; each stands for an increment (3,), a covariance, values or ids
+# objects of every kind that numpy accepts; tests give them as increments (3,), covariances, values and ids
 NO_NUMBERS: dict[str, object] = {
     "letters": np.array(["a", "b", "c"]),
     "digits": np.array(["1", "2", "3"]),
@@ -117,7 +135,7 @@ NO_NUMBERS: dict[str, object] = {
 
 @EVERY
 @pytest.mark.parametrize("given", NO_NUMBERS.values(), ids=NO_NUMBERS)
-def test_increments_that_are_no_numbers(kind: str, given: object) -> None:
+def test_increments_of_other_types(kind: str, given: object) -> None:
     refusal = r"^increment: (not an array of numbers|shape \(\) does not fit); give an increment \(dx, dy, dtheta\)"
     assert_refused(kind, lambda slam: slam.predict(given, np.eye(3)), refusal)  # pyright: ignore[reportArgumentType]
     square = np.tile(given, (3, 1)) if isinstance(given, np.ndarray) else given
@@ -126,7 +144,7 @@ def test_increments_that_are_no_numbers(kind: str, given: object) -> None:
 
 
 def spoiled(rng: np.random.Generator, dim: int) -> Float:
-    """A matrix that is a covariance but for rounding, a variance that is zero, or an entry that should not be there."""
+    """Return a nearly valid covariance: with rounding errors, zero variances, or invalid entries."""
     root = rng.normal(size=(dim, int(rng.integers(1, dim + 1)))) * 10 ** rng.uniform(-6, 3, (dim, 1))
     root[rng.random(dim) < 0.3] = 0.0
     P, noise = root @ root.T, rng.normal(size=(dim, dim)) * 10 ** rng.uniform(-14, -3)
@@ -143,8 +161,8 @@ def is_taken(P: Float, *, definite: bool) -> bool:
     return True
 
 
-def test_covariances_that_a_recording_may_have_are_taken() -> None:
-    """The kernels refuse none that `validation` lets pass, and of those that it refuses by far the most."""
+def test_kernels_accept_all_covariances_of_recordings() -> None:
+    """The kernels accept all that `validation` accepts, and refuse most of those that it refuses."""
     rng, taken, refused = np.random.default_rng(0), 0, 0
     for _ in range(5000):
         Q, R = spoiled(rng, 3), spoiled(rng, 2)
@@ -158,7 +176,7 @@ def test_covariances_that_a_recording_may_have_are_taken() -> None:
 
 
 @EVERY
-def test_an_entry_beside_a_zero_variance_is_judged_as_by_a_recording(kind: str) -> None:
+def test_an_entry_next_to_a_zero_variance_is_accepted_as_in_a_recording(kind: str) -> None:
     Q = np.diag([0.01, 0.0, 1e-4])
     Q[1, 2] = Q[2, 1] = 1e-8
     odometry = np.array([[0.1, 0.0, 0.01]])
@@ -169,7 +187,7 @@ def test_an_entry_beside_a_zero_variance_is_judged_as_by_a_recording(kind: str) 
     started(kind).predict(recording.odometry[0], recording.odometry_cov[0])
 
 
-def test_covariances_that_are_clearly_none_are_told_from_those_that_are() -> None:
+def test_indefinite_matrices_are_distinguished_from_covariances() -> None:
     rng = np.random.default_rng(1)
     for _ in range(1000):
         Q = random_covariances(rng, 1, 10 ** rng.uniform(-4, 1, 3))[0]
@@ -184,9 +202,10 @@ def test_covariances_that_are_clearly_none_are_told_from_those_that_are() -> Non
 @EVERY
 @pytest.mark.parametrize("mapped", [True, False], ids=["mapped", "new"])
 @pytest.mark.parametrize(
-    "break_it", ["nan", "range", "variance", "asymmetric", "one value", "one cov", "width", "flat"]
+    "break_it",
+    ["nan", "range", "variance", "inf cov", "no variance", "asymmetric", "one value", "one cov", "width", "flat"],
 )
-def test_observations_that_are_none(kind: str, mapped: bool, break_it: str) -> None:
+def test_invalid_observations(kind: str, mapped: bool, break_it: str) -> None:
     bearing = kind.startswith("Bearing")
     if bearing and break_it in ("range", "asymmetric"):
         return
@@ -195,8 +214,8 @@ def test_observations_that_are_none(kind: str, mapped: bool, break_it: str) -> N
         values[1, 0] = np.nan
     elif break_it == "range":
         values[1, 0] = -2.0
-    elif break_it == "variance":
-        covs[1, 0, 0] = -1.0
+    elif break_it in ("variance", "inf cov", "no variance"):
+        covs[1, 0, 0] = {"variance": -1.0, "inf cov": np.inf, "no variance": 0.0}[break_it]
     elif break_it == "asymmetric":
         covs[1, 0, 1] = 1e-4
     broken = {
@@ -209,6 +228,8 @@ def test_observations_that_are_none(kind: str, mapped: bool, break_it: str) -> N
         "nan": r"^observation\[1\] = .*nan.*: every number must be finite$",
         "range": r"^observation\[1\] = .*: a range cannot be negative; drop the row$",
         "variance": r"^observation_cov\[1\] = .*: a covariance must not have a negative variance$",
+        "inf cov": r"^observation_cov\[1\] = .*inf.*: every number must be finite$",
+        "no variance": r"^observation_cov\[1\] = .*: a covariance must be positive definite here; raise its variances$",
         "asymmetric": r"^observation_cov\[1\] = .*: a covariance must be symmetric; use \(P \+ P.T\) / 2$",
     }.get(
         break_it, r"^(observation|observation_cov|landmark): [^;]*does not fit [^;]*; give shape|^landmark: 3 ids for 1"
@@ -218,7 +239,7 @@ def test_observations_that_are_none(kind: str, mapped: bool, break_it: str) -> N
 
 @EVERY
 @pytest.mark.parametrize("given", NO_NUMBERS.values(), ids=NO_NUMBERS)
-def test_observations_that_are_no_numbers(kind: str, given: object) -> None:
+def test_observations_of_other_types(kind: str, given: object) -> None:
     ids, values, covs = scan(kind)
     dim = values.shape[1]
     rows = np.tile(given, (dim, 1)).T if isinstance(given, np.ndarray) else given
@@ -231,9 +252,9 @@ def test_observations_that_are_no_numbers(kind: str, given: object) -> None:
     assert_refused(kind, lambda slam: slam.update(broken_covs), refusal)
 
 
-@pytest.mark.parametrize("kind", ["SlamFilter", "CompressedFilter", "BearingFilter"])
+@IDS
 @pytest.mark.parametrize("given", [*NO_NUMBERS.values(), 7], ids=[*NO_NUMBERS, "one"])
-def test_ids_that_are_no_numbers(kind: str, given: object) -> None:
+def test_ids_of_other_types(kind: str, given: object) -> None:
     broken = scan(kind)._replace(landmark=given)  # pyright: ignore[reportArgumentType]
     refusal = r"^landmark: (not an array of numbers|shape \(\) does not fit|this filter needs known association); give"
     assert_refused(kind, lambda slam: slam.update(broken), refusal)
@@ -241,14 +262,14 @@ def test_ids_that_are_no_numbers(kind: str, given: object) -> None:
 
 @EVERY
 @pytest.mark.parametrize("given", [None, 3, [[1.0, 2.0]], (np.arange(3), np.zeros((3, 2)))], ids=str)
-def test_what_is_no_scan(kind: str, given: object) -> None:
+def test_other_objects_than_scans(kind: str, given: object) -> None:
     refusal = r"^observations: a \w+ is not a scan; give slamgauge.Observations\(landmark, value, cov\)$"
     assert_refused(kind, lambda slam: slam.update(given), refusal)  # pyright: ignore[reportArgumentType]
 
 
 @EVERY
 @pytest.mark.parametrize("empty", [[], np.zeros(0), ()], ids=["list", "array", "tuple"])
-def test_empty_lists_are_no_observations(kind: str, empty: object) -> None:
+def test_empty_lists_are_empty_scans(kind: str, empty: object) -> None:
     slam = started(kind)
     before = belief_of(slam)
     assert slam.update(Observations(empty, empty, empty)) == (0.0, 0)  # pyright: ignore[reportArgumentType]
@@ -257,8 +278,7 @@ def test_empty_lists_are_no_observations(kind: str, empty: object) -> None:
     assert len(slam.associated) == 0
 
 
-def test_a_refused_scan_does_not_end_the_account_of_an_area() -> None:
-    """A compressed filter settles its account when it leaves an area: not for a scan that it refuses."""
+def test_a_refused_scan_does_not_end_the_area_of_a_compressed_filter() -> None:
     slam = CompressedFilter("position", *START, area_radius=0.3)
     slam.update(Observations(np.arange(1), np.ones((1, 2)), np.eye(2)[None]))
     slam.predict([0.2, 0.0, 0.1], 1e-4 * np.eye(3))
@@ -276,7 +296,7 @@ def test_a_refused_scan_does_not_end_the_account_of_an_area() -> None:
     assert not np.array_equal(before["_entry"], vars(slam)["_entry"])
 
 
-@pytest.mark.parametrize("kind", ["SlamFilter", "CompressedFilter", "BearingFilter"])
+@IDS
 @pytest.mark.parametrize(
     ("ids", "match"),
     [
@@ -288,13 +308,13 @@ def test_a_refused_scan_does_not_end_the_account_of_an_area() -> None:
         ([[0], [1], [2]], r"^landmark: shape \(3, 1\) does not fit; give shape \(any,\)$"),
     ],
 )
-def test_ids_that_are_none(kind: str, ids: list[float] | None, match: str) -> None:
+def test_invalid_ids(kind: str, ids: list[float] | None, match: str) -> None:
     given = None if ids is None else np.array(ids)
     assert_refused(kind, lambda slam: slam.update(scan(kind)._replace(landmark=given)), match)  # pyright: ignore[reportArgumentType]
 
 
-@pytest.mark.parametrize("kind", ["SlamFilter", "CompressedFilter", "BearingFilter"])
-def test_lists_and_whole_numbers_of_any_type_are_taken(kind: str) -> None:
+@IDS
+def test_lists_and_whole_numbers_of_any_type_are_accepted(kind: str) -> None:
     arrays, lists = started(kind), started(kind)
     ids, (_, values, covs) = np.arange(3), scan(kind)
     arrays.update(Observations(ids, values, covs))
@@ -303,10 +323,10 @@ def test_lists_and_whole_numbers_of_any_type_are_taken(kind: str) -> None:
         np.testing.assert_array_equal(one, other)
 
 
-# --- rules of one's own --------------------------------------------------------------------------
+# --- user rules ----------------------------------------------------------------------------------
 
 
-def test_a_rule_of_ones_own_is_used_or_refused_but_never_ignored() -> None:
+def test_a_user_rule_is_used_or_refused() -> None:
     calls: list[int] = []
 
     def counted(*arguments: object) -> tuple[float, int]:
@@ -330,8 +350,8 @@ def test_a_rule_of_ones_own_is_used_or_refused_but_never_ignored() -> None:
 
 
 @pytest.mark.parametrize("kind", ["SlamFilter", "CompressedFilter"])
-def test_observations_beyond_the_gate_are_left_out(kind: str) -> None:
-    """As if they had not been made; new landmarks are mapped, and `associated` tells which were left out."""
+def test_observations_beyond_the_gate_are_rejected(kind: str) -> None:
+    """The result equals that without them; `associated` has -1 for them."""
     gated, told = started(kind), started(kind)
     assert isinstance(gated, (SlamFilter, CompressedFilter))
     ids, (_, values, covs) = np.arange(5), scan(kind, count=5)  # two are new
@@ -344,7 +364,7 @@ def test_observations_beyond_the_gate_are_left_out(kind: str) -> None:
         np.testing.assert_array_equal(one, other)
 
 
-def test_bearings_of_points_beyond_the_gate_are_left_out() -> None:
+def test_bearings_of_points_beyond_the_gate_are_rejected() -> None:
     gated, told = (BearingFilter(np.zeros(3), np.zeros((3, 3))) for _ in range(2))
     landmarks = np.array([[3.0, 3.0], [2.0, -4.5], [4.0, 2.0]])
     bearings = np.zeros((3, 1))
@@ -368,15 +388,15 @@ def test_bearings_of_points_beyond_the_gate_are_left_out() -> None:
 
 @pytest.mark.parametrize("kind", ["SlamFilter", "CompressedFilter", "BearingFilter"])
 @pytest.mark.parametrize("gate", [0.0, -1.0, np.nan, np.inf, "9", [9.0], True], ids=str)
-def test_gates_that_are_none(kind: str, gate: object) -> None:
+def test_invalid_gates(kind: str, gate: object) -> None:
     def act(slam: OnlineFilter) -> None:
         assert isinstance(slam, (SlamFilter, CompressedFilter, BearingFilter))
         slam.update(scan(kind), gate=gate)  # pyright: ignore[reportArgumentType]
 
-    assert_refused(kind, act, r"^gate: \S+ (lets nothing pass|is not a finite number); choose it above 0$")
+    assert_refused(kind, act, r"^gate: \S+ (is out of range|is not a finite number); choose it above 0$")
     with pytest.raises(UserError) as refusal:
         Association(gate=gate)  # pyright: ignore[reportArgumentType]
-    assert_refused(kind, act, f"^{re.escape(str(refusal.value))}$")  # one rule
+    assert_refused(kind, act, f"^{re.escape(str(refusal.value))}$")  # the same rule
 
 
 def test_a_wide_gate_changes_nothing() -> None:

@@ -1,4 +1,4 @@
-"""What a map of a filter is, whatever is done with it."""
+"""Maps of filters: copies in other processes, types of ids, invalid rules."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ VALUES, COVS = np.array([[3.0, 0.2], [2.0, -0.4]]), np.tile(np.eye(2) / 100, (2,
 
 
 @pytest.mark.parametrize("correction", ["standard", "first-estimates", "right-invariant"])
-def test_a_filter_goes_on_in_another_process_where_it_was(correction: Correction) -> None:
+def test_a_pickled_filter_continues_with_the_same_results(correction: Correction) -> None:
     def step(slam: SlamFilter) -> None:
         slam.predict(np.array([0.1, 0.0, 0.02]), np.diag([1e-4, 0.0, 1e-5]))
         slam.update(Observations(np.array([4, 2]), VALUES, COVS))
@@ -42,8 +42,8 @@ def test_ids_may_be_whole_numbers_of_any_kind(kind: type[np.generic]) -> None:
     assert slam.associated.tolist() == [-1, -1]
 
 
-def test_an_iterated_rule_that_cannot_take_in_a_scan_is_refused() -> None:
-    with pytest.raises(UserError, match="whole scan at a time; give block=WHOLE_SCAN"):
+def test_an_iterated_rule_with_blocks_is_refused() -> None:
+    with pytest.raises(UserError, match="whole scan; give block=WHOLE_SCAN"):
         SlamFilter("range-bearing", np.zeros(3), np.eye(3), Rule(update_iterated))
-    with pytest.raises(UserError, match="block=0 takes nothing in"):
+    with pytest.raises(UserError, match="block=0 is invalid"):
         SlamFilter("range-bearing", np.zeros(3), np.eye(3), Rule(update_iterated, block=0))

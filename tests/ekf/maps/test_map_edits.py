@@ -1,4 +1,4 @@
-"""Removing and merging landmarks against dense algebra."""
+"""Removing and merging landmarks, compared with dense algebra."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def state_of(slam: SlamFilter) -> Float:
 
 
 def random_filter(seed: int, correction: Correction, sensor: str = "position", landmarks: int = 5) -> SlamFilter:
-    """Landmarks around the robot, fully correlated with it and with each other."""
+    """Return a filter with landmarks, correlated with the robot and with each other."""
     rng = np.random.default_rng(seed)
     size = 3 + 2 * landmarks
     root = 0.1 * rng.normal(size=(size, size))
@@ -48,7 +48,7 @@ def random_filter(seed: int, correction: Correction, sensor: str = "position", l
 
 
 def entries(slots: list[int]) -> Int:
-    """Entries of the robot and of landmarks in the state."""
+    """Return the state entries of the robot and of landmarks."""
     return np.array([0, 1, 2, *(3 + 2 * s + k for s in slots for k in range(2))])
 
 
@@ -56,7 +56,7 @@ def entries(slots: list[int]) -> Int:
 
 
 @pytest.mark.parametrize("slot", [0, 2, 3, 4])
-def test_removal_leaves_the_mean_and_covariance_of_the_rest_as_they_were(slot: int) -> None:
+def test_removal_keeps_mean_and_covariance_of_the_rest(slot: int) -> None:
     slam = random_filter(0, "standard")
     x, P = state_of(slam), slam.cov
     remove_landmark(slam.map, slot)
@@ -70,8 +70,8 @@ def test_removal_leaves_the_mean_and_covariance_of_the_rest_as_they_were(slot: i
 @CORRECTIONS
 @SENSORS
 @pytest.mark.parametrize("slot", [0, 3, 6])
-def test_a_removed_landmark_is_one_that_was_never_seen_again(correction: Correction, sensor: str, slot: int) -> None:
-    """The rest goes on exactly as in a filter that keeps the landmark and does not look: a marginal is a marginal."""
+def test_removal_equals_never_observing_the_landmark_again(correction: Correction, sensor: str, slot: int) -> None:
+    """Removal is marginalisation: later results for the rest are the same."""
     _, recording = random_recording(slot, sensor=sensor, landmarks=7)
     assert recording.landmark is not None
     keeps = SlamFilter(sensor, recording.prior_mean, recording.prior_cov, correction)
@@ -94,14 +94,14 @@ def test_a_removed_landmark_is_one_that_was_never_seen_again(correction: Correct
     np.testing.assert_allclose(state_of(removes), state_of(keeps)[entries(slots)], rtol=0, atol=1e-12)
     np.testing.assert_allclose(removes.cov, keeps.cov[np.ix_(entries(slots), entries(slots))], rtol=0, atol=1e-12)
     removes.update(Observations(np.array([removed]), recording.observation[:1], recording.observation_cov[:1]))
-    assert removes.landmark_ids[-1] == removed  # seen again, it is new
+    assert removes.landmark_ids[-1] == removed  # re-observed, it is new
 
 
 # --- merging -------------------------------------------------------------------------------------
 
 
 def dense_merge(correction: Correction, x: Float, P: Float, a: int, b: int) -> tuple[Float, Float]:
-    """The Kalman update with l_a - l_b = 0, both landmarks kept; right-invariant in that error's own coordinates."""
+    """Apply the Kalman update with l_a - l_b = 0; for the right-invariant filter in the coordinates of its error."""
     invariant = correction == "right-invariant"
     H = np.zeros((2, len(x)))
     H[:, 3 + 2 * a : 5 + 2 * a], H[:, 3 + 2 * b : 5 + 2 * b] = np.eye(2), -np.eye(2)
@@ -118,9 +118,7 @@ def dense_merge(correction: Correction, x: Float, P: Float, a: int, b: int) -> t
 
 @CORRECTIONS
 @pytest.mark.parametrize(("kept", "gone"), [(0, 1), (3, 1), (1, 4), (4, 2)])
-def test_merging_is_the_exact_observation_that_two_landmarks_are_one(
-    correction: Correction, kept: int, gone: int
-) -> None:
+def test_merging_is_the_exact_observation_of_a_zero_difference(correction: Correction, kept: int, gone: int) -> None:
     slam = random_filter(1, correction)
     before = slam.pose
     x, P = dense_merge(correction, state_of(slam), slam.cov, kept, gone)
@@ -135,7 +133,7 @@ def test_merging_is_the_exact_observation_that_two_landmarks_are_one(
     assert abs(slam.pose[2]) <= np.pi
 
 
-def test_merged_landmarks_are_in_one_place_with_one_covariance() -> None:
+def test_merged_landmarks_have_the_same_position_and_covariance() -> None:
     slam = random_filter(2, "standard")
     x, P = state_of(slam), slam.cov
     before = x.copy()
@@ -162,7 +160,7 @@ def test_which_of_two_landmarks_is_kept_does_not_matter_for_the_rest(correction:
     a, b = entries(one_slots), entries(other_slots)
     np.testing.assert_allclose(state_of(one)[a], state_of(other)[b], rtol=0, atol=1e-12)
     np.testing.assert_allclose(one.cov[np.ix_(a, a)], other.cov[np.ix_(b, b)], rtol=0, atol=1e-12)
-    if correction != "right-invariant":  # whose positions agree only to second order
+    if correction != "right-invariant":  # its positions agree only to second order
         np.testing.assert_allclose(one.landmarks[1], other.landmarks[3], rtol=0, atol=1e-12)
 
 
@@ -183,8 +181,8 @@ def test_merging_a_landmark_with_its_exact_copy_changes_nothing(correction: Corr
 
 @CORRECTIONS
 @SENSORS
-def test_a_filter_goes_on_after_a_merge_as_by_the_book(correction: Correction, sensor: str) -> None:
-    """For first estimates: at the kept landmark's own first place, not where it was moved to."""
+def test_a_filter_after_a_merge_equals_the_textbook(correction: Correction, sensor: str) -> None:
+    """The first estimate of the merged landmark is that of the kept one."""
     slam, rng = random_filter(5, correction, sensor), np.random.default_rng(5)
     x, P = state_of(slam), slam.cov
     first = x.copy()
@@ -218,7 +216,7 @@ def observation_near(slam: SlamFilter, sensor: str, slots: list[int], rng: np.ra
 def dense_update(
     correction: Correction, sensor: str, x: Float, first: Float, P: Float, slots: list[int], z: Float, R: Float
 ) -> tuple[Float, Float]:
-    """One textbook update, additive covariances in and out."""
+    """Return state and additive covariance after a textbook update."""
     if correction == "iterated":
         return update_iterated(sensor, x, P, slots, z, R)[:2]
     if correction != "right-invariant":
@@ -233,7 +231,7 @@ def dense_update(
 # --- duplicates ----------------------------------------------------------------------------------
 
 
-def test_duplicates_are_those_that_numpy_finds() -> None:
+def test_duplicates_equal_those_found_by_numpy() -> None:
     rng = np.random.default_rng(6)
     outcomes = {"found": 0, "none": 0, "not by place alone": 0}
     for _ in range(300):

@@ -1,4 +1,4 @@
-"""The bookkeeping of tracks: probation, ids that are never used again, and what was merged."""
+"""Tracks: probation, ids that are never used again, merging."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from slamgauge.ekf import SlamFilter
 from slamgauge.ekf.maps.landmark_ids import GONE
 from slamgauge.ekf.maps.map_edits import add_landmarks
 from slamgauge.ekf.maps.tracks import Tracks
-from slamgauge.ekf.settings.association import MapManagement
+from slamgauge.ekf.settings import MapManagement
 
 
 class World:
-    """Tracks over a real filter; every sight is exact, so that a landmark is where it was put."""
+    """Tracks of a real filter with exact observations."""
 
     def __init__(self, management: MapManagement | None) -> None:
         self.slam = SlamFilter("position", np.zeros(3), np.zeros((3, 3)))
@@ -21,7 +21,7 @@ class World:
         self.places: dict[int, tuple[float, float]] = {}
 
     def scan(self, *seen: int, new: tuple[tuple[float, float], ...] = ()) -> list[int]:
-        """Close a scan in which the ids `seen` were seen and landmarks `new` mapped; returns the new ids."""
+        """Close a scan that observes the ids `seen` and maps landmarks `new`; return the new ids."""
         born = self.tracks.new_ids.take(len(new))
         add_landmarks(self.slam.map, born, np.array(new).reshape(-1, 2), np.tile(1e-4 * np.eye(2), (len(new), 1, 1)))
         self.places.update(zip(born.tolist(), new, strict=True))
@@ -30,12 +30,12 @@ class World:
         return born.tolist()
 
     def walk(self, steps: int) -> None:
-        """Move on without a scan."""
+        """Make steps without a scan."""
         for _ in range(steps):
             self.tracks.clock.open_step()
 
     def check(self) -> None:
-        """Ids and slots belong together."""
+        """Check that ids and slots agree."""
         ids = self.tracks.ids.tolist()
         assert ids == self.slam.landmark_ids.tolist()
         assert len(set(ids)) == len(ids) == len(self.tracks.confirmed)
@@ -55,7 +55,7 @@ class World:
         return self.tracks.standing(np.array(ids, dtype=np.int64)).tolist()
 
 
-def test_without_management_every_track_is_a_landmark_at_once_and_stays_one() -> None:
+def test_without_map_management_every_track_is_a_landmark() -> None:
     world = World(None)
     assert world.scan(new=((1.0, 0.0), (1.0, 0.0))) == [0, 1]
     for _ in range(20):
@@ -64,7 +64,7 @@ def test_without_management_every_track_is_a_landmark_at_once_and_stays_one() ->
     assert world.standing(1, GONE, 0) == [1, GONE, 0]
 
 
-def test_a_track_is_confirmed_by_its_last_sight_of_probation_and_deleted_without_it() -> None:
+def test_a_track_is_confirmed_by_its_last_observation_in_probation_and_deleted_without_it() -> None:
     world = World(MapManagement(sights=3, probation=5))
     early, late, never = world.scan(new=((1.0, 0.0), (2.0, 0.0), (3.0, 0.0)))
     world.scan(early)
@@ -73,14 +73,14 @@ def test_a_track_is_confirmed_by_its_last_sight_of_probation_and_deleted_without
     world.scan(early, late, never)
     assert world.confirmed == [early]
     world.scan()
-    assert sorted(world.tracks.ids.tolist()) == [early, late, never]  # four scans: still on probation
+    assert sorted(world.tracks.ids.tolist()) == [early, late, never]  # after four scans they are on probation
     world.scan(late)
     assert sorted(world.confirmed) == [early, late]
     assert sorted(world.tracks.ids.tolist()) == [early, late]
     assert world.standing(never, late, GONE, early) == [GONE, late, GONE, early]
     for _ in range(10):
         world.scan()
-    assert sorted(world.confirmed) == [early, late]  # once confirmed, for good
+    assert sorted(world.confirmed) == [early, late]  # confirmed tracks remain
 
 
 def test_ids_are_never_used_again_and_probation_counts_from_each_tracks_own_birth() -> None:
@@ -98,24 +98,24 @@ def test_ids_are_never_used_again_and_probation_counts_from_each_tracks_own_birt
 
 
 @pytest.mark.parametrize("rate", [1, 20])
-def test_what_was_seen_before_a_long_blind_stretch_is_not_recent_whatever_the_rate_of_scans(rate: int) -> None:
+def test_landmarks_observed_before_many_steps_without_scans_are_not_recent(rate: int) -> None:
     world = World(MapManagement(sights=1, probation=4))
-    world.walk(100)  # before the first scan is no rate
+    world.walk(100)  # steps before the first scan do not count
     world.scan(new=((1.0, 0.0), (2.0, 0.0)))
     for _ in range(4):
         world.walk(rate)
         assert world.tracks.recent.tolist() == [True, True]
         world.scan(1)
     world.walk(rate)
-    assert world.tracks.recent.tolist() == [False, True]  # 0 was seen five scans ago
+    assert world.tracks.recent.tolist() == [False, True]  # the last observation of 0 is five scans old
     world.walk(3 * rate)
     assert world.tracks.recent.tolist() == [False, True]
     world.walk(1)
-    assert world.tracks.recent.tolist() == [False, False]  # 1 more than four scans' time ago
+    assert world.tracks.recent.tolist() == [False, False]  # the one of 1 is older than four scans on average
 
 
-def test_after_a_long_blind_stretch_scans_are_counted_as_before() -> None:
-    """It makes the scans so far rare in the mean; what was seen more scans ago than probation has is not recent."""
+def test_after_many_steps_without_scans_the_limit_of_scans_applies() -> None:
+    """The mean interval of scans is then long, so that only the number of scans limits."""
     world = World(MapManagement(sights=1, probation=4))
     world.scan(new=((1.0, 0.0), (2.0, 0.0)))
     world.walk(1000)
@@ -126,37 +126,37 @@ def test_after_a_long_blind_stretch_scans_are_counted_as_before() -> None:
         world.scan(1)
 
 
-def test_tracks_that_fail_together_are_all_deleted_and_no_other() -> None:
+def test_tracks_that_fail_together_are_deleted_and_others_remain() -> None:
     world = World(MapManagement(sights=2, probation=2))
     world.scan(new=((1.0, 0.0), (2.0, 0.0), (3.0, 0.0), (4.0, 0.0)))
-    world.scan(1)  # leaves slots 0, 2 and 3, the last among them
+    world.scan(1)  # slots 0, 2 and 3 fail, including the last one
     assert world.tracks.ids.tolist() == [1]
     assert world.standing(0, 1, 2, 3) == [GONE, 1, GONE, GONE]
 
 
-def test_merged_ids_are_their_oldest_survivors_even_through_chains() -> None:
+def test_merged_ids_become_the_oldest_id_also_in_chains() -> None:
     world = World(MapManagement(sights=2, probation=20))
-    world.scan(new=((1.0, 0.0), (5.0, 0.0)))  # 0 waits on probation, 1 is another
+    world.scan(new=((1.0, 0.0), (5.0, 0.0)))  # 0 is on probation, 1 is elsewhere
     world.scan(1, new=((1.0, 0.0),))
     world.scan(new=((1.0, 0.0),))
     world.scan(2)
     assert world.standing(0, 1, 2, 3) == [GONE, 1, 2, GONE]
     world.scan(3)
-    assert world.standing(0, 1, 2, 3) == [GONE, 1, 2, 2]  # the younger went
+    assert world.standing(0, 1, 2, 3) == [GONE, 1, 2, 2]  # the younger id was removed
     world.scan(0)
     assert world.standing(0, 1, 2, 3) == [0, 1, 0, 0]
     assert sorted(world.tracks.ids.tolist()) == [0, 1]
     assert world.scan(new=((9.0, 0.0),)) == [4]
 
 
-def test_what_one_scan_has_seen_as_two_is_never_merged_nor_is_what_was_merged_with_one_of_them() -> None:
+def test_landmarks_of_one_scan_are_never_merged_also_not_after_merges_with_others() -> None:
     world = World(MapManagement(sights=1, probation=20))
     world.scan(new=((1.0, 0.0), (1.0, 0.0)))
     for _ in range(3):
         world.scan(0)
         world.scan(1)
     assert sorted(world.confirmed) == [0, 1]
-    # 3 is seen beside 2, which merges into 0; so 3 is not 0 either, and may only be 1
+    # one scan observes 2 and 3, and 2 merges into 0: so 3 cannot be 0, only 1
     apart = World(MapManagement(sights=3, probation=20))
     apart.scan(new=((1.0, 0.0),))
     apart.scan(new=((1.0, 0.0), (1.0, 0.0)))
@@ -171,8 +171,8 @@ def test_what_one_scan_has_seen_as_two_is_never_merged_nor_is_what_was_merged_wi
     assert apart.standing(0, 1, 2) == [0, 0, 2]
 
 
-def test_ids_stay_with_their_landmarks_whatever_slots_do() -> None:
-    """Random lives of tracks; `World.check` looks at every scan, and what has gone never comes back."""
+def test_ids_stay_with_their_landmarks_when_slots_change() -> None:
+    """Random tracks; `World.check` tests every scan, and deleted ids never return."""
     rng = np.random.default_rng(7)
     merged = deleted = 0
     for _ in range(10):
