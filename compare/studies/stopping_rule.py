@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from slamgauge.compare.estimators.registry import BOUNDS, CAUSAL, HINDSIGHT
+from slamgauge.compare.estimators.registry import BOUNDS, CAUSAL, DEAD_RECKONING, HINDSIGHT
 from slamgauge.compare.estimators.requests import Asked
 from slamgauge.compare.scoring.aggregation import late_means
 from slamgauge.compare.scoring.intervals import LEVEL, Interval, ratio_interval
@@ -17,6 +17,7 @@ from slamgauge.compare.scoring.runs import Ates, Runs, paired
 from slamgauge.compare.scoring.sequential import Look, plan_looks, repeated_p_value
 from slamgauge.compare.scoring.text_page import Grid
 from slamgauge.compare.scoring.text_table import interval_cell
+from slamgauge.display import counted
 from slamgauge.errors import UserError
 
 SMALLEST_P = 1e-6  # what is below is not written out
@@ -133,6 +134,28 @@ def compare_against(
         others = {label: runs for label, runs in loaded.items() if label != name and label not in BOUNDS}
         found[name] = {label: _compared(runs, loaded[name], looks, look) for label, runs in others.items()}
     return found
+
+
+def compare_user_code(asked: Sequence[Asked], loaded: Mapping[str, Runs], look: Look) -> tuple[str, ...]:
+    """Return a sentence for each pair of user code and a built-in filter of the same kind: the ratio of their ATEs."""
+    built_in = [each for each in asked if each.name and not each.is_told and each.name != DEAD_RECKONING]
+    sentences: list[str] = []
+    for mine in (each.label for each in asked if not each.name):
+        for other in (each.label for each in built_in if loaded[each.label].kind == loaded[mine].kind):
+            found = _compared(loaded[mine], loaded[other], (look,), look).get("ate_m")
+            if found is None or found.ratio is None:
+                continue
+            opening = f"the ATE of {mine} is {interval_cell(found.ratio, '{:.3f}')} times that of {other} "
+            sentences.append(f"{opening}on the same {counted(found.runs, 'run')}{_significance(found.ratio)}")
+    return tuple(sentences)
+
+
+def _significance(ratio: Interval) -> str:
+    """Return whether the interval of a ratio excludes 1, as the end of a sentence."""
+    if ratio.low is None or ratio.high is None:
+        return "; an interval needs 2 runs"
+    is_significant = ratio.low > 1 or ratio.high < 1
+    return f" (95 % interval): the difference is {'' if is_significant else 'not '}significant"
 
 
 def _compared(runs: Runs, other: Runs, looks: Sequence[Look], look: Look) -> dict[str, Paired]:

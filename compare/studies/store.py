@@ -46,10 +46,9 @@ def digest(scenario: Scenario, seed: int) -> str:
 
 
 def _deciding(scenario: Scenario) -> Scenario:
-    """Return the scenario with the default `fis` if it has no effect: unless the sensor is bearing-only."""
-    if not SENSORS[scenario.sensor.kind].places_landmarks:
-        return scenario
-    return scenario.model_copy(update={"fis": type(scenario.fis)()})
+    """Return the scenario without description, and with the default `fis` where a sensor with ranges ignores it."""
+    fis = type(scenario.fis)() if SENSORS[scenario.sensor.kind].places_landmarks else scenario.fis
+    return scenario.model_copy(update={"description": "", "fis": fis})
 
 
 class StudyStore:

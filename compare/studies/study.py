@@ -26,6 +26,7 @@ from slamgauge.compare.studies.stopping_rule import (
     Precision,
     Until,
     compare_against,
+    compare_user_code,
     looks_of,
     pairs_to_resolve,
     ratios_at,
@@ -124,6 +125,7 @@ def run_study(
         against=compare_against(loaded, against, looks, look),
         precision=precision,
         scenario_text=scenario_text(scenario),
+        comparisons=compare_user_code(asked, loaded, look),
     )
 
 

@@ -131,6 +131,7 @@ class Summary:
     against: Against = field(default_factory=dict)
     precision: Precision | None = None
     scenario_text: str | None = None
+    comparisons: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         return f"Summary({self.scenario}, {self.runs} runs: {', '.join(self.estimators)})"
@@ -222,7 +223,7 @@ def summary_table(summary: Summary) -> Page:
     said = verdict_lines({name: each.verdict for name, each in summary.estimators.items()})
     known = [] if summary.precision is None else summary.precision.lines()
     below = [*notes, *known, *rays, *said, *too_good_lines(summary), *failure_lines(summary)]
-    return Page((Grid(rows), *below, *against_parts(summary.against)))
+    return Page((Grid(rows), *below, *against_parts(summary.against), *summary.comparisons))
 
 
 def share_in_doubt(summary: Summary) -> float:

@@ -193,13 +193,14 @@ def _run_parts(
     scenario: Scenario, parts: Iterable[Part], runs: int, seed: int, executor: Executor
 ) -> tuple[Summary, dict[str, Runs]]:
     """Run the studies that make up one value of a sweep; their summary under `scenario`, and their runs."""
-    failures, loaded = tuple[Failure, ...](), dict[str, Runs]()
+    failures, comparisons, loaded = tuple[Failure, ...](), tuple[str, ...](), dict[str, Runs]()
     for told, asked, where in parts:
         if asked:
-            failures += run_study(told, runs, seed, asked, where, executor).failures
+            part = run_study(told, runs, seed, asked, where, executor)
+            failures, comparisons = failures + part.failures, comparisons + part.comparisons
             loaded |= load_runs(told, runs, seed, asked, where)
     content = (scenario.name, runs, seed, digest(scenario, seed), failures, summarise(loaded))
-    return Summary(*content, scenario_text=scenario_text(scenario)), loaded
+    return Summary(*content, scenario_text=scenario_text(scenario), comparisons=comparisons), loaded
 
 
 def _require_free(out: Path, studies: Sequence[str], optima: Sequence[Path]) -> None:
@@ -219,18 +220,30 @@ def sweep_table(sweep: Sweep) -> Page:
     for value, summary in zip(sweep.values, sweep.summaries, strict=True):
         for name, entry in summary.estimators.items():
             rows.append([value, name, *figure_cells(summary, entry, found, room_for_marks=any_doubt)])
-    failed = [
+    at_values = [
         f"{sweep.key}={value}, {line}"
         for value, summary in zip(sweep.values, sweep.summaries, strict=True)
-        for line in failure_lines(summary)
+        for line in (*failure_lines(summary), *summary.comparisons)
     ]
     said = [f"{name}: {text}" for name, text in faults(sweep).items()]
-    return Page((Grid(rows, words=2), *notes(sweep), *said, *failed))
+    return Page((Grid(rows, words=2), *notes(sweep), *said, *at_values))
 
 
 def notes(sweep: Sweep) -> list[str]:
-    """Return notes on the optima and the empty columns."""
-    return [*doubts(sweep), *empty_column_lines(sweep.summaries, "sweep")]
+    """Return notes on the optima, the empty columns, and a key without effect."""
+    return [*doubts(sweep), *empty_column_lines(sweep.summaries, "sweep"), *no_effect(sweep)]
+
+
+def no_effect(sweep: Sweep) -> list[str]:
+    """Return a line if all values of the key give the same figures, computing times excepted."""
+    first, *others = (
+        {name: entry.to_json() | {"seconds_total": None} for name, entry in summary.estimators.items()}
+        for summary in sweep.summaries
+    )
+    has_runs = any(entry.runs for entry in sweep.summaries[0].estimators.values())
+    if not others or not has_runs or any(each != first for each in others):
+        return []
+    return [f"{sweep.key} has no effect here: all figures of all estimators are the same at every value"]
 
 
 def faults(sweep: Sweep) -> dict[str, str]:

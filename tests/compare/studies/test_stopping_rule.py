@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 
 from slamgauge.compare.cli.main import main
+from slamgauge.compare.estimators.loading import load_estimators
 from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
 from slamgauge.compare.scoring.aggregation import FIRST_STEP
 from slamgauge.compare.scoring.intervals import Interval, ratio_interval
@@ -59,6 +61,34 @@ def test_pairs_are_those_of_the_stored_runs(scenario: Scenario, thread: ThreadPo
     entry = summary.to_json()["against"]["ekf"]["riekf"]["ate_m"]
     assert {*entry} == {"runs", "difference", "ratio", "p_value"}
     assert "\nagainst ekf" in str(summary_table(summary))
+
+
+def test_a_study_ends_with_a_comparison_of_user_code_with_built_in_filters(
+    scenario: Scenario, thread: ThreadPoolExecutor, tmp_path: Path
+):
+    """An optimum, dead reckoning and estimates of another kind are no filters to compare with."""
+    ekf = load_estimators(["ekf"])["ekf"]
+
+    def worse(recording: Recording) -> Estimate:
+        estimate = ekf(recording)
+        return replace(estimate, poses=estimate.poses + np.array([1.0, 0.0, 0.0]))
+
+    chosen = {name: name for name in ("ekf", "dead-reckoning", "causal", "batch")} | {"same": ekf, "worse": worse}
+    summary = run_study(scenario, 8, 0, chosen, tmp_path, thread)
+    runs = load_runs(scenario, 8, 0, chosen, tmp_path)
+    ratio = ratio_interval(runs["worse"].figures["ate_m"], runs["ekf"].figures["ate_m"])
+    assert ratio is not None
+    assert ratio.low is not None
+    assert ratio.low > 1
+    assert str(summary_table(summary)).splitlines()[-2:] == [
+        "the ATE of same is 1.000 ± 0.000 times that of ekf on the same 8 runs (95 % interval): "
+        "the difference is not significant",
+        f"the ATE of worse is {ratio.mean:.3f} ± {ratio.mean - ratio.low:.3f} times that of ekf on the same 8 runs "
+        "(95 % interval): the difference is significant",
+    ]
+    assert run_study(scenario, 1, 0, {"ekf": "ekf", "same": ekf}, tmp_path, thread).comparisons == (
+        "the ATE of same is 1.000 times that of ekf on the same 1 run; an interval needs 2 runs",
+    )
 
 
 def test_a_study_ends_at_the_first_look_at_which_all_is_known(

@@ -167,3 +167,12 @@ def test_rays_change_only_studies_of_bearing_only_sensors() -> None:
     for name, same in (("q1-short-dense", True), ("q4-ring", False)):
         digests = {digest(load_scenario(name, ["start=sampled", *words]), 0) for words in ([], ["fis.lost_after=4"])}
         assert (len(digests) == 1) == same
+
+
+def test_a_study_continues_with_another_description(
+    scenario: Scenario, thread: ThreadPoolExecutor, tmp_path: Path
+) -> None:
+    first = run_study(scenario, 1, 0, ("ekf",), tmp_path, thread)
+    other = scenario.model_copy(update={"description": "described in other words"})
+    assert digest(other, 0) == first.digest
+    assert run_study(other, 2, 0, ("ekf",), tmp_path, thread).estimators["ekf"].runs == 2

@@ -74,6 +74,15 @@ def test_a_key_that_changes_the_measurements_has_an_optimum_at_each_value(tmp_pa
     assert first.mean < second.mean
 
 
+@pytest.mark.parametrize(("scenario", "has_effect"), [("q1-long-dense", False), ("q2-long-dense", True)])
+def test_a_sweep_names_a_key_without_effect(tmp_path: Path, scenario: str, has_effect: bool):
+    """A gate has no effect with known association."""
+    with ThreadPoolExecutor(1) as executor:
+        sweep = run_sweep(scenario, SHORT, "association.gate=1,9", 2, 0, ["ekf", "causal"], tmp_path, executor)
+    line = "association.gate has no effect here: all figures of all estimators are the same at every value"
+    assert str(sweep_table(sweep)).splitlines().count(line) == sweep.to_json()["notes"].count(line) == (not has_effect)
+
+
 def test_more_values_later_run_no_optimum_again_and_failures_are_shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     sweep = ("q2-long-dense", SHORT, "association.gate=9,16", 2, 0, ["ekf", "causal"], tmp_path)
     with ThreadPoolExecutor(1) as executor:
@@ -115,6 +124,8 @@ def test_a_filter_of_ones_own_is_swept_and_drawn_beside_ours(
     assert [line.split()[1] for line in lines[1:7]] == ["causal@ekf", "mine", "causal"] * 2
     titles = saved["sweep"].axes[0].get_legend_handles_labels()[1]
     assert titles == ["causal@ekf", "mine", "causal optimum"]
+    for value, line in zip(("4", "9"), lines[-2:], strict=True):
+        assert line.startswith(f"association.gate={value}, the ATE of mine is ")
 
 
 def entry(summary: Summary, *faults: str, runs: int = 7) -> EstimatorSummary:
