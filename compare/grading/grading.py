@@ -13,8 +13,7 @@ from slamgauge.compare.estimators.requests import Asked
 from slamgauge.compare.grading.grades import Grade, grade
 from slamgauge.compare.grading.submissions import Submission
 from slamgauge.compare.grading.trial import ReferenceRun, Trial, examine, reference_run
-from slamgauge.compare.scenarios.scenario import Scenario
-from slamgauge.compare.scenarios.scenario_text import scenario_text
+from slamgauge.compare.scenarios.scenario import Scenario, scenario_text
 from slamgauge.compare.storage.progress import counted
 from slamgauge.compare.storage.provenance import origin
 from slamgauge.compare.studies.executors import lost_worker

@@ -1,7 +1,7 @@
-"""A Dask cluster as what carries runs: it is asked, before work begins, whether it can, and said in one line if not.
+"""A Dask cluster as executor; it is checked before work begins, and errors are one line.
 
-Whoever reaches a scheduler can run code on its workers and on whoever hands work to it: its messages are pickles. Give
-only addresses that nobody else reaches, or that are `tls://`.
+Anyone who can reach the scheduler can run code on its workers and on this machine: its messages are pickles. Use only
+addresses that no one else can reach, or `tls://`.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from collections.abc import Generator
 from concurrent.futures import CancelledError, Executor
 from contextlib import contextmanager
 from importlib.metadata import version
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, cast
 
 from slamgauge.errors import UserError
 from slamgauge.version import __version__
@@ -22,25 +22,25 @@ from slamgauge.version import __version__
 if TYPE_CHECKING:
     from distributed import Client
 
-CONNECT = 10.0  # s to wait for a scheduler, and
-WORKERS = 5.0  # s for its first worker
+CONNECT = 10.0  # s to wait for a scheduler
+WORKERS = 5.0  # s to wait for its first worker
 TLS = "DASK_DISTRIBUTED__COMM__TLS_"
 
 
 @contextmanager
 def dask_cluster(address: str) -> Generator[Executor]:
-    """The workers of a running Dask cluster, which must have this version of slamgauge installed.
+    """Connect to a running Dask cluster; its workers need the same version of slamgauge.
 
     Raises:
-        UserError: the extra `cluster` is not installed, `address` is none or needs certificates, no scheduler answers
-            there, it has no workers, they are of another version, or the scheduler is lost.
+        UserError: the extra `cluster` is not installed, the address is not valid or needs certificates, no scheduler
+            answers, it has no workers or workers of another version, or the connection is lost.
     """
     try:
         from distributed import Client, Security
     except ImportError:
         raise UserError("scheduler: needs the extra 'cluster'; pip install 'slamgauge[cluster]'") from None
     if not re.fullmatch(r"(tcp|tls)://\S+:\d+", address):
-        raise UserError(f"scheduler {address!r} is no address; give tcp://host:port or tls://host:port")
+        raise UserError(f"scheduler {address!r} is not an address; give tcp://host:port or tls://host:port")
     if address.startswith("tls") and not Security().get_connection_args("client").get("ssl_context"):
         remedy = f"name them in the environment: {TLS}_CA_FILE, {TLS}_CLIENT__CERT, {TLS}_CLIENT__KEY"
         raise UserError(f"scheduler {address}: tls needs certificates; {remedy}")
@@ -48,7 +48,7 @@ def dask_cluster(address: str) -> Generator[Executor]:
         try:
             client = Client(address, timeout=CONNECT, set_as_default=False)
         except (OSError, ValueError, TypeError, RuntimeError) as error:  # TimeoutError is an OSError
-            raise UserError(f"scheduler {address}: {_first_line(error)}; give that of one that runs") from None
+            raise UserError(f"scheduler {address}: {_first_line(error)}; give a running one") from None
         try:
             _require_workers(client, address)
             yield client.get_executor(pure=False)
@@ -84,26 +84,25 @@ def _require_workers(client: Client, address: str) -> None:
 
 
 def versions() -> dict[str, str]:
-    """What workers must have in common with whoever hands work to them."""
+    """Return the versions that must be the same here and on the workers."""
     python = ".".join(platform.python_version_tuple()[:2])
     return {"slamgauge": __version__, "Python": python} | {name: version(name) for name in ("distributed", "numpy")}
 
 
 @contextmanager
 def _quiet() -> Generator[None]:
-    """Keep to ourselves what distributed logs of connections that break; it is raised as well."""
-    # some have levels of their own, which those above them do not change
+    """Silence the log of distributed about broken connections, which are also raised as errors."""
     names = [name for name in logging.root.manager.loggerDict if name.partition(".")[0] in ("distributed", "tornado")]
-    loggers: list[tuple[Any, int]] = [(each, each.level) for each in map(logging.getLogger, names)]
-    for logger, _ in loggers:
-        logger.setLevel(logging.CRITICAL + 1)
+    levels = {name: logging.getLogger(name).level for name in names}  # some loggers have their own level
+    for name in names:
+        logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     try:
         with warnings.catch_warnings():
-            warnings.filterwarnings("ignore", module="distributed")  # mismatched versions are refused
+            warnings.filterwarnings("ignore", module="distributed")  # about versions, which are checked here
             yield
     finally:
-        for logger, level in loggers:
-            logger.setLevel(level)
+        for name, level in levels.items():
+            logging.getLogger(name).setLevel(level)
 
 
 def _first_line(error: BaseException) -> str:

@@ -264,7 +264,7 @@ def test_random_landmarks_are_the_same_map_in_every_run() -> None:
         ("prior.covariance=[[1,0,0],[0,-1,0],[0,0,1]]", "prior.covariance: covariance[0] = "),
         ("landmarks.random={count=3, box=[0,0,1,1]}", "landmarks: has both forms; give positions, or random"),
         ("landmarks={}", "landmarks: has no landmarks; give positions ([] for none), or random"),
-        ("landmarks={random={count=9, box=[0,0,1,0]}}", "landmarks.random: box holds nothing; give [x from, y from,"),
+        ("landmarks={random={count=9, box=[0,0,1,0]}}", "landmarks.random: box is empty; give [x from, y from,"),
         (
             "landmarks={random={count=9, box=[0,0,1,1], min_distance=1}}",
             "landmarks.random: only 1 of 9 landmarks fit at min_distance = 1.0; lower it or enlarge the box",

@@ -230,7 +230,7 @@ def test_unknown_names_list_near_misses_or_all():
 def test_files_that_cannot_be_read(tmp_path: Path):
     assert mistakes(str(tmp_path / "none.toml")) == ["cannot be read (No such file or directory); check the path"]
     (tmp_path / "latin.toml").write_bytes(b'description = "\xe9"')
-    assert mistakes(str(tmp_path / "latin.toml")) == ["not a text in UTF-8; save it as such"]
+    assert mistakes(str(tmp_path / "latin.toml")) == ["not a UTF-8 text; save it as UTF-8"]
 
 
 # --- extending shipped scenarios -----------------------------------------------------------------
@@ -247,12 +247,12 @@ def test_a_file_may_extend_a_shipped_scenario_key_by_key(write: Write):
 
 def test_extending_what_is_not_shipped(write: Write):
     assert mistakes(write('extends = "q2-long-dens"')) == [
-        "extends: 'q2-long-dens' is no shipped scenario; did you mean q2-long-dense?"
+        "extends: 'q2-long-dens' is not a shipped scenario; did you mean q2-long-dense?"
     ]
     for wrong in ("3", '["q1-long-dense"]', "{a = 1}"):
-        assert "is no shipped scenario; " in mistakes(write(f"extends = {wrong}"))[0]
+        assert "is not a shipped scenario; " in mistakes(write(f"extends = {wrong}"))[0]
     for long in ("1" * 4000, f'"{"q" * 5000}"', f"[[{'1' * 4000}]]"):
-        assert re.match(r"extends: '.{100}' is no shipped scenario; ", mistakes(write(f"extends = {long}"))[0])
+        assert re.match(r"extends: '.{100}' is not a shipped scenario; ", mistakes(write(f"extends = {long}"))[0])
 
 
 def test_a_section_of_another_form_replaces_the_extended_one(write: Write):

@@ -113,20 +113,20 @@ def test_the_costliest_rung_is_named_with_its_share() -> None:
     assert budget.rungs[1].increment_m2.mean == 0.75
     assert max(map(len, budget_table(budget).text(80).splitlines())) <= 80
     assert str(budget_table(budget)).splitlines()[-1] == (
-        "ekf on somewhere, 2 runs: of 4.0000 m^2 (RMS 2.000 m) 1.0000 m^2 no estimator avoids; "
-        "most of the rest goes to linearisation: 2.2500 m^2, 56% of the whole."
+        "ekf on somewhere, 2 runs: mean squared error 4.0000 m^2 (RMS 2.000 m), 1.0000 m^2 of it unavoidable; "
+        "the largest other part is linearisation: 2.2500 m^2, 56% of the total."
     )
     assert str(budget_table(summarise_budget("here", "riekf", np.ones((1, 5)), unchecked[:1], np.ones(1)))).endswith(
-        "no rung above that costs anything."
+        "no other rung adds to it."
     )
 
 
 def test_what_the_runs_do_not_show_to_cost_anything_is_said_so() -> None:
     table = np.array([[1.0, 1.0, 1.0, 1.0, 4.0], [1.0, 1.0, 1.0, 1.0, 0.5], [1.0, 1.0, 1.0, 1.0, 0.9]])
     budget = summarise_budget("here", "ekf", table, np.full_like(table, np.nan), np.ones(3))
-    assert str(budget_table(budget)).endswith("m^2, 44% of the whole, which 3 runs cannot tell from 0.")
+    assert str(budget_table(budget)).endswith("m^2, 44% of the total, not significantly above 0 in 3 runs.")
     one = summarise_budget("here", "ekf", table[:1], np.full((1, 5), np.nan), np.ones(1))
-    assert str(budget_table(one)).endswith("75% of the whole, which 1 run cannot tell from 0.")
+    assert str(budget_table(one)).endswith("75% of the total, not significantly above 0 in 1 run.")
 
 
 def test_an_estimator_that_fails_is_named_with_the_seed(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -162,7 +162,7 @@ def test_the_command_writes_table_json_and_figure(tmp_path: Path, capsys: pytest
         "notes",
     }
     assert content["verdict"] in printed.splitlines()
-    assert "no estimator avoids" in content["verdict"]
+    assert "unavoidable" in content["verdict"]
     assert set(content["rungs"][0]) == {"name", "mse_m2", "increment_m2", "optimum_check_share", "in_doubt"}
     assert (tmp_path / "budget" / "budget.png").stat().st_size > 0
 
@@ -176,7 +176,7 @@ def test_rungs_that_are_optima_in_doubt_are_marked_and_named(tmp_path: Path, sav
     assert str(budget_table(summarise_budget("somewhere", "ekf", table, sure, np.ones(2)))).count("?") == 0
     lines = str(budget_table(budget)).splitlines()
     assert [line.count("?") for line in lines[:6]] == [0, 0, 0, 0, 1, 1]
-    assert "linearisation: 1.7500? m^2, 44%? of the whole." in lines[-2]
+    assert "linearisation: 1.7500? m^2, 44%? of the total." in lines[-2]
     note = (
         "own associations: causal is more than 0.05 sigma from the optimum at a checked step in 50.0% of the runs: "
         "figures relative to it are marked ?"

@@ -41,7 +41,7 @@ def runs_of(figures: dict[str, Float], numbers: list[int] | None = None) -> Runs
 def weigh(log_ratios: Float, asserted: tuple[float, float], tests: int) -> Evidence:
     """As one of so many ratios, when all runs are there."""
     figure = stored("a", "x")
-    return weigh_for(log_ratios, Claim("c", "0", "", "", figure, (figure,), asserted), tests, len(log_ratios))
+    return weigh_for(log_ratios, Claim("c", "", "", figure, (figure,), asserted), tests, len(log_ratios))
 
 
 def judged(claim: Claim, studies: dict[tuple[str, str], Runs]) -> Judgement:
@@ -127,7 +127,7 @@ def test_false_alarms_are_no_oftener_than_stated():
 
 def test_ratios_pair_the_runs_and_the_least_suitable_rival_decides():
     ones = np.ones(6)
-    claim = Claim("c", "0", "best", "a / b, a / c < 1", stored("a", "x"), (stored("b", "x"), stored("c", "x")), (0, 1))
+    claim = Claim("c", "best", "a / b, a / c < 1", stored("a", "x"), (stored("b", "x"), stored("c", "x")), (0, 1))
     wiggle = 1 + 0.01 * np.arange(6)
     studies = {
         ("a", "ekf"): runs_of({"x": ones * wiggle, "ate_m": 2 * ones}),
@@ -189,12 +189,12 @@ def test_claims_go_on_until_they_are_decided(tmp_path: Path, monkeypatch: pytest
 
     kept = load_scenario("q1-long-dense")
     scenarios = {name: kept.model_copy(update={"name": name}) for name in "abcd"}
-    claims = [Claim(each, "0", "", "", stored("a", "x"), (stored(each, "x"),), ABOVE_ONE) for each in "bcd"]
+    claims = [Claim(each, "", "", stored("a", "x"), (stored(each, "x"),), ABOVE_ONE) for each in "bcd"]
     monkeypatch.setattr(module, "CLAIMS", claims)
     monkeypatch.setattr(module, "TESTS", len(claims))
     monkeypatch.setattr(module, "sampled_settings", {SETTINGS: scenarios}.__getitem__)
-    monkeypatch.setattr("slamgauge.compare.studies.claim_studies.run_study", carry_out)
-    monkeypatch.setattr("slamgauge.compare.studies.claim_studies.load_runs", load)
+    monkeypatch.setattr("slamgauge.compare.studies.claims.run_study", carry_out)
+    monkeypatch.setattr("slamgauge.compare.studies.claims.load_runs", load)
     with ThreadPoolExecutor(1) as executor:
         found = judge_claims(20, 0, tmp_path, executor, most=300).judgements
         once = judge_claims(20, 0, tmp_path, executor).judgements
@@ -220,7 +220,7 @@ def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: py
     arguments = ["claims", "--runs", "2", "--max-runs", "3", "--jobs", "1", "--out", str(tmp_path / "claims")]
     assert main(arguments) == 0
     table = capsys.readouterr().out
-    assert table.splitlines()[0].split()[:3] == ["section", "the", "practical"]
+    assert table.splitlines()[0].split()[:3] == ["section", "the", "exercise"]
     assert table.splitlines()[-2].startswith("2 claims: ")
     content = held("claims", json.loads((tmp_path / "claims/claims.json").read_text()))
     keys = {"id", "section", "claim", "hypothesis", "effect", "low", "high", "p_value", "verdict", "optimum"}
@@ -237,7 +237,7 @@ def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: py
     assert main(["claims", "--runs", "1", "--out", str(tmp_path / "other")]) == 2
     assert "give at least 2" in capsys.readouterr().err
     assert main(["claims", "--max-runs", "-5", "--out", str(tmp_path / "other")]) == 2
-    assert "max-runs: -5 are none; give at least 1" in capsys.readouterr().err
+    assert "max-runs: -5 is too few; give at least 1" in capsys.readouterr().err
 
 
 def test_what_rests_on_an_optimum_in_doubt_is_marked():

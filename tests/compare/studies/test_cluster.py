@@ -94,13 +94,13 @@ def test_a_scheduler_that_is_killed_is_one_line_within_seconds(
 
 def test_no_scheduler(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(cluster, "CONNECT", 0.5)
-    with pytest.raises(UserError, match=r"^scheduler tcp://127.0.0.1:1: [^\n]*; give that of one that runs$"):
+    with pytest.raises(UserError, match=r"^scheduler tcp://127.0.0.1:1: [^\n]*; give a running one$"):
         dask_cluster("tcp://127.0.0.1:1").__enter__()
 
 
 @pytest.mark.parametrize("address", ["nonsense", "ftp://127.0.0.1:1", "tcp://127.0.0.1:x", "127.0.0.1:8786", ""])
 def test_what_is_no_address(address: str):
-    with pytest.raises(UserError, match=rf"^scheduler '{address}' is no address; give tcp://host:port or tls://"):
+    with pytest.raises(UserError, match=rf"^scheduler '{address}' is not an address; give tcp://host:port or tls://"):
         dask_cluster(address).__enter__()
 
 

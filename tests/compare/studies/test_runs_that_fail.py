@@ -108,8 +108,8 @@ def test_an_estimator_that_changes_the_kind_of_its_estimates_is_refused_with_all
     (failure,) = summary.failures
     assert (failure.run, failure.estimator) == (2, "mine")
     assert failure.error == (
-        "its poses are filtered in run 0 and smoothed in run 2, and no optimum is that of both; "
-        "none of its runs counts: say the same kind of all"
+        "its poses are filtered in run 0 and smoothed in run 2; "
+        "none of its runs counts: return the same kind in every run"
     )
     assert (summary.estimators["mine"].kind, summary.estimators["mine"].runs) == (None, 0)
     assert len(load_runs(scenario, 4, 0, chosen, tmp_path)["mine"].run) == 0
