@@ -27,8 +27,7 @@ if TYPE_CHECKING:
     from slamgauge.compare.storage.files import load_estimate, load_recording, load_truth, save
     from slamgauge.compare.studies.budget import ErrorBudget, error_budget
     from slamgauge.compare.studies.claims import judge_claims
-    from slamgauge.compare.studies.cluster import dask_cluster
-    from slamgauge.compare.studies.executors import local_processes
+    from slamgauge.compare.studies.executors import dask_cluster, local_processes
     from slamgauge.compare.studies.stopping_rule import Until
     from slamgauge.compare.studies.study import load_runs, run_study
     from slamgauge.compare.studies.summary import Summary
@@ -177,8 +176,7 @@ _NAMES = {  # of each module, as above; a test holds the two lists together
     "compare.scoring.scores": "Score evaluate",
     "compare.studies.summary": "Summary",
     "compare.scoring.assertions": "assert_error_bounds",
-    "compare.studies.cluster": "dask_cluster",
-    "compare.studies.executors": "local_processes",
+    "compare.studies.executors": "dask_cluster local_processes",
     "compare.scenarios.simulation": "informed simulate",
     "compare.studies.claims": "judge_claims",
     "compare.storage.files": "load_estimate load_recording load_truth save",

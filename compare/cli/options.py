@@ -99,7 +99,7 @@ def sampled_scenario(scenario: str, overrides: Sequence[Sequence[str]]) -> Scena
 def carried_by(jobs: int, scheduler: str | None = None) -> AbstractContextManager[Executor]:
     """Who carries the runs."""
     if scheduler is not None:
-        from slamgauge.compare.studies.cluster import dask_cluster
+        from slamgauge.compare.studies.executors import dask_cluster
 
         return dask_cluster(scheduler)
     if not 1 <= jobs <= MOST_JOBS:

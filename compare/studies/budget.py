@@ -176,7 +176,8 @@ def error_budget(
         UserError: bad names or numbers, or an estimator that failed, with the run.
     """
     scenario = sampled(scenario)
-    asked = rungs_of(filter_name, lag)[-1]
+    (asked,) = ask([filter_name])
+    _smoother(lag)  # a bad lag is refused before any run
     if asked.name and asked.name not in FILTERS:
         raise UserError(
             f"filter: {filter_name!r} is not a filter whose error can be split; use {', '.join(FILTERS)}, or your own"
@@ -217,18 +218,9 @@ def summarise_budget(scenario: str, filter_name: str, table: Float, checks: Floa
     return ErrorBudget(scenario, filter_name, len(table), rungs, costliest, mean_interval(fits))
 
 
-def rungs_of(chosen: str | Asked, lag: int | None = None) -> list[Asked]:
-    """Return the estimators of a run: the optima of the rungs, with a lag the fixed-lag smoother, and the filter.
-
-    Raises:
-        UserError: an unknown name, or a lag of no step.
-    """
-    smoothers = [] if lag is None else [_of_lag(lag)]
-    return [*ask([HINDSIGHT]), *3 * ask([CAUSAL]), *ask([*smoothers, chosen])]
-
-
-def _of_lag(lag: int) -> str:
-    return f"{FIXED_LAG}-{require_lag(lag)}"
+def _smoother(lag: int | None) -> list[str]:
+    """Return the name of the fixed-lag smoother, in a list; an empty list without lag."""
+    return [] if lag is None else [f"{FIXED_LAG}-{require_lag(lag)}"]
 
 
 def rung_errors(scenario: Scenario, seed: int, chosen: str | Asked, lag: int | None = None) -> RungErrors:
@@ -248,7 +240,7 @@ def rung_errors(scenario: Scenario, seed: int, chosen: str | Asked, lag: int | N
         estimate = run_estimator(asked.label, slam, recording)[0]
         own = known if estimate.association is None else estimate.association
         associating = assuming if np.array_equal(own, known) else _run(CAUSAL, recording.associated(own))
-        windows = [] if lag is None else [_run(_of_lag(lag), recording.associated(own))]
+        windows = [_run(name, recording.associated(own)) for name in _smoother(lag)]
     except UserError as error:
         raise UserError(f"run with seed {seed}: {error}") from error
     rungs = (hindsight, causal, assuming, associating, *windows, estimate)

@@ -115,10 +115,14 @@ def require_whole(path: Path) -> None:
         raise UserError(f"{path}: is damaged ({damage}); {remedy}")
 
 
+def _decoded(text: bytes) -> str:
+    return text.decode("utf-8", "surrogateescape")  # damaged text must not raise
+
+
 def _damage(path: Path) -> str:
     """Describe the damage of a store; return an empty text if it has none."""
     with connected(path) as connection:
-        connection.text_factory = lambda text: text.decode("utf-8", "surrogateescape")  # damaged text must not raise
+        connection.text_factory = _decoded
         try:
             answer = str(connection.execute("PRAGMA integrity_check(1)").fetchone()[0])
             if answer != "ok":

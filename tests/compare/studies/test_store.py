@@ -1,13 +1,19 @@
-"""Stores of other versions: which ones a study continues, and which ones it refuses."""
+"""Stores of other versions, damaged stores, and stores in use: which ones a study continues, which ones it refuses."""
 
 from __future__ import annotations
 
 import hashlib
 import json
+import math
+import random
+import re
 import sqlite3
-from collections.abc import Callable, Iterator
+import time
+from collections.abc import Callable, Generator
+from concurrent.futures import Executor, Future
 from contextlib import closing, contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,6 +24,7 @@ from slamgauge.compare.scoring.runs import SERIES, Runs
 from slamgauge.compare.studies import store as study_store
 from slamgauge.compare.studies import store_file
 from slamgauge.compare.studies.store import digest
+from slamgauge.compare.studies.store_file import sole_use
 from slamgauge.compare.studies.study_run import Outcome
 from slamgauge.compare.studies.summary import Summary
 from slamgauge.errors import UserError
@@ -29,7 +36,7 @@ HELD = {1: "8dfa411309eb131a"}  # digest of the tables and series of each schema
 
 
 @contextmanager
-def opened(folder: Path) -> Iterator[sqlite3.Connection]:
+def opened(folder: Path) -> Generator[sqlite3.Connection]:
     with closing(sqlite3.connect(folder / "study.sqlite")) as connection, connection:
         yield connection
 
@@ -165,3 +172,138 @@ def test_a_study_continues_with_another_description(scenario: Scenario, run: Run
     other = scenario.model_copy(update={"description": "described in other words"})
     assert digest(other, 0) == run(1, ("ekf",)).digest
     assert run(2, ("ekf",), scenario=other).estimators["ekf"].runs == 2
+
+
+RUNS = 6
+NAMES = ("ekf", "dead-reckoning")
+REMEDY = "move it away or give another --out, and run the study again"
+
+
+@pytest.fixture
+def whole(run: Run, tmp_path: Path) -> Path:
+    """The store of a small study, without side files."""
+    run(RUNS, NAMES)
+    return tmp_path / "study.sqlite"
+
+
+@pytest.fixture
+def refusals(run: Run, load: Load) -> Callable[[], list[str]]:
+    """Messages of `load_runs` and `run_study`, both of which must refuse the store."""
+
+    def refusals() -> list[str]:
+        messages: list[str] = []
+        for use in (load, run):
+            with pytest.raises(UserError) as caught:
+                use(RUNS, NAMES)
+            messages.append(str(caught.value))
+        return messages
+
+    return refusals
+
+
+def assert_same(found: dict[str, Runs], expected: dict[str, Runs]) -> None:
+    for name, runs in expected.items():
+        assert found[name].kind == runs.kind
+        np.testing.assert_array_equal(found[name].run, runs.run)
+        for key in runs.figures:
+            np.testing.assert_array_equal(found[name].figures[key], runs.figures[key])
+        for key, series in runs.series.items():
+            np.testing.assert_array_equal(found[name].series[key], series)
+
+
+def test_a_damaged_store_gives_the_right_figures_or_is_refused_in_a_line(run: Run, load: Load, whole: Path) -> None:
+    """Flipped bits, overwritten bytes, pages of zeros, missing ends."""
+    expected = load(RUNS, NAMES)
+    good, moments = whole.read_bytes(), random.Random(0)
+    refused = 0
+    for case in range(60):
+        bad = bytearray(good)
+        at = moments.randrange(len(bad))
+        if case % 4 == 0:
+            bad[at] ^= 1 << moments.randrange(8)
+        elif case % 4 == 1:
+            bad[at : at + 8] = moments.randbytes(8)
+        elif case % 4 == 2:
+            bad[at - at % 4096 : at - at % 4096 + 4096] = bytes(4096)
+        else:
+            del bad[at:]
+        whole.write_bytes(bytes(bad))
+        try:
+            run(RUNS, NAMES)
+        except UserError as error:
+            assert re.fullmatch(rf"{whole}: [^\n]+", str(error))
+            refused += 1
+        else:
+            assert_same(load(RUNS, NAMES), expected)
+    assert refused > 40
+
+
+def test_a_row_with_other_content_is_named(whole: Path, refusals: Callable[[], list[str]]) -> None:
+    with closing(sqlite3.connect(whole)) as connection, connection:
+        query = "UPDATE outcome SET figures = replace(figures, '\"ate_m\": 0.', '\"ate_m\": 1.') WHERE run = 3"
+        assert connection.execute(f"{query} AND estimator = 'ekf'").rowcount == 1
+    assert refusals() == [f"{whole}: is damaged (checksums do not match: run 3 of ekf); {REMEDY}"] * 2
+
+
+@pytest.mark.parametrize("odd", [b'"', b'"\xd7', b'"\x1b[2J'])
+def test_the_message_of_sqlite_about_a_broken_file_is_one_line(
+    odd: bytes, whole: Path, refusals: Callable[[], list[str]]
+) -> None:
+    """The definition of a table has an unclosed quotation mark, followed by bytes that are not UTF-8."""
+    content = whole.read_bytes()
+    assert content.count(b"TEXT NOT NULL,\n    error") == 1
+    cut = b"TEXT NOT NULL,\n    error".replace(b"TEXT NOT"[: len(odd)], odd)
+    whole.write_bytes(content.replace(b"TEXT NOT NULL,\n    error", cut))
+    for message in refusals():
+        assert "malformed database schema" in message
+        assert message.isprintable()
+
+
+def test_a_store_with_a_renamed_checksum_column_is_refused(whole: Path, refusals: Callable[[], list[str]]) -> None:
+    """One changed byte in the definition of the table must not turn off the check of the rows."""
+    whole.write_bytes(whole.read_bytes().replace(b"checksum TEXT", b"checkstm TEXT"))
+    assert refusals() == [f"{whole}: is damaged (the table outcome has other columns); {REMEDY}"] * 2
+
+
+def test_a_second_study_in_the_same_folder_is_refused_at_once(run: Run, whole: Path) -> None:
+    begun = time.monotonic()
+    with (
+        sole_use(whole),
+        pytest.raises(UserError, match=rf"^{whole}: another command is using it; wait for it, or give another"),
+    ):
+        run(RUNS, NAMES)
+    assert time.monotonic() - begun < 5.0
+    assert not whole.with_name("study.sqlite-lock").exists()
+    run(RUNS, NAMES)
+
+
+def test_a_store_in_use_by_another_program_is_refused_at_once(run: Run, whole: Path) -> None:
+    begun = time.monotonic()
+    with closing(sqlite3.connect(whole)) as other:
+        other.execute("BEGIN EXCLUSIVE")
+        with pytest.raises(UserError, match=rf"^{whole}: another program is using it .*; close that, and give the"):
+            run(RUNS, NAMES)
+    assert time.monotonic() - begun < 10.0
+
+
+class _Full(Executor):
+    """Accepts some runs, then raises."""
+
+    def __init__(self) -> None:
+        self.taken = 0
+
+    def submit(self, *_: Any, **__: Any) -> Future[Any]:
+        self.taken += 1
+        if self.taken > 100:
+            raise InterruptedError
+        return Future()
+
+
+def test_runs_are_not_listed_before_they_are_submitted(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With more runs than any memory; the check that refuses them is off."""
+    monkeypatch.setattr("slamgauge.memory.free_memory", lambda: math.inf)
+    executor, begun = _Full(), time.monotonic()
+    with pytest.raises(InterruptedError):
+        run(10**9, NAMES, executor=executor)
+    assert executor.taken == 101
+    assert time.monotonic() - begun < 10.0
