@@ -1,8 +1,7 @@
 """EKF-SLAM in numpy, written for speed: the reference time of `slamgauge bench`.
 
-One joint update per step, with a Cholesky factor and one product W'W, and a prediction of the robot's rows alone.
-`slamgauge.ekf.textbook` is the same filter written for reading: it takes 3 to 6 times as long for 20 to 600 landmarks,
-so it would not measure what numpy can do.
+One joint update per step, with a Cholesky factor and one product W'W; the prediction changes only the robot's rows.
+`slamgauge.ekf.textbook` is the same filter written for reading: it takes 3 to 6 times as long for 20 to 600 landmarks.
 """
 
 from __future__ import annotations

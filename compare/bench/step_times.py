@@ -1,7 +1,7 @@
-"""Step time against map size, side by side in one run.
+"""Step time against map size.
 
-The workload is two rounds of a circle at 1 m/s with a 10 m sensor; medians are over the second round,
-when the map is complete.
+The workload is two rounds of a circle at 1 m/s with a 10 m sensor; medians are over the second round, when the map is
+complete.
 """
 
 from __future__ import annotations
@@ -33,17 +33,17 @@ from slamgauge.memory import require_memory
 from slamgauge.recording import Recording
 
 WORKLOAD = (
-    "circle, 1 m/s, two rounds, 0.1 s steps, range 10 m, the practical's noise, known association; "
+    "circle, 1 m/s, two rounds, 0.1 s steps, range 10 m, the exercise's noise, known association; "
     "up to 300 landmarks: radius 10 m, landmarks uniform in a 30 x 30 m box; "
     "above: radius 20 m, landmarks uniform within 9.8 m of the circle; none nearer to it than 0.5 m"
 )
 YARDSTICK = "plain-numpy"
-COPIES = 3.0  # of its covariance that it needs
-SHARE_STEPS = 500  # of the second round, over which the time outside kernels is measured
+COPIES = 3.0  # memory for a filter, in copies of its covariance
+SHARE_STEPS = 500  # the time outside kernels is measured over these steps of the second round
 
 
 def workload(landmarks: int, seed: int = 0) -> Scenario:
-    """The scenario of the bench with that many landmarks."""
+    """Return the scenario of the bench with that many landmarks."""
     radius = 10.0 if landmarks <= 300 else 20.0
     return Scenario.model_validate(
         {
@@ -79,7 +79,7 @@ def run_bench(sizes: Sequence[int], chosen: Chosen, seed: int = 0) -> dict[str, 
     """Measure every estimator on every map size; see `slamgauge bench --json` for the keys.
 
     Raises:
-        UserError: an estimator that is not known.
+        UserError: an unknown estimator.
     """
     contestants = {**load_estimators(chosen), YARDSTICK: plain_numpy_ekf}
     results: dict[str, dict[str, dict[str, float]]] = {name: {} for name in contestants}
@@ -118,7 +118,7 @@ def _figures(name: str, recording: Recording, estimate: Estimate, run_s: float) 
 
 
 def _share_outside_kernels(recording: Recording, rule: Rule) -> float:
-    """Share of the second round's time that is not spent in compiled kernels."""
+    """Return the share of the second round's time that is spent outside compiled kernels."""
     inside, total = 0.0, 0.0
 
     def timed(kernel: Callable[..., Any]) -> Callable[..., Any]:
@@ -126,7 +126,7 @@ def _share_outside_kernels(recording: Recording, rule: Rule) -> float:
 
         def call(*arguments: object) -> object:
             nonlocal inside, fast
-            fast = fast or direct(kernel, *arguments)  # as the filter calls it
+            fast = fast or direct(kernel, *arguments)  # the filter makes the same call
             start = perf_counter()
             result = fast(*arguments)
             inside += perf_counter() - start
@@ -147,7 +147,7 @@ def _share_outside_kernels(recording: Recording, rule: Rule) -> float:
 
 
 def growth_exponent(by_size: dict[str, dict[str, float]]) -> float | None:
-    """Slope of log(step time) over log(map size), least squares; None for a single size."""
+    """Return the least-squares slope of log(step time) over log(map size); None for a single size."""
     if len(by_size) < 2:
         return None
     sizes = np.log([float(size) for size in by_size])
@@ -155,28 +155,29 @@ def growth_exponent(by_size: dict[str, dict[str, float]]) -> float | None:
 
 
 def step_time(figures: dict[str, float]) -> float:
-    """The median step [s]; for an estimator that takes the recording as a whole, its time over the steps."""
+    """Return the median step time [s]; the mean for an estimator that takes the whole recording."""
     return figures["median_s"] if "median_s" in figures else figures["mean_s"]
 
 
 def bench_table(result: dict[str, Any]) -> Page:
-    """The result as text: milliseconds a step against map size, whole runs, shares and ratios."""
-    titles = ("median [ms]", "p95 [ms]", "mean [ms]", "runs/s", "outside kernels", f"x {YARDSTICK}", f"x {CAUSAL}")
-    rows: list[tuple[str, ...]] = [("estimator", "landmarks", *titles)]
+    """Return the table of the result: step times against map size, whole runs, shares and ratios."""
+    columns = {
+        "median_s": ("median [ms]", 1e3, "{:.4f}"),
+        "p95_s": ("p95 [ms]", 1e3, "{:.4f}"),
+        "mean_s": ("mean [ms]", 1e3, "{:.4f}"),
+        "runs_per_second": ("runs/s", 1.0, "{:.3g}"),
+        "share_outside_kernels": ("outside kernels", 1.0, "{:.0%}"),
+        f"ratio_to_{YARDSTICK}": (f"x {YARDSTICK}", 1.0, "{:.3f}"),
+        f"ratio_to_{CAUSAL}": (f"x {CAUSAL}", 1.0, "{:.4f}"),
+    }
+    rows = [["estimator", "landmarks", *(title for title, _, _ in columns.values())]]
     for name, by_size in result["estimators"].items():
         for size, figures in by_size.items():
-            cells = (
-                *(_milliseconds(figures.get(key)) for key in ("median_s", "p95_s", "mean_s")),
-                cell(figures["runs_per_second"], "{:.3g}"),
-                cell(figures.get("share_outside_kernels"), "{:.0%}"),
-                cell(figures.get(f"ratio_to_{YARDSTICK}"), "{:.3f}"),
-                cell(figures.get(f"ratio_to_{CAUSAL}"), "{:.4f}"),
-            )
-            rows.append((name, size, *cells))
+            cells = [
+                cell(scale * figures[key] if key in figures else None, form)
+                for key, (_, scale, form) in columns.items()
+            ]
+            rows.append([name, size, *cells])
     exponents = result["growth_exponent"].items()
     growth = [f"growth of {name}: landmarks^{cell(exponent, '{:.2f}')}" for name, exponent in exponents]
     return Page((f"workload: {result['workload']}", "", Grid(rows), *growth))
-
-
-def _milliseconds(seconds: float | None) -> str:
-    return cell(None if seconds is None else 1e3 * seconds, "{:.4f}")

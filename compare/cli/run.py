@@ -75,7 +75,7 @@ class Run(WithPage):
     def _score(self, scenario: Scenario, out: Path) -> int:
         from slamgauge.compare.estimators.memory_check import require_room_for_estimates
         from slamgauge.compare.estimators.requests import ask
-        from slamgauge.compare.scenarios.scenario_text import scenario_text
+        from slamgauge.compare.scenarios.scenario import scenario_text
         from slamgauge.compare.scenarios.simulation import simulate_informed
         from slamgauge.compare.storage.manifest import require_free
         from slamgauge.compare.storage.result_files import comparison_files

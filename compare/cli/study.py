@@ -49,7 +49,7 @@ class WorkAnywhere(Work):
         """Return an executor of the workers of the scheduler, or of worker processes."""
         if self.scheduler is None:
             return super().executor()
-        from slamgauge.compare.studies.cluster import dask_cluster
+        from slamgauge.compare.studies.executors import dask_cluster
 
         return dask_cluster(self.scheduler)
 

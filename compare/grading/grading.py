@@ -13,8 +13,7 @@ from slamgauge.compare.estimators.requests import Asked
 from slamgauge.compare.grading.grades import Grade, grade
 from slamgauge.compare.grading.submissions import Submission
 from slamgauge.compare.grading.trial import Trial, reference_run, run_trial
-from slamgauge.compare.scenarios.scenario import Scenario
-from slamgauge.compare.scenarios.scenario_text import scenario_text
+from slamgauge.compare.scenarios.scenario import Scenario, scenario_text
 from slamgauge.compare.scoring.scores import Score
 from slamgauge.compare.storage.progress import counted
 from slamgauge.compare.storage.provenance import origin

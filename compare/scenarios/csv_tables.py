@@ -1,7 +1,7 @@
-"""CSV files that a scenario names: their content becomes part of it, so that it travels and tells studies apart.
+"""CSV files that a scenario names: their content becomes part of the scenario.
 
-A scenario's key holds the file's name, relative to the folder of the scenario file. The first line is a header; which
-columns there are is the business of the key.
+Workers receive the content with the scenario, and the digest of a study covers it. A scenario's key has the file's
+name, relative to the folder of the scenario file. The first line is a header; each key accepts its own columns.
 """
 
 from __future__ import annotations
@@ -11,61 +11,56 @@ from pathlib import Path
 from typing import Annotated
 
 from pydantic import BeforeValidator, ValidationInfo
-from pydantic_core import PydanticCustomError
 
 from slamgauge.arrays import Float
-from slamgauge.compare.scenarios.section import Section
+from slamgauge.compare.scenarios.section import Section, invalid
 from slamgauge.compare.storage.covariance_columns import from_triangles
 from slamgauge.compare.storage.csv_folder import parse_rows, read_lines
 from slamgauge.errors import UserError
 from slamgauge.validation import as_covariances
 
-FOLDER = "folder"  # in the context of a validation: where the files are that a scenario names
+FOLDER = "folder"  # key of the validation context: folder of the files that a scenario names
 
 Header = tuple[str, ...]
 
 
-class TableText(Section):
-    """A CSV file: its `name` as the scenario has it, and its `text`."""
+class TableText(Section, frozen=True):  # pyright: ignore[reportGeneralTypeIssues] (frozen: hashable)
+    """A CSV file: its `name` in the scenario, and its `text`."""
 
     name: str
     text: str
 
     def rows(self, *headers: Header) -> Float:
-        """The numbers (n, columns) below the header, which is one of `headers`.
+        """Return the numbers (n, columns) below the header, which is one of `headers`.
 
         Raises:
             PydanticCustomError: another header, or a line that does not fit it.
         """
-        try:
-            return _rows(self.name, self.text, headers)
-        except UserError as error:
-            raise PydanticCustomError("table", "{mistake}", {"mistake": str(error)}) from None
+        return _rows(self, headers)
 
 
-@lru_cache(maxsize=16)  # every run of a study asks again
-def _rows(name: str, text: str, headers: tuple[Header, ...]) -> Float:
-    rows = parse_rows(name, text.splitlines(), *headers)
+@lru_cache(maxsize=16)  # every run of a study needs the rows
+def _rows(table: TableText, headers: tuple[Header, ...]) -> Float:
+    try:
+        rows = parse_rows(table.name, table.text.splitlines(), *headers)
+    except UserError as error:
+        raise invalid(str(error)) from None
     rows.setflags(write=False)
     return rows
 
 
+@lru_cache(maxsize=16)
 def covariances(table: TableText, header: Header, dim: int, *, is_definite: bool = False) -> Float:
-    """Covariances (n, dim, dim), the upper triangles of which are the last columns of a file.
+    """Return covariances (n, dim, dim), whose upper triangles are the last columns of a file.
 
     Raises:
-        PydanticCustomError: as `TableText.rows`, or a row holds no covariance.
+        PydanticCustomError: as `TableText.rows`, or a row has no covariance.
     """
+    triangles = table.rows(header)[:, -(dim * (dim + 1) // 2) :]
     try:
-        return _covariances(table.name, table.text, header, dim, is_definite)
+        covs = as_covariances("row", from_triangles(triangles, dim), (len(triangles), dim, dim), definite=is_definite)
     except UserError as error:
-        raise PydanticCustomError("table", "{mistake}", {"mistake": f"{table.name}: {error}"}) from None
-
-
-@lru_cache(maxsize=16)
-def _covariances(name: str, text: str, header: Header, dim: int, is_definite: bool) -> Float:
-    triangles = _rows(name, text, (header,))[:, -(dim * (dim + 1) // 2) :]
-    covs = as_covariances("row", from_triangles(triangles, dim), (len(triangles), dim, dim), definite=is_definite)
+        raise invalid(f"{table.name}: {error}") from None
     covs.setflags(write=False)
     return covs
 
@@ -77,7 +72,7 @@ def _read(value: object, info: ValidationInfo) -> object:
     try:
         return TableText(name=value, text="\n".join(read_lines(folder / value)))
     except UserError as error:
-        raise PydanticCustomError("file", "{mistake}", {"mistake": str(error)}) from None
+        raise invalid(str(error)) from None
 
 
 Table = Annotated[TableText, BeforeValidator(_read)]

@@ -1,4 +1,4 @@
-"""The map of a scenario: landmarks at given places, or drawn at random."""
+"""The map of a scenario: landmarks at given positions, or at random ones."""
 
 from __future__ import annotations
 
@@ -7,19 +7,17 @@ from typing import Annotated
 
 import numpy as np
 from pydantic import Field, model_validator
-from pydantic_core import PydanticCustomError
 
 from slamgauge.arrays import Float
-from slamgauge.compare.scenarios.section import NonNegative, Section
-from slamgauge.compare.scenarios.settings_sections import Number, Whole
+from slamgauge.compare.scenarios.section import NonNegative, Number, Section, Whole, invalid
 
-_TRIES = 1000  # places that are tried for a landmark before it is said that there is no room
+_TRIES = 1000  # random positions tried for a landmark
 
 
-class RandomLandmarks(Section):
-    """`count` landmarks, uniform in the `box` (x from, y from, x to, y to) [m], no two nearer than `min_distance` [m].
+class RandomLandmarks(Section, frozen=True):  # pyright: ignore[reportGeneralTypeIssues] (frozen: hashable)
+    """`count` landmarks, uniform in the `box` (x from, y from, x to, y to) [m], at least `min_distance` [m] apart.
 
-    The `seed` is the map's own: all runs have the same map.
+    `seed` is the seed of the map: all runs have the same map.
     """
 
     count: Annotated[Whole, Field(ge=1, le=100_000)]
@@ -30,29 +28,29 @@ class RandomLandmarks(Section):
     @model_validator(mode="after")
     def _has_room(self) -> RandomLandmarks:
         if not (self.box[0] < self.box[2] and self.box[1] < self.box[3]):
-            raise PydanticCustomError("box", "box holds nothing; give [x from, y from, x to, y to]")
+            raise invalid("box is empty; give [x from, y from, x to, y to]")
         placed = len(self.positions)
         if placed < self.count:
-            text = "only {placed} of {count} landmarks fit at min_distance = {least}; lower it or enlarge the box"
-            raise PydanticCustomError("room", text, {"placed": placed, "count": self.count, "least": self.min_distance})
+            what = f"only {placed} of {self.count} landmarks fit at min_distance = {self.min_distance}"
+            raise invalid(f"{what}; lower it or enlarge the box")
         return self
 
     @property
     def positions(self) -> Float:
-        """(count, 2) [m]; fewer if there is no room."""
-        return _scattered(self.count, self.box, self.seed, self.min_distance)
+        """Positions (count, 2) [m]; fewer if they do not fit."""
+        return _scattered(self)
 
 
 @lru_cache(maxsize=16)
-def _scattered(count: int, box: tuple[float, float, float, float], seed: int, min_distance: float) -> Float:
-    generator = np.random.default_rng(seed)
-    low, high = np.array(box[:2]), np.array(box[2:])
-    positions = np.empty((count, 2))
-    for placed in range(count):
+def _scattered(chosen: RandomLandmarks) -> Float:
+    generator = np.random.default_rng(chosen.seed)
+    low, high = np.array(chosen.box[:2]), np.array(chosen.box[2:])
+    positions = np.empty((chosen.count, 2))
+    for placed in range(chosen.count):
         for _ in range(_TRIES):
             place = generator.uniform(low, high)
             apart = np.hypot(*(positions[:placed] - place).T)
-            if not (apart < min_distance).any():
+            if not (apart < chosen.min_distance).any():
                 break
         else:
             positions = positions[:placed]
@@ -71,13 +69,13 @@ class Landmarks(Section):
     @model_validator(mode="after")
     def _one_form(self) -> Landmarks:
         if self.random is not None and self.positions:
-            raise PydanticCustomError("forms", "has both forms; give positions, or random")
+            raise invalid("has both forms; give positions, or random")
         if self.random is None and "positions" not in self.model_fields_set:
-            raise PydanticCustomError("forms", "has no landmarks; give positions ([] for none), or random")
+            raise invalid("has no landmarks; give positions ([] for none), or random")
         return self
 
     def all(self) -> Float:
-        """Positions (L, 2) of all [m]."""
+        """Return the positions (L, 2) of all landmarks [m]."""
         if self.random is not None:
             return self.random.positions
         return np.array(self.positions, dtype=np.float64).reshape(-1, 2)

@@ -1,8 +1,7 @@
-"""What the sensor reports on a path: what is in view, with noise, outliers and clutter.
+"""Simulated observations on a path: landmarks in view, with noise, outliers and clutter.
 
-Every kind of draw has a generator of its own, and within it every landmark, so that no option, and no landmark that is
-added, changes what is drawn elsewhere. Sightings of a file draw one after the other: there a landmark may be seen twice
-in a step.
+Every kind of draw has its own generator, and within it every landmark, so that no option and no added landmark changes
+other draws. Sightings of a file are drawn in sequence: there a landmark may be observed twice in a step.
 """
 
 from __future__ import annotations
@@ -13,20 +12,20 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from slamgauge.arrays import CHUNK, Float, Int, Marks, chunks
-from slamgauge.compare.scenarios.sensor_errors import Sensor
+from slamgauge.compare.scenarios.measurement_errors import Sensor
 from slamgauge.covariances import square_roots
 from slamgauge.memory import require_memory
 from slamgauge.se2 import rotation, wrap
 from slamgauge.sensors import SENSORS, predict
 from slamgauge.truth import NOBODY
 
-POSE, SIGHT = 300, 64  # bytes of a pose and of a sight while a run is simulated
+POSE, SIGHT = 300, 64  # bytes for a pose and for an observation during simulation
 SHORTER = "shorten trajectory.duration"
-WIDE = 10.0  # noise of a `wide` outlier over that of other observations
+WIDE = 10.0  # noise of a `wide` outlier divided by that of other observations
 
 
 class Streams(NamedTuple):
-    """Where the random numbers of each kind come from."""
+    """A random stream for each kind of draw."""
 
     noise: np.random.SeedSequence
     detection: np.random.SeedSequence
@@ -37,18 +36,18 @@ class Streams(NamedTuple):
 
 
 class Observed(NamedTuple):
-    """Observations in the order of steps, in each those of landmarks before clutter."""
+    """Observations in the order of steps; in each step clutter is last."""
 
     step: Int  # (M,)
     landmark: Int  # (M,) number of the landmark; NOBODY for clutter
     value: Float  # (M, d)
-    cov: Float  # (M, d, d) of the noise, which estimators are told
+    cov: Float  # (M, d, d) covariance of the noise
     outlier: Marks  # (M,)
 
 
 @dataclass(frozen=True)
 class _Sights:
-    """Which landmark (M,) is in view at which step (M,), and of how many steps and landmarks."""
+    """Step (M,) and landmark (M,) of each observation, and the numbers of all steps and landmarks."""
 
     step: Int
     landmark: Int
@@ -57,11 +56,11 @@ class _Sights:
     of_a_file: bool
 
     def draw(self, stream: np.random.SeedSequence, kind: Literal["standard_normal", "random"], width: int) -> Float:
-        """Random numbers (M, width), for each sight its own."""
+        """Return random numbers (M, width) for the observations."""
         if self.of_a_file:
             return getattr(np.random.default_rng(stream), kind)((len(self.step), width))
         drawn = np.empty((len(self.step), width))
-        small = self.landmark.astype(np.min_scalar_type(self.landmarks))  # which numpy sorts fast
+        small = self.landmark.astype(np.min_scalar_type(self.landmarks))  # numpy sorts small integers fast
         ends = np.cumsum(np.bincount(small, minlength=self.landmarks))
         of_each = np.split(np.argsort(small, kind="stable"), ends)[:-1]
         for child, sights in zip(stream.spawn(self.landmarks), of_each, strict=True):
@@ -72,7 +71,7 @@ class _Sights:
 
 
 def observe(poses: Float, landmarks: Float, sensor: Sensor, streams: Streams) -> Observed:
-    """What is reported of the landmarks (L, 2) from the poses (N+1, 3)."""
+    """Simulate the observations of landmarks (L, 2) from poses (N+1, 3)."""
     sights = _sights(poses, landmarks, sensor)
     value = _noise(sensor, sights, streams.noise)
     count = len(value)
@@ -106,7 +105,7 @@ def _sights(poses: Float, landmarks: Float, sensor: Sensor) -> _Sights:
 
 
 def _in_view(body: Float, sensor: Sensor) -> Marks:
-    """Which points (..., 2) of the body frame the sensor reaches (...)."""
+    """Return which points (..., 2) of the body frame are in view (...)."""
     distance = np.linalg.norm(body, axis=-1)
     in_view = (sensor.min_range <= distance) & (distance <= sensor.max_range)
     if sensor.field_of_view_deg < 360.0:
@@ -115,17 +114,17 @@ def _in_view(body: Float, sensor: Sensor) -> Marks:
 
 
 def _seen_from(poses: Float, landmarks: Float, sights: _Sights, rows: slice | Marks) -> Float:
-    """Where landmarks are (m, 2) in the body frame, of some of the sights."""
+    """Return the landmarks (m, 2) of some observations in the body frame."""
     return _in_body(poses[sights.step[rows]], landmarks[sights.landmark[rows]])
 
 
 def _in_body(poses: Float, points: Float) -> Float:
-    """Points (..., 2) of the world in the body frames of poses (..., 3)."""
+    """Transform points (..., 2) of the world into the body frames of poses (..., 3)."""
     return np.einsum("...ji,...j->...i", rotation(poses[..., 2]), points - poses[..., :2])
 
 
 def _noise(sensor: Sensor, sights: _Sights, stream: np.random.SeedSequence) -> Float:
-    """Noise (M, d) of the stated size."""
+    """Draw the noise (M, d)."""
     if sensor.covs is not None:
         unit = sights.draw(stream, "standard_normal", sensor.covs.shape[1])
         return np.einsum("mij,mj->mi", square_roots(sensor.covs), unit)
@@ -135,34 +134,34 @@ def _noise(sensor: Sensor, sights: _Sights, stream: np.random.SeedSequence) -> F
 
 
 def _covs(sensor: Sensor, count: int) -> Float:
-    """Covariances (M, d, d) of the noise."""
+    """Return the covariances (M, d, d) of the noise."""
     if sensor.covs is not None:
         return sensor.covs
     return np.broadcast_to(np.diag(sensor.sigmas**2), (count, len(sensor.sigmas), len(sensor.sigmas)))
 
 
 def _measured(body: Float, noise: Float, sensor: Sensor) -> Float:
-    """What the sensor makes (M, d) of points (M, 2) in the body frame, and noise (M, d)."""
+    """Return the observations (M, d) of points (M, 2) in the body frame with noise (M, d)."""
     model, value = SENSORS[sensor.kind], predict(sensor.kind, body)
     if model.has_range:
-        value[:, 0] = np.linalg.norm(body, axis=1)  # rounds as in all versions before: recordings stay the same
+        value[:, 0] = np.linalg.norm(body, axis=1)  # same rounding as in older versions: same recordings
     value = value + noise
     for column in np.flatnonzero(model.is_angle):
         value[:, column] = wrap(value[:, column])
     if model.has_range:
-        value[:, 0] = np.abs(value[:, 0])  # no sensor reports a negative range: noise below zero is reflected
+        value[:, 0] = np.abs(value[:, 0])  # a sensor measures no negative range
     return value
 
 
 def _wrong(body: Float, sights: _Sights, outlier: Marks, sensor: Sensor, streams: Streams) -> Float:
-    """The values (m, d) that outliers have, of points (m, 2)."""
+    """Return the values (m, d) of outliers for points (m, 2)."""
     if sensor.outlier == "wide":
         return _measured(body, WIDE * _noise(sensor, sights, streams.wrong_value)[outlier], sensor)
     return _anywhere(sights.draw(streams.wrong_value, "random", 2)[outlier], sensor)
 
 
 def _anywhere(draws: Float, sensor: Sensor) -> Float:
-    """Values (M, d) uniform in range and direction over what the sensor sees, from uniform draws (M, 2)."""
+    """Return values (M, d) uniform in range and bearing over the field of view, from uniform draws (M, 2)."""
     ranges = sensor.min_range + (sensor.max_range - sensor.min_range) * draws[:, 0]
     bearings = np.deg2rad(sensor.field_of_view_deg) * (draws[:, 1] - 0.5)
     points = ranges[:, None] * np.column_stack([np.cos(bearings), np.sin(bearings)])
@@ -170,14 +169,14 @@ def _anywhere(draws: Float, sensor: Sensor) -> Float:
 
 
 def _with_clutter(found: Observed, steps: int, sensor: Sensor, streams: Streams) -> Observed:
-    """The observations, and those of nothing."""
+    """Add clutter to observations."""
     count = np.random.default_rng(streams.clutter).poisson(sensor.clutter_rate, steps)
     count[: sensor.first_step] = 0
     step = np.repeat(np.arange(steps), count)
     value = _anywhere(np.random.default_rng(streams.clutter_value).random((len(step), 2)), sensor)
     order = np.argsort(np.concatenate([found.step, step]), kind="stable")
     cov = _covs(sensor, len(order))
-    if sensor.covs is not None:  # of sightings with covariances of their own clutter has the mean
+    if sensor.covs is not None:  # clutter has the mean covariance of the sightings
         mean = np.broadcast_to(sensor.covs.mean(axis=0), (len(step), *2 * value.shape[1:]))
         cov = np.concatenate([found.cov, mean])[order]
     return Observed(

@@ -1,8 +1,7 @@
-"""Scenarios: what a simulated run consists of, read from TOML files.
+"""Read scenarios from TOML files and report every mistake in a line with file and key.
 
-A file may begin with `extends = "a shipped name"`: its own keys then come on top of that scenario's.
-The schema stands in `schema`. Every mistake of a file is reported, each in a line that names
-the file and the key.
+A file may begin with `extends = "a shipped name"`: its keys then override those of that scenario. `schema` has the
+sections and keys.
 """
 
 from __future__ import annotations
@@ -13,27 +12,18 @@ from collections.abc import Sequence
 from importlib import resources
 from importlib.resources.abc import Traversable
 from pathlib import Path
+from typing import Any
 
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
-from slamgauge.compare.scenarios.csv_tables import FOLDER
+from slamgauge.compare.scenarios.csv_tables import FOLDER, TableText
 from slamgauge.compare.scenarios.landmarks import Landmarks, RandomLandmarks
-from slamgauge.compare.scenarios.odometry_errors import Motion
-from slamgauge.compare.scenarios.schema import (
-    Association,
-    Assumed,
-    Delayed,
-    Fis,
-    InverseDepth,
-    Prior,
-    Scenario,
-    Update,
-)
-from slamgauge.compare.scenarios.sensor_errors import Sensor
+from slamgauge.compare.scenarios.schema import Scenario
+from slamgauge.compare.scenarios.section import Section
 from slamgauge.compare.scenarios.trajectory import KINDS, Segment, kind_of
 from slamgauge.compare.storage.safe_names import shown
-from slamgauge.compare.storage.toml_tables import Table, parse_toml
+from slamgauge.compare.storage.toml_tables import Table, parse_toml, toml_text
 from slamgauge.compare.storage.toml_tables import override as set_key
 from slamgauge.errors import UserError
 from slamgauge.suggestions import did_you_mean, near_names
@@ -42,29 +32,29 @@ __all__ = ["Scenario", "ScenarioError", "load_scenario", "shipped_scenarios"]
 
 Place = tuple[str | int, ...]
 
-LONGEST_KEY = 100  # characters of an unknown one, or of the name of a scenario, that are told
-FORMS = {"kind", "segments", "random"}  # keys that give a section another form: it then replaces the extended one whole
+LONGEST_KEY = 100  # characters of an unknown key or scenario name that a message quotes
+FORMS = {"kind", "segments", "random"}  # keys that change the form of a section: it then replaces the extended section
 
 
 class ScenarioError(UserError):
-    """The mistakes of a scenario, one located line each."""
+    """Mistakes of a scenario, one line each."""
 
 
 def shipped_scenarios() -> list[tuple[str, str]]:
-    """Name and description of every scenario that comes with slamgauge, by name."""
+    """Return name and description of every shipped scenario, sorted by name."""
     return [(name, load_scenario(name).description) for name in sorted(_shipped())]
 
 
 def load_scenario(name_or_path: str | Path, overrides: Sequence[str] = ()) -> Scenario:
-    """The scenario of a shipped name or a TOML file, with `dotted.key=value` overrides.
+    """Read a shipped scenario or a TOML file, with `dotted.key=value` overrides.
 
     Args:
-        name_or_path: A shipped name, or the path of a TOML file; a shipped name wins. The files that a scenario names
-            are looked for in the folder of the TOML file, overrides included.
-        overrides: Each value is read as TOML, or as a bare string where it is not valid TOML.
+        name_or_path: a shipped name, or the path of a TOML file; a shipped name wins. Files that a scenario or an
+            override names are relative to the folder of the TOML file.
+        overrides: each value is read as TOML, or as a string if it is not valid TOML.
 
     Raises:
-        ScenarioError: With one line `where: key: what; remedy` for each mistake.
+        ScenarioError: with one line `where: key: what; remedy` for each mistake.
     """
     where = str(name_or_path)
     source = _locate(where)
@@ -87,13 +77,31 @@ def load_scenario(name_or_path: str | Path, overrides: Sequence[str] = ()) -> Sc
 
 
 def as_scenario(scenario: Scenario | str | Path, overrides: Sequence[str] = ()) -> Scenario:
-    """The scenario itself, or that of a name or a path with these overrides."""
+    """Return a scenario unchanged, or load a name or path with these overrides."""
     return scenario if isinstance(scenario, Scenario) else load_scenario(scenario, overrides)
 
 
 def sampled(scenario: Scenario | str | Path) -> Scenario:
-    """Likewise, with the true start of a named one drawn from the prior, as statistics need it."""
+    """Return a scenario unchanged, or load a name or path with the true start drawn from the prior."""
     return as_scenario(scenario, ["start=sampled"])
+
+
+def scenario_text(scenario: Scenario) -> str:
+    """Return the text of a TOML file that makes this scenario: all keys that were set, CSV files by their names."""
+    given = scenario.model_fields_set - {"name"}
+    keys = {name: _plain(getattr(scenario, name)) for name in Scenario.model_fields if name in given}
+    top = {name: value for name, value in keys.items() if not isinstance(value, dict)}
+    return toml_text({"": top, **{name: value for name, value in keys.items() if isinstance(value, dict)}})
+
+
+def _plain(value: object) -> Any:
+    """Return a section as a table of the keys that were set, and any other value unchanged."""
+    if isinstance(value, TableText):
+        return value.name
+    if isinstance(value, Section):
+        names = [name for name in type(value).model_fields if name in value.model_fields_set]
+        return {name: _plain(getattr(value, name)) for name in names}
+    return [_plain(each) for each in value] if isinstance(value, list | tuple) else value
 
 
 def _shipped() -> dict[str, Traversable]:
@@ -117,7 +125,7 @@ def _parse(source: Traversable, where: str) -> Table:
     except OSError as error:
         raise ScenarioError(f"{where}: cannot be read ({error.strerror}); check the path") from None
     except UnicodeDecodeError:
-        raise ScenarioError(f"{where}: not a text in UTF-8; save it as such") from None
+        raise ScenarioError(f"{where}: not a UTF-8 text; save it as UTF-8") from None
     try:
         return parse_toml(text)
     except tomllib.TOMLDecodeError as error:
@@ -126,14 +134,14 @@ def _parse(source: Traversable, where: str) -> Table:
 
 
 def _extended(table: Table, where: str) -> Table:
-    """The table on top of the shipped scenario that its key `extends` names, key by key."""
+    """Apply a table key by key to the shipped scenario that its key `extends` names."""
     if "extends" not in table:
         return table
     name, shipped = table.pop("extends"), _shipped()
     if not isinstance(name, str) or name not in shipped:
         given = str(name)[:LONGEST_KEY]
         remedy = did_you_mean(given, sorted(shipped))
-        raise ScenarioError(f"{where}: extends: {given!r} is no shipped scenario; {remedy}")
+        raise ScenarioError(f"{where}: extends: {given!r} is not a shipped scenario; {remedy}")
     base = _extended(_parse(shipped[name], name), name)
     for key, value in table.items():
         merged = isinstance(value, dict) and isinstance(base.get(key), dict) and not FORMS & value.keys()
@@ -145,43 +153,38 @@ def _extended(table: Table, where: str) -> Table:
 
 _KEYS: dict[Place, tuple[str, ...]] = {
     (): ("extends", *(key for key in Scenario.model_fields if key != "name")),
-    ("prior",): tuple(Prior.model_fields),
     ("trajectory",): tuple({key: None for each in (*KINDS.values(), Segment) for key in each.model_fields}),
     ("trajectory", "segments"): tuple(Segment.model_fields),
-    ("motion",): tuple(Motion.model_fields),
-    ("sensor",): tuple(Sensor.model_fields),
-    ("assumed",): tuple(Assumed.model_fields),
-    ("association",): tuple(Association.model_fields),
-    ("update",): tuple(Update.model_fields),
-    ("fis",): tuple(Fis.model_fields),
-    ("inverse_depth",): tuple(InverseDepth.model_fields),
-    ("delayed",): tuple(Delayed.model_fields),
     ("landmarks",): tuple(Landmarks.model_fields),
     ("landmarks", "random"): tuple(RandomLandmarks.model_fields),
 }
 
 
 def _mistakes(error: ValidationError, table: Table) -> list[str]:
-    """One `key: what; remedy` for each mistake; a misspelt key is not reported as missing as well."""
+    """Return a line `key: what; remedy` for each mistake; a misspelt key is not also reported as missing."""
     details = [(_place(detail["loc"], table), detail) for detail in error.errors()]
     unknown = [place for place, detail in details if detail["type"] == "extra_forbidden"]
     meant = {(*place[:-1], near) for place in unknown for near in near_names(str(place[-1]), _keys(place))}
     kind = str(kind_of(table.get("trajectory")))
-    told = [each for each in details if each[1]["type"] != "missing" or each[0] not in meant]
-    lines = [_line(place, detail, kind) for place, detail in told]
-    return list(dict.fromkeys(lines))
+    reported = [each for each in details if each[1]["type"] != "missing" or each[0] not in meant]
+    return list(dict.fromkeys(_line(place, detail, kind) for place, detail in reported))
 
 
 def _place(loc: Place, table: Table) -> Place:
-    """The place in the user's own file, where a single segment's keys may stand in [trajectory]."""
-    if loc[:1] == ("trajectory",) and len(loc) > 1:  # what follows is the kind
+    """Return the place in the user's file, where the keys of a single segment may be in [trajectory]."""
+    if loc[:1] == ("trajectory",) and len(loc) > 1:  # pydantic inserts the kind
         loc = ("trajectory", *loc[2:])
     single = loc[:3] == ("trajectory", "segments", 0) and "segments" not in table["trajectory"]
     return ("trajectory", *loc[3:]) if single else loc
 
 
 def _keys(place: Place) -> tuple[str, ...]:
-    return _KEYS[tuple(part for part in place[:-1] if isinstance(part, str))]
+    """Return the known keys of the section of a key."""
+    section = tuple(part for part in place[:-1] if isinstance(part, str))
+    if section not in _KEYS:
+        model: Any = Scenario.model_fields[str(section[0])].annotation
+        return tuple(model.model_fields)
+    return _KEYS[section]
 
 
 def _line(place: Place, detail: ErrorDetails, kind: str) -> str:
@@ -195,6 +198,6 @@ def _line(place: Place, detail: ErrorDetails, kind: str) -> str:
     what = detail["msg"].replace("Field required", "missing; add it").replace("Tuple should", "must")
     what = what.replace(" after validation", "").replace("valid tuple", "list")
     if what.startswith("Input should be"):
-        kind = "a table" if detail["type"] == "model_type" else what.removeprefix("Input should be ")
-        what = f"must be {kind}, not {reprlib.repr(detail['input'])}"
-    return f"{where}: {what}" if where else what  # what concerns several sections names its keys itself
+        expected = "a table" if detail["type"] == "model_type" else what.removeprefix("Input should be ")
+        what = f"must be {expected}, not {reprlib.repr(detail['input'])}"
+    return f"{where}: {what}" if where else what  # a mistake of several sections names its keys in the message

@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float, Int, freeze
+from slamgauge.compare.scenarios.measurement_errors import covs
 from slamgauge.compare.scenarios.observation_simulation import Observed, Streams, observe
-from slamgauge.compare.scenarios.odometry_errors import covs
 from slamgauge.compare.scenarios.scenario import Scenario, as_scenario
 from slamgauge.compare.scenarios.schema import Association, Assumed, Delayed, Fis, InverseDepth, Update
 from slamgauge.covariances import square_roots
@@ -20,32 +20,28 @@ from slamgauge.truth import NOBODY, Truth
 
 
 def simulate(scenario: Scenario | str | Path, seed: int) -> tuple[Truth, Recording]:
-    """One run: its truth, and the recording that estimators see.
+    """Simulate one run: its truth, and the recording for estimators.
 
-    The truth follows the commanded increments exactly; the odometry is the command as the motion misreads it, with
-    noise. Every kind of draw has a stream of its own: a change of the map leaves the odometry as it was, and so does
-    every option all other draws.
-
-    Args:
-        scenario: itself, or the name or path of one.
-        seed: of all noise.
+    The truth follows the commanded increments exactly; the odometry is the command with errors and noise. Every kind
+    of draw has its own random stream: a change of the map does not change the odometry, and no option changes the
+    draws of another.
 
     Raises:
-        UserError: If the seed is negative.
+        UserError: the seed is not a whole number >= 0.
     """
     scenario = as_scenario(scenario)
     measured = _measure(scenario, seed)
-    return measured.truth, measured.told(scenario)
+    return measured.truth, measured.recording(scenario)
 
 
 def simulate_informed(scenario: Scenario, seed: int) -> tuple[Truth, Recording, Recording]:
-    """The same, and the recording of the `informed` scenario, which the optima see; what is the same is there once."""
+    """Simulate one run: truth, recording for estimators, and recording for the optima (see `informed`)."""
     measured = _measure(scenario, seed)
-    return measured.truth, measured.told(scenario), measured.told(informed(scenario))
+    return measured.truth, measured.recording(scenario), measured.recording(informed(scenario))
 
 
 class _Measured(NamedTuple):
-    """A run before anybody is told of it: the truth, and what was measured (see `Recording`) with its own noise."""
+    """Truth and measurements of a run, with the covariances of the simulated noise."""
 
     truth: Truth
     stamps: Float
@@ -53,8 +49,8 @@ class _Measured(NamedTuple):
     odometry_cov: Float  # (N, 3, 3)
     seen: Observed
 
-    def told(self, scenario: Scenario) -> Recording:
-        """What estimators see of it, who assume what the scenario says."""
+    def recording(self, scenario: Scenario) -> Recording:
+        """Return the recording with the noise and the association that the scenario gives to estimators."""
         assumed, association = scenario.assumed, self.truth.association
         assert association is not None and self.truth.landmarks is not None
         known = scenario.association.method == "known"
@@ -74,7 +70,7 @@ class _Measured(NamedTuple):
 
 def _measure(scenario: Scenario, seed: int) -> _Measured:
     if not isinstance(seed, int | np.integer):  # pyright: ignore[reportUnnecessaryIsInstance]
-        raise UserError(f"seed: {seed!r} is no seed; use a whole number >= 0")
+        raise UserError(f"seed: {seed!r} is not valid; use a whole number >= 0")
     if seed < 0:
         raise UserError(f"seed: {seed} is negative; use a whole number >= 0")
     start_stream, motion_stream, noise, slip, *others = np.random.SeedSequence(seed).spawn(9)
@@ -99,14 +95,14 @@ def _measure(scenario: Scenario, seed: int) -> _Measured:
 
 
 def _scaled(covs: Float, factor: float) -> Float:
-    """Covariances (n, d, d) times a factor; one that stands for all is multiplied once."""
+    """Return covariances (n, d, d) times a factor; a broadcast one is multiplied once."""
     if len(covs) and covs.strides[0] == 0:
         return np.broadcast_to(factor * covs[0], covs.shape)
     return factor * covs
 
 
 def _motion_noise(scenario: Scenario, generator: np.random.Generator) -> tuple[Float, Float]:
-    """Noise (N, 3) of the increments [m, m, rad], and its covariances (N, 3, 3) or (3, 3)."""
+    """Return the noise (N, 3) of the increments [m, m, rad], and its covariances (N, 3, 3) or (3, 3)."""
     trajectory, table = scenario.trajectory, scenario.motion.covariances
     if table is not None:
         cov = covs(table)
@@ -117,15 +113,15 @@ def _motion_noise(scenario: Scenario, generator: np.random.Generator) -> tuple[F
 
 
 def _ids(landmark: Int, landmarks: int) -> Int:
-    """Ids (M,) that the recording gives: clutter has those that no landmark has, each its own."""
+    """Return the ids (M,) of a recording: each clutter observation has a new id."""
     clutter = landmark == NOBODY
     return np.where(clutter, landmarks - 1 + np.cumsum(clutter), landmark) if clutter.any() else landmark
 
 
 def informed(scenario: Scenario) -> Scenario:
-    """The scenario in which nobody is misled: the same measurements, their true noise, every association known.
+    """Return the scenario for the optima: the same measurements, with true noise and known association.
 
-    It is equal for scenarios that simulate the same, whatever estimators are told of it.
+    It is equal for all scenarios with the same measurements.
     """
     default = {"assumed": Assumed(), "association": Association(), "update": Update(), "initialisation": "fis"}
     default |= {"fis": Fis(), "inverse_depth": InverseDepth(), "delayed": Delayed()}
@@ -133,7 +129,7 @@ def informed(scenario: Scenario) -> Scenario:
 
 
 def _start(scenario: Scenario, stream: np.random.SeedSequence) -> Float:
-    """True start pose (3,): the prior's mean, or drawn from the prior."""
+    """Return the true start pose (3,): the prior's mean, or drawn from the prior."""
     mean, prior = np.array(scenario.prior.mean), scenario.prior
     if scenario.start == "mean":
         return mean

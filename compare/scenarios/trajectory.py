@@ -1,6 +1,7 @@
-"""The path that the robot follows, in the kinds in which a scenario file can give it.
+"""The robot's path, in the kinds that a scenario file can give.
 
-Every kind has `step` [s]; for a start, the prior's mean, `increments` (N, 3) of the body frame and `stamps` (N+1,) [s].
+Every kind has `step` [s]; from the start (mean of the prior) it computes `increments` (N, 3) in the body frame and
+`stamps` (N+1,) [s].
 """
 
 from __future__ import annotations
@@ -12,24 +13,22 @@ from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Discriminator, Field, Tag, model_validator
-from pydantic_core import PydanticCustomError
 
 from slamgauge.arrays import Float
 from slamgauge.compare.scenarios.csv_tables import Table
-from slamgauge.compare.scenarios.section import Positive, Section
-from slamgauge.compare.scenarios.settings_sections import Number, Whole
+from slamgauge.compare.scenarios.section import Number, Positive, Section, Whole, invalid
 from slamgauge.errors import UserError
 from slamgauge.se2 import between, wrap
 
 PATH_HEADER = ("stamp", "x", "y", "theta")
 Pose = tuple[float, float, float]  # x, y [m], heading [rad]
-Moves = Iterable[tuple[tuple[float, float], int]]  # speed [m/s] and yaw rate [rad/s], and for how many steps
+Move = tuple[tuple[float, float], int]  # speed [m/s] and yaw rate [rad/s]; number of steps
 
-_MAX_STEPS = 1_000_000  # a misplaced decimal point shall not fill the memory
+_MAX_STEPS = 1_000_000  # a misplaced decimal point must not fill the memory
 
 
 class Segment(Section):
-    """A stretch driven at constant `speed` [m/s] and `yaw_rate` [rad/s] for `duration` [s]."""
+    """A part of the path with constant `speed` [m/s] and `yaw_rate` [rad/s] for `duration` [s]."""
 
     speed: Number
     yaw_rate: Number
@@ -37,19 +36,19 @@ class Segment(Section):
 
 
 class Steady(Section, ABC):
-    """What the kinds with time steps of equal length `step` [s] have in common."""
+    """Base of the kinds with time steps of equal length `step` [s]."""
 
     step: Positive
 
     @abstractmethod
-    def moves(self, start: Pose, /) -> Moves:
-        """How the robot is driven from a pose on."""
+    def moves(self, start: Pose, /) -> Iterable[Move]:
+        """Return the moves of the robot from a start pose."""
 
     def increments(self, start: Pose, /) -> Float:
-        """Body-frame increments (N, 3) [m, m, rad].
+        """Return body-frame increments (N, 3) [m, m, rad].
 
         Raises:
-            UserError: there would be too many.
+            UserError: more steps than the limit.
         """
         moves = [*self.moves(start)]
         steps = [times for _, times in moves]
@@ -59,24 +58,24 @@ class Steady(Section, ABC):
         return np.repeat(rates * self.step, steps, axis=0)
 
     def stamps(self, start: Pose, /) -> Float:
-        """Times (N+1,) of the poses [s]."""
+        """Return the times (N+1,) of the poses [s]."""
         steps = sum(times for _, times in self.moves(start))
         return np.arange(steps + 1, dtype=np.float64) * self.step
 
     def durations(self) -> Float:
-        """How long a step takes, () [s]."""
+        """Return the duration of all steps, () [s]."""
         return np.array(self.step)
 
-    def even(self, way: float, turn: float, duration: float) -> tuple[tuple[float, float], int]:
-        """A move of just this way [m] and turn [rad], in the fewest whole steps that take the duration [s] at least."""
+    def even(self, way: float, turn: float, duration: float) -> Move:
+        """Return a move of exactly this distance [m] and turn [rad] in the fewest steps that last `duration` [s]."""
         steps = max(1, math.ceil(duration / self.step - 1e-9))  # 0.3 / 0.1 is a little above 3
         return (way / (steps * self.step), turn / (steps * self.step)), steps
 
 
 class Segments(Steady):
-    """Segments driven one after the other.
+    """Segments in sequence.
 
-    A file may give speed, yaw_rate and duration in place of a single segment.
+    A file may give speed, yaw_rate and duration instead of a single segment.
     """
 
     kind: Literal["segments"] = "segments"
@@ -92,12 +91,11 @@ class Segments(Steady):
         return {**rest, "segments": [segment]} if segment else rest
 
     @model_validator(mode="after")
-    def _of_sane_length(self) -> Segments:
+    def _has_sane_length(self) -> Segments:
         if not self.segments:
-            raise PydanticCustomError("too_short", "has no segment; add one")
+            raise invalid("has no segment; add one")
         if sum(segment.duration for segment in self.segments) / self.step > _MAX_STEPS:
-            text = "duration / step comes to more than {most} steps; raise step or shorten duration"
-            raise PydanticCustomError("too_long", text, {"most": _MAX_STEPS})
+            raise invalid(f"duration / step comes to more than {_MAX_STEPS} steps; raise step or shorten duration")
         return self
 
     @property
@@ -105,17 +103,17 @@ class Segments(Steady):
         """Number of steps of each segment: its duration to the nearest step, at least one."""
         return tuple(max(1, round(segment.duration / self.step)) for segment in self.segments)
 
-    def moves(self, _start: Pose, /) -> Moves:
-        """A move for each segment."""
-        for segment, steps in zip(self.segments, self.steps, strict=True):
-            yield (segment.speed, segment.yaw_rate), steps
+    def moves(self, _start: Pose, /) -> Iterable[Move]:
+        """Return a move for each segment."""
+        rates = ((segment.speed, segment.yaw_rate) for segment in self.segments)
+        return zip(rates, self.steps, strict=True)
 
 
 class Waypoints(Steady):
-    """From the start to each of the `points` (x, y) [m] in turn: a turn on the spot towards it, then straight on.
+    """From the start to each of the `points` (x, y) [m]: a turn on the spot towards the point, then a straight line.
 
-    The robot drives no faster than `speed` [m/s] and turns no faster than `yaw_rate` [rad/s]; both are lowered so that
-    every stretch takes a whole number of steps, and ends on its point.
+    The robot drives at most at `speed` [m/s] and turns at most at `yaw_rate` [rad/s]; both are lowered so that each
+    move takes a whole number of steps and ends exactly.
     """
 
     kind: Literal["waypoints"]
@@ -123,8 +121,8 @@ class Waypoints(Steady):
     speed: Positive
     yaw_rate: Positive
 
-    def moves(self, start: Pose, /) -> Moves:
-        """A turn and a straight stretch for each point; none where there is nothing to turn, or to drive."""
+    def moves(self, start: Pose, /) -> Iterable[Move]:
+        """Return a turn and a straight line for each point, without moves of length 0."""
         x, y, heading = start
         for to_x, to_y in self.points:
             way = math.hypot(to_x - x, to_y - y)
@@ -138,9 +136,9 @@ class Waypoints(Steady):
 
 
 class FigureEight(Steady):
-    """A circle of `radius` [m] to the left and one to the right, `laps` times, at `speed` [m/s] or a little less.
+    """A circle of `radius` [m] to the left and one to the right, `laps` times, at `speed` [m/s] or slightly less.
 
-    The circles touch where the robot starts, and it comes through there heading as it began.
+    The circles touch at the start; the robot passes it with its initial heading.
     """
 
     kind: Literal["figure-eight"]
@@ -148,15 +146,15 @@ class FigureEight(Steady):
     speed: Positive
     laps: Annotated[Whole, Field(ge=1)] = 1
 
-    def moves(self, _start: Pose, /) -> Moves:
-        """A circle, and the other."""
+    def moves(self, _start: Pose, /) -> Iterable[Move]:
+        """Return a move for each circle."""
         way = 2.0 * math.pi * self.radius
         for turn in (2.0 * math.pi, -2.0 * math.pi) * self.laps:
             yield self.even(way, turn, way / self.speed)
 
 
 class Csv(Section):
-    """Poses of a `file`: a row `stamp,x,y,theta` [s, m, m, rad] in the world frame for each, the first at the start."""
+    """Poses of a `file`: rows `stamp,x,y,theta` [s, m, m, rad] in the world frame, the first at the start."""
 
     kind: Literal["csv"]
     file: Table
@@ -165,34 +163,32 @@ class Csv(Section):
     def _is_a_path(self) -> Csv:
         rows = self.file.rows(PATH_HEADER)
         if not 2 <= len(rows) <= _MAX_STEPS + 1:
-            text = "file.{name}: {rows} poses; give 2 to {most}"
-            raise PydanticCustomError("path", text, {"name": self.file.name, "rows": len(rows), "most": _MAX_STEPS + 1})
+            raise invalid(f"file.{self.file.name}: {len(rows)} poses; give 2 to {_MAX_STEPS + 1}")
         late = np.flatnonzero(np.diff(rows[:, 0]) <= 0)
         if len(late):
-            text = "file: {name}, line {line}: stamps must increase; sort the rows"
-            raise PydanticCustomError("path", text, {"name": self.file.name, "line": int(late[0]) + 3})
+            raise invalid(f"file: {self.file.name}, line {int(late[0]) + 3}: stamps must increase; sort the rows")
         return self
 
     @property
     def poses(self) -> Float:
-        """(N+1, 3) in the world frame."""
+        """Poses (N+1, 3) in the world frame."""
         return self.file.rows(PATH_HEADER)[:, 1:]
 
     @property
     def step(self) -> float:
         """Mean time step [s]."""
-        return float(np.diff(self.file.rows(PATH_HEADER)[[0, -1], 0])[0] / (len(self.poses) - 1))
+        return float(np.diff(self.stamps()[[0, -1]])[0] / (len(self.poses) - 1))
 
     def increments(self, _start: Pose, /) -> Float:
-        """Body-frame increments (N, 3) [m, m, rad] between the poses."""
+        """Return body-frame increments (N, 3) [m, m, rad] between the poses."""
         return between(self.poses[:-1], self.poses[1:])
 
     def durations(self) -> Float:
-        """How long each step takes, (N, 1) [s]."""
-        return np.diff(self.file.rows(PATH_HEADER)[:, 0])[:, None]
+        """Return the duration of each step, (N, 1) [s]."""
+        return np.diff(self.stamps())[:, None]
 
-    def stamps(self, _start: Pose, /) -> Float:
-        """Times (N+1,) of the poses [s]."""
+    def stamps(self, _start: Pose | None = None, /) -> Float:
+        """Return the times (N+1,) of the poses [s]."""
         return self.file.rows(PATH_HEADER)[:, 0]
 
 
@@ -200,7 +196,7 @@ KINDS = {"segments": Segments, "waypoints": Waypoints, "figure-eight": FigureEig
 
 
 def kind_of(table: object) -> object:
-    """The kind of a trajectory, or of the table that a file gives for one."""
+    """Return the kind of a trajectory, or of a table of a file."""
     if isinstance(table, dict):
         return table.get("kind", "segments")
     return getattr(table, "kind", "segments")

@@ -1,15 +1,15 @@
-"""The error budget: a filter's mean squared error split rung by rung, each rung run on the same measurements.
+"""The error budget: a filter's mean squared position error split into rungs, all run on the same measurements.
 
-hindsight optimum -> causal optimum -> with the noise the filter assumes -> with the associations it makes
--> if asked for, a smoother of the last steps alone -> the filter itself. What a rung adds to the mean squared
-position error is what it costs. The associations are those that stand at the end, after deletion and merging.
+hindsight optimum -> causal optimum -> with the noise the filter assumes -> with the filter's associations
+-> on request a fixed-lag smoother -> the filter. The cost of a rung is the error that it adds. The associations are
+those at the end of the run, after deletion and merging.
 """
 
 from __future__ import annotations
 
 from collections import deque
 from concurrent.futures import Executor, Future
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -20,8 +20,7 @@ from slamgauge.compare.estimators.loading import load
 from slamgauge.compare.estimators.registry import CAUSAL, FILTERS, FIXED_LAG, HINDSIGHT
 from slamgauge.compare.estimators.requests import Asked, ask
 from slamgauge.compare.estimators.running import run_estimator
-from slamgauge.compare.scenarios.scenario import Scenario, sampled
-from slamgauge.compare.scenarios.scenario_text import scenario_text
+from slamgauge.compare.scenarios.scenario import Scenario, sampled, scenario_text
 from slamgauge.compare.scenarios.schema import Assumed
 from slamgauge.compare.scenarios.simulation import simulate_informed
 from slamgauge.compare.scoring.intervals import Interval, bootstrap_interval, mean_interval
@@ -43,25 +42,25 @@ from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.memory import require_memory
 from slamgauge.recording import Recording
-from slamgauge.truth import NOBODY, Truth
+from slamgauge.truth import NOBODY
 from slamgauge.validation import require_lag
 
 RUNGS = {
-    "hindsight optimum": "all measurements at once: what no estimator avoids",
-    "causal optimum": "for knowing only the past",
-    "assumed noise": "for believing other noise than there is",
-    "own associations": "for taking landmarks for others",
-    FIXED_LAG: "for leaving what is older than the lag as it was",
-    "linearisation": "for being a filter: its own linearisation",
+    "hindsight optimum": "unavoidable, even with all measurements",
+    "causal optimum": "only past measurements",
+    "assumed noise": "wrong assumed noise",
+    "own associations": "wrong associations",
+    FIXED_LAG: "steps before the lag are not relinearised",
+    "linearisation": "linearisation of the filter",
 }
-BYTES = 1000  # of what is known of a run
+BYTES = 1000  # memory for the results of a run
 
 
 @dataclass(frozen=True)
 class Rung:
-    """One step of the budget: its mean squared position error [m^2], and what it adds, with 95 % interval.
+    """One rung: its mean squared position error [m^2], and the error that it adds, with 95 % interval.
 
-    `optimum_check_share` is the share of runs in which the causal optimum that it is, is in doubt; None if it is none.
+    `optimum_check_share` is the share of runs in which its causal optimum is in doubt; None for other rungs.
     """
 
     name: str
@@ -72,12 +71,10 @@ class Rung:
 
 @dataclass(frozen=True)
 class ErrorBudget:
-    """The budget of one filter on one scenario; `costliest` is the rung above the first that adds most.
+    """The budget of one filter on one scenario; `costliest` is the rung after the first that adds most.
 
-    Its rungs are those of `RUNGS`, that of the fixed lag where one was asked for.
-    `fit` is chi2/dof of the hindsight optimum, `rays` what became of the rays of a bearing-only filter, both in the
-    mean over runs; `scenario_text` is the scenario as a TOML file, `seed` the root of the runs' own,
-    `digest` that of all that decides them.
+    `fit` is chi2/dof of the hindsight optimum, `rays` the figures of the rays of a bearing-only filter, both means
+    over runs; `scenario_text` is the scenario as a TOML file, `seed` the root seed, `digest` that of both.
     """
 
     scenario: str
@@ -92,16 +89,10 @@ class ErrorBudget:
     digest: str | None = None
 
     def to_json(self) -> dict[str, Any]:
-        """The content of budget.json; `rays` for bearings alone."""
+        """Return the content of budget.json; `rays` only for bearing-only filters."""
         doubtful = self.doubtful()
         rungs = [
-            {
-                "name": rung.name,
-                "mse_m2": rung.mse_m2,
-                "increment_m2": rung.increment_m2._asdict(),
-                "optimum_check_share": rung.optimum_check_share,
-                "in_doubt": rung.name in doubtful,
-            }
+            asdict(rung) | {"increment_m2": rung.increment_m2._asdict(), "in_doubt": rung.name in doubtful}
             for rung in self.rungs
         ]
         content: dict[str, Any] = {
@@ -120,7 +111,7 @@ class ErrorBudget:
         return content if self.rays is None else {**content, "rays": self.rays._asdict()}
 
     def doubtful(self) -> set[str]:
-        """Rungs whose addition starts or ends at an optimum in doubt; all, if the optima are none of what happened."""
+        """Return the rungs whose addition depends on an optimum in doubt; all if the optima do not fit the noise."""
         if is_misfit_in_runs(self.fit):
             return {rung.name for rung in self.rungs}
         starts = (None, *self.rungs[:-1])
@@ -132,10 +123,10 @@ class ErrorBudget:
 
 
 def read_budget(folder: Path) -> ErrorBudget:
-    """The budget that `slamgauge budget` has written into a folder.
+    """Read the budget that `slamgauge budget` has written into a folder.
 
     Raises:
-        UserError: there is none, or it is not what that writes.
+        UserError: budget.json does not exist or is not valid.
     """
     path = folder / BUDGET
     content = read_json(path, "budget")
@@ -158,9 +149,9 @@ def read_budget(folder: Path) -> ErrorBudget:
 
 
 class RungErrors(NamedTuple):
-    """One run of a budget: mean squared errors (n,) [m^2], a rung each, their optima's checks (n,), and the rays.
+    """One run of a budget: mean squared errors (n,) [m^2] of the rungs, checks (n,) of their optima, and the rays.
 
-    `fit` is chi2/dof of the hindsight optimum, NaN where it does not tell.
+    `fit` is chi2/dof of the hindsight optimum; NaN if unknown.
     """
 
     errors: Float
@@ -177,21 +168,22 @@ def error_budget(
     executor: Executor,
     lag: int | None = None,
 ) -> ErrorBudget:
-    """The budget of a filter, one's own by its address too, over `runs` runs whose seeds are spawned from `seed`.
+    """Compute the budget of a built-in or user filter over `runs` runs; their seeds are spawned from `seed`.
 
-    With a `lag` [steps] the smoother of so many steps is a rung, too. Intervals are bootstrapped over runs.
+    With a `lag` [steps] the fixed-lag smoother is a rung, too. Intervals are bootstrapped over runs.
 
     Raises:
         UserError: bad names or numbers, or an estimator that failed, with the run.
     """
     scenario = sampled(scenario)
-    asked = rungs_of(filter_name, lag)[-1]
+    (asked,) = ask([filter_name])
+    _smoother(lag)  # a bad lag is refused before any run
     if asked.name and asked.name not in FILTERS:
         raise UserError(
             f"filter: {filter_name!r} is not a filter whose error can be split; use {', '.join(FILTERS)}, or your own"
         )
     if runs < 1:
-        raise UserError(f"runs: {runs} is no budget; give at least 1")
+        raise UserError(f"runs: {runs} is too few; give at least 1")
     if seed < 0:
         raise UserError(f"seed: {seed} is negative; use a whole number >= 0")
     require_memory(1.0 * BYTES * runs, f"runs: a budget of {runs}", "give fewer")
@@ -212,9 +204,9 @@ def error_budget(
 
 
 def summarise_budget(scenario: str, filter_name: str, table: Float, checks: Float, fits: Float) -> ErrorBudget:
-    """The budget of mean squared errors (runs, n) [m^2], a column per rung, of checks likewise, and of fits (runs,).
+    """Compute the budget from mean squared errors (runs, n) [m^2], checks (runs, n) and fits (runs,); n = 5 or 6 rungs.
 
-    Five columns are all rungs but that of a fixed lag. Checks and fits that are not told are NaN.
+    Five columns are all rungs without the fixed lag. Unknown checks and fits are NaN.
     """
     names = [name for name in RUNGS if name != FIXED_LAG or table.shape[1] == len(RUNGS)]
     increments = np.diff(table, axis=1, prepend=0.0)
@@ -226,48 +218,36 @@ def summarise_budget(scenario: str, filter_name: str, table: Float, checks: Floa
     return ErrorBudget(scenario, filter_name, len(table), rungs, costliest, mean_interval(fits))
 
 
-def rungs_of(chosen: str | Asked, lag: int | None = None) -> list[Asked]:
-    """The estimators of a run: the optima of the rungs, the smoother of so many steps if there is one, the filter.
-
-    Raises:
-        UserError: an unknown name, or a lag of no step.
-    """
-    smoothers = [] if lag is None else [_of_lag(lag)]
-    return [*ask([HINDSIGHT]), *3 * ask([CAUSAL]), *ask([*smoothers, chosen])]
-
-
-def _of_lag(lag: int) -> str:
-    return f"{FIXED_LAG}-{require_lag(lag)}"
+def _smoother(lag: int | None) -> list[str]:
+    """Return the name of the fixed-lag smoother, in a list; an empty list without lag."""
+    return [] if lag is None else [f"{FIXED_LAG}-{require_lag(lag)}"]
 
 
 def rung_errors(scenario: Scenario, seed: int, chosen: str | Asked, lag: int | None = None) -> RungErrors:
-    """What the rungs make of one run; those that coincide are run once."""
+    """Run all rungs on one run; equal rungs are run once."""
     (asked,) = ask([chosen])
-    truth, recording, told = simulate_informed(scenario, seed)
+    truth, recording, exact = simulate_informed(scenario, seed)
     assert truth.association is not None and truth.misleading is not None
-    trusted = np.where(truth.misleading, NOBODY, truth.association)
-    believed, told = recording.associated(trusted), told.associated(trusted)
+    known = np.where(truth.misleading, NOBODY, truth.association)
+    exact = exact.associated(known)
     try:
         slam = load(
             asked, scenario.association, scenario.initialisation_settings, robust=scenario.robustness, announced=False
         )
-        hindsight = _run(HINDSIGHT, told)
-        causal = _run(CAUSAL, told)
-        assuming = causal if scenario.assumed == Assumed() else _run(CAUSAL, believed)
+        hindsight = _run(HINDSIGHT, exact)
+        causal = _run(CAUSAL, exact)
+        assuming = causal if scenario.assumed == Assumed() else _run(CAUSAL, recording.associated(known))
         estimate = run_estimator(asked.label, slam, recording)[0]
-        own = estimate.association
-        if own is None or np.array_equal(own, trusted):
-            associating = assuming
-        else:
-            associating = _run(CAUSAL, recording.associated(own))
-        associated = recording.associated(trusted if own is None else own)
-        windows = [] if lag is None else [_run(_of_lag(lag), associated)]
+        own = known if estimate.association is None else estimate.association
+        associating = assuming if np.array_equal(own, known) else _run(CAUSAL, recording.associated(own))
+        windows = [_run(name, recording.associated(own)) for name in _smoother(lag)]
     except UserError as error:
         raise UserError(f"run with seed {seed}: {error}") from error
     rungs = (hindsight, causal, assuming, associating, *windows, estimate)
-    errors = np.array([_mse(truth, each) for each in rungs])
+    assert truth.poses is not None
+    errors = np.array([squared_distances(pose_errors(truth.poses, each.poses)).mean() for each in rungs])
     checks = np.array([each.optimum_check for each in rungs], dtype=np.float64)
-    fit = chi_square_per_dof(truth, told, hindsight)
+    fit = chi_square_per_dof(truth, exact, hindsight)
     return RungErrors(errors, checks, np.nan if fit is None else fit, ray_figures(truth, recording, estimate))
 
 
@@ -275,14 +255,9 @@ def _run(name: str, recording: Recording) -> Estimate:
     return run_estimator(name, load(ask([name])[0]), recording)[0]
 
 
-def _mse(truth: Truth, estimate: Estimate) -> float:
-    assert truth.poses is not None
-    return float(squared_distances(pose_errors(truth.poses, estimate.poses)).mean())
-
-
 def budget_table(budget: ErrorBudget) -> Page:
-    """The rungs, what each adds, and a sentence that says which costs most."""
-    rows = [("rung", "mse [m^2]", "adds [m^2]", "95 % interval", "for")]
+    """Return the table of the rungs, the verdict and the notes."""
+    rows = [("rung", "mse [m^2]", "adds [m^2]", "95 % interval", "cause")]
     doubtful = budget.doubtful()
     for rung in budget.rungs:
         added, low, high = rung.increment_m2
@@ -295,30 +270,28 @@ def budget_table(budget: ErrorBudget) -> Page:
 
 
 def notes(budget: ErrorBudget) -> list[str]:
-    """What became of the rays, and what is in doubt."""
+    """Return notes on the rays and on doubts."""
     return [*([] if budget.rays is None else [f"Per run {describe(budget.rays)}."]), *doubts(budget)]
 
 
 def doubts(budget: ErrorBudget) -> list[str]:
-    """That the optima are none of what has happened; which rungs are optima in doubt, in which share of the runs."""
+    """Return lines on optima that do not fit the stated noise, and on rungs whose optima are in doubt."""
     misfit = misfits([HINDSIGHT, CAUSAL]) if is_misfit_in_runs(budget.fit) else None
-    told = at_places(CAUSAL, {rung.name: rung.optimum_check_share for rung in budget.rungs})
-    return [misfit, *told] if misfit else told
+    lines = at_places(CAUSAL, {rung.name: rung.optimum_check_share for rung in budget.rungs})
+    return [misfit, *lines] if misfit else lines
 
 
 def verdict(budget: ErrorBudget) -> str:
-    """Which rung costs most, and whether the runs show that it costs anything, in a sentence."""
+    """Return a sentence that names the costliest rung, and whether its cost is significant."""
     total, unavoidable = budget.rungs[-1].mse_m2, budget.rungs[0].mse_m2
     cost, low, _ = next(rung.increment_m2 for rung in budget.rungs if rung.name == budget.costliest)
     opening = (
-        f"{budget.filter} on {budget.scenario}, {budget.runs} runs: of {total:.4f} m^2 (RMS {np.sqrt(total):.3f} m) "
-        f"{unavoidable:.4f} m^2 no estimator avoids"
+        f"{budget.filter} on {budget.scenario}, {budget.runs} runs: mean squared error {total:.4f} m^2 "
+        f"(RMS {np.sqrt(total):.3f} m), {unavoidable:.4f} m^2 of it unavoidable"
     )
     if cost <= 1e-9 * total:  # rounding
-        return f"{opening}; no rung above that costs anything."
+        return f"{opening}; no other rung adds to it."
     mark = MARK if budget.costliest in budget.doubtful() else ""
-    share = f"{cost:.4f}{mark} m^2, {cost / total:.0%}{mark} of the whole"
-    if low is None or low <= 0.0:
-        runs = counted(budget.runs, "run")
-        return f"{opening}; most of the rest may go to {budget.costliest}: {share}, which {runs} cannot tell from 0."
-    return f"{opening}; most of the rest goes to {budget.costliest}: {share}."
+    share = f"{cost:.4f}{mark} m^2, {cost / total:.0%}{mark} of the total"
+    doubt = "" if low is not None and low > 0.0 else f", not significantly above 0 in {counted(budget.runs, 'run')}"
+    return f"{opening}; the largest other part is {budget.costliest}: {share}{doubt}."

@@ -1,9 +1,8 @@
-"""What the runs say of one ratio that a claim is about.
+"""Evidence of the runs for one ratio of a claim.
 
-The effect is the geometric mean of the ratio over runs; a run farther off than the claim's limit counts as at the
-limit. Its interval is that of `scoring.confidence_sequence`, corrected for the number of ratios (Bonferroni): with
-probability 1 - ALPHA all intervals hold after any number of runs, so a claim may be tested after every run until it is
-decided.
+The effect is the geometric mean of the ratio over runs; a ratio beyond the claim's limit counts as the limit. Its
+interval is that of `scoring.confidence_sequence`, corrected for the number of ratios (Bonferroni): with probability
+1 - ALPHA all intervals hold after any number of runs, so a claim may be tested after every run until it is decided.
 """
 
 from __future__ import annotations
@@ -22,17 +21,17 @@ ALPHA = 0.05
 
 
 class Evidence(NamedTuple):
-    """What the runs say of one ratio; figures are None where there are too few runs, or where they overflow.
+    """Evidence for one ratio; figures are None with too few runs, or if they overflow.
 
     Attributes:
-        effect: its geometric mean over runs.
+        effect: geometric mean of the ratio over runs.
         low: lower end of its interval, which holds for all ratios and after any number of runs.
         high: upper end.
-        p_value: that the verdict is wrong, likewise; of the more likely one where there is none.
-        support: logarithm of the wealth of bets on the range that is asserted, less that of bets against it.
-        runs: how many had both figures.
-        decidable: the factor from an end of the range that is decided with 90 % after the most runs, if they scatter
-            as these do.
+        p_value: p-value of the verdict, valid in the same way; if undecided, that of the more likely verdict.
+        support: log wealth of bets on the asserted range minus that of bets against it.
+        runs: number of runs with both figures.
+        decidable: smallest factor from an end of the range that the most runs decide with 90 % probability, if they
+            scatter as these do.
     """
 
     effect: float | None
@@ -55,15 +54,15 @@ NOTHING = Evidence(None, None, None, p_value=1.0, support=0.0, runs=0, decidable
 
 
 def weigh(log_ratios: Float, claim: Claim, tests: int, most: int) -> Evidence:
-    """Evidence that the ratio with these logarithms (runs,) lies in the range that a claim asserts.
+    """Return the evidence that a ratio is in the range of a claim.
 
     Args:
-        log_ratios: of independent runs.
-        claim: says range and limit.
-        tests: how many ratios are tested.
-        most: how many runs there may be.
+        log_ratios: logarithms (runs,) of the ratio in independent runs.
+        claim: range and limit.
+        tests: number of ratios that are tested, each on two sides.
+        most: largest number of runs.
     """
-    runs, limit, threshold = len(log_ratios), math.log(claim.limit), log_threshold(tests)
+    runs, limit, threshold = len(log_ratios), math.log(claim.limit), math.log(2 * tests / ALPHA)
     if not runs:
         return NOTHING
     low, high = claim.asserted
@@ -81,13 +80,8 @@ def weigh(log_ratios: Float, claim: Claim, tests: int, most: int) -> Evidence:
     )
 
 
-def log_threshold(tests: int) -> float:
-    """Logarithm of the wealth that decides one of so many ratios, each to two sides."""
-    return math.log(2 * tests / ALPHA)
-
-
 def _ratio(logarithm: float) -> float | None:
-    """The ratio with this logarithm; None if either is infinite."""
+    """Return the ratio with this logarithm; None if either is infinite."""
     if not math.isfinite(logarithm):
         return None
     with np.errstate(over="ignore"):

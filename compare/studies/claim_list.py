@@ -1,4 +1,4 @@
-"""The practical's conclusions, as ratios that its text asserts to lie in a range."""
+"""The exercise's conclusions, each as a ratio of figures and the range that the exercise asserts."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from slamgauge.compare.estimators.registry import CAUSAL
 from slamgauge.compare.scoring.aggregation import reported_sigma
 from slamgauge.compare.scoring.runs import Runs
 
-FILTER, OPTIMUM = "ekf", CAUSAL  # the practical's filter, and the causal optimum
+FILTER, OPTIMUM = "ekf", CAUSAL  # the exercise's filter, and the causal optimum
 SETTINGS = (
     "q1-short-dense",
     "q1-long-dense",
@@ -29,16 +29,18 @@ SETTINGS = (
     "q3-scale-2",
     "q3-scale-10",
 )
-SAME = 1.1  # what "like" and "similar" may mean: within this factor
-MUCH = 2.0  # what "much", "very" and "multiplies" mean at least
-LARGE = 1.5  # what a "large" error is at least, next to the optimum's
-LIMIT = 10.0  # no run counts as farther off than by this factor
-FIRM = 2.0  # the same of sigmas, which hardly differ from run to run
+SECTIONS = {"q1": "2.1", "q2": "2.2", "q3": "3.1"}  # section of the exercise by the first part of a claim's id
+SAME = 1.1  # "like", "similar": within this factor
+MUCH = 2.0  # "much", "very", "multiplies": at least this factor
+LARGE = 1.5  # "large" error: at least this factor of the optimum's
+LIMIT = 10.0  # ratios of single runs are limited to this factor
+FIRM = 2.0  # limit for sigmas, which hardly differ from run to run
 MORE, LESS = (1.0, math.inf), (0.0, 1.0)
+START, HALFWAY, RETURN = (0.0, 0.1), (0.45, 0.55), (0.95, 1.05)  # stretches, as shares of the first loop
 
 
 class Figure(NamedTuple):
-    """A figure of every run: of which setting, of which estimator, and how it is read off its runs."""
+    """A figure of every run: setting, estimator, and the function that reads it from the runs."""
 
     setting: str
     read: Callable[[Runs], Float]
@@ -47,21 +49,19 @@ class Figure(NamedTuple):
 
 @dataclass(frozen=True)
 class Claim:
-    """A conclusion of the practical: that `figure` over every one of `others` lies in the range `asserted`.
+    """A conclusion of the exercise: `figure` divided by each of `others` is in the range `asserted`.
 
     Attributes:
         id: short name.
-        section: of the practical.
-        claim: its sentence in a few words of ours.
-        hypothesis: the same as a statement about a ratio.
-        figure: the ratio's numerator.
-        others: its denominators; with several, the one that suits the claim least decides.
-        asserted: the range of the ratio, both ends excluded.
-        limit: the factor by which a run counts as off at most; near what single runs can differ by.
+        claim: the exercise's sentence, shortened.
+        hypothesis: the claim as a statement about a ratio.
+        figure: numerator of the ratio.
+        others: denominators; of several, the least favourable decides.
+        asserted: range of the ratio, both ends excluded.
+        limit: largest factor by which the ratio of a run counts; near the largest difference of single runs.
     """
 
     id: str
-    section: str
     claim: str
     hypothesis: str
     figure: Figure
@@ -69,14 +69,19 @@ class Claim:
     asserted: tuple[float, float]
     limit: float = LIMIT
 
+    @property
+    def section(self) -> str:
+        """Section of the exercise."""
+        return SECTIONS[self.id.partition("-")[0]]
+
 
 def ate(setting: str, estimator: str = FILTER) -> Figure:
-    """RMS position error over the path."""
+    """Return the RMS position error over the path."""
     return stored(setting, "ate_m", estimator)
 
 
 def stored(setting: str, key: str, estimator: str = FILTER) -> Figure:
-    """A figure that the study has stored."""
+    """Return a figure that the study has stored."""
 
     def read(runs: Runs) -> Float:
         return runs.figures[key]
@@ -85,7 +90,7 @@ def stored(setting: str, key: str, estimator: str = FILTER) -> Figure:
 
 
 def landmarks_found(setting: str) -> Figure:
-    """Landmarks that a mapped one stands for; half a landmark for none, as ratios are compared by logarithms."""
+    """Return the number of true landmarks that are mapped; 0.5 for none, since ratios are compared by logarithms."""
 
     def read(runs: Runs) -> Float:
         return np.maximum(runs.figures["landmarks_true"] - runs.figures["landmarks_missed"], 0.5)
@@ -94,7 +99,7 @@ def landmarks_found(setting: str) -> Figure:
 
 
 def during(setting: str, what: str, first: float, last: float) -> Figure:
-    """RMS position `error` or `sigma` in a stretch of the first of two loops, as shares of the loop."""
+    """Return the RMS position `error` or `sigma` in a stretch of the first of two loops, in shares of the loop."""
 
     def read(runs: Runs) -> Float:
         squares = runs.series[f"{what}_x"] ** 2 + runs.series[f"{what}_y"] ** 2
@@ -104,30 +109,14 @@ def during(setting: str, what: str, first: float, last: float) -> Figure:
     return Figure(setting, read)
 
 
-def start(what: str) -> Figure:
-    """The first tenth of the loop."""
-    return during("q1-long-dense", what, 0.0, 0.1)
-
-
-def halfway(what: str) -> Figure:
-    """The tenth around the far side of the loop."""
-    return during("q1-long-dense", what, 0.45, 0.55)
-
-
-def back(what: str) -> Figure:
-    """The tenth around the return to the start."""
-    return during("q1-long-dense", what, 0.95, 1.05)
-
-
 def sigma(setting: str) -> Figure:
-    """RMS position sigma that the filter reports."""
+    """Return the RMS position sigma that the filter reports."""
     return Figure(setting, reported_sigma)
 
 
 CLAIMS = (
     Claim(
         "q1-near-landmarks-error",
-        "2.1",
         "landmarks near the start are better localised than far ones",
         "error of the far half of the map / of the near half > 1",
         stored("q1-long-dense", "landmark_error_far_m"),
@@ -136,7 +125,6 @@ CLAIMS = (
     ),
     Claim(
         "q1-near-landmarks-sigma",
-        "2.1",
         "their uncertainty is smaller",
         "sigma of the far half of the map / of the near half > 1",
         stored("q1-long-dense", "landmark_sigma_far_m"),
@@ -146,45 +134,40 @@ CLAIMS = (
     ),
     Claim(
         "q1-error-grows",
-        "2.1",
         "the error accumulates along the loop",
         "position error halfway round / near the start > 1",
-        halfway("error"),
-        (start("error"),),
+        during("q1-long-dense", "error", *HALFWAY),
+        (during("q1-long-dense", "error", *START),),
         MORE,
     ),
     Claim(
         "q1-sigma-grows",
-        "2.1",
         "so does the uncertainty",
         "position sigma halfway round / near the start > 1",
-        halfway("sigma"),
-        (start("sigma"),),
+        during("q1-long-dense", "sigma", *HALFWAY),
+        (during("q1-long-dense", "sigma", *START),),
         MORE,
         limit=FIRM,
     ),
     Claim(
         "q1-error-falls",
-        "2.1",
         "the error is corrected at the start point",
         "position error at the closure / halfway round < 1",
-        back("error"),
-        (halfway("error"),),
+        during("q1-long-dense", "error", *RETURN),
+        (during("q1-long-dense", "error", *HALFWAY),),
         LESS,
     ),
     Claim(
         "q1-sigma-falls",
-        "2.1",
         "so is the uncertainty",
         "position sigma at the closure / halfway round < 1",
-        back("sigma"),
-        (halfway("sigma"),),
+        during("q1-long-dense", "sigma", *RETURN),
+        (during("q1-long-dense", "sigma", *HALFWAY),),
         LESS,
         limit=FIRM,
     ),
     Claim(
         "q1-sparse-error",
-        "2.1",
         "on the sparse map the error is big",
         f"ATE on the sparse map / on the dense one > {MUCH:g}",
         ate("q1-long-sparse"),
@@ -193,7 +176,6 @@ CLAIMS = (
     ),
     Claim(
         "q2-gate-1-landmarks",
-        "2.2",
         "a gate that is too small maps more landmarks than there are",
         "landmarks mapped / there, at gate 1 > 1",
         stored("q2-gate-1", "landmarks_mapped"),
@@ -202,17 +184,15 @@ CLAIMS = (
     ),
     Claim(
         "q2-gate-100-landmarks",
-        "2.2",
         "a gate that is too large ignores some landmarks",
         "landmarks found / there, at gate 100 < 1",
         landmarks_found("q2-gate-100"),
         (stored("q2-gate-100", "landmarks_true"),),
         LESS,
-        limit=1.1,  # of 37 landmarks one or two are missing
+        limit=1.1,  # one or two of 37 landmarks are missing
     ),
     Claim(
         "q2-gate-100-error",
-        "2.2",
         "and multiplies the error",
         f"ATE at gate 100 / at gate 9 > {MUCH:g}",
         ate("q2-gate-100"),
@@ -222,7 +202,6 @@ CLAIMS = (
     *(
         Claim(
             f"q2-like-known-{name}",
-            "2.2",
             f"with gate 9 the {name.replace('-', ', ')} map looks as with known association",
             f"ATE with gate 9 / with known association within 1/{SAME:g} and {SAME:g}",
             ate(f"q2-{name}"),
@@ -233,7 +212,6 @@ CLAIMS = (
     ),
     Claim(
         "q2-unlike-known-sparse",
-        "2.2",
         "with too few landmarks it does not",
         f"ATE with gate 9 / with known association > {SAME:g}",
         ate("q2-long-sparse"),
@@ -242,7 +220,6 @@ CLAIMS = (
     ),
     Claim(
         "q3-scale-0.1-landmarks",
-        "3.1",
         "with Q and Py too small, landmarks are misidentified",
         "landmarks mapped / there, at scale 0.1 > 1",
         stored("q3-scale-0.1", "landmarks_mapped"),
@@ -251,7 +228,6 @@ CLAIMS = (
     ),
     Claim(
         "q3-scale-0.1-error",
-        "3.1",
         "and the error is really big",
         f"ATE at scale 0.1 / the optimum's > {LARGE:g}",
         ate("q3-scale-0.1"),
@@ -260,7 +236,6 @@ CLAIMS = (
     ),
     Claim(
         "q3-scale-1-error",
-        "3.1",
         "with the true noise the error is smaller",
         "ATE at scale 1 / at scale 0.1 < 1",
         ate("q3-scale-1"),
@@ -269,7 +244,6 @@ CLAIMS = (
     ),
     Claim(
         "q3-scale-10-error",
-        "3.1",
         "with ten times the noise it is smaller still",
         "ATE at scale 10 / at scale 1 < 1",
         ate("q3-scale-10"),
@@ -278,7 +252,6 @@ CLAIMS = (
     ),
     Claim(
         "q3-scale-10-sigma",
-        "3.1",
         "but the uncertainty is very big",
         f"reported sigma at scale 10 / at scale 1 > {MUCH:g}",
         sigma("q3-scale-10"),
@@ -288,7 +261,6 @@ CLAIMS = (
     ),
     Claim(
         "q3-scale-2-best",
-        "3.1",
         "the best choice is twice the noise",
         "ATE at scale 2 / at each of 0.1, 1 and 10 < 1",
         ate("q3-scale-2"),

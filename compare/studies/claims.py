@@ -1,11 +1,11 @@
-"""The practical's conclusions, put to the test over Monte Carlo runs, as many as it takes to decide each.
+"""The exercise's conclusions as tests over Monte Carlo runs.
 
-A claim asserts that a ratio of two figures of the same run lies in a range. It holds when the ratio's interval lies
-inside (`claim_evidence`), does not hold when it lies outside, and is undecided otherwise: then the settings that it is
-about go on to the next look, at half as many runs more, and so on to the last.
+A claim asserts that a ratio of two figures of the same run is in a range. It holds if the interval of the ratio
+(`claim_evidence`) is inside the range, does not hold if it is outside, and is undecided otherwise: then its settings
+run on to the next look, with half as many runs more, up to the last look.
 
-Settings that simulate the same see the same measurements, run by run; of others with the same path start and odometry
-are the same.
+Settings that simulate the same have the same measurements, run by run; settings with the same path have the same start
+and odometry.
 """
 
 from __future__ import annotations
@@ -21,8 +21,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.compare.scenarios.scenario import Scenario
-from slamgauge.compare.scenarios.scenario_text import scenario_text
+from slamgauge.compare.estimators.memory_check import require_room_for_runs
+from slamgauge.compare.scenarios.scenario import Scenario, load_scenario, scenario_text
+from slamgauge.compare.scenarios.simulation import informed
 from slamgauge.compare.scoring.aggregation import share_in_doubt
 from slamgauge.compare.scoring.nan_stats import mean
 from slamgauge.compare.scoring.optimum_notes import MARK, at_places
@@ -31,31 +32,32 @@ from slamgauge.compare.scoring.sequential import growing
 from slamgauge.compare.scoring.text_page import Grid, Page
 from slamgauge.compare.scoring.text_table import cell, marked
 from slamgauge.compare.storage.files import write_json
-from slamgauge.compare.storage.manifest import require_free
+from slamgauge.compare.storage.manifest import require_folder, require_free
 from slamgauge.compare.storage.provenance import origin
 from slamgauge.compare.storage.result_files import CLAIMS as CLAIMS_FILE
-from slamgauge.compare.storage.result_files import CLAIMS_FILES
+from slamgauge.compare.storage.result_files import CLAIMS_FILES, STORE_FILES
 from slamgauge.compare.storage.staged_folder import staged_folder
 from slamgauge.compare.studies.claim_evidence import ALPHA, Evidence, weigh
-from slamgauge.compare.studies.claim_list import CLAIMS, OPTIMUM, SETTINGS, TESTS, Claim, Figure, ate
-from slamgauge.compare.studies.claim_studies import ClaimStudies, sampled_settings
+from slamgauge.compare.studies.claim_list import CLAIMS, FILTER, OPTIMUM, SETTINGS, TESTS, Claim, Figure, ate
 from slamgauge.compare.studies.store import digest
+from slamgauge.compare.studies.study import load_runs, run_study
+from slamgauge.compare.studies.summary import failure_lines
 from slamgauge.errors import UserError
 
-Load = Callable[[str, str, int], Runs]  # of a setting and an estimator the first so many runs
+Load = Callable[[str, str, int], Runs]  # (setting, estimator, number of runs)
 
-
+TOGETHER = 2  # studies in memory at a time: those of one ratio
 CERTAINTY = f"with {1 - ALPHA:.0%} probability no verdict is wrong and all intervals hold, after any number of runs"
 
 
 @dataclass(frozen=True)
 class Judgement:
-    """The evidence for a claim, and what the optimum says of its setting.
+    """The evidence for a claim, and the optimum of its setting.
 
-    `optimum` is the share of the filter's error there that the causal optimum avoids, which is told true noise and
-    associations (1 - geometric mean over the first look's runs of its ATE over the filter's); None if it has no run.
-    `optimum_check_share` is the share of these runs in which it is in doubt; None if none was checked. `scenario_text`
-    is the setting as a TOML file, `seed` the root of the runs' own, `digest` that of both.
+    `optimum` is the share of the filter's error that the causal optimum avoids, with true noise and associations (1 -
+    geometric mean of its ATE over the filter's, in the runs of the first look); None without runs.
+    `optimum_check_share` is the share of these runs in which the optimum is in doubt; None if none was checked.
+    `scenario_text` is the setting as a TOML file, `seed` the root seed, `digest` that of both.
     """
 
     claim: Claim
@@ -68,27 +70,21 @@ class Judgement:
 
     @property
     def is_in_doubt(self) -> bool:
-        """Whether the verdict itself rests on an optimum in doubt."""
+        """Whether the verdict depends on an optimum in doubt."""
         compared = (self.claim.figure, *self.claim.others)
         return bool(self.optimum_check_share) and any(each.estimator == OPTIMUM for each in compared)
 
     def to_json(self) -> dict[str, Any]:
-        """The claim's entry in claims.json."""
+        """Return the claim's entry in claims.json."""
         claim, evidence = self.claim, self.evidence
+        figures = evidence._asdict()
+        del figures["support"]
         return {
-            "id": claim.id,
-            "section": claim.section,
-            "claim": claim.claim,
-            "hypothesis": claim.hypothesis,
-            "effect": evidence.effect,
-            "low": evidence.low,
-            "high": evidence.high,
-            "p_value": evidence.p_value,
+            **{key: getattr(claim, key) for key in ("id", "section", "claim", "hypothesis")},
+            **figures,
             "verdict": evidence.verdict,
             "optimum": self.optimum,
             "optimum_check_share": self.optimum_check_share,
-            "runs": evidence.runs,
-            "decidable": evidence.decidable,
             "setting": claim.figure.setting,
             "seed": self.seed,
             "digest": self.digest,
@@ -97,34 +93,73 @@ class Judgement:
 
 
 class Claims(NamedTuple):
-    """The judgement of every claim, and a line for each run that an estimator did not survive."""
+    """The judgement of every claim, and a line for each run in which an estimator failed."""
 
     judgements: list[Judgement]
     failures: list[str]
 
 
+class _Studies:
+    """A study folder for filter and optimum of each setting; settings with the same measurements share the optimum."""
+
+    def __init__(self, settings: dict[str, Scenario], seed: int, out: Path, executor: Executor) -> None:
+        self._seed, self._executor = seed, executor
+        self._studies: dict[tuple[str, str], tuple[Scenario, Path]] = {}
+        self._done: dict[Path, int] = {}
+        self._failures: dict[Path, list[str]] = {}
+        inside = require_folder(out, "studies")
+        optima: dict[str, tuple[Scenario, Path]] = {}
+        for name, scenario in settings.items():
+            exact = informed(scenario)
+            self._studies[name, FILTER] = scenario, require_folder(inside, name)
+            optimum = exact, require_folder(inside, f"optimum-of-{name}")
+            self._studies[name, OPTIMUM] = optima.setdefault(exact.model_dump_json(), optimum)
+        for _, folder in self._studies.values():
+            require_free(folder, STORE_FILES)
+
+    @property
+    def failures(self) -> list[str]:
+        """A line for each run in which an estimator failed."""
+        return [line for lines in self._failures.values() for line in lines]
+
+    def load(self, setting: str, estimator: str, runs: int) -> Runs:
+        """Return the first `runs` runs; missing ones are run."""
+        scenario, folder = self._studies[setting, estimator]
+        if self._done.get(folder, 0) < runs:
+            summary = run_study(scenario, runs, self._seed, [estimator], folder, self._executor)
+            self._failures[folder] = [f"{folder.name}, {line}" for line in failure_lines(summary)]
+            self._done[folder] = runs
+        return load_runs(scenario, runs, self._seed, [estimator], folder)[estimator]
+
+
+def sampled_settings(settings: tuple[str, ...]) -> dict[str, Scenario]:
+    """Return the shipped scenarios of these names, with the true start drawn from the prior."""
+    return {name: load_scenario(name, ["start=sampled"]) for name in settings}
+
+
 def judge_claims(runs: int, seed: int, out: str | Path, executor: Executor, most: int | None = None) -> Claims:
-    """Carry out the runs that the claims need and `out` lacks, and judge every claim.
+    """Run what the claims need and `out` lacks, and judge every claim.
 
     Args:
-        runs: of each setting, after which all claims are judged.
-        seed: root seed, from which the runs' own seeds are spawned.
-        out: folder of the studies; what it has is not carried out again.
-        executor: carries the runs.
-        most: how many runs claims that are undecided go on to; None: no more than `runs`.
+        runs: runs of each setting at the first look.
+        seed: root seed.
+        out: folder of the studies.
+        executor: see `run_study`.
+        most: largest number of runs for claims that are undecided; None: `runs`.
 
     Raises:
-        UserError: bad numbers, a store in `out` that holds another study, or a file that is not ours would be replaced.
+        UserError: bad numbers, a store of another study in `out`, or a foreign file in the place of a result.
     """
     if runs < 2:
         raise UserError(f"runs: {runs} show no spread; give at least 2")
     if most is not None and most < 1:
-        raise UserError(f"max-runs: {most} are none; give at least 1")
+        raise UserError(f"max-runs: {most} is too few; give at least 1")
     most, out = max(runs, most or 0), Path(out)
     require_free(out, CLAIMS_FILES)
-    studies = ClaimStudies(sampled_settings(SETTINGS), seed, out, executor)
-    studies.require_room(most)
-    settings = studies.scenarios
+    settings = sampled_settings(SETTINGS)
+    studies = _Studies(settings, seed, out, executor)
+    for scenario in settings.values():
+        require_room_for_runs(most, scenario, TOGETHER)
     judged = [judge(claim, studies.load, runs, most, settings[claim.figure.setting], seed) for claim in CLAIMS]
     for count in growing(runs, most)[1:]:
         for place, each in enumerate(judged):
@@ -140,7 +175,7 @@ def write_claims(out: Path, claims: Claims) -> None:
 
 
 def judge(claim: Claim, load: Load, runs: int, most: int, scenario: Scenario, seed: int) -> Judgement:
-    """What the first runs say of a claim, where there may be `most`; `scenario` is its setting."""
+    """Judge a claim by the first `runs` runs of at most `most`; `scenario` is its setting."""
     setting = claim.figure.setting
     optimum = mean(log_ratios(ate(setting, OPTIMUM), ate(setting), load, runs))
     avoidable = None if optimum is None else 1.0 - math.exp(optimum)
@@ -150,13 +185,13 @@ def judge(claim: Claim, load: Load, runs: int, most: int, scenario: Scenario, se
 
 
 def evidence_for(claim: Claim, load: Load, runs: int, most: int) -> Evidence:
-    """What the first runs say of the ratio of a claim; of several ratios, of that which supports it least."""
+    """Return the evidence of the first `runs` runs for a claim; of several ratios, that of the least favourable."""
     ratios = [log_ratios(claim.figure, other, load, runs) for other in claim.others]
     return min((weigh(each, claim, TESTS, most) for each in ratios), key=lambda each: each.support)
 
 
 def log_ratios(above: Figure, below: Figure, load: Load, runs: int) -> Float:
-    """Logarithms (runs,) of a ratio in the runs that have both figures."""
+    """Return the logarithms (runs,) of a ratio in the runs that have both figures."""
     ours, theirs = (load(each.setting, each.estimator, runs) for each in (above, below))
     rows, others = paired(ours, theirs)
     if not len(rows):
@@ -166,27 +201,24 @@ def log_ratios(above: Figure, below: Figure, load: Load, runs: int) -> Float:
 
 
 def claims_table(claims: Claims) -> Page:
-    """A line for each claim: the practical's conclusion, the ratio with its interval, the verdict; then failures."""
+    """Return a table with a row for each claim: conclusion, verdict and ratio with interval; below it failures."""
     heads = ("ratio", "interval", "p", "avoidable", "runs", "decidable")
-    rows: list[tuple[str, ...]] = [("section", "the practical", "verdict", *heads, "hypothesis")]
+    rows: list[tuple[str, ...]] = [("section", "the exercise", "verdict", *heads, "hypothesis")]
     shares = {each.claim.figure.setting: each.optimum_check_share for each in claims.judgements}
     room_for_marks = any(shares.values())
     for each in claims.judgements:
         claim, evidence = each.claim, each.evidence
-        interval = f"{_three(evidence.low)} to {_three(evidence.high)}"
+        effect, low, high = (cell(value, "{:.3g}") for value in (evidence.effect, evidence.low, evidence.high))
         p = "< 0.0001" if evidence.p_value < 1e-4 else f"{evidence.p_value:.4f}"
-        effect, verdict, avoidable = _three(evidence.effect), evidence.verdict, cell(each.optimum, "{:.0%}")
+        verdict, avoidable = evidence.verdict, cell(each.optimum, "{:.0%}")
         if room_for_marks:
             effect, verdict = (marked(text, MARK, is_marked=each.is_in_doubt) for text in (effect, verdict))
             avoidable = marked(avoidable, MARK, is_marked=bool(each.optimum_check_share))
-        figures = (effect, interval, p, avoidable, str(evidence.runs), cell(evidence.decidable, "x {:.3f}"))
+        decidable = cell(evidence.decidable, "x {:.3f}")
+        figures = (effect, f"{low} to {high}", p, avoidable, str(evidence.runs), decidable)
         rows.append((claim.section, claim.claim, verdict, *figures, claim.hypothesis))
     counts = Counter(each.evidence.verdict for each in claims.judgements)
     tally = ", ".join(f"{counts[verdict]} {verdict}" for verdict in ("holds", "does not hold", "undecided"))
     doubts = at_places(OPTIMUM, shares)
     grid = Grid(rows, words=(0, 1, 2, 9), sentences=1)
     return Page((grid, "", f"{len(rows) - 1} claims: {tally}", CERTAINTY, *doubts, *claims.failures))
-
-
-def _three(value: float | None) -> str:
-    return cell(value, "{:.3g}")

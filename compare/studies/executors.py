@@ -1,36 +1,53 @@
-"""Who carries the runs of a study: processes of this machine, a `concurrent.futures.Executor` (see also `cluster`)."""
+"""Executors for runs: worker processes of this machine, and a Dask cluster of many machines.
+
+Anyone who can reach a Dask scheduler can run code on its workers and on this machine: its messages are pickles. Use
+only addresses that no one else can reach, or `tls://`.
+"""
 
 from __future__ import annotations
 
+import logging
 import multiprocessing
 import os
+import platform
+import re
 import signal
 import sys
 import threading
+import warnings
 from collections.abc import Callable, Generator
-from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ProcessPoolExecutor
 from contextlib import contextmanager
-from typing import ParamSpec, TypeVar
+from importlib.metadata import version
+from typing import TYPE_CHECKING, ParamSpec, TypeVar, cast
 
 from slamgauge.errors import UserError
+from slamgauge.version import __version__
+
+if TYPE_CHECKING:
+    from distributed import Client
 
 P = ParamSpec("P")
 T = TypeVar("T")
+
+CONNECT = 10.0  # s to wait for a Dask scheduler
+WORKERS = 5.0  # s to wait for its first worker
+TLS = "DASK_DISTRIBUTED__COMM__TLS_"
 
 BLAS_VARIABLES = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 
 
 def pin_blas_threads() -> None:
-    """One BLAS thread for this process, if numpy is not imported yet, and for those that it starts.
+    """Limit BLAS to one thread in this process, if numpy is not imported yet, and in its child processes.
 
-    Two threads are slower than one on matrices of these sizes. A number that is set already stays.
+    Two threads are slower than one on matrices of these sizes. A number that is already set is kept.
     """
     for variable in BLAS_VARIABLES:
         os.environ.setdefault(variable, "1")
 
 
 class _Processes(Executor):
-    """Worker processes, begun anew when one of them has died: the runs among them then end with `BrokenExecutor`."""
+    """Worker processes, restarted after one has died; the runs of the dead pool end with `BrokenExecutor`."""
 
     def __init__(self, jobs: int) -> None:
         self._jobs = jobs
@@ -38,48 +55,48 @@ class _Processes(Executor):
         self._pool = self._begin()
 
     def _begin(self) -> ProcessPoolExecutor:
-        os.environ.setdefault("PYTHONSAFEPATH", "1")  # else workers look for libraries in the current folder first
+        os.environ.setdefault("PYTHONSAFEPATH", "1")  # workers must not import libraries from the current folder
         context = multiprocessing.get_context("spawn")  # a fork would inherit BLAS threads and locks
         return ProcessPoolExecutor(self._jobs, mp_context=context, initializer=_follow_parent)
 
     def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
-        """Hand out a run, to new processes if the others are gone."""
+        """Submit a run, to new processes if the others have died."""
         try:
             return self._pool.submit(fn, *args, **kwargs)
-        except (BrokenExecutor, OSError):  # an OSError if one died while the next was being started
-            self.terminate()  # that one would wait for work for ever, and its pool for its end
+        except (BrokenExecutor, OSError):  # OSError: a process died while another started
+            self.terminate()  # the other would wait for work for ever, and the pool for its end
             self._pool.shutdown()
             self._pool = self._begin()
             return self._pool.submit(fn, *args, **kwargs)
 
     def terminate(self) -> None:
-        """End the processes, whatever they do."""
+        """Kill the processes."""
         for worker in set(multiprocessing.active_children()) - self._others:
             worker.terminate()
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """End the processes."""
+        """End the processes when they are idle."""
         self._pool.shutdown(wait, cancel_futures=cancel_futures)
 
 
 def lost_worker(error: BaseException) -> bool:
-    """Whether a run is missing because the process that carried it has died."""
-    scheduler = sys.modules.get("distributed.scheduler")  # loaded where a cluster carries the runs
+    """Whether a run is missing because its worker process has died."""
+    scheduler = sys.modules.get("distributed.scheduler")  # loaded if the executor is a cluster
     return isinstance(error, BrokenExecutor) or (scheduler is not None and isinstance(error, scheduler.KilledWorker))
 
 
 @contextmanager
 def local_processes(jobs: int) -> Generator[Executor]:
-    """Worker processes of this machine, each with one BLAS thread; they end with their parent, however it ends.
+    """Start worker processes on this machine, each with one BLAS thread; they end with their parent in all cases.
 
     Raises:
-        UserError: a worker died, and the caller did not carry on without it.
+        UserError: a worker died, and the caller did not handle it.
     """
     pin_blas_threads()
     pool = _Processes(jobs)
     try:
         yield pool
-    except BaseException as error:  # what is being computed will not be used any more
+    except BaseException as error:  # running results will not be used
         pool.terminate()
         if isinstance(error, BrokenExecutor):
             raise UserError("a worker process died (out of memory?); give the same command again") from None
@@ -89,8 +106,90 @@ def local_processes(jobs: int) -> Generator[Executor]:
 
 
 def _follow_parent() -> None:
-    """Leave interrupts to the parent, and end when it is gone."""
+    """Ignore interrupts, which the parent handles, and exit when the parent has ended."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
     if parent is not None:
         threading.Thread(target=lambda: (parent.join(), os._exit(1)), daemon=True).start()
+
+
+@contextmanager
+def dask_cluster(address: str) -> Generator[Executor]:
+    """Connect to a running Dask cluster; its workers need the same version of slamgauge.
+
+    Raises:
+        UserError: the extra `cluster` is not installed, the address is not valid or needs certificates, no scheduler
+            answers, it has no workers or workers of another version, or the connection is lost.
+    """
+    try:
+        from distributed import Client, Security
+    except ImportError:
+        raise UserError("scheduler: needs the extra 'cluster'; pip install 'slamgauge[cluster]'") from None
+    if not re.fullmatch(r"(tcp|tls)://\S+:\d+", address):
+        raise UserError(f"scheduler {address!r} is not an address; give tcp://host:port or tls://host:port")
+    if address.startswith("tls") and not Security().get_connection_args("client").get("ssl_context"):
+        remedy = f"name them in the environment: {TLS}_CA_FILE, {TLS}_CLIENT__CERT, {TLS}_CLIENT__KEY"
+        raise UserError(f"scheduler {address}: tls needs certificates; {remedy}")
+    with _quiet():
+        try:
+            client = Client(address, timeout=CONNECT, set_as_default=False)
+        except (OSError, ValueError, TypeError, RuntimeError) as error:  # TimeoutError is an OSError
+            raise UserError(f"scheduler {address}: {_first_line(error)}; give a running one") from None
+        try:
+            _require_workers(client, address)
+            yield client.get_executor(pure=False)
+        except UserError:
+            raise
+        except Exception as error:
+            if client.status == "running" and not isinstance(error, CancelledError):
+                raise
+            raise UserError(f"scheduler {address}: lost; start it again, and give the same command again") from None
+        finally:
+            client.close()
+
+
+def _require_workers(client: Client, address: str) -> None:
+    """Refuse a cluster that has no workers, or workers of other versions."""
+    try:
+        client.wait_for_workers(1, timeout=WORKERS)
+    except TimeoutError:
+        raise UserError(f"scheduler {address}: has no workers; start one: dask worker {address}") from None
+    try:
+        found = cast("dict[str, dict[str, str]]", client.run(versions))
+    except Exception as error:
+        if client.status != "running":
+            raise
+        what = f"its workers cannot run slamgauge ({_first_line(error)})"
+        raise UserError(f"scheduler {address}: {what}; install slamgauge {__version__} there") from None
+    own = versions()
+    for worker, theirs in found.items():
+        for name in own:
+            if theirs.get(name) != own[name]:
+                what = f"worker {worker} has {name} {theirs.get(name)}, and this is {own[name]}"
+                raise UserError(f"scheduler {address}: {what}; install the same on both sides")
+
+
+def versions() -> dict[str, str]:
+    """Return the versions that must be the same here and on the workers."""
+    python = ".".join(platform.python_version_tuple()[:2])
+    return {"slamgauge": __version__, "Python": python} | {name: version(name) for name in ("distributed", "numpy")}
+
+
+@contextmanager
+def _quiet() -> Generator[None]:
+    """Silence the log of distributed about broken connections, which are also raised as errors."""
+    names = [name for name in logging.root.manager.loggerDict if name.partition(".")[0] in ("distributed", "tornado")]
+    levels = {name: logging.getLogger(name).level for name in names}  # some loggers have their own level
+    for name in names:
+        logging.getLogger(name).setLevel(logging.CRITICAL + 1)
+    try:
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", module="distributed")  # about versions, which are checked here
+            yield
+    finally:
+        for name, level in levels.items():
+            logging.getLogger(name).setLevel(level)
+
+
+def _first_line(error: BaseException) -> str:
+    return next((line.strip() for line in str(error).splitlines() if line.strip()), type(error).__name__)

@@ -1,9 +1,8 @@
 """The store of a study: one SQLite file with a row per run and estimator, written as results arrive.
 
-Rows have checksums (`store_damage`), and one command at a time adds to a store (`store_file`). Every run is one
-transaction of a write-ahead log: a run is stored completely or not at all, however the process ends, and the next
-process continues with the missing runs. A failure of the machine (`Outcome.transient`) is not stored, so that the next
-process tries that run again.
+Every run is one transaction of a write-ahead log: a run is stored completely or not at all, however the process ends,
+and the next process continues with the missing runs. A failure of the machine (`Outcome.transient`) is not stored, so
+that the next process tries that run again.
 """
 
 from __future__ import annotations
@@ -21,39 +20,35 @@ import numpy as np
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.scoring.catalogue import STORED
 from slamgauge.compare.scoring.runs import SERIES, Ates, Runs
-from slamgauge.compare.studies.store_damage import INSERT, TABLES, require_whole, with_checksum
-from slamgauge.compare.studies.store_file import connected
+from slamgauge.compare.studies.store_file import INSERT, TABLES, connected, require_whole, with_checksum
 from slamgauge.compare.studies.study_run import Outcome
 from slamgauge.errors import UserError
 from slamgauge.sensors import SENSORS
 from slamgauge.version import __version__
 
 # Raise it when `TABLES` or `SERIES` change, when the same scenario and seed give other measurements, or when a figure
-# gets another meaning: stores of another schema are refused. A new figure needs no new number: old rows have NaN there.
+# gets another meaning: stores of another schema are refused. A new figure needs no new number: it is NaN in old rows.
 SCHEMA = 1
 BUSY = 10  # s to wait for another program before a run cannot be stored
-NAMES = "2"  # of estimators: raise it when a name gets another meaning, and refuse stores that hold the old one
-_RENAMED = "isam2"  # until names 2 (version 0.5) the causal optimum, since then GTSAM's ISAM2
+NAMES = "2"  # raise it when the name of an estimator gets another meaning, and refuse stores with the old meaning
+_RENAMED = "isam2"  # before names 2 (version 0.5) the causal optimum, since then GTSAM's ISAM2
 _DONE = "estimator = ?1 AND run < ?2 AND error IS NULL"
-_OF_ONE_KIND = (
-    f"{_DONE} AND (SELECT count(DISTINCT kind) FROM outcome WHERE {_DONE}) = 1"  # else no optimum is that of all
-)
+_OF_ONE_KIND = f"{_DONE} AND (SELECT count(DISTINCT kind) FROM outcome WHERE {_DONE}) = 1"
 
 
 def digest(scenario: Scenario, seed: int) -> str:
     """Return the SHA-256 of a scenario and a seed: equal digests, equal measurements."""
-    return hashlib.sha256(f"{_deciding(scenario).model_dump_json()} seed {seed}".encode()).hexdigest()
+    return hashlib.sha256(f"{_relevant(scenario).model_dump_json()} seed {seed}".encode()).hexdigest()
 
 
-def _deciding(scenario: Scenario) -> Scenario:
-    """Return the scenario with the default `fis` if it has no effect: unless the sensor is bearing-only."""
-    if not SENSORS[scenario.sensor.kind].places_landmarks:
-        return scenario
-    return scenario.model_copy(update={"fis": type(scenario.fis)()})
+def _relevant(scenario: Scenario) -> Scenario:
+    """Return the scenario without description, and with the default `fis` where a sensor with ranges ignores it."""
+    fis = type(scenario.fis)() if SENSORS[scenario.sensor.kind].places_landmarks else scenario.fis
+    return scenario.model_copy(update={"description": "", "fis": fis})
 
 
 class StudyStore:
-    """A store that `open_store` has opened."""
+    """An open store; see `open_store`."""
 
     def __init__(self, connection: sqlite3.Connection) -> None:
         self._connection = connection
@@ -63,7 +58,7 @@ class StudyStore:
         return set(self._connection.execute("SELECT run, estimator FROM outcome"))
 
     def add(self, run: int, seed: int, outcomes: Sequence[Outcome]) -> None:
-        """Store the outcomes of a run, without transient failures; rows that are stored already do not change."""
+        """Store the outcomes of a run, without transient failures; existing rows do not change."""
         rows = [
             with_checksum((run, each.estimator, seed, each.kind, each.error, json.dumps(each.figures), each.series))
             for each in outcomes
@@ -86,11 +81,11 @@ class StudyStore:
         rows = list(self._connection.execute(query, (runs,)))
         for (name, first, kind), (other, run, another) in pairwise(rows):
             if name == other:
-                what = f"its poses are {kind} in run {first} and {another} in run {run}, and no optimum is that of both"
-                yield run, name, f"{what}; none of its runs counts: say the same kind of all"
+                what = f"its poses are {kind} in run {first} and {another} in run {run}"
+                yield run, name, f"{what}; none of its runs counts: return the same kind in every run"
 
     def ates(self, estimator: str, runs: int) -> Ates:
-        """Return the ATE of the first `runs` runs of `estimator`, without the series, which need much memory."""
+        """Return the ATE of the first `runs` runs of `estimator` without loading the series."""
         query = f"SELECT run, figures FROM outcome WHERE {_OF_ONE_KIND} ORDER BY run"
         rows = [(run, json.loads(text)["ate_m"]) for run, text in self._connection.execute(query, (estimator, runs))]
         ates = np.array([ate for _, ate in rows], dtype=np.float64)
@@ -122,7 +117,7 @@ def begin_store(path: Path, scenario: Scenario, seed: int) -> None:
     ours = {
         "schema": str(SCHEMA),
         "names": NAMES,
-        "version": __version__,  # of the program that began it, for information only
+        "version": __version__,  # for information only
         "digest": digest(scenario, seed),
         "scenario": scenario.model_dump_json(),
         "seed": str(seed),
@@ -132,25 +127,25 @@ def begin_store(path: Path, scenario: Scenario, seed: int) -> None:
         connection.execute("PRAGMA journal_mode = WAL")
         connection.executescript(TABLES)
         with connection:
-            connection.execute("BEGIN IMMEDIATE")  # another process may claim it at the same time
+            connection.execute("BEGIN IMMEDIATE")  # another process may do the same at the same time
             found = dict(connection.execute("SELECT key, value FROM study"))
             if not found:
                 connection.executemany("INSERT INTO study VALUES (?, ?)", ours.items())
-            elif _other(found, scenario, seed) is None:  # a new key of scenarios changes the digests of all
+            elif _difference(found, scenario, seed) is None:  # a version with new keys has other digests
                 connection.execute("UPDATE study SET value = ? WHERE key = 'digest'", (ours["digest"],))
             if not _holds_renamed(connection):
                 connection.execute("INSERT OR IGNORE INTO study VALUES ('names', ?)", (NAMES,))
 
 
-def _other(found: dict[str, str], scenario: Scenario, seed: int) -> str | None:
-    """Return what a store with these entries has that is not ours, its scenario or its seed; None for our study."""
+def _difference(found: dict[str, str], scenario: Scenario, seed: int) -> str | None:
+    """Return what differs in a store with these entries, `scenario` or `seed`; None if it is of the same study."""
     if found.get("digest") == digest(scenario, seed):
         return None
     try:
         stored = Scenario.model_validate_json(found.get("scenario", ""))
     except ValueError:  # pydantic's ValidationError is one
         return "scenario"
-    if _deciding(stored) != _deciding(scenario):
+    if _relevant(stored) != _relevant(scenario):
         return "scenario"
     return None if found.get("seed") == str(seed) else "seed"
 
@@ -170,21 +165,21 @@ def open_store(path: Path, scenario: Scenario, seed: int) -> Generator[StudyStor
 
 
 def read_store(path: Path, digest: str, labels: Sequence[str], runs: int) -> tuple[Scenario, dict[str, Runs]]:
-    """Return the scenario of the study with that digest, and its first `runs` runs of each label that it has.
+    """Return the scenario of the study with that digest, and the first `runs` runs of each stored label.
 
     User code has a key for each of its versions; the version stored last is read.
 
     Raises:
-        UserError: the store does not exist, is of another study, is damaged, or cannot be used.
+        UserError: the store does not exist, has another study, is damaged, or cannot be used.
     """
     if not path.is_file():
-        raise UserError(f"{path}: is not there; give the command of the study again")
+        raise UserError(f"{path}: does not exist; give the command of the study again")
     require_whole(path)
     with connected(path) as connection:
         found = dict(connection.execute("SELECT key, value FROM study"))
         _require_present_names(connection, path)
         if found.get("digest") != digest or found.get("schema") != str(SCHEMA):
-            raise UserError(f"{path}: is of another study than the summary in this folder; give the command again")
+            raise UserError(f"{path}: has another study than the summary in this folder; give the command again")
         latest = "SELECT estimator FROM outcome GROUP BY estimator ORDER BY max(rowid)"
         keys = {key.partition(" ")[0]: key for (key,) in connection.execute(latest)}
         store, scenario = StudyStore(connection), Scenario.model_validate_json(found["scenario"])
@@ -192,10 +187,9 @@ def read_store(path: Path, digest: str, labels: Sequence[str], runs: int) -> tup
 
 
 def _require_same(connection: sqlite3.Connection, path: Path, scenario: Scenario, seed: int) -> None:
-    """Refuse a store of another study or another schema."""
     found = dict(connection.execute("SELECT key, value FROM study"))
     if not {"version", "digest", "scenario"} <= found.keys():
-        raise UserError(f"{path}: holds no study; give another --out")
+        raise UserError(f"{path}: has no study; give another --out")
     schema = found.get("schema", "of old")  # version 0.3 and older wrote no number
     if schema != str(SCHEMA):
         raise UserError(
@@ -203,9 +197,9 @@ def _require_same(connection: sqlite3.Connection, path: Path, scenario: Scenario
             f"(slamgauge {__version__}); finish it with that version, or give another --out"
         )
     _require_present_names(connection, path)
-    other = _other(found, scenario, seed)
+    other = _difference(found, scenario, seed)
     if other is not None:
-        raise UserError(f"{path}: holds a study of another {other} (digest {found['digest'][:12]}); give another --out")
+        raise UserError(f"{path}: has a study of another {other} (digest {found['digest'][:12]}); give another --out")
 
 
 def _holds_renamed(connection: sqlite3.Connection) -> bool:

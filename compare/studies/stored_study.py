@@ -1,4 +1,4 @@
-"""A study as its folder holds it, read back without carrying anything out."""
+"""A study read from its folder, without running anything."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from slamgauge.errors import UserError
 
 
 class StoredStudy(NamedTuple):
-    """A study.
+    """A study read from its folder.
 
     Attributes:
-        content: of summary.json.
-        summary: the same as an object, made anew of the runs; without the comparisons, which stand in `content`.
-        runs: what the store holds, by label.
+        content: content of summary.json.
+        summary: summary computed from the runs; its paired comparisons are in `content` only.
+        runs: stored runs by label.
         step: time step [s].
     """
 
@@ -33,10 +33,10 @@ class StoredStudy(NamedTuple):
 
 
 def load_study(folder: Path) -> StoredStudy:
-    """The study in a folder: the runs that its summary.json is of; of a sweep's value with the optima beside it.
+    """Read the study in a folder; in a sweep, the runs of the optima are in the folder `optimum` next to it.
 
     Raises:
-        UserError: there is none, or its files do not belong together.
+        UserError: the folder has no study, or files of different studies.
     """
     path = folder / SUMMARY
     content = read_json(path, "study")
@@ -47,22 +47,22 @@ def load_study(folder: Path) -> StoredStudy:
     except (ValueError, TypeError, KeyError):
         raise UserError(f"{path}: not what `slamgauge study` writes; run it again") from None
     stored, runs = read_store(folder / STORE, digest, labels, count)
-    lacking = [label for label in labels if label not in runs]
-    beside, of_optima = optima_beside(folder.parent, stored, seed)
-    if lacking and beside.is_file():
-        runs |= read_store(beside, of_optima, lacking, count)[1]
-    lost = next((label for label in labels if label not in runs), None)
-    if lost is not None:
-        raise UserError(f"{folder / STORE}: holds no run of {lost}; give the command of the study again")
+    missing = [label for label in labels if label not in runs]
+    optima, digest_of_optima = optima_beside(folder.parent, stored, seed)
+    if missing and optima.is_file():
+        runs |= read_store(optima, digest_of_optima, missing, count)[1]
+    for label in labels:
+        if label not in runs:
+            raise UserError(f"{folder / STORE}: has no run of {label}; give the command of the study again")
     runs = {label: runs[label] for label in labels}
     summary = Summary(scenario, count, seed, digest, failures, summarise(runs))
     return StoredStudy(content, summary, runs, stored.trajectory.step)
 
 
 def optima_beside(sweep: Path, scenario: Scenario, seed: int) -> tuple[Path, str]:
-    """The store in a sweep's folder that holds the optima of a scenario, and its digest.
+    """Return the store in a sweep's folder with the optima of a scenario, and its digest.
 
-    They are told true noise and associations, so that values at which they see the same share one.
+    The optima receive true noise and associations: values of the swept key with the same measurements share a store.
     """
     found = digest_of(informed(scenario), seed)
     return sweep / OPTIMA / found[:12] / STORE, found

@@ -1,4 +1,4 @@
-"""Monte Carlo: independent runs of a scenario, carried by any executor, kept in a store that survives anything."""
+"""Monte Carlo studies: independent runs of a scenario on any executor, kept in a store so that they can be resumed."""
 
 from __future__ import annotations
 
@@ -13,8 +13,7 @@ from typing import NamedTuple
 
 from slamgauge.compare.estimators.memory_check import require_room_for_runs
 from slamgauge.compare.estimators.requests import Asked, Chosen, ask, labels_among
-from slamgauge.compare.scenarios.scenario import Scenario, sampled
-from slamgauge.compare.scenarios.scenario_text import scenario_text
+from slamgauge.compare.scenarios.scenario import Scenario, sampled, scenario_text
 from slamgauge.compare.scoring.runs import Runs
 from slamgauge.compare.scoring.sequential import Look
 from slamgauge.compare.storage.manifest import begin_file, require_free
@@ -26,24 +25,24 @@ from slamgauge.compare.studies.stopping_rule import (
     Precision,
     Until,
     compare_against,
+    compare_user_code,
     looks_of,
     pairs_to_resolve,
     ratios_at,
 )
 from slamgauge.compare.studies.store import StudyStore, begin_store, digest, open_store
-from slamgauge.compare.studies.store_damage import require_whole
-from slamgauge.compare.studies.store_file import sole_use
+from slamgauge.compare.studies.store_file import require_whole, sole_use
 from slamgauge.compare.studies.study_run import Outcome, run_once, run_seed
 from slamgauge.compare.studies.summary import Failure, Summary, summarise
 from slamgauge.errors import UserError
 
-IN_FLIGHT = 256  # runs handed to the executor at a time, so that results do not pile up
-MOST_LOST = 3  # workers in a row that die at a single run: it is not the run then
-AGAIN = "not stored: the same command carries it out again"
+IN_FLIGHT = 256  # runs submitted to the executor at a time, which limits the memory of waiting results
+MOST_LOST = 3  # workers that die one after another, each at a single run: then the run is not the cause
+AGAIN = "not stored: the same command runs it again"
 
 
 class _Work(NamedTuple):
-    """Runs of a study: what is simulated and estimated, and where."""
+    """A study's scenario, root seed, estimators and executor."""
 
     scenario: Scenario
     seed: int
@@ -51,7 +50,7 @@ class _Work(NamedTuple):
     executor: Executor
 
 
-_Task = tuple[int, list[Asked]]  # a run, and the estimators that it is still to be given to
+_Task = tuple[int, list[Asked]]  # number of a run, and the estimators without a stored result in it
 
 
 def run_study(
@@ -65,37 +64,36 @@ def run_study(
     against: Sequence[str] = (),
     until: Until | None = None,
 ) -> Summary:
-    """Carry out the runs that the store in `out` lacks, and sum up the first `runs` of them.
+    """Run what the store in `out` lacks, and summarise the first `runs` runs.
 
-    An estimator's error is stored as what became of the run. What the machine refused (memory, room, a worker that
-    died) is named among the failures and not stored: the same command carries it out again.
+    An estimator's error is stored as its outcome of the run. A failure of the machine (memory, disk, a worker that
+    died) is among the failures and not stored: the same command runs it again.
 
     Eight parameters: six say what to run and where, the last two are options by keyword.
 
     Args:
-        scenario: what to simulate; draw the true start from the prior (`start = "sampled"`) for any
-            statement about consistency, as is done with one that is given by its name or path.
-        runs: how many; their seeds are spawned from `seed`, the same whatever the number.
-        seed: the study's root seed.
-        estimators: what `load_estimators` takes, people's own among it, whose results are kept under a digest of
-            their code: edited code is another estimator. All see the same measurements, the optima with their true
-            noise and associations.
+        scenario: use `start = "sampled"` (true start drawn from the prior) for any statement about consistency; a
+            scenario given by name or path has it.
+        runs: number of runs; their seeds are spawned from `seed`, the same for any number.
+        seed: root seed of the study.
+        estimators: see `load_estimators`. Results of user code are stored under a digest of the code: edited code is
+            another estimator. All see the same measurements, the optima with their true noise and associations.
         out: folder of `study.sqlite`.
-        executor: carries the runs, for example `executors.local_processes(2)`.
+        executor: for example `executors.local_processes(2)`.
         against: labels of the estimators that the others are compared with, run by run.
-        until: go on after the first `runs` until every ratio is known as well as that; it is looked at after numbers of
-            runs that are fixed beforehand, so that a study that was killed ends where it would have ended.
+        until: continue after the first `runs` until every ratio has this precision. The rule is evaluated at fixed run
+            counts, so that an interrupted study ends where it would have ended.
 
     Raises:
-        UserError: bad names or numbers, a store that holds another study, or that another command is at work on, a file
-            in its place that is not ours, or workers that die whatever they carry.
+        UserError: bad names or numbers, a store of another study, a store in use by another command, a foreign file in
+            its place, or workers that die at every run.
     """
     scenario, out = sampled(scenario), Path(out)
     asked = ask(estimators)  # misspelt names are refused before anything is written
     if not asked:
         raise UserError("estimators: none given; name at least one, for example --estimators ekf,causal")
     if runs < 1:
-        raise UserError(f"runs: {runs} is no study; give at least 1")
+        raise UserError(f"runs: {runs} is too few; give at least 1")
     if seed < 0:
         raise UserError(f"seed: {seed} is negative; use a whole number >= 0")
     against = labels_among(against, [each.label for each in asked], "is not among --estimators")
@@ -106,9 +104,8 @@ def run_study(
     with sole_use(out / STORE):
         begin_store(out / STORE, scenario, seed)
         with open_store(out / STORE, scenario, seed) as store:
-            look, precision, refused = _carry_out_looks(
-                store, _Work(scenario, seed, asked, executor), looks, pairs, until
-            )
+            work = _Work(scenario, seed, asked, executor)
+            look, precision, refused = _run_looks(store, work, looks, pairs, until)
             loaded = {each.label: store.load(each.key, look.runs) for each in asked}
             found = [*(Failure(*each) for each in store.failures(look.runs)), *refused]
     labels = {each.key: each.label for each in asked}
@@ -124,29 +121,30 @@ def run_study(
         against=compare_against(loaded, against, looks, look),
         precision=precision,
         scenario_text=scenario_text(scenario),
+        comparisons=compare_user_code(asked, loaded, look),
     )
 
 
 def load_runs(
     scenario: Scenario | str | Path, runs: int, seed: int, estimators: Chosen, out: str | Path
 ) -> dict[str, Runs]:
-    """What the store in `out` holds of each estimator, for figures and statistics of one's own.
+    """Return the stored runs of each estimator, for figures and statistics in user code.
 
     Raises:
-        UserError: there is none, it is another study's, or it is damaged.
+        UserError: the store does not exist, has another study, or is damaged.
     """
     scenario, out = sampled(scenario), Path(out)
     if not (out / STORE).exists():
-        raise UserError(f"{out / STORE}: there is no study; carry one out with run_study")
+        raise UserError(f"{out / STORE}: no study is there; make one with run_study")
     with open_store(out / STORE, scenario, seed) as store:
         require_whole(out / STORE)
         return {each.label: store.load(each.key, runs) for each in ask(estimators)}
 
 
-def _carry_out_looks(
+def _run_looks(
     store: StudyStore, work: _Work, looks: Sequence[Look], pairs: Sequence[Pair], until: Until | None
 ) -> tuple[Look, Precision | None, list[Failure]]:
-    """Carry out runs up to the look at which enough is known, and return that, what is known, and what failed."""
+    """Run up to the look at which the precision is reached; return that look, the precision and unstored failures."""
     look, precision, refused = looks[0], None, list[Failure]()
     for look in looks:
         refused = _carry_out(store, work, look.runs)
@@ -160,55 +158,50 @@ def _carry_out_looks(
 
 
 def _carry_out(store: StudyStore, work: _Work, runs: int) -> list[Failure]:
-    """Hand out the missing runs, and store each as it arrives; what failed and is not stored is returned.
+    """Run the missing runs, store each run as it arrives, and return the failures that are not stored.
 
-    When a worker dies, all that its pool carried is lost. Those runs are carried out again one at a time, which
-    tells the one that takes its worker with it from the others.
+    When a worker dies, all runs of its pool are lost. They are then run one at a time, which identifies the run that
+    kills its worker.
     """
     stored = store.stored()
     keys = {each.key for each in work.asked}
-    whole = Counter(run for run, key in stored if run < runs and key in keys)
-    there = sum(count == len(keys) for count in whole.values())
-    to_do = ((run, [each for each in work.asked if (run, each.key) not in stored]) for run in range(runs))
-    progress = counted(runs, "run", work.scenario.name, there, leave=True)
+    results = Counter(run for run, key in stored if run < runs and key in keys)
+    complete = sum(count == len(keys) for count in results.values())
+    missing = ((run, [each for each in work.asked if (run, each.key) not in stored]) for run in range(runs))
     refused: list[Failure] = []
     lost: list[_Task] = []
     in_a_row = 0
-    with progress:
-        with closing(_carried((task for task in to_do if task[1]), IN_FLIGHT, work)) as arriving:
-            for task, done in arriving:
-                if done is None:
+
+    def keep(run: int, outcomes: list[Outcome]) -> None:
+        store.add(run, run_seed(work.seed, run), outcomes)
+        refused.extend(Failure(run, each.estimator, f"{each.error} ({AGAIN})") for each in outcomes if each.transient)
+        progress.update()
+
+    with counted(runs, "run", work.scenario.name, complete, leave=True) as progress:
+        with closing(_arriving((task for task in missing if task[1]), IN_FLIGHT, work)) as arriving:
+            for task, outcomes in arriving:
+                if outcomes is None:
                     lost.append(task)
                 else:
-                    refused += _kept(store, task[0], work.seed, done)
-                    progress.update()
+                    keep(task[0], outcomes)
         lost.sort(key=lambda task: task[0])
-        with closing(_carried(lost, 1, work)) as arriving:
-            for (run, estimators), done in arriving:
-                in_a_row = in_a_row + 1 if done is None else 0
+        with closing(_arriving(lost, 1, work)) as arriving:
+            for (run, estimators), outcomes in arriving:
+                in_a_row = in_a_row + 1 if outcomes is None else 0
                 if in_a_row == MOST_LOST:
                     raise UserError(
                         f"a worker process died {MOST_LOST} times in a row, the last time at run {run} alone "
                         "(out of memory?); make room, and give the same command again"
                     )
-                error = Outcome("", error="its worker process died (out of memory?)", transient=True)
-                refused += _kept(
-                    store, run, work.seed, done or [replace(error, estimator=each.key) for each in estimators]
-                )
-                progress.update()
+                died = Outcome("", error="its worker process died (out of memory?)", transient=True)
+                keep(run, outcomes or [replace(died, estimator=each.key) for each in estimators])
     return refused
 
 
-def _kept(store: StudyStore, run: int, seed: int, outcomes: list[Outcome]) -> list[Failure]:
-    """Store what became of a run, and return the failures that are not stored."""
-    store.add(run, run_seed(seed, run), outcomes)
-    return [Failure(run, each.estimator, f"{each.error} ({AGAIN})") for each in outcomes if each.transient]
-
-
-def _carried(to_do: Iterable[_Task], in_flight: int, work: _Work) -> Generator[tuple[_Task, list[Outcome] | None]]:
-    """What became of each run, as it arrives; None if its worker died."""
+def _arriving(tasks: Iterable[_Task], in_flight: int, work: _Work) -> Generator[tuple[_Task, list[Outcome] | None]]:
+    """Submit tasks; yield each with its outcomes as they arrive, or with None if its worker died."""
     pending: dict[Future[list[Outcome]], _Task] = {}
-    waiting = iter(to_do)
+    waiting = iter(tasks)
     try:
         while True:
             for run, asked in islice(waiting, in_flight - len(pending)):

@@ -1,4 +1,4 @@
-"""One run of a study, as a worker carries it out: simulate, estimate, score."""
+"""One run of a study, as a worker executes it: simulate, estimate, score."""
 
 from __future__ import annotations
 
@@ -31,39 +31,39 @@ from slamgauge.truth import Truth
 
 @dataclass(frozen=True)
 class Outcome:
-    """What one estimator made of one run: its figures and series, or the error that it ended with."""
+    """Result of one estimator in one run: figures and series, or an error."""
 
     estimator: str
     kind: str = ""
     figures: dict[str, float | None] = field(default_factory=dict)
     series: bytes = b""  # (len(SERIES), N+1) in single precision
     error: str | None = None
-    transient: bool = False  # the error is the machine's, not the input's: the same run may succeed another time
+    transient: bool = False  # a failure of the machine, not of the input: the same run may succeed later
 
 
 def run_seed(seed: int, run: int) -> int:
-    """The seed of run number `run` of a study: independent streams, whatever the number of runs."""
+    """Return the seed of run number `run`: independent streams, the same for any number of runs."""
     return int(np.random.SeedSequence(seed, spawn_key=(run,)).generate_state(1, np.uint64)[0] >> np.uint64(1))
 
 
 def run_once(scenario: Scenario, seed: int, estimators: Chosen) -> list[Outcome]:
-    """Simulate one run and score estimators on it; one that cannot be loaded, or fails, leaves its error.
+    """Simulate one run and score estimators on it; the outcome of one that fails has its error.
 
-    The optima see the measurements with their true noise and associations (`simulation.informed`).
+    The optima receive the measurements with their true noise and associations (`simulation.informed`).
     """
     asked = ask(estimators)
     try:
-        truth, recording, told = simulate_informed(scenario, seed)
-    except Exception as error:  # noqa: BLE001 the study goes on, and shows what happened
+        truth, recording, exact = simulate_informed(scenario, seed)
+    except Exception as error:  # noqa: BLE001 the study continues and reports the error
         failed = _failed("", error)
         return [replace(failed, estimator=each.key, error=f"simulation: {failed.error}") for each in asked]
-    return [_outcome(scenario, each, truth, told if each.is_told else recording) for each in asked]
+    return [_outcome(scenario, each, truth, exact if each.is_told else recording) for each in asked]
 
 
 def _outcome(scenario: Scenario, asked: Asked, truth: Truth, recording: Recording) -> Outcome:
     try:
         if asked.is_bound:
-            return _bounded(asked, truth, recording)
+            return _bound(asked, truth, recording)
         estimator = load(
             asked, scenario.association, scenario.initialisation_settings, robust=scenario.robustness, announced=False
         )
@@ -71,23 +71,23 @@ def _outcome(scenario: Scenario, asked: Asked, truth: Truth, recording: Recordin
             estimator = without(estimator, recording, truth.misleading)
         estimate, seconds = run_estimator(asked.label, estimator, recording)
         series = step_series(truth, estimate)
-        off = np.hypot(series[0], series[1])  # equal to the last bit to stores of earlier versions
-        known = map_figures(truth, recording, estimate, None) | filter_figures(estimate)
-        known |= near_and_far(truth, recording, estimate) | measured(truth, recording, estimate)
-        known |= {"ate_m": rms(off), "final_position_error_m": number(off[-1])}
-        known["observations"] = len(recording.observation)
+        distances = np.hypot(series[0], series[1])  # equal to the last bit to stores of earlier versions
+        figures = map_figures(truth, recording, estimate, None) | filter_figures(estimate)
+        figures |= near_and_far(truth, recording, estimate) | measured(truth, recording, estimate)
+        figures |= {"ate_m": rms(distances), "final_position_error_m": number(distances[-1])}
+        figures["observations"] = len(recording.observation)
         if estimate.seconds is None:
-            known["seconds_total"] = seconds
-        rays = known["rays"]
-        known |= {f"rays_{name}": None if rays is None else getattr(rays, name) for name in RayFigures._fields}
-        figures = {key: known[key] for key in STORED}
-        return Outcome(asked.key, estimate.kind, figures, series.astype(np.float32).tobytes())
-    except Exception as error:  # noqa: BLE001 the study goes on, and shows what happened
+            figures["seconds_total"] = seconds
+        rays = figures["rays"]
+        figures |= {f"rays_{name}": None if rays is None else getattr(rays, name) for name in RayFigures._fields}
+        stored = {key: figures[key] for key in STORED}
+        return Outcome(asked.key, estimate.kind, stored, series.astype(np.float32).tobytes())
+    except Exception as error:  # noqa: BLE001 the study continues and reports the error
         return _failed(asked.key, error)
 
 
-def _bounded(asked: Asked, truth: Truth, recording: Recording) -> Outcome:
-    """What an estimator makes of the run whose errors are as large as the bound's standard deviations."""
+def _bound(asked: Asked, truth: Truth, recording: Recording) -> Outcome:
+    """Return the outcome of an estimator whose errors are the standard deviations of the bound."""
     entry = entry_of(asked.name)
     begun = perf_counter()
     covs = entry.bounds(truth, recording)
@@ -101,12 +101,11 @@ def _bounded(asked: Asked, truth: Truth, recording: Recording) -> Outcome:
 
 
 def _failed(name: str, error: Exception) -> Outcome:
-    """An outcome that is a failure."""
     return Outcome(name, error=shown(failure_text(error)), transient=refused_by_the_machine(error))
 
 
 def near_and_far(truth: Truth, recording: Recording, estimate: Estimate) -> dict[str, float | None]:
-    """RMS error and RMS sigma [m] of the mapped landmarks: the half of them nearer to the start, and the other."""
+    """Return RMS error and RMS sigma [m] of the half of the mapped landmarks near the start, and of the far half."""
     assert truth.poses is not None
     ids, landmarks = true_landmarks(truth, recording, estimate)
     errors = np.linalg.norm(landmark_errors(ids, landmarks, truth.landmark_ids, truth.landmarks), axis=1)
@@ -126,7 +125,7 @@ def near_and_far(truth: Truth, recording: Recording, estimate: Estimate) -> dict
 
 
 def step_series(truth: Truth, estimate: Estimate) -> Float:
-    """The rows of `SERIES` (11, N+1); NaN where a figure is undefined."""
+    """Return the rows of `SERIES` (11, N+1); NaN where a figure is undefined."""
     assert truth.poses is not None
     errors = pose_errors(truth.poses, estimate.poses)
     undefined = np.full(len(errors), np.nan)

@@ -1,10 +1,10 @@
-"""The table of a study for other programs and for papers: CSV, LaTeX with booktabs, Markdown."""
+"""The table of a study for papers and other programs: CSV, LaTeX with booktabs, Markdown."""
 
 from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from io import StringIO
 from pathlib import Path
@@ -20,7 +20,7 @@ from slamgauge.errors import UserError
 from slamgauge.suggestions import did_you_mean
 
 Form = Literal["csv", "latex", "markdown"]
-KEY_COLUMNS = 4  # the first ones of the printed table are what is written unless columns are chosen
+KEY_COLUMNS = 4  # default: the first columns of the printed table
 HELP = {each.key: each.help for each in CATALOGUE}
 LATEX = {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"} | {
     sign: f"\\{sign}" for sign in "&%$#_{}"
@@ -32,10 +32,10 @@ class StudyTable:
     """Means over runs with 95 % intervals, read from summary.json.
 
     Attributes:
-        content: of summary.json.
-        keys: of its columns, figures of the catalogue.
-        estimators: the rows.
-        intervals: whether intervals are written beside means.
+        content: content of summary.json.
+        keys: figures of the catalogue, one for each column.
+        estimators: one for each row.
+        intervals: whether intervals are written next to means.
     """
 
     content: Mapping[str, Any]
@@ -44,44 +44,42 @@ class StudyTable:
     intervals: bool = True
 
     def text(self, form: Form) -> str:
-        """The table in one of the forms."""
+        """Return the table in one of the forms."""
         return {"csv": self._csv, "latex": self._latex, "markdown": self._markdown}[form]()
 
     def caption(self) -> str:
-        """What the table shows, in a sentence or two."""
+        """Return a description of the table in a sentence or two."""
         seed, runs = self.content["seed"], self.content["runs"]
         what = "means with 95 % intervals" if self.intervals else "means"
-        told = "; ".join(f"{_title(key)}: {HELP[key]}" for key in self.keys)
-        return f"{self.content['scenario']}, {runs} runs (seed {seed}), {what}. {told}."
+        meanings = "; ".join(f"{_title(key)}: {HELP[key]}" for key in self.keys)
+        return f"{self.content['scenario']}, {runs} runs (seed {seed}), {what}. {meanings}."
 
-    def _interval(self, estimator: str, key: str) -> Interval | None:
-        found = self.content["estimators"][estimator].get(key)
-        return Interval(**found) if found is not None else None
-
-    def _cells(self, estimator: str) -> list[str]:
-        forms = {key: form for _, key, form in columns("study", bounded=True)}
-        found = [(self._interval(estimator, key), forms.get(key, "{:.4g}")) for key in self.keys]
-        if self.intervals:
-            return [interval_cell(each, form) for each, form in found]
-        return [cell(None if each is None else each.mean, form) for each, form in found]
+    def _figures(self, estimator: str) -> list[Interval | None]:
+        entry = self.content["estimators"][estimator]
+        return [None if entry.get(key) is None else Interval(**entry[key]) for key in self.keys]
 
     def _csv(self) -> str:
-        """Full precision; each column of its own, `KEY_low` and `KEY_high` for the ends of the interval."""
+        """Return full precision, with columns KEY, KEY_low and KEY_high."""
         ends = ("mean", "low", "high") if self.intervals else ("mean",)
         out = StringIO()
         writer = csv.writer(out, lineterminator="\n")
         names = [key if end == "mean" else f"{key}_{end}" for key in self.keys for end in ends]
         writer.writerow(["estimator", "runs", *names])
         for name in self.estimators:
-            found = [self._interval(name, key) for key in self.keys]
-            figures = [getattr(each, end, None) for each in found for end in ends]
+            figures = [getattr(each, end, None) for each in self._figures(name) for end in ends]
             writer.writerow([shown(name), self.content["estimators"][name]["runs"], *figures])
         return out.getvalue()
 
     def _rows(self) -> list[list[str]]:
-        head = ["estimator", "runs", *map(_title, self.keys)]
-        runs = {name: str(self.content["estimators"][name]["runs"]) for name in self.estimators}
-        return [head, *([shown(name), runs[name], *self._cells(name)] for name in self.estimators)]
+        forms = {key: form for _, key, form in columns("study", bounded=True)}
+        rows = [["estimator", "runs", *map(_title, self.keys)]]
+        for name in self.estimators:
+            cells = [
+                interval_cell(each, form) if self.intervals else cell(None if each is None else each.mean, form)
+                for each, form in zip(self._figures(name), (forms.get(key, "{:.4g}") for key in self.keys), strict=True)
+            ]
+            rows.append([shown(name), str(self.content["estimators"][name]["runs"]), *cells])
+        return rows
 
     def _markdown(self) -> str:
         head, *body = [[text.replace("|", r"\|") for text in row] for row in self._rows()]
@@ -89,7 +87,9 @@ class StudyTable:
         return "\n".join(f"| {' | '.join(row)} |" for row in (head, rule, *body)) + "\n"
 
     def _latex(self) -> str:
-        head, *body = [[latex_text(text).replace("±", r"$\pm$") for text in row] for row in self._rows()]
+        head, *body = [
+            " & ".join(latex_text(text).replace("±", r"$\pm$") for text in row) + r" \\" for row in self._rows()
+        ]
         label = re.sub(r"[^a-z0-9]+", "-", self.content["scenario"].lower()).strip("-")
         command = shown(self.content.get("command") or "Python")
         lines = [
@@ -99,11 +99,11 @@ class StudyTable:
             r"  \centering",
             rf"  \caption{{{latex_text(self.caption())}}}",
             rf"  \label{{tab:{label}}}",
-            rf"  \begin{{tabular}}{{l{'r' * (len(head) - 1)}}}",
+            rf"  \begin{{tabular}}{{l{'r' * (len(self.keys) + 1)}}}",
             r"    \toprule",
-            rf"    {' & '.join(head)} \\",
+            f"    {head}",
             r"    \midrule",
-            *(rf"    {' & '.join(row)} \\" for row in body),
+            *(f"    {row}" for row in body),
             r"    \bottomrule",
             r"  \end{tabular}",
             r"\end{table}",
@@ -114,27 +114,31 @@ class StudyTable:
 def read_study_table(
     folder: Path, keys: Sequence[str], estimators: Sequence[str], *, intervals: bool = True
 ) -> StudyTable:
-    """The table of the study in a folder; without keys its key columns, without estimators all of them.
+    """Read the table of the study in a folder; by default its key columns and all estimators.
 
     Raises:
-        UserError: summary.json is not one, or there is no such column or estimator.
+        UserError: summary.json is not valid, or lacks a column or an estimator.
     """
     path = folder / SUMMARY
     content = read_json(path, "study")
     try:
-        there = {name: {*entry} for name, entry in content["estimators"].items()}
-        known = [key for key in HELP if any(isinstance(each.get(key), dict) for each in content["estimators"].values())]
-        known = [key for key in known if all("low" in (e.get(key) or {"low"}) for e in content["estimators"].values())]
+        entries: Mapping[str, Mapping[str, Any]] = content["estimators"]
+        known = [key for key in HELP if _is_column([each.get(key) for each in entries.values()])]
     except (TypeError, KeyError, AttributeError):
         raise UserError(f"{path}: not what `slamgauge study` writes; run it again") from None
     chosen = keys or [key for _, key, _ in columns("study") if key in known][:KEY_COLUMNS]
     _require(chosen, known, "column")
-    _require(estimators, there, "estimator")
-    return StudyTable(content, tuple(chosen), tuple(estimators or there), intervals)
+    _require(estimators, entries, "estimator")
+    return StudyTable(content, tuple(chosen), tuple(estimators or entries), intervals)
+
+
+def _is_column(values: Sequence[Any]) -> bool:
+    """Whether these values of a key, one for each estimator, are intervals or None."""
+    return any(isinstance(each, dict) for each in values) and all("low" in (each or {"low"}) for each in values)
 
 
 def latex_text(text: str) -> str:
-    """A text as LaTeX sets it letter by letter."""
+    """Escape a text for LaTeX."""
     return "".join(LATEX.get(sign, sign) for sign in text)
 
 
@@ -142,7 +146,7 @@ def _title(key: str) -> str:
     return next((title for title, name, _ in columns("study", bounded=True) if name == key), key)
 
 
-def _require(names: Sequence[str], known: Sequence[str] | Mapping[str, object], what: str) -> None:
+def _require(names: Sequence[str], known: Iterable[str], what: str) -> None:
     for name in names:
         if name not in known:
             raise UserError(f"{name}: no {what} of this study; {did_you_mean(name, known)}")

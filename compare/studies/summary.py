@@ -25,10 +25,10 @@ from slamgauge.display import data_frame
 
 @dataclass(frozen=True, kw_only=True)
 class EstimatorSummary:
-    """What a study says of one estimator; a figure that does not apply is None.
+    """Figures of one estimator over the runs of a study; a figure that does not apply is None.
 
-    What each figure means, and how it is summed up over runs, stands in `scoring.catalogue`. `kind` is None if every
-    run failed, `runs` says how many did not; `others` are the figures that have no field of their own.
+    `scoring.catalogue` describes each figure and its aggregation over runs. `runs` is the number of runs without
+    failure; `kind` is None if all failed; `others` has the figures without a field here.
     """
 
     kind: str | None
@@ -63,11 +63,11 @@ class EstimatorSummary:
     others: dict[str, Interval | None] = field(default_factory=dict)
 
     def figure(self, key: str) -> Any:
-        """A figure of the catalogue by its key."""
+        """Return a figure of the catalogue by its key."""
         return self.others[key] if key in self.others else getattr(self, key)
 
     def to_json(self) -> dict[str, Any]:
-        """The estimator's entry in summary.json; `rays` only where there are any."""
+        """Return the estimator's entry in summary.json; without `rays` if the estimator has none."""
         entry: dict[str, Any] = {key: getattr(self, key) for key in FIELDS} | self.others
         entry = {key: value._asdict() if isinstance(value, Interval) else value for key, value in entry.items()}
         if self.nees_share_inside_band is not None:
@@ -83,7 +83,7 @@ class EstimatorSummary:
 
 
 def read_entry(entry: Mapping[str, Any]) -> EstimatorSummary:
-    """An estimator's summary from its entry in summary.json; `TypeError` or `KeyError` where it is none."""
+    """Read an estimator's summary from its entry in summary.json; `TypeError` or `KeyError` if it is not valid."""
     values: dict[str, Any] = {key: Interval(**value) if _is_interval(value) else value for key, value in entry.items()}
     band, ratios, rays = (entry.get(key) for key in ("nees_share_inside_band", "sigma_ratio_to_optimum_final", "rays"))
     values |= {
@@ -106,7 +106,7 @@ FIELDS = tuple(each.name for each in fields(EstimatorSummary) if each.name != "o
 
 @dataclass(frozen=True)
 class Failure:
-    """A run that an estimator did not survive."""
+    """A run in which an estimator failed."""
 
     run: int
     estimator: str
@@ -115,10 +115,10 @@ class Failure:
 
 @dataclass(frozen=True)
 class Summary:
-    """summary.json as an object.
+    """Summary of a study: summary.json as an object.
 
-    `against` has the paired comparisons that were asked for, `precision` where a study ended that went on until its
-    ratios were known, `scenario_text` the scenario as a TOML file.
+    `against` has the requested paired comparisons, `precision` the end of a study with a stopping rule,
+    `scenario_text` the scenario as a TOML file, `comparisons` the sentences on user code, which are only printed.
     """
 
     scenario: str
@@ -130,6 +130,7 @@ class Summary:
     against: Against = field(default_factory=dict)
     precision: Precision | None = None
     scenario_text: str | None = None
+    comparisons: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         return f"Summary({self.scenario}, {self.runs} runs: {', '.join(self.estimators)})"
@@ -138,9 +139,9 @@ class Summary:
         return summary_table(self).html()
 
     def to_frame(self) -> Any:
-        """Means over runs as a `pandas.DataFrame`: a row for each estimator, KEY, KEY_low and KEY_high for its ends."""
+        """Return a `pandas.DataFrame`: a row for each estimator, columns KEY (mean over runs), KEY_low and KEY_high."""
         entries = {name: entry.to_json() for name, entry in self.estimators.items()}
-        keys = dict.fromkeys(key for each in entries.values() for key, value in each.items() if _has_ends(value))
+        keys = dict.fromkeys(key for each in entries.values() for key, value in each.items() if _is_interval(value))
         columns: dict[str, list[float | None]] = {}
         for key in keys:
             for end, name in (("mean", key), ("low", f"{key}_low"), ("high", f"{key}_high")):
@@ -148,7 +149,7 @@ class Summary:
         return data_frame(columns, [*entries])
 
     def to_json(self) -> dict[str, Any]:
-        """The content of summary.json."""
+        """Return the content of summary.json."""
         return {
             **origin(self.scenario_text),
             "scenario": self.scenario,
@@ -169,14 +170,12 @@ class Summary:
 
 
 def bound_entry(estimators: Mapping[str, EstimatorSummary]) -> dict[str, Any]:
-    """Of summary.json: the bounds' `position_rmse_m`, if they were asked for."""
+    """Return the entry `bound` of summary.json; empty without bounds."""
     if not is_bounded(estimators):
         return {}
     bounds = {kind: estimators[name].position_rmse_m if name in estimators else None for kind, name in BOUND_OF.items()}
-    known = {kind: None if each is None else each.mean for kind, each in bounds.items()}
-    return {
-        "bound": {"causal_position_rmse_m": known["filtered"], "hindsight_position_rmse_m": known["smoothed"]},
-    }
+    rmse = {kind: None if each is None else each.mean for kind, each in bounds.items()}
+    return {"bound": {"causal_position_rmse_m": rmse["filtered"], "hindsight_position_rmse_m": rmse["smoothed"]}}
 
 
 def is_bounded(estimators: Collection[str]) -> bool:
@@ -184,71 +183,63 @@ def is_bounded(estimators: Collection[str]) -> bool:
     return not BOUNDS.keys().isdisjoint(estimators)
 
 
-def _has_ends(value: object) -> bool:
-    return isinstance(value, dict) and "low" in value
-
-
 def summarise(runs: Mapping[str, Runs]) -> dict[str, EstimatorSummary]:
-    """Summaries of estimators that ran on the same recordings."""
-    return {name: _summarise(each, runs) for name, each in runs.items()}
-
-
-def _summarise(runs: Runs, others: Mapping[str, Runs]) -> EstimatorSummary:
-    figures = {key: over_runs(runs, others) for key, over_runs in SUMMED_UP.items()}
-    further = {key: figures.pop(key) for key in [*figures] if key not in FIELDS}
-    return EstimatorSummary(kind=runs.kind or None, runs=len(runs.run), **figures, others=further)
+    """Return the summaries of estimators that ran on the same recordings."""
+    summaries: dict[str, EstimatorSummary] = {}
+    for name, each in runs.items():
+        figures = {key: over_runs(each, runs) for key, over_runs in SUMMED_UP.items()}
+        others = {key: figures.pop(key) for key in [*figures] if key not in FIELDS}
+        summaries[name] = EstimatorSummary(kind=each.kind or None, runs=len(each.run), **figures, others=others)
+    return summaries
 
 
 def summary_table(summary: Summary) -> Page:
-    """Means with their 95 % intervals, the share of steps inside the band, sigma ratios, notes, failures."""
+    """Return the table of a study: means with 95 % intervals; below it notes, verdicts, failures and comparisons."""
     found = columns("study", bounded=is_bounded(summary.estimators))
     is_marked = is_doubtful(summary)
-    head = [
-        "estimator",
-        "runs",
-        *(title for title, _, _ in found),
-        f"NEES in {BAND_LEVEL:.1%} band",
-        "final sigma / optimum",
-    ]
-    rows = [head]
+    titles = (title for title, _, _ in found)
+    rows = [["estimator", "runs", *titles, f"NEES in {BAND_LEVEL:.1%} band", "final sigma / optimum"]]
     for name, entry in summary.estimators.items():
         cells = [name, str(entry.runs), *figure_cells(summary, entry, found, room_for_marks=is_marked)]
         share, ratios = entry.nees_share_inside_band, entry.sigma_ratio_to_optimum_final
         cells.append(cell(share, "{:.1%}"))
         cells.append(" ".join(cell(ratio, "{:.3f}") for ratio in ratios or (None,)))
         if is_marked:
-            against = CAUSAL if entry.kind == "filtered" else HINDSIGHT
-            cells[-1] = marked(cells[-1], MARK, is_marked=is_marked_against(summary, against))
+            optimum = CAUSAL if entry.kind == "filtered" else HINDSIGHT
+            cells[-1] = marked(cells[-1], MARK, is_marked=is_marked_against(summary, optimum))
         rows.append(cells)
-    rays = [
-        f"{name}: a run's {describe(each.rays)}" for name, each in summary.estimators.items() if each.rays is not None
+    rays = [f"{name}: a run's {describe(each.rays)}" for name, each in summary.estimators.items() if each.rays]
+    below = [
+        *optimum_lines(summary),
+        *empty_column_lines([summary], "study"),
+        *([] if summary.precision is None else [summary.precision.line()]),
+        *rays,
+        *verdict_lines({name: each.verdict for name, each in summary.estimators.items()}),
+        *too_good_lines(summary),
+        *failure_lines(summary),
     ]
-    notes = [*optimum_lines(summary), *empty_column_lines([summary], "study")]
-    said = verdict_lines({name: each.verdict for name, each in summary.estimators.items()})
-    known = [] if summary.precision is None else summary.precision.lines()
-    below = [*notes, *known, *rays, *said, *too_good_lines(summary), *failure_lines(summary)]
-    return Page((Grid(rows, names=FULL_NAMES), *below, *against_parts(summary.against)))
+    return Page((Grid(rows, names=FULL_NAMES), *below, *against_parts(summary.against), *summary.comparisons))
 
 
 def share_in_doubt(summary: Summary) -> float:
-    """Share of the runs in which the causal optimum is not the optimum that it is taken for."""
+    """Return the share of the runs in which the causal optimum is in doubt."""
     causal = summary.estimators.get(CAUSAL)
     return 0.0 if causal is None else causal.optimum_check_share or 0.0
 
 
 def misfit_optima(summary: Summary) -> list[str]:
-    """The optima whose residuals are not those of the stated noise."""
+    """Return the optima whose residuals do not fit the stated noise."""
     fits = {name: summary.estimators[name].others.get("chi_square_per_dof") for name in _optima(summary)}
     return [name for name, fit in fits.items() if is_misfit_in_runs(fit)]
 
 
 def is_marked_against(summary: Summary, optimum: str) -> bool:
-    """Whether figures against an optimum of a study are marked."""
+    """Whether figures relative to an optimum of a study are marked."""
     return optimum in misfit_optima(summary) or (optimum == CAUSAL and share_in_doubt(summary) > 0)
 
 
 def is_doubtful(summary: Summary) -> bool:
-    """Whether figures against any optimum of a study are marked."""
+    """Whether figures relative to any optimum of a study are marked."""
     return any(is_marked_against(summary, name) for name in _optima(summary))
 
 
@@ -259,32 +250,29 @@ def _optima(summary: Summary) -> list[str]:
 def figure_cells(
     summary: Summary, entry: EstimatorSummary, found: list[tuple[str, str, str]], *, room_for_marks: bool
 ) -> list[str]:
-    """An estimator's figures in the columns of a table; marked where they are relative to an optimum in doubt."""
-    against = {**dict.fromkeys(RELATIVE, CAUSAL), "ratio_to_hindsight": HINDSIGHT}
+    """Return an estimator's cells in a table; figures relative to an optimum in doubt are marked."""
+    optimum = {**dict.fromkeys(RELATIVE, CAUSAL), "ratio_to_hindsight": HINDSIGHT} if room_for_marks else {}
     if not is_marked_against(summary, HINDSIGHT):
-        del against["ratio_to_hindsight"]  # it needs no room for marks
+        optimum.pop("ratio_to_hindsight", None)  # this column needs no room for marks
+    texts = {key: interval_cell(entry.figure(key), form) for _, key, form in found}
     return [
-        marked(text, MARK, is_marked=is_marked_against(summary, against[key]))
-        if room_for_marks and key in against
-        else text
-        for text, (_, key, _) in ((interval_cell(entry.figure(each[1]), each[2]), each) for each in found)
+        marked(text, MARK, is_marked=is_marked_against(summary, optimum[key])) if key in optimum else text
+        for key, text in texts.items()
     ]
 
 
 def optimum_lines(summary: Summary) -> list[str]:
-    """What there is to say of the optima: the fit of the model, and whether the causal one is in doubt."""
-    best = next(iter(_optima(summary)), None)
-    fit = None if best is None else summary.estimators[best].others.get("chi_square_per_dof")
-    lines = [
-        None if best is None else mean_fit(REGISTRY[best].title, fit),
-        misfits(misfit_optima(summary)),
-        doubt_in_runs(CAUSAL, share_in_doubt(summary)),
+    """Return lines on the optima: the fit of the model, and whether the causal optimum is in doubt."""
+    fits = [
+        mean_fit(REGISTRY[name].title, summary.estimators[name].others.get("chi_square_per_dof"))
+        for name in _optima(summary)[:1]
     ]
+    lines = [*fits, misfits(misfit_optima(summary)), doubt_in_runs(CAUSAL, share_in_doubt(summary))]
     return [line for line in lines if line]
 
 
 def too_good_lines(summary: Summary) -> list[str]:
-    """A line for each of people's own filters that is better than the causal optimum beyond chance, if that is one."""
+    """Return a line for each user filter that is significantly better than a causal optimum without doubt."""
     if is_marked_against(summary, CAUSAL):
         return []
     own = {name: each for name, each in summary.estimators.items() if not is_ours(name) and each.kind == "filtered"}
@@ -294,12 +282,12 @@ def too_good_lines(summary: Summary) -> list[str]:
 
 
 def empty_column_lines(summaries: Sequence[Summary], table: Table) -> list[str]:
-    """Return a line that names the columns of a table without any figure in these summaries, if there are any."""
+    """Return a line that names the empty columns of a table of these summaries; no line if none is empty."""
     entries = [entry for summary in summaries for entry in summary.estimators.values()]
     bounded = any(is_bounded(summary.estimators) for summary in summaries)
     return empty_columns(table, lambda key: all(each.figure(key) is None for each in entries), bounded=bounded)
 
 
 def failure_lines(summary: Summary) -> list[str]:
-    """A line for each run that an estimator did not survive."""
+    """Return a line for each run in which an estimator failed."""
     return [f"run {failure.run}: {failure.estimator} failed: {failure.error}" for failure in summary.failures]

@@ -1,4 +1,4 @@
-"""Studies over the values of one scenario key, next to one optimum."""
+"""Sweeps: a study at each value of one scenario key."""
 
 from __future__ import annotations
 
@@ -10,8 +10,7 @@ from typing import Any
 
 from slamgauge.compare.estimators.registry import BOUNDS, CAUSAL, HINDSIGHT
 from slamgauge.compare.estimators.requests import Asked, Chosen, ask
-from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
-from slamgauge.compare.scenarios.scenario_text import scenario_text
+from slamgauge.compare.scenarios.scenario import Scenario, load_scenario, scenario_text
 from slamgauge.compare.scenarios.simulation import informed
 from slamgauge.compare.scoring.catalogue import FULL_NAMES, columns
 from slamgauge.compare.scoring.optimum_notes import at_places, misfits, placed
@@ -41,12 +40,12 @@ from slamgauge.compare.studies.summary import (
 from slamgauge.errors import UserError
 
 Finished = Callable[[Path, Summary, dict[str, Runs], float], None]
-Part = tuple[Scenario, list[Asked], Path]  # a study: its scenario, its estimators and its folder
+Part = tuple[Scenario, list[Asked], Path]  # scenario, estimators and folder of a study
 
 
 @dataclass(frozen=True)
 class Sweep:
-    """The summary of a study at each value of `key`; the optima's entries are among its estimators."""
+    """Summaries of the studies at each value of `key`, optima included."""
 
     scenario: str
     key: str
@@ -56,14 +55,14 @@ class Sweep:
     summaries: tuple[Summary, ...]
 
     def of(self, names: Sequence[str]) -> Sweep:
-        """The same of some of the estimators."""
-        summaries = [
+        """Return the sweep of some of the estimators."""
+        summaries = (
             replace(each, estimators={name: each.estimators[name] for name in names}) for each in self.summaries
-        ]
+        )
         return replace(self, summaries=tuple(summaries))
 
     def to_json(self) -> dict[str, Any]:
-        """The content of sweep.json."""
+        """Return the content of sweep.json."""
         points = [
             {
                 "value": value,
@@ -85,28 +84,26 @@ class Sweep:
 
 
 def read_sweep(folder: Path) -> Sweep:
-    """The sweep that `slamgauge study --sweep` has written into a folder; its failures stay in the file.
+    """Read the sweep that `slamgauge study --sweep` has written into a folder, without its failures.
 
     Raises:
-        UserError: there is none, or it is not what that writes.
+        UserError: sweep.json does not exist or is not valid.
     """
     path = folder / SWEEP
     content = read_json(path, "study --sweep")
     try:
-        summaries = tuple(_read_summary(point["summary"]) for point in content["points"])
+        summaries: list[Summary] = []
+        for each in (point["summary"] for point in content["points"]):
+            entries = {name: read_entry(entry) for name, entry in each["estimators"].items()}
+            summaries.append(Summary(each["scenario"], each["runs"], each["seed"], each["digest"], (), entries))
         values = tuple(str(point["value"]) for point in content["points"])
-        return Sweep(content["scenario"], content["key"], content["runs"], content["seed"], values, summaries)
+        return Sweep(content["scenario"], content["key"], content["runs"], content["seed"], values, tuple(summaries))
     except (KeyError, TypeError):
         raise UserError(f"{path}: not what `slamgauge study --sweep` writes; run it again") from None
 
 
-def _read_summary(content: dict[str, Any]) -> Summary:
-    entries = {name: read_entry(entry) for name, entry in content["estimators"].items()}
-    return Summary(content["scenario"], content["runs"], content["seed"], content["digest"], (), entries)
-
-
 def split_sweep(text: str) -> tuple[str, tuple[str, ...]]:
-    """Key and values of `key=v1,v2,...`.
+    """Return key and values of `key=v1,v2,...`.
 
     Raises:
         UserError: the text has another form, a value appears twice, or is not a plain number or word.
@@ -118,7 +115,7 @@ def split_sweep(text: str) -> tuple[str, tuple[str, ...]]:
     if any(sign in rest for sign in "[]{}/\\"):
         raise UserError(f"sweep {text!r}: lists, tables and paths cannot be swept; write a scenario file for each")
     if len(set(values)) < len(values):
-        raise UserError(f"sweep {text!r}: a value stands there twice; name each once")
+        raise UserError(f"sweep {text!r}: a value is repeated; name each once")
     return key.strip(), values
 
 
@@ -133,25 +130,14 @@ def run_sweep(
     executor: Executor,
     finished: Finished | None = None,
 ) -> Sweep:
-    """A study at every value, stored in folders `key=value` of `out`; what is stored already is not run again.
+    """Run a study at every value `key=v1,v2,...`, stored in folders `key=value` of `out`; stored runs are not repeated.
 
-    The optima receive the true noise and associations, which most keys do not change. They are run once for all
-    values at which their measurements are the same. The parameters are those of `load_scenario` and `run_study`, which
-    are more than six, one after the other.
-
-    Args:
-        name_or_path: see `load_scenario`.
-        overrides: see `load_scenario`.
-        sweep: key=v1,v2,...
-        runs: see `run_study`, for each value.
-        seed: see `run_study`.
-        estimators: see `run_study`.
-        out: folder of the studies.
-        executor: see `run_study`.
-        finished: called when the study of a value is done, with its folder, summary, runs and time step [s].
+    The optima receive the true noise and associations, which most keys do not change. They run once for all values
+    with the same measurements. The parameters are those of `load_scenario` and `run_study`, which are more than six;
+    `finished` is called after the study of each value with its folder, summary, runs and time step [s].
 
     Raises:
-        UserError: as `load_scenario` and `run_study`; before any run if a file that is not ours would be replaced.
+        UserError: as `load_scenario` and `run_study`; before any run if a foreign file would be replaced.
     """
     out = Path(out)
     key, values = split_sweep(sweep)
@@ -160,7 +146,7 @@ def run_sweep(
     optima = [each for each in asked if each.is_told]
     others = [each for each in asked if not each.is_told]
     if not others:
-        raise UserError("estimators: a sweep needs one beside the optima; add a filter, for example ekf")
+        raise UserError("estimators: a sweep needs an estimator beside the optima; add a filter, for example ekf")
     folders = [f"{key}={value}" for value in values]
     besides = [optima_beside(out, scenario, seed)[0].parent for scenario in scenarios]
     _require_free(out, folders, besides if optima else [])
@@ -175,7 +161,7 @@ def run_sweep(
 
 
 def scenarios_of(name_or_path: str, overrides: Sequence[str], sweep: str) -> list[Scenario]:
-    """The scenario at every value of `key=v1,v2,...`.
+    """Return the scenario at every value of `key=v1,v2,...`.
 
     Raises:
         UserError: as `load_scenario`, or two values make the same scenario, such as 1 and 1.0.
@@ -192,18 +178,19 @@ def scenarios_of(name_or_path: str, overrides: Sequence[str], sweep: str) -> lis
 def _run_parts(
     scenario: Scenario, parts: Iterable[Part], runs: int, seed: int, executor: Executor
 ) -> tuple[Summary, dict[str, Runs]]:
-    """Run the studies that make up one value of a sweep; their summary under `scenario`, and their runs."""
-    failures, loaded = tuple[Failure, ...](), dict[str, Runs]()
-    for told, asked, where in parts:
+    """Run the studies of one value, of filters and optima; return their common summary, and their runs."""
+    failures, comparisons, loaded = tuple[Failure, ...](), tuple[str, ...](), dict[str, Runs]()
+    for simulated, asked, where in parts:
         if asked:
-            failures += run_study(told, runs, seed, asked, where, executor).failures
-            loaded |= load_runs(told, runs, seed, asked, where)
+            part = run_study(simulated, runs, seed, asked, where, executor)
+            failures, comparisons = failures + part.failures, comparisons + part.comparisons
+            loaded |= load_runs(simulated, runs, seed, asked, where)
     content = (scenario.name, runs, seed, digest(scenario, seed), failures, summarise(loaded))
-    return Summary(*content, scenario_text=scenario_text(scenario)), loaded
+    return Summary(*content, scenario_text=scenario_text(scenario), comparisons=comparisons), loaded
 
 
 def _require_free(out: Path, studies: Sequence[str], optima: Sequence[Path]) -> None:
-    """Refuse a sweep with studies and optima in these folders if it would replace a file that is not ours."""
+    """Refuse a sweep with studies and optima in these folders if it would replace a foreign file."""
     require_free(out, SWEEP_FILES)
     for folder in studies:
         require_free(require_folder(out, folder), STUDY_FILES)
@@ -212,59 +199,65 @@ def _require_free(out: Path, studies: Sequence[str], optima: Sequence[Path]) -> 
 
 
 def sweep_table(sweep: Sweep) -> Page:
-    """A line for each value and estimator: means, with the half width of the 95 % interval; below, what is wrong."""
+    """Return a table with a row for each value and estimator: means with 95 % intervals; below it notes and faults."""
     found = columns("sweep", bounded=is_bounded(sweep.summaries[0].estimators))
     rows = [[sweep.key, "estimator", *(title for title, _, _ in found)]]
     any_doubt = any(map(is_doubtful, sweep.summaries))
+    below = [*notes(sweep), *(f"{name}: {text}" for name, text in faults(sweep).items())]
     for value, summary in zip(sweep.values, sweep.summaries, strict=True):
         for name, entry in summary.estimators.items():
             rows.append([value, name, *figure_cells(summary, entry, found, room_for_marks=any_doubt)])
-    failed = [
-        f"{sweep.key}={value}, {line}"
-        for value, summary in zip(sweep.values, sweep.summaries, strict=True)
-        for line in failure_lines(summary)
-    ]
-    said = [f"{name}: {text}" for name, text in faults(sweep).items()]
-    return Page((Grid(rows, words=2, names=FULL_NAMES), *notes(sweep), *said, *failed))
+        below += [f"{sweep.key}={value}, {line}" for line in (*failure_lines(summary), *summary.comparisons)]
+    return Page((Grid(rows, words=2, names=FULL_NAMES), *below))
 
 
 def notes(sweep: Sweep) -> list[str]:
-    """Return notes on the optima and the empty columns."""
-    return [*doubts(sweep), *empty_column_lines(sweep.summaries, "sweep")]
+    """Return notes on the optima, the empty columns, and a key without effect."""
+    return [*doubts(sweep), *empty_column_lines(sweep.summaries, "sweep"), *no_effect(sweep)]
+
+
+def no_effect(sweep: Sweep) -> list[str]:
+    """Return a line if all values of the key give the same figures, computing times excepted."""
+    first, *others = (
+        {name: entry.to_json() | {"seconds_total": None} for name, entry in summary.estimators.items()}
+        for summary in sweep.summaries
+    )
+    has_runs = any(entry.runs for entry in sweep.summaries[0].estimators.values())
+    if not others or not has_runs or any(each != first for each in others):
+        return []
+    return [f"{sweep.key} has no effect here: all figures of all estimators are the same at every value"]
 
 
 def faults(sweep: Sweep) -> dict[str, str]:
-    """What is wrong with each estimator, and at which values."""
+    """Return what is wrong with each estimator, and at which values."""
     lines: dict[str, str] = {}
-    for name in dict.fromkeys(name for summary in sweep.summaries for name in summary.estimators):
-        if name in BOUNDS:
-            continue
+    for name in dict.fromkeys(name for summary in sweep.summaries for name in summary.estimators if name not in BOUNDS):
         entries = [summary.estimators[name] for summary in sweep.summaries]
         places: dict[str, list[str]] = {}
         for value, entry in zip(sweep.values, entries, strict=True):
             for fault in entry.faults:
                 places.setdefault(fault, []).append(value)
-        said = [
+        found = [
             f"{fault} at {'every value' if len(values) == len(entries) else f'{sweep.key}=' + ', '.join(values)}"
             for fault, values in places.items()
         ]
         if any(entry.runs for entry in entries):
-            lines[name] = "; ".join(said) or f"nothing wrong is shown by {sweep.runs} runs"
+            lines[name] = "; ".join(found) or f"nothing wrong is shown by {sweep.runs} runs"
     return lines
 
 
 def doubts(sweep: Sweep) -> list[str]:
-    """Which optima are not what they are taken for, and at which values."""
+    """Return lines on the optima in doubt, and at which values."""
     return [*at_places(CAUSAL, shares_in_doubt(sweep)), *placed(misfits_at(sweep))]
 
 
 def misfits_at(sweep: Sweep) -> dict[str, str | None]:
-    """What there is to say of residuals that are not those of the stated noise, by `key=value`."""
+    """Return the line on residuals that do not fit the stated noise, by `key=value`."""
     points = zip(sweep.values, sweep.summaries, strict=True)
     return {f"{sweep.key}={value}": misfits(misfit_optima(summary)) for value, summary in points}
 
 
 def shares_in_doubt(sweep: Sweep) -> dict[str, float]:
-    """Share of the runs in which the causal optimum is in doubt, by `key=value`."""
+    """Return the share of the runs in which the causal optimum is in doubt, by `key=value`."""
     points = zip(sweep.values, sweep.summaries, strict=True)
     return {f"{sweep.key}={value}": share_in_doubt(summary) for value, summary in points}

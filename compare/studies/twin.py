@@ -1,7 +1,7 @@
-"""A log's twin: a scenario with the path and the map of its optimum, its own sightings, its noise and its stamps.
+"""The twin of a log: a scenario with path and map of its optimum, and with its sightings, noise and stamps.
 
-Studies of the twin tell what can be expected where there is no ground truth, as far as the log's noise is what its
-covariances say: the twin's is.
+Studies of the twin predict errors where no ground truth exists, provided that the log's noise has the covariances that
+the log states.
 """
 
 from __future__ import annotations
@@ -19,9 +19,8 @@ from slamgauge.compare.estimators.loading import load
 from slamgauge.compare.estimators.registry import HINDSIGHT
 from slamgauge.compare.estimators.requests import ask
 from slamgauge.compare.estimators.running import run_estimator
-from slamgauge.compare.scenarios.odometry_errors import COV_HEADER
+from slamgauge.compare.scenarios.measurement_errors import COV_HEADER, sightings_header
 from slamgauge.compare.scenarios.schema import Association
-from slamgauge.compare.scenarios.sensor_errors import sightings_header
 from slamgauge.compare.scenarios.trajectory import PATH_HEADER
 from slamgauge.compare.storage.covariance_columns import upper_triangles
 from slamgauge.compare.storage.csv_folder import write_rows
@@ -32,19 +31,19 @@ from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.sensors import SENSORS
 
-ASSOCIATES = "riekf"  # who associates a log without ids
+ASSOCIATES = "riekf"  # estimator that associates a log without ids
 
 
 @dataclass(frozen=True)
 class Twin:
-    """What a twin is made of.
+    """A twin.
 
     Attributes:
-        recording: the log, with ids, and without what it cannot place or associate.
-        optimum: its hindsight optimum.
-        landmark: (M,) number of the landmark of each observation, its row in the optimum's map.
-        has_ids: whether the log's own ids were used.
-        left_out: how many observations of the log the twin does without.
+        recording: the log with ids, without observations of landmarks that the optimum lacks.
+        optimum: the hindsight optimum of the log.
+        landmark: (M,) number of the landmark of each observation, in the order of the optimum's ids.
+        has_ids: whether the log has ids.
+        left_out: number of observations of the log that the twin lacks.
     """
 
     recording: Recording
@@ -55,7 +54,7 @@ class Twin:
 
 
 def make_twin(recording: Recording) -> Twin:
-    """The twin of a log; one without ids is associated jointly first.
+    """Make the twin of a log; a log without ids is associated jointly first.
 
     Raises:
         UserError: no landmark is left, or the log has no optimum.
@@ -70,22 +69,17 @@ def make_twin(recording: Recording) -> Twin:
     log = log.associated(optimum.association)
     assert log.landmark is not None
     if not len(log.landmark) or not log.steps:
-        raise UserError("recording: nothing is left that a twin could see; give a longer one")
+        raise UserError("recording: no observation is left for a twin; give a longer one")
     names = np.sort(optimum.landmark_ids)
     left_out = len(recording.observation) - len(log.observation)
     return Twin(log, optimum, np.searchsorted(names, log.landmark), recording.landmark is not None, left_out)
 
 
 def write_twin(folder: Path, twin: Twin, name: str) -> None:
-    """Write the scenario and its three CSV files into a folder that exists.
-
-    Args:
-        folder: where to.
-        twin: what.
-        name: what its description calls the log.
+    """Write the scenario and its three CSV files into an existing folder; `name` is the log's in the description.
 
     Raises:
-        UserError: one cannot be written.
+        UserError: a file cannot be written.
     """
     log = twin.recording
     sigmas = _common_sigmas(log)
@@ -105,17 +99,18 @@ def _run(name: str, recording: Recording, association: Association | None = None
 
 
 def _common_sigmas(log: Recording) -> Float | None:
-    """Standard deviations (d,) of all observations; None where each has a covariance that these do not tell."""
-    first = log.observation_cov[0]
-    is_diagonal = np.array_equal(first, np.diag(np.diag(first)))
-    variances = dict(zip(SENSORS[log.sensor].sigmas, np.diag(first), strict=True))
-    is_round = np.array_equal([variances[name] for name in SENSORS[log.sensor].sigmas], np.diag(first))
-    is_common = (log.observation_cov == first).all()
-    return np.sqrt(np.diag(first)) if is_diagonal and is_round and is_common else None
+    """Return the standard deviations (d,) of all observations; None if a scenario cannot state the covariances by them.
+
+    A position sensor has one standard deviation for both axes.
+    """
+    model, first = SENSORS[log.sensor], log.observation_cov[0]
+    variances = dict(zip(model.sigmas, np.diag(first), strict=True))
+    stated = np.diag([variances[name] for name in model.sigmas])
+    return np.sqrt(np.diag(first)) if (log.observation_cov == stated).all() else None
 
 
 def _toml(twin: Twin, name: str, sigmas: Float | None) -> Iterable[str]:
-    """The lines of the scenario."""
+    """Return the lines of the scenario."""
     log, optimum = twin.recording, twin.optimum
     places = optimum.landmarks[np.argsort(optimum.landmark_ids)]
     distance = np.linalg.norm(places[twin.landmark] - optimum.poses[log.observation_step, :2], axis=1)
@@ -127,19 +122,14 @@ def _toml(twin: Twin, name: str, sigmas: Float | None) -> Iterable[str]:
     yield f'\n[motion]\ncovariances = "{TWIN_MOTION}"'
     yield f'\n[sensor]\nkind = "{log.sensor}"\nmax_range = {math.ceil(distance.max() + 1e-9)}.0'
     yield f'sightings = "{TWIN_SIGHTINGS}"'
-    yield from _sigma_lines(log, sigmas)
+    if sigmas is not None:
+        model = SENSORS[log.sensor]
+        stated = dict(zip(model.sigmas, zip(sigmas.tolist(), model.units, strict=True), strict=True))
+        for name, (sigma, unit) in stated.items():
+            if unit == "rad":
+                yield f"sigma_{name}_deg = {float(np.rad2deg(sigma))!r}"
+            else:
+                yield f"sigma_{name} = {sigma!r}   # {unit}"
     if not twin.has_ids:
         yield '\n[association]\nmethod = "jcbb"'
     yield f"\n[landmarks]\npositions = {places.tolist()}"
-
-
-def _sigma_lines(log: Recording, sigmas: Float | None) -> Iterable[str]:
-    if sigmas is None:
-        return
-    model = SENSORS[log.sensor]
-    units = dict(zip(model.sigmas, model.units, strict=True))
-    for name, sigma in dict(zip(model.sigmas, sigmas.tolist(), strict=True)).items():
-        if units[name] == "rad":
-            yield f"sigma_{name}_deg = {float(np.rad2deg(sigma))!r}"
-        else:
-            yield f"sigma_{name} = {sigma!r}   # {units[name]}"

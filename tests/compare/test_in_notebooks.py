@@ -113,7 +113,7 @@ def test_arguments_of_another_type_are_named(shown: dict[str, Any]):
     recording: Any = shown["Recording"]
     with pytest.raises(UserError, match="truth: is a Recording; give a Truth"):
         evaluate(recording, recording, shown["Estimate"])
-    with pytest.raises(UserError, match="seed: '0' is no seed; use a whole number"):
+    with pytest.raises(UserError, match="seed: '0' is not valid; use a whole number"):
         simulate(SHORT, "0")  # pyright: ignore[reportArgumentType]
     with pytest.raises(UserError, match="estimate: is a str; give an Estimate"):
         evaluate(None, simulate(SHORT, 0)[1], "ekf")  # pyright: ignore[reportArgumentType]

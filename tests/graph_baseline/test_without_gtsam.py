@@ -25,7 +25,7 @@ ROOT = Path(__file__).parents[2]
 BLOCKED = ROOT / "tests/without_gtsam"
 SELECTED = (
     *("tests/graph_baseline/test_given_associations.py", "tests/graph_baseline/test_bound.py"),
-    *("tests/compare/studies/test_bound_in_studies.py", "tests/compare/scoring/test_scores.py"),
+    *("tests/compare/studies/test_optima_in_studies.py", "tests/compare/scoring/test_scores.py"),
 )  # CONTRIBUTING.md describes how to run all tests without GTSAM
 SHORT = "not given_ids and not shrinks"
 

@@ -1,4 +1,4 @@
-"""The bench measures what it says, on a small map."""
+"""The bench: its workload, its reference filter and its figures, on a small map."""
 
 from __future__ import annotations
 
@@ -35,10 +35,7 @@ def test_the_workload_is_the_one_described(landmarks: int, radius: float) -> Non
     assert len(positions) == landmarks
     distances = np.abs(np.hypot(*positions.T) - radius)
     assert distances.min() >= 0.5
-    if landmarks <= 300:
-        assert np.abs(positions).max() <= 15.0
-    else:
-        assert distances.max() <= 9.8
+    assert np.abs(positions).max() <= 15.0 if landmarks <= 300 else distances.max() <= 9.8
 
 
 def test_growth_exponent_is_the_slope_of_a_power_law() -> None:

@@ -17,7 +17,7 @@ from slamgauge.compare.estimators.loading import load
 from slamgauge.compare.estimators.requests import ask
 from slamgauge.compare.estimators.sources import sources_of
 from slamgauge.compare.scenarios.scenario import load_scenario
-from slamgauge.compare.studies.cluster import dask_cluster
+from slamgauge.compare.studies.executors import dask_cluster
 from slamgauge.compare.studies.study import load_runs, run_study
 from slamgauge.compare.studies.study_run import run_once
 from slamgauge.ekf import dead_reckoning, ekf_slam

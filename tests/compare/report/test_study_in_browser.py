@@ -65,7 +65,7 @@ def test_a_store_of_another_study_is_an_error(folder: Path, tmp_path: Path):
     (tmp_path / "study.sqlite").write_bytes((folder / "study.sqlite").read_bytes())
     summary = json.loads((folder / "summary.json").read_text())
     (tmp_path / "summary.json").write_text(json.dumps({**summary, "digest": "0" * 64}))
-    with pytest.raises(UserError, match="is of another study than the summary in this folder"):
+    with pytest.raises(UserError, match="has another study than the summary in this folder"):
         publish_report(tmp_path)
 
 
@@ -201,7 +201,7 @@ def test_a_value_of_a_sweep_is_a_study_that_needs_the_stored_optimum(sweep: Path
     (tmp_path / "alone").mkdir()
     for name in ("summary.json", "study.sqlite"):
         (tmp_path / "alone" / name).write_bytes((sweep / "assumed.scale=2" / name).read_bytes())
-    with pytest.raises(UserError, match="holds no run of causal; give the command of the study again"):
+    with pytest.raises(UserError, match="has no run of causal; give the command of the study again"):
         load_study(tmp_path / "alone")
 
 

@@ -1,4 +1,4 @@
-"""Scenario files: what they mean, and how their mistakes are reported."""
+"""Scenario files: their meaning, the messages about mistakes, and the shipped scenarios."""
 
 from __future__ import annotations
 
@@ -10,9 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from slamgauge.arrays import Float
 from slamgauge.compare.scenarios.scenario import Scenario, ScenarioError, load_scenario, shipped_scenarios
 from slamgauge.compare.scenarios.trajectory import Segments
 from slamgauge.ekf.settings import Delayed, InverseDepth, Rays
+from slamgauge.se2 import chain
 
 Write = Callable[[str], str]
 
@@ -67,18 +69,12 @@ def test_file_with_segments_and_defaults(write: Write):
     np.testing.assert_array_equal(scenario.sensor.sigmas, [0.2, 0.2])
 
 
-def test_speed_yaw_rate_and_duration_are_one_segment():
-    trajectory = segmented(load_scenario("q1-long-dense"))
-    assert [segment.yaw_rate for segment in trajectory.segments] == [0.1]
-    assert trajectory.steps == (1257,)
-
-
-def test_a_segment_has_at_least_one_step(write: Write):
+def test_a_single_segment_a_short_segment_and_degrees(write: Write):
+    scenario = load_scenario("q1-long-dense")
+    assert [segment.yaw_rate for segment in segmented(scenario).segments] == [0.1]
+    assert segmented(scenario).steps == (1257,)
     assert segmented(load_scenario(write(GOOD.replace("1.04", "0.01")))).steps == (20, 1)
-
-
-def test_degrees_become_radians():
-    np.testing.assert_allclose(load_scenario("q1-long-dense").sensor.sigmas, [0.1, np.deg2rad(5.0)], rtol=1e-15)
+    np.testing.assert_allclose(scenario.sensor.sigmas, [0.1, np.deg2rad(5.0)], rtol=1e-15)
 
 
 def test_scenarios_are_immutable_and_survive_a_dump():
@@ -91,27 +87,16 @@ def test_scenarios_are_immutable_and_survive_a_dump():
 # --- overrides ---------------------------------------------------------------------------------
 
 
-def test_overrides_are_toml_values_or_bare_strings():
-    overrides = [
-        "start=sampled",
-        "trajectory.yaw_rate = -0.2",
-        "prior.variances=[0, 0, 0]",
-        "description=an east-west run",
-    ]
+def test_overrides_are_toml_values_or_strings_and_may_begin_or_replace_a_section():
+    overrides = ["start=sampled", "trajectory.yaw_rate = -0.2", "prior.variances=[0, 0, 0]", "assumed.motion_scale=2"]
+    overrides += ["description=an east-west run", "sensor={kind='position', max_range=10, sigma_position=0.2}"]
     scenario = load_scenario("q1-long-sparse", overrides)
     assert scenario.start == "sampled"
     assert segmented(scenario).segments[0].yaw_rate == -0.2
     assert scenario.prior.variances == (0.0, 0.0, 0.0)
     assert scenario.description == "an east-west run"
-
-
-def test_an_override_may_begin_a_section():
-    assert load_scenario("q1-long-sparse", ["assumed.motion_scale=2"]).assumed.motion_scale == 2.0
-
-
-def test_an_override_replaces_a_whole_section():
-    overrides = ["sensor={kind='position', max_range=10, sigma_position=0.2}"]
-    assert load_scenario("q1-long-sparse", overrides).sensor.sigma_range is None
+    assert scenario.assumed.motion_scale == 2.0
+    assert scenario.sensor.sigma_range is None
 
 
 @pytest.mark.parametrize("override", ["start", "=1"])
@@ -120,9 +105,10 @@ def test_an_override_without_key_and_value(override: str):
         load_scenario("q1-long-sparse", [override])
 
 
-def test_a_wrong_override_is_located():
-    assert mistakes("q1-long-sparse", "trajectory.step=fast", "trajectory.sped=2") == [
+def test_mistaken_overrides_of_a_single_segment_are_located():
+    assert mistakes("q1-long-sparse", "trajectory.step=fast", "trajectory.speed=fast", "trajectory.sped=2") == [
         "trajectory.step: must be a valid number, not 'fast'",
+        "trajectory.speed: must be a valid number, not 'fast'",
         "trajectory.sped: unknown key; did you mean speed?",
     ]
 
@@ -189,12 +175,6 @@ def test_each_mistake_has_its_line(write: Write, old: str, new: str, mistake: st
     assert line.startswith(mistake)
 
 
-def test_a_mistaken_single_segment_is_located_where_it_was_written():
-    assert mistakes("q1-long-dense", "trajectory.speed=fast") == [
-        "trajectory.speed: must be a valid number, not 'fast'"
-    ]
-
-
 @pytest.mark.parametrize(("text", "line"), [("a = 1\nb = = 2\n", 2), ("a = 1\n\n[motion", 3)])
 def test_syntax_errors_name_file_and_line(write: Write, text: str, line: int):
     [mistake] = mistakes(write(text))
@@ -203,23 +183,24 @@ def test_syntax_errors_name_file_and_line(write: Write, text: str, line: int):
 
 
 @pytest.mark.parametrize("value", ["[" * 3000 + "]" * 3000, "1" * 5000])
-def test_values_that_python_cannot_read_are_a_line(write: Write, value: str):
+def test_values_beyond_the_limits_of_python_are_a_line(write: Write, value: str):
     path = write(f'extends = "q1-short-dense"\n[sensor]\nmax_range = {value}\n')
-    for load in (lambda: load_scenario(path), lambda: load_scenario("q1-short-dense", [f"sensor.max_range={value}"])):
-        with pytest.raises(ScenarioError) as caught:
-            load()
-        assert len(str(caught.value)) < 300
-        assert "\n" not in str(caught.value)
+    for name, overrides in ((path, []), ("q1-short-dense", [f"sensor.max_range={value}"])):
+        with pytest.raises(ScenarioError, match=r"^[^\n]{1,299}$"):
+            load_scenario(name, overrides)
 
 
-def test_keys_and_numbers_of_no_believable_size_are_a_short_line():
-    for override, told in (
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
         ("trajectory.speed=1e60", "trajectory.speed: must be at most 1e+50 in size, not 1e+60"),
         (f"sensor.{'a' * 5000}=1", "unknown key"),
-    ):
-        with pytest.raises(ScenarioError, match=r"^[^\n]{1,400}$") as caught:
-            load_scenario("q1-short-dense", [override])
-        assert told in str(caught.value)
+    ],
+)
+def test_long_keys_and_huge_numbers_are_a_short_line(override: str, message: str):
+    with pytest.raises(ScenarioError, match=r"^[^\n]{1,400}$") as caught:
+        load_scenario("q1-short-dense", [override])
+    assert message in str(caught.value)
 
 
 def test_unknown_names_list_near_misses_or_all():
@@ -230,7 +211,7 @@ def test_unknown_names_list_near_misses_or_all():
 def test_files_that_cannot_be_read(tmp_path: Path):
     assert mistakes(str(tmp_path / "none.toml")) == ["cannot be read (No such file or directory); check the path"]
     (tmp_path / "latin.toml").write_bytes(b'description = "\xe9"')
-    assert mistakes(str(tmp_path / "latin.toml")) == ["not a text in UTF-8; save it as such"]
+    assert mistakes(str(tmp_path / "latin.toml")) == ["not a UTF-8 text; save it as UTF-8"]
 
 
 # --- extending shipped scenarios -----------------------------------------------------------------
@@ -245,14 +226,14 @@ def test_a_file_may_extend_a_shipped_scenario_key_by_key(write: Write):
     assert (mine.landmarks, mine.trajectory, mine.sensor) == (base.landmarks, base.trajectory, base.sensor)
 
 
-def test_extending_what_is_not_shipped(write: Write):
+def test_only_shipped_scenarios_can_be_extended(write: Write):
     assert mistakes(write('extends = "q2-long-dens"')) == [
-        "extends: 'q2-long-dens' is no shipped scenario; did you mean q2-long-dense?"
+        "extends: 'q2-long-dens' is not a shipped scenario; did you mean q2-long-dense?"
     ]
     for wrong in ("3", '["q1-long-dense"]', "{a = 1}"):
-        assert "is no shipped scenario; " in mistakes(write(f"extends = {wrong}"))[0]
+        assert "is not a shipped scenario; " in mistakes(write(f"extends = {wrong}"))[0]
     for long in ("1" * 4000, f'"{"q" * 5000}"', f"[[{'1' * 4000}]]"):
-        assert re.match(r"extends: '.{100}' is no shipped scenario; ", mistakes(write(f"extends = {long}"))[0])
+        assert re.match(r"extends: '.{100}' is not a shipped scenario; ", mistakes(write(f"extends = {long}"))[0])
 
 
 def test_a_section_of_another_form_replaces_the_extended_one(write: Write):
@@ -305,70 +286,152 @@ def test_questions_2_and_3_are_question_1_with_another_association_and_noise(
     assert all(getattr(scenario, part) == getattr(known, part) for part in parts)
 
 
-# --- bearings alone ------------------------------------------------------------------------------
+# --- bearing-only --------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
     ("overrides", "mistake"),
     [
+        ("fis.s_max=5", "fis.s_max = 5.0 m is shorter than sensor.max_range = 10.0 m; farther landmarks would be lost"),
         (
-            ["fis.s_max=5"],
-            "fis.s_max = 5.0 m is shorter than sensor.max_range = 10.0 m; farther landmarks would be lost",
-        ),
-        (
-            ["association.method=jcbb", "initialisation=delayed"],
+            "association.method=jcbb initialisation=delayed",
             'association.method = "jcbb" needs rays; set initialisation = "fis", or the method "known"',
         ),
-        (["fis.s_min=10"], "fis.s_max: 10.0 m must be beyond s_min, 10.0 m; choose it larger"),
+        ("fis.s_min=10", "fis.s_max: 10.0 m must be beyond s_min, 10.0 m; choose it larger"),
+        ("fis.alpha=1", "fis.alpha: 1.0 is out of range; choose it above 0 and below 1"),
+        ("fis.beta=1", "fis.beta: 1.0 is out of range; choose it above 1"),
         (
-            ["fis.alpha=1"],
-            "fis.alpha: 1.0 is out of range; choose it above 0 and below 1",
-        ),
-        (
-            ["fis.beta=1"],
-            "fis.beta: 1.0 is out of range; choose it above 1",
-        ),
-        (
-            ["fis.beta=1.000001"],
+            "fis.beta=1.000001",
             "fis.beta: 1.000001 gives 693149 members from s_min to s_max; choose it larger, for 1000 members at most",
         ),
         (
-            ["fis.s_min=1e-307"],
+            "fis.s_min=1e-307",
             "fis.beta: 1.7 gives 1337 members from s_min to s_max; choose it larger, for 1000 members at most",
         ),
-        (["initialisation=ekf"], "initialisation: must be 'fis', 'inverse-depth' or 'delayed', not 'ekf'"),
-        (["delayed.poses=2"], "delayed.poses: 2 is out of range; choose it at least 3"),
-        (["inverse_depth.mean=0"], "inverse_depth.mean: 0.0 is out of range; choose it above 0"),
-        (["sensor.sigma_range=1"], "sensor.sigma_range: a bearing sensor has none; remove it or change kind"),
+        ("initialisation=ekf", "initialisation: must be 'fis', 'inverse-depth' or 'delayed', not 'ekf'"),
+        ("delayed.poses=2", "delayed.poses: 2 is out of range; choose it at least 3"),
+        ("inverse_depth.mean=0", "inverse_depth.mean: 0.0 is out of range; choose it above 0"),
+        ("sensor.sigma_range=1", "sensor.sigma_range: a bearing sensor has none; remove it or change kind"),
     ],
 )
-def test_rays_that_cannot_be(overrides: list[str], mistake: str):
-    [line] = mistakes("q4-ring", *overrides)
+def test_impossible_initialisations(overrides: str, mistake: str):
+    [line] = mistakes("q4-ring", *overrides.split())
     assert line.endswith(mistake)
 
 
-def test_rays_reach_as_far_as_the_sensor_unless_it_is_said_otherwise():
-    for override, s_max in (("sensor.max_range=7", 7.0), ("fis.s_max=20", 20.0)):
-        rays = load_scenario("q4-ring", [override]).initialisation_settings
-        assert isinstance(rays, Rays)
-        assert rays.s_max == s_max
+@pytest.mark.parametrize(
+    ("overrides", "kind", "expected"),
+    [
+        ("sensor.max_range=7", Rays, {"s_max": 7.0}),
+        ("fis.s_max=20", Rays, {"s_max": 20.0}),
+        ("sensor.max_range=20 initialisation=inverse-depth", InverseDepth, {"mean": 0.075, "sigma": 0.025}),
+        ("sensor.max_range=20 initialisation=delayed", Delayed, {"spacing": 0.4}),
+        ("initialisation=delayed delayed.spacing=0.1", Delayed, {"spacing": 0.1}),
+    ],
+)
+def test_initialisations_are_fitted_to_the_range_unless_set(overrides: str, kind: type, expected: dict[str, float]):
+    settings = load_scenario("q4-ring", overrides.split()).initialisation_settings
+    assert isinstance(settings, kind)
+    assert {key: getattr(settings, key) for key in expected} == expected
     assert load_scenario("q1-long-dense").initialisation_settings is None
 
 
-def test_the_other_initialisations_are_fitted_to_the_sensor_too():
-    far = ["sensor.max_range=20"]
-    depth = load_scenario("q4-ring", [*far, "initialisation=inverse-depth"]).initialisation_settings
-    assert isinstance(depth, InverseDepth)
-    assert (depth.mean, depth.sigma) == (0.075, 0.025)
-    delayed = load_scenario("q4-ring", [*far, "initialisation=delayed"]).initialisation_settings
-    assert isinstance(delayed, Delayed)
-    assert delayed.spacing == 0.4
-    nearer = load_scenario("q4-ring", ["initialisation=delayed", "delayed.spacing=0.1"]).initialisation_settings
-    assert isinstance(nearer, Delayed)
-    assert nearer.spacing == 0.1
-
-
 @pytest.mark.parametrize("name", [name for name, _ in shipped_scenarios()])
-def test_a_scenario_reaches_another_process_as_it_is(name: str) -> None:
+def test_pickling_keeps_a_scenario(name: str) -> None:
     scenario = load_scenario(name)
     assert pickle.loads(pickle.dumps(scenario)) == scenario
+
+
+# --- paths, maps and errors ----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("override", "line"),
+    [
+        ("trajectory={kind='spiral', step=1}", "trajectory: kind is not known; use one of segments, waypoints,"),
+        ("trajectory.radius=3", "trajectory.radius: a trajectory of the kind segments has none; remove it or"),
+        ("trajectory={kind='waypoints', step=1, points=[], speed=1, yaw_rate=1}", "trajectory.points: must have at"),
+        ("trajectory={kind='figure-eight', step=1, radius=-1, speed=1}", "trajectory.radius: must be greater than 0"),
+        ("trajectory={kind='csv', file='none.csv'}", "trajectory.file: none.csv: cannot be read (No such file"),
+        ("sensor.field_of_view_deg=0", "sensor.field_of_view_deg: must be greater than 0, not 0"),
+        ("sensor.outlier_rate=1.2", "sensor.outlier_rate: must be less than or equal to 1, not 1.2"),
+        ("sensor.outlier=cauchy", "sensor.outlier: must be 'uniform' or 'wide', not 'cauchy'"),
+        ("motion.slip_rat=1", "motion.slip_rat: unknown key; did you mean slip_rate?"),
+        ("prior.covariance=[[1,0,0],[0,-1,0],[0,0,1]]", "prior.covariance: covariance[0] = "),
+        ("landmarks.random={count=3, box=[0,0,1,1]}", "landmarks: has both forms; give positions, or random"),
+        ("landmarks={}", "landmarks: has no landmarks; give positions ([] for none), or random"),
+        ("landmarks={random={count=9, box=[0,0,1,0]}}", "landmarks.random: box is empty; give [x from, y from,"),
+        (
+            "landmarks={random={count=9, box=[0,0,1,1], min_distance=1}}",
+            "landmarks.random: only 1 of 9 landmarks fit at min_distance = 1.0; lower it or enlarge the box",
+        ),
+    ],
+)
+def test_a_mistake_is_one_line(override: str, line: str) -> None:
+    with pytest.raises(ScenarioError) as caught:
+        load_scenario("q1-short-dense", [override])
+    (message,) = str(caught.value).splitlines()
+    assert message.startswith(f"q1-short-dense: {line}")
+
+
+@pytest.mark.parametrize(
+    ("path", "line"),
+    [
+        ("stamp,x,y\n1,2,3\n", "path.csv: line 1 is not the header of this file; write stamp,x,y,theta"),
+        ("stamp,x,y,theta\n0,0,0,0\n", "path.csv: 1 poses; give 2 to 1000001"),
+        ("stamp,x,y,theta\n0,0,0,0\n1,1,0,nan\n", "path.csv, line 3: '1,1,0,nan'; write 4 finite numbers"),
+        ("stamp,x,y,theta\n0,0,0,0\n1,1,0,0\n1,2,0,0\n", "path.csv, line 4: stamps must increase; sort the rows"),
+        ("stamp,x,y,theta\n0,1,0,0\n1,1,0,0\n", "prior.mean: [0.0, 0.0, 0.0] is not where the path of path.csv"),
+    ],
+)
+def test_mistakes_in_files_of_a_scenario_are_located(tmp_path: Path, path: str, line: str) -> None:
+    (tmp_path / "path.csv").write_text(path)
+    (tmp_path / "my.toml").write_text("extends = 'q1-short-dense'\ntrajectory = {kind = 'csv', file = 'path.csv'}\n")
+    with pytest.raises(ScenarioError) as caught:
+        load_scenario(tmp_path / "my.toml")
+    (message,) = str(caught.value).splitlines()
+    assert line in message
+
+
+# --- shipped scenarios ---------------------------------------------------------------------------
+
+
+def distances(name: str) -> tuple[Float, Float]:
+    """Return distances (N+1, L) from every pose of the path to every landmark, and the landmarks (L, 2)."""
+    scenario = load_scenario(name)
+    [segment] = segmented(scenario).segments
+    step = scenario.trajectory.step
+    command = np.tile([segment.speed * step, 0.0, segment.yaw_rate * step], (segmented(scenario).steps[0], 1))
+    positions = chain(scenario.prior.mean, command)[:, :2]
+    landmarks = np.array(scenario.landmarks.positions)
+    return np.linalg.norm(positions[:, None] - landmarks, axis=2), landmarks
+
+
+@pytest.mark.parametrize(("name", "count"), [("q1-short-dense", (16, 20)), ("q1-long-dense", (34, 40))])
+def test_dense_maps_keep_eight_landmarks_in_view(name: str, count: tuple[int, int]):
+    distance, landmarks = distances(name)
+    assert count[0] <= len(landmarks) <= count[1]
+    assert (distance <= 10.0).sum(axis=1).min() >= 8
+    assert distance.min() >= 1.5
+
+
+def test_the_sparse_map_is_out_of_view_for_most_of_each_loop():
+    distance, landmarks = distances("q1-long-sparse")
+    blind = distance.min(axis=1) > 10.0
+    half = len(distance) // 2
+    assert 4 <= len(landmarks) <= 6
+    assert blind[:half].mean() > 0.6
+    assert blind[half:].mean() > 0.6
+    assert np.linalg.norm(landmarks, axis=1).max() < 6.0
+    assert distance.min() >= 1.5
+
+
+@pytest.mark.parametrize("name", [name for name, _ in shipped_scenarios() if name.startswith("q1-")])
+def test_question_1_uses_the_constants_of_the_exercise(name: str):
+    scenario = load_scenario(name)
+    [segment] = segmented(scenario).segments
+    assert (scenario.trajectory.step, segment.speed, scenario.sensor.max_range) == (0.1, 1.0, 10.0)
+    assert (scenario.motion.sigma_speed, scenario.motion.sigma_yaw_rate_deg) == (0.3, 3.0)
+    assert (scenario.sensor.sigma_range, scenario.sensor.sigma_bearing_deg) == (0.1, 5.0)
+    assert segment.duration * segment.yaw_rate == pytest.approx(4 * np.pi, rel=1e-3)
+    assert scenario.prior.mean == (0.0, 0.0, 0.0)

@@ -9,7 +9,7 @@ import pytest
 
 from slamgauge import __version__, load_scenario, shipped_scenarios
 from slamgauge.compare.cli.main import main
-from slamgauge.compare.scenarios.scenario_text import scenario_text
+from slamgauge.compare.scenarios.scenario import scenario_text
 from slamgauge.compare.storage.provenance import origin
 
 SHORT = ["--set", "trajectory.duration=1", "start=sampled"]

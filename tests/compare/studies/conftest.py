@@ -1,15 +1,20 @@
-"""A short study, a thread that carries it, and its figures."""
+"""A short study, a thread that runs it, and its figures."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import pytest
 from matplotlib.figure import Figure
 
+from slamgauge.compare.estimators.requests import Chosen
 from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
+from slamgauge.compare.scoring.runs import Runs
+from slamgauge.compare.studies.study import load_runs, run_study
+from slamgauge.compare.studies.summary import Summary
 
 
 @pytest.fixture
@@ -24,8 +29,31 @@ def thread() -> Iterator[ThreadPoolExecutor]:
 
 
 @pytest.fixture
+def run(scenario: Scenario, thread: ThreadPoolExecutor, tmp_path: Path) -> Callable[..., Summary]:
+    """`run_study` of the scenario in `tmp_path`, or in a folder in it, by default in one thread with seed 0."""
+
+    def run(
+        runs: int, names: Chosen, where: str = "", seed: int = 0, executor: Executor = thread, **options: Any
+    ) -> Summary:
+        chosen = options.pop("scenario", scenario)
+        return run_study(chosen, runs, seed, names, tmp_path / where, executor, **options)
+
+    return run
+
+
+@pytest.fixture
+def load(scenario: Scenario, tmp_path: Path) -> Callable[..., dict[str, Runs]]:
+    """`load_runs` of a study of `run`."""
+
+    def load(runs: int, names: Chosen, where: str = "") -> dict[str, Runs]:
+        return load_runs(scenario, runs, 0, names, tmp_path / where)
+
+    return load
+
+
+@pytest.fixture
 def saved(monkeypatch: pytest.MonkeyPatch) -> dict[str, Figure]:
-    """The figures that are saved during a test, by their names; they are not written."""
+    """The figures that are saved during a test, by name; they are not written."""
     figures: dict[str, Figure] = {}
 
     def keep(figure: Figure, path: Path) -> None:

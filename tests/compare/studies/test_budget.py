@@ -1,4 +1,4 @@
-"""The error budget: rungs that coincide are zero, increments add up, associations are told from linearisation."""
+"""The error budget: equal rungs cost nothing, increments add up, each cause is charged to its own rung."""
 
 from __future__ import annotations
 
@@ -15,30 +15,44 @@ from slamgauge.compare.cli.main import main
 from slamgauge.compare.estimators.loading import load_estimators
 from slamgauge.compare.estimators.registry import FIXED_LAG
 from slamgauge.compare.figures.budget_figure import save_budget_figure
-from slamgauge.compare.scenarios.scenario import load_scenario
+from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
 from slamgauge.compare.scenarios.simulation import simulate
-from slamgauge.compare.studies.budget import RUNGS, budget_table, error_budget, rung_errors, rungs_of, summarise_budget
+from slamgauge.compare.studies.budget import (
+    RUNGS,
+    ErrorBudget,
+    budget_table,
+    error_budget,
+    rung_errors,
+    summarise_budget,
+)
 from slamgauge.compare.studies.study_run import run_seed
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from tests.reference.held_by_schemas import held
 
-SHORT = ["start=sampled", "trajectory.duration=4"]
+
+def short(name: str = "q1-long-dense", *overrides: str, duration: float = 4) -> Scenario:
+    return load_scenario(name, ["start=sampled", f"trajectory.duration={duration}", *overrides])
 
 
-def test_rungs_that_coincide_are_zero_and_increments_add_up() -> None:
-    with ThreadPoolExecutor(1) as executor:
-        budget = error_budget(load_scenario("q1-long-dense", SHORT), "ekf", 4, 0, executor)
+def of_table(rows: list[list[float]], checks: list[list[float]] | None = None, name: str = "here") -> ErrorBudget:
+    """Return the budget of mean squared errors, a row for each run, with a perfect fit."""
+    table = np.array(rows)
+    unchecked = np.full_like(table, np.nan)
+    return summarise_budget(name, "ekf", table, unchecked if checks is None else np.array(checks), np.ones(len(rows)))
+
+
+def test_equal_rungs_cost_nothing_and_increments_add_up(thread: ThreadPoolExecutor) -> None:
+    budget = error_budget(short(), "ekf", 4, 0, thread)
     assert [rung.name for rung in budget.rungs] == [name for name in RUNGS if name != FIXED_LAG]
     assert budget.rungs[2].increment_m2 == (0.0, 0.0, 0.0)
     assert budget.rungs[3].increment_m2 == (0.0, 0.0, 0.0)
     total = sum(rung.increment_m2.mean for rung in budget.rungs[1:])
     assert total == pytest.approx(budget.rungs[-1].mse_m2 - budget.rungs[0].mse_m2, rel=1e-12)
-    scenario = load_scenario("q1-long-dense", SHORT)
     errors = []
     for run in range(4):
-        truth, recording = simulate(scenario, run_seed(0, run))
+        truth, recording = simulate(short(), run_seed(0, run))
         assert truth.poses is not None
         difference = load_estimators(["ekf"])["ekf"](recording).poses[:, :2] - truth.poses[:, :2]
         errors.append(np.square(difference).sum(axis=1).mean())
@@ -46,17 +60,15 @@ def test_rungs_that_coincide_are_zero_and_increments_add_up() -> None:
 
 
 def test_wrong_noise_is_charged_to_the_noise() -> None:
-    wrong = load_scenario("q1-long-dense", [*SHORT, "assumed.sensor_scale=0.01"])
-    right = load_scenario("q1-long-dense", SHORT)
     for seed in range(2):
-        errors, honest = rung_errors(wrong, seed, "riekf")[0], rung_errors(right, seed, "riekf")[0]
-        np.testing.assert_array_equal(errors[:2], honest[:2])
+        errors = rung_errors(short("q1-long-dense", "assumed.sensor_scale=0.01"), seed, "riekf")[0]
+        np.testing.assert_array_equal(errors[:2], rung_errors(short(), seed, "riekf")[0][:2])
         assert errors[2] != errors[1]
         assert errors[3] == errors[2]
 
 
 def test_wrong_associations_are_charged_to_the_associations(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A filter that takes two landmarks for one, and rejects a third, but solves that problem perfectly."""
+    """A filter that takes two landmarks for one and rejects a third, but solves that problem exactly."""
     causal = load_estimators(["causal"])["causal"]
 
     def confused(recording: Recording, **_: object) -> Estimate:
@@ -67,78 +79,70 @@ def test_wrong_associations_are_charged_to_the_associations(monkeypatch: pytest.
         return replace(causal(seen), association=np.where(kept, given, -1))
 
     monkeypatch.setattr("slamgauge.ekf.ekf_slam", confused)
-    errors = rung_errors(load_scenario("q1-long-dense", SHORT), 0, "ekf")[0]
+    errors = rung_errors(short(), 0, "ekf")[0]
     assert errors[3] != errors[2]
     assert errors[2] == errors[1]
     assert errors[4] == errors[3]
 
 
-def test_a_filter_without_ids_pays_for_its_associations_alone() -> None:
-    """At gate 100 on measurements that the optimum sees with their true noise and associations."""
-    errors = rung_errors(load_scenario("q2-gate-100", ["start=sampled", "trajectory.duration=12"]), 2, "ekf")[0]
-    honest = rung_errors(load_scenario("q1-long-dense", ["start=sampled", "trajectory.duration=12"]), 2, "ekf")[0]
-    np.testing.assert_array_equal(errors[:3], honest[:3])
+def test_a_filter_without_ids_pays_only_for_its_associations() -> None:
+    """At gate 100, on measurements that the optimum receives with true noise and associations."""
+    errors = rung_errors(short("q2-gate-100", duration=12), 2, "ekf")[0]
+    np.testing.assert_array_equal(errors[:3], rung_errors(short(duration=12), 2, "ekf")[0][:3])
     assert errors[2] == errors[1]
     assert errors[3] > errors[2]
     assert errors[4] != errors[3]
 
 
 @pytest.mark.gtsam
-def test_a_window_that_holds_everything_costs_nothing_and_a_short_one_does() -> None:
-    """Of bearings alone, whose landmarks a short window never places."""
-    scenario = load_scenario("q4-three-landmarks", ["start=sampled", "trajectory.duration=4"])
+def test_a_window_of_all_steps_costs_nothing_and_a_short_one_does() -> None:
+    """Bearing-only: a short window never places the landmarks."""
+    scenario = short("q4-three-landmarks")
     steps = simulate(scenario, 0)[1].steps
-    held, short = (rung_errors(scenario, 0, "riekf", lag)[0] for lag in (steps + 1, 2))
-    assert len(held) == len(RUNGS)
-    assert held[4] == pytest.approx(held[3], rel=1e-3)
-    assert short[4] > 1.001 * short[3]
-    np.testing.assert_array_equal(np.delete(held, 4), np.delete(short, 4))
+    whole, brief = (rung_errors(scenario, 0, "riekf", lag)[0] for lag in (steps + 1, 2))
+    assert len(whole) == len(RUNGS)
+    assert whole[4] == pytest.approx(whole[3], rel=1e-3)
+    assert brief[4] > 1.001 * brief[3]
+    np.testing.assert_array_equal(np.delete(whole, 4), np.delete(brief, 4))
 
 
 @pytest.mark.gtsam
-def test_the_rung_of_a_lag_stands_where_one_was_asked_for() -> None:
-    with ThreadPoolExecutor(1) as executor:
-        budget = error_budget(load_scenario("q1-short-dense", SHORT), "ekf", 2, 0, executor, lag=3)
+def test_a_lag_adds_a_rung(thread: ThreadPoolExecutor) -> None:
+    budget = error_budget(short("q1-short-dense"), "ekf", 2, 0, thread, lag=3)
     assert budget.to_json()["seed"] == 0
     assert [rung.name for rung in budget.rungs] == list(RUNGS)
     with pytest.raises(UserError, match="lag: 0 steps leave no window"):
-        rungs_of("ekf", 0)
+        error_budget(short("q1-short-dense"), "ekf", 2, 0, thread, lag=0)
 
 
 def test_the_costliest_rung_is_named_with_its_share() -> None:
-    table = np.array([[1.0, 1.5, 1.5, 1.5, 4.0], [1.0, 2.0, 2.0, 2.0, 4.0]])
-    unchecked = np.full_like(table, np.nan)
-    budget = summarise_budget("somewhere", "ekf", table, unchecked, np.ones(2))
+    budget = of_table([[1.0, 1.5, 1.5, 1.5, 4.0], [1.0, 2.0, 2.0, 2.0, 4.0]], name="somewhere")
     assert budget.costliest == "linearisation"
     assert budget.rungs[1].increment_m2.mean == 0.75
     assert max(map(len, budget_table(budget).text(80).splitlines())) <= 80
     assert str(budget_table(budget)).splitlines()[-1] == (
-        "ekf on somewhere, 2 runs: of 4.0000 m^2 (RMS 2.000 m) 1.0000 m^2 no estimator avoids; "
-        "most of the rest goes to linearisation: 2.2500 m^2, 56% of the whole."
+        "ekf on somewhere, 2 runs: mean squared error 4.0000 m^2 (RMS 2.000 m), 1.0000 m^2 of it unavoidable; "
+        "the largest other part is linearisation: 2.2500 m^2, 56% of the total."
     )
-    assert str(budget_table(summarise_budget("here", "riekf", np.ones((1, 5)), unchecked[:1], np.ones(1)))).endswith(
-        "no rung above that costs anything."
-    )
+    assert str(budget_table(of_table([[1.0] * 5]))).endswith("no other rung adds to it.")
 
 
-def test_what_the_runs_do_not_show_to_cost_anything_is_said_so() -> None:
-    table = np.array([[1.0, 1.0, 1.0, 1.0, 4.0], [1.0, 1.0, 1.0, 1.0, 0.5], [1.0, 1.0, 1.0, 1.0, 0.9]])
-    budget = summarise_budget("here", "ekf", table, np.full_like(table, np.nan), np.ones(3))
-    assert str(budget_table(budget)).endswith("m^2, 44% of the whole, which 3 runs cannot tell from 0.")
-    one = summarise_budget("here", "ekf", table[:1], np.full((1, 5), np.nan), np.ones(1))
-    assert str(budget_table(one)).endswith("75% of the whole, which 1 run cannot tell from 0.")
+def test_a_cost_that_is_not_significant_is_stated() -> None:
+    rows = [[1.0, 1.0, 1.0, 1.0, 4.0], [1.0, 1.0, 1.0, 1.0, 0.5], [1.0, 1.0, 1.0, 1.0, 0.9]]
+    assert str(budget_table(of_table(rows))).endswith("m^2, 44% of the total, not significantly above 0 in 3 runs.")
+    one = str(budget_table(of_table(rows[:1])))
+    assert one.endswith("75% of the total, not significantly above 0 in 1 run.")
 
 
-def test_an_estimator_that_fails_is_named_with_the_seed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_estimator_that_fails_is_named_with_the_seed(
+    thread: ThreadPoolExecutor, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def broken(_: Recording, **__: object) -> Estimate:
-        raise UserError("no luck")
+        raise UserError("broken on purpose")
 
     monkeypatch.setattr("slamgauge.ekf.ekf_slam", broken)
-    with (
-        ThreadPoolExecutor(1) as executor,
-        pytest.raises(ValueError, match=rf"^run with seed {run_seed(0, 0)}: estimator ekf: no luck$"),
-    ):
-        error_budget(load_scenario("q1-long-dense", SHORT), "ekf", 2, 0, executor)
+    with pytest.raises(ValueError, match=rf"^run with seed {run_seed(0, 0)}: estimator ekf: broken on purpose$"):
+        error_budget(short(), "ekf", 2, 0, thread)
 
 
 @pytest.mark.usefixtures("studies_in_a_thread")
@@ -147,36 +151,22 @@ def test_the_command_writes_table_json_and_figure(tmp_path: Path, capsys: pytest
     assert main([*words, "--out", str(tmp_path / "budget")]) == 0
     printed = capsys.readouterr().out
     content = held("budget", json.loads((tmp_path / "budget" / "budget.json").read_text()))
-    origin = {"version", "command", "scenario_text"}
-    assert set(content) == {
-        *origin,
-        "scenario",
-        "filter",
-        "runs",
-        "seed",
-        "digest",
-        "rungs",
-        "costliest",
-        "verdict",
-        "chi_square_per_dof",
-        "notes",
-    }
+    keys = "version command scenario_text scenario filter runs seed digest rungs costliest verdict notes"
+    assert set(content) == {*keys.split(), "chi_square_per_dof"}
     assert content["verdict"] in printed.splitlines()
-    assert "no estimator avoids" in content["verdict"]
+    assert "unavoidable" in content["verdict"]
     assert set(content["rungs"][0]) == {"name", "mse_m2", "increment_m2", "optimum_check_share", "in_doubt"}
     assert (tmp_path / "budget" / "budget.png").stat().st_size > 0
 
 
-def test_rungs_that_are_optima_in_doubt_are_marked_and_named(tmp_path: Path, saved: dict[str, Figure]) -> None:
-    table = np.array([[1.0, 1.5, 1.5, 2.0, 4.0], [1.0, 2.0, 2.0, 2.5, 4.0]])
-    sure = np.array([[np.nan, 0.01, 0.01, 0.05, np.nan]] * 2)
-    doubtful = sure.copy()
-    doubtful[0, 3] = np.inf
-    budget = summarise_budget("somewhere", "ekf", table, doubtful, np.ones(2))
-    assert str(budget_table(summarise_budget("somewhere", "ekf", table, sure, np.ones(2)))).count("?") == 0
+def test_rungs_with_optima_in_doubt_are_marked_and_named(tmp_path: Path, saved: dict[str, Figure]) -> None:
+    rows = [[1.0, 1.5, 1.5, 2.0, 4.0], [1.0, 2.0, 2.0, 2.5, 4.0]]
+    sure = [np.nan, 0.01, 0.01, 0.05, np.nan]
+    budget = of_table(rows, [[np.nan, 0.01, 0.01, np.inf, np.nan], sure])
+    assert str(budget_table(of_table(rows, [sure, sure]))).count("?") == 0
     lines = str(budget_table(budget)).splitlines()
     assert [line.count("?") for line in lines[:6]] == [0, 0, 0, 0, 1, 1]
-    assert "linearisation: 1.7500? m^2, 44%? of the whole." in lines[-2]
+    assert "linearisation: 1.7500? m^2, 44%? of the total." in lines[-2]
     note = (
         "own associations: causal is more than 0.05 sigma from the optimum at a checked step in 50.0% of the runs: "
         "figures relative to it are marked ?"
@@ -190,12 +180,12 @@ def test_rungs_that_are_optima_in_doubt_are_marked_and_named(tmp_path: Path, sav
     assert note.replace(": ", ":\n", 1) in axes.get_title(loc="left")
 
 
-def test_optima_that_are_none_of_what_has_happened_are_said_to_be_so(tmp_path: Path, saved: dict[str, Figure]) -> None:
-    """The odometry errs in a way that nobody is told of: residuals are not those of the stated noise."""
-    changes = ["start=sampled", "trajectory.duration=20", "motion.scale_error=0.5"]
-    scenario = load_scenario("q1-long-dense", changes)
-    with ThreadPoolExecutor(1) as executor:
-        budget = error_budget(scenario, "ekf", 3, 0, executor)
+def test_optima_that_do_not_fit_the_stated_noise_are_marked(
+    thread: ThreadPoolExecutor, tmp_path: Path, saved: dict[str, Figure]
+) -> None:
+    """The odometry has an error that no estimator receives: residuals do not fit the stated noise."""
+    scenario = short("q1-long-dense", "motion.scale_error=0.5", duration=20)
+    budget = error_budget(scenario, "ekf", 3, 0, thread)
     assert budget.fit is not None
     assert budget.fit.low is not None
     assert budget.fit.low > 1.05
@@ -211,14 +201,14 @@ def test_optima_that_are_none_of_what_has_happened_are_said_to_be_so(tmp_path: P
     assert "so they are not optimal" in saved["budget"].axes[0].get_title(loc="left")
 
 
-def test_a_run_tells_the_checks_of_its_optima(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_run_has_the_checks_of_its_optima(monkeypatch: pytest.MonkeyPatch) -> None:
     causal = load_estimators(["causal"])["causal"]
 
     def checked(recording: Recording) -> Estimate:
         return replace(causal(recording), optimum_check=0.3)
 
     monkeypatch.setattr("slamgauge.graph_baseline.causal", checked)
-    checks = rung_errors(load_scenario("q1-long-dense", ["start=sampled", "trajectory.duration=1"]), 0, "ekf").checks
+    checks = rung_errors(short(duration=1), 0, "ekf").checks
     np.testing.assert_array_equal(checks, [np.nan, 0.3, 0.3, 0.3, np.nan])
 
 

@@ -1,4 +1,4 @@
-"""Claims: the verdicts follow from the figures of the runs, and the settings behind them are what they say."""
+"""Claims: verdicts follow from the figures of the runs, and settings simulate the same where they should."""
 
 from __future__ import annotations
 
@@ -39,14 +39,12 @@ def runs_of(figures: dict[str, Float], numbers: list[int] | None = None) -> Runs
 
 
 def weigh(log_ratios: Float, asserted: tuple[float, float], tests: int) -> Evidence:
-    """As one of so many ratios, when all runs are there."""
+    """Return the evidence for one of several ratios after the last run."""
     figure = stored("a", "x")
-    return weigh_for(log_ratios, Claim("c", "0", "", "", figure, (figure,), asserted), tests, len(log_ratios))
+    return weigh_for(log_ratios, Claim("c", "", "", figure, (figure,), asserted), tests, len(log_ratios))
 
 
 def judged(claim: Claim, studies: dict[tuple[str, str], Runs]) -> Judgement:
-    """When all runs are there."""
-
     def load(setting: str, estimator: str, _: int) -> Runs:
         return studies[setting, estimator]
 
@@ -93,16 +91,15 @@ def test_verdicts(effect: float, asserted: tuple[float, float], verdict: str):
     assert evidence.high is not None
     inside = asserted[0] < evidence.low and evidence.high < asserted[1]
     outside = evidence.high < asserted[0] or evidence.low > asserted[1]
-    assert (inside, outside) == (verdict == "holds", verdict == "does not hold")  # the interval tells the same
+    assert (inside, outside) == (verdict == "holds", verdict == "does not hold")
 
 
-def test_a_ratio_without_any_spread_is_decided_by_its_side_alone():
-    assert weigh(np.full(100, 0.3), ABOVE_ONE, 19).verdict == "holds"
-    assert weigh(np.full(100, -0.3), ABOVE_ONE, 19).verdict == "does not hold"
-    assert weigh(np.zeros(100), ABOVE_ONE, 19).verdict == "undecided"
+@pytest.mark.parametrize(("logarithm", "verdict"), [(0.3, "holds"), (-0.3, "does not hold"), (0.0, "undecided")])
+def test_a_ratio_without_spread_is_decided_by_its_side(logarithm: float, verdict: str):
+    assert weigh(np.full(100, logarithm), ABOVE_ONE, 19).verdict == verdict
 
 
-def test_too_few_runs_decide_nothing_and_overflow_is_no_number():
+def test_too_few_runs_are_undecided_and_overflow_is_none():
     assert weigh(np.zeros(1), ABOVE_ONE, 19).verdict == "undecided"
     evidence = weigh(np.array([0.0, 6.0]), ABOVE_ONE, 19)
     assert (evidence.low, evidence.high, evidence.decidable, evidence.verdict) == (None, None, None, "undecided")
@@ -112,22 +109,22 @@ def test_too_few_runs_decide_nothing_and_overflow_is_no_number():
     setting = claim.figure.setting
     judgement = judged(claim, {(setting, "ekf"): nobody, (setting, "causal"): nobody})
     assert (judgement.optimum, judgement.evidence.effect, judgement.evidence.runs) == (None, None, 0)
-    line = table([judgement], ["there, run 0: ekf failed: no luck"])
+    line = table([judgement], ["there, run 0: ekf failed: broken on purpose"])
     assert "  undecided      -    - to -  1.0000          -     0          -  " in line[1]
-    assert line[-1] == "there, run 0: ekf failed: no luck"
+    assert line[-1] == "there, run 0: ekf failed: broken on purpose"
     json.dumps(judgement.to_json(), allow_nan=False)
 
 
-def test_false_alarms_are_no_oftener_than_stated():
-    """Of 150 samples without an effect, one run of ten being lost, at most 5 % are decided: 17 (binomial, 99.9 %)."""
+def test_false_alarms_are_at_most_as_frequent_as_stated():
+    """At most 5 % of 150 samples without effect are decided: 17 (binomial, 99.9 %). One run in ten is an outlier."""
     lost = np.random.default_rng(0).random((150, 100)) < 0.1
     decided = [weigh(np.where(each, -0.9, 0.1), ABOVE_ONE, 1).verdict != "undecided" for each in lost]
     assert sum(decided) <= 17
 
 
-def test_ratios_pair_the_runs_and_the_least_suitable_rival_decides():
+def test_ratios_pair_the_runs_and_the_least_favourable_denominator_decides():
     ones = np.ones(6)
-    claim = Claim("c", "0", "best", "a / b, a / c < 1", stored("a", "x"), (stored("b", "x"), stored("c", "x")), (0, 1))
+    claim = Claim("c", "best", "a / b, a / c < 1", stored("a", "x"), (stored("b", "x"), stored("c", "x")), (0, 1))
     wiggle = 1 + 0.01 * np.arange(6)
     studies = {
         ("a", "ekf"): runs_of({"x": ones * wiggle, "ate_m": 2 * ones}),
@@ -160,7 +157,7 @@ def test_every_claim_is_about_the_settings_and_named_once():
 
 
 def test_settings_that_are_compared_share_their_random_numbers():
-    """Start and odometry of all that any claim compares; of the same map, also what is seen."""
+    """Compared settings have the same start and odometry; with the same map also the same observations."""
     pairs = {(claim.figure.setting, other.setting) for claim in CLAIMS for other in claim.others}
     scenarios = {name: informed(load_scenario(name, ["start=sampled"])) for name in SETTINGS}
     runs = {name: simulate(scenario, 5) for name, scenario in scenarios.items()}
@@ -174,13 +171,13 @@ def test_settings_that_are_compared_share_their_random_numbers():
     assert seen_alike == len(pairs) - 1  # all but the sparse map and the dense one
 
 
-def test_claims_go_on_until_they_are_decided(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """One is decided at once, one after 153 runs, one never; no study goes on further than it is asked for."""
-    margins = {"b": 1.2, "c": 0.15, "d": 0.0}  # of the logarithm of a's figure over theirs
-    carried: dict[str, list[int]] = {}
+def test_claims_continue_until_they_are_decided(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """One is decided at once, one after 153 runs, one never; no study has more runs than requested."""
+    margins = {"b": 1.2, "c": 0.15, "d": 0.0}  # logarithms of a's figure divided by theirs
+    requested: dict[str, list[int]] = {}
 
-    def carry_out(scenario: Scenario, runs: int, *_: object) -> Summary:
-        carried.setdefault(scenario.name, []).append(runs)
+    def run(scenario: Scenario, runs: int, *_: object) -> Summary:
+        requested.setdefault(scenario.name, []).append(runs)
         return Summary(scenario.name, runs, 0, "", (), {})
 
     def load(scenario: Scenario, runs: int, _: int, names: list[str], __: Path) -> dict[str, Runs]:
@@ -189,30 +186,27 @@ def test_claims_go_on_until_they_are_decided(tmp_path: Path, monkeypatch: pytest
 
     kept = load_scenario("q1-long-dense")
     scenarios = {name: kept.model_copy(update={"name": name}) for name in "abcd"}
-    claims = [Claim(each, "0", "", "", stored("a", "x"), (stored(each, "x"),), ABOVE_ONE) for each in "bcd"]
+    claims = [Claim(each, "", "", stored("a", "x"), (stored(each, "x"),), ABOVE_ONE) for each in "bcd"]
     monkeypatch.setattr(module, "CLAIMS", claims)
     monkeypatch.setattr(module, "TESTS", len(claims))
     monkeypatch.setattr(module, "sampled_settings", {SETTINGS: scenarios}.__getitem__)
-    monkeypatch.setattr("slamgauge.compare.studies.claim_studies.run_study", carry_out)
-    monkeypatch.setattr("slamgauge.compare.studies.claim_studies.load_runs", load)
+    monkeypatch.setattr("slamgauge.compare.studies.claims.run_study", run)
+    monkeypatch.setattr("slamgauge.compare.studies.claims.load_runs", load)
     with ThreadPoolExecutor(1) as executor:
         found = judge_claims(20, 0, tmp_path, executor, most=300).judgements
         once = judge_claims(20, 0, tmp_path, executor).judgements
-    assert [(each.evidence.verdict, each.evidence.runs) for each in found] == [
-        ("holds", 20),
-        ("holds", 153),
-        ("undecided", 300),
-    ]
-    assert carried["b"][0] == 20
-    assert carried["c"][:6] == [20, 30, 45, 68, 102, 153]
-    assert carried["d"][:8] == [20, 30, 45, 68, 102, 153, 230, 300]
-    assert carried["optimum"] == [20, 20]  # what is avoidable is told of the first look, in either call
+    expected = [("holds", 20), ("holds", 153), ("undecided", 300)]
+    assert [(each.evidence.verdict, each.evidence.runs) for each in found] == expected
+    assert requested["b"][0] == 20
+    assert requested["c"][:6] == [20, 30, 45, 68, 102, 153]
+    assert requested["d"][:8] == [20, 30, 45, 68, 102, 153, 230, 300]
+    assert requested["optimum"] == [20, 20]  # the first look only, in either call
     assert [each.evidence.verdict for each in once] == ["holds", "undecided", "undecided"]
 
 
 @pytest.mark.usefixtures("studies_in_a_thread", "empty_pictures")
 def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
-    """On two settings and three runs; a second call runs nothing again and says the same."""
+    """Two settings, three runs; a second call repeats no run and prints the same."""
     few = [claim for claim in CLAIMS if claim.id in ("q1-sparse-error", "q1-sigma-grows")]
     settings = ("q1-long-dense", "q1-long-sparse")
     monkeypatch.setattr(module, "CLAIMS", few)
@@ -220,12 +214,12 @@ def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: py
     arguments = ["claims", "--runs", "2", "--max-runs", "3", "--jobs", "1", "--out", str(tmp_path / "claims")]
     assert main(arguments) == 0
     table = capsys.readouterr().out
-    assert table.splitlines()[0].split()[:3] == ["section", "the", "practical"]
+    assert table.splitlines()[0].split()[:3] == ["section", "the", "exercise"]
     assert table.splitlines()[-2].startswith("2 claims: ")
     content = held("claims", json.loads((tmp_path / "claims/claims.json").read_text()))
     keys = {"id", "section", "claim", "hypothesis", "effect", "low", "high", "p_value", "verdict", "optimum"}
     assert all(keys <= set(entry) for entry in content)
-    assert {entry["verdict"] for entry in content} == {"undecided"}  # bets on three runs decide nothing
+    assert {entry["verdict"] for entry in content} == {"undecided"}  # three runs are too few
     assert {entry["runs"] for entry in content} == {3}
     assert all(entry["scenario_text"] for entry in content)
 
@@ -234,13 +228,13 @@ def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: py
     again = json.loads(capsys.readouterr().out)
     assert again == [{**entry, "command": again[0]["command"]} for entry in content]
     assert again[0]["command"] == f"{content[0]['command']} --json"
-    assert main(["claims", "--runs", "1", "--out", str(tmp_path / "other")]) == 2
-    assert "give at least 2" in capsys.readouterr().err
-    assert main(["claims", "--max-runs", "-5", "--out", str(tmp_path / "other")]) == 2
-    assert "max-runs: -5 are none; give at least 1" in capsys.readouterr().err
+    bad = {"--runs=1": "give at least 2", "--max-runs=-5": "max-runs: -5 is too few; give at least 1"}
+    for option, message in bad.items():
+        assert main(["claims", option, "--out", str(tmp_path / "other")]) == 2
+        assert message in capsys.readouterr().err
 
 
-def test_what_rests_on_an_optimum_in_doubt_is_marked():
+def test_figures_of_an_optimum_in_doubt_are_marked():
     of_itself, of_optimum = (
         next(each for each in CLAIMS if each.id == f"q3-scale-{rest}") for rest in ("1-error", "0.1-error")
     )
@@ -261,17 +255,10 @@ def test_what_rests_on_an_optimum_in_doubt_is_marked():
 
 def test_table_shows_small_p_values_as_such():
     claim = CLAIMS[0]
-    studies = {
-        (claim.figure.setting, "ekf"): runs_of(
-            {
-                "landmark_error_far_m": np.exp(sample(1.0, 0.01)),
-                "landmark_error_near_m": np.ones(50),
-                "ate_m": np.full(50, 2.0),
-            }
-        ),
-        (claim.figure.setting, "causal"): runs_of({"ate_m": np.ones(50)}),
-    }
-    line = table([judged(claim, studies)], [])[1]
+    figures = {"landmark_error_far_m": np.exp(sample(1.0, 0.01)), "landmark_error_near_m": np.ones(50)}
+    ekf, causal = runs_of(figures | {"ate_m": np.full(50, 2.0)}), runs_of({"ate_m": np.ones(50)})
+    setting = claim.figure.setting
+    line = table([judged(claim, {(setting, "ekf"): ekf, (setting, "causal"): causal})], [])[1]
     assert "< 0.0001" in line
     assert "holds" in line
     assert "  < 0.0001        50%    50  " in line

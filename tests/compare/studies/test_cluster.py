@@ -1,4 +1,4 @@
-"""A Dask cluster that cannot carry runs is one line; that it carries them: `test_study`."""
+"""Errors of a Dask cluster are one line; `test_study` has a study on a cluster."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from typing import Any
 
 import pytest
 
-from slamgauge.compare.studies import cluster
-from slamgauge.compare.studies.cluster import dask_cluster
+from slamgauge.compare.studies import executors as cluster
+from slamgauge.compare.studies.executors import dask_cluster
 from slamgauge.errors import UserError
 
 Versions = Callable[[], dict[str, str]]
@@ -30,7 +30,7 @@ if __name__ == "__main__":
 
 @pytest.fixture
 def scheduler(request: pytest.FixtureRequest) -> Generator[str]:
-    """The address of a scheduler in this process, with as many workers as the test asks for."""
+    """The address of a scheduler in this process, with the number of workers of the test's parameter."""
     from distributed import LocalCluster
 
     options: dict[str, Any] = {"n_workers": request.param, "threads_per_worker": 1, "dashboard_address": None}
@@ -40,7 +40,7 @@ def scheduler(request: pytest.FixtureRequest) -> Generator[str]:
 
 
 def elsewhere(theirs: Versions) -> Versions:
-    """The versions here, and in a worker what `theirs` tells."""
+    """Return a function that returns the versions here, and the result of `theirs` in a worker."""
     own, here = cluster.versions(), threading.get_ident()
     return lambda: own if threading.get_ident() == here else theirs()
 
@@ -82,7 +82,7 @@ def test_a_scheduler_that_is_killed_is_one_line_within_seconds(
         address, begun = served.stdout.readline().strip(), time.monotonic()
         line = r"^scheduler \S+: lost; start it again, and give the same command again$"
         with pytest.raises(UserError, match=line), dask_cluster(address) as executor:
-            assert not client_log.isEnabledFor(logging.ERROR)  # now and then it says more than we do
+            assert not client_log.isEnabledFor(logging.ERROR)  # its log sometimes repeats the error
             run = executor.submit(time.sleep, 60.0)
             served.kill()
             begun = time.monotonic()
@@ -94,13 +94,13 @@ def test_a_scheduler_that_is_killed_is_one_line_within_seconds(
 
 def test_no_scheduler(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(cluster, "CONNECT", 0.5)
-    with pytest.raises(UserError, match=r"^scheduler tcp://127.0.0.1:1: [^\n]*; give that of one that runs$"):
+    with pytest.raises(UserError, match=r"^scheduler tcp://127.0.0.1:1: [^\n]*; give a running one$"):
         dask_cluster("tcp://127.0.0.1:1").__enter__()
 
 
 @pytest.mark.parametrize("address", ["nonsense", "ftp://127.0.0.1:1", "tcp://127.0.0.1:x", "127.0.0.1:8786", ""])
-def test_what_is_no_address(address: str):
-    with pytest.raises(UserError, match=rf"^scheduler '{address}' is no address; give tcp://host:port or tls://"):
+def test_bad_addresses(address: str):
+    with pytest.raises(UserError, match=rf"^scheduler '{address}' is not an address; give tcp://host:port or tls://"):
         dask_cluster(address).__enter__()
 
 
@@ -109,9 +109,9 @@ def test_tls_without_certificates():
         dask_cluster("tls://127.0.0.1:1").__enter__()
 
 
-def test_nothing_that_distributed_logs_is_said_meanwhile():
-    """Its client has a level of its own, and logs a traceback when a scheduler is lost."""
-    import_module("distributed")  # gives it that level
+def test_the_log_of_distributed_is_silent():
+    """Its client has its own level, and logs a traceback when a scheduler is lost."""
+    import_module("distributed")  # sets that level
 
     client = logging.getLogger("distributed.client")
     before = client.level

@@ -1,9 +1,10 @@
-"""Pairs that are compared run by run, and studies that go on until their ratios are known."""
+"""Paired comparisons, and studies that end when their ratios are precise enough."""
 
 from __future__ import annotations
 
 import json
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,20 +12,24 @@ import numpy as np
 import pytest
 
 from slamgauge.compare.cli.main import main
+from slamgauge.compare.estimators.loading import load_estimators
 from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
 from slamgauge.compare.scoring.aggregation import FIRST_STEP
 from slamgauge.compare.scoring.intervals import Interval, compare_paired, ratio_interval
+from slamgauge.compare.scoring.runs import Runs
 from slamgauge.compare.scoring.sequential import plan_looks
 from slamgauge.compare.studies import study_run as study_run
 from slamgauge.compare.studies.executors import local_processes
 from slamgauge.compare.studies.stopping_rule import Until, is_narrow
-from slamgauge.compare.studies.study import load_runs, run_study
 from slamgauge.compare.studies.study_run import Outcome
 from slamgauge.compare.studies.summary import Summary, summary_table
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from tests.reference.held_by_schemas import held
+
+Run = Callable[..., Summary]
+Load = Callable[..., dict[str, Runs]]
 
 NAMES = ("ekf", "riekf", "dead-reckoning")
 UNTIL = Until(precision=0.25, most=40)
@@ -36,16 +41,16 @@ def scenario() -> Scenario:
 
 
 def figures_of(summary: Summary) -> dict[str, Any]:
-    """All but computing times."""
+    """Return the content of summary.json without computing times."""
     content = summary.to_json()
     for entry in content["estimators"].values():
         del entry["seconds_total"]
     return content
 
 
-def test_pairs_are_those_of_the_stored_runs(scenario: Scenario, thread: ThreadPoolExecutor, tmp_path: Path):
-    summary = run_study(scenario, 6, 0, NAMES, tmp_path, thread, against=["ekf"])
-    runs = load_runs(scenario, 6, 0, NAMES, tmp_path)
+def test_pairs_are_those_of_the_stored_runs(run: Run, load: Load):
+    summary = run(6, NAMES, against=["ekf"])
+    runs = load(6, NAMES)
     assert {name: [*others] for name, others in summary.against.items()} == {"ekf": ["riekf", "dead-reckoning"]}
     for label, found in summary.against["ekf"].items():
         ours, theirs = runs[label], runs["ekf"]
@@ -60,16 +65,39 @@ def test_pairs_are_those_of_the_stored_runs(scenario: Scenario, thread: ThreadPo
     assert "\nagainst ekf" in str(summary_table(summary))
 
 
-def test_a_study_ends_at_the_first_look_at_which_all_is_known(
-    scenario: Scenario, thread: ThreadPoolExecutor, tmp_path: Path
-):
-    summary = run_study(scenario, 5, 0, NAMES, tmp_path, thread, against=["ekf"], until=UNTIL)
+def test_a_study_ends_with_a_comparison_of_user_code_with_built_in_filters(run: Run, load: Load):
+    """User code is not compared with optima, dead reckoning or estimates of another kind."""
+    ekf = load_estimators(["ekf"])["ekf"]
+
+    def worse(recording: Recording) -> Estimate:
+        estimate = ekf(recording)
+        return replace(estimate, poses=estimate.poses + np.array([1.0, 0.0, 0.0]))
+
+    chosen = {name: name for name in ("ekf", "dead-reckoning", "causal", "batch")} | {"same": ekf, "worse": worse}
+    summary, runs = run(8, chosen), load(8, chosen)
+    ratio = ratio_interval(runs["worse"].figures["ate_m"], runs["ekf"].figures["ate_m"])
+    assert ratio is not None
+    assert ratio.low is not None
+    assert ratio.low > 1
+    assert str(summary_table(summary)).splitlines()[-2:] == [
+        "the ATE of same is 1.000 ± 0.000 times that of ekf on the same 8 runs (95 % interval): "
+        "the difference is not significant",
+        f"the ATE of worse is {ratio.mean:.3f} ± {ratio.mean - ratio.low:.3f} times that of ekf on the same 8 runs "
+        "(95 % interval): the difference is significant",
+    ]
+    assert run(1, {"ekf": "ekf", "same": ekf}).comparisons == (
+        "the ATE of same is 1.000 times that of ekf on the same 1 run; an interval needs 2 runs",
+    )
+
+
+def test_a_study_ends_at_the_first_look_with_the_precision(run: Run, load: Load):
+    summary = run(5, NAMES, against=["ekf"], until=UNTIL)
     looks = plan_looks(5, UNTIL.most)
     assert summary.precision is not None
     assert summary.precision.look in looks[1:-1]
     assert summary.runs == summary.precision.look.runs
-    runs = load_runs(scenario, UNTIL.most, 0, NAMES, tmp_path)
-    assert {len(each.run) for each in runs.values()} == {summary.runs}  # none was carried out in vain
+    runs = load(UNTIL.most, NAMES)
+    assert {len(each.run) for each in runs.values()} == {summary.runs}  # no run was useless
     for look in looks[: summary.precision.look.number]:
         ates = {name: each.figures["ate_m"][: look.runs] for name, each in runs.items()}
         ratios = [ratio_interval(ates[name], ates["ekf"], look.level) for name in ("riekf", "dead-reckoning")]
@@ -83,11 +111,9 @@ def test_a_study_ends_at_the_first_look_at_which_all_is_known(
     assert f"with {summary.runs} runs (look" in str(summary_table(summary))
 
 
-def test_p_values_hold_at_all_looks(scenario: Scenario, thread: ThreadPoolExecutor, tmp_path: Path):
-    once = run_study(scenario, 5, 0, ("ekf", "riekf"), tmp_path, thread, against=["ekf"])
-    again = run_study(
-        scenario, 5, 0, ("ekf", "riekf"), tmp_path, thread, against=["ekf"], until=Until(precision=0.99, most=40)
-    )
+def test_p_values_hold_at_all_looks(run: Run):
+    once = run(5, ("ekf", "riekf"), against=["ekf"])
+    again = run(5, ("ekf", "riekf"), against=["ekf"], until=Until(precision=0.99, most=40))
     assert again.runs == 5
     first, held = (each.against["ekf"]["riekf"]["ate_m"] for each in (once, again))
     assert first.p_value is not None
@@ -102,81 +128,71 @@ def width(interval: Interval) -> float:
     return interval.high - interval.low
 
 
-def test_a_study_that_cannot_know_ends_at_the_most(scenario: Scenario, thread: ThreadPoolExecutor, tmp_path: Path):
-    summary = run_study(scenario, 3, 0, ("ekf", "causal"), tmp_path, thread, until=Until(precision=1e-6, most=7))
+def test_a_study_that_does_not_reach_the_precision_ends_at_the_most_runs(run: Run):
+    summary = run(3, ("ekf", "causal"), until=Until(precision=1e-6, most=7))
     assert summary.runs == 7
     assert summary.precision is not None
     assert not summary.precision.reached
-    assert [*summary.precision.ratios] == [("ekf", "causal")]  # over the optimum, where nobody is named
+    assert [*summary.precision.ratios] == [("ekf", "causal")]  # default: ratios to the optimum
     assert "not reached with 7 runs" in str(summary_table(summary))
 
 
-def test_a_ratio_that_no_run_tells_is_not_called_known(scenario: Scenario, thread: ThreadPoolExecutor, tmp_path: Path):
+def test_a_ratio_without_runs_is_not_precise(run: Run):
     def broken(_: Recording) -> Estimate:
         raise ArithmeticError
 
-    estimators = {"ekf": "ekf", "broken": broken}
-    summary = run_study(scenario, 3, 0, estimators, tmp_path, thread, against=["ekf"], until=UNTIL)
+    summary = run(3, {"ekf": "ekf", "broken": broken}, against=["ekf"], until=UNTIL)
     assert summary.precision is not None
-    assert (summary.runs, summary.precision.reached) == (3, False)  # more runs would be in vain
+    assert (summary.runs, summary.precision.reached) == (3, False)  # more runs would be useless
     line = next(line for line in str(summary_table(summary)).splitlines() if line.startswith("precision"))
     assert ": not reached with 3 runs " in line
     assert line.endswith("broken / ekf unknown, no run has both")
 
 
-def test_killed_and_resumed_it_ends_where_it_would_have(
-    scenario: Scenario, thread: ThreadPoolExecutor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
-    arguments = (0, NAMES)
-    whole = run_study(scenario, 5, *arguments, tmp_path / "whole", thread, against=["ekf"], until=UNTIL)
-    assert whole.runs > 8  # beyond the look at which it is killed below
+def test_an_interrupted_study_ends_where_it_would_have_ended(run: Run, monkeypatch: pytest.MonkeyPatch):
+    options = {"against": ["ekf"], "until": UNTIL}
+    whole = run(5, NAMES, "whole", **options)
+    assert whole.runs > 8  # beyond the look at which it is interrupted below
     original, left = study_run.run_once, [6]
 
-    def killed(*words: Any) -> list[Outcome]:
+    def killed(*arguments: Any) -> list[Outcome]:
         if not left[0]:
             raise KeyboardInterrupt
         left[0] -= 1
-        return original(*words)
+        return original(*arguments)
 
     monkeypatch.setattr("slamgauge.compare.studies.study.run_once", killed)
     for runs in (6, 1):  # the second time after a single run more
         left[0] = runs
         with pytest.raises(KeyboardInterrupt):
-            run_study(scenario, 5, *arguments, tmp_path / "parts", thread, against=["ekf"], until=UNTIL)
+            run(5, NAMES, "parts", **options)
     monkeypatch.undo()
     with local_processes(2) as executor:
-        parts = run_study(scenario, 5, *arguments, tmp_path / "parts", executor, against=["ekf"], until=UNTIL)
+        parts = run(5, NAMES, "parts", executor=executor, **options)
     assert figures_of(parts) == figures_of(whole)
-    # more runs in the store than it would have carried out change nothing
-    run_study(scenario, whole.runs + 2, *arguments, tmp_path / "parts", thread)
-    again = run_study(scenario, 5, *arguments, tmp_path / "parts", thread, against=["ekf"], until=UNTIL)
-    assert figures_of(again) == figures_of(whole)
+    run(whole.runs + 2, NAMES, "parts")  # additional runs in the store change nothing
+    assert figures_of(run(5, NAMES, "parts", **options)) == figures_of(whole)
 
 
 @pytest.mark.parametrize(
     ("names", "options", "message"),
     [
         (["ekf"], {"against": ["riekf"]}, "'riekf': is not among --estimators; choose from ekf"),
-        (["ekf"], {"until": Until(0.1, 10)}, "there is no ratio to be known; add causal"),
-        (["ekf", "causal"], {"until": Until(1.5, 10)}, "precision: 1.5 is no share"),
+        (["ekf"], {"until": Until(0.1, 10)}, "no ratio exists; add causal"),
+        (["ekf", "causal"], {"until": Until(1.5, 10)}, "precision: 1.5 is not a share"),
         (["ekf", "causal"], {"until": Until(0.1, 3)}, "max-runs: 3 are fewer than the 5"),
     ],
 )
-def test_what_makes_no_sense_is_refused_before_anything_is_written(
-    scenario: Scenario,
-    thread: ThreadPoolExecutor,
-    tmp_path: Path,
-    names: list[str],
-    options: dict[str, Any],
-    message: str,
+def test_bad_options_are_refused_before_anything_is_written(
+    run: Run, tmp_path: Path, names: list[str], options: dict[str, Any], message: str
 ):
     with pytest.raises(UserError, match=message):
-        run_study(scenario, 5, 0, names, tmp_path / "out", thread, **options)
+        run(5, names, "out", **options)
     assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.usefixtures("studies_in_a_thread", "empty_pictures")
-def test_the_command_compares_and_goes_on(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_the_command_compares_and_continues(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     out = str(tmp_path / "out")
     words = ["study", "q1-long-dense", "--set", "trajectory.duration=2", "--jobs", "1", "--out", out, "--runs", "3"]
     options = ["--estimators", "ekf,riekf", "--against", "ekf", "--precision", "0.9", "--max-runs", "4"]

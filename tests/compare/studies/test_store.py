@@ -1,169 +1,309 @@
-"""Which stores a study goes on with, and what it says of the others."""
+"""Stores of other versions, damaged stores, and stores in use: which ones a study continues, which ones it refuses."""
 
 from __future__ import annotations
 
 import hashlib
 import json
+import math
+import random
+import re
 import sqlite3
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import closing
+import time
+from collections.abc import Callable, Generator
+from concurrent.futures import Executor, Future
+from contextlib import closing, contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from slamgauge import __version__
 from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
-from slamgauge.compare.scoring.runs import SERIES
+from slamgauge.compare.scoring.runs import SERIES, Runs
 from slamgauge.compare.studies import store as study_store
-from slamgauge.compare.studies import store_damage
+from slamgauge.compare.studies import store_file
 from slamgauge.compare.studies.store import digest
-from slamgauge.compare.studies.study import load_runs, run_study
+from slamgauge.compare.studies.store_file import sole_use
 from slamgauge.compare.studies.study_run import Outcome
+from slamgauge.compare.studies.summary import Summary
 from slamgauge.errors import UserError
 
-HELD = {1: "8dfa411309eb131a"}  # of each schema number, a digest of the tables and series
+Run = Callable[..., Summary]
+Load = Callable[..., dict[str, Runs]]
+
+HELD = {1: "8dfa411309eb131a"}  # digest of the tables and series of each schema number
+
+
+@contextmanager
+def opened(folder: Path) -> Generator[sqlite3.Connection]:
+    with closing(sqlite3.connect(folder / "study.sqlite")) as connection, connection:
+        yield connection
 
 
 def about(folder: Path) -> dict[str, str]:
-    """What the store in the folder says of itself."""
-    with closing(sqlite3.connect(folder / "study.sqlite")) as connection:
+    """Return the table `study` of the store in the folder."""
+    with opened(folder) as connection:
         return dict(connection.execute("SELECT key, value FROM study"))
 
 
-def test_another_version_goes_on_with_the_study(
-    scenario: Scenario, thread: ThreadPoolExecutor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    first = run_study(scenario, 1, 0, ("ekf",), tmp_path, thread)
+def test_another_version_continues_the_study(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    first = run(1, ("ekf",))
     monkeypatch.setattr(study_store, "__version__", "9.9.9")
-    both = run_study(scenario, 2, 0, ("ekf",), tmp_path, thread)
+    both = run(2, ("ekf",))
     assert (first.digest, both.estimators["ekf"].runs) == (both.digest, 2)
     assert about(tmp_path)["version"] == __version__
 
 
-def test_another_schema_is_refused_in_a_line_with_the_remedy(
-    scenario: Scenario, thread: ThreadPoolExecutor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    run_study(scenario, 1, 0, ("ekf",), tmp_path, thread)
+def test_another_schema_is_refused(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    run(1, ("ekf",))
     monkeypatch.setattr(study_store, "SCHEMA", study_store.SCHEMA + 1)
     message = r"has schema \d+ \(begun by slamgauge .*\), this is schema \d+ .*; finish it with that version, or give"
     with pytest.raises(UserError, match=message) as caught:
-        run_study(scenario, 1, 0, ("ekf",), tmp_path, thread)
+        run(1, ("ekf",))
     assert "\n" not in str(caught.value)
 
 
-def test_a_store_of_version_0_3_is_refused_in_a_line(
-    scenario: Scenario, thread: ThreadPoolExecutor, tmp_path: Path
-) -> None:
+def test_a_store_of_version_0_3_is_refused(run: Run, load: Load, tmp_path: Path) -> None:
     """It has no schema number and no checksums."""
-    run_study(scenario, 1, 0, ("ekf",), tmp_path, thread)
-    with closing(sqlite3.connect(tmp_path / "study.sqlite")) as connection, connection:
+    run(1, ("ekf",))
+    with opened(tmp_path) as connection:
         connection.execute("DELETE FROM study WHERE key IN ('schema', 'names')")
         connection.execute("UPDATE study SET value = '0.3.0' WHERE key = 'version'")
         connection.execute("ALTER TABLE outcome DROP COLUMN checksum")
-    for again in (
-        lambda: run_study(scenario, 2, 0, ("ekf",), tmp_path, thread),
-        lambda: load_runs(scenario, 1, 0, ("ekf",), tmp_path),
-    ):
+    for again in (run, load):
         with pytest.raises(UserError, match=r"^[^\n]+has schema of old .begun by slamgauge 0.3.0.[^\n]+$"):
-            again()
+            again(2, ("ekf",))
 
 
-def test_the_schema_number_is_raised_with_the_tables(
-    scenario: Scenario, thread: ThreadPoolExecutor, tmp_path: Path
-) -> None:
+def test_the_schema_number_is_raised_with_the_tables(run: Run, tmp_path: Path) -> None:
     """Other tables or series make old rows unreadable: raise `SCHEMA`, and note the digest in `HELD`."""
-    run_study(scenario, 1, 0, ("ekf",), tmp_path, thread)
-    with closing(sqlite3.connect(tmp_path / "study.sqlite")) as connection:
+    run(1, ("ekf",))
+    with opened(tmp_path) as connection:
         tables = connection.execute("SELECT sql FROM sqlite_master WHERE type = 'table' ORDER BY name").fetchall()
     held = hashlib.sha256(json.dumps([tables, SERIES]).encode()).hexdigest()[:16]
     assert {study_store.SCHEMA: held} == {study_store.SCHEMA: HELD[study_store.SCHEMA]}
 
 
 def as_written_by_0_4(scenario: Scenario) -> str:
-    """The scenario as JSON without most keys that have their default, and with the rays of version 0.3."""
+    """Return the scenario as JSON without most keys with default values, and with the rays of version 0.3."""
     content = scenario.model_copy(update={"fis": scenario.fis.model_copy(update={"alpha": 0.3, "beta": 2.0})})
     return content.model_dump_json(exclude={"prior": {"covariance"}, "association": {"node_limit"}, "update": True})
 
 
 @pytest.fixture
-def begun_with_0_4(scenario: Scenario, thread: ThreadPoolExecutor, tmp_path: Path) -> Path:
-    """A study folder as version 0.4 left it, which called the causal optimum isam2."""
-    run_study(scenario, 1, 0, ("causal",), tmp_path, thread)
-    with closing(sqlite3.connect(tmp_path / "study.sqlite")) as connection, connection:
+def begun_with_0_4(scenario: Scenario, run: Run, tmp_path: Path) -> Path:
+    """A study folder of version 0.4, in which the causal optimum was called isam2."""
+    run(1, ("causal",))
+    with opened(tmp_path) as connection:
         connection.execute("DELETE FROM study WHERE key = 'names'")
-        connection.execute("UPDATE study SET value = '0.4.0' WHERE key = 'version'")
-        connection.execute("UPDATE study SET value = ? WHERE key = 'scenario'", (as_written_by_0_4(scenario),))
-        connection.execute("UPDATE study SET value = ? WHERE key = 'digest'", ("0" * 64,))
+        new = {"version": "0.4.0", "scenario": as_written_by_0_4(scenario), "digest": "0" * 64}
+        connection.executemany("UPDATE study SET value = ?2 WHERE key = ?1", new.items())
     return tmp_path
 
 
 @pytest.mark.parametrize("name", ["isam2", "isam2@ekf"])
-def test_a_study_of_0_4_that_holds_isam2_is_refused_in_a_line(
-    scenario: Scenario, thread: ThreadPoolExecutor, begun_with_0_4: Path, name: str
-) -> None:
-    store = begun_with_0_4 / "study.sqlite"
-    study = run_study(scenario, 1, 0, ("causal",), begun_with_0_4.with_name("new"), thread)
-    rows = sqlite3.connect(begun_with_0_4.with_name("new") / "study.sqlite").execute("SELECT * FROM outcome").fetchall()
-    with closing(sqlite3.connect(store)) as connection, connection:
+def test_a_study_of_0_4_with_isam2_is_refused(run: Run, load: Load, begun_with_0_4: Path, name: str) -> None:
+    study = run(1, ("causal",), "new")
+    with opened(begun_with_0_4 / "new") as connection:
+        (row,) = connection.execute(f"SELECT {store_file.COLUMNS} FROM outcome").fetchall()
+    with opened(begun_with_0_4) as connection:
         connection.execute("DELETE FROM outcome")
-        row = (rows[0][0], name, *rows[0][2:-1])
-        checked = store_damage.with_checksum(row)
-        connection.execute(store_damage.INSERT, checked)
+        connection.execute(store_file.INSERT, store_file.with_checksum((row[0], name, *row[2:])))
     message = "begun before slamgauge 0.5, when 'isam2' was the name of the causal optimum, now 'causal'"
     for again in (
-        lambda: run_study(scenario, 1, 0, ("ekf",), begun_with_0_4, thread),
-        lambda: load_runs(scenario, 1, 0, ("ekf",), begun_with_0_4),
-        lambda: study_store.read_store(store, study.digest, ("ekf",), 1),
+        lambda: run(1, ("ekf",)),
+        lambda: load(1, ("ekf",)),
+        lambda: study_store.read_store(begun_with_0_4 / "study.sqlite", study.digest, ("ekf",), 1),
     ):
         with pytest.raises(UserError, match=message) as caught:
             again()
         assert "\n" not in str(caught.value)
 
 
-def test_a_study_of_0_4_without_isam2_goes_on_and_may_then_hold_it(
-    scenario: Scenario, thread: ThreadPoolExecutor, begun_with_0_4: Path
+def test_a_study_of_0_4_without_isam2_continues_and_may_add_it(
+    scenario: Scenario, run: Run, begun_with_0_4: Path
 ) -> None:
     for names in (("causal",), ("causal", "isam2"), ("causal", "isam2")):
-        assert run_study(scenario, 1, 0, names, begun_with_0_4, thread).estimators["causal"].runs == 1
+        assert run(1, names).estimators["causal"].runs == 1
     assert about(begun_with_0_4)["version"] == "0.4.0"
     assert about(begun_with_0_4)["digest"] == digest(scenario, 0)
 
 
-def test_figures_that_old_rows_lack_are_unknown(scenario: Scenario, thread: ThreadPoolExecutor, tmp_path: Path) -> None:
-    """A study that was begun before they existed goes on, and its old runs are not repeated."""
-    run_study(scenario, 2, 0, ("causal",), tmp_path, thread)
-    with closing(sqlite3.connect(tmp_path / "study.sqlite")) as connection, connection:
-        rows = connection.execute("SELECT figures FROM outcome WHERE run = 0").fetchall()
+def test_figures_that_old_rows_lack_are_unknown(run: Run, load: Load, tmp_path: Path) -> None:
+    """A study from before these figures existed continues, and its old runs are not repeated."""
+    run(2, ("causal",))
+    with opened(tmp_path) as connection:
+        rows = connection.execute(f"SELECT {store_file.COLUMNS} FROM outcome").fetchall()
         later = ("optimum_check_sigma", "chi_square_per_dof")
-        old = {key: figure for key, figure in json.loads(rows[0][0]).items() if key not in later}
+        old = {key: figure for key, figure in json.loads(rows[0][5]).items() if key not in later}
         new = {**old, "optimum_check_sigma": np.inf, "chi_square_per_dof": 1.25}
-        for run, figures in enumerate((old, new)):
-            connection.execute("UPDATE outcome SET figures = ? WHERE run = ?", (json.dumps(figures), run))
-            row = connection.execute(f"SELECT {store_damage.COLUMNS} FROM outcome WHERE run = ?", (run,)).fetchone()
-            checksum = store_damage.with_checksum(row)[-1]
-            connection.execute("UPDATE outcome SET checksum = ? WHERE run = ?", (checksum, run))
-    held = load_runs(scenario, 2, 0, ("causal",), tmp_path)["causal"].figures
+        connection.execute("DELETE FROM outcome")
+        for row, figures in zip(rows, (old, new), strict=True):
+            changed = (*row[:5], json.dumps(figures), row[6])
+            connection.execute(store_file.INSERT, store_file.with_checksum(changed))
+    held = load(2, ("causal",))["causal"].figures
     np.testing.assert_array_equal(held["optimum_check_sigma"], [np.nan, np.inf])
     np.testing.assert_array_equal(held["chi_square_per_dof"], [np.nan, 1.25])
-    entry = run_study(scenario, 2, 0, ("causal",), tmp_path, thread).estimators["causal"].to_json()
+    entry = run(2, ("causal",)).estimators["causal"].to_json()
     assert entry["optimum_check_share"] == 1.0
     assert entry["chi_square_per_dof"] == {"mean": 1.25, "low": None, "high": None}
     json.dumps(entry, allow_nan=False)
 
 
-def test_a_full_disk_is_no_fault_of_the_store(scenario: Scenario, thread: ThreadPoolExecutor, tmp_path: Path) -> None:
-    run_study(scenario, 1, 0, ("ekf",), tmp_path, thread)
+def test_a_full_disk_does_not_damage_the_store(scenario: Scenario, run: Run, tmp_path: Path) -> None:
+    run(1, ("ekf",))
     with (
         pytest.raises(UserError, match=r"cannot be written \(.*full\); make room, and give the same command again"),
         study_store.open_store(tmp_path / "study.sqlite", scenario, 0) as store,
     ):
         store._connection.execute("PRAGMA max_page_count = 1")  # pyright: ignore[reportPrivateUsage]
         store.add(1, 0, [Outcome("ekf", series=bytes(1_000_000))])
-    assert run_study(scenario, 2, 0, ("ekf",), tmp_path, thread).estimators["ekf"].runs == 2
+    assert run(2, ("ekf",)).estimators["ekf"].runs == 2
 
 
 def test_rays_change_only_studies_of_bearing_only_sensors() -> None:
     for name, same in (("q1-short-dense", True), ("q4-ring", False)):
         digests = {digest(load_scenario(name, ["start=sampled", *words]), 0) for words in ([], ["fis.lost_after=4"])}
         assert (len(digests) == 1) == same
+
+
+def test_a_study_continues_with_another_description(scenario: Scenario, run: Run) -> None:
+    other = scenario.model_copy(update={"description": "described in other words"})
+    assert digest(other, 0) == run(1, ("ekf",)).digest
+    assert run(2, ("ekf",), scenario=other).estimators["ekf"].runs == 2
+
+
+RUNS = 6
+NAMES = ("ekf", "dead-reckoning")
+REMEDY = "move it away or give another --out, and run the study again"
+
+
+@pytest.fixture
+def whole(run: Run, tmp_path: Path) -> Path:
+    """The store of a small study, without side files."""
+    run(RUNS, NAMES)
+    return tmp_path / "study.sqlite"
+
+
+@pytest.fixture
+def refusals(run: Run, load: Load) -> Callable[[], list[str]]:
+    """Messages of `load_runs` and `run_study`, both of which must refuse the store."""
+
+    def refusals() -> list[str]:
+        messages: list[str] = []
+        for use in (load, run):
+            with pytest.raises(UserError) as caught:
+                use(RUNS, NAMES)
+            messages.append(str(caught.value))
+        return messages
+
+    return refusals
+
+
+def assert_same(found: dict[str, Runs], expected: dict[str, Runs]) -> None:
+    for name, runs in expected.items():
+        assert found[name].kind == runs.kind
+        np.testing.assert_array_equal(found[name].run, runs.run)
+        for key in runs.figures:
+            np.testing.assert_array_equal(found[name].figures[key], runs.figures[key])
+        for key, series in runs.series.items():
+            np.testing.assert_array_equal(found[name].series[key], series)
+
+
+def test_a_damaged_store_gives_the_right_figures_or_is_refused_in_a_line(run: Run, load: Load, whole: Path) -> None:
+    """Flipped bits, overwritten bytes, pages of zeros, missing ends."""
+    expected = load(RUNS, NAMES)
+    good, moments = whole.read_bytes(), random.Random(0)
+    refused = 0
+    for case in range(60):
+        bad = bytearray(good)
+        at = moments.randrange(len(bad))
+        if case % 4 == 0:
+            bad[at] ^= 1 << moments.randrange(8)
+        elif case % 4 == 1:
+            bad[at : at + 8] = moments.randbytes(8)
+        elif case % 4 == 2:
+            bad[at - at % 4096 : at - at % 4096 + 4096] = bytes(4096)
+        else:
+            del bad[at:]
+        whole.write_bytes(bytes(bad))
+        try:
+            run(RUNS, NAMES)
+        except UserError as error:
+            assert re.fullmatch(rf"{whole}: [^\n]+", str(error))
+            refused += 1
+        else:
+            assert_same(load(RUNS, NAMES), expected)
+    assert refused > 40
+
+
+def test_a_row_with_other_content_is_named(whole: Path, refusals: Callable[[], list[str]]) -> None:
+    with closing(sqlite3.connect(whole)) as connection, connection:
+        query = "UPDATE outcome SET figures = replace(figures, '\"ate_m\": 0.', '\"ate_m\": 1.') WHERE run = 3"
+        assert connection.execute(f"{query} AND estimator = 'ekf'").rowcount == 1
+    assert refusals() == [f"{whole}: is damaged (checksums do not match: run 3 of ekf); {REMEDY}"] * 2
+
+
+@pytest.mark.parametrize("odd", [b'"', b'"\xd7', b'"\x1b[2J'])
+def test_the_message_of_sqlite_about_a_broken_file_is_one_line(
+    odd: bytes, whole: Path, refusals: Callable[[], list[str]]
+) -> None:
+    """The definition of a table has an unclosed quotation mark, followed by bytes that are not UTF-8."""
+    content = whole.read_bytes()
+    assert content.count(b"TEXT NOT NULL,\n    error") == 1
+    cut = b"TEXT NOT NULL,\n    error".replace(b"TEXT NOT"[: len(odd)], odd)
+    whole.write_bytes(content.replace(b"TEXT NOT NULL,\n    error", cut))
+    for message in refusals():
+        assert "malformed database schema" in message
+        assert message.isprintable()
+
+
+def test_a_store_with_a_renamed_checksum_column_is_refused(whole: Path, refusals: Callable[[], list[str]]) -> None:
+    """One changed byte in the definition of the table must not turn off the check of the rows."""
+    whole.write_bytes(whole.read_bytes().replace(b"checksum TEXT", b"checkstm TEXT"))
+    assert refusals() == [f"{whole}: is damaged (the table outcome has other columns); {REMEDY}"] * 2
+
+
+def test_a_second_study_in_the_same_folder_is_refused_at_once(run: Run, whole: Path) -> None:
+    begun = time.monotonic()
+    with (
+        sole_use(whole),
+        pytest.raises(UserError, match=rf"^{whole}: another command is using it; wait for it, or give another"),
+    ):
+        run(RUNS, NAMES)
+    assert time.monotonic() - begun < 5.0
+    assert not whole.with_name("study.sqlite-lock").exists()
+    run(RUNS, NAMES)
+
+
+def test_a_store_in_use_by_another_program_is_refused_at_once(run: Run, whole: Path) -> None:
+    begun = time.monotonic()
+    with closing(sqlite3.connect(whole)) as other:
+        other.execute("BEGIN EXCLUSIVE")
+        with pytest.raises(UserError, match=rf"^{whole}: another program is using it .*; close that, and give the"):
+            run(RUNS, NAMES)
+    assert time.monotonic() - begun < 10.0
+
+
+class _Full(Executor):
+    """Accepts some runs, then raises."""
+
+    def __init__(self) -> None:
+        self.taken = 0
+
+    def submit(self, *_: Any, **__: Any) -> Future[Any]:
+        self.taken += 1
+        if self.taken > 100:
+            raise InterruptedError
+        return Future()
+
+
+def test_runs_are_not_listed_before_they_are_submitted(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With more runs than any memory; the check that refuses them is off."""
+    monkeypatch.setattr("slamgauge.memory.free_memory", lambda: math.inf)
+    executor, begun = _Full(), time.monotonic()
+    with pytest.raises(InterruptedError):
+        run(10**9, NAMES, executor=executor)
+    assert executor.taken == 101
+    assert time.monotonic() - begun < 10.0

@@ -1,11 +1,13 @@
-"""Studies: what they store, how they go on, and that their figures are those of the runs."""
+"""Studies: figures agree with the runs, stored runs are not repeated, bad input is refused."""
 
 from __future__ import annotations
 
 import json
 import sqlite3
 import sys
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -20,43 +22,45 @@ from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
 from slamgauge.compare.scenarios.simulation import simulate
 from slamgauge.compare.scoring.aggregation import FIRST_STEP
 from slamgauge.compare.scoring.consistency import chi2_band
+from slamgauge.compare.scoring.runs import Runs
 from slamgauge.compare.scoring.scores import evaluate
 from slamgauge.compare.storage.manifest import MANIFEST, begin_file, write_manifest
 from slamgauge.compare.studies import study_run as study_run
-from slamgauge.compare.studies.cluster import dask_cluster
-from slamgauge.compare.studies.executors import local_processes
-from slamgauge.compare.studies.study import load_runs, run_study
+from slamgauge.compare.studies.executors import dask_cluster, local_processes
 from slamgauge.compare.studies.study_run import run_seed
 from slamgauge.compare.studies.summary import Summary
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 
+Run = Callable[..., Summary]
+Load = Callable[..., dict[str, Runs]]
+
 NAMES = ("ekf", "riekf", "causal")
-SHORT = ["start=sampled", "trajectory.duration=4"]  # as the fixture `scenario`
+SHORT = ["start=sampled", "trajectory.duration=4"]  # same as the fixture `scenario`
 
 
 def figures_of(summary: Summary) -> dict[str, Any]:
-    """All but computing times."""
+    """Return the content of summary.json without computing times."""
     content = summary.to_json()
     for entry in content["estimators"].values():
         del entry["seconds_total"]
     return content
 
 
-def test_seeds_are_independent_of_the_number_of_runs_and_all_different() -> None:
+def test_seeds_are_different_and_independent_of_the_number_of_runs() -> None:
     seeds = [run_seed(0, run) for run in range(2000)]
     assert len(set(seeds) | {run_seed(1, run) for run in range(2000)}) == 4000
     assert all(0 <= seed < 2**63 for seed in seeds)
 
 
-def test_the_summary_is_that_of_the_runs(scenario: Scenario, thread: ThreadPoolExecutor, tmp_path: Path) -> None:
-    summary = run_study(scenario, 6, 3, NAMES, tmp_path, thread)
+def test_the_summary_agrees_with_the_runs(scenario: Scenario, run: Run) -> None:
+    summary = run(6, NAMES, seed=3)
     ates, nees, errors, sigmas = {}, {}, {}, {}
     for name, estimator in load_estimators(NAMES).items():
         scores, paths, last = [], [], []
-        for run in range(6):
-            truth, recording = simulate(scenario, run_seed(3, run))
+        for number in range(6):
+            truth, recording = simulate(scenario, run_seed(3, number))
             estimate = estimator(recording)
             assert truth.poses is not None
             assert estimate.pose_covs is not None
@@ -69,125 +73,91 @@ def test_the_summary_is_that_of_the_runs(scenario: Scenario, thread: ThreadPoolE
     low, high = (bound / 6 for bound in chi2_band(0.999, 18))
     for name in NAMES:
         entry = summary.estimators[name]
-        assert entry.runs == 6
-        assert entry.ate_m is not None
-        assert entry.ate_m.mean == pytest.approx(ates[name].mean(), rel=1e-12)
-        assert entry.position_rmse_m is not None
-        assert entry.position_rmse_m.mean == pytest.approx(np.sqrt(errors[name].mean(axis=0)).mean(), rel=1e-6)
-        assert entry.nees_pose_per_dof is not None
-        assert entry.nees_pose_per_dof.mean == pytest.approx(nees[name][:, FIRST_STEP:].mean() / 3, rel=1e-6)
         average = nees[name].mean(axis=0)
+        expected = {
+            "ate_m": (ates[name].mean(), 1e-12),
+            "ratio_to_causal": (ates[name].mean() / ates["causal"].mean(), 1e-12),
+            "position_rmse_m": (np.sqrt(errors[name].mean(axis=0)).mean(), 1e-6),
+            "nees_pose_per_dof": (nees[name][:, FIRST_STEP:].mean() / 3, 1e-6),
+        }
+        for key, (mean, rel) in expected.items():
+            assert entry.figure(key).mean == pytest.approx(mean, rel=rel)
+        assert entry.runs == 6
         assert entry.nees_share_inside_band == pytest.approx(np.mean((low <= average) & (average <= high)))
-        assert entry.ratio_to_causal is not None
-        assert entry.ratio_to_causal.mean == pytest.approx(ates[name].mean() / ates["causal"].mean(), rel=1e-12)
         assert entry.sigma_ratio_to_optimum_final == pytest.approx(
             tuple((sigmas[name] / sigmas["causal"]).mean(axis=0)), rel=1e-6
         )
     assert summary.estimators["causal"].ratio_to_hindsight is None
 
 
-def test_a_study_goes_on_where_it_was_and_repeats_nothing(
-    scenario: Scenario, thread: ThreadPoolExecutor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    whole = run_study(scenario, 5, 0, ("ekf", "riekf"), tmp_path / "whole", thread)
-    run_study(scenario, 2, 0, ("ekf",), tmp_path / "parts", thread)
-    carried: list[tuple[int, tuple[str, ...]]] = []
+def test_a_study_continues_and_repeats_nothing(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = run(5, ("ekf", "riekf"), "whole")
+    run(2, ("ekf",), "parts")
+    done: list[tuple[int, tuple[str, ...]]] = []
     original = study_run.run_once
 
     def counted(each: Scenario, seed: int, asked: list[Asked]) -> list[study_run.Outcome]:
-        carried.append((seed, tuple(one.label for one in asked)))
+        done.append((seed, tuple(one.label for one in asked)))
         return original(each, seed, asked)
 
     monkeypatch.setattr("slamgauge.compare.studies.study.run_once", counted)
-    parts = run_study(scenario, 5, 0, ("ekf", "riekf"), tmp_path / "parts", thread)
-    seeds = [run_seed(0, run) for run in range(5)]
-    expected = [(seeds[0], ("riekf",)), (seeds[1], ("riekf",)), *((seed, ("ekf", "riekf")) for seed in seeds[2:])]
-    assert carried == expected
+    parts = run(5, ("ekf", "riekf"), "parts")
+    seeds = [run_seed(0, number) for number in range(5)]
+    assert done == [(seeds[0], ("riekf",)), (seeds[1], ("riekf",)), *((seed, ("ekf", "riekf")) for seed in seeds[2:])]
     assert figures_of(parts) == figures_of(whole)
-    carried.clear()
-    fewer = run_study(scenario, 2, 0, ("ekf",), tmp_path / "parts", thread)
-    assert not carried
-    assert fewer.estimators["ekf"].runs == 2
-
-
-def test_a_failing_run_is_recorded_shown_and_not_repeated(
-    scenario: Scenario, thread: ThreadPoolExecutor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    seed = run_seed(0, 1)
-    unlucky = simulate(scenario, seed)[1].odometry[0, 0]
-    ekf = load_estimators(["ekf"])["ekf"]
-
-    def fragile(recording: Recording, **_: object) -> Estimate:
-        if recording.odometry[0, 0] == unlucky:
-            raise ValueError("no luck")
-        return ekf(recording)
-
-    monkeypatch.setattr("slamgauge.ekf.riekf", fragile)
-    for _ in range(2):
-        summary = run_study(scenario, 3, 0, ("ekf", "riekf"), tmp_path, thread)
-        (failure,) = summary.failures
-        assert (failure.run, failure.estimator) == (1, "riekf")
-        assert "no luck" in failure.error
-        assert (summary.estimators["ekf"].runs, summary.estimators["riekf"].runs) == (3, 2)
+    done.clear()
+    assert run(2, ("ekf",), "parts").estimators["ekf"].runs == 2
+    assert not done
 
 
 @pytest.mark.parametrize(
     ("overrides", "seed", "message"),
     [(["sensor.max_range=8"], 0, "another scenario"), ([], 1, "another seed")],
 )
-def test_another_study_is_refused_with_the_remedy(
-    scenario: Scenario, thread: ThreadPoolExecutor, tmp_path: Path, overrides: list[str], seed: int, message: str
-) -> None:
-    run_study(scenario, 1, 0, ("ekf",), tmp_path, thread)
+def test_a_store_of_another_study_is_refused(run: Run, overrides: list[str], seed: int, message: str) -> None:
+    run(1, ("ekf",))
     other = load_scenario("q1-long-dense", [*SHORT, *overrides])
     with pytest.raises(UserError, match=f"{message}.*give another --out"):
-        run_study(other, 1, seed, ("ekf",), tmp_path, thread)
-    assert run_study(scenario, 1, 0, ("ekf",), tmp_path, thread).estimators["ekf"].runs == 1
+        run(1, ("ekf",), seed=seed, scenario=other)
+    assert run(1, ("ekf",)).estimators["ekf"].runs == 1
 
 
-def test_a_file_that_is_no_store_is_refused(scenario: Scenario, thread: ThreadPoolExecutor, tmp_path: Path) -> None:
+def test_a_text_file_is_refused_as_store(run: Run, tmp_path: Path) -> None:
     begin_file(tmp_path, "study.sqlite")
     (tmp_path / "study.sqlite").write_text("not a database, but long enough to be read as one " * 50)
     with pytest.raises(UserError, match=r"is damaged \(file is not a database\); move it away"):
-        run_study(scenario, 1, 0, ("ekf",), tmp_path, thread)
+        run(1, ("ekf",))
 
 
-def test_databases_of_others_are_refused_and_stay_as_they_are(
-    scenario: Scenario, thread: ThreadPoolExecutor, tmp_path: Path
-) -> None:
+@pytest.mark.parametrize("table", ["patients (name TEXT)", "study (key TEXT, value TEXT)"])
+def test_foreign_databases_are_refused_and_unchanged(run: Run, load: Load, tmp_path: Path, table: str) -> None:
     path = tmp_path / "study.sqlite"
-    for table in ("patients (name TEXT)", "study (key TEXT, value TEXT)"):
-        path.unlink(missing_ok=True)
-        with sqlite3.connect(path) as connection:
-            connection.execute(f"CREATE TABLE {table}")
-        connection.close()
-        before = path.read_bytes()
-        with pytest.raises(ValueError, match=r"study.sqlite: exists already, .* has not written it; move it"):
-            run_study(scenario, 1, 0, ("ekf",), tmp_path, thread)
-        with pytest.raises(ValueError, match=r"no such table|holds no study"):
-            load_runs(scenario, 1, 0, ("ekf",), tmp_path)
-        assert path.read_bytes() == before
-        assert [each.name for each in tmp_path.iterdir()] == [path.name]
+    with closing(sqlite3.connect(path)) as connection, connection:
+        connection.execute(f"CREATE TABLE {table}")
+    before = path.read_bytes()
+    with pytest.raises(ValueError, match=r"study.sqlite: exists already, .* has not written it; move it"):
+        run(1, ("ekf",))
+    with pytest.raises(ValueError, match=r"no such table|has no study"):
+        load(1, ("ekf",))
+    assert path.read_bytes() == before
+    assert [each.name for each in tmp_path.iterdir()] == [path.name]
 
 
-def test_a_store_without_a_manifest_is_read_but_not_written(
-    scenario: Scenario, thread: ThreadPoolExecutor, tmp_path: Path
-) -> None:
-    """As version 0.3 has left it."""
-    run_study(scenario, 1, 0, ("ekf",), tmp_path, thread)
+def test_a_store_without_manifest_is_read_but_not_written(run: Run, load: Load, tmp_path: Path) -> None:
+    """Version 0.3 wrote no manifest."""
+    run(1, ("ekf",))
     (tmp_path / MANIFEST).unlink()
-    assert len(load_runs(scenario, 1, 0, ("ekf",), tmp_path)["ekf"].run) == 1
+    assert len(load(1, ("ekf",))["ekf"].run) == 1
     with pytest.raises(ValueError, match=r"study.sqlite: exists already.* give another --out"):
-        run_study(scenario, 2, 0, ("ekf",), tmp_path, thread)
+        run(2, ("ekf",))
 
 
 @pytest.mark.parametrize("step", ["begin_file", "begin_store", "write_manifest"])
-def test_a_study_killed_while_it_makes_its_store_goes_on(
-    scenario: Scenario, thread: ThreadPoolExecutor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step: str
+def test_a_study_killed_while_it_makes_its_store_continues(
+    run: Run, monkeypatch: pytest.MonkeyPatch, step: str
 ) -> None:
-    """Before anything is there, where the file is there and empty, and before it is settled whose that is."""
+    """Killed before the file exists, while it is empty, or before the manifest is complete."""
     module = "storage.manifest" if step == "write_manifest" else "studies.study"
-    place = f"slamgauge.compare.{module}.{step}"
     original, calls = write_manifest, list[object]()
 
     def killed(*arguments: Any) -> None:
@@ -197,33 +167,31 @@ def test_a_study_killed_while_it_makes_its_store_goes_on(
         original(*arguments)
 
     with monkeypatch.context() as patch:
-        patch.setattr(place, killed)
+        patch.setattr(f"slamgauge.compare.{module}.{step}", killed)
         with pytest.raises(KeyboardInterrupt):
-            run_study(scenario, 1, 0, ("ekf",), tmp_path, thread)
+            run(1, ("ekf",))
     for runs in (1, 2):
-        assert run_study(scenario, runs, 0, ("ekf",), tmp_path, thread).estimators["ekf"].runs == runs
+        assert run(runs, ("ekf",)).estimators["ekf"].runs == runs
 
 
 @pytest.mark.parametrize(("runs", "seed", "names"), [(0, 0, ["ekf"]), (1, -1, ["ekf"]), (1, 0, ["efk"]), (1, 0, [])])
 def test_bad_input_is_refused_before_anything_is_written(
-    scenario: Scenario, thread: ThreadPoolExecutor, tmp_path: Path, runs: int, seed: int, names: list[str]
+    run: Run, tmp_path: Path, runs: int, seed: int, names: list[str]
 ) -> None:
     with pytest.raises(UserError, match=r"give at least 1|negative|did you mean ekf|name at least one"):
-        run_study(scenario, runs, seed, names, tmp_path / "new", thread)
+        run(runs, names, "new", seed=seed)
     assert not (tmp_path / "new").exists()
 
 
-def test_processes_and_a_dask_cluster_give_the_same_figures_bit_for_bit(
-    scenario: Scenario, thread: ThreadPoolExecutor, tmp_path: Path
-) -> None:
+def test_processes_and_a_dask_cluster_give_the_same_figures_bit_for_bit(run: Run, tmp_path: Path) -> None:
     from distributed import LocalCluster
 
-    here = run_study(scenario, 4, 0, NAMES, tmp_path / "here", thread)
+    here = run(4, NAMES, "here")
     with local_processes(2) as executor:
-        there = run_study(scenario, 4, 0, NAMES, tmp_path / "there", executor)
+        there = run(4, NAMES, "there", executor=executor)
     cluster: Any = LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0")
     with cluster, dask_cluster(cluster.scheduler_address) as executor:
-        far = run_study(scenario, 4, 0, NAMES, tmp_path / "far", executor)
+        far = run(4, NAMES, "far", executor=executor)
     assert figures_of(here) == figures_of(there) == figures_of(far)
     blobs = [
         list(sqlite3.connect(tmp_path / place / "study.sqlite").execute("SELECT series FROM outcome ORDER BY 1"))
@@ -243,48 +211,37 @@ def test_the_command_prints_the_table_and_writes_summary_and_figures(
     below = ["fit", "ekf:", "causal:", "batch:"]
     assert [line.split()[0] for line in table.splitlines()] == ["estimator", "ekf", "causal", "batch", *below]
     content = json.loads((tmp_path / "study" / "summary.json").read_text())
-    origin = {"version", "command", "scenario_text"}
-    assert set(content) == {
-        *origin,
-        "scenario",
-        "runs",
-        "seed",
-        "digest",
-        "failures",
-        "estimators",
-        "against",
-        "precision",
-    }
+    keys = "version command scenario_text scenario runs seed digest failures estimators against precision"
+    assert set(content) == set(keys.split())
     assert set(content["estimators"]["ekf"]["ate_m"]) == {"mean", "low", "high"}
     assert content["estimators"]["ekf"]["nees_share_inside_band"]["level"] == 0.999
     for name in ("nees", "nis", "errors", "ratios"):
         assert (tmp_path / "study" / f"{name}.png").stat().st_size > 0
     assert main([*words, "--json"]) == 0
-    assert json.loads(capsys.readouterr().out) | {"command": ""} == content | {"command": ""}  # which has --json in it
+    assert json.loads(capsys.readouterr().out) | {"command": ""} == content | {"command": ""}  # the command has --json
 
 
 def test_figures_of_a_study_in_which_everything_failed(
-    scenario: Scenario, thread: ThreadPoolExecutor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    run: Run, load: Load, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def broken(_: Recording, **__: object) -> Estimate:
         raise ValueError("never")
 
     monkeypatch.setattr("slamgauge.ekf.ekf_slam", broken)
-    summary = run_study(scenario, 2, 0, ("ekf",), tmp_path, thread)
-    write_study(tmp_path, summary, load_runs(scenario, 2, 0, ("ekf",), tmp_path), 0.1)
+    write_study(tmp_path, run(2, ("ekf",)), load(2, ("ekf",)), 0.1)
     content = json.loads((tmp_path / "summary.json").read_text())
     assert content["estimators"]["ekf"]["ate_m"] is None
     assert len(content["failures"]) == 2
 
 
-def test_several_threads_leave_standard_output_alone(scenario: Scenario, tmp_path: Path) -> None:
+def test_several_threads_do_not_change_standard_output(run: Run) -> None:
     before = sys.stdout
     with ThreadPoolExecutor(3) as executor:
-        run_study(scenario, 6, 0, ("ekf", "riekf"), tmp_path, executor)
+        run(6, ("ekf", "riekf"), executor=executor)
     assert sys.stdout is before
 
 
-def test_there_is_nothing_to_load_where_no_study_was(scenario: Scenario, tmp_path: Path) -> None:
-    with pytest.raises(UserError, match="there is no study"):
-        load_runs(scenario, 1, 0, ("ekf",), tmp_path / "nowhere")
+def test_loading_from_a_folder_without_study_is_refused(load: Load, tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="no study is there"):
+        load(1, ("ekf",), "nowhere")
     assert not (tmp_path / "nowhere").exists()

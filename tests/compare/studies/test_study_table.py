@@ -1,4 +1,4 @@
-"""A study's table for papers: chosen columns and rows, intervals or not, and texts that LaTeX sets as they are."""
+"""A study's table for papers: chosen columns and rows, with or without intervals, and escaped texts."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def study(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_csv_has_means_and_ends_in_columns_of_their_own(study: Path):
+def test_csv_has_columns_for_means_and_ends(study: Path):
     rows = list(csv.DictReader(read_study_table(study, ["ate_m"], []).text("csv").splitlines()))
     assert rows[0] == {"estimator": "ekf", "runs": "7", "ate_m": "1.0", "ate_m_low": "0.5", "ate_m_high": "1.5"}
     assert rows[1] == {"estimator": "a_b|c", "runs": "7", "ate_m": "", "ate_m_low": "", "ate_m_high": ""}
@@ -53,7 +53,7 @@ def test_latex_has_booktabs_and_a_caption(study: Path):
     assert r"a\_b|c & 7 & - & 2.000 $\pm$ 0.500 & 3.00 $\pm$ 0.50 & 90.0\% $\pm$ 50.0\% \\" in text
 
 
-def test_texts_are_set_letter_by_letter():
+def test_latex_escapes_all_special_characters():
     assert latex_text(r"50 % of $x_1^2$ & {~\}#") == (
         r"50 \% of \$x\_1\textasciicircum{}2\$ \& \{\textasciitilde{}\textbackslash{}\}\#"
     )
@@ -67,7 +67,7 @@ def test_texts_are_set_letter_by_letter():
         ([], ["efk"], "efk: no estimator of this study; did you mean ekf?"),
     ],
 )
-def test_what_is_not_there_is_refused(study: Path, keys: list[str], estimators: list[str], message: str):
+def test_missing_columns_and_estimators_are_refused(study: Path, keys: list[str], estimators: list[str], message: str):
     with pytest.raises(UserError, match=message.replace("?", r"\?")):
         read_study_table(study, keys, estimators)
 

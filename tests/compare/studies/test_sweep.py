@@ -1,8 +1,9 @@
-"""Sweeps: a study at each value, one optimum for all that see the same, and a figure."""
+"""Sweeps: a study at each value, one optimum for all values with the same measurements, and a figure."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -12,49 +13,56 @@ from matplotlib.figure import Figure
 from matplotlib.image import imread
 
 from slamgauge.compare.cli.main import main
-from slamgauge.compare.scenarios.scenario import ScenarioError, load_scenario
-from slamgauge.compare.studies.study import run_study
+from slamgauge.compare.scenarios.scenario import load_scenario
 from slamgauge.compare.studies.summary import EstimatorSummary, Summary
-from slamgauge.compare.studies.sweep import run_sweep, split_sweep, sweep_table
+from slamgauge.compare.studies.sweep import Sweep, run_sweep, split_sweep, sweep_table
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from tests.reference.held_by_schemas import held
 
 SHORT = ["start=sampled", "trajectory.duration=3"]
+BOTH = ("ekf", "causal")
 
 
-@pytest.mark.parametrize("text", ["prior.mean=[0,0,0],[1,0,0]", "description=a/b", "a={b=1}"])
-def test_what_cannot_be_swept(text: str):
-    with pytest.raises(ValueError, match="cannot be swept; write a scenario file for each"):
-        split_sweep(text)
+@pytest.fixture
+def swept(thread: ThreadPoolExecutor, tmp_path: Path) -> Callable[..., Sweep]:
+    def swept(scenario: str, sweep: str, runs: int, names: tuple[str, ...] = BOTH, seed: int = 0) -> Sweep:
+        return run_sweep(scenario, SHORT, sweep, runs, seed, names, tmp_path, thread)
+
+    return swept
 
 
-@pytest.mark.parametrize("text", ["association.gate", "=1,2", "association.gate=", "association.gate= , "])
-def test_what_is_no_sweep(text: str):
-    with pytest.raises(ValueError, match=r"write key=v1,v2,\.\.\."):
-        split_sweep(text)
-
-
-def test_a_value_twice():
-    with pytest.raises(ValueError, match="name each once"):
-        split_sweep("a.b=1,2,1")
+@pytest.mark.parametrize(
+    ("texts", "message"),
+    [
+        (
+            ["prior.mean=[0,0,0],[1,0,0]", "description=a/b", "a={b=1}"],
+            "cannot be swept; write a scenario file for each",
+        ),
+        (["association.gate", "=1,2", "association.gate=", "association.gate= , "], r"write key=v1,v2,\.\.\."),
+        (["a.b=1,2,1"], "name each once"),
+    ],
+)
+def test_texts_that_are_no_sweep_are_refused(texts: list[str], message: str):
+    for text in texts:
+        with pytest.raises(UserError, match=message):
+            split_sweep(text)
     assert split_sweep("a.b = 1, x ,2.5") == ("a.b", ("1", "x", "2.5"))
 
 
-def test_every_point_is_the_study_of_its_scenario_and_the_optimum_runs_once(tmp_path: Path):
-    with ThreadPoolExecutor(1) as executor:
-        sweep = run_sweep(
-            "q2-long-dense", SHORT, "association.gate=1,9", 3, 5, ["ekf", "causal"], tmp_path / "sweep", executor
-        )
-        assert sweep.values == ("1", "9")
-        for value, summary in zip(sweep.values, sweep.summaries, strict=True):
-            scenario = load_scenario("q2-long-dense", [*SHORT, f"association.gate={value}"])
-            alone = run_study(scenario, 3, 5, ["ekf", "causal"], tmp_path / value, executor)
-            for name in ("ekf", "causal"):
-                one, other = summary.estimators[name], alone.estimators[name]
-                assert (one.ate_m, one.landmarks_mapped) == (other.ate_m, other.landmarks_mapped)
-            assert summary.estimators["ekf"].ratio_to_causal == alone.estimators["ekf"].ratio_to_causal
-    assert len(list((tmp_path / "sweep/optimum").iterdir())) == 1
+def test_every_point_is_the_study_of_its_scenario_and_the_optimum_runs_once(
+    swept: Callable[..., Sweep], run: Callable[..., Summary], tmp_path: Path
+):
+    sweep = swept("q2-long-dense", "association.gate=1,9", 3, seed=5)
+    assert sweep.values == ("1", "9")
+    for value, summary in zip(sweep.values, sweep.summaries, strict=True):
+        scenario = load_scenario("q2-long-dense", [*SHORT, f"association.gate={value}"])
+        alone = run(3, BOTH, value, seed=5, scenario=scenario)
+        for name in BOTH:
+            one, other = summary.estimators[name], alone.estimators[name]
+            assert (one.ate_m, one.landmarks_mapped) == (other.ate_m, other.landmarks_mapped)
+        assert summary.estimators["ekf"].ratio_to_causal == alone.estimators["ekf"].ratio_to_causal
+    assert len(list((tmp_path / "optimum").iterdir())) == 1
     assert sweep.summaries[0].estimators["causal"].ate_m == sweep.summaries[1].estimators["causal"].ate_m
     mapped = [summary.estimators["ekf"].landmarks_mapped for summary in sweep.summaries]
     assert mapped[0] is not None
@@ -62,11 +70,8 @@ def test_every_point_is_the_study_of_its_scenario_and_the_optimum_runs_once(tmp_
     assert mapped[0].mean > 2 * mapped[1].mean
 
 
-def test_a_key_that_changes_the_measurements_has_an_optimum_at_each_value(tmp_path: Path):
-    with ThreadPoolExecutor(1) as executor:
-        sweep = run_sweep(
-            "q1-long-dense", SHORT, "sensor.sigma_range=0.01,1", 2, 0, ["ekf", "causal"], tmp_path, executor
-        )
+def test_a_key_that_changes_the_measurements_has_an_optimum_at_each_value(swept: Callable[..., Sweep], tmp_path: Path):
+    sweep = swept("q1-long-dense", "sensor.sigma_range=0.01,1", 2)
     assert len(list((tmp_path / "optimum").iterdir())) == 2
     first, second = (summary.estimators["causal"].ate_m for summary in sweep.summaries)
     assert first is not None
@@ -74,36 +79,48 @@ def test_a_key_that_changes_the_measurements_has_an_optimum_at_each_value(tmp_pa
     assert first.mean < second.mean
 
 
-def test_more_values_later_run_no_optimum_again_and_failures_are_shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    sweep = ("q2-long-dense", SHORT, "association.gate=9,16", 2, 0, ["ekf", "causal"], tmp_path)
-    with ThreadPoolExecutor(1) as executor:
-        run_sweep(*sweep, executor)
+@pytest.mark.parametrize(("scenario", "has_effect"), [("q1-long-dense", False), ("q2-long-dense", True)])
+def test_a_sweep_names_a_key_without_effect(swept: Callable[..., Sweep], scenario: str, has_effect: bool):
+    """A gate has no effect with known association."""
+    sweep = swept(scenario, "association.gate=1,9", 2)
+    line = "association.gate has no effect here: all figures of all estimators are the same at every value"
+    assert str(sweep_table(sweep)).splitlines().count(line) == sweep.to_json()["notes"].count(line) == (not has_effect)
 
-        def broken(*_: object, **__: object) -> Estimate:
-            raise UserError("no luck")
 
-        monkeypatch.setattr("slamgauge.graph_baseline.causal", broken)
-        monkeypatch.setattr("slamgauge.ekf.ekf_slam", broken)
-        again = run_sweep("q2-long-dense", SHORT, "association.gate=4,9", 2, 0, ["ekf", "causal"], tmp_path, executor)
+def test_more_values_later_run_no_optimum_again_and_failures_are_reported(
+    swept: Callable[..., Sweep], monkeypatch: pytest.MonkeyPatch
+):
+    def broken(*_: object, **__: object) -> Estimate:
+        raise UserError("broken on purpose")
+
+    swept("q2-long-dense", "association.gate=9,16", 2)
+    monkeypatch.setattr("slamgauge.graph_baseline.causal", broken)
+    monkeypatch.setattr("slamgauge.ekf.ekf_slam", broken)
+    again = swept("q2-long-dense", "association.gate=4,9", 2)
     assert again.summaries[0].estimators["causal"].runs == 2
     assert [failure.run for failure in again.summaries[0].failures] == [0, 1]
     assert again.summaries[1].failures == ()
     lines = str(sweep_table(again)).splitlines()
-    assert lines[-1] == "association.gate=4, run 1: ekf failed: estimator ekf: no luck"
+    assert lines[-1] == "association.gate=4, run 1: ekf failed: estimator ekf: broken on purpose"
 
 
-def test_mistakes_are_found_before_anything_is_run(tmp_path: Path):
-    with ThreadPoolExecutor(1) as executor:
-        with pytest.raises(ScenarioError, match="choose it above 0"):
-            run_sweep("q2-long-dense", SHORT, "association.gate=9,-1", 1, 0, ["ekf"], tmp_path, executor)
-        with pytest.raises(ValueError, match=r"9 and 9\.0 are the same value"):
-            run_sweep("q2-long-dense", SHORT, "association.gate=9,9.0", 1, 0, ["ekf"], tmp_path, executor)
-        with pytest.raises(ValueError, match="add a filter"):
-            run_sweep("q2-long-dense", SHORT, "association.gate=9", 1, 0, ["causal"], tmp_path, executor)
+@pytest.mark.parametrize(
+    ("values", "name", "message"),
+    [
+        ("9,-1", "ekf", "choose it above 0"),
+        ("9,9.0", "ekf", r"9 and 9\.0 are the same value"),
+        ("9", "causal", "add a filter"),
+    ],
+)
+def test_mistakes_are_found_before_anything_is_run(
+    swept: Callable[..., Sweep], tmp_path: Path, values: str, name: str, message: str
+):
+    with pytest.raises(UserError, match=message):
+        swept("q2-long-dense", f"association.gate={values}", 1, (name,))
     assert not list(tmp_path.iterdir())
 
 
-def test_a_filter_of_ones_own_is_swept_and_drawn_beside_ours(
+def test_user_code_is_swept_and_drawn_with_the_built_in_estimators(
     tmp_path: Path, saved: dict[str, Figure], capsys: pytest.CaptureFixture[str]
 ):
     own = Path(__file__).parents[3] / "examples/student_ekf.py"
@@ -113,6 +130,8 @@ def test_a_filter_of_ones_own_is_swept_and_drawn_beside_ours(
     assert main([*arguments, *sweep]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert [line.split()[1] for line in lines[1:7]] == ["causal@ekf", "mine", "causal"] * 2
+    for value, line in zip(("4", "9"), lines[-2:], strict=True):
+        assert line.startswith(f"association.gate={value}, the ATE of mine is ")
     titles = saved["sweep"].axes[0].get_legend_handles_labels()[1]
     assert titles == ["causal@ekf", "mine", "causal optimum"]
 
@@ -121,21 +140,17 @@ def entry(summary: Summary, *faults: str, runs: int = 7) -> EstimatorSummary:
     return replace(summary.estimators["ekf"], runs=runs, faults=faults)
 
 
-def test_below_the_table_stands_what_is_wrong_and_at_which_values(tmp_path: Path):
-    """What a verdict says at each value, without its sizes, which the table has."""
-    with ThreadPoolExecutor(1) as executor:
-        sweep = run_sweep("q2-long-dense", SHORT, "association.gate=1,4,9", 2, 0, ["ekf"], tmp_path, executor)
-    said = {
-        "ekf": (
-            ("claims too small a sigma", "worse than the causal optimum"),
-            ("claims too small a sigma",),
-            ("claims too small a sigma",),
-        ),
+def test_faults_are_below_the_table_with_their_values(swept: Callable[..., Sweep]):
+    """They are those of the verdicts, without sizes, which the table has."""
+    sweep = swept("q2-long-dense", "association.gate=1,4,9", 2, ("ekf",))
+    small, loses = "claims too small a sigma", "worse than the causal optimum"
+    faults = {
+        "ekf": ((small, loses), (small,), (small,)),
         "mine": ((), (), ("claims too large a sigma",)),
         "right": ((), (), ()),
     }
     summaries = tuple(
-        replace(each, estimators={name: entry(each, *faults[place]) for name, faults in said.items()})
+        replace(each, estimators={name: entry(each, *found[place]) for name, found in faults.items()})
         for place, each in enumerate(sweep.summaries)
     )
     assert str(sweep_table(replace(sweep, runs=7, summaries=summaries))).splitlines()[-4:] == [
@@ -155,8 +170,8 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     assert main([*arguments, *sweep]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[0].split()[:2] == ["assumed.scale", "estimator"]
-    assert [line.split()[:2] for line in lines[1:5]] == [[v, e] for v in ("0.1", "10") for e in ("ekf", "causal")]
-    assert [line.partition(":")[0] for line in lines[5:]] == ["ekf", "causal"]  # and no empty column
+    assert [line.split()[:2] for line in lines[1:5]] == [[v, e] for v in ("0.1", "10") for e in BOTH]
+    assert [line.partition(":")[0] for line in lines[5:]] == ["ekf", "causal"]  # no column is empty
     content = held("sweep", json.loads((tmp_path / "sweep.json").read_text()))
     assert [point["value"] for point in content["points"]] == ["0.1", "10"]
     faults = [point["summary"]["estimators"]["ekf"]["faults"] for point in content["points"]]

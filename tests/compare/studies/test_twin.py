@@ -1,4 +1,4 @@
-"""Twins of logs: what they carry over, that they are scenarios like any, and how well they foretell."""
+"""Twins of logs: properties that they keep, their use as scenarios, and the accuracy of their predictions."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ WOODS = Path(__file__).parents[4] / "shared" / "data" / "lost_in_the_woods" / "d
 
 
 def log(sensor: str = "range-bearing", steps: int = 40) -> Recording:
-    """With stamps, covariances and a prior that no scenario of segments has."""
+    """Return a log with stamps, covariances and a prior that no scenario of segments has."""
     kind = "range-bearing" if sensor == "bearing" else sensor
     recording = random_recording(4, sensor=kind, steps=steps)[1]
     if sensor == "bearing":
@@ -60,8 +60,8 @@ def test_a_twin_has_the_logs_stamps_sightings_and_noise_on_the_path_of_its_optim
     np.testing.assert_allclose(truth.landmarks, optimum.landmarks[np.argsort(optimum.landmark_ids)], atol=1e-12)
 
 
-def test_the_noise_of_a_twin_is_that_of_each_step(tmp_path: Path) -> None:
-    """Whitened by the log's own covariances it has variance 1; false alarm 1 in 10 000, two-sided."""
+def test_the_noise_of_a_twin_has_the_covariance_of_each_step(tmp_path: Path) -> None:
+    """Whitened by the log's covariances it has variance 1; false-alarm rate 1e-4, two-sided."""
     recording = log(steps=400)
     write_twin(tmp_path, make_twin(recording), "a log")
     truth, simulated = simulate(load_scenario(tmp_path / "twin.toml"), 5)
@@ -71,7 +71,7 @@ def test_the_noise_of_a_twin_is_that_of_each_step(tmp_path: Path) -> None:
     assert abs(np.mean(white**2) - 1.0) < 3.9 * np.sqrt(2 / white.size)
 
 
-def test_uniform_noise_is_a_key_that_can_be_swept(tmp_path: Path) -> None:
+def test_equal_covariances_become_a_key_that_can_be_swept(tmp_path: Path) -> None:
     recording = log()
     alike = replace(recording, observation_cov=np.tile(np.diag([0.04, 0.01]), (len(recording.observation), 1, 1)))
     write_twin(tmp_path, make_twin(alike), "a log")
@@ -79,7 +79,7 @@ def test_uniform_noise_is_a_key_that_can_be_swept(tmp_path: Path) -> None:
     np.testing.assert_allclose(better.sensor.sigmas, [0.01, 0.1])
 
 
-def test_a_twin_may_be_moved_and_is_told_by_its_content(tmp_path: Path) -> None:
+def test_the_digest_of_a_twin_depends_on_its_content_and_not_on_its_folder(tmp_path: Path) -> None:
     here, there = tmp_path / "here", tmp_path / "there"
     here.mkdir()
     write_twin(here, make_twin(log()), "a log")
@@ -91,16 +91,15 @@ def test_a_twin_may_be_moved_and_is_told_by_its_content(tmp_path: Path) -> None:
     assert digest(load_scenario(there / "twin.toml"), 0) != digest(one, 0)
 
 
-def test_commands_take_a_twin_like_any_scenario(
+def test_commands_accept_a_twin_as_a_scenario(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Workers of a study too, wherever they run."""
     monkeypatch.setattr(terminal, "PIPED", 80)
     save(tmp_path / "recording.npz", log())
     assert main(["twin", str(tmp_path / "recording.npz"), "--out", str(tmp_path / "twin")]) == 0
-    told = capsys.readouterr().err
-    assert "observations: written to" in told
-    assert max(len(line) for line in told.splitlines() if "written to" not in line) <= 80
+    printed = capsys.readouterr().err
+    assert "observations: written to" in printed
+    assert max(len(line) for line in printed.splitlines() if "written to" not in line) <= 80
     toml = str(tmp_path / "twin" / "twin.toml")
     assert main(["run", toml, "--estimators", "ekf", "--out", str(tmp_path / "run")]) == 0
     command = ["study", toml, "--runs", "2", "--jobs", "1", "--estimators", "ekf", "--out", str(tmp_path / "study")]
@@ -112,13 +111,12 @@ def test_a_log_without_ids_is_associated_first(tmp_path: Path, capsys: pytest.Ca
     recording = simulate(load_scenario("q2-short-dense", ["trajectory.duration=20"]), 0)[1]
     save(tmp_path / "recording.npz", recording)
     assert main(["twin", str(tmp_path / "recording.npz"), "--out", str(tmp_path / "twin")]) == 0
-    told = capsys.readouterr().err
-    assert "no ids: associated by riekf with jcbb, which may be wrong" in told
+    assert "no ids: associated by riekf with jcbb, which may be wrong" in capsys.readouterr().err
     assert load_scenario(tmp_path / "twin" / "twin.toml").association.method == "jcbb"
 
 
 @pytest.mark.skipif(not WOODS.exists(), reason=f"{WOODS.name} is not there")
-def test_the_twin_of_lost_in_the_woods_foretells_its_error(tmp_path: Path) -> None:
+def test_the_twin_of_lost_in_the_woods_predicts_its_error(tmp_path: Path) -> None:
     """The position RMSE of the right-invariant filter, mean of thirty runs, within a quarter of the real one."""
     recording, truth = read_lost_in_the_woods(WOODS)
     write_twin(tmp_path, make_twin(recording), "woods")
@@ -126,10 +124,10 @@ def test_the_twin_of_lost_in_the_woods_foretells_its_error(tmp_path: Path) -> No
     assert truth.poses is not None
     known = ~np.isnan(truth.poses[:, 0])
     actual = np.sqrt(((riekf(recording).poses - truth.poses)[known, :2] ** 2).sum(axis=1).mean())
-    foretold = []
+    predicted = []
     for seed in range(30):
         made, simulated = simulate(scenario, seed)
         assert made.poses is not None
         errors = riekf(simulated).poses[:, :2] - made.poses[:, :2]
-        foretold.append(np.sqrt((errors**2).sum(axis=1).mean()))
-    assert 0.75 < np.mean(foretold) / actual < 1.25
+        predicted.append(np.sqrt((errors**2).sum(axis=1).mean()))
+    assert 0.75 < np.mean(predicted) / actual < 1.25

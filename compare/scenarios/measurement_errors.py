@@ -1,0 +1,187 @@
+"""Sections [motion] and [sensor]: what odometry and sensor measure, and with which errors."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field, ValidationInfo, field_validator
+
+from slamgauge.arrays import Float, Int
+from slamgauge.compare.scenarios.csv_tables import Table, TableText, covariances
+from slamgauge.compare.scenarios.section import NonNegative, Number, Positive, Probability, Section, invalid
+from slamgauge.compare.storage.csv_folder import OBSERVED, POSE_COV
+from slamgauge.sensors import SENSORS, SensorModel
+from slamgauge.sensors import Sensor as SensorKind
+
+COV_HEADER = ("step", *POSE_COV)
+
+
+class Motion(Section):
+    """Odometry noise, which estimators receive as covariance, and odometry errors, which they do not receive.
+
+    Noise has the standard deviations `sigma_speed` [m/s] and `sigma_yaw_rate_deg` [deg/s] at each step, or each step
+    has its own covariance in the body frame [m, m, rad]: a row of the file `covariances`.
+
+    `scale_error` is the relative error of distances (0.02: 2 % too long), `turn_bias_per_metre` [rad/m] a turn to the
+    left per distance. At each step the wheels slip with probability `slip_rate`: the measured distance is then longer
+    by a factor 1 + u, u uniform between 0 and 1.
+    """
+
+    covariances: Table | None = None
+    sigma_speed: NonNegative | None = Field(default=None, validate_default=True)
+    sigma_yaw_rate_deg: NonNegative | None = Field(default=None, validate_default=True)
+    slip_rate: Probability = 0.0
+    scale_error: Number = 0.0
+    turn_bias_per_metre: Number = 0.0
+
+    @field_validator("covariances")
+    @classmethod
+    def _are_covariances(cls, table: TableText | None) -> TableText | None:
+        if table is not None and not np.array_equal(table.rows(COV_HEADER)[:, 0], np.arange(1, len(covs(table)) + 1)):
+            raise invalid(f"{table.name}: steps must be 1, 2, 3 and so on; sort the rows")
+        return table
+
+    @field_validator("sigma_speed", "sigma_yaw_rate_deg")
+    @classmethod
+    def _one_form(cls, value: float | None, info: ValidationInfo) -> float | None:
+        if "covariances" not in info.data:
+            return value
+        has_table = info.data["covariances"] is not None
+        if value is None and not has_table:
+            raise invalid("missing; add it", "missing")
+        if value is not None and has_table:
+            raise invalid("motion.covariances has the noise already; remove one of them")
+        return value
+
+    def sigmas(self, duration: Float) -> Float:
+        """Return standard deviations (3,) or (N, 3) [m, m, rad] of increments of this duration, () or (N, 1) [s]."""
+        assert self.sigma_speed is not None and self.sigma_yaw_rate_deg is not None
+        return duration * np.array([self.sigma_speed, 0.0, np.deg2rad(self.sigma_yaw_rate_deg)])
+
+    def misread(self, command: Float, slips: Float, shares: Float) -> Float:
+        """Return odometry (N, 3) with errors but without noise, for uniform draws (N,) of slips and their shares."""
+        if not (self.slip_rate or self.scale_error or self.turn_bias_per_metre):
+            return command
+        distance = np.linalg.norm(command[:, :2], axis=1)
+        factor = (1.0 + self.scale_error) * (1.0 + np.where(slips < self.slip_rate, shares, 0.0))
+        turn = command[:, 2] + self.turn_bias_per_metre * distance
+        return np.column_stack([command[:, :2] * factor[:, None], turn])
+
+
+def covs(table: TableText) -> Float:
+    """Return the covariances (N, 3, 3) [m, m, rad] of the file's steps 1..N."""
+    return covariances(table, COV_HEADER, 3)
+
+
+def _keys_of(model: SensorModel) -> tuple[str, ...]:
+    """Return the key of the standard deviation of each observed value, angles in degrees."""
+    names = zip(model.sigmas, model.is_angle, strict=True)
+    return tuple(f"sigma_{name}{'_deg' if is_angle else ''}" for name, is_angle in names)
+
+
+_SIGMAS: dict[str, tuple[str, ...]] = {name: _keys_of(model) for name, model in SENSORS.items()}
+
+
+class Sensor(Section):
+    """Sensor: field of view, noise, and errors that estimators do not receive.
+
+    The sensor observes landmarks between `min_range` and `max_range` [m] within `field_of_view_deg` [deg] about the
+    heading, from `first_step` on, each with the `detection_probability`. Alternatively the file `sightings` lists the
+    observed landmark (numbered from 0) of each step, at any range and bearing.
+
+    `range-bearing` needs `sigma_range` [m] and `sigma_bearing_deg` [deg], `bearing` only the latter; `position`
+    (the landmark in the body frame) needs `sigma_position` [m] of each axis. `sightings` may have a covariance for each
+    observation instead. Estimators receive this noise.
+
+    An observation is an outlier with probability `outlier_rate`: `uniform` in range and bearing over the field of view,
+    or `wide`, with ten times the noise; with ids it keeps the id of its landmark. `clutter_rate` is the mean number of
+    observations of no landmark at each step (Poisson), uniform over the field of view; with ids each has a new id.
+    """
+
+    kind: SensorKind
+    max_range: Positive
+    min_range: NonNegative = 0.0
+    first_step: Annotated[int, Field(ge=0, strict=True)] = 0
+    sightings: Table | None = None
+    sigma_range: Positive | None = Field(default=None, validate_default=True)
+    sigma_bearing_deg: Positive | None = Field(default=None, validate_default=True)
+    sigma_position: Positive | None = Field(default=None, validate_default=True)
+    field_of_view_deg: Annotated[Positive, Field(le=360)] = 360.0
+    detection_probability: Probability = 1.0
+    outlier_rate: Probability = 0.0
+    outlier: Literal["uniform", "wide"] = "uniform"
+    clutter_rate: Annotated[NonNegative, Field(le=1000)] = 0.0
+
+    @field_validator("min_range")
+    @classmethod
+    def _below_max_range(cls, value: float, info: ValidationInfo) -> float:
+        if value > info.data.get("max_range", np.inf):
+            raise invalid("must not exceed max_range; the sensor would observe nothing")
+        return value
+
+    @field_validator("sightings")
+    @classmethod
+    def _are_sightings(cls, table: TableText | None, info: ValidationInfo) -> TableText | None:
+        kind = info.data.get("kind")
+        if table is None or kind is None:
+            return table
+        steps, landmarks = table.rows(*_headers(kind))[:, :2].T
+        bad = (np.diff(steps, prepend=0) < 0) | (steps % 1 != 0) | (landmarks < 0) | (landmarks % 1 != 0)
+        if bad.any():
+            where = f"{table.name}, line {int(bad.argmax()) + 2}"
+            raise invalid(f"{where}: steps and landmarks are whole numbers from 0, and steps do not decrease")
+        _covs_of(table, kind)
+        return table
+
+    @field_validator(*dict.fromkeys(key for keys in _SIGMAS.values() for key in keys))
+    @classmethod
+    def _fits_kind(cls, value: float | None, info: ValidationInfo) -> float | None:
+        kind = info.data.get("kind")
+        needed = info.field_name in _SIGMAS.get(kind or "", ())
+        if kind and not needed and value is not None:
+            raise invalid(f"a {kind} sensor has none; remove it or change kind")
+        if not kind or not needed or "sightings" not in info.data:
+            return value
+        has_covs = _covs_of(info.data["sightings"], kind) is not None
+        if value is None and not has_covs:
+            raise invalid(f"missing; a {kind} sensor needs it", "missing")
+        if value is not None and has_covs:
+            raise invalid("sensor.sightings has the noise already; remove one of them")
+        return value
+
+    @property
+    def sigmas(self) -> Float:
+        """Standard deviations (d,) of an observation: [m, rad], [rad] for `bearing`, [m, m] for `position`."""
+        stated = np.array([getattr(self, key) for key in _SIGMAS[self.kind]], dtype=np.float64)
+        return np.where(SENSORS[self.kind].is_angle, np.deg2rad(stated), stated)
+
+    @property
+    def sights(self) -> tuple[Int, Int] | None:
+        """Steps (M,) and landmarks (M,) of the file `sightings`; None without file."""
+        if self.sightings is None:
+            return None
+        rows = self.sightings.rows(*_headers(self.kind))[:, :2].astype(np.int64)
+        return rows[:, 0], rows[:, 1]
+
+    @property
+    def covs(self) -> Float | None:
+        """Covariances (M, d, d) of the file `sightings`; None if the sigmas apply to all observations."""
+        return _covs_of(self.sightings, self.kind)
+
+
+def sightings_header(kind: SensorKind, *, has_covs: bool) -> tuple[str, ...]:
+    """Return the columns of a file of sightings."""
+    return ("step", "landmark", *(OBSERVED[kind][SENSORS[kind].dim :] if has_covs else ()))
+
+
+def _headers(kind: SensorKind) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    return sightings_header(kind, has_covs=False), sightings_header(kind, has_covs=True)
+
+
+def _covs_of(table: TableText | None, kind: SensorKind) -> Float | None:
+    """Return the covariances (M, d, d) of a file of sightings; None if it has none."""
+    header = sightings_header(kind, has_covs=True)
+    if table is None or table.rows(*_headers(kind)).shape[1] < len(header):
+        return None
+    return covariances(table, header, SENSORS[kind].dim, is_definite=True)
