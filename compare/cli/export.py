@@ -14,7 +14,7 @@ from slamgauge.errors import UserError
 
 if TYPE_CHECKING:
     from slamgauge.arrays import Float
-    from slamgauge.compare.figures.figure_size import Format
+    from slamgauge.compare.figures.plot_style import Format
     from slamgauge.estimate import Estimate
     from slamgauge.recording import Recording
     from slamgauge.truth import Truth
@@ -94,8 +94,8 @@ class Export:
 
     def _write_figures(self, form: Format) -> None:
         """Draw the figures of a folder of results."""
-        from slamgauge.compare.figures.figure_size import Sheet, printed_on
-        from slamgauge.compare.figures.redraw import drawings_of
+        from slamgauge.compare.figures.plot_style import Sheet, printed_on
+        from slamgauge.compare.figures.publishing import drawings_of
         from slamgauge.compare.storage.staged_folder import staged_folder
 
         drawings = drawings_of(self.path, split_names(self.estimators), self.band)

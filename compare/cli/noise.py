@@ -67,9 +67,9 @@ class Noise:
             with staged_folder(self.write.parent, [self.write.name], self.write.name, remedy=REMEDY) as folder:
                 save(folder / self.write.name, noise.told)
         if self.out is not None:
-            from slamgauge.compare.figures.publishing import draw_noise
+            from slamgauge.compare.figures.publishing import draw_stored
 
-            done = draw_noise(self.out, content) and done
+            done = draw_stored(self.out, NOISE) and done
         for place in (self.out, self.write):
             if place is not None:
                 print(f"written to {place}", file=sys.stderr)

@@ -204,9 +204,9 @@ class Budget:
             printed = print_result(budget.to_json() if self.output.json else budget_table(budget))
             if folder is not None:
                 write_json(folder / BUDGET, budget.to_json())
-        from slamgauge.compare.figures.publishing import draw_budget
+        from slamgauge.compare.figures.publishing import draw_stored
 
-        drawn = draw_budget(self.out, budget)
+        drawn = draw_stored(self.out, BUDGET)
         print(f"written to {self.out}", file=sys.stderr)
         explained = write_page(self.out, BUDGET, self.page)
         return 0 if printed and drawn and explained else 1

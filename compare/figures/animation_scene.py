@@ -14,7 +14,8 @@ from matplotlib.lines import Line2D
 from matplotlib.text import Text
 
 from slamgauge.arrays import Float
-from slamgauge.compare.figures.map_at_step import map_at
+from slamgauge.compare.figures.axes import label_plane
+from slamgauge.compare.figures.map_contents import first_seen, map_at, map_limits, sight_lines
 from slamgauge.compare.figures.map_layers import (
     HEAVIEST,
     MEMBER,
@@ -25,11 +26,8 @@ from slamgauge.compare.figures.map_layers import (
     RobotLayer,
     key,
 )
-from slamgauge.compare.figures.map_limits import map_limits
-from slamgauge.compare.figures.observed_landmarks import first_seen, sight_lines
 from slamgauge.compare.figures.plot_style import LEGEND, MARK_COLOR, Style, styles
 from slamgauge.compare.figures.ray_frames import has_rays
-from slamgauge.compare.figures.world_axes import label_plane
 from slamgauge.compare.storage.results_folder import Results
 from slamgauge.estimate import Estimate
 from slamgauge.truth import Truth

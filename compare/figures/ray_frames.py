@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slamgauge.arrays import Int
-from slamgauge.compare.figures.map_at_step import map_at
+from slamgauge.compare.figures.map_contents import map_at
 from slamgauge.estimate import Estimate, MapHistory, RayLog
 
 

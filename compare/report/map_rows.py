@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 
 from slamgauge.arrays import Float, Int
-from slamgauge.compare.figures.map_at_step import map_at
-from slamgauge.compare.figures.observed_landmarks import first_seen
+from slamgauge.compare.figures.map_contents import first_seen, map_at
 from slamgauge.compare.report.array_encoding import pack
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording

@@ -10,7 +10,7 @@ import numpy as np
 
 from slamgauge.arrays import Float, Int, distinct
 from slamgauge.compare.figures.error_panels import reference_of
-from slamgauge.compare.figures.map_limits import map_limits
+from slamgauge.compare.figures.map_contents import map_limits
 from slamgauge.compare.figures.plot_style import DEAD_RECKONING
 from slamgauge.compare.report.array_encoding import pack
 from slamgauge.compare.report.frames import ShownObservations, frame_steps, shown_observations

@@ -16,10 +16,10 @@ from matplotlib.figure import Figure
 
 from slamgauge import compare_estimators, find_noise, load_estimators, load_scenario, simulate
 from slamgauge.compare.cli.main import main
-from slamgauge.compare.figures.axis_limits import robust_limits
-from slamgauge.compare.figures.figure_size import INCHES, Sheet, Width, printed_on
-from slamgauge.compare.figures.publishing import write_study, write_sweep
-from slamgauge.compare.figures.redraw import drawings_of
+from slamgauge.compare.figures import plot_style
+from slamgauge.compare.figures.axes import robust_limits
+from slamgauge.compare.figures.plot_style import INCHES, Sheet, Width, printed_on
+from slamgauge.compare.figures.publishing import drawings_of, write_study, write_sweep
 from slamgauge.compare.figures.study_figures import study_drawings
 from slamgauge.compare.noise.noise_json import noise_json
 from slamgauge.compare.scoring.comparison import metrics
@@ -76,9 +76,7 @@ def drawn(monkeypatch: pytest.MonkeyPatch) -> dict[str, Figure]:
     def keep(figure: Figure, path: Path) -> None:
         found[path.name] = figure
 
-    pictures = ("drift_figure", "study_figures", "sweep_figure", "budget_figure", "noise_figure", "bench_figure")
-    for module in ("run_figures", "ray_strip", *pictures):
-        monkeypatch.setattr(f"slamgauge.compare.figures.{module}.save_printed", keep)
+    monkeypatch.setattr(plot_style, "save_printed", keep)
     return found
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from slamgauge.compare.figures.map_at_step import map_at
+from slamgauge.compare.figures.map_contents import map_at
 from slamgauge.compare.figures.map_layers import FAINTEST, MapLayer
 from slamgauge.compare.figures.publishing import draw_comparison
 from slamgauge.compare.figures.ray_frames import has_rays, ray_frames
@@ -178,7 +178,7 @@ def panels_of(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, estimate: Estimat
     def keep(figure: Figure, _: Path) -> None:
         drawn.append(figure)
 
-    monkeypatch.setattr("slamgauge.compare.figures.ray_strip.save_printed", keep)
+    monkeypatch.setattr("slamgauge.compare.figures.plot_style.save_printed", keep)
     truth, recording = half_loop()
     save_ray_strip(tmp_path, None if blind else truth, recording, "ekf", estimate, "a title")
     return drawn[0].axes

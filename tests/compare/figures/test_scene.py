@@ -14,7 +14,7 @@ from matplotlib.patches import Polygon
 
 from slamgauge import arrays, load_scenario, simulate
 from slamgauge.compare.figures.animation_scene import Scene
-from slamgauge.compare.figures.observed_landmarks import NEVER, first_seen, sight_lines
+from slamgauge.compare.figures.map_contents import NEVER, first_seen, sight_lines
 from slamgauge.compare.storage.results_folder import Results
 from slamgauge.estimate import Estimate
 from slamgauge.truth import Truth

@@ -13,7 +13,7 @@ import pytest
 from slamgauge import Estimate, Recording, Truth, compare_estimators, load_estimators, load_scenario, simulate
 from slamgauge.arrays import Float
 from slamgauge.compare.cli.main import main
-from slamgauge.compare.figures.map_at_step import map_at
+from slamgauge.compare.figures.map_contents import map_at
 from slamgauge.compare.report.exercise import QUESTIONS
 from slamgauge.compare.report.frames import frame_steps, shown_observations
 from slamgauge.compare.report.page_elements import looks
