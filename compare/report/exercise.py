@@ -7,10 +7,10 @@ from typing import Any, NamedTuple
 from urllib.parse import quote
 
 from slamgauge.compare.estimators.registry import is_optimum
-from slamgauge.compare.report.glossary import ESTIMATOR, TERMS, figure_heads
-from slamgauge.compare.report.page_elements import Cell, Head, Table, origin, pictures
-from slamgauge.compare.report.plain_page import figure_cell, plain_page
+from slamgauge.compare.report.page import plain_page
+from slamgauge.compare.report.page_elements import origin, pictures
 from slamgauge.compare.report.run_page import PICTURES, lead
+from slamgauge.compare.report.tables import ESTIMATOR, TERMS, Cell, Head, Table, figure_cell, figure_heads
 from slamgauge.compare.scoring.catalogue import columns
 from slamgauge.compare.storage.files import read_json
 from slamgauge.compare.storage.result_files import METRICS, REPORT

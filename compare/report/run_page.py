@@ -7,11 +7,20 @@ from typing import Any
 
 from slamgauge.compare.estimators.registry import OPTIMA, REGISTRY
 from slamgauge.compare.figures.plot_style import DEAD_RECKONING
-from slamgauge.compare.report.glossary import ESTIMATOR, KIND, TERMS, figure_heads, glossary
 from slamgauge.compare.report.page import render
-from slamgauge.compare.report.page_elements import Cell, Head, Table, looks, origin, pictures
-from slamgauge.compare.report.plain_page import figure_cell
+from slamgauge.compare.report.page_elements import looks, origin, pictures
 from slamgauge.compare.report.replay_data import replay_data
+from slamgauge.compare.report.tables import (
+    ESTIMATOR,
+    KIND,
+    TERMS,
+    Cell,
+    Head,
+    Table,
+    figure_cell,
+    figure_heads,
+    glossary,
+)
 from slamgauge.compare.scoring.catalogue import RELATIVE, columns
 from slamgauge.compare.scoring.comparison import Comparison, optimum_notes
 from slamgauge.compare.scoring.optimum_figures import is_in_doubt, is_misfit
