@@ -212,7 +212,7 @@ def _load(path: Path) -> Exported:
     """What lies at a path: a recording or an estimate, or the folder of a run or an import."""
     from slamgauge.compare.storage.files import load_recording, load_recording_or_estimate, load_truth
     from slamgauge.compare.storage.result_files import METRICS, RECORDING, TRUTH
-    from slamgauge.compare.storage.results_folder import load_results
+    from slamgauge.compare.storage.stored_results import load_results
     from slamgauge.estimate import Estimate
 
     if (path / METRICS).exists():

@@ -199,7 +199,7 @@ def _as_it_lies(path: Path, recording: Recording) -> Estimator:
     """The estimator that returns what a file holds of the recording, or fails for the reason why it holds nothing."""
     from slamgauge.compare.estimators.running import StoredEstimate
     from slamgauge.compare.estimators.user_code import OwnCodeError
-    from slamgauge.compare.storage.stored_estimates import load_stored
+    from slamgauge.compare.storage.stored_results import load_stored
 
     def lacking(_: Recording) -> Estimate:
         raise OwnCodeError(reason)

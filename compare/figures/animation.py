@@ -23,8 +23,8 @@ from slamgauge.compare.figures.plot_style import DEAD_RECKONING, LEGEND, PRINT, 
 from slamgauge.compare.storage.files import explained
 from slamgauge.compare.storage.progress import tracked
 from slamgauge.compare.storage.result_files import METRICS
-from slamgauge.compare.storage.results_folder import Results, load_results
 from slamgauge.compare.storage.staged_folder import staged_folder
+from slamgauge.compare.storage.stored_results import Results, load_results
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 

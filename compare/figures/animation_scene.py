@@ -28,7 +28,7 @@ from slamgauge.compare.figures.map_layers import (
 )
 from slamgauge.compare.figures.plot_style import LEGEND, MARK_COLOR, Style, styles
 from slamgauge.compare.figures.ray_frames import has_rays
-from slamgauge.compare.storage.results_folder import Results
+from slamgauge.compare.storage.stored_results import Results
 from slamgauge.estimate import Estimate
 from slamgauge.truth import Truth
 

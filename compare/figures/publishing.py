@@ -32,8 +32,8 @@ from slamgauge.compare.storage.result_files import (
     SWEEP_PICTURES,
     pictures,
 )
-from slamgauge.compare.storage.results_folder import load_results
 from slamgauge.compare.storage.staged_folder import staged_folder
+from slamgauge.compare.storage.stored_results import load_results
 from slamgauge.compare.studies.budget import read_budget
 from slamgauge.compare.studies.stored_study import load_study
 from slamgauge.compare.studies.summary import Summary

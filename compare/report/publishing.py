@@ -69,11 +69,7 @@ def write_pages(stage: Path, pages: dict[str, str]) -> None:
 
 
 def latest_in(folder: Path) -> Path:
-    """Return the main file of the latest results in a folder.
-
-    Raises:
-        UserError: If the folder has no results.
-    """
+    """Return the main file of the latest results in a folder; raise `UserError` if the folder has no results."""
     found = [folder / name for name in PAGES if (folder / name).is_file()]
     if not found:
         raise UserError(

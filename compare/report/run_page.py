@@ -28,8 +28,7 @@ from slamgauge.compare.scoring.optimum_notes import MARK
 from slamgauge.compare.scoring.text_table import cell
 from slamgauge.compare.storage.files import read_json
 from slamgauge.compare.storage.result_files import METRICS, REPORT
-from slamgauge.compare.storage.results_folder import Results, load_results
-from slamgauge.estimate import Kind
+from slamgauge.compare.storage.stored_results import Results, load_results
 
 LARGEST = 2_950_000  # bytes of a page: 3 MB minus what a browser may add when it saves the page
 MOST_CLOSURES = 500  # rows of the table of loop closures
@@ -57,9 +56,15 @@ def run_page(folder: Path) -> dict[str, str]:
     metrics = read_json(path, "run")
     others = len(results.estimates) > 1
     shown = looks(results.estimates, hidden=(DEAD_RECKONING,) if others else ())
-    comparison = Comparison(results.truth, results.recording, results.estimates, {}, optima_of(results))
-    scores = score_table(metrics, doubtful_kinds(comparison))
+    optima = {each.kind: name for name, each in results.estimates.items() if OPTIMA.get(each.kind) == name}
+    comparison = Comparison(results.truth, results.recording, results.estimates, {}, optima)
+    by_kind = {kind: results.estimates[name] for kind, name in optima.items()}
+    scores = score_table(
+        metrics, {kind for kind, each in by_kind.items() if is_in_doubt(each.optimum_check) or is_misfit(each)}
+    )
     drift, closures = drift_table(metrics), closure_table(metrics)
+
+    failures = [f"{each['estimator']} failed: {each['error']}" for each in metrics.get("failures", ())]
 
     def page(data: dict[str, Any]) -> str:
         return render(
@@ -67,7 +72,7 @@ def run_page(folder: Path) -> dict[str, str]:
             kind="a run",
             title=results.title,
             lead=lead(metrics),
-            notes=[*optimum_notes(comparison), *metrics.get("notes", ()), *failures(metrics)],
+            notes=[*optimum_notes(comparison), *metrics.get("notes", ()), *failures],
             table=scores,
             drift=drift,
             closures=closures,
@@ -83,17 +88,6 @@ def run_page(folder: Path) -> dict[str, str]:
 
     room = LARGEST - len(page({}).encode())
     return {REPORT: page({"run": replay_data(results, shown, room)})}
-
-
-def optima_of(results: Results) -> dict[Kind, str]:
-    """Return the optimum of each kind among the estimates."""
-    return {each.kind: name for name, each in results.estimates.items() if OPTIMA.get(each.kind) == name}
-
-
-def doubtful_kinds(comparison: Comparison) -> set[str]:
-    """Return the kinds of estimates whose optimum is in doubt."""
-    optima = {kind: comparison.estimates[name] for kind, name in comparison.optima.items()}
-    return {kind for kind, each in optima.items() if is_in_doubt(each.optimum_check) or is_misfit(each)}
 
 
 def lead(metrics: dict[str, Any]) -> list[tuple[str, str]]:
@@ -114,11 +108,6 @@ def _sentence(name: str, entry: dict[str, Any]) -> str:
     if entry.get("verdict"):
         parts.append(entry["verdict"])
     return "; ".join(parts)
-
-
-def failures(metrics: dict[str, Any]) -> list[str]:
-    """Return a line for each estimator that failed."""
-    return [f"{each['estimator']} failed: {each['error']}" for each in metrics.get("failures", ())]
 
 
 def score_table(metrics: dict[str, Any], doubtful: set[str]) -> Table:

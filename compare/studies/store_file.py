@@ -10,9 +10,9 @@ from pathlib import Path
 from filelock import Timeout
 
 from slamgauge.compare.storage.files import explained
-from slamgauge.compare.storage.partial_folder import lock_file
 from slamgauge.compare.storage.result_files import LOCK
 from slamgauge.compare.storage.safe_names import shown
+from slamgauge.compare.storage.staged_folder import lock_file
 from slamgauge.errors import UserError
 
 PATIENCE = 1.0  # s to wait for another program that uses the store

@@ -18,7 +18,7 @@ from slamgauge.compare.cli.main import main
 from slamgauge.compare.figures.animation_scene import Scene
 from slamgauge.compare.storage.files import save
 from slamgauge.compare.storage.manifest import MANIFEST, write_manifest
-from slamgauge.compare.storage.results_folder import Results, load_results
+from slamgauge.compare.storage.stored_results import Results, load_results
 from slamgauge.compare.studies.stored_study import load_study
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate

@@ -15,7 +15,7 @@ from matplotlib.patches import Polygon
 from slamgauge import arrays, load_scenario, simulate
 from slamgauge.compare.figures.animation_scene import Scene
 from slamgauge.compare.figures.map_contents import NEVER, first_seen, sight_lines
-from slamgauge.compare.storage.results_folder import Results
+from slamgauge.compare.storage.stored_results import Results
 from slamgauge.estimate import Estimate
 from slamgauge.truth import Truth
 from tests.reference.rays_by_hand import BIRTHS, LANDMARKS, estimate_with_rays, half_loop

@@ -18,7 +18,7 @@ from slamgauge.compare.report.exercise import QUESTIONS
 from slamgauge.compare.report.page_elements import looks
 from slamgauge.compare.report.replay_data import frame_steps, replay_data, shown_observations
 from slamgauge.compare.scoring.landmark_identity import association_figures, wrong_sights
-from slamgauge.compare.storage.results_folder import Results
+from slamgauge.compare.storage.stored_results import Results
 
 from .conftest import unexplained
 

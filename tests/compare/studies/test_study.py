@@ -21,7 +21,8 @@ from slamgauge.compare.scenarios.simulation import simulate
 from slamgauge.compare.scoring.aggregation import FIRST_STEP
 from slamgauge.compare.scoring.consistency import chi2_band
 from slamgauge.compare.scoring.scores import evaluate
-from slamgauge.compare.storage.manifest import MANIFEST, begin_file, write_manifest
+from slamgauge.compare.storage.manifest import MANIFEST, write_manifest
+from slamgauge.compare.storage.staged_folder import begin_file
 from slamgauge.compare.studies import study_run as study_run
 from slamgauge.compare.studies.cluster import dask_cluster
 from slamgauge.compare.studies.executors import local_processes
