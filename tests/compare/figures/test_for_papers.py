@@ -16,7 +16,6 @@ from matplotlib.figure import Figure
 
 from slamgauge import compare_estimators, find_noise, load_estimators, load_scenario, simulate
 from slamgauge.compare.cli.main import main
-from slamgauge.compare.figures import plot_style
 from slamgauge.compare.figures.axes import robust_limits
 from slamgauge.compare.figures.plot_style import INCHES, Sheet, Width, printed_on
 from slamgauge.compare.figures.publishing import drawings_of, write_study, write_sweep
@@ -66,18 +65,6 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     times = {str(size): {"median_s": 1e-6 * size**1.5, "p95_s": 2e-6 * size**1.5} for size in (20, 1000)}
     write_json(out / "bench" / "bench.json", {"estimators": dict.fromkeys(("ekf", "causal", "plain-numpy"), times)})
     return out
-
-
-@pytest.fixture
-def drawn(monkeypatch: pytest.MonkeyPatch) -> dict[str, Figure]:
-    """Saved figures by name; no files are written."""
-    found: dict[str, Figure] = {}
-
-    def keep(figure: Figure, path: Path) -> None:
-        found[path.name] = figure
-
-    monkeypatch.setattr(plot_style, "save_printed", keep)
-    return found
 
 
 @pytest.mark.parametrize("width", INCHES)
