@@ -20,25 +20,17 @@ ROOM = 0.15  # the same, for positions that may diverge
 
 
 class MapRows(NamedTuple):
-    """Rows of a `MapHistory` at one step; each is a point or a member of a ray.
+    """Rows of a `MapHistory` at one step; each is a point or a member of a ray."""
 
-    Attributes:
-        landmark: Landmark ids (K,).
-        member: Numbers (K,) of the members along their ray, -1 for a point.
-        weight: Probabilities (K,) of the members, 1 for a point.
-        position: Positions (K, 2) [m].
-        cov: Covariances (K, 2, 2) [m^2].
-    """
-
-    landmark: Int
-    member: Int
-    weight: Float
-    position: Float
-    cov: Float
+    landmark: Int  # (K,) ids
+    member: Int  # (K,) numbers of the members along their ray, -1 for a point
+    weight: Float  # (K,) probabilities of the members, 1 for a point
+    position: Float  # (K, 2) [m]
+    cov: Float  # (K, 2, 2) [m^2]
 
     def only(self, kept: NDArray[np.bool_] | slice) -> MapRows:
         """Return the rows of a mask (K,) or a slice."""
-        return MapRows(self.landmark[kept], self.member[kept], self.weight[kept], self.position[kept], self.cov[kept])
+        return MapRows(*(column[kept] for column in self))
 
     def heaviest(self) -> NDArray[np.bool_]:
         """Return a mask (K,) of the most likely member of each ray; rays with equal weights have none."""

@@ -101,7 +101,7 @@ class RobotLayer:
         A robot that is not `filled` is drawn as an outline above the others.
         """
         self._size = size
-        (self._path,) = ax.plot([], [], color=style.color, linestyle=style.dashes, linewidth=1.0, zorder=2.5)
+        self._path = draw_path(ax, style)
         solid: dict[str, Any] = {"facecolor": style.color, "edgecolor": "w", "linewidth": 0.3, "zorder": 4}
         outline: dict[str, Any] = {"facecolor": "none", "edgecolor": style.color, "linewidth": 0.7, "zorder": 5}
         self._body = Polygon(size * SHAPE, visible=False, **(solid if filled else outline))
@@ -115,6 +115,11 @@ class RobotLayer:
         self._body.set_xy(poses[-1, :2] + self._size * SHAPE @ rotation(poses[-1, 2]).T)
         if cov is not None:
             move_ellipses(self._ellipse, poses[-1:, :2], cov[None, :2, :2])
+
+
+def draw_path(ax: Axes, style: Style) -> Line2D:
+    """Return a new path without positions."""
+    return ax.plot([], [], color=style.color, linestyle=style.dashes, linewidth=1.0, zorder=2.5)[0]
 
 
 def key(label: str, **look: Any) -> Line2D:

@@ -33,17 +33,11 @@ FULL_WEIGHT = 255  # byte for weight 1
 
 
 class ShownObservations(NamedTuple):
-    """The observations that a replay shows.
+    """The observations that a replay shows, frame by frame."""
 
-    Attributes:
-        observation: Row numbers (m,) in the recording, frame by frame.
-        start: First entry (T+1,) of each frame in the other arrays.
-        body: Observed positions (m, 2) in the body frame [m]; for a bearing a point in its direction.
-    """
-
-    observation: Int
-    start: Int
-    body: Float
+    observation: Int  # (m,) row numbers in the recording
+    start: Int  # (T+1,) first entry of each frame in the other arrays
+    body: Float  # (m, 2) positions in the body frame [m]; for a bearing a point in its direction
 
 
 class _Run(NamedTuple):
@@ -59,10 +53,7 @@ class _Run(NamedTuple):
 def replay_data(results: Results, looks: Sequence[Look], room: int) -> dict[str, Any]:
     """Return the data of a run with as many frames as `room` allows.
 
-    Args:
-        results: Truth, recording and estimates.
-        looks: Styles of the estimates, in their order.
-        room: Largest number of JSON characters; may be exceeded with `FEWEST_FRAMES` frames.
+    `room` is the largest number of JSON characters; it may be exceeded with `FEWEST_FRAMES` frames.
     """
     count = MOST_FRAMES
     while True:
