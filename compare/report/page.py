@@ -36,8 +36,15 @@ IMPORT = re.compile(r"^import .*;\n", re.MULTILINE)
 EXPORT = re.compile(r"^export (?=function|class|const)", re.MULTILINE)
 
 
-def render(template: str, *, data: dict[str, Any] | None = None, **content: Any) -> str:
-    """Return the HTML of a template; `data` is JSON for the script of the page."""
+def render(
+    template: str,
+    *,
+    tables: Sequence[Table] = (),
+    terms: Sequence[tuple[str, str]] = (),
+    data: dict[str, Any] | None = None,
+    **content: Any,
+) -> str:
+    """Return the HTML of a template with a glossary of terms and table columns; `data` is JSON for its script."""
     style, script = style_sheet(), program()
     return (
         _environment()
@@ -48,6 +55,8 @@ def render(template: str, *, data: dict[str, Any] | None = None, **content: Any)
             script=Markup(script),  # trusted: part of slamgauge
             policy=policy(style, script),
             data=Markup(json_text(data or {})),  # escaped by json_text
+            tables=tables,
+            glossary=glossary(terms, tables),
             **content,
         )
     )
@@ -80,7 +89,7 @@ def plain_page(
         notes=notes,
         tables=tables,
         pictures=pictures,
-        glossary=glossary(terms, tables),
+        terms=terms,
         origin=origin,
         back=back,
         verbatim=verbatim,

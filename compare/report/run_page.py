@@ -10,17 +10,7 @@ from slamgauge.compare.figures.plot_style import DEAD_RECKONING
 from slamgauge.compare.report.page import render
 from slamgauge.compare.report.page_elements import looks, origin, pictures
 from slamgauge.compare.report.replay_data import replay_data
-from slamgauge.compare.report.tables import (
-    ESTIMATOR,
-    KIND,
-    TERMS,
-    Cell,
-    Head,
-    Table,
-    figure_cell,
-    figure_heads,
-    glossary,
-)
+from slamgauge.compare.report.tables import ESTIMATOR, KIND, TERMS, Cell, Head, Table, figure_cell, figure_heads
 from slamgauge.compare.scoring.catalogue import RELATIVE, columns
 from slamgauge.compare.scoring.comparison import Comparison, optimum_notes
 from slamgauge.compare.scoring.optimum_figures import is_in_doubt, is_misfit
@@ -53,36 +43,29 @@ def run_page(folder: Path) -> dict[str, str]:
         UserError: If the folder has no results, or its files belong to different runs.
     """
     results, path = load_results(folder), folder / METRICS
+    title, truth, recording, estimates = results
     metrics = read_json(path, "run")
-    others = len(results.estimates) > 1
-    shown = looks(results.estimates, hidden=(DEAD_RECKONING,) if others else ())
-    optima = {each.kind: name for name, each in results.estimates.items() if OPTIMA.get(each.kind) == name}
-    comparison = Comparison(results.truth, results.recording, results.estimates, {}, optima)
-    by_kind = {kind: results.estimates[name] for kind, name in optima.items()}
-    scores = score_table(
-        metrics, {kind for kind, each in by_kind.items() if is_in_doubt(each.optimum_check) or is_misfit(each)}
-    )
-    drift, closures = drift_table(metrics), closure_table(metrics)
-
+    shown = looks(estimates, hidden=(DEAD_RECKONING,) if len(estimates) > 1 else ())
+    optima = {each.kind: name for name, each in estimates.items() if OPTIMA.get(each.kind) == name}
+    comparison = Comparison(truth, recording, estimates, {}, optima)
+    by_kind = {kind: estimates[name] for kind, name in optima.items()}
+    doubtful = {kind for kind, each in by_kind.items() if is_in_doubt(each.optimum_check) or is_misfit(each)}
+    tables = (score_table(metrics, doubtful), closure_table(metrics), drift_table(metrics))
     failures = [f"{each['estimator']} failed: {each['error']}" for each in metrics.get("failures", ())]
 
     def page(data: dict[str, Any]) -> str:
         return render(
             "run.html",
             kind="a run",
-            title=results.title,
+            title=title,
             lead=lead(metrics),
             notes=[*optimum_notes(comparison), *metrics.get("notes", ()), *failures],
-            table=scores,
-            drift=drift,
-            closures=closures,
             looks=shown,
             legend=legend(results),
             pictures=pictures(folder, PICTURES),
-            glossary=glossary(TERMS["run"], (scores, closures, drift)),
-            origin=origin(
-                path, metrics, [("Steps", str(results.recording.steps)), ("Sensor", results.recording.sensor)]
-            ),
+            terms=TERMS["run"],
+            tables=tables,
+            origin=origin(path, metrics, [("Steps", str(recording.steps)), ("Sensor", recording.sensor)]),
             data=data,
         )
 

@@ -19,7 +19,6 @@ from slamgauge.compare.report.tables import (
     Table,
     figure_cell,
     figure_heads,
-    glossary,
     interval_of,
     sized,
 )
@@ -86,7 +85,8 @@ def study_page(folder: Path) -> dict[str, str]:
         level=f"{BAND_LEVEL:.1%}",
         looks=shown,
         pictures=pictures(folder, PICTURES),
-        glossary=glossary(TERMS["study"], (table, *comparisons, worst, every)),
+        terms=TERMS["study"],
+        tables=(table, *comparisons, worst, every),
         origin=origin(folder / SUMMARY, study.content, [("Runs", str(summary.runs))]),
         data={"study": study_data(study, shown)},
     )

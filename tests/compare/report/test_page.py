@@ -96,7 +96,7 @@ def test_encoded_arrays_are_decoded_unchanged() -> None:
 
 
 def test_unprintable_characters_are_replaced_by_escapes() -> None:
-    text = render("base.html", kind="k", title="a\x1bb\udcff", origin=[], glossary=[])
+    text = render("base.html", kind="k", title="a\x1bb\udcff", origin=[])
     assert r"a\x1bb\udcff" in text
     assert text.encode()
 
