@@ -143,43 +143,30 @@ def test_nothing_is_written_or_removed_through_links(tmp_path: Path, name: str, 
 
 # --- invalid manifests -------------------------------------------------------------------------
 
+INVALID = "not a list of files that slamgauge has written; move it "
 DIGEST = "0" * 64
+
+
+def content_of(files: object, moving: object, **more: object) -> str:
+    return json.dumps({"files": files, "moving": moving, **more})
 
 
 @pytest.mark.parametrize(
     "text",
     [
-        "",
-        "{",
-        "\x00",
-        "[]",
-        "{}",
-        '{"files": []}',
-        '{"files": {}, "moving": {}}',
-        '{"files": "thesis.tex", "moving": {}}',
-        '{"files": [1], "moving": {}}',
-        '{"files": [null], "moving": {}}',
-        '{"files": [["a.txt"]], "moving": {}}',
-        '{"files": [], "moving": []}',
-        '{"files": [], "moving": {"a.txt": null}}',
-        f'{{"files": [], "moving": {{"a.txt": "{DIGEST}"}}}}',
-        '{"files": [], "moving": {"a.txt": [1]}}',
-        '{"files": [], "moving": {"a.txt": ["0"]}}',
-        f'{{"files": [], "moving": {{"../thesis.tex": ["{DIGEST}"]}}}}',
-        '{"files": [], "moving": {}, "more": []}',
-        "[" * 100_000,
+        *("", "{", "\x00", "[]", "{}", '{"files": []}', "[" * 100_000),
+        *(content_of(files, {}) for files in ({}, "thesis.tex", [1], [None], [["a.txt"]])),
+        *(content_of([], {"a.txt": digests}) for digests in (None, DIGEST, [1], ["0"])),
+        content_of([], []),
+        content_of([], {"../thesis.tex": [DIGEST]}),
+        content_of([], {}, more=[]),
     ],
 )
 def test_an_invalid_manifest_is_an_error(tmp_path: Path, text: str):
     out = tmp_path / "out"
     out.mkdir()
     (out / MANIFEST).write_text(text)
-    with (
-        pytest.raises(
-            ValueError, match=rf"^{out / MANIFEST}: not a list of files that slamgauge has written; move it [^\n]+$"
-        ),
-        staged_folder(out, FILES, LAST),
-    ):
+    with pytest.raises(ValueError, match=rf"^{out / MANIFEST}: {INVALID}[^\n]+$"), staged_folder(out, FILES, LAST):
         pytest.fail("the block must not run")
     assert {path.name: path.read_text() for path in out.iterdir()} == {MANIFEST: text}
 
@@ -187,25 +174,13 @@ def test_an_invalid_manifest_is_an_error(tmp_path: Path, text: str):
 @pytest.mark.parametrize(
     "name",
     [
-        "",
-        ".",
-        "..",
-        "../thesis.tex",
-        "/etc/passwd",
-        "a/../../b",
-        "a/./b",
-        "./a",
-        "a//b",
-        "a/",
-        "a\0",
-        "a\nb",
-        "\ud800",
-        MANIFEST,
+        *("", ".", "..", "../thesis.tex", "/etc/passwd", "a/../../b", "a/./b", "./a", "a//b", "a/"),
+        *("a\0", "a\nb", "\ud800", MANIFEST),
     ],
 )
 def test_paths_outside_the_folder_are_an_error(tmp_path: Path, name: str):
-    (tmp_path / MANIFEST).write_text(json.dumps({"files": ["a.txt", name], "moving": {}}))
-    with pytest.raises(ValueError, match=r"not a list of files that slamgauge has written; move it away"):
+    (tmp_path / MANIFEST).write_text(content_of(["a.txt", name], {}))
+    with pytest.raises(ValueError, match=f"{INVALID}away"):
         owned(tmp_path)
 
 
@@ -214,7 +189,7 @@ def test_a_manifest_with_names_of_other_files_does_not_remove_them(tmp_path: Pat
     (tmp_path / "deep").mkdir()
     for name, text in foreign.items():
         (tmp_path / name).write_text(text)
-    (tmp_path / MANIFEST).write_text(json.dumps({"files": [*foreign, "no/such/file"], "moving": {}}))
+    (tmp_path / MANIFEST).write_text(content_of([*foreign, "no/such/file"], {}))
     publish(tmp_path, "new", FILES, ("estimates/*", "rays.png"))
     assert texts(tmp_path) == foreign | dict.fromkeys(FILES, "new")
 
