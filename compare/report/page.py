@@ -31,7 +31,7 @@ MODULES = (
     *("unpack", "colours", "surface", "ticks", "download", "tables", "panel", "camera", "scene", "timeline", "player"),
     *("replay", "strip", "study", "start"),
 )
-KINDS = {"f4": "<f4", "i4": "<i4", "u2": "<u2", "u1": "u1"}  # of numpy, by those of `unpack.js`
+KINDS = {"f4": "<f4", "i4": "<i4", "u2": "<u2", "u1": "u1"}  # numpy types by their names in `unpack.js`
 IMPORT = re.compile(r"^import .*;\n", re.MULTILINE)
 EXPORT = re.compile(r"^export (?=function|class|const)", re.MULTILINE)
 
