@@ -30,7 +30,7 @@ class MapRows(NamedTuple):
 
     def only(self, kept: NDArray[np.bool_] | slice) -> MapRows:
         """Return the rows of a mask (K,) or a slice."""
-        return MapRows(*(column[kept] for column in self))
+        return MapRows(self.landmark[kept], self.member[kept], self.weight[kept], self.position[kept], self.cov[kept])
 
     def heaviest(self) -> NDArray[np.bool_]:
         """Return a mask (K,) of the most likely member of each ray; rays with equal weights have none."""

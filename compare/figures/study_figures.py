@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -62,7 +63,7 @@ def _draw_against_band(
         axes = figure.subplots()
         low = np.fmin.reduce([each.low for each in found.values()])
         high = np.fmax.reduce([each.high for each in found.values()])
-        band = {"color": MARK_COLOR, "alpha": 0.25, "linewidth": 0, "label": f"{BAND_LEVEL:.1%} band"}
+        band: dict[str, Any] = {"color": MARK_COLOR, "alpha": 0.25, "linewidth": 0, "label": f"{BAND_LEVEL:.1%} band"}
         axes.fill_between(step * np.arange(len(low)), low, high, **band)
         curves = {name: each.value for name, each in found.items()}
         height = _draw_curves(axes, curves, runs, step, DIVERGED_LOG if is_log else DIVERGED)

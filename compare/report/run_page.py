@@ -19,6 +19,7 @@ from slamgauge.compare.scoring.text_table import cell
 from slamgauge.compare.storage.files import read_json
 from slamgauge.compare.storage.result_files import METRICS, REPORT
 from slamgauge.compare.storage.stored_results import Results, load_results
+from slamgauge.estimate import Kind
 
 LARGEST = 2_950_000  # bytes of a page: 3 MB minus what a browser may add when it saves the page
 MOST_CLOSURES = 500  # rows of the table of loop closures
@@ -46,7 +47,7 @@ def run_page(folder: Path) -> dict[str, str]:
     title, truth, recording, estimates = results
     metrics = read_json(path, "run")
     shown = looks(estimates, hidden=(DEAD_RECKONING,) if len(estimates) > 1 else ())
-    optima = {each.kind: name for name, each in estimates.items() if OPTIMA.get(each.kind) == name}
+    optima: dict[Kind, str] = {each.kind: name for name, each in estimates.items() if OPTIMA.get(each.kind) == name}
     comparison = Comparison(truth, recording, estimates, {}, optima)
     by_kind = {kind: estimates[name] for kind, name in optima.items()}
     doubtful = {kind for kind, each in by_kind.items() if is_in_doubt(each.optimum_check) or is_misfit(each)}

@@ -10,6 +10,8 @@ from matplotlib.figure import Figure
 
 from slamgauge.compare.figures import plot_style
 
+Written = Callable[[Callable[[Path], object], str], tuple[bytes, bytes]]
+
 
 @pytest.fixture
 def drawn(monkeypatch: pytest.MonkeyPatch) -> dict[str, Figure]:
@@ -24,7 +26,7 @@ def drawn(monkeypatch: pytest.MonkeyPatch) -> dict[str, Figure]:
 
 
 @pytest.fixture
-def written_twice(tmp_path: Path) -> Callable[[Callable[[Path], object], str], tuple[bytes, bytes]]:
+def written_twice(tmp_path: Path) -> Written:
     """A function that draws a figure into two folders and returns its png and svg, which must be equal in both."""
 
     def written(draw: Callable[[Path], object], name: str) -> tuple[bytes, bytes]:

@@ -23,6 +23,8 @@ from slamgauge.compare.scoring.comparison_files import write_comparison
 from slamgauge.estimate import Estimate, MapHistory, RayLog
 from tests.reference.rays_by_hand import AGES, BIRTHS, LANDMARKS, NOTED, STEPS, Fate, estimate_with_rays, half_loop
 
+from .conftest import Written
+
 LOST: tuple[Fate, ...] = ("lost",)
 STILL: tuple[Fate, ...] = ("ray", "ray", "ray")
 
@@ -159,9 +161,7 @@ def test_few_records_give_few_moments():
 
 
 @pytest.mark.parametrize("fates", [("point", "point", "point"), ("lost", "ray", "point"), ("ray",)])
-def test_files_of_the_strip_are_reproducible(
-    written_twice: Callable[..., tuple[bytes, bytes]], fates: tuple[Fate, ...]
-):
+def test_files_of_the_strip_are_reproducible(written_twice: Written, fates: tuple[Fate, ...]):
     truth, recording = half_loop()
     estimate = estimate_with_rays(fates)
     png, svg = written_twice(lambda out: save_ray_strip(out, truth, recording, "ekf", estimate, "a title"), "rays")

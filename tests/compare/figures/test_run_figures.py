@@ -1,5 +1,5 @@
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -19,6 +19,8 @@ from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain, rotation
 from slamgauge.truth import Truth
+
+from .conftest import Written
 
 STEPS = 200
 LANDMARKS = np.array([[0.0, -2.0], [4.0, 3.0], [0.0, 10.0]])
@@ -47,13 +49,14 @@ def circle() -> tuple[Truth, Recording]:
 
 TRUTH, RECORDING = circle()
 assert TRUTH.poses is not None
+POSES = TRUTH.poses
 
 
 def estimate(offset: Sequence[float], **fields: Any) -> Estimate:
     covs = np.tile(np.diag([0.04, 0.01, 0.0004]), (STEPS + 1, 1, 1))
     given: dict[str, Any] = {
         "kind": "filtered",
-        "poses": TRUTH.poses + np.asarray(offset),
+        "poses": POSES + np.asarray(offset),
         "pose_covs": covs,
         "landmark_ids": np.arange(3),
         "landmarks": LANDMARKS + 0.1,
@@ -124,8 +127,8 @@ def test_the_map_shows_paths_landmarks_and_marks() -> None:
         "mapped landmark",
         "3σ ellipse",
     ]
-    assert np.array_equal(curve(ax, "truth"), TRUTH.poses[:, :2])
-    assert np.array_equal(curve(ax, "loop closure"), TRUTH.poses[160:161, :2])
+    assert np.array_equal(curve(ax, "truth"), POSES[:, :2])
+    assert np.array_equal(curve(ax, "loop closure"), POSES[160:161, :2])
     assert curve(ax, "dead-reckoning") == pytest.approx(DRIFTING.poses[:, :2])
     assert ax.get_aspect() == 1
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("x [m]", "y [m]")
@@ -239,7 +242,9 @@ def test_without_truth_and_optimum_only_bounds_are_drawn() -> None:
 # --- the files ---------------------------------------------------------------------------------
 
 
-def test_files_of_the_figure_are_reproducible(written_twice: Callable[..., tuple[bytes, bytes]]) -> None:
+def test_files_of_the_figure_are_reproducible(
+    written_twice: Written,
+) -> None:
     estimates = {"ekf": estimate([0.1, 0, 0]), "my.module:filter": estimate([0, 0.1, 0])}
     png, svg = written_twice(lambda out: save_figure(out, TRUTH, RECORDING, estimates, "a title"), "figure")
     assert (int.from_bytes(png[16:20], "big"), int.from_bytes(png[20:24], "big")) == (1400, 920)  # 7.0 x 4.6 in

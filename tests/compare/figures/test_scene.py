@@ -24,6 +24,7 @@ from tests.reference.rays_by_hand import BIRTHS, LANDMARKS, estimate_with_rays, 
 TRUTH, RECORDING = half_loop()
 assert TRUTH.poses is not None
 assert TRUTH.association is not None
+POSES = TRUTH.poses
 WITH_RAYS = estimate_with_rays()
 NO_HISTORY = replace(WITH_RAYS, rays=None, history=None)
 SMOOTHED = replace(NO_HISTORY, kind="smoothed")
@@ -65,7 +66,7 @@ def test_first_seen_does_not_depend_on_the_chunk_size(monkeypatch: pytest.Monkey
 
 def test_lines_of_sight_connect_the_robot_with_observed_landmarks():
     lines = sight_lines(TRUTH, RECORDING, NO_HISTORY, 80, 90)
-    np.testing.assert_array_equal(lines[:, 0], np.tile(TRUTH.poses[90, :2], (3, 1)))
+    np.testing.assert_array_equal(lines[:, 0], np.tile(POSES[90, :2], (3, 1)))
     np.testing.assert_array_equal(lines[:, 1], LANDMARKS)
     blind = sight_lines(Truth(), RECORDING, NO_HISTORY, 80, 90)
     np.testing.assert_array_equal(blind[:, 0], np.tile(NO_HISTORY.poses[90, :2], (3, 1)))
@@ -74,7 +75,7 @@ def test_lines_of_sight_connect_the_robot_with_observed_landmarks():
 
 
 def test_a_scan_between_two_frames_is_shown_once():
-    assert sight_lines(SPARSE_TRUTH, SPARSE, NO_HISTORY, 80, 90)[0, 0].tolist() == TRUTH.poses[85, :2].tolist()
+    assert sight_lines(SPARSE_TRUTH, SPARSE, NO_HISTORY, 80, 90)[0, 0].tolist() == POSES[85, :2].tolist()
     assert len(sight_lines(SPARSE_TRUTH, SPARSE, NO_HISTORY, 90, 100)) == 0
 
 
