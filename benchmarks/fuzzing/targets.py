@@ -37,7 +37,7 @@ from slamgauge.compare.datasets.mrclam import read_mrclam
 from slamgauge.compare.datasets.victoria_park import read_victoria_park
 from slamgauge.compare.storage.csv_folder import read_recording_csv, write_estimate_csv, write_recording_csv
 from slamgauge.compare.storage.files import load_estimate, load_recording, load_truth, save, write_tum
-from slamgauge.compare.storage.stored_estimates import load_stored
+from slamgauge.compare.storage.stored_results import load_stored
 from slamgauge.ekf import FilterSettings
 from slamgauge.ekf.estimators import ekf_slam
 from slamgauge.se2 import wrap

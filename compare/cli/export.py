@@ -15,7 +15,7 @@ from slamgauge.errors import UserError
 
 if TYPE_CHECKING:
     from slamgauge.arrays import Float
-    from slamgauge.compare.figures.figure_size import Format
+    from slamgauge.compare.figures.plot_style import Format
     from slamgauge.estimate import Estimate
     from slamgauge.recording import Recording
     from slamgauge.truth import Truth
@@ -92,8 +92,8 @@ class Export:
             self._write_records()
 
     def _write_figures(self, form: Format) -> None:
-        from slamgauge.compare.figures.figure_size import Sheet, printed_on
-        from slamgauge.compare.figures.redraw import drawings_of
+        from slamgauge.compare.figures.plot_style import Sheet, printed_on
+        from slamgauge.compare.figures.publishing import drawings_of
         from slamgauge.compare.storage.staged_folder import staged_folder
 
         drawings = drawings_of(self.path, split_names(self.estimators), self.band)
@@ -203,7 +203,7 @@ def _load(path: Path) -> Exported:
     """Load a recording, an estimate, or the folder of a run or an import."""
     from slamgauge.compare.storage.files import load_recording, load_recording_or_estimate, load_truth
     from slamgauge.compare.storage.result_files import METRICS, RECORDING, TRUTH
-    from slamgauge.compare.storage.results_folder import load_results
+    from slamgauge.compare.storage.stored_results import load_results
     from slamgauge.estimate import Estimate
 
     if (path / METRICS).exists():

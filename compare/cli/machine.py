@@ -66,9 +66,9 @@ class Bench:
             if folder is not None:
                 write_json(folder / BENCH, result)
         if self.out is not None:
-            from slamgauge.compare.figures.publishing import draw_bench
+            from slamgauge.compare.figures.publishing import draw_stored
 
-            done = draw_bench(self.out, result) and done
+            done = draw_stored(self.out, BENCH) and done
         return 0 if done else 1
 
 

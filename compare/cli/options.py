@@ -169,10 +169,10 @@ def write_page(out: Path | None, beside: str, page: PageOptions) -> bool:
     """
     if out is None or page.no_report:
         return True
-    from slamgauge.compare.report.publishing import write_pages
+    from slamgauge.compare.report.publishing import PAGES, write_pages
     from slamgauge.compare.storage.best_effort import decorate
 
-    drawn = decorate(out, beside, {"report": lambda stage: write_pages(stage, out, beside)}, [REPORT])
+    drawn = decorate(out, beside, {"report": lambda stage: write_pages(stage, PAGES[beside](out))}, [REPORT])
     if drawn and page.open:
         open_page(out)
     return drawn

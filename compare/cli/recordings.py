@@ -64,9 +64,9 @@ class Noise(WithPage):
             with staged_folder(self.write.parent, [self.write.name], self.write.name, remedy=REMEDY) as folder:
                 save(folder / self.write.name, noise.told)
         if self.out is not None:
-            from slamgauge.compare.figures.publishing import draw_noise
+            from slamgauge.compare.figures.publishing import draw_stored
 
-            done = draw_noise(self.out, content) and done
+            done = draw_stored(self.out, NOISE) and done
         for place in filter(None, (self.out, self.write)):
             print(f"written to {place}", file=sys.stderr)
         return 0 if write_page(self.out, NOISE, self.page) and done else 1

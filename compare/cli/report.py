@@ -110,6 +110,6 @@ class Animate:
             raise UserError(f"{self.folder}: {name} has no run with a known error; name another in --estimators")
         run = int(study.runs[name].run[worst])
         print(f"run {run}, the worst of {name}:", file=sys.stderr)
-        again = run_of_study(study.content, run_seed(study.summary.seed, run))
+        again, seed = run_of_study(study.content), run_seed(study.summary.seed, run)
         page = PageOptions(no_report=True)
-        return Run(again.scenario, again.seed, again.estimators, set=[tuple(again.settings)], out=out, page=page)()
+        return Run(again.scenario, seed, again.estimators, set=[tuple(again.settings)], out=out, page=page)()

@@ -176,7 +176,7 @@ def _stored_estimator(path: Path, recording: Recording) -> Estimator:
     """Return an estimator that returns the estimate in a file, or raises the reason why it cannot be read."""
     from slamgauge.compare.estimators.running import StoredEstimate
     from slamgauge.compare.estimators.user_code import UserCodeError
-    from slamgauge.compare.storage.stored_estimates import load_stored
+    from slamgauge.compare.storage.stored_results import load_stored
 
     def unreadable(_: Recording) -> Estimate:
         raise UserCodeError(reason)

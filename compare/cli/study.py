@@ -186,7 +186,7 @@ class Budget(WithPage):
         self.out = named_after(self.out, self.scenario)
 
     def __call__(self) -> int:
-        from slamgauge.compare.figures.publishing import draw_budget
+        from slamgauge.compare.figures.publishing import draw_stored
         from slamgauge.compare.storage.files import write_json
         from slamgauge.compare.studies.budget import budget_table, error_budget
 
@@ -197,7 +197,7 @@ class Budget(WithPage):
             printed = self.output.show(budget.to_json(), budget_table(budget))
             if folder is not None:
                 write_json(folder / BUDGET, budget.to_json())
-        return self.finish(self.out, BUDGET, done=draw_budget(self.out, budget) and printed)
+        return self.finish(self.out, BUDGET, done=draw_stored(self.out, BUDGET) and printed)
 
 
 @dataclass

@@ -18,14 +18,13 @@ from matplotlib.lines import Line2D
 
 from slamgauge.compare.estimators.requests import labels_among
 from slamgauge.compare.figures.animation_scene import DOTS, SHAPES, Scene, limits
-from slamgauge.compare.figures.figure_size import save_printed, sheet
-from slamgauge.compare.figures.plot_style import DEAD_RECKONING, LEGEND, PRINT
-from slamgauge.compare.figures.world_axes import label_plane
+from slamgauge.compare.figures.axes import label_plane
+from slamgauge.compare.figures.plot_style import DEAD_RECKONING, LEGEND, PRINT, save_printed, sheet
 from slamgauge.compare.storage.files import explained
 from slamgauge.compare.storage.progress import tracked
 from slamgauge.compare.storage.result_files import METRICS
-from slamgauge.compare.storage.results_folder import Results, load_results
 from slamgauge.compare.storage.staged_folder import staged_folder
+from slamgauge.compare.storage.stored_results import Results, load_results
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 

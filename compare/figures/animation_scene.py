@@ -14,7 +14,8 @@ from matplotlib.lines import Line2D
 from matplotlib.text import Text
 
 from slamgauge.arrays import Float
-from slamgauge.compare.figures.map_at_step import map_at
+from slamgauge.compare.figures.axes import label_plane
+from slamgauge.compare.figures.map_contents import first_seen, map_at, map_limits, sight_lines
 from slamgauge.compare.figures.map_layers import (
     HEAVIEST,
     MEMBER,
@@ -23,14 +24,12 @@ from slamgauge.compare.figures.map_layers import (
     TRUE_ROBOT,
     MapLayer,
     RobotLayer,
+    draw_path,
     key,
 )
-from slamgauge.compare.figures.map_limits import map_limits
-from slamgauge.compare.figures.observed_landmarks import first_seen, sight_lines
 from slamgauge.compare.figures.plot_style import LEGEND, MARK_COLOR, Style, styles
 from slamgauge.compare.figures.ray_frames import has_rays
-from slamgauge.compare.figures.world_axes import label_plane
-from slamgauge.compare.storage.results_folder import Results
+from slamgauge.compare.storage.stored_results import Results
 from slamgauge.estimate import Estimate
 from slamgauge.truth import Truth
 
@@ -55,13 +54,10 @@ class Scene:
         mapped: Mapping[str, Estimate],
         panel: Axes | None = None,
     ) -> None:
-        """Create the artists.
+        """Create the artists: paths of the `shown` estimates, robots and maps of the `mapped` ones.
 
-        Args:
-            results: The run.
-            shown: Estimates whose paths are drawn.
-            mapped: Those of them that also have a robot and a map: from the history, or else the final map.
-            panel: Axes to draw on, in a figure whose caller draws a legend of the `keys`; by default a new figure.
+        A map is that of the history, or else the final map. On a `panel` the caller draws a legend of the `keys`; by
+        default the axes are in a new figure.
         """
         self._truth = Truth() if results.truth is None else results.truth
         self._recording = results.recording
@@ -80,10 +76,14 @@ class Scene:
             ax.plot(*self._truth.landmarks.T, **TRUE_LANDMARK)
         self._true_robot = RobotLayer(ax, TRUE_ROBOT, size, filled=False)
         self._robots = {name: RobotLayer(ax, chosen[name], size) for name in mapped}
-        self._paths = {name: _path(ax, chosen[name]) for name in shown if name not in mapped}
+        self._paths = {name: draw_path(ax, chosen[name]) for name in shown if name not in mapped}
         drawn = [name for name in mapped if mapped[name].history is not None]
         self._maps = {name: MapLayer(ax, chosen[name].color, filled=len(drawn) == 1) for name in drawn}
-        self._last_maps = {name: _last_map(ax, chosen[name]) for name in mapped if name not in self._maps}
+        self._last_maps = {
+            name: ax.plot([], [], color=chosen[name].color, alpha=FAINT, zorder=2.8, **POINT)[0]
+            for name in mapped
+            if name not in self._maps
+        }
         self._first_seen = {name: first_seen(results.recording, mapped[name]) for name in self._last_maps}
         self._sight = LineCollection([], colors=MARK_COLOR, linewidths=0.4, zorder=1)
         ax.add_collection(self._sight, autolim=False)
@@ -169,11 +169,3 @@ def _keys(truth: Truth, mapped: Mapping[str, Estimate], chosen: Mapping[str, Sty
     yield key("3σ ellipse", color=MARK_COLOR, **MEMBER)
     if any(has_rays(estimate) for estimate in histories):
         yield key("likeliest member of a ray", color=MARK_COLOR, **HEAVIEST)
-
-
-def _path(ax: Axes, style: Style) -> Line2D:
-    return ax.plot([], [], color=style.color, linestyle=style.dashes, linewidth=1.0, zorder=2.5)[0]
-
-
-def _last_map(ax: Axes, style: Style) -> Line2D:
-    return ax.plot([], [], color=style.color, alpha=FAINT, zorder=2.8, **POINT)[0]

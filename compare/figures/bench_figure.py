@@ -5,13 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
-from matplotlib.figure import Figure
 
 from slamgauge.compare.bench.step_times import step_time
-from slamgauge.compare.figures.figure_size import save_printed, sheet
-from slamgauge.compare.figures.plot_style import LEGEND, PRINT, logarithmic, styles
+from slamgauge.compare.figures.axes import logarithmic
+from slamgauge.compare.figures.plot_style import legend_below, printed, styles
 
 
 def save_bench_figure(out: Path, result: dict[str, Any]) -> None:
@@ -19,9 +17,7 @@ def save_bench_figure(out: Path, result: dict[str, Any]) -> None:
 
     Step times are medians, or the mean over a run for estimators without steps. `result` is the content of bench.json.
     """
-    with mpl.rc_context(PRINT):
-        page = sheet()
-        figure = Figure(figsize=(page.inches, 3.4), layout="constrained")
+    with printed(out / "bench", 3.4) as figure:
         axes = figure.subplots()
         for name, style in styles(result["estimators"]).items():
             by_size = result["estimators"][name]
@@ -36,6 +32,4 @@ def save_bench_figure(out: Path, result: dict[str, Any]) -> None:
         axes.minorticks_off()
         logarithmic(axes, "y")
         axes.grid(visible=True, which="major", linewidth=0.3)
-        ncols = page.legend_columns(len(result["estimators"]))
-        figure.legend(loc="outside lower center", ncols=ncols, **LEGEND)
-        save_printed(figure, out / "bench")
+        legend_below(figure, axes)

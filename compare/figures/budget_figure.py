@@ -4,14 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import matplotlib as mpl
-from matplotlib.figure import Figure
-
 from slamgauge.compare.estimators.registry import FIXED_LAG
-from slamgauge.compare.figures.figure_size import save_printed, sheet
-from slamgauge.compare.figures.plot_style import PRINT, TRUTH_COLOR, WRAPPED
+from slamgauge.compare.figures.plot_style import TRUTH_COLOR, WRAPPED, math_text, printed, sheet
 from slamgauge.compare.scoring.optimum_notes import MARK
-from slamgauge.compare.storage.safe_names import math_text
 from slamgauge.compare.studies.budget import ErrorBudget, doubts, verdict
 
 BASE, COST, GAIN = "#777777", "#CC3311", "#009988"
@@ -27,11 +22,10 @@ LABELS = {
 
 def save_budget_figure(out: Path, budget: ErrorBudget) -> None:
     """Write budget.png and budget.svg into `out`."""
-    with mpl.rc_context(PRINT):
-        page = sheet()
-        figure = Figure(figsize=(page.inches, 3.4), layout="constrained")
+    with printed(out / "budget", 3.4) as figure:
         axes = figure.subplots()
-        size = 5.5 if page.is_narrow else 7.5
+        narrow = sheet().is_narrow
+        size = 5.5 if narrow else 7.5
         before, doubtful = 0.0, budget.doubtful()
         for place, rung in enumerate(budget.rungs):
             added, low, high = rung.increment_m2
@@ -50,11 +44,10 @@ def save_budget_figure(out: Path, budget: ErrorBudget) -> None:
         axes.bar(last, before, width=0.6, color=TRUTH_COLOR)
         axes.annotate(f"{before:.4f}", (last, before), (0, 3), textcoords="offset points", ha="center", fontsize=size)
         labels = [*(LABELS[rung.name] for rung in budget.rungs), f"= {budget.filter}"]
-        axes.set_xticks(range(last + 1), labels, rotation=90 if page.is_narrow else 0)
+        axes.set_xticks(range(last + 1), labels, rotation=90 if narrow else 0)
         axes.set(ylabel="mean squared position error [m²]")
         axes.margins(y=0.12)
         axes.set_ylim(bottom=0)
         lines = [verdict(budget).replace("; ", ";\n", 1), *doubts(budget)]
         title = "\n".join(line.replace(": ", ":\n", 1) for line in lines)
         axes.set_title(math_text(title), loc="left", **WRAPPED)
-        save_printed(figure, out / "budget")

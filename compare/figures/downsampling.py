@@ -1,13 +1,17 @@
-"""Reduce the points of very long runs to those that are visible in a figure."""
+"""Reduce the points and the loop closures of long runs to those that are visible in a figure."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from slamgauge.arrays import Float, Int
+from slamgauge.compare.scoring.loop_closures import closure_steps
+from slamgauge.recording import Recording
+from slamgauge.truth import Truth
 
 MOST_POSES = 100_000  # points of a path; a run of a million steps of 0.1 m is drawn in steps of 1 m
 MOST_VALUES = 1_000  # points of a curve; a panel of 3 in has 600 pixel columns at 200 dpi
+MOST_CLOSURES = 60  # more marks would hide the paths, and the ticks would merge into a bar
 
 
 def even_rows(count: int) -> Int:
@@ -26,3 +30,12 @@ def extreme_rows(values: Float, most: int = MOST_VALUES) -> Int:
     ends = [np.where(gaps, np.inf, stretches).argmin(axis=1), np.where(gaps, -np.inf, stretches).argmax(axis=1)]
     rows = np.concatenate([np.arange(len(stretches)) * long + each for each in ends])
     return np.unique(np.append(rows.clip(max=count - 1), [0, count - 1]))
+
+
+def marked_closures(truth: Truth | None, recording: Recording) -> tuple[Int, str]:
+    """Return the steps of the loop closures to mark, and the label of a mark; no steps if associations are unknown."""
+    steps = closure_steps(truth, recording)
+    if steps is None:
+        return recording.observation_step[:0], ""
+    every = max(1, -(-len(steps) // MOST_CLOSURES))
+    return steps[::every], "loop closure" if every == 1 else f"1 in {every} loop closures"

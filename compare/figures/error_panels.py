@@ -10,11 +10,9 @@ from matplotlib.axes import Axes
 
 from slamgauge.arrays import Float
 from slamgauge.compare.estimators.registry import CAUSAL, HINDSIGHT
-from slamgauge.compare.figures.axis_limits import exceeding, robust_limits
-from slamgauge.compare.figures.closure_marks import marked_closures
-from slamgauge.compare.figures.downsampling import extreme_rows
+from slamgauge.compare.figures.axes import exceeding, label_time, robust_limits
+from slamgauge.compare.figures.downsampling import extreme_rows, marked_closures
 from slamgauge.compare.figures.plot_style import DEAD_RECKONING, MARK_COLOR, TRUTH_COLOR, styles
-from slamgauge.compare.figures.world_axes import label_time
 from slamgauge.compare.scoring.optimum_figures import is_in_doubt
 from slamgauge.compare.scoring.optimum_notes import MARK
 from slamgauge.compare.scoring.trajectory_error import pose_errors

@@ -1,4 +1,4 @@
-"""Moving artists: a robot with its path, and a map of points and rays."""
+"""Moving artists: 3-sigma ellipses, a robot with its path, and a map of points and rays."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.collections import EllipseCollection
 from matplotlib.colors import to_rgb
 from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 
 from slamgauge.arrays import Float
-from slamgauge.compare.figures.ellipses import draw_ellipses, move_ellipses
-from slamgauge.compare.figures.map_at_step import MapRows
+from slamgauge.compare.figures.map_contents import MapRows
 from slamgauge.compare.figures.plot_style import TRUTH_COLOR, Style
 from slamgauge.se2 import rotation
 
@@ -32,6 +32,39 @@ TRUE_LANDMARK: dict[str, Any] = {
     "zorder": 3,
 }
 TRUE_ROBOT = Style(TRUTH_COLOR, "-")
+
+
+def draw_ellipses(ax: Axes, centers: Float, covs: Float, color: str, zorder: float = 1.5) -> EllipseCollection:
+    """Draw the 3-sigma ellipses of positions (n, 2) [m] with covariances (n, 2, 2)."""
+    ellipses = EllipseCollection(
+        *_diameters_and_angles(covs),
+        units="xy",
+        offsets=centers,
+        offset_transform=ax.transData,
+        facecolors="none",
+        edgecolors=color,
+        linewidths=0.5,
+        alpha=0.8,
+        zorder=zorder,
+    )
+    ax.add_collection(ellipses, autolim=False)
+    return ellipses
+
+
+def move_ellipses(ellipses: EllipseCollection, centers: Float, covs: Float) -> None:
+    """Replace the ellipses by those of positions (n, 2) [m] with covariances (n, 2, 2), for any n."""
+    widths, heights, angles = _diameters_and_angles(covs)
+    ellipses.set_widths(widths)
+    ellipses.set_heights(heights)
+    ellipses.set_angles(angles)
+    ellipses.set_offsets(centers)
+
+
+def _diameters_and_angles(covs: Float) -> tuple[Float, Float, Float]:
+    """Return long and short diameters (n,) [m], and the angles of the long ones [deg]."""
+    variances, directions = np.linalg.eigh(covs)
+    short, long = 6 * np.sqrt(variances.clip(min=0)).T
+    return long, short, np.degrees(np.arctan2(directions[:, 1, 1], directions[:, 0, 1]))
 
 
 class MapLayer:
@@ -68,7 +101,7 @@ class RobotLayer:
         A robot that is not `filled` is drawn as an outline above the others.
         """
         self._size = size
-        (self._path,) = ax.plot([], [], color=style.color, linestyle=style.dashes, linewidth=1.0, zorder=2.5)
+        self._path = draw_path(ax, style)
         solid: dict[str, Any] = {"facecolor": style.color, "edgecolor": "w", "linewidth": 0.3, "zorder": 4}
         outline: dict[str, Any] = {"facecolor": "none", "edgecolor": style.color, "linewidth": 0.7, "zorder": 5}
         self._body = Polygon(size * SHAPE, visible=False, **(solid if filled else outline))
@@ -82,6 +115,11 @@ class RobotLayer:
         self._body.set_xy(poses[-1, :2] + self._size * SHAPE @ rotation(poses[-1, 2]).T)
         if cov is not None:
             move_ellipses(self._ellipse, poses[-1:, :2], cov[None, :2, :2])
+
+
+def draw_path(ax: Axes, style: Style) -> Line2D:
+    """Return a new path without positions."""
+    return ax.plot([], [], color=style.color, linestyle=style.dashes, linewidth=1.0, zorder=2.5)[0]
 
 
 def key(label: str, **look: Any) -> Line2D:

@@ -6,14 +6,12 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from slamgauge.arrays import Float
-from slamgauge.compare.figures.figure_size import save_printed, sheet
-from slamgauge.compare.figures.plot_style import LEGEND, MARK_COLOR, PRINT, TRUTH_COLOR, logarithmic
+from slamgauge.compare.figures.axes import logarithmic
+from slamgauge.compare.figures.plot_style import MARK_COLOR, TRUTH_COLOR, legend_below, printed, sheet
 from slamgauge.compare.noise.noise_json import supported
 from slamgauge.compare.noise.report_text import verdict
 
@@ -30,18 +28,14 @@ LEAST_CORRELATION = 0.1  # the axis reaches at least this correlation
 
 def save_noise_figure(out: Path, content: dict[str, Any]) -> None:
     """Write the figure `noise` into `out`; `content` is the content of noise.json."""
-    with mpl.rc_context(PRINT):
-        page = sheet()
-        shape, height = ((4, 1), 8.6) if page.is_narrow else ((2, 2), 5.4)
-        figure = Figure(figsize=(page.inches, height), layout="constrained")
+    shape, height = ((4, 1), 8.6) if sheet().is_narrow else ((2, 2), 5.4)
+    with printed(out / "noise", height) as figure:
         sigmas, nis, quantiles, whiteness = figure.subplots(*shape).flat
         _draw_sigmas(sigmas, content["parameters"])
         _draw_nis(nis, content["nis_by_landmark"])
         _draw_quantiles(quantiles, content["quantiles"])
         _draw_whiteness(whiteness, content["autocorrelation"])
-        handles, labels = quantiles.get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=page.legend_columns(len(labels)), **LEGEND)
-        save_printed(figure, out / "noise")
+        legend_below(figure, quantiles)
 
 
 def _series(by_channel: dict[str, Any]) -> Iterator[tuple[dict[str, Any], str, dict[str, Any]]]:

@@ -9,26 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slamgauge.arrays import Int
-from slamgauge.compare.figures.map_at_step import map_at
+from slamgauge.compare.figures.map_contents import map_at
 from slamgauge.estimate import Estimate, MapHistory, RayLog
 
 
 class RayFrame(NamedTuple):
-    """A moment and the latest event of the rays.
-
-    Attributes:
-        step: Step of the moment.
-        caption: Text of the event; empty without an event.
-        landmark: Landmark id of the ray in the caption; None for several rays or no event.
-        rays: Number of rays.
-        members: Number of members of all rays.
-    """
+    """A moment and the latest event of the rays."""
 
     step: int
-    caption: str
-    landmark: int | None
-    rays: int
-    members: int
+    caption: str  # empty without an event
+    landmark: int | None  # id of the ray in the caption; None for several rays or no event
+    rays: int  # number of rays
+    members: int  # number of members of all rays
 
 
 def has_rays(estimate: Estimate) -> bool:
@@ -94,10 +86,8 @@ def _lost(log: RayLog) -> NDArray[np.bool_]:
 def _frame(estimate: Estimate, log: RayLog, recorded: Int, step: int) -> RayFrame:
     rows = map_at(estimate, step)
     members = rows.landmark[rows.member >= 0]
-    before = recorded[recorded < step]
-    since = int(before[-1]) if len(before) else -1
-    caption, landmark = _latest(estimate, log, since, step)
-    return RayFrame(step, caption, landmark, len(np.unique(members)), len(members))
+    since = int(recorded[recorded < step].max(initial=-1))
+    return RayFrame(step, *_latest(estimate, log, since, step), len(np.unique(members)), len(members))
 
 
 def _latest(estimate: Estimate, log: RayLog, since: int, step: int) -> tuple[str, int | None]:

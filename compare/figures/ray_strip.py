@@ -5,15 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from slamgauge.arrays import Float
-from slamgauge.compare.figures.figure_size import save_printed, sheet
-from slamgauge.compare.figures.map_at_step import map_at
+from slamgauge.compare.figures.axes import label_plane
+from slamgauge.compare.figures.map_contents import map_at, map_limits
 from slamgauge.compare.figures.map_layers import (
     HEAVIEST,
     MEMBER,
@@ -24,10 +22,8 @@ from slamgauge.compare.figures.map_layers import (
     RobotLayer,
     key,
 )
-from slamgauge.compare.figures.map_limits import map_limits
-from slamgauge.compare.figures.plot_style import LEGEND, MARK_COLOR, PRINT, Style, styles
+from slamgauge.compare.figures.plot_style import LEGEND, MARK_COLOR, Style, printed, sheet, styles
 from slamgauge.compare.figures.ray_frames import RayFrame, ray_frames
-from slamgauge.compare.figures.world_axes import label_plane
 from slamgauge.display import counted
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
@@ -60,8 +56,7 @@ def save_ray_strip(
     rows = -(-len(frames) // columns)
     height = page.inches / columns * float(np.clip((high - low)[1] / (high - low)[0], 0.4, 1.4))
     style = styles([name])[name]
-    with mpl.rc_context(PRINT):
-        figure = Figure(figsize=(page.inches, rows * (height + HEADINGS) + FOOT[page.width]), layout="constrained")
+    with printed(folder / "rays", rows * (height + HEADINGS) + FOOT[page.width], title) as figure:
         panels: list[Axes] = list(figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).flat)
         for panel in panels[len(frames) :]:
             panel.set_axis_off()
@@ -80,8 +75,6 @@ def save_ray_strip(
         figure.legend(
             handles=_keys(truth, name, style), loc="outside lower center", ncols=1 if page.is_narrow else 4, **LEGEND
         )
-        figure.suptitle(title)
-        save_printed(figure, folder / "rays")
 
 
 def _limits(truth: Truth, estimate: Estimate, frames: list[RayFrame]) -> tuple[Float, Float]:

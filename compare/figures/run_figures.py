@@ -1,4 +1,4 @@
-"""Figures of a run: the map and the errors."""
+"""Figures of a run: the map, the errors, and the drift over distances."""
 
 from __future__ import annotations
 
@@ -7,35 +7,32 @@ from itertools import islice
 from pathlib import Path
 from typing import Any, cast
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure, SubFigure
+from matplotlib.figure import SubFigure
 from matplotlib.transforms import ScaledTranslation
 
 from slamgauge.arrays import Float
 from slamgauge.compare.estimators.registry import OPTIMA
-from slamgauge.compare.figures.closure_marks import marked_closures
-from slamgauge.compare.figures.downsampling import even_rows
-from slamgauge.compare.figures.ellipses import draw_ellipses
+from slamgauge.compare.figures.axes import label_plane, logarithmic
+from slamgauge.compare.figures.downsampling import even_rows, marked_closures
 from slamgauge.compare.figures.error_panels import plot_errors
-from slamgauge.compare.figures.figure_size import save_printed, sheet
-from slamgauge.compare.figures.map_limits import map_limits
+from slamgauge.compare.figures.map_contents import map_limits
+from slamgauge.compare.figures.map_layers import draw_ellipses
 from slamgauge.compare.figures.plot_style import (
     DEAD_RECKONING,
     LEGEND,
     MARK_COLOR,
-    PRINT,
     TRUTH_COLOR,
-    WRAPPED,
     Style,
+    legend_below,
+    printed,
+    sheet,
     styles,
 )
-from slamgauge.compare.figures.world_axes import label_plane
 from slamgauge.compare.scoring.landmark_identity import true_landmarks
 from slamgauge.compare.scoring.optimum_figures import is_misfit
 from slamgauge.compare.scoring.optimum_notes import distance_from_optimum, misfits
-from slamgauge.compare.storage.safe_names import math_text
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain
@@ -48,6 +45,7 @@ DIAMOND: dict[str, Any] = {"markersize": 3, "color": "w", "markeredgecolor": TRU
 OUTLINE: dict[str, Any] = {"markersize": 6, "color": "none", "markeredgecolor": MARK_COLOR, "markeredgewidth": 0.5}
 LONG_LABEL = 20  # characters; most longer labels are import paths of user code
 ROOM_OF_LABEL = 3.5  # space between axes and legend, in font heights of the axis label
+DRIFTS = (("translation_m", "relative translation error [m]"), ("heading_rad", "relative heading error [rad]"))
 POSE_ELLIPSES = 15  # per path; odd, so that two loops do not have them at the same positions
 LANDMARK_ELLIPSES = 150  # with more in all maps, only those of the first map are drawn
 
@@ -152,9 +150,11 @@ def save_figure(
     The bounds of the estimate `band` are filled. Dead reckoning that the estimates do not contain is drawn in the map
     unless `drift` is False. The title names an optimum whose check or residuals put it in doubt.
     """
-    with mpl.rc_context(PRINT):
-        page = sheet()
-        figure = Figure(figsize=(page.inches, HEIGHTS[page.width]), layout="constrained")
+    page = sheet()
+    doubts = [misfits([name for name in OPTIMA.values() if name in estimates and is_misfit(estimates[name])])]
+    doubts += [distance_from_optimum(name, estimate.optimum_check) for name, estimate in estimates.items()]
+    title = "\n".join([title, *filter(None, doubts)])
+    with printed(Path(folder) / "figure", HEIGHTS[page.width], title) as figure:
         if page.is_narrow:
             parts = figure.subfigures(2, 1, height_ratios=(1, 1.1))
         else:
@@ -168,7 +168,21 @@ def save_figure(
         if max(map(len, labels)) > LONG_LABEL:
             columns = -(-2 * columns // 3)
         figure.legend(handles, labels, loc="outside lower center", ncols=columns, **LEGEND)
-        doubts = [misfits([name for name in OPTIMA.values() if name in estimates and is_misfit(estimates[name])])]
-        doubts += [distance_from_optimum(name, estimate.optimum_check) for name, estimate in estimates.items()]
-        figure.suptitle(math_text("\n".join([title, *filter(None, doubts)])), **WRAPPED)
-        save_printed(figure, Path(folder) / "figure")
+
+
+def save_drift_figure(out: Path, entries: Mapping[str, Any], title: str) -> None:
+    """Write the figure `drift`, relative pose errors over distances; `entries` of metrics.json are by estimator."""
+    shape, height = ((2, 1), 4.4) if sheet().is_narrow else ((1, 2), 2.8)
+    with printed(out / "drift", height, title) as figure:
+        panels = figure.subplots(*shape, sharex=True).flat
+        for axes, (key, label) in zip(panels, DRIFTS, strict=True):
+            for name, style in styles(entries).items():
+                found = [(each["distance_m"], each[key]) for each in entries[name]["rpe_by_distance"] if each[key]]
+                if found:
+                    axes.plot(*zip(*found, strict=True), color=style.color, linestyle=style.dashes, label=name)
+            axes.set_ylabel(label)
+            logarithmic(axes, "y")
+        for axes in figure.axes[-shape[1] :]:
+            axes.set_xlabel("length of the path segment [m]")
+            logarithmic(axes, "x")
+        legend_below(figure, figure.axes[0])

@@ -4,26 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from slamgauge.compare.estimators.registry import BOUNDS, CAUSAL, REGISTRY, is_optimum
-from slamgauge.compare.figures.figure_size import save_printed, sheet
-from slamgauge.compare.figures.plot_style import (
-    LEGEND,
-    MARK_COLOR,
-    PRINT,
-    TRUTH_COLOR,
-    WRAPPED,
-    Style,
-    logarithmic,
-    styles,
-)
+from slamgauge.compare.figures.axes import logarithmic
+from slamgauge.compare.figures.plot_style import MARK_COLOR, TRUTH_COLOR, Style, legend_below, printed, sheet, styles
 from slamgauge.compare.scoring.intervals import Interval
 from slamgauge.compare.scoring.optimum_notes import at_places, distance_in_runs
-from slamgauge.compare.storage.safe_names import math_text
 from slamgauge.compare.studies.sweep import Sweep, shares_in_doubt
 
 PANELS = (
@@ -37,10 +25,10 @@ WIDE = 4.0  # values that span more than this factor get a logarithmic axis
 
 def save_sweep_figure(out: Path, sweep: Sweep) -> None:
     """Write sweep.png and sweep.svg into `out`."""
-    with mpl.rc_context(PRINT):
-        page = sheet()
-        rows, columns, height = (4, 1, 8.0) if page.is_narrow else (2, 2, 5.0)
-        figure = Figure(figsize=(page.inches, height), layout="constrained")
+    rows, columns, height = (4, 1, 8.0) if sheet().is_narrow else (2, 2, 5.0)
+    title = f"{sweep.scenario}, {sweep.runs} runs at each value (bars: 95 % intervals)"
+    title = "\n".join([title, *at_places(CAUSAL, shares_in_doubt(sweep), distance_in_runs)])
+    with printed(out / "sweep", height, title) as figure:
         names = styles(sweep.summaries[0].estimators)
         for axes, (key, label) in zip(figure.subplots(rows, columns, sharex=True).flat, PANELS, strict=True):
             for name, style in names.items():
@@ -53,12 +41,7 @@ def save_sweep_figure(out: Path, sweep: Sweep) -> None:
                 axes.axhline(1.0, color=MARK_COLOR, linewidth=0.6)
         for axes in figure.axes[-columns:]:
             axes.set_xlabel(sweep.key)
-        handles, labels = figure.axes[0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=page.legend_columns(len(labels)), **LEGEND)
-        title = f"{sweep.scenario}, {sweep.runs} runs at each value (bars: 95 % intervals)"
-        lines = [title, *at_places(CAUSAL, shares_in_doubt(sweep), distance_in_runs)]
-        figure.suptitle(math_text("\n".join(lines)), **WRAPPED)
-        save_printed(figure, out / "sweep")
+        legend_below(figure, figure.axes[0])
 
 
 def _draw(

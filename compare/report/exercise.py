@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 from urllib.parse import quote
 
 from slamgauge.compare.estimators.registry import is_optimum
-from slamgauge.compare.report.glossary import ESTIMATOR, TERMS, figure_heads
-from slamgauge.compare.report.page_elements import Cell, Head, Table, origin, pictures
-from slamgauge.compare.report.plain_page import figure_cell, plain_page
+from slamgauge.compare.report.page import plain_page
+from slamgauge.compare.report.page_elements import origin, pictures
 from slamgauge.compare.report.run_page import PICTURES, lead
+from slamgauge.compare.report.table_pages import CLAIM_HEADS
+from slamgauge.compare.report.tables import ESTIMATOR, TERMS, Cell, Head, Table, figure_cell, figure_heads
 from slamgauge.compare.scoring.catalogue import columns
 from slamgauge.compare.storage.files import read_json
 from slamgauge.compare.storage.result_files import METRICS, REPORT
@@ -18,14 +19,9 @@ from slamgauge.compare.studies.claim_list import CLAIMS
 
 
 class Question(NamedTuple):
-    """A question of the exercise.
+    """A question of the exercise: `runs` are estimators by scenario, `hints` observations to make in the figures.
 
-    Attributes:
-        title: Topic.
-        runs: Estimators by scenario, in the order of comparison.
-        task: The varied quantity and the question.
-        hints: Observations to make in the figures.
-        claims: First letters of the ids of its claims; empty for question 4, which has none.
+    `claims` are the first letters of the ids of its claims, empty for question 4, which has none.
     """
 
     title: str
@@ -92,12 +88,6 @@ QUESTIONS = {
         "",
     ),
 }
-CLAIM_HEADS = (
-    Head("claim", "name of the claim in claims.json", words=True),
-    Head("section", "section of the exercise", words=True),
-    Head("conclusion", "short form of the conclusion of the exercise", words=True),
-    Head("hypothesis", "tested statement about a ratio of two metrics of the same run", words=True),
-)
 CHIEF = {
     *("ate_m", "final_position_error_m", "nees_pose", "nis_per_dof"),
     *("landmarks_mapped", "wrong_associations", "ratio_to_optimum"),
@@ -126,6 +116,12 @@ def question_page(folder: Path, name: str) -> str:
         for each in CLAIMS
         if question.claims and each.id.startswith(question.claims)
     ]
+    sentences = [
+        (f"{scenario}, {estimator}", text)
+        for scenario, metrics in runs.items()
+        for estimator, text in lead(metrics)
+        if not is_optimum(estimator)  # optima are the reference
+    ]
     study = f"slamgauge study {[*question.runs][-1]} --runs 50 --out results/study"
     many = "slamgauge claims --out results/claims" if claims else study
     first = next(iter(runs))
@@ -134,14 +130,14 @@ def question_page(folder: Path, name: str) -> str:
     return plain_page(
         kind=f"question {name[1:]} of the exercise",
         title=question.title,
-        lead=[("Task", question.task), *(("Hint", each) for each in question.hints), *filter_results(runs)],
+        lead=[("Task", question.task), *(("Hint", each) for each in question.hints), *sentences],
         notes=[
             "each scenario in the table links to the page of its run, with a replay",
             f"each result is of a single run and random; compare many runs with: {many}",
         ],
         tables=[
             Table("question", "Results", heads, rows),
-            Table("claims", "Conclusions of the exercise, tested by slamgauge claims", CLAIM_HEADS, claims),
+            Table("claims", "Conclusions of the exercise, tested by slamgauge claims", CLAIM_HEADS[:4], claims),
         ],
         pictures=[
             picture._replace(caption=f"{each}. {picture.caption}")
@@ -151,13 +147,3 @@ def question_page(folder: Path, name: str) -> str:
         terms=TERMS["run"],
         origin=origin(folder / first / METRICS, provenance, digests),
     )
-
-
-def filter_results(runs: dict[str, Any]) -> list[tuple[str, str]]:
-    """Return a sentence for each run and estimator, except optima, which are the reference."""
-    return [
-        (f"{scenario}, {estimator}", text)
-        for scenario, metrics in runs.items()
-        for estimator, text in lead(metrics)
-        if not is_optimum(estimator)
-    ]

@@ -7,8 +7,9 @@ from pathlib import Path
 from urllib.parse import quote
 
 from slamgauge.compare.checks.examination import LAWS
-from slamgauge.compare.report.page_elements import Cell, Head, Table, origin
-from slamgauge.compare.report.plain_page import figure_cell, from_to, plain_page
+from slamgauge.compare.report.page import plain_page
+from slamgauge.compare.report.page_elements import origin
+from slamgauge.compare.report.tables import Cell, Head, Table, figure_cell, from_to
 from slamgauge.compare.storage.files import explained
 from slamgauge.compare.storage.result_files import GRADES, PAGES, REPORT
 
@@ -97,7 +98,7 @@ def submission_page(folder: Path, row: Row, where: list[tuple[str, str, bool]]) 
     figures = [
         [
             *(Cell(title), figure_cell(_number(row, key), form)),
-            *(Cell(from_to(_number(row, f"{key}_low"), _number(row, f"{key}_high"), form)), Cell(meaning)),
+            *(from_to(_number(row, f"{key}_low"), _number(row, f"{key}_high"), form), Cell(meaning)),
         ]
         for key, title, meaning, form in FIGURES
     ]

@@ -10,13 +10,18 @@ import base64
 import hashlib
 import json
 import re
+from collections.abc import Sequence
 from functools import cache
 from importlib.resources import files
-from typing import Any
+from typing import Any, Literal
 
+import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
 from markupsafe import Markup
+from numpy.typing import ArrayLike
 
+from slamgauge.compare.report.page_elements import Picture
+from slamgauge.compare.report.tables import Table, glossary
 from slamgauge.compare.storage.safe_names import shown
 from slamgauge.version import __version__
 
@@ -26,12 +31,20 @@ MODULES = (
     *("unpack", "colours", "surface", "ticks", "download", "tables", "panel", "camera", "scene", "timeline", "player"),
     *("replay", "strip", "study", "start"),
 )
+KINDS = {"f4": "<f4", "i4": "<i4", "u2": "<u2", "u1": "u1"}  # numpy types by their names in `unpack.js`
 IMPORT = re.compile(r"^import .*;\n", re.MULTILINE)
 EXPORT = re.compile(r"^export (?=function|class|const)", re.MULTILINE)
 
 
-def render(template: str, *, data: dict[str, Any] | None = None, **content: Any) -> str:
-    """Return the HTML of a template; `data` is JSON for the script of the page."""
+def render(
+    template: str,
+    *,
+    tables: Sequence[Table] = (),
+    terms: Sequence[tuple[str, str]] = (),
+    data: dict[str, Any] | None = None,
+    **content: Any,
+) -> str:
+    """Return the HTML of a template with a glossary of terms and table columns; `data` is JSON for its script."""
     style, script = style_sheet(), program()
     return (
         _environment()
@@ -42,8 +55,44 @@ def render(template: str, *, data: dict[str, Any] | None = None, **content: Any)
             script=Markup(script),  # trusted: part of slamgauge
             policy=policy(style, script),
             data=Markup(json_text(data or {})),  # escaped by json_text
+            tables=tables,
+            glossary=glossary(terms, tables),
             **content,
         )
+    )
+
+
+def plain_page(
+    *,
+    kind: str,
+    title: str,
+    lead: Sequence[tuple[str, str]],
+    tables: Sequence[Table],
+    origin: Sequence[tuple[str, str, bool]],
+    notes: Sequence[str] = (),
+    pictures: Sequence[Picture] = (),
+    terms: Sequence[tuple[str, str]] = (),
+    back: str = "",
+    verbatim: Sequence[str] = (),
+) -> str:
+    """Return the HTML of a page; each parameter is a part of the template `plain.html`.
+
+    `kind` is shown above the title. `lead` has sentences with the name of their estimator, `notes` further ones. Tables
+    without rows are not shown. The glossary explains `terms` and all columns. `back` is a link to the page above,
+    `verbatim` are lines that a program printed.
+    """
+    return render(
+        "plain.html",
+        kind=kind,
+        title=title,
+        lead=lead,
+        notes=notes,
+        tables=tables,
+        pictures=pictures,
+        terms=terms,
+        origin=origin,
+        back=back,
+        verbatim=verbatim,
     )
 
 
@@ -73,9 +122,10 @@ def program() -> str:
     return "\n".join(EXPORT.sub("", IMPORT.sub("", text)) for text in texts)
 
 
-def data_source(content: bytes, kind: str) -> str:
-    """Return content as a data URL."""
-    return f"data:{kind};base64,{base64.b64encode(content).decode('ascii')}"
+def pack(values: ArrayLike, kind: Literal["f4", "i4", "u2", "u1"] = "f4") -> dict[str, Any]:
+    """Encode an array row by row for `unpack.js`; single precision (relative 1e-7) is enough for a screen."""
+    content = np.ascontiguousarray(values, dtype=KINDS[kind])
+    return {"kind": kind, "data": base64.b64encode(content.tobytes()).decode("ascii")}
 
 
 def _read(name: str) -> str:

@@ -1,44 +1,17 @@
-"""Elements of pages: tables, pictures, styles of estimators, provenance."""
+"""Elements of pages: pictures, styles of estimators, provenance."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+import base64
+from collections.abc import Iterable, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from slamgauge.compare.figures.plot_style import LineStyle, styles
-from slamgauge.compare.report.page import data_source
 from slamgauge.version import __version__
 
 LONGEST_DASH = 12.0  # line widths
-
-
-class Head(NamedTuple):
-    """Column of a table: title, explanation, and whether its cells are texts."""
-
-    title: str
-    help: str = ""
-    words: bool = False
-
-
-class Cell(NamedTuple):
-    """Cell of a table: text, value for sorting, and link."""
-
-    text: str
-    value: float | None = None
-    link: str = ""
-
-
-@dataclass(frozen=True)
-class Table:
-    """Sortable table; the first cell of a row is its header."""
-
-    id: str
-    caption: str
-    columns: Sequence[Head]
-    rows: Sequence[Sequence[Cell]]
 
 
 class Picture(NamedTuple):
@@ -70,8 +43,8 @@ def _dashes(dashes: LineStyle) -> tuple[float, ...]:
 
 def pictures(folder: Path, known: Mapping[str, tuple[str, str]]) -> list[Picture]:
     """Return the figures in a folder; `known` has alternative text and caption by file name."""
-    found = [(folder / name, *texts) for name, texts in known.items() if (folder / name).is_file()]
-    return [Picture(data_source(path.read_bytes(), "image/png"), alt, caption) for path, alt, caption in found]
+    found = [((folder / name).read_bytes(), *texts) for name, texts in known.items() if (folder / name).is_file()]
+    return [Picture(f"data:image/png;base64,{base64.b64encode(png).decode()}", *texts) for png, *texts in found]
 
 
 def origin(path: Path, content: Mapping[str, Any], more: Iterable[tuple[str, str]] = ()) -> list[tuple[str, str, bool]]:
@@ -87,8 +60,3 @@ def origin(path: Path, content: Mapping[str, Any], more: Iterable[tuple[str, str
         ("Written", f"{written:%Y-%m-%d %H:%M} UTC", False),
     ]
     return [(term, str(text), is_code) for term, text, is_code in rows if text is not None]
-
-
-def sized(value: object) -> float | None:
-    """Return a number for sorting, or None."""
-    return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else None

@@ -5,14 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from slamgauge.compare.report.budget_page import budget_page
-from slamgauge.compare.report.claims_page import claims_page
 from slamgauge.compare.report.exercise import question_page
 from slamgauge.compare.report.grade_page import grade_pages
-from slamgauge.compare.report.noise_page import noise_page
 from slamgauge.compare.report.run_page import run_page
 from slamgauge.compare.report.study_page import study_page
-from slamgauge.compare.report.sweep_page import studies_of, sweep_page
+from slamgauge.compare.report.table_pages import budget_page, claims_page, noise_page, studies_of, sweep_page
 from slamgauge.compare.storage.files import explained, of_this_version, read_json
 from slamgauge.compare.storage.manifest import require_free
 from slamgauge.compare.storage.result_files import BUDGET, CLAIMS, GRADES, METRICS, NOISE, REPORT, SUMMARY, SWEEP
@@ -59,28 +56,20 @@ def publish_question(folder: Path, name: str) -> None:
     _publish(folder, {REPORT: question_page(folder, name)})
 
 
-def write_pages(stage: Path, folder: Path, beside: str) -> None:
-    """Write the pages of the results in `folder` with the main file `beside` into the folder `stage`."""
-    _write(stage, PAGES[beside](folder))
-
-
 def _publish(folder: Path, pages: dict[str, str]) -> None:
     with staged_folder(folder, pages, last=REPORT, remedy=REMEDY) as stage, explained(folder, "written"):
-        _write(stage, pages)
+        write_pages(stage, pages)
 
 
-def _write(stage: Path, pages: dict[str, str]) -> None:
+def write_pages(stage: Path, pages: dict[str, str]) -> None:
+    """Write pages, HTML texts by name, into the folder `stage`."""
     for name, text in pages.items():
         (stage / name).parent.mkdir(exist_ok=True)
         (stage / name).write_text(text, encoding="utf-8", newline="\n")
 
 
 def latest_in(folder: Path) -> Path:
-    """Return the main file of the latest results in a folder.
-
-    Raises:
-        UserError: If the folder has no results.
-    """
+    """Return the main file of the latest results in a folder; raise `UserError` if the folder has no results."""
     found = [folder / name for name in PAGES if (folder / name).is_file()]
     if not found:
         raise UserError(

@@ -10,27 +10,34 @@ import numpy as np
 
 from slamgauge.arrays import Float, Int, distinct
 from slamgauge.compare.figures.error_panels import reference_of
-from slamgauge.compare.figures.map_limits import map_limits
+from slamgauge.compare.figures.map_contents import MapRows, first_seen, map_at, map_limits
 from slamgauge.compare.figures.plot_style import DEAD_RECKONING
-from slamgauge.compare.report.array_encoding import pack
-from slamgauge.compare.report.frames import ShownObservations, frame_steps, shown_observations
-from slamgauge.compare.report.map_rows import packed_map, triangle
+from slamgauge.compare.report.page import pack
 from slamgauge.compare.report.page_elements import Look
 from slamgauge.compare.scoring.consistency import chi2_band, squared_mahalanobis
 from slamgauge.compare.scoring.landmark_identity import wrong_sights
 from slamgauge.compare.scoring.loop_closures import closure_steps
 from slamgauge.compare.scoring.scores import pose_covs_of
 from slamgauge.compare.scoring.trajectory_error import distances, pose_errors
-from slamgauge.compare.storage.results_folder import Results
+from slamgauge.compare.storage.stored_results import Results
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.se2 import compose
-from slamgauge.sensors import SENSORS
+from slamgauge.sensors import SENSORS, inverse
 from slamgauge.truth import Truth
 
 MOST_FRAMES = 1500  # more than the pixel columns of a panel
 FEWEST_FRAMES = 30
 STEP_LEVEL = 0.95  # level of the band of the NEES of single steps
+FULL_WEIGHT = 255  # byte for weight 1
+
+
+class ShownObservations(NamedTuple):
+    """The observations that a replay shows, frame by frame."""
+
+    observation: Int  # (m,) row numbers in the recording
+    start: Int  # (T+1,) first entry of each frame in the other arrays
+    body: Float  # (m, 2) positions in the body frame [m]; for a bearing a point in its direction
 
 
 class _Run(NamedTuple):
@@ -46,10 +53,7 @@ class _Run(NamedTuple):
 def replay_data(results: Results, looks: Sequence[Look], room: int) -> dict[str, Any]:
     """Return the data of a run with as many frames as `room` allows.
 
-    Args:
-        results: Truth, recording and estimates.
-        looks: Styles of the estimates, in their order.
-        room: Largest number of JSON characters; may be exceeded with `FEWEST_FRAMES` frames.
+    `room` is the largest number of JSON characters; it may be exceeded with `FEWEST_FRAMES` frames.
     """
     count = MOST_FRAMES
     while True:
@@ -80,7 +84,7 @@ def _data(results: Results, looks: Sequence[Look], shown: Int) -> dict[str, Any]
             "bearingOnly": not SENSORS[recording.sensor].places_landmarks,
         },
         "estimates": [_estimate(results.estimates[look.name], look, run) for look in looks],
-        "closures": pack([] if closures is None else np.unique(_frames_of(closures, shown)), "i4"),
+        "closures": pack([] if closures is None else np.unique(np.searchsorted(shown, closures)), "i4"),
         "world": {"low": world[0].tolist(), "high": world[1].tolist()},
         "errorTitle": f"position {named} [m]",
         "neesBand": list(chi2_band(STEP_LEVEL, 3)),
@@ -92,6 +96,7 @@ def _estimate(estimate: Estimate, look: Look, run: _Run) -> dict[str, Any]:
     errors, covs = pose_errors(reference[shown], estimate.poses[shown]), pose_covs_of(estimate)[shown]
     nees = squared_mahalanobis(errors, covs) if truth.poses is not None else errors[:, 0] * np.nan
     wrong = wrong_sights(truth, recording, estimate)
+    wrong_frames = [] if wrong is None else distinct(np.searchsorted(shown, recording.observation_step[wrong]))
     given = recording.landmark if estimate.association is None else estimate.association
     return {
         "name": look.name,
@@ -107,9 +112,7 @@ def _estimate(estimate: Estimate, look: Look, run: _Run) -> dict[str, Any]:
         "rows": packed_map(recording, estimate, shown),
         "association": None if given is None else pack(given[observations.observation], "i4"),
         "wrong": None if wrong is None else pack(wrong[observations.observation], "u1"),
-        "wrongFrames": pack(
-            [] if wrong is None else distinct(_frames_of(recording.observation_step[wrong], shown)), "i4"
-        ),
+        "wrongFrames": pack(wrong_frames, "i4"),
     }
 
 
@@ -130,11 +133,6 @@ def _nis(estimate: Estimate) -> Float:
     return np.divide(estimate.nis, estimate.nis_dof, out=none, where=estimate.nis_dof > 0)
 
 
-def _frames_of(steps: Int, shown: Int) -> Int:
-    """Return the first frames at or after these steps."""
-    return np.searchsorted(shown, steps)
-
-
 def _world(results: Results, truth: Truth) -> tuple[Float, Float]:
     """Return limits (2,) [m] of all paths and landmarks; a drifted dead reckoning does not widen them."""
     known = [each for each in (truth.poses, truth.landmarks) if each is not None]
@@ -142,3 +140,60 @@ def _world(results: Results, truth: Truth) -> tuple[Float, Float]:
     drift = paths.pop(DEAD_RECKONING, None)
     known += list(paths.values()) or ([] if drift is None else [drift])
     return map_limits([each[:, :2] for each in known], [] if drift is None else [drift[:, :2]])
+
+
+def frame_steps(steps: int, count: int) -> Int:
+    """Return at most `count` of the steps 0..`steps`, evenly spaced, including both ends."""
+    return np.unique(np.linspace(0, steps, min(count, steps + 1)).round().astype(np.int64))
+
+
+def shown_observations(recording: Recording, shown: Int, length: float) -> ShownObservations:
+    """Return the last scan since the previous shown step, for each shown step; bearings get the `length` [m]."""
+    before = np.concatenate([[-1], shown[:-1]])
+    ends = np.searchsorted(recording.observation_step, shown, side="right")
+    begins = np.searchsorted(recording.observation_step, before, side="right")
+    last = recording.observation_step[np.maximum(ends - 1, 0)] if len(recording.observation_step) else ends
+    begins = np.maximum(begins, np.searchsorted(recording.observation_step, last))
+    counts = np.where(ends > begins, ends - begins, 0)
+    start = np.concatenate([[0], np.cumsum(counts)])
+    observation = np.repeat(begins, counts) + np.arange(start[-1]) - np.repeat(start[:-1], counts)
+    body = inverse(recording.sensor, recording.observation[observation])
+    return ShownObservations(observation, start, body if SENSORS[recording.sensor].places_landmarks else length * body)
+
+
+def packed_map(recording: Recording, estimate: Estimate, shown: Int) -> dict[str, Any] | None:
+    """Return the map of each shown step, or the final map with the frame of each first observation; None without a map.
+
+    A recorded map is stored for each frame with a new record since the previous frame.
+    """
+    history, log, count = estimate.history, estimate.rays, len(estimate.landmark_ids)
+    if history is not None and len(history.step):
+        changes = np.searchsorted(history.step, shown, side="right")
+        if log is not None:  # lost rays leave the map between two records
+            changes = changes + np.searchsorted(np.sort(log.end[log.end >= 0]), shown, side="right")
+        frames = np.flatnonzero(np.diff(changes, prepend=0) > 0)
+        maps, since = [map_at(estimate, int(shown[frame])) for frame in frames], None
+        covs = np.concatenate([np.zeros((0, 2, 2)), *(each.cov for each in maps)])
+    elif count:
+        frames, covs = np.zeros(1, np.int64), estimate.landmark_covs
+        final = (estimate.landmark_ids, np.full(count, -1), np.ones(count), estimate.landmarks)
+        maps = [MapRows(*final, np.zeros((count, 2, 2)) if covs is None else covs)]
+        since = pack(np.searchsorted(shown, first_seen(recording, estimate)), "i4")
+    else:
+        return None
+    return {
+        "mapAt": pack(np.searchsorted(frames, np.arange(len(shown)), side="right") - 1, "i4"),
+        "start": pack(np.concatenate([[0], np.cumsum([len(each.landmark) for each in maps])]), "i4"),
+        "landmark": pack(np.concatenate([each.landmark for each in maps]), "i4"),
+        "member": pack(np.concatenate([each.member for each in maps]) + 1, "u1"),
+        "weight": pack(np.concatenate([each.weight for each in maps]) * FULL_WEIGHT, "u1"),
+        "place": pack(np.concatenate([each.position for each in maps])),
+        "cov": None if covs is None else pack(triangle(covs)),
+        "since": since,
+        "isHistory": since is None,
+    }
+
+
+def triangle(covs: Float) -> Float:
+    """Return xx, xy, yy (n, 3) of covariances (n, 2, 2) or larger."""
+    return np.column_stack([covs[:, 0, 0], covs[:, 0, 1], covs[:, 1, 1]])

@@ -11,27 +11,23 @@ from typing import Any, NamedTuple
 
 
 class Rerun(NamedTuple):
-    """Arguments of `slamgauge run`; `is_known` is False if the settings of the study are not known."""
+    """Arguments of `slamgauge run`."""
 
     scenario: str
-    seed: int
     settings: list[str]
     estimators: str
-    is_known: bool
 
 
 def command_of_run(content: dict[str, Any], seed: int) -> str:
     """Return the `slamgauge run` command of a run; a comment at its end warns of settings that may be missing."""
-    run = run_of_study(content, seed)
-    settings = ["--set", *run.settings]
-    line = shlex.join(
-        ["slamgauge", "run", run.scenario, "--seed", str(seed), *settings, "--estimators", run.estimators]
-    )
-    return line if run.is_known else f"{line}  # add the --set options of the study, if any"
+    scenario, settings, estimators = run_of_study(content)
+    words = ("run", scenario, "--seed", str(seed), "--set", *settings, "--estimators", estimators)
+    known = "" if content.get("command") else "  # add the --set options of the study, if any"
+    return f"{shlex.join(('slamgauge', *words))}{known}"
 
 
-def run_of_study(content: dict[str, Any], seed: int) -> Rerun:
-    """Return the arguments that repeat the run with a seed, from the content of summary.json.
+def run_of_study(content: dict[str, Any]) -> Rerun:
+    """Return the arguments that repeat a run, from the content of summary.json.
 
     The settings are those of the command of the study; a study run from Python has none. For a value of a sweep, its
     setting is added.
@@ -41,8 +37,9 @@ def run_of_study(content: dict[str, Any], seed: int) -> Rerun:
     chosen = ",".join(content["estimators"])
     if "--estimators" in words:  # user estimators with their addresses
         chosen = words[words.index("--estimators") + 1]
-    settings = ["start=sampled", *_settings(words), *filter(None, [swept(content)])]
-    return Rerun(scenario, seed, settings, chosen, bool(words))
+    places = [place for place, word in enumerate(words) if word == "--set"]
+    given = [each for at in places for each in takewhile(lambda word: not word.startswith("--"), words[at + 1 :])]
+    return Rerun(scenario, ["start=sampled", *given, *filter(None, [swept(content)])], chosen)
 
 
 def swept(content: dict[str, Any]) -> str:
@@ -59,9 +56,3 @@ def _words(content: dict[str, Any]) -> list[str]:
     """Return the words after `slamgauge study`; `--option=value` becomes two words."""
     words = shlex.split(content.get("command") or "")[2:]
     return [part for word in words for part in (word.split("=", 1) if word.startswith("--") else [word])]
-
-
-def _settings(words: list[str]) -> list[str]:
-    """Return the arguments of all --set options."""
-    places = [place for place, word in enumerate(words) if word == "--set"]
-    return [each for at in places for each in takewhile(lambda word: not word.startswith("--"), words[at + 1 :])]

@@ -7,11 +7,10 @@ from typing import Any
 
 from slamgauge.compare.estimators.registry import OPTIMA, REGISTRY
 from slamgauge.compare.figures.plot_style import DEAD_RECKONING
-from slamgauge.compare.report.glossary import ESTIMATOR, KIND, TERMS, figure_heads, glossary
 from slamgauge.compare.report.page import render
-from slamgauge.compare.report.page_elements import Cell, Head, Table, looks, origin, pictures
-from slamgauge.compare.report.plain_page import figure_cell
+from slamgauge.compare.report.page_elements import looks, origin, pictures
 from slamgauge.compare.report.replay_data import replay_data
+from slamgauge.compare.report.tables import ESTIMATOR, KIND, TERMS, Cell, Head, Table, figure_cell, figure_heads
 from slamgauge.compare.scoring.catalogue import RELATIVE, columns
 from slamgauge.compare.scoring.comparison import Comparison, optimum_notes
 from slamgauge.compare.scoring.optimum_figures import is_in_doubt, is_misfit
@@ -19,7 +18,7 @@ from slamgauge.compare.scoring.optimum_notes import MARK
 from slamgauge.compare.scoring.text_table import cell
 from slamgauge.compare.storage.files import read_json
 from slamgauge.compare.storage.result_files import METRICS, REPORT
-from slamgauge.compare.storage.results_folder import Results, load_results
+from slamgauge.compare.storage.stored_results import Results, load_results
 from slamgauge.estimate import Kind
 
 LARGEST = 2_950_000  # bytes of a page: 3 MB minus what a browser may add when it saves the page
@@ -45,46 +44,34 @@ def run_page(folder: Path) -> dict[str, str]:
         UserError: If the folder has no results, or its files belong to different runs.
     """
     results, path = load_results(folder), folder / METRICS
+    title, truth, recording, estimates = results
     metrics = read_json(path, "run")
-    others = len(results.estimates) > 1
-    shown = looks(results.estimates, hidden=(DEAD_RECKONING,) if others else ())
-    comparison = Comparison(results.truth, results.recording, results.estimates, {}, optima_of(results))
-    scores = score_table(metrics, doubtful_kinds(comparison))
-    drift, closures = drift_table(metrics), closure_table(metrics)
+    shown = looks(estimates, hidden=(DEAD_RECKONING,) if len(estimates) > 1 else ())
+    optima: dict[Kind, str] = {each.kind: name for name, each in estimates.items() if OPTIMA.get(each.kind) == name}
+    comparison = Comparison(truth, recording, estimates, {}, optima)
+    by_kind = {kind: estimates[name] for kind, name in optima.items()}
+    doubtful = {kind for kind, each in by_kind.items() if is_in_doubt(each.optimum_check) or is_misfit(each)}
+    tables = (score_table(metrics, doubtful), closure_table(metrics), drift_table(metrics))
+    failures = [f"{each['estimator']} failed: {each['error']}" for each in metrics.get("failures", ())]
 
     def page(data: dict[str, Any]) -> str:
         return render(
             "run.html",
             kind="a run",
-            title=results.title,
+            title=title,
             lead=lead(metrics),
-            notes=[*optimum_notes(comparison), *metrics.get("notes", ()), *failures(metrics)],
-            table=scores,
-            drift=drift,
-            closures=closures,
+            notes=[*optimum_notes(comparison), *metrics.get("notes", ()), *failures],
             looks=shown,
             legend=legend(results),
             pictures=pictures(folder, PICTURES),
-            glossary=glossary(TERMS["run"], (scores, closures, drift)),
-            origin=origin(
-                path, metrics, [("Steps", str(results.recording.steps)), ("Sensor", results.recording.sensor)]
-            ),
+            terms=TERMS["run"],
+            tables=tables,
+            origin=origin(path, metrics, [("Steps", str(recording.steps)), ("Sensor", recording.sensor)]),
             data=data,
         )
 
     room = LARGEST - len(page({}).encode())
     return {REPORT: page({"run": replay_data(results, shown, room)})}
-
-
-def optima_of(results: Results) -> dict[Kind, str]:
-    """Return the optimum of each kind among the estimates."""
-    return {each.kind: name for name, each in results.estimates.items() if OPTIMA.get(each.kind) == name}
-
-
-def doubtful_kinds(comparison: Comparison) -> set[str]:
-    """Return the kinds of estimates whose optimum is in doubt."""
-    optima = {kind: comparison.estimates[name] for kind, name in comparison.optima.items()}
-    return {kind for kind, each in optima.items() if is_in_doubt(each.optimum_check) or is_misfit(each)}
 
 
 def lead(metrics: dict[str, Any]) -> list[tuple[str, str]]:
@@ -105,11 +92,6 @@ def _sentence(name: str, entry: dict[str, Any]) -> str:
     if entry.get("verdict"):
         parts.append(entry["verdict"])
     return "; ".join(parts)
-
-
-def failures(metrics: dict[str, Any]) -> list[str]:
-    """Return a line for each estimator that failed."""
-    return [f"{each['estimator']} failed: {each['error']}" for each in metrics.get("failures", ())]
 
 
 def score_table(metrics: dict[str, Any], doubtful: set[str]) -> Table:

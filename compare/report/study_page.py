@@ -7,12 +7,21 @@ from typing import Any
 
 import numpy as np
 
-from slamgauge.compare.report.array_encoding import pack
-from slamgauge.compare.report.glossary import ESTIMATOR, HELP, TERMS, figure_heads, glossary
-from slamgauge.compare.report.page import render
-from slamgauge.compare.report.page_elements import Cell, Head, Look, Table, looks, origin, pictures, sized
-from slamgauge.compare.report.plain_page import figure_cell, interval_of
+from slamgauge.compare.report.page import pack, render
+from slamgauge.compare.report.page_elements import Look, looks, origin, pictures
 from slamgauge.compare.report.rerun_command import command_of_run, swept
+from slamgauge.compare.report.tables import (
+    ESTIMATOR,
+    HELP,
+    TERMS,
+    Cell,
+    Head,
+    Table,
+    figure_cell,
+    figure_heads,
+    interval_of,
+    sized,
+)
 from slamgauge.compare.scoring.aggregation import BAND_LEVEL, PerStep, nees_per_step, nis_per_step
 from slamgauge.compare.scoring.catalogue import columns
 from slamgauge.compare.scoring.intervals import Interval
@@ -76,7 +85,8 @@ def study_page(folder: Path) -> dict[str, str]:
         level=f"{BAND_LEVEL:.1%}",
         looks=shown,
         pictures=pictures(folder, PICTURES),
-        glossary=glossary(TERMS["study"], (table, *comparisons, worst, every)),
+        terms=TERMS["study"],
+        tables=(table, *comparisons, worst, every),
         origin=origin(folder / SUMMARY, study.content, [("Runs", str(summary.runs))]),
         data={"study": study_data(study, shown)},
     )
@@ -92,17 +102,14 @@ def summary_score_table(study: StoredStudy) -> Table:
         texts = figure_cells(summary, entry, found, room_for_marks=is_doubtful(summary))
         values = [entry.figure(key) for _, key, _ in found]
         share = entry.nees_share_inside_band
-        cells = [Cell(text, _mean(value)) for text, value in zip(texts, values, strict=True)]
+        values = [value.mean if isinstance(value, Interval) else value for value in values]
+        cells = [Cell(text, sized(value)) for text, value in zip(texts, values, strict=True)]
         rows.append([Cell(name), Cell(str(entry.runs), entry.runs), *cells, figure_cell(share, "{:.1%}")])
     band = Head(
         f"in {BAND_LEVEL:.1%} band", "share of steps whose mean pose NEES over runs lies in its chi-square band"
     )
     heads = [ESTIMATOR, RUNS, *figure_heads("study", bounded=bounded), band]
     return Table("summary", "Means over runs with their 95 % intervals; click a column title to sort", heads, rows)
-
-
-def _mean(value: Any) -> float | None:
-    return sized(value.mean if isinstance(value, Interval) else value)
 
 
 def worst_table(study: StoredStudy) -> Table:
@@ -132,18 +139,19 @@ def runs_to_look_at(runs: Runs) -> dict[str, int | None]:
 
 def run_table(study: StoredStudy) -> Table:
     """Return the table of the ATE of every run and estimator, with the seeds of the runs."""
-    ates = {name: dict(zip(each.run.tolist(), each.figures["ate_m"], strict=True)) for name, each in study.runs.items()}
+    ates = {
+        name: {
+            run: ate for run, ate in zip(each.run.tolist(), each.figures["ate_m"].tolist(), strict=True) if ate < np.inf
+        }
+        for name, each in study.runs.items()
+    }
     rows = [
         [Cell(str(run), run), Cell(str(run_seed(study.summary.seed, run)))]
-        + [_ate_cell(by_run.get(run)) for by_run in ates.values()]
+        + [figure_cell(by_run.get(run), "{:.4f}") for by_run in ates.values()]
         for run in range(study.summary.runs)
     ]
     heads = [RUN, Head("seed", "random seed of the run"), *(Head(name) for name in ates)]
     return Table("runs", "ATE [m] of every run", heads, rows)
-
-
-def _ate_cell(value: float | None) -> Cell:
-    return figure_cell(None if value is None or not np.isfinite(value) else float(value), "{:.4f}")
 
 
 def comparison_tables(content: dict[str, Any]) -> list[Table]:

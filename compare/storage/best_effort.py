@@ -33,7 +33,9 @@ def decorate(out: Path, beside: str, drawings: Mapping[str, Drawing], writes: Se
                 try:
                     draw(stage)
                 except Exception as error:  # noqa: BLE001 the other pictures are still drawn
-                    _remove(stage, name)
+                    for path in [*stage.rglob("*")]:
+                        if path.relative_to(stage).as_posix().startswith(f"{name}."):
+                            path.unlink()
                     lost.append(f"{out / name}: not written ({failure_text(error)}); all other files are written")
     except UserError as error:
         lost.append(f"{error} (no pictures are written; the results are complete)")
@@ -42,9 +44,3 @@ def decorate(out: Path, beside: str, drawings: Mapping[str, Drawing], writes: Se
     for line in lost:
         print(f"slamgauge: {line}", file=sys.stderr)
     return not lost
-
-
-def _remove(stage: Path, name: str) -> None:
-    """Remove the files of an unfinished drawing."""
-    for path in [path for path in stage.rglob("*") if path.relative_to(stage).as_posix().startswith(f"{name}.")]:
-        path.unlink()

@@ -53,11 +53,7 @@ OBSERVED: dict[Sensor, tuple[str, ...]] = {each.name: _observed(each.columns) fo
 
 
 def write_recording_csv(folder: Path, recording: Recording) -> None:
-    """Write the three files of a recording into an existing folder.
-
-    Raises:
-        UserError: If a file cannot be written.
-    """
+    """Write the three files of a recording into an existing folder; raise `UserError` if a file cannot be written."""
     stamps = recording.stamps.tolist()
     prior = [stamps[0], *recording.prior_mean.tolist(), *upper_triangles(recording.prior_cov[None])[0].tolist()]
     motion = zip(stamps[1:], recording.odometry.tolist(), upper_triangles(recording.odometry_cov).tolist(), strict=True)
@@ -205,11 +201,7 @@ def _read(path: Path, needed: tuple[str, ...], optional: tuple[str, ...] = ()) -
 
 
 def read_lines(path: Path) -> list[str]:
-    """Return the lines of a text file.
-
-    Raises:
-        UserError: If the file cannot be read.
-    """
+    """Return the lines of a text file; raise `UserError` if the file cannot be read."""
     with explained(path, "read"):
         return path.read_text(encoding="utf-8-sig", errors="replace").splitlines()
 

@@ -100,7 +100,7 @@ def load_recording_or_estimate(path: str | Path) -> Recording | Estimate:
 def write_tum(path: str | Path, stamps: Float, poses: Float, covs: Float | None = None) -> None:
     """Write a trajectory in the TUM format of evo: `t x y z qx qy qz qw`, without rows of NaN.
 
-    With covariances each line continues with the upper triangle (xx xy xt yy yt tt); `stored_estimates` reads these
+    With covariances each line continues with the upper triangle (xx xy xt yy yt tt); `stored_results` reads these
     lines, evo does not.
 
     Args:

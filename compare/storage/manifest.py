@@ -17,13 +17,11 @@ from pathlib import Path, PurePosixPath
 from typing import Any, cast
 
 from slamgauge.compare.storage.files import explained
-from slamgauge.compare.storage.partial_folder import partial_folder, publishing
 from slamgauge.compare.storage.result_files import SIDE_FILES, can_be_named
 from slamgauge.errors import UserError
 
 MANIFEST = ".slamgauge.json"
 REMEDY = "move it away or give another --out"
-EMPTY = hashlib.sha256().hexdigest()
 
 
 def owned(folder: Path) -> set[str]:
@@ -88,21 +86,6 @@ def write_manifest(
     partial = within / f"{MANIFEST}.partial"
     partial.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
     partial.replace(folder / MANIFEST)
-
-
-def begin_file(folder: Path, name: str) -> None:
-    """Create an empty file that is later written in place, unless it exists, and list it in the manifest.
-
-    Raises:
-        UserError: If slamgauge did not write the existing file, or the folder cannot be written.
-    """
-    require_free(folder, [name])
-    with explained(folder, "written"), partial_folder(folder) as within, publishing(folder):
-        ours = owned(folder)
-        if name not in ours:
-            write_manifest(folder, ours, within, {name: [EMPTY]})
-            (folder / name).touch(exist_ok=False)
-        write_manifest(folder, ours | {name}, within)
 
 
 def is_there(path: Path) -> bool:

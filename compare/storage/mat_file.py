@@ -22,11 +22,7 @@ LONGEST = 63  # characters of a field's name
 
 
 def write_mat(path: Path, records: Mapping[str, Recording | Truth | Estimate]) -> None:
-    """Write one struct per record, by name.
-
-    Raises:
-        UserError: If the file cannot be written.
-    """
+    """Write one struct per record, by name; raise `UserError` if the file cannot be written."""
     from scipy.io import savemat  # imported here because it is slow and only this format needs it
 
     structs = {_identifier(name): _struct(record) for name, record in records.items()}

@@ -14,11 +14,6 @@ def shown(name: str) -> str:
     return "".join(each if each.isprintable() else ascii(each)[1:-1] for each in name)
 
 
-def math_text(text: str) -> str:
-    r"""Escape dollar signs, for texts in which matplotlib parses formulas: the wrapped ones (see `plot_style`)."""
-    return text.replace("$", r"\$")
-
-
 def file_name(name: str) -> str:
     """Return a valid file name: printable, short, and without folders."""
     plain = shown(name).replace("/", "_").replace("\\", "_").encode()[:LONGEST].decode(errors="ignore")

@@ -16,9 +16,9 @@ from typing import Any
 from filelock import Timeout
 
 from slamgauge.compare.storage.files import explained
-from slamgauge.compare.storage.partial_folder import lock_file
 from slamgauge.compare.storage.result_files import LOCK
 from slamgauge.compare.storage.safe_names import shown
+from slamgauge.compare.storage.staged_folder import lock_file
 from slamgauge.errors import UserError
 
 COLUMNS = "run, estimator, seed, kind, error, figures, series"

@@ -16,9 +16,10 @@ from slamgauge.compare.estimators.requests import Asked, Chosen, ask, labels_amo
 from slamgauge.compare.scenarios.scenario import Scenario, sampled, scenario_text
 from slamgauge.compare.scoring.runs import Runs
 from slamgauge.compare.scoring.sequential import Look
-from slamgauge.compare.storage.manifest import begin_file, require_free
+from slamgauge.compare.storage.manifest import require_free
 from slamgauge.compare.storage.progress import counted
 from slamgauge.compare.storage.result_files import STORE, STORE_FILES
+from slamgauge.compare.storage.staged_folder import begin_file
 from slamgauge.compare.studies.executors import lost_worker
 from slamgauge.compare.studies.stopping_rule import (
     Pair,

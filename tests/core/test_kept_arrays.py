@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 
 from slamgauge import Estimate, Recording, arrays, evaluate, load_scenario, simulate
-from slamgauge.compare.figures.map_limits import map_limits
+from slamgauge.compare.figures.map_contents import map_limits
 from slamgauge.compare.scenarios.simulation import informed, simulate_informed
 from slamgauge.compare.storage.files import save
-from slamgauge.compare.storage.results_folder import load_results
+from slamgauge.compare.storage.stored_results import load_results
 from slamgauge.ekf.estimators import ekf_slam
 from slamgauge.se2 import chain
 from slamgauge.validation import as_covariances, as_floats, as_ints

@@ -13,7 +13,7 @@ from slamgauge.compare.cli.main import main
 from slamgauge.compare.datasets.g2o import read_g2o
 from slamgauge.compare.storage.csv_folder import read_recording_csv
 from slamgauge.compare.storage.files import load_estimate, load_recording, save
-from slamgauge.compare.storage.stored_estimates import load_stored
+from slamgauge.compare.storage.stored_results import load_stored
 from slamgauge.estimate import Estimate
 from tests.reference.random_recordings import random_recording
 

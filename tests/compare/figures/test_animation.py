@@ -18,7 +18,7 @@ from slamgauge.compare.cli.main import main
 from slamgauge.compare.figures.animation_scene import Scene
 from slamgauge.compare.storage.files import save
 from slamgauge.compare.storage.manifest import MANIFEST, write_manifest
-from slamgauge.compare.storage.results_folder import Results, load_results
+from slamgauge.compare.storage.stored_results import Results, load_results
 from slamgauge.compare.studies.stored_study import load_study
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
@@ -31,6 +31,11 @@ SMOOTHED = replace(NO_HISTORY, kind="smoothed")
 SHORT = ("--seconds", "1", "--fps", "6")
 
 needs_ffmpeg = pytest.mark.skipif(shutil.which("ffmpeg") is None, reason="no ffmpeg on the PATH")
+
+
+@pytest.fixture
+def no_ffmpeg(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PATH", "")
 
 
 @pytest.fixture
@@ -105,8 +110,8 @@ def test_estimators_shown_with_paths_and_maps(
 # --- the files ---------------------------------------------------------------------------------
 
 
-def test_the_gif_has_the_frames_the_length_and_the_size(folder: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setenv("PATH", "")
+@pytest.mark.usefixtures("no_ffmpeg")
+def test_the_gif_has_the_frames_the_length_and_the_size(folder: Path):
     assert animate(folder, "--seconds", "2", "--fps", "5") == 0
     with Image.open(folder / "animation.gif") as gif:
         frames = [(gif.seek(i), gif.convert("RGB"), gif.info["duration"])[1:] for i in range(gif.n_frames)]  # pyright: ignore[reportAttributeAccessIssue]
@@ -120,8 +125,8 @@ def test_the_gif_has_the_frames_the_length_and_the_size(folder: Path, monkeypatc
     assert changed.sum() > 1000
 
 
-def test_a_short_run_has_fewer_frames(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setenv("PATH", "")
+@pytest.mark.usefixtures("no_ffmpeg")
+def test_a_short_run_has_fewer_frames(tmp_path: Path):
     write(tmp_path / "out", {})
     truth, recording = half_loop()
     assert truth.poses is not None
@@ -137,17 +142,22 @@ def test_a_short_run_has_fewer_frames(tmp_path: Path, monkeypatch: pytest.Monkey
         assert gif.n_frames == 4  # pyright: ignore[reportAttributeAccessIssue]
 
 
-def test_only_finished_files_appear(folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
-    monkeypatch.setenv("PATH", "")
+@pytest.mark.parametrize("reason", ["ffmpeg is not on the PATH", "ffmpeg failed"])
+def test_without_a_video_the_gif_is_the_only_new_file(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], reason: str
+):
+    """An animation.mp4 of an earlier command is removed."""
+    if reason == "ffmpeg failed":
+        (tmp_path / "ffmpeg").write_text("#!/bin/sh\nexit 1\n")
+        (tmp_path / "ffmpeg").chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path))
     before = contents(folder)
+    (folder / "animation.mp4").write_bytes(b"old")
+    write_manifest(folder, ["animation.mp4"], within=folder)
     assert animate(folder, *SHORT) == 0
     assert contents(folder).keys() - before.keys() == {"animation.gif", MANIFEST}
-    printed = capsys.readouterr()
-    assert printed.out == ""
-    assert printed.err.splitlines() == [
-        f"written to {folder}: animation.gif",
-        "animation.mp4 was not written: ffmpeg is not on the PATH",
-    ]
+    lines = [f"written to {folder}: animation.gif", f"animation.mp4 was not written: {reason}", ""]
+    assert capsys.readouterr() == ("", "\n".join(lines))
 
 
 def test_a_strip_has_six_moments_in_print_size(folder: Path):
@@ -166,29 +176,25 @@ def test_a_strip_has_six_moments_in_print_size(folder: Path):
     assert not (folder / "animation.gif").exists()
 
 
-def test_a_requested_video_without_ffmpeg_is_an_error(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
-    monkeypatch.setenv("PATH", "")
-    before = contents(folder)
-    assert animate(folder, "--format", "webm") == 2
-    assert "ffmpeg is not on the PATH; install it" in capsys.readouterr().err
-    assert contents(folder) == before
+@pytest.mark.usefixtures("no_ffmpeg")
+def test_a_requested_video_without_ffmpeg_is_an_error(folder: Path, capsys: pytest.CaptureFixture[str]):
+    assert "ffmpeg is not on the PATH; install it" in error_message(capsys, folder, "--format", "webm")
 
 
 @needs_ffmpeg
-@pytest.mark.parametrize(("form", "begins"), [("webm", b"\x1aE\xdf\xa3"), ("mp4", b"\0\0\0 ftyp")])
-def test_videos_have_the_requested_format(folder: Path, form: str, begins: bytes):
+@pytest.mark.parametrize(
+    ("form", "begins"), [("webm", b"\x1aE\xdf\xa3"), ("mp4", b"\0\0\0 ftyp"), ("usual", b"\0\0\0 ftyp")]
+)
+def test_videos_have_the_requested_format(folder: Path, capsys: pytest.CaptureFixture[str], form: str, begins: bytes):
     assert animate(folder, *SHORT, "--format", form) == 0
-    assert (folder / f"animation.{form}").read_bytes().startswith(begins)
-    assert not (folder / "animation.gif").exists()
+    names = ["animation.gif", "animation.mp4"] if form == "usual" else [f"animation.{form}"]
+    assert capsys.readouterr().err == f"written to {folder}: {', '.join(names)}\n"
+    assert (folder / names[-1]).read_bytes().startswith(begins)
+    assert (folder / "animation.gif").exists() == (form == "usual")
 
 
-@pytest.mark.usefixtures("studies_in_a_thread", "empty_pictures")
-def test_the_worst_run_of_a_study_is_shown(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
-    monkeypatch.setenv("PATH", "")
+@pytest.mark.usefixtures("studies_in_a_thread", "empty_pictures", "no_ffmpeg")
+def test_the_worst_run_of_a_study_is_shown(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     words = ("study", "q1-short-dense", "--set", "trajectory.duration=3", "--runs", "3", "--estimators", "ekf,causal")
     assert main([*words, "--jobs", "1", "--no-report", "--out", str(tmp_path)]) == 0
     runs = load_study(tmp_path).runs["causal"]
@@ -199,33 +205,6 @@ def test_the_worst_run_of_a_study_is_shown(
     found = json.loads((tmp_path / "worst-run/metrics.json").read_text())
     assert found["estimators"]["causal"]["ate_m"] == pytest.approx(runs.figures["ate_m"][worst], rel=1e-9)
     assert (tmp_path / "worst-run/animation.gif").exists()
-
-
-@needs_ffmpeg
-def test_a_video_is_written_with_ffmpeg(folder: Path, capsys: pytest.CaptureFixture[str]):
-    assert animate(folder, *SHORT) == 0
-    assert capsys.readouterr().err == f"written to {folder}: animation.gif, animation.mp4\n"
-    assert (folder / "animation.mp4").read_bytes()[4:8] == b"ftyp"
-
-
-def test_an_outdated_video_is_removed(folder: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setenv("PATH", "")
-    (folder / "animation.mp4").write_bytes(b"old")
-    write_manifest(folder, ["animation.mp4"], within=folder)
-    assert animate(folder, *SHORT) == 0
-    assert not (folder / "animation.mp4").exists()
-
-
-def test_the_gif_is_kept_if_ffmpeg_fails(
-    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
-    (tmp_path / "ffmpeg").write_text("#!/bin/sh\nexit 1\n")
-    (tmp_path / "ffmpeg").chmod(0o755)
-    monkeypatch.setenv("PATH", str(tmp_path))
-    before = contents(folder)
-    assert animate(folder, *SHORT) == 0
-    assert contents(folder).keys() - before.keys() == {"animation.gif", MANIFEST}
-    assert capsys.readouterr().err.endswith("animation.mp4 was not written: ffmpeg failed\n")
 
 
 @pytest.mark.parametrize("frame", [3, pytest.param(9, marks=needs_ffmpeg)])
@@ -282,7 +261,9 @@ def test_invalid_metrics_are_an_error(folder: Path, capsys: pytest.CaptureFixtur
     assert error_message(capsys, folder) == f"{folder}/metrics.json: not what `slamgauge run` writes; run it again"
 
 
-def test_files_of_different_runs_are_an_error(folder: Path, capsys: pytest.CaptureFixture[str]):
+def test_results_of_different_runs_and_without_estimates_are_an_error(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
     save(folder / "estimates/causal.npz", Estimate("filtered", np.zeros((5, 3))))
     assert error_message(capsys, folder).startswith(
         f"{folder}/estimates/causal.npz: 5 poses, but the recording in this folder needs"
@@ -291,9 +272,6 @@ def test_files_of_different_runs_are_an_error(folder: Path, capsys: pytest.Captu
     assert "causal.npz: cannot be read (No such file" in error_message(capsys, folder)
     save(folder / "truth.npz", Truth(np.zeros((5, 3))))
     assert error_message(capsys, folder).startswith(f"truth.poses: 5 rows, but the recording needs {STEPS + 1}")
-
-
-def test_results_without_estimates_are_an_error(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     write(tmp_path / "out", {})
     assert "no estimators" in error_message(capsys, tmp_path / "out")
 
@@ -312,13 +290,3 @@ def test_results_without_estimates_are_an_error(tmp_path: Path, capsys: pytest.C
 )
 def test_settings_out_of_range(folder: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], message: str):
     assert error_message(capsys, folder, *arguments) == message
-
-
-def test_help_mentions_every_option(capsys: pytest.CaptureFixture[str]):
-    with pytest.raises(SystemExit) as caught:
-        main(["animate", "--help"])
-    assert caught.value.code == 0
-    text = capsys.readouterr().out
-    assert [
-        each for each in ("--estimators", "--seconds", "--fps", "animation.gif", "ffmpeg") if each not in text
-    ] == []

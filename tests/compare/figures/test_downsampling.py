@@ -41,7 +41,7 @@ import numpy, matplotlib
 from pathlib import Path
 from matplotlib.figure import Figure
 from slamgauge.compare.figures.plot_style import PRINT
-from slamgauge.compare.figures.figure_size import Sheet, printed_on, save_printed
+from slamgauge.compare.figures.plot_style import Sheet, printed_on, save_printed
 
 def draw(poses):
     with matplotlib.rc_context(PRINT | chosen), printed_on(Sheet(formats=["png"])), TemporaryDirectory() as folder:

@@ -16,10 +16,9 @@ from matplotlib.figure import Figure
 
 from slamgauge import compare_estimators, find_noise, load_estimators, load_scenario, simulate
 from slamgauge.compare.cli.main import main
-from slamgauge.compare.figures.axis_limits import robust_limits
-from slamgauge.compare.figures.figure_size import INCHES, Sheet, Width, printed_on
-from slamgauge.compare.figures.publishing import write_study, write_sweep
-from slamgauge.compare.figures.redraw import drawings_of
+from slamgauge.compare.figures.axes import robust_limits
+from slamgauge.compare.figures.plot_style import INCHES, Sheet, Width, printed_on
+from slamgauge.compare.figures.publishing import drawings_of, write_study, write_sweep
 from slamgauge.compare.figures.study_figures import study_drawings
 from slamgauge.compare.noise.noise_json import noise_json
 from slamgauge.compare.scoring.comparison import metrics, write_comparison
@@ -65,20 +64,6 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     times = {str(size): {"median_s": 1e-6 * size**1.5, "p95_s": 2e-6 * size**1.5} for size in (20, 1000)}
     write_json(out / "bench" / "bench.json", {"estimators": dict.fromkeys(("ekf", "causal", "plain-numpy"), times)})
     return out
-
-
-@pytest.fixture
-def drawn(monkeypatch: pytest.MonkeyPatch) -> dict[str, Figure]:
-    """Saved figures by name; no files are written."""
-    found: dict[str, Figure] = {}
-
-    def keep(figure: Figure, path: Path) -> None:
-        found[path.name] = figure
-
-    pictures = ("drift_figure", "study_figures", "sweep_figure", "budget_figure", "noise_figure", "bench_figure")
-    for module in ("run_figures", "ray_strip", *pictures):
-        monkeypatch.setattr(f"slamgauge.compare.figures.{module}.save_printed", keep)
-    return found
 
 
 @pytest.mark.parametrize("width", INCHES)

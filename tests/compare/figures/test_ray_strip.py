@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -9,9 +10,10 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from slamgauge.compare.figures.map_at_step import map_at
+from slamgauge.compare.figures.map_contents import map_at
 from slamgauge.compare.figures.map_layers import FAINTEST, MapLayer
 from slamgauge.compare.figures.publishing import draw_comparison
 from slamgauge.compare.figures.ray_frames import has_rays, ray_frames
@@ -19,6 +21,8 @@ from slamgauge.compare.figures.ray_strip import save_ray_strip
 from slamgauge.compare.scoring.comparison import Comparison, write_comparison
 from slamgauge.estimate import Estimate, MapHistory, RayLog
 from tests.reference.rays_by_hand import AGES, BIRTHS, LANDMARKS, NOTED, STEPS, Fate, estimate_with_rays, half_loop
+
+from .conftest import Written
 
 LOST: tuple[Fate, ...] = ("lost",)
 STILL: tuple[Fate, ...] = ("ray", "ray", "ray")
@@ -156,35 +160,29 @@ def test_few_records_give_few_moments():
 
 
 @pytest.mark.parametrize("fates", [("point", "point", "point"), ("lost", "ray", "point"), ("ray",)])
-def test_files_of_the_strip_are_reproducible(tmp_path: Path, fates: tuple[Fate, ...]):
+def test_files_of_the_strip_are_reproducible(written_twice: Written, fates: tuple[Fate, ...]):
     truth, recording = half_loop()
-    contents: list[tuple[bytes, bytes]] = []
-    for name in ("first", "second"):
-        folder = tmp_path / name
-        folder.mkdir()
-        save_ray_strip(folder, truth, recording, "ekf", estimate_with_rays(fates), "a title")
-        contents.append(((folder / "rays.png").read_bytes(), (folder / "rays.svg").read_bytes()))
-    assert contents[0] == contents[1]
-    png, svg = contents[0]
+    estimate = estimate_with_rays(fates)
+    png, svg = written_twice(lambda out: save_ray_strip(out, truth, recording, "ekf", estimate, "a title"), "rays")
     assert int.from_bytes(png[16:20], "big") == 1400  # 7.0 in
     assert ElementTree.fromstring(svg).attrib["width"] == "504pt"
     assert b"<image" not in svg
 
 
-def panels_of(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, estimate: Estimate, *, blind: bool = False):
-    drawn: list[Figure] = []
+@pytest.fixture
+def panels_of(drawn: dict[str, Figure], tmp_path: Path) -> Callable[..., list[Axes]]:
+    """A function that draws the strip of an estimate and returns its panels."""
 
-    def keep(figure: Figure, _: Path) -> None:
-        drawn.append(figure)
+    def panels(estimate: Estimate, *, blind: bool = False) -> list[Axes]:
+        truth, recording = half_loop()
+        save_ray_strip(tmp_path, None if blind else truth, recording, "ekf", estimate, "a title")
+        return drawn["rays"].axes
 
-    monkeypatch.setattr("slamgauge.compare.figures.ray_strip.save_printed", keep)
-    truth, recording = half_loop()
-    save_ray_strip(tmp_path, None if blind else truth, recording, "ekf", estimate, "a title")
-    return drawn[0].axes
+    return panels
 
 
-def test_all_panels_have_the_same_limits_and_equal_scales(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
-    panels = panels_of(monkeypatch, tmp_path, estimate_with_rays())
+def test_all_panels_have_the_same_limits_and_equal_scales(panels_of: Callable[..., list[Axes]]):
+    panels = panels_of(estimate_with_rays())
     assert len(panels) == 6
     assert len({(*panel.get_xlim(), *panel.get_ylim()) for panel in panels}) == 1
     assert {panel.get_aspect() for panel in panels} == {1}
@@ -195,16 +193,16 @@ def test_all_panels_have_the_same_limits_and_equal_scales(monkeypatch: pytest.Mo
     assert panels[4].get_title() == "t = 7.0 s, 2 rays, 6 members\nlandmark 0: member 3 of 4 remains"
 
 
-def test_collapsed_rays_are_marked_in_the_next_panel(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
-    panels = panels_of(monkeypatch, tmp_path, estimate_with_rays())
+def test_collapsed_rays_are_marked_in_the_next_panel(panels_of: Callable[..., list[Axes]]):
+    panels = panels_of(estimate_with_rays())
     marked = [
         sum(len(np.asarray(line.get_xdata())) for line in panel.lines if line.get_marker() == "s") for panel in panels
     ]
     assert marked == [0, 0, 0, 0, 1, 2]
 
 
-def test_a_strip_without_truth_contains_every_member(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
-    (panel, *_) = panels_of(monkeypatch, tmp_path, estimate_with_rays(("ray",)), blind=True)
+def test_a_strip_without_truth_contains_every_member(panels_of: Callable[..., list[Axes]]):
+    (panel, *_) = panels_of(estimate_with_rays(("ray",)), blind=True)
     members = map_at(estimate_with_rays(("ray",)), 0).position
     assert (members[:, 0] < panel.get_xlim()[1]).all()
     assert (members[:, 1] < panel.get_ylim()[1]).all()

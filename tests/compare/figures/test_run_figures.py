@@ -1,6 +1,5 @@
 import dataclasses
-import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -14,13 +13,14 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
 from slamgauge.arrays import Float
-from slamgauge.compare.figures import run_figures
 from slamgauge.compare.figures.plot_style import KNOWN, PRINT, USER_STYLES, styles
 from slamgauge.compare.figures.run_figures import plot_errors, plot_run, save_figure
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain, rotation
 from slamgauge.truth import Truth
+
+from .conftest import Written
 
 STEPS = 200
 LANDMARKS = np.array([[0.0, -2.0], [4.0, 3.0], [0.0, 10.0]])
@@ -47,12 +47,16 @@ def circle() -> tuple[Truth, Recording]:
     return Truth(poses, np.arange(3), LANDMARKS, ids), recording
 
 
-def estimate(truth: Truth, offset: Sequence[float], **fields: Any) -> Estimate:
+TRUTH, RECORDING = circle()
+assert TRUTH.poses is not None
+POSES = TRUTH.poses
+
+
+def estimate(offset: Sequence[float], **fields: Any) -> Estimate:
     covs = np.tile(np.diag([0.04, 0.01, 0.0004]), (STEPS + 1, 1, 1))
-    assert truth.poses is not None
     given: dict[str, Any] = {
         "kind": "filtered",
-        "poses": truth.poses + np.asarray(offset),
+        "poses": POSES + np.asarray(offset),
         "pose_covs": covs,
         "landmark_ids": np.arange(3),
         "landmarks": LANDMARKS + 0.1,
@@ -61,8 +65,7 @@ def estimate(truth: Truth, offset: Sequence[float], **fields: Any) -> Estimate:
     return Estimate(**(given | fields))
 
 
-def drifting(recording: Recording) -> Estimate:
-    return Estimate("filtered", chain(recording.prior_mean, recording.odometry))
+DRIFTING = Estimate("filtered", chain(RECORDING.prior_mean, RECORDING.odometry))
 
 
 def labels(ax: Axes) -> list[str]:
@@ -77,15 +80,20 @@ def curve(ax: Axes, label: str) -> Float:
     return next(np.asarray(line.get_xydata()) for line in ax.lines if line.get_label() == label)
 
 
-def map_of(truth: Truth | None, recording: Recording, estimates: dict[str, Estimate]) -> Axes:
+def map_of(estimates: Mapping[str, Estimate], truth: Truth | None = TRUTH, recording: Recording = RECORDING) -> Axes:
     ax = Figure().subplots()
     plot_run(ax, truth, recording, estimates)
     return ax
 
 
-def panels_of(truth: Truth | None, recording: Recording, estimates: dict[str, Estimate]) -> list[Axes]:
+def panels_of(
+    estimates: Mapping[str, Estimate],
+    truth: Truth | None = TRUTH,
+    recording: Recording = RECORDING,
+    band: str | None = None,
+) -> list[Axes]:
     axes: list[Axes] = list(Figure().subplots(3))
-    plot_errors(axes, truth, recording, estimates)
+    plot_errors(axes, truth, recording, estimates, band)
     return axes
 
 
@@ -108,8 +116,7 @@ def test_user_estimators_do_not_change_the_style_of_built_in_ones() -> None:
 
 
 def test_the_map_shows_paths_landmarks_and_marks() -> None:
-    truth, recording = circle()
-    ax = map_of(truth, recording, {"ekf": estimate(truth, [0.1, 0, 0])})
+    ax = map_of({"ekf": estimate([0.1, 0, 0])})
     assert labels(ax) == [
         "truth",
         "dead-reckoning",
@@ -120,10 +127,9 @@ def test_the_map_shows_paths_landmarks_and_marks() -> None:
         "mapped landmark",
         "3σ ellipse",
     ]
-    assert truth.poses is not None
-    assert np.array_equal(curve(ax, "truth"), truth.poses[:, :2])
-    assert np.array_equal(curve(ax, "loop closure"), truth.poses[160:161, :2])
-    assert curve(ax, "dead-reckoning") == pytest.approx(drifting(recording).poses[:, :2])
+    assert np.array_equal(curve(ax, "truth"), POSES[:, :2])
+    assert np.array_equal(curve(ax, "loop closure"), POSES[160:161, :2])
+    assert curve(ax, "dead-reckoning") == pytest.approx(DRIFTING.poses[:, :2])
     assert ax.get_aspect() == 1
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("x [m]", "y [m]")
     assert ax.get_legend() is not None
@@ -132,8 +138,7 @@ def test_the_map_shows_paths_landmarks_and_marks() -> None:
 def test_the_label_of_panels_in_a_row_is_within_the_figure() -> None:
     figure = Figure(figsize=(7.0, 2.6), layout="constrained")
     panels: list[Axes] = list(figure.subplots(1, 4))[1:]
-    truth, recording = circle()
-    plot_errors(panels, truth, recording, {"ekf": estimate(truth, [0.1, 0, 0])})
+    plot_errors(panels, TRUTH, RECORDING, {"ekf": estimate([0.1, 0, 0])})
     figure.draw_without_rendering()
     assert panels[2].xaxis.label.get_window_extent().x1 <= figure.bbox.x1
 
@@ -151,10 +156,9 @@ def test_the_legend_does_not_overlap_the_axis_label(height: float) -> None:
 
 
 def test_ellipses_have_three_sigma_axes_along_the_covariance() -> None:
-    truth, recording = circle()
     turn = rotation(0.5)
     covs = np.tile(turn @ np.diag([4.0, 1.0]) @ turn.T, (3, 1, 1))
-    ax = map_of(truth, recording, {"ekf": estimate(truth, [0, 0, 0], pose_covs=None, landmark_covs=covs)})
+    ax = map_of({"ekf": estimate([0, 0, 0], pose_covs=None, landmark_covs=covs)})
     (collection,) = ellipses(ax)
     assert collection.get_widths() == pytest.approx([12, 12, 12])
     assert collection.get_heights() == pytest.approx([6, 6, 6])
@@ -163,30 +167,27 @@ def test_ellipses_have_three_sigma_axes_along_the_covariance() -> None:
 
 
 def test_crowded_maps_have_landmark_ellipses_of_the_first_estimate_only() -> None:
-    truth, recording = circle()
     many = {
         "pose_covs": None,
         "landmark_ids": np.arange(100),
         "landmarks": np.zeros((100, 2)),
         "landmark_covs": np.tile(np.eye(2), (100, 1, 1)),
     }
-    estimates = {"ekf": estimate(truth, [0, 0, 0], **many), "riekf": estimate(truth, [0, 0, 0], **many)}
-    assert len(ellipses(map_of(truth, recording, estimates))) == 1
-    few = {name: estimate(truth, [0, 0, 0], pose_covs=None) for name in estimates}
-    assert len(ellipses(map_of(truth, recording, few))) == 2
+    estimates = {"ekf": estimate([0, 0, 0], **many), "riekf": estimate([0, 0, 0], **many)}
+    assert len(ellipses(map_of(estimates))) == 1
+    few = {name: estimate([0, 0, 0], pose_covs=None) for name in estimates}
+    assert len(ellipses(map_of(few))) == 2
 
 
 def test_limits_of_the_map_ignore_drifted_dead_reckoning() -> None:
-    truth, recording = circle()
-    drifted = Estimate("filtered", 100 * drifting(recording).poses)
-    ax = map_of(truth, recording, {"dead-reckoning": drifted, "ekf": estimate(truth, [0, 0, 0])})
+    drifted = Estimate("filtered", 100 * DRIFTING.poses)
+    ax = map_of({"dead-reckoning": drifted, "ekf": estimate([0, 0, 0])})
     assert ax.get_xlim()[1] - ax.get_xlim()[0] < 30
     assert ax.get_title() == "dead reckoning exceeds the axes"
 
 
 def test_a_map_without_truth_or_estimates_shows_the_odometry() -> None:
-    _, recording = circle()
-    ax = map_of(None, recording, {})
+    ax = map_of({}, truth=None)
     assert labels(ax) == ["dead-reckoning", "loop closure", "start", "mapped landmark"]
     assert ax.get_title() == ""
 
@@ -195,10 +196,9 @@ def test_a_map_without_truth_or_estimates_shows_the_odometry() -> None:
 
 
 def test_errors_are_drawn_in_metres_and_degrees() -> None:
-    truth, recording = circle()
-    panels = panels_of(truth, recording, {"ekf": estimate(truth, [0.1, -0.2, np.radians(2)])})
+    panels = panels_of({"ekf": estimate([0.1, -0.2, np.radians(2)])})
     for panel, error, bound in zip(panels, [0.1, -0.2, 2.0], [0.6, 0.3, np.degrees(0.06)], strict=True):
-        assert curve(panel, "ekf")[:, 0] == pytest.approx(recording.stamps)
+        assert curve(panel, "ekf")[:, 0] == pytest.approx(RECORDING.stamps)
         assert curve(panel, "ekf")[:, 1] == pytest.approx(np.full(STEPS + 1, error))
         drawn = [np.asarray(line.get_ydata())[-1] for line in panel.lines]
         assert bound == pytest.approx(max(drawn))
@@ -210,35 +210,31 @@ def test_errors_are_drawn_in_metres_and_degrees() -> None:
 
 
 def test_only_the_first_band_is_filled() -> None:
-    truth, recording = circle()
-    panels = panels_of(truth, recording, {name: estimate(truth, [0, 0, 0]) for name in ("ekf", "riekf", "causal")})
+    panels = panels_of({name: estimate([0, 0, 0]) for name in ("ekf", "riekf", "causal")})
     filled: list[Collection] = [each for each in panels[0].collections if each.get_alpha() == 0.15]
     assert len(filled) == 1
     assert len(panels[0].lines) == 3 * 3 + 1  # error and two bounds each, zero
 
 
 def test_errors_of_dead_reckoning_are_drawn_only_without_other_estimates() -> None:
-    truth, recording = circle()
-    alone = panels_of(truth, recording, {"dead-reckoning": drifting(recording)})
+    alone = panels_of({"dead-reckoning": DRIFTING})
     assert labels(alone[0]) == ["dead-reckoning"]
-    both = panels_of(truth, recording, {"dead-reckoning": drifting(recording), "ekf": estimate(truth, [0, 0, 0])})
+    both = panels_of({"dead-reckoning": DRIFTING, "ekf": estimate([0, 0, 0])})
     assert labels(both[0]) == ["ekf"]
     assert both[0].get_title() == "error and ±3σ (dead reckoning not drawn)"
 
 
 @pytest.mark.parametrize(("best", "others"), [("batch", ["ekf", "causal"]), ("causal", ["ekf"])])
 def test_without_truth_differences_to_the_optimum_are_drawn(best: str, others: list[str]) -> None:
-    truth, recording = circle()
-    estimates = {name: estimate(truth, [0.3, 0, 0]) for name in others} | {best: estimate(truth, [0.1, 0, 0])}
-    panels = panels_of(None, recording, estimates)
+    estimates = {name: estimate([0.3, 0, 0]) for name in others} | {best: estimate([0.1, 0, 0])}
+    panels = panels_of(estimates, truth=None)
     assert labels(panels[0]) == others
     assert curve(panels[0], "ekf")[:, 1] == pytest.approx(np.full(STEPS + 1, 0.2))
     assert panels[0].get_title() == f"difference to {best} and ±3σ"
 
 
 def test_without_truth_and_optimum_only_bounds_are_drawn() -> None:
-    truth, recording = circle()
-    panels = panels_of(None, recording, {"ekf": estimate(truth, [0, 0, 0])})
+    panels = panels_of({"ekf": estimate([0, 0, 0])}, truth=None)
     assert np.isnan(curve(panels[0], "ekf")[:, 1]).all()
     assert panels[0].get_title() == "±3σ only: no truth, no optimum"
 
@@ -246,67 +242,49 @@ def test_without_truth_and_optimum_only_bounds_are_drawn() -> None:
 # --- the files ---------------------------------------------------------------------------------
 
 
-def test_files_of_the_figure_are_reproducible(tmp_path: Path) -> None:
-    truth, recording = circle()
-    estimates = {"ekf": estimate(truth, [0.1, 0, 0]), "my.module:filter": estimate(truth, [0, 0.1, 0])}
-    contents: list[tuple[bytes, bytes]] = []
-    for name in ("first", "second"):
-        folder = tmp_path / name
-        folder.mkdir()
-        save_figure(folder, truth, recording, estimates, "a title")
-        contents.append(((folder / "figure.png").read_bytes(), (folder / "figure.svg").read_bytes()))
-    assert contents[0] == contents[1]
-    png, svg = contents[0]
+def test_files_of_the_figure_are_reproducible(
+    written_twice: Written,
+) -> None:
+    estimates = {"ekf": estimate([0.1, 0, 0]), "my.module:filter": estimate([0, 0.1, 0])}
+    png, svg = written_twice(lambda out: save_figure(out, TRUTH, RECORDING, estimates, "a title"), "figure")
     assert (int.from_bytes(png[16:20], "big"), int.from_bytes(png[20:24], "big")) == (1400, 920)  # 7.0 x 4.6 in
     root = ElementTree.fromstring(svg)
     assert root.attrib["width"] == "504pt"
     assert b"<dc:date>" not in svg
     assert b"<image" not in svg  # nothing is rasterised
+    assert b">a title</text>" in svg
 
 
 def test_names_with_dollar_signs_are_not_formulas(tmp_path: Path):
-    truth, recording = circle()
-    save_figure(tmp_path, truth, recording, {r"$\frac$": estimate(truth, [0, 0, 0])}, r"cost $\frac$ of $")
+    save_figure(tmp_path, TRUTH, RECORDING, {r"$\frac$": estimate([0, 0, 0])}, r"cost $\frac$ of $")
     ElementTree.parse(tmp_path / "figure.svg")
 
 
-def with_many_closures(recording: Recording) -> Recording:
-    """Return the recording with steps of 10 s and one landmark that is observed at every second step."""
+def test_only_some_of_many_loop_closures_are_marked() -> None:
+    """Steps of 10 s and one landmark that is observed at every second step."""
     steps = np.arange(0, STEPS, 2)
-    return dataclasses.replace(
-        recording,
+    recording = dataclasses.replace(
+        RECORDING,
         stamps=10.0 * np.arange(STEPS + 1),
         observation_step=steps,
         observation=np.tile([1.0, 0.0], (len(steps), 1)),
         observation_cov=np.tile(0.01 * np.eye(2), (len(steps), 1, 1)),
         landmark=np.zeros_like(steps),
     )
-
-
-def test_only_some_of_many_loop_closures_are_marked() -> None:
-    truth, recording = circle()
-    recording = with_many_closures(recording)
-    panels = panels_of(truth, recording, {"ekf": estimate(truth, [0, 0, 0])})
+    panels = panels_of({"ekf": estimate([0, 0, 0])}, recording=recording)
     ticks = [each for each in panels[0].collections if isinstance(each, LineCollection)]
     assert [len(each.get_segments()) for each in ticks] == [50]  # every second one of 99
     assert panels[2].get_xlabel() == "time [s]; ticks: 1 in 2 loop closures"
-    assert "1 in 2 loop closures" in labels(map_of(truth, recording, {}))
+    assert "1 in 2 loop closures" in labels(map_of({}, recording=recording))
 
 
 @pytest.mark.parametrize("optimum", ["batch", "causal", "ekf"])
 def test_titles_of_a_figure_without_truth_are_not_cropped(
-    optimum: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    optimum: str, tmp_path: Path, drawn: dict[str, Figure]
 ) -> None:
-    truth, recording = circle()
-    written: list[Figure] = []
-
-    def keep(figure: Figure, _: Path) -> None:
-        written.append(figure)
-
-    monkeypatch.setattr(run_figures, "save_printed", keep)
-    estimates = {"dead-reckoning": drifting(recording), "riekf": estimate(truth, [0, 0, 0])}
-    save_figure(tmp_path, None, recording, estimates | {optimum: estimate(truth, [0.1, 0, 0])}, "a run")
-    (figure,) = written
+    estimates = {"dead-reckoning": DRIFTING, "riekf": estimate([0, 0, 0]), optimum: estimate([0.1, 0, 0])}
+    save_figure(tmp_path, None, RECORDING, estimates, "a run")
+    figure = drawn["figure"]
     with mpl.rc_context(PRINT):
         figure.draw_without_rendering()
     width = figure.bbox.width
@@ -316,22 +294,10 @@ def test_titles_of_a_figure_without_truth_are_not_cropped(
 
 
 def test_error_panels_ignore_a_diverged_estimate_and_name_it():
-    truth, recording = circle()
-    assert truth.poses is not None
-    near, lost = estimate(truth, [0.01, 0.0, 0.0]), estimate(truth, [40.0, 0.0, 0.0])
-    panels = Figure().subplots(3)
-    plot_errors(panels, truth, recording, {"near": near, "lost": lost, "too": near}, band="too")
+    near, lost = estimate([0.01, 0.0, 0.0]), estimate([40.0, 0.0, 0.0])
+    panels = panels_of({"near": near, "lost": lost, "too": near}, band="too")
     assert panels[0].get_title() == "error and ±3σ (lost exceeds the axes)"
     assert panels[0].get_ylim() == pytest.approx((-0.66, 0.66))  # 3 sigma are 0.6 m
     band = next(each for each in panels[0].collections if not isinstance(each, LineCollection))
     chosen = styles(["near", "lost", "too"])["too"].color
     assert to_hex(np.asarray(band.get_facecolor())[0]) == chosen.lower()
-
-
-def test_svg_keeps_text_as_text_and_hundredths_of_a_point(tmp_path: Path):
-    truth, recording = circle()
-    save_figure(tmp_path, truth, recording, {"mine": estimate(truth, [0.01, 0.0, 0.0])}, "a title")
-    svg = (tmp_path / "figure.svg").read_text(encoding="utf-8")
-    assert ">a title</text>" in svg
-    assert ' d="' in svg
-    assert not re.search(r' d="[^"]*\.\d{3}', svg)

@@ -14,29 +14,33 @@ from matplotlib.patches import Polygon
 
 from slamgauge import arrays, load_scenario, simulate
 from slamgauge.compare.figures.animation_scene import Scene
-from slamgauge.compare.figures.observed_landmarks import NEVER, first_seen, sight_lines
-from slamgauge.compare.storage.results_folder import Results
+from slamgauge.compare.figures.map_contents import NEVER, first_seen, sight_lines
+from slamgauge.compare.storage.stored_results import Results
 from slamgauge.estimate import Estimate
+from slamgauge.recording import Recording
 from slamgauge.truth import Truth
 from tests.reference.rays_by_hand import BIRTHS, LANDMARKS, estimate_with_rays, half_loop
 
+TRUTH, RECORDING = half_loop()
+assert TRUTH.poses is not None
+assert TRUTH.association is not None
+POSES = TRUTH.poses
 WITH_RAYS = estimate_with_rays()
-
 NO_HISTORY = replace(WITH_RAYS, rays=None, history=None)
-
 SMOOTHED = replace(NO_HISTORY, kind="smoothed")
+KEPT = RECORDING.observation_step == 85
+SPARSE, SPARSE_TRUTH = RECORDING.only(KEPT), replace(TRUTH, association=TRUTH.association[KEPT])
 
 
 # --- observed landmarks ------------------------------------------------------------------------
 
 
 def test_first_seen_is_the_step_of_the_first_observation():
-    _, recording = half_loop()
-    assert first_seen(recording, NO_HISTORY).tolist() == [*BIRTHS]
-    nameless = replace(recording, landmark=None)
+    assert first_seen(RECORDING, NO_HISTORY).tolist() == [*BIRTHS]
+    nameless = replace(RECORDING, landmark=None)
     assert first_seen(nameless, NO_HISTORY).tolist() == [0, 0, 0]
-    given = np.full(len(recording.observation), -1)
-    given[recording.observation_step >= 100] = 1
+    given = np.full(len(RECORDING.observation), -1)
+    given[RECORDING.observation_step >= 100] = 1
     assert first_seen(nameless, replace(NO_HISTORY, association=given)).tolist() == [NEVER, 100, NEVER]
 
 
@@ -61,32 +65,25 @@ def test_first_seen_does_not_depend_on_the_chunk_size(monkeypatch: pytest.Monkey
 
 
 def test_lines_of_sight_connect_the_robot_with_observed_landmarks():
-    truth, recording = half_loop()
-    assert truth.poses is not None
-    lines = sight_lines(truth, recording, NO_HISTORY, 80, 90)
-    np.testing.assert_array_equal(lines[:, 0], np.tile(truth.poses[90, :2], (3, 1)))
+    lines = sight_lines(TRUTH, RECORDING, NO_HISTORY, 80, 90)
+    np.testing.assert_array_equal(lines[:, 0], np.tile(POSES[90, :2], (3, 1)))
     np.testing.assert_array_equal(lines[:, 1], LANDMARKS)
-    blind = sight_lines(Truth(), recording, NO_HISTORY, 80, 90)
+    blind = sight_lines(Truth(), RECORDING, NO_HISTORY, 80, 90)
     np.testing.assert_array_equal(blind[:, 0], np.tile(NO_HISTORY.poses[90, :2], (3, 1)))
     np.testing.assert_array_equal(blind[:, 1], LANDMARKS + 0.2)
-    assert len(sight_lines(Truth(), replace(recording, landmark=None), NO_HISTORY, 80, 90)) == 0
+    assert len(sight_lines(Truth(), replace(RECORDING, landmark=None), NO_HISTORY, 80, 90)) == 0
 
 
 def test_a_scan_between_two_frames_is_shown_once():
-    truth, recording = half_loop()
-    assert truth.poses is not None
-    kept = recording.observation_step == 85
-    assert truth.association is not None
-    sparse, sparse_truth = recording.only(kept), replace(truth, association=truth.association[kept])
-    assert sight_lines(sparse_truth, sparse, NO_HISTORY, 80, 90)[0, 0].tolist() == truth.poses[85, :2].tolist()
-    assert len(sight_lines(sparse_truth, sparse, NO_HISTORY, 90, 100)) == 0
+    assert sight_lines(SPARSE_TRUTH, SPARSE, NO_HISTORY, 80, 90)[0, 0].tolist() == POSES[85, :2].tolist()
+    assert len(sight_lines(SPARSE_TRUTH, SPARSE, NO_HISTORY, 90, 100)) == 0
 
 
 # --- the scene ---------------------------------------------------------------------------------
 
 
 def scene_of(estimates: dict[str, Estimate], mapped: list[str]) -> Scene:
-    results = Results("a title", *half_loop(), estimates)
+    results = Results("a title", TRUTH, RECORDING, estimates)
     return Scene(results, estimates, {name: estimates[name] for name in mapped})
 
 
@@ -123,26 +120,18 @@ def test_the_map_comes_from_the_history_or_from_the_final_map():
     np.testing.assert_array_equal(lines_of(scene, "#CC9900")[1].get_xydata(), LANDMARKS + 0.2)
 
 
-def test_the_time_and_the_lines_of_sight_move():
-    scene = scene_of({"causal": NO_HISTORY}, ["causal"])
+@pytest.mark.parametrize(
+    ("truth", "recording", "frames"),
+    [(TRUTH, RECORDING, {0: 1, 90: 3}), (SPARSE_TRUTH, SPARSE, {80: 0, 90: 3, 100: 0})],
+)
+def test_the_time_and_the_lines_of_sight_move(truth: Truth, recording: Recording, frames: dict[int, int]):
+    """A scan of the sparse recording is not shown again in later frames."""
+    shown = {"causal": NO_HISTORY}
+    scene = Scene(Results("a title", truth, recording, shown), shown, shown)
     (sight,) = (each for each in scene.figure.axes[0].collections if isinstance(each, LineCollection))
-    for step, time, lines in ((0, "t = 0.0 s", 1), (90, "t = 9.0 s", 3)):
+    for step, lines in frames.items():
         scene.show(step)
-        assert [text.get_text() for text in scene.figure.texts] == [time]
-        assert len(sight.get_segments()) == lines
-
-
-def test_a_scan_is_not_shown_again_in_later_frames():
-    truth, recording = half_loop()
-    assert truth.association is not None
-    kept = recording.observation_step == 85
-    sparse_truth = replace(truth, association=truth.association[kept])
-    scene = Scene(
-        Results("a title", sparse_truth, recording.only(kept), {"a": NO_HISTORY}), {"a": NO_HISTORY}, {"a": NO_HISTORY}
-    )
-    (sight,) = (each for each in scene.figure.axes[0].collections if isinstance(each, LineCollection))
-    for step, lines in ((80, 0), (90, 3), (100, 0)):
-        scene.show(step)
+        assert [text.get_text() for text in scene.figure.texts] == [f"t = {step / 10:.1f} s"]
         assert len(sight.get_segments()) == lines
 
 

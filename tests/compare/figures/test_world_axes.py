@@ -13,9 +13,9 @@ from matplotlib.figure import Figure
 
 from slamgauge.compare.figures import animation_scene, ray_strip, run_figures
 from slamgauge.compare.figures.animation_scene import Scene
+from slamgauge.compare.figures.axes import label_plane, label_time, round_origin
 from slamgauge.compare.figures.run_figures import plot_errors, plot_run, save_figure
-from slamgauge.compare.figures.world_axes import label_plane, label_time, round_origin
-from slamgauge.compare.storage.results_folder import Results
+from slamgauge.compare.storage.stored_results import Results
 from slamgauge.ekf import FilterSettings, Rays, riekf
 from tests.reference.random_recordings import random_recording
 

@@ -13,12 +13,10 @@ import numpy as np
 import pytest
 
 from slamgauge import UserError
-from slamgauge.compare.report.array_encoding import pack
-from slamgauge.compare.report.page import ASSETS, MODULES, json_text, program, render
-from slamgauge.compare.report.page_elements import Cell, Head, Table
-from slamgauge.compare.report.plain_page import plain_page
+from slamgauge.compare.report.page import ASSETS, MODULES, json_text, pack, plain_page, program, render
 from slamgauge.compare.report.publishing import publish_report
 from slamgauge.compare.report.run_page import closure_table
+from slamgauge.compare.report.tables import Cell, Head, Table
 
 from .conftest import unexplained
 
@@ -98,7 +96,7 @@ def test_encoded_arrays_are_decoded_unchanged() -> None:
 
 
 def test_unprintable_characters_are_replaced_by_escapes() -> None:
-    text = render("base.html", kind="k", title="a\x1bb\udcff", origin=[], glossary=[])
+    text = render("base.html", kind="k", title="a\x1bb\udcff", origin=[])
     assert r"a\x1bb\udcff" in text
     assert text.encode()
 

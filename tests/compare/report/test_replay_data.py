@@ -13,13 +13,12 @@ import pytest
 from slamgauge import Estimate, Recording, Truth, compare_estimators, load_estimators, load_scenario, simulate
 from slamgauge.arrays import Float
 from slamgauge.compare.cli.main import main
-from slamgauge.compare.figures.map_at_step import map_at
+from slamgauge.compare.figures.map_contents import map_at
 from slamgauge.compare.report.exercise import QUESTIONS
-from slamgauge.compare.report.frames import frame_steps, shown_observations
 from slamgauge.compare.report.page_elements import looks
-from slamgauge.compare.report.replay_data import replay_data
+from slamgauge.compare.report.replay_data import frame_steps, replay_data, shown_observations
 from slamgauge.compare.scoring.landmark_identity import association_figures, wrong_sights
-from slamgauge.compare.storage.results_folder import Results
+from slamgauge.compare.storage.stored_results import Results
 
 from .conftest import unexplained
 

@@ -14,6 +14,7 @@ import pytest
 from slamgauge import UserError, load_scenario
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.figures.publishing import write_study
+from slamgauge.compare.report.grade_page import FIGURES
 from slamgauge.compare.report.publishing import PAGES, publish_report
 from slamgauge.compare.report.rerun_command import command_of_run, swept
 from slamgauge.compare.storage.best_effort import decorate
@@ -21,7 +22,7 @@ from slamgauge.compare.studies.budget import RUNGS, summarise_budget
 from slamgauge.compare.studies.claim_evidence import Evidence
 from slamgauge.compare.studies.claim_list import CLAIMS
 from slamgauge.compare.studies.claims import Judgement
-from slamgauge.compare.studies.stored_study import load_study
+from slamgauge.compare.studies.stored_study import StoredStudy, load_study
 from slamgauge.compare.studies.study import load_runs, run_study
 from slamgauge.compare.studies.study_run import run_seed
 from tests.reference import lighter
@@ -53,12 +54,17 @@ def opened(reader: Reader, folder: Path) -> Generator[Reader]:
     assert reader.complaints() == []
 
 
-def test_a_stored_study_gives_the_written_summary(folder: Path):
+def require_written_summary(folder: Path) -> StoredStudy:
+    """Load a study and compare its entries with summary.json."""
     study = load_study(folder)
     written = json.loads((folder / "summary.json").read_text())
     for name, entry in study.summary.estimators.items():
         assert json.loads(json.dumps(entry.to_json())) == written["estimators"][name]
-    assert study.step == 0.1
+    return study
+
+
+def test_a_stored_study_gives_the_written_summary(folder: Path):
+    assert require_written_summary(folder).step == 0.1
 
 
 def test_a_store_of_another_study_is_an_error(folder: Path, tmp_path: Path):
@@ -125,55 +131,31 @@ def test_a_study_fits_a_narrow_screen(reader: Reader, folder: Path):
 
 
 def test_the_command_of_a_run_has_the_settings_of_the_study():
-    command = (
-        "slamgauge study 'my map.toml' --runs 9 --set a.b=1 'c=[1, 2]' --estimators ekf,mine.py:f --set d=x --out o"
-    )
-    content = {"command": command, "scenario": "my map", "estimators": {"ekf": {}, "f": {}}}
-    expected = (
-        "slamgauge run 'my map.toml' --seed 7 --set start=sampled a.b=1 'c=[1, 2]' d=x --estimators ekf,mine.py:f"
-    )
-    assert command_of_run(content, 7) == expected
+    words = "'my map.toml' --runs 9 --set a.b=1 'c=[1, 2]' --estimators ekf,mine.py:f --set d=x --out o"
+    content = {"command": f"slamgauge study {words}", "scenario": "my map", "estimators": {"ekf": {}, "f": {}}}
+    expected = "'my map.toml' --seed 7 --set start=sampled a.b=1 'c=[1, 2]' d=x --estimators ekf,mine.py:f"
+    assert command_of_run(content, 7) == f"slamgauge run {expected}"
     assert "add the --set options of the study" in command_of_run({**content, "command": None}, 7)
 
 
 def test_the_command_of_a_run_of_a_sweep_has_its_value():
     command = "slamgauge study q2 --sweep=association.gate=4,9 --set=a.b=1 --estimators ekf --out o"
-    text = 'start = "sampled"\n[association]\ngate = 4.0\n'
+    text = 'start = "sampled"\n[association]\ngate = 4.0\nmethod = "jcbb"\n'
     content = {"command": command, "scenario": "q2", "scenario_text": text, "estimators": {"ekf": {}}}
     expected = "slamgauge run q2 --seed 7 --set start=sampled a.b=1 association.gate=4.0 --estimators ekf"
     assert command_of_run(content, 7) == expected
-    worded = {
-        **content,
-        "command": "slamgauge study q2 --sweep association.method=jcbb,known",
-        "scenario_text": '[association]\nmethod = "jcbb"\n',
-    }
+    worded = {**content, "command": "slamgauge study q2 --sweep association.method=jcbb,known"}
     assert swept(worded) == "association.method=jcbb"
-
-
-def undecorated(*_: object) -> bool:
-    """Replace drawing, which is slow."""
-    return True
 
 
 @pytest.fixture(scope="module")
 def sweep(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A sweep with two short runs at each of two scales."""
     folder = tmp_path_factory.mktemp("sweeps") / "sweep"
-    words = (
-        "study",
-        "q1-short-dense",
-        "--runs",
-        "2",
-        "--jobs",
-        "1",
-        "--estimators",
-        "ekf,causal",
-        "--out",
-        str(folder),
-    )
-    with pytest.MonkeyPatch.context() as patch, lighter.studies_in_a_thread():
-        patch.setattr("slamgauge.compare.figures.publishing.decorate", undecorated)
-        assert main([*words, "--set", "trajectory.duration=3", "--sweep", "assumed.scale=1,2"]) == 0
+    words = ["study", "q1-short-dense", "--runs", "2", "--jobs", "1", "--set", "trajectory.duration=3"]
+    with lighter.studies_in_a_thread(), lighter.empty_pictures():
+        words += ["--estimators", "ekf,causal", "--sweep", "assumed.scale=1,2", "--out", str(folder)]
+        assert main(words) == 0
     return folder
 
 
@@ -189,11 +171,7 @@ def test_the_page_of_a_sweep_links_to_the_pages_of_its_values(reader: Reader, sw
 
 
 def test_a_value_of_a_sweep_is_a_study_that_needs_the_stored_optimum(sweep: Path, tmp_path: Path):
-    study = load_study(sweep / "assumed.scale=2")
-    assert [*study.runs] == ["ekf", "causal"]
-    written = json.loads((sweep / "assumed.scale=2/summary.json").read_text())
-    for name, entry in study.summary.estimators.items():
-        assert json.loads(json.dumps(entry.to_json())) == written["estimators"][name]
+    assert [*require_written_summary(sweep / "assumed.scale=2").runs] == ["ekf", "causal"]
     for page in sweep.rglob("report.html"):
         page.unlink()
     publish_report(sweep)
@@ -221,23 +199,9 @@ def claims(folder: Path) -> None:
 
 def grades(folder: Path) -> None:
     row = {"submission": 'a "<b>', "passed": "false", "graded": "true", "reason": f"{SCRIPT_NAME}; two"}
-    row |= {
-        "failed_laws": "heading-wrap",
-        "seconds_per_run": "0.5",
-        "ate_m": "0.3",
-        "ate_m_low": "0.2",
-        "ate_m_high": "0.4",
-    }
-    ratios = (
-        "nees_per_dof",
-        "ratio_to_optimum",
-        "ate_ratio",
-        "nees_ratio",
-        "sigma_position_ratio",
-        "sigma_heading_ratio",
-    )
-    row |= {"seed": "7", "digest": "of q1-long-dense"}
-    row |= {f"{key}{end}": "" for key in ratios for end in ("", "_low", "_high")}
+    row |= {"failed_laws": "heading-wrap", "seconds_per_run": "0.5", "seed": "7", "digest": "of q1-long-dense"}
+    row |= {f"{key}{end}": "" for key, *_ in FIGURES for end in ("", "_low", "_high")}
+    row |= {"ate_m": "0.3", "ate_m_low": "0.2", "ate_m_high": "0.4"}
     with (folder / "grades.csv").open("w", encoding="utf-8", newline="") as file:
         table = csv.DictWriter(file, row)
         table.writeheader()

@@ -52,9 +52,7 @@ def test_round_trip_of_records_inside_an_estimate(tmp_path: Path):
     history = MapHistory(row, row, row, np.ones(1), np.ones((1, 2)), np.eye(2)[None])
     save(tmp_path / "record.npz", replace(ESTIMATE, rays=rays, history=history))
     loaded = load_estimate(tmp_path / "record.npz")
-    for name, record in (("rays", rays), ("history", history)):
-        for field in record.__dataclass_fields__:
-            np.testing.assert_array_equal(getattr(getattr(loaded, name), field), getattr(record, field))
+    assert (loaded.rays, loaded.history) == (rays, history)
     with np.load(tmp_path / "record.npz") as archive:
         arrays = {name: archive[name] for name in archive if name != "rays_birth"}
     np.savez(tmp_path / "part.npz", **arrays)
@@ -63,21 +61,19 @@ def test_round_trip_of_records_inside_an_estimate(tmp_path: Path):
     )
 
 
+OPTIMA = [replace(ESTIMATE, chi_square=1 / 3, chi_square_dof=4, optimum_check=check) for check in (None, 0.31, np.inf)]
+
+
 @pytest.mark.parametrize(
-    ("record", "load"), [(RECORDING, load_recording), (TRUTH, load_truth), (ESTIMATE, load_estimate)]
+    ("record", "load"),
+    [
+        *((RECORDING, load_recording), (replace(RECORDING, landmark=None), load_recording), (TRUTH, load_truth)),
+        *((each, load_estimate) for each in (ESTIMATE, *OPTIMA)),
+    ],
 )
 def test_round_trip(tmp_path: Path, record: Any, load: Callable[[Path], Any]):
     save(tmp_path / "record.npz", record)
-    loaded = load(tmp_path / "record.npz")
-    for name in record.__dataclass_fields__:
-        np.testing.assert_array_equal(getattr(loaded, name), getattr(record, name))
-
-
-@pytest.mark.parametrize("check", [None, 0.31, np.inf])
-def test_round_trip_of_the_checks_of_an_optimum(tmp_path: Path, check: float | None):
-    optimum = replace(ESTIMATE, chi_square=1 / 3, chi_square_dof=4, optimum_check=check)
-    save(tmp_path / "e.npz", optimum)
-    assert load_estimate(tmp_path / "e.npz") == optimum
+    assert load(tmp_path / "record.npz") == record
 
 
 def test_estimates_of_earlier_versions_are_read(tmp_path: Path):
@@ -98,9 +94,8 @@ def test_round_trip_of_large_coordinates_is_exact(tmp_path: Path):
     np.testing.assert_array_equal(rows[:, 0], [1.7e9, 1.7e9 + 0.1, 1.7e9 + 0.2])
 
 
-def test_unknown_association_stays_unknown(tmp_path: Path):
+def test_unknown_association_is_not_stored(tmp_path: Path):
     save(tmp_path / "r.npz", replace(RECORDING, landmark=None))
-    assert load_recording(tmp_path / "r.npz").landmark is None
     with np.load(tmp_path / "r.npz", allow_pickle=False) as archive:
         assert "landmark" not in archive
         assert archive["sensor"][()] == "range-bearing"
@@ -113,15 +108,6 @@ def test_damaged_and_foreign_files_are_an_error(tmp_path: Path):
     for damaged in (b"", whole[:10], whole[:200], whole[:-30], b"stamps,x,y\n", whole.replace(b"PK", b"QK")):
         path.write_bytes(damaged)
         assert "not a whole npz file of plain arrays; write it again" in error_message(load_recording, path)
-
-
-def test_pickled_objects_are_an_error(tmp_path: Path):
-    path = tmp_path / "r.npz"
-    np.savez(path, stamps=np.array([{"a": 1}], dtype=object))
-    assert "not a whole npz file of plain arrays" in error_message(load_recording, path)
-
-
-def test_a_single_array_is_not_an_npz_file(tmp_path: Path):
     np.save(tmp_path / "r.npy", np.zeros(3))
     assert "not a whole npz file of plain arrays" in error_message(load_recording, tmp_path / "r.npy")
 

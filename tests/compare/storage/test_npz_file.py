@@ -28,9 +28,11 @@ def member(header: bytes | tuple[str, tuple[int, ...]], content: bytes) -> bytes
     return begin.getvalue() + content
 
 
-def require_error(path: Path, content: bytes, method: int = zipfile.ZIP_DEFLATED) -> None:
-    with zipfile.ZipFile(path, "w", method) as archive:
-        archive.writestr("poses.npy", content)
+def require_error(path: Path, content: bytes, times: int = 1) -> None:
+    """Write an npz file whose member `poses` has this content, and read it."""
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for _ in range(times):
+            archive.writestr("poses.npy", content)
     with pytest.raises(UserError, match=MESSAGE) as caught:
         read_npz(path)
     assert str(caught.value).startswith(f"{path}: ")
@@ -84,11 +86,7 @@ def test_invalid_headers_are_an_error(tmp_path: Path, header: bytes):
 
 @pytest.mark.filterwarnings("ignore:Duplicate name")
 def test_duplicate_names_are_an_error(tmp_path: Path):
-    with zipfile.ZipFile(tmp_path / "a.npz", "w") as archive:
-        for _ in range(2):
-            archive.writestr("poses.npy", member(("<f8", (2,)), bytes(16)))
-    with pytest.raises(UserError, match=MESSAGE):
-        read_npz(tmp_path / "a.npz")
+    require_error(tmp_path / "a.npz", member(("<f8", (2,)), bytes(16)), times=2)
 
 
 def test_encrypted_arrays_are_an_error(tmp_path: Path):

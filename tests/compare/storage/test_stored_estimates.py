@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from slamgauge.compare.storage.files import save, write_tum
-from slamgauge.compare.storage.stored_estimates import load_stored
+from slamgauge.compare.storage.stored_results import load_stored
 from slamgauge.ekf import ekf_slam
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate

@@ -59,6 +59,5 @@ def saved(monkeypatch: pytest.MonkeyPatch) -> dict[str, Figure]:
     def keep(figure: Figure, path: Path) -> None:
         figures[path.name] = figure
 
-    for module in ("budget_figure", "study_figures", "sweep_figure"):
-        monkeypatch.setattr(f"slamgauge.compare.figures.{module}.save_printed", keep)
+    monkeypatch.setattr("slamgauge.compare.figures.plot_style.save_printed", keep)
     return figures

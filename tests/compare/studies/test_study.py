@@ -24,7 +24,8 @@ from slamgauge.compare.scoring.aggregation import FIRST_STEP
 from slamgauge.compare.scoring.consistency import chi2_band
 from slamgauge.compare.scoring.runs import Runs
 from slamgauge.compare.scoring.scores import evaluate
-from slamgauge.compare.storage.manifest import MANIFEST, begin_file, write_manifest
+from slamgauge.compare.storage.manifest import MANIFEST, write_manifest
+from slamgauge.compare.storage.staged_folder import begin_file
 from slamgauge.compare.studies import study_run as study_run
 from slamgauge.compare.studies.executors import dask_cluster, local_processes
 from slamgauge.compare.studies.study_run import run_seed
