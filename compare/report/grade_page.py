@@ -6,7 +6,7 @@ import csv
 from pathlib import Path
 from urllib.parse import quote
 
-from slamgauge.compare.checks.examination import LAWS
+from slamgauge.compare.checks.examination import CHECKS as ALL_CHECKS
 from slamgauge.compare.report.page_elements import Cell, Head, Table, origin
 from slamgauge.compare.report.plain_page import figure_cell, from_to, plain_page
 from slamgauge.compare.storage.files import explained
@@ -88,7 +88,7 @@ def check_table(rows: list[Row]) -> Table:
     return Table("checks", "Failed checks", heads, cells)
 
 
-CHECKS = {law.name: law for law in LAWS}
+CHECKS = {check.name: check for check in ALL_CHECKS}
 
 
 def submission_page(folder: Path, row: Row, where: list[tuple[str, str, bool]]) -> str:
