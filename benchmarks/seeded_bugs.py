@@ -22,9 +22,9 @@ sys.path.insert(0, str(Path(__file__).parent))  # Python may be told not to look
 
 from referees.seeded_bugs import SEEDED, seeded_ekf
 
-from slamgauge.compare.checks.examination import LAWS, check_estimator
+from slamgauge.compare.checks.examination import CHECKS, check_estimator
 
-JUDGED = [law for law in LAWS if law.name != "step-time"]
+JUDGED = [check for check in CHECKS if check.name != "step-time"]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -1,1 +1,1 @@
-"""Laws that a filter must obey, each on small recordings whose answer is known."""
+"""Checks that every right filter passes, on small recordings with a known answer."""

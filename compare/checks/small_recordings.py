@@ -1,13 +1,13 @@
-"""Small worlds with a known answer: a path, landmarks and sights, from which a recording is made.
+"""Small worlds with a known answer, and their recordings.
 
-The robot moves forward and turns, as the practical's does: no increment and no noise sideways. Ids count the landmarks
-in the order of their first sight unless a law is about ids. Sigmas of sights are small, so that all filters of first
-order agree, and where a law needs something as good as known, its sigma is `KNOWN`: smaller still by a thousand.
+The robot moves forward and turns, like that of the exercise: increments and noise have no lateral part. Ids number the
+landmarks in the order of their first observation, except in checks of ids. Sigmas of observations are small, so that
+all first-order filters agree. A quantity that a check treats as known has the sigma `KNOWN`, a thousand times smaller.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -16,11 +16,11 @@ from slamgauge.recording import Recording
 from slamgauge.se2 import chain, rotation, wrap
 from slamgauge.sensors import predict
 
-SIGMA = 1e-4  # of ranges [m] and bearings [rad]: at 5 m a filter of first order errs by some 1e-4 of that
-KNOWN = 1e-7  # of a start as good as known [m], [rad]; not zero, which some filters cannot invert
+SIGMA = 1e-4  # sigma of ranges [m] and bearings [rad]; the error of a first-order filter at 5 m is about 1e-4 of this
+KNOWN = 1e-7  # sigma of a known start [m], [rad]; some filters cannot invert zero
 KNOWN_START = KNOWN**2 * np.eye(3)
 
-Sights = tuple[tuple[int, int], ...]
+Observed = tuple[tuple[int, int], ...]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,21 +28,21 @@ class World:
     """A path among landmarks.
 
     Attributes:
-        start: (3,) true start pose, which is the prior's mean.
-        prior_cov: (3, 3).
-        moves: (N, 2) forward [m] and turn [rad] of each step.
-        move_sigmas: (N, 2) their sigmas as estimators assume them; the moves themselves are exact.
+        moves: (N, 2) forward motion [m] and turn [rad] of each step.
+        move_sigmas: (N, 2) sigmas that estimators assume; the moves themselves are exact.
         landmarks: (L, 2) [m].
-        sights: (step, landmark), in order of step.
+        observed: step and landmark of each observation, steps in increasing order.
+        start: (3,) true start pose, the mean of the prior.
+        prior_cov: (3, 3).
         step_s: time between poses [s].
     """
 
-    start: Float
-    prior_cov: Float
     moves: Float
     move_sigmas: Float
     landmarks: Float
-    sights: Sights
+    observed: Observed
+    start: Float = field(default_factory=lambda: np.zeros(3))
+    prior_cov: Float = field(default_factory=lambda: KNOWN_START)
     step_s: float = 1.0
 
     @property
@@ -52,12 +52,12 @@ class World:
 
     @property
     def poses(self) -> Float:
-        """(N+1, 3) the true path."""
+        """(N+1, 3) true path."""
         return chain(self.start, self.increments)
 
     def recording(self, disturbance: Float | None = None, sigma: float = SIGMA) -> Recording:
-        """Exact ranges and bearings plus `disturbance` (M, 2), with that sigma [m], [rad] as estimators assume it."""
-        steps, names = np.array(self.sights, dtype=np.int64).reshape(-1, 2).T
+        """Return exact ranges and bearings plus `disturbance` (M, 2); estimators assume `sigma` [m], [rad]."""
+        steps, names = np.array(self.observed, dtype=np.int64).reshape(-1, 2).T
         poses, covs = self.poses[steps], np.zeros((len(self.moves), 3, 3))
         offset = np.einsum("mji,mj->mi", rotation(poses[:, 2]), self.landmarks[names] - poses[:, :2])
         seen = predict("range-bearing", offset)
@@ -78,38 +78,38 @@ class World:
         )
 
 
-def standing(start: Float, prior_cov: Float, landmarks: Float, sights: Sights) -> World:
-    """A robot that stands still until the last sight, and knows it."""
-    still = np.zeros((max(step for step, _ in sights), 2))
-    return World(start=start, prior_cov=prior_cov, moves=still, move_sigmas=still, landmarks=landmarks, sights=sights)
+def at_rest(start: Float, prior_cov: Float, landmarks: Float, observed: Observed) -> World:
+    """Return a world in which the robot does not move, with exact odometry."""
+    rest = np.zeros((max(step for step, _ in observed), 2))
+    return World(start=start, prior_cov=prior_cov, moves=rest, move_sigmas=rest, landmarks=landmarks, observed=observed)
 
 
 def around(pose: Float, distance: Float, bearing: Float) -> Float:
-    """Landmarks (L, 2) at those distances (L,) [m] and bearings (L,) [rad] from a pose."""
+    """Return landmarks (L, 2) at distances (L,) [m] and bearings (L,) [rad] from a pose."""
     direction = pose[2] + bearing
     return pose[:2] + np.column_stack([distance * np.cos(direction), distance * np.sin(direction)])
 
 
 def any_start(rng: np.random.Generator) -> Float:
-    """A start (3,) off the origin that looks away from all axes of the world, and from the cut at pi."""
+    """Return a start (3,) away from the origin, whose heading is far from the axes of the world and from pi."""
     return np.append(rng.uniform(-3.0, 3.0, 2), rng.choice([-1.0, 1.0]) * rng.uniform(0.4, 1.1))
 
 
 def correlated(sigmas: Float, rng: np.random.Generator) -> Float:
-    """A covariance (n, n) of those sigmas (n,) with correlations of 0.4, their signs drawn."""
+    """Return a covariance (n, n) with the given sigmas (n,) and correlations of 0.4 with random signs."""
     signs = rng.choice([-1.0, 1.0], len(sigmas))
     correlation = 0.6 * np.eye(len(sigmas)) + 0.4 * np.outer(signs, signs)
     return np.diag(sigmas) @ correlation @ np.diag(sigmas)
 
 
 def relative_error(cov: Float, right: Float) -> float:
-    """The largest difference of two covariances (..., n, n), every entry in the sigmas of the right one."""
+    """Return the largest difference of two covariances (..., n, n), each entry relative to the sigmas of `right`."""
     sigmas = np.sqrt(np.diagonal(right, axis1=-2, axis2=-1))
     return float(np.abs((cov - right) / (sigmas[..., :, None] * sigmas[..., None, :])).max())
 
 
 def pose_error(poses: Float, right: Float) -> float:
-    """The largest difference of two paths (..., 3), metres and radians alike."""
+    """Return the largest difference of two paths (..., 3) [m, rad]."""
     difference = poses - right
     difference[..., 2] = wrap(difference[..., 2])
     return float(np.abs(difference).max())

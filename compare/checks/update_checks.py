@@ -1,112 +1,159 @@
-"""Laws of the correction: one update in closed form."""
+"""Checks of a new landmark and of one correction, compared with closed forms."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from slamgauge.compare.checks.law import Law, Subject
-from slamgauge.compare.checks.new_landmark_checks import sight_jacobian
-from slamgauge.compare.checks.small_recordings import KNOWN, KNOWN_START, SIGMA, World, any_start, around, standing
+from slamgauge.arrays import Float
+from slamgauge.compare.checks.check import Subject, check, landmark_cov_of, landmark_of, pose_covs_of
+from slamgauge.compare.checks.small_recordings import (
+    KNOWN,
+    KNOWN_START,
+    SIGMA,
+    World,
+    any_start,
+    around,
+    at_rest,
+    correlated,
+    relative_error,
+)
 
-LOOSE = 50.0 * SIGMA  # sigma of a move, against which a sight is as good as exact
+LOOSE = 50.0 * SIGMA  # sigma of a move; observations are exact in comparison
 
 
-def _landmark_halfway(subject: Subject, rng: np.random.Generator, channel: int) -> float:
-    """A landmark seen twice from a known place: it goes halfway towards the second sight, and its variance halves."""
+def _observation_jacobian(start: Float, landmark: Float) -> Float:
+    """Return the Jacobian (2, 2) of a landmark's position by range and bearing from the pose `start`."""
+    dx, dy = landmark - start[:2]
+    return np.array([[dx, -dy], [dy, dx]]) / [np.hypot(dx, dy), 1.0]
+
+
+@check(
+    figure="covariance of a landmark observed once: largest difference from J_r P J_r' + J_z R J_z' [sigma^2]",
+    bound=1e-3,
+    blame="the Jacobians of a new landmark: J_r by the pose, heading included, and J_z by the observation",
+)
+def first_sight(subject: Subject, rng: np.random.Generator) -> float:
+    """Observe a landmark once from an uncertain pose."""
+    start = any_start(rng)
+    landmarks = around(start, rng.uniform(3.0, 6.0, 1), rng.uniform(-1.0, 1.0, 1))
+    world = at_rest(start, correlated(SIGMA * np.array([2.0, 2.0, 1.0]), rng), landmarks, ((1, 0),))
+    dx, dy = landmarks[0] - start[:2]
+    Jr, Jz = np.array([[1.0, 0.0, -dy], [0.0, 1.0, dx]]), _observation_jacobian(start, landmarks[0])
+    right = Jr @ world.prior_cov @ Jr.T + SIGMA**2 * Jz @ Jz.T
+    return relative_error(landmark_cov_of(subject(world.recording()), 0), right)
+
+
+@check(
+    figure="correction of the robot after it observed a new landmark: difference of their motions, relative",
+    bound=0.02,
+    blame="the cross-covariance of a new landmark with the rest of the state: P_new,: = J_r P_r,:",
+)
+def cross_covariance(subject: Subject, rng: np.random.Generator) -> float:
+    """Correct the robot after it observed a new landmark from an uncertain pose; the landmark must move by the same.
+
+    The robot observes landmark 0 from the known start, and landmark 1 after a noisy move along x. Then a range to
+    landmark 0 moves the robot.
+    """
+    sigma = LOOSE
+    landmarks = np.array([[rng.uniform(6.0, 9.0), 0.0], [rng.uniform(3.0, 5.0), rng.uniform(1.0, 3.0)]])
+    world = World(
+        moves=np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 0.0]]),
+        move_sigmas=np.array([[0.0, 0.0], [sigma, 0.0], [0.0, 0.0]]),
+        landmarks=landmarks,
+        observed=((1, 0), (2, 1), (3, 0)),
+    )
+    shift = rng.choice([-1.0, 1.0]) * rng.uniform(0.5, 1.5) * sigma
+    recording = world.recording(np.array([[0.0, 0.0], [0.0, 0.0], [shift, 0.0]]))
+    before, after = subject(recording.first(2)), subject(recording)
+    robot = after.poses[-1, :2] - before.poses[-1, :2]
+    landmark = landmark_of(after, 1) - landmark_of(before, 1)
+    return float(np.linalg.norm(landmark - robot) / abs(shift))
+
+
+def _imprecise_move(rng: np.random.Generator, forward_sigma: float, turn_sigma: float) -> World:
+    """Return a world with a landmark ahead, observed from a known start and after a move with the given noise."""
+    return World(
+        moves=np.zeros((2, 2)),
+        move_sigmas=np.array([[0.0, 0.0], [forward_sigma, turn_sigma]]),
+        landmarks=np.array([[rng.uniform(3.0, 6.0), 0.0]]),
+        observed=((1, 0), (2, 0)),
+    )
+
+
+def _error_of_landmark(subject: Subject, rng: np.random.Generator, channel: int) -> float:
+    """Return the relative error of a landmark and its variance after two observations from a known pose.
+
+    The second observation moves the landmark by half of their difference, and halves its variance.
+    """
     start = any_start(rng)
     landmarks = around(start, rng.uniform(3.0, 6.0, 1), rng.uniform(-1.0, 1.0, 1))
     shift = np.zeros((2, 2))
     shift[1, channel] = rng.choice([-1.0, 1.0]) * rng.uniform(1.0, 3.0) * SIGMA
-    answer = subject(standing(start, KNOWN_START, landmarks, ((1, 0), (2, 0))).recording(shift))
-    if not answer.has_map:
+    estimate = subject(at_rest(start, KNOWN_START, landmarks, ((1, 0), (2, 0))).recording(shift))
+    if not len(estimate.landmark_ids):
         return 0.0
-    to_sight = np.linalg.inv(sight_jacobian(start, landmarks[0]))
-    worst = np.abs(to_sight @ (answer.landmark(0) - landmarks[0]) / shift[1, channel] - np.eye(2)[channel] / 2).max()
-    if answer.estimate.landmark_covs is not None:
-        variance = (to_sight @ answer.landmark_cov(0) @ to_sight.T)[channel, channel]
-        worst = max(worst, abs(variance / SIGMA**2 - 0.5))
+    H = np.linalg.inv(_observation_jacobian(start, landmarks[0]))
+    moved = H @ (landmark_of(estimate, 0) - landmarks[0]) / shift[1, channel]
+    worst = np.abs(moved - np.eye(2)[channel] / 2).max()
+    if estimate.landmark_covs is not None:
+        worst = max(worst, abs((H @ landmark_cov_of(estimate, 0) @ H.T)[channel, channel] / SIGMA**2 - 0.5))
     return float(worst)
 
 
-def _loose_move(rng: np.random.Generator, forward_sigma: float, turn_sigma: float) -> World:
-    """A landmark ahead, seen from a known start and again after a move along x with that noise."""
-    return World(
-        start=np.zeros(3),
-        prior_cov=KNOWN_START,
-        moves=np.array([[0.0, 0.0], [0.0, 0.0]]),
-        move_sigmas=np.array([[0.0, 0.0], [forward_sigma, turn_sigma]]),
-        landmarks=np.array([[rng.uniform(3.0, 6.0), 0.0]]),
-        sights=((1, 0), (2, 0)),
-    )
-
-
-def _range(subject: Subject, rng: np.random.Generator) -> float:
-    """A range moves the landmark halfway, and a robot that is lost along x by the whole of it."""
+@check(
+    figure="update by one range: largest relative difference of landmark, its variance and robot from the exact one",
+    bound=0.01,
+    blame="the row of H for the range, the gain, or P after the update: dr = ((l - p)/r)'(dl - dp), P = P - K S K'",
+)
+def update_range(subject: Subject, rng: np.random.Generator) -> float:
+    """Correct a robot whose position along x is uncertain: it moves by the whole innovation."""
     shift = rng.choice([-1.0, 1.0]) * LOOSE
-    recording = _loose_move(rng, LOOSE, 0.0).recording(np.array([[0.0, 0.0], [shift, 0.0]]))
+    recording = _imprecise_move(rng, LOOSE, 0.0).recording(np.array([[0.0, 0.0], [shift, 0.0]]))
     robot = abs(subject(recording).poses[-1, 0] / shift + 1.0)
-    return max(float(robot), _landmark_halfway(subject, rng, 0))
+    return max(float(robot), _error_of_landmark(subject, rng, 0))
 
 
-def _bearing(subject: Subject, rng: np.random.Generator) -> float:
-    """A bearing moves the landmark halfway, and a heading that is lost by the whole of it."""
+@check(
+    figure="update by one bearing: largest relative difference of landmark, its variance and robot from the exact one",
+    bound=0.01,
+    blame="the row of H for a bearing, or the gain: (-dy, dx)/r^2 for a landmark, its opposite and -1 for the pose",
+)
+def update_bearing(subject: Subject, rng: np.random.Generator) -> float:
+    """Correct a robot whose heading is uncertain: it turns by the whole innovation."""
     shift = rng.choice([-1.0, 1.0]) * LOOSE
-    recording = _loose_move(rng, 0.0, LOOSE).recording(np.array([[0.0, 0.0], [0.0, shift]]))
+    recording = _imprecise_move(rng, 0.0, LOOSE).recording(np.array([[0.0, 0.0], [0.0, shift]]))
     robot = abs(subject(recording).poses[-1, 2] / shift + 1.0)
-    return max(float(robot), _landmark_halfway(subject, rng, 1))
+    return max(float(robot), _error_of_landmark(subject, rng, 1))
 
 
-def _noise(subject: Subject, rng: np.random.Generator) -> float:
-    """A lost heading found again by a bearing holds that bearing's variance and the landmark's: 2 R."""
-    answer = subject(_loose_move(rng, 0.0, LOOSE).recording())
+@check(
+    figure="heading sigma after a correction by one bearing: relative difference from sqrt(2 R)",
+    bound=0.01,
+    blame="R in the innovation covariance: S = H P H' + R, where observation_cov contains variances",
+)
+def measurement_noise(subject: Subject, rng: np.random.Generator) -> float:
+    """Correct an uncertain heading: its variance becomes that of the bearing plus that of the landmark, 2 R."""
+    cov = pose_covs_of(subject(_imprecise_move(rng, 0.0, LOOSE).recording()))[-1]
     right = np.sqrt(1.0 / (1.0 / LOOSE**2 + 1.0 / (2.0 * SIGMA**2)))
-    return float(abs(np.sqrt(answer.pose_covs[-1, 2, 2]) / right - 1.0))
+    return float(abs(np.sqrt(cov[2, 2]) / right - 1.0))
 
 
-def _innovation_wrap(subject: Subject, rng: np.random.Generator) -> float:
-    """A landmark straight behind, seen once on either side of the cut: it hardly moves, and neither does the robot."""
+@check(
+    figure="landmark observed on both sides of the bearing pi: motion of landmark and robot [sigma]",
+    bound=1.0,
+    blame="the innovation of a bearing: wrap z - h(x) to (-pi, pi] before the gain",
+)
+def innovation_wrap(subject: Subject, rng: np.random.Generator) -> float:
+    """Observe a landmark straight behind, just left and just right of the bearing pi."""
     start = np.append(rng.uniform(-3.0, 3.0, 2), 0.0)
     distance, side = rng.uniform(3.0, 6.0), rng.choice([-1.0, 1.0]) * 0.2 * SIGMA
     landmarks = around(start, np.array([distance]), np.array([np.pi]))
-    world = standing(start, KNOWN_START, landmarks, ((1, 0), (2, 0)))
+    world = at_rest(start, KNOWN_START, landmarks, ((1, 0), (2, 0)))
     before, after = (subject(world.recording(np.array([[0.0, side], [0.0, last]]))) for last in (side, -side))
     moved = float(np.abs(after.poses[-1] - before.poses[-1]).max() / KNOWN)
-    if after.has_map:
-        moved = max(moved, float(np.linalg.norm(after.landmark(0) - before.landmark(0)) / (distance * SIGMA)))
+    if len(after.landmark_ids):
+        moved = max(moved, float(np.linalg.norm(landmark_of(after, 0) - landmark_of(before, 0)) / (distance * SIGMA)))
     return moved
 
 
-UPDATE = (
-    Law(
-        name="update-range",
-        figure="one range: largest difference of landmark, its variance and robot to the closed form, relative",
-        bound=0.01,
-        reason="what a move of 50 sigmas leaves of 1 is 1/1250; second order is less",
-        blame="the row of H for the range, the gain, or P after the update: dr = ((l - p)/r)'(dl - dp), P = P - K S K'",
-        judge=_range,
-    ),
-    Law(
-        name="update-bearing",
-        figure="one bearing: largest difference of landmark, its variance and robot to the closed form, relative",
-        bound=0.01,
-        reason="what a move of 50 sigmas leaves of 1 is 1/1250; second order is less",
-        blame="the row of H for a bearing, or the gain: (-dy, dx)/r^2 for a landmark, its opposite and -1 for the pose",
-        judge=_bearing,
-    ),
-    Law(
-        name="measurement-noise",
-        figure="sigma of a heading found again by one bearing, relative difference to sqrt(2 R)",
-        bound=0.01,
-        reason="second order; the start is known by a thousandth of R's sigma",
-        blame="R in the innovation covariance: S = H P H' + R, with observation_cov as it is (variances)",
-        judge=_noise,
-    ),
-    Law(
-        name="innovation-wrap",
-        figure="landmark seen on both sides of the bearing pi: how far it and the robot move, in sigmas",
-        bound=1.0,
-        reason="the answer is 0.2 of a sigma; an innovation of a whole turn moves it by 30 000",
-        blame="the innovation of a bearing: bring z - h(x) into (-pi, pi] before the gain",
-        judge=_innovation_wrap,
-    ),
-)
+CHECKS = (first_sight, cross_covariance, update_range, update_bearing, measurement_noise, innovation_wrap)

@@ -62,7 +62,7 @@ class Noise(WithPage):
                 write_json(folder / NOISE, content)
         if self.write is not None:
             with staged_folder(self.write.parent, [self.write.name], self.write.name, remedy=REMEDY) as folder:
-                save(folder / self.write.name, noise.told)
+                save(folder / self.write.name, noise.tuned)
         if self.out is not None:
             from slamgauge.compare.figures.publishing import draw_stored
 

@@ -1,1 +1,1 @@
-"""The noise that the measurements of a log support."""
+"""Estimation of the noise of a recording from its measurements."""

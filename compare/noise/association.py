@@ -1,4 +1,4 @@
-"""Ids for a recording without: the filter's own, associated jointly under noise that is found meanwhile."""
+"""Association of a recording without ids, jointly with its noise."""
 
 from __future__ import annotations
 
@@ -7,48 +7,47 @@ import numpy as np
 from slamgauge.arrays import Int
 from slamgauge.compare.noise.innovation_model import NoiseModel
 from slamgauge.compare.noise.outliers import fit
-from slamgauge.compare.noise.parameters import Told
+from slamgauge.compare.noise.parameters import NoiseParameters
 from slamgauge.ekf.estimators import riekf
 from slamgauge.ekf.settings import Association, FilterSettings, MapManagement
 from slamgauge.errors import UserError
 from slamgauge.recording import Recording
 
-# a wide gate: what is left out beyond it, 3 in 10 000, would make noise look smaller than it is
+# A smaller gate would make the noise look too small; this one excludes 3 in 10 000 correct observations.
 JOINT = FilterSettings(Association(method="jcbb", gate=16.0, map_management=MapManagement()))
-ROUNDS = 4  # of association and fit at most
-SETTLED = 0.002  # share of the observations that a round may associate otherwise
+ROUNDS = 4  # largest number of rounds of association and fit
+SETTLED = 0.002  # share of observations whose association may change in the last round
 
 
 def with_ids(recording: Recording) -> Recording:
-    """The recording itself if it has ids; else with the tracks of a right-invariant filter that associates jointly.
+    """Return the recording with ids: its own, or else those of `riekf` with joint compatibility (JCBB).
 
-    Which observations are a landmark's depends on the noise, and the noise on them: both are found in turn. What finds
-    no landmark is left out.
+    The association depends on the noise and the noise on the association, so both are estimated in turn. Observations
+    without a landmark are excluded.
 
     Raises:
-        UserError: nothing is associated.
+        UserError: no observation can be associated.
     """
     if recording.landmark is not None:
         return recording
-    told = Told(recording)
-    given = _associate(recording)
+    ids = _associate(recording)
     for _ in range(ROUNDS):
-        found = fit(NoiseModel(recording.associated(given)))
-        previous, given = given, _associate(told.under(found.values))
-        if np.mean(_partition(given) != _partition(previous)) <= SETTLED:
+        found = fit(NoiseModel(recording.associated(ids)))
+        previous, ids = ids, _associate(NoiseParameters(recording).recording_with(found.values))
+        if np.mean(_first_of_track(ids) != _first_of_track(previous)) <= SETTLED:
             break
-    return recording.associated(given)
+    return recording.associated(ids)
 
 
 def _associate(recording: Recording) -> Int:
-    """The track (M,) of every observation, -1 of what has none."""
-    given = riekf(recording, JOINT).association
-    if given is None or not (given >= 0).any():
-        raise UserError("recording: it has no ids, and no observation finds a landmark; state larger covariances")
-    return given
+    """Return the landmark (M,) of each observation, or -1."""
+    ids = riekf(recording, JOINT).association
+    if ids is None or not (ids >= 0).any():
+        raise UserError("recording: it has no ids, and no observation fits a landmark; give larger covariances")
+    return ids
 
 
-def _partition(given: Int) -> Int:
-    """The first observation of the same track, for every observation (M,); -1 of what has none."""
-    _, first, track = np.unique(given, return_index=True, return_inverse=True)
-    return np.where(given < 0, -1, first[track])
+def _first_of_track(ids: Int) -> Int:
+    """Return for each observation (M,) the first observation of the same landmark, or -1."""
+    _, first, track = np.unique(ids, return_index=True, return_inverse=True)
+    return np.where(ids < 0, -1, first[track])

@@ -1,130 +1,123 @@
-"""A log's innovations as a function of parameters: its noise, its systematic errors, its outliers.
+"""Innovations of a log as a function of its noise, its systematic errors and its outliers.
 
-A parameter is the logarithm of a sigma over the one assumed, so that no bound is needed; a systematic error over its
-unit; the logit of twice a rate, which is below a half, the logarithms of a spread and of degrees of freedom.
+An optimiser works with unbounded coordinates of the values: the logarithm of a sigma relative to the assumed one, a
+systematic error divided by its unit, the logit of twice a rate (which is below a half), and the logarithms of a spread
+and of degrees of freedom.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
 from scipy.special import expit, logit
 
 from slamgauge.arrays import Float
-from slamgauge.compare.noise.parameters import SYSTEMATIC, Told
+from slamgauge.compare.noise.parameters import SYSTEMATIC, NoiseParameters
 from slamgauge.ekf.innovations import MIXTURE, STUDENT_T, Innovations, Log, Tails, gaussian_tails
 from slamgauge.recording import Recording
 
-MOST = 0.5  # of the observations are outliers: most of them say where the others are
-SYSTEMATIC_UNIT = 0.01  # of each: parameters of 1 are large, as for sigmas
+LARGEST_RATE = 0.5  # largest share of outliers
+SYSTEMATIC_UNIT = 0.01  # a coordinate of 1 is large, as for sigmas
+
 
 Kind = Literal["mixture", "student-t"]
 
 
 @dataclass(frozen=True)
-class Law:
-    """How a channel has outliers; without one it is Gaussian."""
+class ErrorDistribution:
+    """Distribution of the errors of a channel with outliers; other channels are Gaussian."""
 
     channel: str
     kind: Kind
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """Names of what has to be found beyond a sigma."""
+        """Names of the parameters in addition to a sigma."""
         return tuple(f"{self.channel} {name}" for name in (("rate", "spread") if self.kind == "mixture" else ("dof",)))
 
 
+@dataclass(frozen=True, eq=False)
 class NoiseModel:
-    """A recording with ids, as a function of parameters.
-
-    Args:
-        recording: `range-bearing` or `position`, with ids, steps and observations.
-        systematic: whether systematic errors are looked for, too.
-        laws: of the channels that have outliers.
+    """A recording as a function of its noise parameters.
 
     Attributes:
-        told: what the parameters make of the recording.
-        names: (P,) of the parameters: sigmas first, then systematic errors, then what `laws` need.
-
-    Raises:
-        UserError: a recording that cannot be used; see `Told` and `slamgauge.ekf.innovations.Log`.
+        recording: recording with ids; see `NoiseParameters` and `slamgauge.ekf.innovations.Log` for errors.
+        systematic: whether the parameters include systematic errors.
+        distributions: distributions of the channels with outliers.
     """
 
-    def __init__(self, recording: Recording, *, systematic: bool = False, laws: tuple[Law, ...] = ()) -> None:
-        self.recording, self.is_systematic, self.laws = recording, systematic, laws
-        self.told = Told(recording)
-        self.channels = self.told.channels
-        tails = (name for law in laws for name in law.parameters)
-        self.names = (*self.told.sigmas, *(SYSTEMATIC if systematic else ()), *tails)
-        self._log = Log(recording)
+    recording: Recording
+    systematic: bool = False
+    distributions: tuple[ErrorDistribution, ...] = ()
 
-    def with_laws(self, laws: tuple[Law, ...]) -> NoiseModel:
-        """The same model with other laws."""
-        return NoiseModel(self.recording, systematic=self.is_systematic, laws=laws)
+    @cached_property
+    def parameters(self) -> NoiseParameters:
+        """Noise parameters of the recording."""
+        return NoiseParameters(self.recording)
 
-    def on(self, recording: Recording) -> NoiseModel:
-        """The same model of another recording."""
-        return NoiseModel(recording, systematic=self.is_systematic, laws=self.laws)
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """(P,) names of the values: sigmas, systematic errors, and parameters of `distributions`."""
+        tails = (name for each in self.distributions for name in each.parameters)
+        return (*self.parameters.sigmas, *(SYSTEMATIC if self.systematic else ()), *tails)
 
-    def start(self) -> Float:
-        """(P,) what the recording assumes, no systematic errors; of a model without `laws`."""
-        return np.zeros(len(self.names))
+    @cached_property
+    def _log(self) -> Log:
+        return Log(self.recording)
 
-    def values(self, parameters: Float) -> dict[str, float]:
-        """Sigmas, systematic errors, rates, spreads and degrees of freedom by name, in their units."""
-        return {name: self.value(name, each) for name, each in zip(self.names, parameters.tolist(), strict=True)}
+    def values(self, point: Float) -> dict[str, float]:
+        """Return all values by name, in their units, at coordinates (P,)."""
+        return {name: self.value(name, each) for name, each in zip(self.names, point.tolist(), strict=True)}
 
-    def value(self, name: str, parameter: float) -> float:
-        """What one parameter says, in its unit."""
-        channel, _, of_law = name.partition(" ")
+    def value(self, name: str, coordinate: float) -> float:
+        """Return the value of one coordinate, in its unit."""
+        channel, _, tail = name.partition(" ")
         if name in SYSTEMATIC:
-            return SYSTEMATIC_UNIT * parameter
-        if of_law == "rate":
-            return MOST * float(expit(parameter))
-        return float(np.exp(parameter)) * (1.0 if of_law == "dof" else self.told.begin[channel])
+            return SYSTEMATIC_UNIT * coordinate
+        if tail == "rate":
+            return LARGEST_RATE * float(expit(coordinate))
+        return float(np.exp(coordinate)) * (1.0 if tail == "dof" else self.parameters.begin[channel])
 
-    def parameters(self, values: Mapping[str, float]) -> Float:
-        """(P,) of these values; the other way about."""
-        return np.array([self._parameter(name, values[name]) for name in self.names])
+    def point(self, values: Mapping[str, float]) -> Float:
+        """Return the coordinates (P,) of values; the inverse of `values`."""
+        return np.array([self._coordinate(name, values[name]) for name in self.names])
 
-    def _parameter(self, name: str, value: float) -> float:
-        channel, _, of_law = name.partition(" ")
+    def _coordinate(self, name: str, value: float) -> float:
+        channel, _, tail = name.partition(" ")
         if name in SYSTEMATIC:
             return value / SYSTEMATIC_UNIT
-        if of_law == "rate":
-            return float(logit(value / MOST))
-        return float(np.log(value / (1.0 if of_law == "dof" else self.told.begin[channel])))
+        if tail == "rate":
+            return float(logit(value / LARGEST_RATE))
+        return float(np.log(value / (1.0 if tail == "dof" else self.parameters.begin[channel])))
 
-    def innovations(self, parameters: Float) -> Innovations | None:
-        """The filter's innovations under these parameters; None where no update exists."""
-        return self.under(self.values(parameters))
+    def innovations(self, values: Mapping[str, float]) -> Innovations | None:
+        """Return the innovations of the filter with these values; None if it cannot compute an update."""
+        return self._log.innovations(*self.parameters.measurements(values), self._tails(values))
 
-    def under(self, values: Mapping[str, float]) -> Innovations | None:
-        """The filter's innovations under these values."""
-        return self._log.innovations(*self.told.measurements(values), self._tails(values))
-
-    def as_assumed(self) -> Innovations | None:
-        """The innovations under the noise that the recording assumes, as it stands."""
+    def assumed_innovations(self) -> Innovations | None:
+        """Return the innovations with the noise of the recording itself."""
         own = self.recording
         measurements = (own.odometry, own.odometry_cov, own.observation, own.observation_cov)
         return self._log.innovations(*measurements, gaussian_tails())
 
     def rows(self, channel: str) -> list[int]:
-        """Which of an observation's two rows a channel has."""
-        return [0, 1] if len(self.channels) == 1 else [self.channels.index(channel)]
+        """Return which of the two rows of an observation belong to a channel."""
+        channels = self.parameters.channels
+        return [0, 1] if len(channels) == 1 else [channels.index(channel)]
 
     def _tails(self, values: Mapping[str, float]) -> Tails:
         tails = gaussian_tails()
-        for law in self.laws:
-            rows = self.rows(law.channel)
-            if law.kind == "mixture":
+        for each in self.distributions:
+            rows = self.rows(each.channel)
+            if each.kind == "mixture":
                 tails.law[rows] = MIXTURE
-                tails.rate[rows] = values[f"{law.channel} rate"]
-                tails.spread[rows] = values[f"{law.channel} spread"]
+                tails.rate[rows] = values[f"{each.channel} rate"]
+                tails.spread[rows] = values[f"{each.channel} spread"]
             else:
                 tails.law[rows] = STUDENT_T
-                tails.dof[rows] = values[f"{law.channel} dof"]
+                tails.dof[rows] = values[f"{each.channel} dof"]
         return tails

@@ -1,4 +1,4 @@
-"""noise.json: what was found of a log's noise, for programs."""
+"""The content of noise.json."""
 
 from __future__ import annotations
 
@@ -7,14 +7,16 @@ from typing import Any
 
 from slamgauge.arrays import Float
 from slamgauge.compare.noise.diagnosis import Nis, normal_quantiles, quantiles
-from slamgauge.compare.noise.estimation import Noise, Supported
+from slamgauge.compare.noise.estimation import Noise
+from slamgauge.compare.noise.likelihood import Interval
 from slamgauge.compare.noise.parameters import UNITS
 from slamgauge.compare.noise.report_text import lines
 from slamgauge.compare.storage.provenance import origin
 
 
 def noise_json(noise: Noise) -> dict[str, Any]:
-    """The content of noise.json; an end of an interval that the log does not have is null."""
+    """Return the content of noise.json; an end of an interval that the log does not determine is None."""
+    before, after = noise.before, noise.after
     return {
         **origin(None),
         "parameters": {
@@ -34,26 +36,19 @@ def noise_json(noise: Noise) -> dict[str, Any]:
             for name, found in noise.systematic.items()
         },
         "heading": noise.heading,
-        "nis_by_channel": {
-            channel: _nis(noise.before.nis[channel], after) for channel, after in noise.after.nis.items()
-        },
+        "nis_by_channel": {channel: _nis(before.nis[channel], nis) for channel, nis in after.nis.items()},
         "nis_by_landmark": {
-            channel: {
-                str(landmark): _nis(noise.before.nis_by_landmark[channel][landmark], after)
-                for landmark, after in by_landmark.items()
-            }
-            for channel, by_landmark in noise.after.nis_by_landmark.items()
+            channel: {str(each): _nis(before.nis_by_landmark[channel][each], nis) for each, nis in by_landmark.items()}
+            for channel, by_landmark in after.nis_by_landmark.items()
         },
-        "quantiles": {
-            channel: _quantiles(noise.before.scores[channel], after) for channel, after in noise.after.scores.items()
-        },
+        "quantiles": {channel: _quantiles(before.scores[channel], each) for channel, each in after.scores.items()},
         "autocorrelation": {
             channel: {
-                "before": noise.before.correlation[channel].tolist(),
-                "after": after.tolist(),
-                "band": noise.after.correlation_band[channel],
+                "before": before.correlation[channel].tolist(),
+                "after": each.tolist(),
+                "band": after.correlation_band[channel],
             }
-            for channel, after in noise.after.correlation.items()
+            for channel, each in after.correlation.items()
         },
         "log_likelihood_gain": noise.log_likelihood_gain,
         "held_out": None if noise.held_out is None else noise.held_out._asdict(),
@@ -64,13 +59,13 @@ def noise_json(noise: Noise) -> dict[str, Any]:
     }
 
 
-def supported(value: float, found: dict[str, Any], lowest: float = 0.0) -> Supported:
-    """What noise.json tells of a value; an end that the log does not have is as far away as it can be."""
+def supported(value: float, found: dict[str, Any], lowest: float = 0.0) -> Interval:
+    """Return the interval of a value in noise.json; an end that is None becomes `lowest` or infinity."""
     low, high = found["low"], found["high"]
-    return Supported(value, lowest if low is None else low, math.inf if high is None else high)
+    return Interval(value, lowest if low is None else low, math.inf if high is None else high)
 
 
-def _ends(found: Supported) -> dict[str, float | None]:
+def _ends(found: Interval) -> dict[str, float | None]:
     return {"low": _finite(found.low), "high": _finite(found.high)}
 
 
@@ -83,8 +78,8 @@ def _quantiles(before: Float, after: Float) -> dict[str, list[float]]:
     if not before.size or not after.size:
         return {"normal": [], "before": [], "after": []}
     normal = normal_quantiles(after.size)
-    found = {"before": quantiles(before, normal), "after": quantiles(after, normal)}
-    return {"normal": normal.tolist(), **{key: each.tolist() for key, each in found.items()}}
+    found = {"normal": normal, "before": quantiles(before, normal), "after": quantiles(after, normal)}
+    return {key: each.tolist() for key, each in found.items()}
 
 
 def _finite(value: float) -> float | None:

@@ -6,7 +6,7 @@ import csv
 from pathlib import Path
 from urllib.parse import quote
 
-from slamgauge.compare.checks.examination import LAWS
+from slamgauge.compare.checks.examination import CHECKS as ALL_CHECKS
 from slamgauge.compare.report.page import plain_page
 from slamgauge.compare.report.page_elements import origin
 from slamgauge.compare.report.tables import Cell, Head, Table, figure_cell, from_to
@@ -89,7 +89,7 @@ def check_table(rows: list[Row]) -> Table:
     return Table("checks", "Failed checks", heads, cells)
 
 
-CHECKS = {law.name: law for law in LAWS}
+CHECKS = {check.name: check for check in ALL_CHECKS}
 
 
 def submission_page(folder: Path, row: Row, where: list[tuple[str, str, bool]]) -> str:

@@ -28,10 +28,12 @@ def require_memory_for(recording: Problem, name: str, *, dense: bool = False) ->
     Raises:
         UserError: there is not enough memory.
     """
-    landmarks, scans = _counts(recording)
+    landmarks, scans = len(recording.landmark_ids), len(np.unique(recording.observation_step))
     needed = 8.0 * (MAPS * 3 * scans * 2 * landmarks + MATRICES * (2 * landmarks) ** 2)
     if not dense and needed > free_memory():
-        needed = bytes_of(_plan_of(recording))
+        path = recording.dead_reckoning
+        model = linearise(recording, recording.slot, path, landmarks_at_first_observation(recording, path))
+        needed = bytes_of(plan(eliminate_motions(model), landmarks))
     require_memory(
         needed,
         f"{name} of {landmarks} landmarks in {scans} scans",
@@ -45,14 +47,3 @@ def bytes_of(planned: Plan) -> float:
     working = MAPS * max(maps) + MATRICES * largest(planned.front) ** 2
     small = sum(KEYS * len(piece.chain.key) + ROWS * piece.chain.model.r.size for piece in planned.pieces)
     return 8.0 * (working + KEPT_MAPS * sum(maps) + numbers_kept(planned.front) + small)
-
-
-def _plan_of(recording: Problem) -> Plan:
-    path = recording.dead_reckoning
-    model = linearise(recording, recording.slot, path, landmarks_at_first_observation(recording, path))
-    return plan(eliminate_motions(model), len(recording.landmark_ids))
-
-
-def _counts(recording: Problem) -> tuple[int, int]:
-    """Return the numbers of landmarks and of poses with observations."""
-    return len(recording.landmark_ids), len(np.unique(recording.observation_step))

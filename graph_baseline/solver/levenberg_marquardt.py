@@ -1,7 +1,7 @@
 """Minimisation of the exact cost of a recording from a start: Levenberg-Marquardt steps, then Gauss-Newton steps.
 
 The Schur complement (`smoother`) gives the steps; zero variances are constraints. A step satisfies them to first
-order, then the path is projected on the constraints (`constrained_motion`).
+order, then the path is projected on the constraints (`retraction`).
 """
 
 from __future__ import annotations
@@ -13,10 +13,9 @@ import numpy as np
 from numpy.linalg import LinAlgError
 
 from slamgauge.arrays import Float
-from slamgauge.graph_baseline.problem.constrained_motion import MotionNoise
 from slamgauge.graph_baseline.problem.linearisation import LinearModel, linearise, whitened_residuals
 from slamgauge.graph_baseline.problem.preparation import Problem, require_placeable
-from slamgauge.graph_baseline.problem.retraction import retract_by_motions, retract_pointwise
+from slamgauge.graph_baseline.problem.retraction import MotionNoise, retract_by_motions, retract_pointwise
 from slamgauge.graph_baseline.problem.undetermined import UndeterminedError
 from slamgauge.graph_baseline.solver.anderson import AndersonAcceleration, largest_entry
 from slamgauge.graph_baseline.solver.reduced_scans import NOT_DAMPED, Damping

@@ -1,4 +1,4 @@
-"""The laws of `slamgauge check`: kept by every filter of ours and by the right textbook, broken by seeded bugs."""
+"""`slamgauge check`: right filters pass every check, and each seeded bug fails its check."""
 
 from __future__ import annotations
 
@@ -12,89 +12,85 @@ import pytest
 from referees.seeded_bugs import SEEDED, seeded_ekf
 
 from slamgauge import Estimate, Recording, load_estimators
-from slamgauge.compare.checks import law as law_module
-from slamgauge.compare.checks.examination import LAWS, Verdict, check_estimator, verdicts_json, verdicts_table
-from slamgauge.compare.checks.step_time_check import SPEED
+from slamgauge.compare.checks import check as check_module
+from slamgauge.compare.checks.examination import CHECKS, Verdict, check_estimator, verdicts_json, verdicts_table
+from slamgauge.compare.checks.step_time_check import step_time
 from slamgauge.compare.cli.main import main
 from slamgauge.estimate import Estimator
 
-TIMELESS = [law for law in LAWS if law.name != "step-time"]
-PAGE = Path(__file__).parents[3] / "docs/checks.md"
-OWN = "import sys\nsys.path.insert(0, {place!r})\nfrom referees.seeded_bugs import seeded_ekf\n"
-BENCHMARKS = str(Path(__file__).parents[3] / "benchmarks")
-
-
-def failed(verdicts: list[Verdict]) -> set[str]:
-    return {verdict.name for verdict in verdicts if verdict.is_failure}
-
-
-def poses_alone(recording: Recording) -> Estimate:
-    right = seeded_ekf(recording)
-    return Estimate("filtered", right.poses, right.pose_covs)
-
-
+TIMELESS = [check for check in CHECKS if check is not step_time]
+ROOT = Path(__file__).parents[3]
 LIMITS = {"ekf": {"standing-robot-in-noise"}, "iekf": {"standing-robot-in-noise"}, "riukf": {"heading-wrap"}}
+
+
+def verdicts_of(estimator: Estimator, seed: int = 0) -> dict[str, Verdict]:
+    return {each.name: each for each in check_estimator("mine", estimator, seed, TIMELESS)}
+
+
+def failed(verdicts: dict[str, Verdict]) -> set[str]:
+    return {name for name, verdict in verdicts.items() if verdict.is_failure}
 
 
 @pytest.mark.parametrize(
     "name",
     ["ekf", "iekf", "fej-ekf", "oc-ekf", "riekf", "riukf", "robocentric-ekf", "sliding-window", "causal", "batch"],
 )
-def test_ours_pass_and_each_has_the_limits_of_its_method(name: str):
-    verdicts = check_estimator(name, load_estimators([name])[name], seed=3, laws=TIMELESS)
-    assert not failed(verdicts), str(verdicts_table(verdicts))
-    assert {each.name for each in verdicts if each.passed is None} == ({"no-future"} if name == "batch" else set())
-    limits = {each.name for each in verdicts if each.limit_of_method}
-    assert limits == LIMITS.get(name, set())
+def test_own_estimators_pass_except_for_the_limits_of_their_method(name: str):
+    verdicts = verdicts_of(load_estimators([name])[name], seed=3)
+    assert not failed(verdicts), str(verdicts_table([*verdicts.values()]))
+    not_judged = {each.name for each in verdicts.values() if each.passed is None}
+    assert not_judged == ({"no-future"} if name == "batch" else set())
+    assert {each.name for each in verdicts.values() if each.limit_of_method} == LIMITS.get(name, set())
 
 
-def test_the_right_textbook_raises_no_false_alarm_over_20_seeds():
+def test_a_right_textbook_filter_passes_for_20_seeds():
     for seed in range(20):
-        assert not failed(check_estimator("right", seeded_ekf, seed, TIMELESS)), seed
+        assert not failed(verdicts_of(seeded_ekf, seed)), seed
 
 
 @pytest.mark.parametrize("bug", SEEDED)
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")  # bugs may overflow
-def test_a_seeded_bug_is_caught_by_the_law_named_for_it_and_by_no_unrelated_one(bug: str):
+def test_a_seeded_bug_fails_its_check_and_no_unrelated_one(bug: str):
     named, related = SEEDED[bug]
     for seed in range(3):
-        broken = failed(check_estimator(bug, partial(seeded_ekf, bug=bug), seed, TIMELESS))
-        assert named in broken
-        assert broken <= {named, *related.split()}
+        assert {named} <= failed(verdicts_of(partial(seeded_ekf, bug=bug), seed)) <= {named, *related.split()}
 
 
-def test_nearly_every_law_has_a_bug_of_its_own():
-    named = {law for law, _ in SEEDED.values()}
-    assert {law.name for law in LAWS} - named == {"rigid-motion", "standing-robot-in-noise", "step-time"}
-    assert {name for _, related in SEEDED.values() for name in related.split()} <= {law.name for law in TIMELESS}
+def test_nearly_every_check_has_a_bug_of_its_own():
+    names, named = {check.name for check in CHECKS}, {name for name, _ in SEEDED.values()}
+    assert names - named == {"rigid-motion", "standing-robot-in-noise", "step-time"}
+    assert {name for _, related in SEEDED.values() for name in related.split()} <= names - {"step-time"}
 
 
-def test_poses_and_their_covariances_are_enough_to_be_judged():
-    verdicts = {each.name: each for each in check_estimator("poses", poses_alone, laws=TIMELESS)}
-    assert not failed([*verdicts.values()])
-    lacking = {name: each.blame for name, each in verdicts.items() if each.passed is None}
-    assert lacking == {
-        "first-sight": "not judged: no landmark_covs given",
-        "cross-covariance": "not judged: no landmarks given",
+def test_poses_and_their_covariances_suffice_for_all_checks_but_two():
+    def poses_only(recording: Recording) -> Estimate:
+        right = seeded_ekf(recording)
+        return Estimate("filtered", right.poses, right.pose_covs)
+
+    verdicts = verdicts_of(poses_only)
+    assert not failed(verdicts)
+    assert {name: each.blame for name, each in verdicts.items() if each.passed is None} == {
+        "first-sight": "not judged: the estimate has no landmark_covs",
+        "cross-covariance": "not judged: the estimate has no landmarks",
     }
     assert "not judged" in str(verdicts_table([*verdicts.values()]))
 
 
-def test_an_estimator_that_raises_fails_that_law_with_its_message_and_the_others_go_on():
+def test_an_estimator_that_raises_fails_the_check_with_its_message_and_the_other_checks_run():
     def refuses(recording: Recording) -> Estimate:
         if not len(recording.observation):
-            raise ZeroDivisionError("nothing is seen")
+            raise ZeroDivisionError("no observations")
         return seeded_ekf(recording)
 
-    verdicts = {each.name: each for each in check_estimator("mine", refuses, laws=TIMELESS)}
+    verdicts = verdicts_of(refuses)
     of_prediction = {"prediction-jacobian", "odometry-noise-frame", "odometry-noise-size", "time-step"}
-    assert failed([*verdicts.values()]) == {*of_prediction, "prior-respected"}
+    assert failed(verdicts) == {*of_prediction, "prior-respected"}
     broken = verdicts["time-step"]
-    assert "ZeroDivisionError: nothing is seen" in broken.blame
+    assert "ZeroDivisionError: no observations" in broken.blame
     assert (broken.passed, broken.figure) == (False, None)
 
 
-def test_a_landmark_that_was_seen_and_is_missing_in_the_map_is_said():
+def test_an_observed_landmark_that_is_not_in_the_map_is_named():
     def forgets(recording: Recording) -> Estimate:
         right = seeded_ekf(recording)
         kept = right.landmark_ids == 0
@@ -102,57 +98,57 @@ def test_a_landmark_that_was_seen_and_is_missing_in_the_map_is_said():
             right, landmark_ids=right.landmark_ids[kept], landmarks=right.landmarks[kept], landmark_covs=None
         )
 
-    verdicts = {each.name: each for each in check_estimator("mine", forgets, laws=TIMELESS)}
-    assert "landmark 1 was seen and is not in landmark_ids" in verdicts["cross-covariance"].blame
+    blame = verdicts_of(forgets)["cross-covariance"].blame
+    assert "landmark 1 was observed, but is not in landmark_ids" in blame
 
 
 @pytest.mark.parametrize(("power", "word"), [(0, "passed"), (2, "passed"), (3, "limit"), (4, "FAILED")])
-def test_the_step_time_is_judged_by_its_growth(power: int, word: str, monkeypatch: pytest.MonkeyPatch):
+def test_the_verdict_on_the_step_time_depends_on_its_growth(power: int, word: str, monkeypatch: pytest.MonkeyPatch):
     clock = [0.0]
-    monkeypatch.setattr(law_module, "cpu_seconds", lambda: clock[0])
+    monkeypatch.setattr(check_module, "cpu_seconds", lambda: clock[0])
 
     def slow(recording: Recording) -> Estimate:
         landmarks = int((recording.observation_step == 0).sum())
         clock[0] += 2e-3 * recording.steps * (landmarks / 20) ** power
         return Estimate("filtered", np.zeros((recording.steps + 1, 3)))
 
-    (verdict,) = check_estimator("slow", slow, laws=SPEED)
+    (verdict,) = check_estimator("slow", slow, checks=[step_time])
     assert verdict.figure == pytest.approx(power)
     assert f"step-time  {word}" in str(verdicts_table([verdict]))
 
 
-def test_the_command_prints_a_table_and_says_by_its_status_whether_a_law_fails(
+def test_the_command_prints_a_table_and_exits_with_1_if_a_check_fails(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
     (tmp_path / "mine.py").write_text(
-        OWN.format(place=BENCHMARKS) + "def bad(recording): return seeded_ekf(recording, 'wrong sign in F')\n"
+        f"import sys\nsys.path.insert(0, {str(ROOT / 'benchmarks')!r})\nfrom referees.seeded_bugs import seeded_ekf\n"
+        "def bad(recording): return seeded_ekf(recording, 'wrong sign in F')\n"
     )
     assert main(["check", f"{tmp_path}/mine.py:seeded_ekf"]) == 0
-    assert capsys.readouterr().out.endswith(f"{len(LAWS)} laws, none failed\n")
+    assert capsys.readouterr().out.endswith(f"{len(CHECKS)} checks, none failed\n")
     assert main(["check", f"{tmp_path}/mine.py:bad", "--json", "--seed", "4"]) == 1
-    rows = json.loads(capsys.readouterr().out)
-    assert [row["name"] for row in rows] == [law.name for law in LAWS]
-    assert {*rows[0]} == {"name", "passed", "figure", "bound", "blame", "limit_of_method"}
-    (broken,) = (row for row in rows if row["name"] == "prediction-jacobian")
+    rows = {row["name"]: row for row in json.loads(capsys.readouterr().out)}
+    assert [*rows] == [check.name for check in CHECKS]
+    broken = rows["prediction-jacobian"]
+    assert {*broken} == {"name", "passed", "figure", "bound", "blame", "limit_of_method"}
     assert (broken["passed"], broken["limit_of_method"]) == (False, False)
     assert "the Jacobian F of the prediction" in broken["blame"]
 
 
 @pytest.mark.parametrize("words", [["ekf", "--seed", "-1"], ["ekff"], ["no_such_file.py:estimate"]])
-def test_a_users_mistake_is_one_line(words: list[str], capsys: pytest.CaptureFixture[str]):
+def test_a_users_mistake_gives_one_line(words: list[str], capsys: pytest.CaptureFixture[str]):
     assert main(["check", *words]) == 2
     printed = capsys.readouterr()
     assert (printed.out, len(printed.err.splitlines())) == ("", 1)
 
 
-def test_the_same_seed_gives_the_same_verdicts_and_json_without_what_json_has_not():
-    estimator: Estimator = seeded_ekf
-    one, two = (check_estimator("right", estimator, seed=5, laws=TIMELESS) for _ in range(2))
+def test_the_same_seed_gives_the_same_verdicts_and_valid_json():
+    one, two = ([*verdicts_of(seeded_ekf, seed=5).values()] for _ in range(2))
     assert one == two
     assert json.loads(json.dumps(verdicts_json(one), allow_nan=False)) == verdicts_json(one)
 
 
-def test_the_page_names_every_law_with_its_bound_and_every_seeded_bug():
-    page = PAGE.read_text(encoding="utf-8")
-    assert not [law.name for law in LAWS if f"| `{law.name}` | {law.figure} | {law.bound:g} |" not in page]
+def test_the_page_contains_every_check_with_its_bound_and_every_seeded_bug():
+    page = (ROOT / "docs/checks.md").read_text(encoding="utf-8")
+    assert not [check.name for check in CHECKS if f"| `{check.name}` | {check.figure} | {check.bound:g} |" not in page]
     assert not [bug for bug, (named, _) in SEEDED.items() if f"\n{bug:41}{named:23}" not in page]

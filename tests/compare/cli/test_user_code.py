@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from slamgauge import load_scenario, simulate
-from slamgauge.compare.checks import law as law_module
-from slamgauge.compare.checks.examination import LAWS, OVERDUE, check_estimator
+from slamgauge.compare.checks import check as check_module
+from slamgauge.compare.checks.examination import CHECKS, OVERDUE, check_estimator
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.estimators.isolated_process import Isolated, OverdueError
 from slamgauge.compare.estimators.user_code import address
@@ -97,7 +97,7 @@ def test_check_ends_at_the_check_that_takes_too_long(capsys: pytest.CaptureFixtu
     first, *others = json.loads(capsys.readouterr().out)
     assert first["passed"] is False
     assert first["blame"].startswith("estimator endless: it was not done after 2 s; make it faster, ")
-    assert len(others) == len(LAWS) - 1
+    assert len(others) == len(CHECKS) - 1
     assert {(each["passed"], each["blame"]) for each in others} == {(None, f"not judged: {OVERDUE}")}
 
 
@@ -119,7 +119,7 @@ def test_processor_time_is_that_of_the_isolated_process(folder: Path):
     )
     recording = simulate(load_scenario("q1-short-dense", ["trajectory.duration=1"]), 0)[1]
     with closing(Isolated(address("busy.py:estimate"), 60.0)) as estimator:
-        assert law_module.Subject("busy", estimator).cpu_seconds(recording) >= 0.5
+        assert check_module.Subject("busy", estimator).cpu_seconds(recording) >= 0.5
 
 
 def test_a_check_after_one_that_took_too_long_is_not_run():

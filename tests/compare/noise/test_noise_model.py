@@ -1,4 +1,4 @@
-"""What is told of a recording: the form of its odometry noise, its systematic errors, and the parameters."""
+"""Parameters of a recording: form of the odometry noise, systematic errors, and coordinates."""
 
 from __future__ import annotations
 
@@ -10,10 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from slamgauge import Recording, UserError, load_scenario, riekf, simulate
-from slamgauge.compare.noise.innovation_model import Law, NoiseModel
-from slamgauge.compare.noise.odometry_form import odometry_form
-from slamgauge.compare.noise.parameters import SYSTEMATIC, Told
+from slamgauge.compare.noise.innovation_model import ErrorDistribution, NoiseModel
+from slamgauge.compare.noise.parameters import SYSTEMATIC, NoiseParameters, odometry_form
 from slamgauge.se2 import rotation, wrap
+
+BIASES = dict(zip(SYSTEMATIC, (0.03, 0.02, 0.1, 0.2), strict=True))
 
 
 def recording_of(*overrides: str) -> Recording:
@@ -21,7 +22,7 @@ def recording_of(*overrides: str) -> Recording:
 
 
 @given(st.integers(0, 10_000), st.integers(1, 3))
-def test_covariances_are_made_again_from_their_form(seed: int, rank: int):
+def test_the_form_of_covariances_reproduces_them(seed: int, rank: int):
     roots = np.random.default_rng(seed).standard_normal((4, 3, rank)) * np.array([[1.0], [1e-3], [0.1]])
     covs = roots @ roots.swapaxes(1, 2)
     form = odometry_form(covs)
@@ -29,8 +30,8 @@ def test_covariances_are_made_again_from_their_form(seed: int, rank: int):
     np.testing.assert_allclose(form.covariances(form.assumed) / scale, covs / scale, atol=1e-7)
 
 
-def test_a_lever_is_taken_out_of_the_lateral_noise():
-    """A sensor d ahead of the robot's centre: its sideways motion is the robot's slip and d times the turn."""
+def test_lateral_noise_excludes_the_effect_of_the_turn():
+    """A sensor d ahead of the robot's centre moves sideways by the robot's slip plus d times the turn."""
     ahead, slip, turn = 0.22, 0.002, 0.01
     jacobian = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, ahead], [0.0, 0.0, 1.0]])
     cov = jacobian @ np.diag([0.03**2, slip**2, turn**2]) @ jacobian.T
@@ -39,76 +40,74 @@ def test_a_lever_is_taken_out_of_the_lateral_noise():
     np.testing.assert_allclose(form.profile[1] / form.profile[0], 2.0)
 
 
-def test_noise_that_is_not_stated_varies_as_forward_does():
+def test_noise_that_is_not_stated_varies_like_forward_noise():
     form = odometry_form(np.stack([np.diag([1.0, 0.0, 0.0]), np.diag([4.0, 0.0, 0.0])]))
     np.testing.assert_allclose(form.profile[:, 1], form.profile[:, 0])
     np.testing.assert_allclose(form.profile[:, 2], form.profile[:, 0])
     assert (odometry_form(np.zeros((2, 3, 3))).profile == 1.0).all()
 
 
-@pytest.mark.parametrize("laws", [(), (Law("range", "mixture"), Law("bearing", "student-t"))])
-def test_parameters_and_values_are_one(laws: tuple[Law, ...]):
-    model = NoiseModel(recording_of(), systematic=True, laws=laws)
+@pytest.mark.parametrize(
+    "distributions", [(), (ErrorDistribution("range", "mixture"), ErrorDistribution("bearing", "student-t"))]
+)
+def test_coordinates_and_values_are_inverse(distributions: tuple[ErrorDistribution, ...]):
+    model = NoiseModel(recording_of(), True, distributions)
     point = np.linspace(-1.0, 1.0, len(model.names))
-    np.testing.assert_allclose(model.parameters(model.values(point)), point, atol=1e-12)
+    np.testing.assert_allclose(model.point(model.values(point)), point, atol=1e-12)
 
 
-def test_the_start_is_what_is_assumed():
+def test_coordinates_of_zero_are_the_assumed_noise():
     model = NoiseModel(recording_of("assumed.scale=2"))
-    values = model.values(model.start())
+    values = model.values(np.zeros(5))
     assert values["range"] == pytest.approx(0.1 * np.sqrt(2.0))
     assert values["turn"] == pytest.approx(np.deg2rad(0.3) * np.sqrt(2.0))
-    own = model.told.under(values | {"lateral": 0.0})
+    own = model.parameters.recording_with(values | {"lateral": 0.0})
     np.testing.assert_allclose(own.odometry_cov, model.recording.odometry_cov, atol=1e-18)
     np.testing.assert_allclose(own.observation_cov, model.recording.observation_cov, rtol=1e-12)
 
 
-def test_systematic_errors_are_taken_out_of_the_measurements():
-    """Those of a log of even motion, to rounding; bearings across the seam included."""
+def test_systematic_errors_are_removed_from_the_measurements():
+    """For a log of even motion this is exact up to rounding, also for bearings across pi."""
     recording = recording_of("motion.sigma_speed=0", "motion.sigma_yaw_rate_deg=0")
-    errors = dict(zip(SYSTEMATIC, (0.03, 0.02, 0.1, 0.2), strict=True))
     odometry, observation = recording.odometry.copy(), recording.observation + np.array([0.1, 0.2])
-    distance = np.hypot(odometry[:, 0], odometry[:, 1])
     odometry[:, :2] *= 1.03
-    odometry[:, 2] += 0.02 * distance
-    observation[:, 1] = np.arctan2(np.sin(observation[:, 1]), np.cos(observation[:, 1]))
-    told = Told(replace(recording, odometry=odometry, observation=observation))
-    found = told.under(dict.fromkeys(told.sigmas, 1.0) | errors)
+    odometry[:, 2] += 0.02 * np.hypot(recording.odometry[:, 0], recording.odometry[:, 1])
+    observation[:, 1] = wrap(observation[:, 1])
+    parameters = NoiseParameters(replace(recording, odometry=odometry, observation=observation))
+    found = parameters.recording_with(dict.fromkeys(parameters.sigmas, 1.0) | BIASES)
     np.testing.assert_allclose(found.odometry, recording.odometry, atol=1e-12)
     np.testing.assert_allclose(found.observation, recording.observation, atol=1e-12)
 
 
-def test_whose_straight_ahead_a_heading_is_turns_the_map_and_nothing_else():
-    """About the start, by the offset: increments with their noise are turned, or bearings are."""
+def test_the_forward_direction_of_headings_only_rotates_the_map():
+    """The map rotates about the start by the offset, because increments with their noise or bearings are rotated."""
     recording = recording_of()
-    told = Told(recording)
-    values = told.begin | dict(zip(SYSTEMATIC, (0.03, 0.02, 0.1, 0.2), strict=True)) | {"lateral": 0.01}
-    sensors, odometrys = told.under(values, "sensor"), told.under(values, "odometry")
-    np.testing.assert_array_equal(sensors.observation[:, 1], recording.observation[:, 1])
-    ours, theirs = riekf(sensors), riekf(odometrys)
+    parameters = NoiseParameters(recording)
+    values = parameters.begin | BIASES | {"lateral": 0.01}
+    by_sensor, by_odometry = (parameters.recording_with(values, heading) for heading in ("sensor", "odometry"))
+    np.testing.assert_array_equal(by_sensor.observation[:, 1], recording.observation[:, 1])
+    one, other = riekf(by_sensor), riekf(by_odometry)
     start = recording.prior_mean[:2]
-    np.testing.assert_allclose(ours.poses[:, :2], start + (theirs.poses[:, :2] - start) @ rotation(0.2).T, atol=1e-9)
-    np.testing.assert_allclose(wrap(ours.poses[:, 2] - theirs.poses[:, 2]), 0.0, atol=1e-9)
-    assert ours.nis is not None
-    assert theirs.nis is not None
-    np.testing.assert_allclose(ours.nis, theirs.nis, rtol=1e-6)
+    np.testing.assert_allclose(one.poses[:, :2], start + (other.poses[:, :2] - start) @ rotation(0.2).T, atol=1e-9)
+    np.testing.assert_allclose(wrap(one.poses[:, 2] - other.poses[:, 2]), 0.0, atol=1e-9)
+    assert one.nis is not None and other.nis is not None
+    np.testing.assert_allclose(one.nis, other.nis, rtol=1e-6)
 
 
-def test_a_position_is_corrected_as_range_and_bearing_are():
+def test_a_position_is_corrected_like_range_and_bearing():
     recording = recording_of()
     x = recording.observation[:, 0] * np.cos(recording.observation[:, 1])
     y = recording.observation[:, 0] * np.sin(recording.observation[:, 1])
     there = replace(recording, sensor="position", observation=np.column_stack([x, y]))
     values: dict[str, float] = dict.fromkeys(("forward", "lateral", "turn", "range", "bearing", "position"), 1.0)
     values |= dict(zip(SYSTEMATIC, (0.0, 0.0, 0.1, 0.2), strict=True))
-    polar, cartesian = Told(recording).under(values).observation, Told(there).under(values).observation
+    polar, cartesian = (NoiseParameters(each).recording_with(values).observation for each in (recording, there))
     np.testing.assert_allclose(np.hypot(*cartesian.T), polar[:, 0], atol=1e-12)
     np.testing.assert_allclose(np.sin(np.arctan2(*cartesian.T[::-1]) - polar[:, 1]), 0.0, atol=1e-9)
 
 
-def test_a_recording_that_tells_no_noise_is_refused():
+def test_a_recording_without_steps_or_observations_is_refused():
     recording = recording_of()
-    with pytest.raises(UserError, match="without steps or without observations"):
-        Told(recording.only(np.zeros(len(recording.observation), dtype=bool)))
-    with pytest.raises(UserError, match="without steps or without observations"):
-        Told(recording.first(0))
+    for empty in (recording.only(np.zeros(len(recording.observation), dtype=bool)), recording.first(0)):
+        with pytest.raises(UserError, match="no steps or no observations"):
+            NoiseParameters(empty)

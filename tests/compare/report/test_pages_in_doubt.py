@@ -68,6 +68,6 @@ def test_the_page_of_noise_notes_autocorrelation_and_held_out_loss(tmp_path: Pat
     notes = [part for part in noise_table(noise).parts if isinstance(part, str)]
     (tmp_path / "report.html").write_text(PAGES["noise.json"](tmp_path)["report.html"], encoding="utf-8")
     assert unexplained(tmp_path / "report.html") == []
-    assert any("2.5 sights of a landmark count as one" in line for line in notes)
-    assert any("it loses there, and the noise assumed is kept" in line for line in notes)
+    assert any("2.5 observations of a landmark count as one" in line for line in notes)
+    assert any("this is a loss, and the assumed noise is kept" in line for line in notes)
     assert [line for line in notes if line not in page] == []

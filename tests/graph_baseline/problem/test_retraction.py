@@ -8,13 +8,12 @@ import numpy as np
 import pytest
 
 from slamgauge.arrays import Float
-from slamgauge.graph_baseline.problem.constrained_motion import MotionNoise
 from slamgauge.graph_baseline.problem.linearisation import LinearModel, linearise
 from slamgauge.graph_baseline.problem.preparation import (
     landmarks_at_first_observation,
     prepare,
 )
-from slamgauge.graph_baseline.problem.retraction import retract_by_motions, retract_pointwise
+from slamgauge.graph_baseline.problem.retraction import MotionNoise, retract_by_motions, retract_pointwise
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain, rotation, wrap
 from tests.reference.random_recordings import random_recording

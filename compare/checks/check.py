@@ -1,0 +1,112 @@
+"""A check, the estimator under test, and access to its estimates."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from slamgauge.arrays import Float
+from slamgauge.compare.estimators.cpu_time import cpu_seconds
+from slamgauge.compare.estimators.loading import spent_by
+from slamgauge.compare.estimators.running import run_estimator
+from slamgauge.errors import UserError
+from slamgauge.estimate import Estimate, Estimator
+from slamgauge.recording import Recording
+
+
+class NotJudgedError(Exception):
+    """The estimate lacks a field that the check needs; the text names it."""
+
+
+@dataclass(frozen=True)
+class Subject:
+    """The estimator under test, and its name in error messages."""
+
+    name: str
+    estimator: Estimator
+
+    def __call__(self, recording: Recording) -> Estimate:
+        """Return the estimate of a recording.
+
+        Raises:
+            UserError: the estimator raised an error, or its result does not fit the recording.
+        """
+        return run_estimator(self.name, self.estimator, recording)[0]
+
+    def cpu_seconds(self, recording: Recording) -> float:
+        """Return the processor time [s] of one run, including the programs that it calls."""
+        start = cpu_seconds()
+        run_estimator(self.name, self.estimator, recording)
+        spent = spent_by(self.estimator)
+        return cpu_seconds() - start if spent is None else spent.cpu_seconds
+
+
+def pose_covs_of(estimate: Estimate) -> Float:
+    """Return the pose covariances (N+1, 3, 3); raise NotJudgedError if the estimate has none."""
+    if estimate.pose_covs is None:
+        raise NotJudgedError("the estimate has no pose_covs")
+    return estimate.pose_covs
+
+
+def landmark_of(estimate: Estimate, name: int) -> Float:
+    """Return the position (2,) of the landmark with the id `name`.
+
+    Raises:
+        NotJudgedError: the estimate has no landmarks.
+        UserError: the estimate has landmarks, but not this one.
+    """
+    return estimate.landmarks[_row(estimate, name)]
+
+
+def landmark_cov_of(estimate: Estimate, name: int) -> Float:
+    """Return the covariance (2, 2) of a landmark; errors as in `landmark_of`, also for missing covariances."""
+    if estimate.landmark_covs is None:
+        raise NotJudgedError("the estimate has no landmark_covs")
+    return estimate.landmark_covs[_row(estimate, name)]
+
+
+def _row(estimate: Estimate, name: int) -> int:
+    if not len(estimate.landmark_ids):
+        raise NotJudgedError("the estimate has no landmarks")
+    rows = np.flatnonzero(estimate.landmark_ids == name)
+    if not len(rows):
+        raise UserError(f"landmark {name} was observed, but is not in landmark_ids; add it at its first observation")
+    return int(rows[0])
+
+
+Measure = Callable[[Subject, np.random.Generator], float]
+
+
+@dataclass(frozen=True)
+class Check:
+    """A property that every right filter has.
+
+    Attributes:
+        measure: function that computes the figure of an estimator; it draws its recordings from the generator.
+        figure: measured quantity with its unit; 0 is perfect unless the text states another value.
+        bound: largest figure that passes; docs/checks.md gives the reason for the value.
+        blame: part of the filter that usually causes a failure.
+        excused_to: a figure from `bound` to here is a limit of the textbook method, not a failure.
+        limit: explanation of this limit.
+    """
+
+    measure: Measure
+    figure: str
+    bound: float
+    blame: str
+    excused_to: float
+    limit: str
+
+    @property
+    def name(self) -> str:
+        """Name in tables and JSON: that of the function, with hyphens."""
+        return self.measure.__name__.replace("_", "-")
+
+
+def check(
+    *, figure: str, bound: float, blame: str, excused_to: float = -np.inf, limit: str = ""
+) -> Callable[[Measure], Check]:
+    """Return a decorator that makes a `Check` of a function; arguments as in `Check`."""
+    return lambda measure: Check(measure, figure, bound, blame, excused_to, limit)
