@@ -3,7 +3,7 @@
     python benchmarks/agreement.py [--recordings 200] [--seed 0] [--only 17] [--jobs 2] [--worst 3]
                                    [--keep F] [--save D] [--check]
 
-Draws recordings of every kind (see `referees/recordings.py`). Filters are held against textbook filters and extended
+Draws recordings of every kind (see `references/recordings.py`). Filters are held against textbook filters and extended
 precision, and iekf against the gradient of its own cost; batch against a damped least-squares solver that starts from
 several places; causal, at every step, against the optimum of what had been measured by then. With bearings alone the
 filters' rays have no twin: they must run.
@@ -30,11 +30,11 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent))  # Python may be told not to look there
 
-from referees.judge import judge
-from referees.kept import Kept
-from referees.recordings import draw
-from referees.table import bad_ones, bars_missed, describe, messages, table, worst_cases
-from referees.verdicts import Judged, Outcome
+from references.judge import judge
+from references.kept import Kept
+from references.recordings import draw
+from references.table import bad_ones, bars_missed, describe, messages, table, worst_cases
+from references.verdicts import Judged, Outcome
 from tqdm import tqdm
 
 from slamgauge import local_processes

@@ -20,7 +20,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent))  # Python may be told not to look there
 
-from referees.seeded_bugs import SEEDED, seeded_ekf
+from references.seeded_bugs import SEEDED, seeded_ekf
 
 from slamgauge.compare.checks.examination import LAWS, check_estimator
 

@@ -29,7 +29,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent))  # Python may be told not to look there
 
-from referees.map_scale import too_large
+from references.map_scale import too_large
 
 from slamgauge import Recording, Truth, load_scenario, simulate
 from slamgauge.arrays import Float

@@ -11,7 +11,7 @@ import pytest
 
 from slamgauge import compile_progress
 from slamgauge.compare.cli import terminal
-from tests.reference import lighter
+from tests.reference import fast_commands
 
 HERE = Path(__file__).parent
 
@@ -67,11 +67,11 @@ def silent_compiler(monkeypatch: pytest.MonkeyPatch):
 
 @pytest.fixture
 def studies_in_a_thread() -> Generator[None]:
-    with lighter.studies_in_a_thread():
+    with fast_commands.studies_in_a_thread():
         yield
 
 
 @pytest.fixture
 def empty_pictures() -> Generator[None]:
-    with lighter.empty_pictures():
+    with fast_commands.empty_pictures():
         yield

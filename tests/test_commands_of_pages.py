@@ -23,7 +23,7 @@ import pytest
 
 from slamgauge.compare.cli.main import COMMANDS, main
 from slamgauge.compare.scenarios import scenario
-from tests.reference.published_logs import write_published_logs
+from tests.reference.synthetic_logs import write_published_logs
 
 pytestmark = pytest.mark.usefixtures("studies_in_a_thread", "empty_pictures")
 

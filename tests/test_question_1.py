@@ -14,7 +14,7 @@ from typing import NamedTuple
 import pytest
 
 from slamgauge import assert_error_bounds
-from tests.reference.questions import graded_scores, scores
+from tests.reference.question_scores import graded_scores, scores
 
 FILTERS = ("dead-reckoning", "ekf", "riekf")
 MAPS = ("q1-short-dense", "q1-long-dense", "q1-long-sparse")

@@ -14,7 +14,7 @@ import pytest
 from slamgauge import Association, MapManagement, Score, assert_error_bounds, load_scenario, riekf, simulate
 from slamgauge.compare.studies.study_run import run_seed
 from slamgauge.ekf import FilterSettings
-from tests.reference.questions import Expected, graded_scores, scores
+from tests.reference.question_scores import Expected, graded_scores, scores
 
 FILTERS = ("ekf", "riekf")
 RUNS = 24  # without the optimum; seeds 0 ..

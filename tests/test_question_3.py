@@ -13,7 +13,7 @@ import pytest
 
 from slamgauge import assert_error_bounds, load_scenario, simulate
 from slamgauge.compare.scenarios.simulation import informed
-from tests.reference.questions import Expected, graded_scores, scores
+from tests.reference.question_scores import Expected, graded_scores, scores
 
 FILTERS = ("ekf", "riekf")
 RUNS = 50  # without the optimum; seeds 0 ..

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from slamgauge import Score, assert_error_bounds
-from tests.reference.questions import graded_scores, scores
+from tests.reference.question_scores import graded_scores, scores
 
 FILTERS = ("ekf", "riekf")
 RUNS = {"q4-three-landmarks": 30, "q4-ring": 20}  # without the optimum; seeds 0 ..

@@ -11,7 +11,7 @@ from zipfile import ZipFile
 
 import pytest
 
-from tests.reference.installed_elsewhere import PACKAGES, ROOT, lend_kernels, run_in
+from tests.reference.installed_copy import PACKAGES, ROOT, lend_kernels, run_in
 
 SCENARIOS = sorted(path.stem for path in (ROOT / "compare/scenarios").glob("*.toml"))
 

@@ -12,14 +12,14 @@ from pathlib import Path
 import agreement
 import numpy as np
 import pytest
-from referees.extended import DIGITS_GAINED, extended
-from referees.filters import PAIRS, difference, judge_filters, judge_minimum
-from referees.kept import Kept
-from referees.least_squares import Model, NoMinimumError
-from referees.optima import judge_optima, lowest, own_starts, stated_check
-from referees.recordings import MOTIONS, PRIORS, SENSORS, Drawn, draw
-from referees.table import bars_missed, table, worst_cases
-from referees.verdicts import Judged, Outcome, Verdict
+from references.extended import DIGITS_GAINED, extended
+from references.filters import PAIRS, difference, judge_filters, judge_minimum
+from references.kept import Kept
+from references.least_squares import Model, NoMinimumError
+from references.optima import judge_optima, lowest, own_starts, stated_check
+from references.recordings import MOTIONS, PRIORS, SENSORS, Drawn, draw
+from references.table import bars_missed, table, worst_cases
+from references.verdicts import Judged, Outcome, Verdict
 from scipy.stats import chi2
 
 from slamgauge.arrays import Float
@@ -233,14 +233,14 @@ def test_an_optimum_that_is_wrong_is_told(monkeypatch: pytest.MonkeyPatch):
     assert right["batch"].verdict == "agrees"
     assert right["causal"].steps == each.recording.steps + 1
     for name in ("batch", "causal"):
-        theirs = getattr(sys.modules["referees.optima"], name)
+        theirs = getattr(sys.modules["references.optima"], name)
 
         def shifted(recording: object, theirs: object = theirs) -> Estimate:
             estimate = theirs(recording)  # pyright: ignore[reportCallIssue]
             sigma = np.sqrt(np.diagonal(estimate.pose_covs, axis1=1, axis2=2))
             return replace(estimate, poses=estimate.poses + 0.5 * sigma)
 
-        monkeypatch.setattr(f"referees.optima.{name}", shifted)
+        monkeypatch.setattr(f"references.optima.{name}", shifted)
     wrong = {outcome.estimator: outcome for outcome in judge_optima(each)}
     assert wrong["batch"].verdict == "worse"
     assert wrong["causal"].steps_off > 0.9 * each.recording.steps
@@ -258,7 +258,7 @@ def test_what_is_kept_is_judged_once(tmp_path: Path, monkeypatch: pytest.MonkeyP
     path.write_text(path.read_text()[:-20])
     Kept(path, 3).keep(made[2])
     assert Kept(path, 3).judged == [made[0], made[2]]
-    monkeypatch.setattr("referees.kept.code", lambda: "other")
+    monkeypatch.setattr("references.kept.code", lambda: "other")
     assert not Kept(path, 3).judged
 
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from referees.least_squares import Model, placed_only
-from referees.optima import grown_once, judge_optima, lowest, of_estimate
-from referees.recordings import draw
-from referees.verdicts import COST_BAR
+from references.least_squares import Model, placed_only
+from references.optima import grown_once, judge_optima, lowest, of_estimate
+from references.recordings import draw
+from references.verdicts import COST_BAR
 
 from slamgauge.graph_baseline import batch, causal
 from slamgauge.graph_baseline.problem.preparation import (

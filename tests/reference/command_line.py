@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from slamgauge.compare.cli.main import main
-from tests.reference.held_by_schemas import held
+from tests.reference.json_schemas import held
 
 # fifteen seconds with one loop closure, in a map of two landmarks
 SHORT = ("trajectory.duration=15", "trajectory.yaw_rate=0.5", "sensor.max_range=2.4")

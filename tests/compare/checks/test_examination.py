@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from referees.seeded_bugs import SEEDED, seeded_ekf
+from references.seeded_bugs import SEEDED, seeded_ekf
 
 from slamgauge import Estimate, Recording, load_estimators
 from slamgauge.compare.checks import law as law_module
@@ -20,7 +20,7 @@ from slamgauge.estimate import Estimator
 
 TIMELESS = [law for law in LAWS if law.name != "step-time"]
 PAGE = Path(__file__).parents[3] / "docs/checks.md"
-OWN = "import sys\nsys.path.insert(0, {place!r})\nfrom referees.seeded_bugs import seeded_ekf\n"
+OWN = "import sys\nsys.path.insert(0, {place!r})\nfrom references.seeded_bugs import seeded_ekf\n"
 BENCHMARKS = str(Path(__file__).parents[3] / "benchmarks")
 
 

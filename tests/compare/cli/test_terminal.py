@@ -11,7 +11,7 @@ import pytest
 
 from slamgauge.compare.cli import terminal
 from slamgauge.compare.cli.main import COMMANDS, main
-from tests.reference import lighter
+from tests.reference import fast_commands
 
 pytestmark = pytest.mark.usefixtures("empty_pictures")
 
@@ -24,7 +24,7 @@ ESTIMATORS = ["--estimators", "dead-reckoning,ekf,causal,batch"]
 def study(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
     """A command whose runs are all there already."""
     command = [*STUDY, *ESTIMATORS, "--out", str(tmp_path_factory.mktemp("study") / "out")]
-    with lighter.studies_in_a_thread(), lighter.empty_pictures():
+    with fast_commands.studies_in_a_thread(), fast_commands.empty_pictures():
         assert main(command) == 0
     return command
 

@@ -19,7 +19,7 @@ from slamgauge.compare.figures.ray_strip import save_ray_strip
 from slamgauge.compare.scoring.comparison import Comparison
 from slamgauge.compare.scoring.comparison_files import write_comparison
 from slamgauge.estimate import Estimate, MapHistory, RayLog
-from tests.reference.rays_by_hand import AGES, BIRTHS, LANDMARKS, NOTED, STEPS, Fate, estimate_with_rays, half_loop
+from tests.reference.example_rays import AGES, BIRTHS, LANDMARKS, NOTED, STEPS, Fate, estimate_with_rays, half_loop
 
 LOST: tuple[Fate, ...] = ("lost",)
 STILL: tuple[Fate, ...] = ("ray", "ray", "ray")

@@ -18,7 +18,7 @@ from slamgauge.compare.figures.observed_landmarks import NEVER, first_seen, sigh
 from slamgauge.compare.storage.results_folder import Results
 from slamgauge.estimate import Estimate
 from slamgauge.truth import Truth
-from tests.reference.rays_by_hand import BIRTHS, LANDMARKS, estimate_with_rays, half_loop
+from tests.reference.example_rays import BIRTHS, LANDMARKS, estimate_with_rays, half_loop
 
 WITH_RAYS = estimate_with_rays()
 

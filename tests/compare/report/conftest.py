@@ -19,7 +19,7 @@ from slamgauge.compare.figures.publishing import draw_comparison
 from slamgauge.compare.report.publishing import publish_report
 from slamgauge.compare.scoring.comparison import metrics
 from slamgauge.compare.scoring.comparison_files import write_comparison
-from tests.reference.programs import program
+from tests.reference.external_programs import program
 
 SCRIPT_NAME = "<script>alert(1)</script>"
 USER_NAME = 'own "<b>&amp;'

@@ -24,7 +24,7 @@ from slamgauge.compare.studies.claims import Judgement
 from slamgauge.compare.studies.stored_study import load_study
 from slamgauge.compare.studies.study import load_runs, run_study
 from slamgauge.compare.studies.study_run import run_seed
-from tests.reference import lighter
+from tests.reference import fast_commands
 
 from .conftest import SCRIPT_NAME, Reader, unexplained
 
@@ -171,7 +171,7 @@ def sweep(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "--out",
         str(folder),
     )
-    with pytest.MonkeyPatch.context() as patch, lighter.studies_in_a_thread():
+    with pytest.MonkeyPatch.context() as patch, fast_commands.studies_in_a_thread():
         patch.setattr("slamgauge.compare.figures.publishing.decorate", undecorated)
         assert main([*words, "--set", "trajectory.duration=3", "--sweep", "assumed.scale=1,2"]) == 0
     return folder

@@ -18,7 +18,7 @@ import pytest
 from slamgauge.compare.storage import manifest, partial_folder
 from slamgauge.compare.storage.manifest import begin_file, owned, require_free, write_manifest
 from slamgauge.compare.storage.staged_folder import staged_folder
-from tests.reference.published_files import FILES, LAST, fill, in_the_way, publish, texts
+from tests.reference.staged_files import FILES, LAST, fill, in_the_way, publish, texts
 
 # --- killed ------------------------------------------------------------------------------------
 

@@ -22,7 +22,7 @@ from slamgauge.compare.studies.study_run import run_seed
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
-from tests.reference.held_by_schemas import held
+from tests.reference.json_schemas import held
 
 SHORT = ["start=sampled", "trajectory.duration=4"]
 

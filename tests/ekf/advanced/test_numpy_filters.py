@@ -26,7 +26,7 @@ from slamgauge.se2 import between
 from slamgauge.sensors import Sensor
 from tests.reference.circles import STEPS, Estimator, additive_nees, invariant_nees, outside, run_all
 from tests.reference.random_recordings import random_recording
-from tests.reference.textbook_relatives import textbook_riukf, textbook_robocentric_ekf
+from tests.reference.textbook_numpy_filters import textbook_riukf, textbook_robocentric_ekf
 
 RELATIVES = pytest.mark.parametrize("estimator", [riukf, robocentric_ekf])
 BELIEFS = pytest.mark.parametrize("belief_of", [InvariantBelief, RobocentricBelief])

@@ -8,7 +8,7 @@ from dataclasses import asdict
 from functools import cache
 from pathlib import Path
 
-from referees.verdicts import Judged, Outcome
+from references.verdicts import Judged, Outcome
 
 ROOT = Path(__file__).parents[2]
 JUDGING = ("core", "ekf", "graph_baseline", "benchmarks/referees", "tests/reference")

@@ -16,9 +16,9 @@ from unittest.mock import patch
 import numpy as np
 from scipy.special import chdtrc
 
-from referees.least_squares import MAX_ITERATIONS, Minimum, Model, NoMinimumError, placed_only
-from referees.recordings import Drawn
-from referees.verdicts import COST_BAR, STEP_BAR, Outcome, attempt
+from references.least_squares import MAX_ITERATIONS, Minimum, Model, NoMinimumError, placed_only
+from references.recordings import Drawn
+from references.verdicts import COST_BAR, STEP_BAR, Outcome, attempt
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf import riekf
 from slamgauge.estimate import Estimate

@@ -6,10 +6,10 @@ from time import perf_counter
 
 import numpy as np
 
-from referees.filters import judge_filters
-from referees.optima import judge_optima
-from referees.recordings import draw
-from referees.verdicts import Judged
+from references.filters import judge_filters
+from references.optima import judge_optima
+from references.recordings import draw
+from references.verdicts import Judged
 
 
 def judge(seed: int, number: int) -> Judged:

@@ -16,8 +16,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from referees.extended import DIGITS_GAINED, Long, Path, as_long, extended, long_rotation, long_wrap, solved
-from referees.verdicts import FILTER_BAR, Outcome, attempt
+from references.extended import DIGITS_GAINED, Long, Path, as_long, extended, long_rotation, long_wrap, solved
+from references.verdicts import FILTER_BAR, Outcome, attempt
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf import SlamFilter, ekf_slam, fej_ekf, iekf, oc_ekf, riekf, textbook_ekf
 from slamgauge.ekf.maps.correction_table import Correction

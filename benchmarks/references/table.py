@@ -7,8 +7,8 @@ import re
 from collections import Counter
 from collections.abc import Sequence
 
-from referees.filters import PAIRS
-from referees.verdicts import FILTER_BAR, STEP_BAR, Judged, Outcome, Verdict
+from references.filters import PAIRS
+from references.verdicts import FILTER_BAR, STEP_BAR, Judged, Outcome, Verdict
 
 SHARE_OF_RECORDINGS = 0.995  # on which a filter must agree
 SHARE_OF_STEPS = 0.99  # at which causal must be within its bar
