@@ -11,7 +11,7 @@ from pathlib import Path
 from references.verdicts import Judged, Outcome
 
 ROOT = Path(__file__).parents[2]
-JUDGING = ("core", "ekf", "graph_baseline", "benchmarks/referees", "tests/reference")
+JUDGING = ("core", "ekf", "graph_baseline", "benchmarks/references", "tests/reference")
 
 
 class Kept:
