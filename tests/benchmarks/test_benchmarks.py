@@ -27,25 +27,6 @@ SMALLEST = {
         "causal steps:",
         "bars missed:",
     ),
-    "class_of_thirty": (  # 15 s
-        "--graded 2 --runs 2 --scenario q1-short-dense --timeout 8 --jobs 1",
-        "submission verdict ATE [m] x ekf",
-        "(ekf) reference ",
-        "2 graded, 6 named with their reasons",
-    ),
-    "causal_optimum": ("--landmarks 20 --steps 60 --prefixes 5 --log 2000", "estimator landmarks", "causal 20 60 "),
-    "compiled_peer": (  # 10 s, most of it its compilation
-        "--landmarks 20",
-        "landmarks ours [ms] p95 other [ms] p95 ours/other difference",
-        "20 0.0",
-    ),
-    "fixed_lag": (  # 4 s
-        "--scenario q4-three-landmarks --lags 2 --runs 1 --jobs 1",
-        "estimator RMSE [m] x bound NEES/3 mapped step [ms] failed",
-        "riekf ",
-        "fixed-lag-2 ",
-        "sliding-window-2 ",
-    ),
     "fuzz": (  # 15 s
         "--cases 400 --seed 0",
         "input tried refused in one line accepted traceback hang crash silently altered",
@@ -80,7 +61,6 @@ SMALLEST = {
         "riekf bearings delayed ",
         "riekf bearings fis jcbb ",
     ),
-    "study_throughput": ("--runs 2 --many 2", "bare loop:", "2 runs stored by two jobs"),  # 10 s
     "ukfm_slam2d": (  # 14 s
         "--runs 1 --jobs 1 --out results",
         "heading RMSE [deg] position RMSE [m] NEES heading NEES position last sigma / causal",
