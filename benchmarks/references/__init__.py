@@ -1,8 +1,8 @@
-"""What benchmarks hold the estimators against: `benchmarks/agreement.py`, and what it draws to do so, above all.
+"""References for estimators, and the random recordings on which `benchmarks/agreement.py` compares them.
 
-`recordings` draws, `least_squares` is the optimum without the project's solvers, `extended` the filters in extended
-precision, `filters` and `optima` compare, `kept` keeps, `table` sums up. `map_scale` is how much too large
-a map is. The textbook filters are those of the tests.
+`recordings` draws recordings. `least_squares` is an optimum without the project's solvers, `extended` the filters in
+extended precision. `filters` and `optima` compare, `verdicts` has the results, `table` sums them up. `seeded_bugs` is a
+textbook EKF with one bug at a time. The textbook filters are in `tests/reference`.
 """
 
 from __future__ import annotations

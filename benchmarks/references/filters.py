@@ -1,10 +1,10 @@
-"""Every filter against its textbook twin and, where those two differ, against extended precision.
+"""Comparison of every filter with its textbook form and, where those two differ, with extended precision.
 
-Differences are in sigmas of the referee: the largest of |d_i| / sigma_i and of |s_i - sigma_i| / sigma_i, over poses
-and their components. A sigma is taken for at least what makes the bar `SPACINGS` spacings of doubles at the place:
-`1e-6` of a sigma of .01 mm cannot be had from a coordinate of 100 km.
+Differences are in sigmas of the reference: the largest of |d_i| / sigma_i and of |s_i - sigma_i| / sigma_i over poses
+and their components. A lower limit of the sigmas makes the bar at least `SPACINGS` spacings of doubles at the position:
+a coordinate of 100 km has no digits for 1e-6 of a sigma of 0.01 mm.
 
-Both twins start at the origin, which changes nothing but their rounding.
+Both references start at the origin, which changes only their rounding.
 """
 
 from __future__ import annotations
@@ -15,10 +15,21 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import block_diag
 
-from references.extended import DIGITS_GAINED, Long, Path, as_long, extended, long_rotation, long_wrap, solved
+from references.extended import (
+    DIGITS_GAINED,
+    Long,
+    Path,
+    as_long,
+    extended,
+    innovation,
+    jacobian,
+    long_wrap,
+    solved,
+)
 from references.verdicts import FILTER_BAR, Outcome, attempt
-from slamgauge.arrays import Float, Int
+from slamgauge.arrays import Float
 from slamgauge.ekf import SlamFilter, ekf_slam, fej_ekf, iekf, oc_ekf, riekf, textbook_ekf
 from slamgauge.ekf.maps.correction_table import Correction
 from slamgauge.errors import UserError
@@ -28,17 +39,17 @@ from slamgauge.se2 import wrap
 from tests.reference.textbook import textbook_fej_ekf, textbook_iekf, textbook_oc_ekf, textbook_riekf
 
 SPACINGS = 16
-ROUNDINGS = 8  # of a covariance, to see what they change
-ANOTHER_MINIMUM = 1e-3  # sigma; what differs by less has come to the same one, and not near enough
+ROUNDINGS = 8  # random roundings of a covariance
+ANOTHER_MINIMUM = 1e-3  # sigma; smaller differences belong to the same minimum
 
 Filter = Callable[[Recording], Estimate]
 
 
 class Pair(NamedTuple):
-    """A filter of ours and its twin."""
+    """A filter of ours and its textbook form."""
 
     ours: Filter
-    twin: Filter
+    textbook: Filter
 
 
 PAIRS = {
@@ -51,70 +62,68 @@ PAIRS = {
 
 
 def judge_filters(recording: Recording) -> list[Outcome]:
-    """An outcome for each of `PAIRS`, and `iekf minimum`: whether iekf ends where its own cost has a minimum."""
-    if recording.sensor == "bearing":
-        return [_of_bearings(recording, name) for name in PAIRS]
+    """Return an outcome for each of `PAIRS`, and `iekf minimum`: whether `iekf` ends in a minimum of its own cost."""
+    if recording.sensor == "bearing":  # rays have no textbook form: the filters must run
+        estimates = {name: attempt(pair.ours, recording) for name, pair in PAIRS.items()}
+        failed = {
+            name: Outcome(name, "failed", math.inf, note) for name, note in estimates.items() if isinstance(note, str)
+        }
+        return [failed.get(name, Outcome(name, "not compared")) for name in PAIRS]
     minimum = judge_minimum(recording)
     outcomes = [judge_filter(recording, name) for name in PAIRS]
     return [*(_unless_a_minimum(each, minimum) for each in outcomes), minimum]
 
 
 def _unless_a_minimum(outcome: Outcome, minimum: Outcome) -> Outcome:
-    """Where iekf ends in minima of its own cost, though not in the referee's, nobody is wrong."""
+    """Return `undecided` where iekf ends in another minimum of its own cost than the reference."""
     if outcome.estimator != "iekf" or outcome.verdict != "worse" or minimum.verdict != "agrees":
         return outcome
     if outcome.difference < ANOTHER_MINIMUM:
         return outcome
-    return replace(outcome, verdict="undecided", note=f"other minima than the referee's; {outcome.note}")
-
-
-def _of_bearings(recording: Recording, name: str) -> Outcome:
-    """Rays have no twin; the filter must run."""
-    estimate = attempt(PAIRS[name].ours, recording)
-    if isinstance(estimate, str):
-        return Outcome(name, "failed", math.inf, estimate)
-    return Outcome(name, "not compared")
+    return replace(outcome, verdict="undecided", note=f"other minima than the reference's; {outcome.note}")
 
 
 def judge_filter(recording: Recording, name: str) -> Outcome:
-    """The filter of that name on a recording with ranges and ids.
+    """Compare the filter of that name with its references on a recording with ranges and ids.
 
-    One that refuses where its textbook form is wrong, too, says rightly that double precision is exhausted. Where the
-    textbook form does not keep its digits it is no referee: there a filter has to be no further off than that, and
-    where extended precision may have lost them as well, nothing can be said.
+    A refusal is right where the textbook form is wrong too: double precision is exhausted. Where the textbook form
+    loses digits, it is no reference, and the filter must be no further from extended precision than the textbook form.
+    The result is undecided where extended precision may have lost digits as well.
     """
     estimate = attempt(PAIRS[name].ours, recording)
-    twin = _twin(recording, name)
-    to_twin = math.inf if twin is None or isinstance(estimate, str) else _apart(estimate, twin, recording)
-    if to_twin <= FILTER_BAR:
-        return Outcome(name, "agrees", to_twin)
-    referee = extended(recording, name)
-    if not (np.isfinite(referee.poses).all() and np.isfinite(referee.sigmas).all()):
-        return Outcome(name, "undecided", to_twin, "not even extended precision has an answer")
-    lost = math.inf if twin is None else difference(twin, referee, recording)
+    textbook = _textbook(recording, name)
+    to_textbook = math.inf
+    if textbook is not None and not isinstance(estimate, str):
+        to_textbook = _apart(estimate, textbook, recording)
+    if to_textbook <= FILTER_BAR:
+        return Outcome(name, "agrees", to_textbook)
+    reference = extended(recording, name)
+    if not (np.isfinite(reference.poses).all() and np.isfinite(reference.sigmas).all()):
+        return Outcome(name, "undecided", to_textbook, "not even extended precision has an answer")
+    lost = math.inf if textbook is None else difference(textbook, reference, recording)
     if isinstance(estimate, str):
-        exhausted = twin is not None and lost > FILTER_BAR  # a twin without an answer proves nothing
+        exhausted = textbook is not None and lost > FILTER_BAR  # a textbook form without an answer proves nothing
         return Outcome(name, "undecided" if exhausted else "failed", math.inf, estimate)
-    found = _apart(estimate, referee, recording)
+    found = _apart(estimate, reference, recording)
     if found <= FILTER_BAR:
         return Outcome(name, "agrees", found, "the textbook form loses digits")
     same_minimum = name != "iekf" or found < ANOTHER_MINIMUM
     keeps_digits = lost <= (FILTER_BAR if found <= lost else FILTER_BAR * DIGITS_GAINED)
     if same_minimum and not keeps_digits:
         return Outcome(name, "undecided", found, f"the textbook form is {lost:.1e} sigma from extended precision")
-    return Outcome(name, "worse", min(found, to_twin), f"textbook {to_twin:.1e}, extended {found:.1e}")
+    return Outcome(name, "worse", min(found, to_textbook), f"textbook {to_textbook:.1e}, extended {found:.1e}")
 
 
-def _apart(estimate: Estimate, referee: Path, recording: Recording) -> float:
-    return difference(_path(estimate, recording), referee, recording)
+def _apart(estimate: Estimate, reference: Path, recording: Recording) -> float:
+    return difference(_path(estimate, recording), reference, recording)
 
 
-def _twin(recording: Recording, name: str) -> Path | None:
-    """The textbook filter from the origin; None where it has no answer."""
+def _textbook(recording: Recording, name: str) -> Path | None:
+    """Run the textbook filter from the origin; None where it has no answer."""
     mean = np.array([0.0, 0.0, recording.prior_mean[2]])
     moved = replace(recording, prior_mean=mean)
     with np.errstate(all="ignore"):
-        estimate = attempt(PAIRS[name].twin, moved)
+        estimate = attempt(PAIRS[name].textbook, moved)
     return None if isinstance(estimate, str) else _path(estimate, moved)
 
 
@@ -126,14 +135,14 @@ def _path(estimate: Estimate, recording: Recording) -> Path:
     return Path(poses, np.sqrt(np.maximum(variances, 0.0)))
 
 
-def difference(ours: Path, referee: Path, recording: Recording) -> float:
-    """In sigmas of the referee; infinite if anything is not finite."""
-    farthest = np.abs(referee.poses[:, :2]).max(axis=1) + np.abs(recording.prior_mean[:2]).max()
+def difference(ours: Path, reference: Path, recording: Recording) -> float:
+    """Return the difference in sigmas of the reference; infinite if a value is not finite."""
+    farthest = np.abs(reference.poses[:, :2]).max(axis=1) + np.abs(recording.prior_mean[:2]).max()
     magnitude = np.column_stack([farthest, farthest, np.full(len(farthest), np.pi)])
-    sigma = np.maximum(referee.sigmas, SPACINGS / FILTER_BAR * np.spacing(magnitude))
-    apart = ours.poses - referee.poses
+    sigma = np.maximum(reference.sigmas, SPACINGS / FILTER_BAR * np.spacing(magnitude))
+    apart = ours.poses - reference.poses
     apart[:, 2] = wrap(apart[:, 2])
-    apart, wider = np.abs(apart) / sigma, np.abs(ours.sigmas - referee.sigmas) / sigma
+    apart, wider = np.abs(apart) / sigma, np.abs(ours.sigmas - reference.sigmas) / sigma
     largest = float(np.maximum(apart, wider).max())
     return largest if math.isfinite(largest) else math.inf
 
@@ -142,9 +151,9 @@ def difference(ours: Path, referee: Path, recording: Recording) -> float:
 
 
 def judge_minimum(recording: Recording, correction: Correction = "iterated") -> Outcome:
-    """How far, in sigmas, another pass of iekf would lead after each of its updates: the gradient of its own cost.
+    """Compute the length in sigmas of another pass of `iekf` after each of its updates: the gradient of its own cost.
 
-    Undecided where a spacing of doubles more or less in the covariance before the update changes that by the bar.
+    The result is undecided where rounding the covariance before the update changes this length by the bar.
     """
     name = "iekf minimum"
     slam = SlamFilter(recording.sensor, recording.prior_mean, recording.prior_cov, correction)
@@ -167,22 +176,21 @@ def judge_minimum(recording: Recording, correction: Correction = "iterated") -> 
 
 
 def _next_pass(slam: SlamFilter, scan: Observations, sensor: str) -> tuple[float, bool]:
-    """Update with a scan of mapped landmarks; the largest component of the pass that would follow, in sigmas.
+    """Update with a scan of mapped landmarks and return the largest component [sigma] of the pass that would follow.
 
-    In extended precision, and whether rounding of the covariance before the update changes it by the bar.
+    It is computed in extended precision. The second value is true if rounding the covariance before the update
+    changes the first by the bar.
     """
     before, P = as_long(_state(slam)), as_long(slam.cov)
     slam.update(scan)
     after = as_long(_state(slam))
     assert scan.landmark is not None
     order = slam.landmark_ids.tolist()
-    slots = np.array([order.index(name) for name in scan.landmark.tolist()])
-    v, H = _linearised(sensor, after, slots, as_long(scan.value))
+    columns = [3 + 2 * order.index(name) for name in scan.landmark.tolist()]
+    v, H = innovation(sensor, after, columns, as_long(scan.value)), jacobian(sensor, after, columns)
     moved = after - before
     moved[2] = long_wrap(moved[2])
-    R = as_long(np.zeros((len(v), len(v))))
-    for a, block in enumerate(scan.cov):
-        R[2 * a : 2 * a + 2, 2 * a : 2 * a + 2] = block
+    R = as_long(block_diag(*scan.cov))
 
     def step(P: Long) -> Long:
         return P @ H.T @ solved(H @ P @ H.T + R, v + H @ moved) - moved
@@ -199,7 +207,7 @@ def _next_pass(slam: SlamFilter, scan: Observations, sensor: str) -> tuple[float
 
 
 def _roundings(P: Long) -> Iterator[Long]:
-    """Symmetric matrices (n, n) whose entries are a spacing of doubles from those of P, up or down."""
+    """Yield symmetric matrices (n, n) with entries one spacing of doubles above or below those of P."""
     rng, spacing = np.random.default_rng(len(P)), np.spacing(np.abs(P.astype(np.float64)))
     for _ in range(ROUNDINGS):
         rounding = spacing * rng.choice([-1.0, 1.0], P.shape)
@@ -207,26 +215,4 @@ def _roundings(P: Long) -> Iterator[Long]:
 
 
 def _state(slam: SlamFilter) -> Float:
-    """(3 + 2L,)."""
     return np.concatenate([slam.pose, slam.landmarks.ravel()])
-
-
-def _linearised(sensor: str, x: Long, slots: Int, values: Long) -> tuple[Long, Long]:
-    """Innovations (2m,) and their Jacobian (2m, n) at x."""
-    v, H = as_long(np.zeros(2 * len(slots))), as_long(np.zeros((2 * len(slots), len(x))))
-    to_body = long_rotation(x[2]).T
-    for a, slot in enumerate(slots.tolist()):
-        columns, rows = slice(3 + 2 * slot, 5 + 2 * slot), slice(2 * a, 2 * a + 2)
-        offset = x[columns] - x[:2]
-        delta, A = to_body @ offset, as_long(np.eye(2))
-        predicted = delta
-        if sensor == "range-bearing":
-            distance = np.hypot(*delta)
-            predicted = np.array([distance, np.arctan2(delta[1], delta[0])])
-            A = np.array([delta / distance, np.array([-delta[1], delta[0]]) / distance**2])
-        B = A @ to_body
-        H[rows, :2], H[rows, columns], H[rows, 2] = -B, B, B @ np.array([offset[1], -offset[0]])
-        v[rows] = values[a] - predicted
-        if sensor == "range-bearing":
-            v[2 * a + 1] = long_wrap(v[2 * a + 1])
-    return v, H
