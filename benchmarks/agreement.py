@@ -4,7 +4,7 @@
                                    [--keep FILE] [--save FOLDER] [--check]
 
 `references/recordings.py` draws recordings of all kinds. The references are: textbook filters and extended precision
-for the filters, and for `iekf` also the gradient of its own cost; a damped least-squares solver with several starts for
+for the filters, and for `iekf` also the gradient of its cost; a damped least-squares solver with several starts for
 `batch`; the optimum of the measurements up to each step for `causal`. Bearing-only filters have no reference: they must
 run without an error.
 

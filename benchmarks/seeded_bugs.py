@@ -3,7 +3,7 @@
     python benchmarks/seeded_bugs.py [--seeds 20]
 
 The table has a row for the right filter and for each bug: the check that is named for the bug, the number of seeds for
-which it fails, and the other checks that fail. `step-time` is left out because it takes as long as all others together.
+which it fails, and the other checks that fail. `step-time` does not run, as it takes as long as all others together.
 The exit status is 1 if a named check passes, an unrelated check fails, or the right filter fails a check.
 """
 

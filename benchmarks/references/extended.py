@@ -18,7 +18,7 @@ from scipy.linalg import block_diag
 from slamgauge.arrays import Float, Int
 from slamgauge.recording import Recording
 
-Long = NDArray[Any]  # of numpy.longdouble
+Long = NDArray[Any]  # dtype numpy.longdouble
 
 DIGITS_GAINED = float(np.finfo(np.float64).eps / np.finfo(np.longdouble).eps)
 MIN_BEARING_DISTANCE = 0.01  # m; as in our filters: a bearing to a closer landmark has no information

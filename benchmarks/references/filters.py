@@ -62,7 +62,7 @@ PAIRS = {
 
 
 def judge_filters(recording: Recording) -> list[Outcome]:
-    """Return an outcome for each of `PAIRS`, and `iekf minimum`: whether `iekf` ends in a minimum of its own cost."""
+    """Return an outcome for each of `PAIRS`, and `iekf minimum`: whether `iekf` ends in a minimum of its cost."""
     if recording.sensor == "bearing":  # rays have no textbook form: the filters must run
         estimates = {name: attempt(pair.ours, recording) for name, pair in PAIRS.items()}
         failed = {
@@ -75,7 +75,7 @@ def judge_filters(recording: Recording) -> list[Outcome]:
 
 
 def _unless_a_minimum(outcome: Outcome, minimum: Outcome) -> Outcome:
-    """Return `undecided` where iekf ends in another minimum of its own cost than the reference."""
+    """Return `undecided` where iekf ends in another minimum of its cost than the reference."""
     if outcome.estimator != "iekf" or outcome.verdict != "worse" or minimum.verdict != "agrees":
         return outcome
     if outcome.difference < ANOTHER_MINIMUM:
@@ -87,8 +87,8 @@ def judge_filter(recording: Recording, name: str) -> Outcome:
     """Compare the filter of that name with its references on a recording with ranges and ids.
 
     A refusal is right where the textbook form is wrong too: double precision is exhausted. Where the textbook form
-    loses digits, it is no reference, and the filter must be no further from extended precision than the textbook form.
-    The result is undecided where extended precision may have lost digits as well.
+    loses digits, the filter must be no further from extended precision than the textbook form. The result is undecided
+    where extended precision may have lost digits as well.
     """
     estimate = attempt(PAIRS[name].ours, recording)
     textbook = _textbook(recording, name)
@@ -151,7 +151,7 @@ def difference(ours: Path, reference: Path, recording: Recording) -> float:
 
 
 def judge_minimum(recording: Recording, correction: Correction = "iterated") -> Outcome:
-    """Compute the length in sigmas of another pass of `iekf` after each of its updates: the gradient of its own cost.
+    """Compute the length in sigmas of another pass of `iekf` after each of its updates: the gradient of its cost.
 
     The result is undecided where rounding the covariance before the update changes this length by the bar.
     """

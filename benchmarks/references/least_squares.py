@@ -22,7 +22,7 @@ from slamgauge.recording import Recording
 from slamgauge.se2 import between, compose, rotation, wrap
 from tests.reference.optimum import exp_se2, square_root
 
-ARRIVED = 1e-8  # of a standard deviation, over all unknowns at once
+ARRIVED = 1e-8  # length of a step [standard deviations], over all unknowns
 MAX_ITERATIONS = 200
 GIVE_UP = 1e12  # damping, for columns of unit length
 

@@ -87,7 +87,7 @@ def of_estimate(model: Model, estimate: Estimate) -> Float:
 
 
 def lowest(model: Model, begin: Iterable[Float], iterations: int = MAX_ITERATIONS) -> Minimum | None:
-    """Return the lowest minimum found from the starts, None if no start leads to a minimum."""
+    """Return the lowest minimum found from the starts, None if no start ends in a minimum."""
     found: list[Minimum] = []
     for start in begin:
         try:

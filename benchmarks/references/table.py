@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from references.filters import PAIRS
 from references.verdicts import FILTER_BAR, STEP_BAR, Judged, Outcome, Verdict
 
-SHARE_OF_RECORDINGS = 0.995  # on which a filter must agree
+SHARE_OF_RECORDINGS = 0.995  # a filter must agree on this share
 SHARE_OF_STEPS = 0.99  # at which `causal` must be within its bar
 VERDICTS: tuple[Verdict, ...] = ("agrees", "worse", "failed", "undecided", "not compared")
 UNITS = {"batch": "cost", "batch mapped": "landmarks"}  # of a difference; sigmas for all others
