@@ -4,12 +4,11 @@
 
 Each command runs twice with a new kernel cache: the first run compiles its kernels, the second run loads them. Times
 are processor times of the command and its workers. `--slowest` also lists the kernels with the longest compilation
-times, which do not include the kernels that they call.
+times, which do not include the kernels that they call. `--only` selects commands with NAME in their title.
 """
 
 from __future__ import annotations
 
-import argparse
 import os
 import resource
 import subprocess
@@ -17,6 +16,8 @@ import sys
 import tempfile
 from pathlib import Path
 from typing import Any
+
+import tyro
 
 RUN = ["run", "q1-long-dense", "--estimators", "dead-reckoning,ekf,riekf,causal,batch", "--out", "run"]
 COMMANDS = {
@@ -31,26 +32,18 @@ COMMANDS = {
 }
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--only", choices=COMMANDS, help="one of the commands")
-    parser.add_argument("--slowest", type=int, default=0, help="kernels to list")
-    parser.add_argument("inside", nargs="*", help=argparse.SUPPRESS)
-    options = parser.parse_args()
-    if options.inside:
-        list_kernels(options.inside, options.slowest)
-        return
+def main(only: str = "", slowest: int = 0) -> None:
     print(f"{'command':28}{'first [s]':>10}{'kernels':>9}{'again [s]':>11}")
     for name, words in COMMANDS.items():
-        if options.only in (None, name):
+        if only in name:
             with tempfile.TemporaryDirectory() as folder:
                 first, again = user_seconds(words, folder), user_seconds(words, folder)
                 kernels = len(list(Path(folder, "kernels").rglob("*.nbc")))
                 print(f"{name:28}{first:10.1f}{kernels:9d}{again:11.2f}", flush=True)
-            if options.slowest:
+            if slowest:
+                code = f"import runpy; runpy.run_path({__file__!r})['list_kernels']({words}, {slowest})"
                 with tempfile.TemporaryDirectory() as folder:
-                    inside = [sys.executable, __file__, "--slowest", str(options.slowest), "--", *words]
-                    subprocess.run(inside, cwd=folder, env=environment(folder), check=False)
+                    subprocess.run([sys.executable, "-c", code], cwd=folder, env=environment(folder), check=False)
 
 
 def user_seconds(words: list[str], folder: str) -> float:
@@ -62,7 +55,7 @@ def user_seconds(words: list[str], folder: str) -> float:
 
 
 def environment(folder: str) -> dict[str, str]:
-    """Return the environment of a command whose kernel cache is in `folder`."""
+    """Return an environment with the kernel cache in `folder`."""
     return {**os.environ, "NUMBA_CACHE_DIR": str(Path(folder, "kernels"))}
 
 
@@ -86,7 +79,7 @@ def list_kernels(words: list[str], most: int) -> None:
             spent = process_time() - start
             if running:
                 running[-1][1] += spent
-            rows.append((spent - called, f"{event.data['dispatcher'].py_func.__qualname__}"))
+            rows.append((spent - called, event.data["dispatcher"].py_func.__qualname__))
 
     with event.install_listener("numba:compile", Listener()):
         command(words)
@@ -97,4 +90,4 @@ def list_kernels(words: list[str], most: int) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    tyro.cli(main, description=__doc__)

@@ -1,16 +1,16 @@
-"""Every input of slamgauge, damaged at random: what is refused in one line, what is accepted, and what should not be.
+"""Damage every input of slamgauge at random and count what is refused, accepted, or ends as it should not.
 
     python benchmarks/fuzz.py [--cases 2000] [--seed 0] [--only 17] [--seconds 20] [--memory 2.5] [--worst 20]
 
 Each case damages one input: npz, MATLAB, CSV, TOML, g2o, MRCLAM, DLR, Freiburg and Victoria Park files, estimates,
-stores of studies, `--set`, or arguments of a command. A warning counts as a traceback, and so does a refusal of
-several lines, but for those of scenarios, which have a line for each mistake, and of the parser of arguments. A filter
-is run on recordings that were accepted. `silently altered` is what was accepted although its figures are not those
-that the file states, as far as that can be told (`fuzzing/targets.py`).
+stores of studies, `--set`, or arguments of a command. A warning counts as a traceback, and so does a refusal of several
+lines, except refusals of scenarios (a line per mistake) and of the argument parser. A filter runs on each accepted
+recording. An input is `silently altered` if it was accepted and the result differs from the content of the file
+(`fuzzing/targets.py`).
 
-Cases run in a process of limited memory [GB], which is started again when it dies or takes too long [s]. `--only`
-carries one out and tells all of it. Exit status 1 if anything is a traceback, a hang, a crash or altered. An interrupt
-ends with the table so far.
+Cases run in a process with limited memory [GB], which is restarted when it crashes or exceeds the time [s] of a case.
+`--only` runs one case. The exit status is 1 after a traceback, a hang, a crash or an altered input. After an interrupt
+the program prints the table of the results so far.
 """
 
 from __future__ import annotations
@@ -19,15 +19,14 @@ import os
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-import argparse
 import sys
 from collections import Counter
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parent))  # Python may be told not to look there
+sys.path.insert(0, str(Path(__file__).parent))  # Python with PYTHONSAFEPATH does not look there
 
-from fuzzing.cases import ACCEPTED, OUTCOMES, REFUSED, Tried, names
-from fuzzing.worker import carry_out_all
+import tyro
+from fuzzing.cases import ACCEPTED, OUTCOMES, REFUSED, names, run_cases
 from tqdm import tqdm
 
 from slamgauge.compare.scoring.text_table import aligned
@@ -35,48 +34,39 @@ from slamgauge.compare.scoring.text_table import aligned
 INTERRUPTED = 130
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--cases", type=int, default=2000)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--only", type=int)
-    parser.add_argument("--seconds", type=float, default=20.0)
-    parser.add_argument("--memory", type=float, default=2.5)
-    parser.add_argument("--worst", type=int, default=20)
-    options = parser.parse_args()
-    cases = range(options.cases) if options.only is None else [options.only]
+def main(
+    cases: int = 2000,
+    seed: int = 0,
+    only: int | None = None,
+    seconds: float = 20.0,
+    memory: float = 2.5,
+    worst: int = 20,
+) -> int:
+    numbers = range(cases) if only is None else [only]
     counts: Counter[tuple[str, str]] = Counter()
-    bad: list[tuple[int, Tried]] = []
-    all_names = names()  # made here, so that no process has to make them again
-    carried = carry_out_all(options.seed, cases, options.seconds, int(1e9 * options.memory))
+    bad: list[str] = []
+    all_names = names()  # made here, so that child processes do not make the inputs again
     status = 0
     try:
-        for case, tried in tqdm(carried, total=len(cases), disable=None):
-            counts[tried.target, tried.outcome] += 1
-            if tried.outcome not in (REFUSED, ACCEPTED):
-                bad.append((case, tried))
-                tqdm.write(_told(case, tried), file=sys.stderr)
+        for case, result in tqdm(
+            run_cases(seed, numbers, seconds, int(1e9 * memory)), total=len(numbers), disable=None
+        ):
+            counts[result.target, result.outcome] += 1
+            if result.outcome not in (REFUSED, ACCEPTED):
+                bad.append(f"case {case}: {result.target}: {result.outcome}: {result.detail}")
+                tqdm.write(bad[-1], file=sys.stderr)
     except KeyboardInterrupt:
         status = INTERRUPTED
         print("interrupted")
-    print(_table(all_names, counts))
-    for case, tried in bad[: options.worst]:
-        print(_told(case, tried))
-    if options.only is not None and not bad:
+    rows = {name: [counts[name, outcome] for outcome in OUTCOMES] for name in all_names}
+    rows["all"] = [sum(column) for column in zip(*rows.values(), strict=True)]
+    cells = [[name, str(sum(row)), *map(str, row)] for name, row in rows.items()]
+    print("\n".join(aligned([["input", "tried", *OUTCOMES], *cells], 1)))
+    print(*bad[:worst], sep="\n", end="\n" if bad else "")
+    if only is not None and not bad:
         print(*counts)
     return status or int(bool(bad))
 
 
-def _told(case: int, tried: Tried) -> str:
-    return f"case {case}: {tried.target}: {tried.outcome}: {tried.detail}"
-
-
-def _table(all_names: list[str], counts: Counter[tuple[str, str]]) -> str:
-    rows = {name: [counts[name, outcome] for outcome in OUTCOMES] for name in all_names}
-    rows["all"] = [sum(column) for column in zip(*rows.values(), strict=True)]
-    cells = [[name, str(sum(row)), *map(str, row)] for name, row in rows.items()]
-    return "\n".join(aligned([["input", "tried", *OUTCOMES], *cells], 1))
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(tyro.cli(main, description=__doc__))

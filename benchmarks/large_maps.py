@@ -1,13 +1,13 @@
-"""Full against compressed filter on growing maps: one table.
+"""Compare the times of the full and the compressed filter on growing maps.
 
     python benchmarks/large_maps.py [--landmarks 100,300,1000] [--radius 15] [--sights 0]
         [--correction standard]
 
-Milliseconds a step over the second round of the bench workload, all with the settling of the map included: median,
-mean, 95 % quantile and the worst step; the largest difference of the two filters' poses; and the allocated memory
-over that of the covariance alone. With `--sights`, a field is driven through lane by lane instead, with about that many
-landmarks in view, and the figures are those of its second half. A star marks the filter that the estimator of the
-correction takes (`ekf`, or `riekf` with `--correction right-invariant`).
+The columns are: milliseconds per step over the second round of the bench workload, deferred updates included (median,
+mean, 95 % quantile, largest); the largest difference between the poses of the two filters; allocated memory divided by
+that of the covariance. With `--sights` the robot drives through a field in lanes with about that many landmarks in
+view, and the numbers are those of the second half. A star marks the filter that the estimator uses (`ekf`, or `riekf`
+with `--correction right-invariant`).
 """
 
 from __future__ import annotations
@@ -16,10 +16,11 @@ from slamgauge.compare.studies.executors import pin_blas_threads
 
 pin_blas_threads()
 
-import argparse
 import tracemalloc
+from typing import Literal
 
 import numpy as np
+import tyro
 
 from slamgauge import simulate
 from slamgauge.arrays import Float
@@ -32,7 +33,7 @@ from slamgauge.recording import Recording
 
 
 def run(slam: SlamFilter | CompressedFilter, recording: Recording) -> tuple[Float, Float]:
-    """Seconds of each step (N+1,) and poses (N+1, 3)."""
+    """Return seconds of each step (N+1,) and poses (N+1, 3)."""
     seconds, poses = np.zeros(recording.steps + 1), np.empty((recording.steps + 1, 3))
     for k, step in enumerate(drive(slam, recording)):
         seconds[k], poses[k] = step.seconds, slam.pose
@@ -40,7 +41,7 @@ def run(slam: SlamFilter | CompressedFilter, recording: Recording) -> tuple[Floa
 
 
 def field(landmarks: int, sights: int) -> Scenario:
-    """Landmarks uniform in a square, one in two square metres, driven through in lanes 4 m apart, 2 m a step."""
+    """Return a square field with a landmark per two square metres, crossed in lanes 4 m apart, 2 m per step."""
     side = np.sqrt(2.0 * landmarks)
     lanes = np.arange(2.0, side, 4.0)
     ends = [((0.0, side) if lane % 2 == 0 else (side, 0.0)) for lane in range(len(lanes))]
@@ -58,31 +59,30 @@ def field(landmarks: int, sights: int) -> Scenario:
     )
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--landmarks", default="100,300,1000")
-    parser.add_argument("--radius", type=float, default=15.0)
-    parser.add_argument("--sights", type=int, default=0)
-    parser.add_argument("--correction", choices=("standard", "right-invariant"), default="standard")
-    options = parser.parse_args()
+def main(
+    landmarks: str = "100,300,1000",
+    radius: float = 15.0,
+    sights: int = 0,
+    correction: Literal["standard", "right-invariant"] = "standard",
+) -> None:
     titles = ("landmarks", "filter", "median [ms]", "mean [ms]", "p95 [ms]", "worst [ms]", "difference", "memory/P")
     print(" ".join(f"{title:>11}" for title in titles))
-    for size in map(int, options.landmarks.split(",")):
-        _, recording = simulate(field(size, options.sights) if options.sights else workload(size), 0)
-        taken = "full" if area_that_pays(recording, options.correction) is None else "compressed"
+    for size in map(int, landmarks.split(",")):
+        _, recording = simulate(field(size, sights) if sights else workload(size), 0)
+        taken = "full" if area_that_pays(recording, correction) is None else "compressed"
         prior = recording.sensor, recording.prior_mean, recording.prior_cov
-        compressed = CompressedFilter(*prior, options.radius, correction=options.correction)
-        run(compressed, simulate(workload(20), 0)[1])  # compiled code loaded
+        compressed = CompressedFilter(*prior, radius, correction=correction)
+        run(compressed, simulate(workload(20), 0)[1])  # loads compiled code
         tracemalloc.start()
-        full = SlamFilter(*prior, options.correction, landmarks=size)
+        full = SlamFilter(*prior, correction, landmarks=size)
         for k, scan in enumerate(recording.scans()):
-            if k > recording.steps // 2:  # every scan's size has been met, so every work array is there
+            if k > recording.steps // 2:  # scans of all sizes have occurred, so all work arrays exist
                 break
             full.update(scan)
         memory = tracemalloc.get_traced_memory()[0] / (8.0 * (3 + 2 * size) ** 2)
         tracemalloc.stop()
-        full = SlamFilter(*prior, options.correction, landmarks=size)
-        compressed = CompressedFilter(*prior, options.radius, correction=options.correction)
+        full = SlamFilter(*prior, correction, landmarks=size)
+        compressed = CompressedFilter(*prior, radius, correction=correction)
         reference = np.zeros((0, 3))
         for name, slam in (("full", full), ("compressed", compressed)):
             seconds, poses = run(slam, recording)
@@ -95,4 +95,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    tyro.cli(main, description=__doc__)

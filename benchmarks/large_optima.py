@@ -1,12 +1,12 @@
-"""The hindsight optimum of growing maps, each by a process of its own: one table.
+"""Measure time and memory of the hindsight optimum on growing maps.
 
     python benchmarks/large_optima.py [--landmarks 1000,2000,5000,10000] [--sights 10]
 
-A field is driven through lane by lane (`large_maps.py`) with about `--sights` landmarks in view, none nearer than half
-a metre. Of each size: the landmarks seen, scans and observations; seconds of `batch`, with the covariance of every pose
-and landmark; of one linear problem alone with its covariances, its pieces, and the unknowns of its largest front; the
-most memory that the process had, Python and libraries included; chi-square over its degrees of freedom. Then how time
-and memory grow from size to size.
+The robot drives through a field in lanes (`large_maps.py`) with about `--sights` landmarks in view, none nearer than
+half a metre. The columns are: landmarks, scans and observations; seconds of `batch` with the covariances of all poses
+and landmarks; seconds of one linear problem with its covariances, its pieces, and the unknowns of its largest front;
+largest memory of the process, Python and libraries included; chi-square over its degrees of freedom. The last lines
+give the growth of time and memory from size to size.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ from slamgauge.compare.studies.executors import pin_blas_threads
 
 pin_blas_threads()
 
-import argparse
 import multiprocessing
 import resource
 import sys
@@ -24,9 +23,10 @@ from pathlib import Path
 from time import perf_counter
 from typing import NamedTuple
 
-sys.path.insert(0, str(Path(__file__).parent))  # Python may be told not to look there
+sys.path.insert(0, str(Path(__file__).parent))  # Python with PYTHONSAFEPATH does not look there
 
 import numpy as np
+import tyro
 from large_maps import field
 
 from slamgauge import batch, simulate
@@ -41,7 +41,7 @@ NEAREST = 0.5  # m
 
 
 class Figures(NamedTuple):
-    """Of one size."""
+    """A row of the table."""
 
     landmarks: int
     scans: int
@@ -55,11 +55,11 @@ class Figures(NamedTuple):
 
 
 def measured(landmarks: int, sights: int) -> Figures:
-    """Figures of a field; in a process of its own, for its memory is that of all that went before."""
+    """Measure one size, in a separate process because the largest memory is that of the whole process."""
     scenario = field(landmarks, sights)
     far = scenario.sensor.model_copy(update={"min_range": NEAREST})
     _, recording = simulate(Scenario.model_validate(scenario.model_copy(update={"sensor": far})), 0)
-    batch(recording.first(20))  # compiled code loaded
+    batch(recording.first(20))  # loads compiled code
     start = perf_counter()
     estimate = batch(recording)
     seconds = perf_counter() - start
@@ -87,17 +87,13 @@ def measured(landmarks: int, sights: int) -> Figures:
     )
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--landmarks", default="1000,2000,5000,10000")
-    parser.add_argument("--sights", type=int, default=10)
-    options = parser.parse_args()
+def main(landmarks: str = "1000,2000,5000,10000", sights: int = 10) -> None:
     titles = ("landmarks", "scans", "seen", "batch [s]", "one [s]", "pieces", "front", "memory [GB]", "chi2/dof")
     print(" ".join(f"{title:>11}" for title in titles))
     found: list[Figures] = []
-    for size in map(int, options.landmarks.split(",")):
+    for size in map(int, landmarks.split(",")):
         with multiprocessing.get_context("spawn").Pool(1) as pool:
-            one = pool.apply(measured, (size, options.sights))
+            one = pool.apply(measured, (size, sights))
         found.append(one)
         times = f"{one.seconds:.2f}", f"{one.one_solution:.2f}"
         cells = (*one[:3], *times, one.pieces, one.front, f"{one.memory:.2f}", f"{one.misfit:.3f}")
@@ -112,4 +108,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    tyro.cli(main, description=__doc__)

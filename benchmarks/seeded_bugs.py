@@ -1,36 +1,32 @@
-"""Which law of `slamgauge check` catches which bug, seeded one at a time into a textbook EKF; one table.
+"""Seed one bug at a time into a textbook EKF and print which checks of `slamgauge check` fail.
 
     python benchmarks/seeded_bugs.py [--seeds 20]
 
-A line for the right filter and for each bug: the law that is named for it, over how many seeds that law catches it, and
-what other laws it breaks. `step-time` is left out, as it takes the time of the others together.
-The exit status is 1 if a bug gets away, or breaks a law that is not known to be related, or the right filter fails.
+The table has a row for the right filter and for each bug: the check that is named for the bug, the number of seeds for
+which it fails, and the other checks that fail. `step-time` does not run, as it takes as long as all others together.
+The exit status is 1 if a named check passes, an unrelated check fails, or the right filter fails a check.
 """
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections import Counter
-from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
 import numpy as np
+import tyro
 
-sys.path.insert(0, str(Path(__file__).parent))  # Python may be told not to look there
+sys.path.insert(0, str(Path(__file__).parent))  # Python with PYTHONSAFEPATH does not look there
 
-from referees.seeded_bugs import SEEDED, seeded_ekf
+from references.seeded_bugs import SEEDED, seeded_ekf
 
 from slamgauge.compare.checks.examination import CHECKS, check_estimator
 
 JUDGED = [check for check in CHECKS if check.name != "step-time"]
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", type=int, default=20)
-    seeds = parser.parse_args(arguments).seeds
+def main(seeds: int = 20) -> int:
     print(f"{'bug':41}{'named law':23}{'caught':>8}  others that it breaks")
     good = True
     with np.errstate(all="ignore"):  # bugs may overflow
@@ -45,10 +41,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def failures(bug: str, seeds: int) -> Counter[str]:
-    """Over how many seeds each law fails."""
+    """Return for how many seeds each check fails."""
     verdicts = (check_estimator(bug, partial(seeded_ekf, bug=bug), seed, JUDGED) for seed in range(seeds))
     return Counter(verdict.name for each in verdicts for verdict in each if verdict.is_failure)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(tyro.cli(main, description=__doc__))

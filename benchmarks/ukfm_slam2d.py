@@ -1,16 +1,17 @@
-"""The 2D SLAM benchmark of UKF-M: our figures beside the published ones, same columns.
+"""Run the 2D SLAM benchmark of UKF-M and print our results next to the published ones.
 
     python benchmarks/ukfm_slam2d.py [--runs 100] [--seed 0] [--jobs 2] [--out results/ukfm-slam2d]
 
-Ours come with 95 % intervals over runs, NEES is per degree of freedom; the published figures are of 100
-runs of their own, without intervals (Brossard, Barrau and Bonnabel, project ukfm).
+Our results have 95 % intervals over runs. NEES is per degree of freedom. The published results come from 100 other runs
+and have no intervals (Brossard, Barrau and Bonnabel, project ukfm).
 """
 
 from __future__ import annotations
 
-import argparse
 import math
 from pathlib import Path
+
+import tyro
 
 from slamgauge import load_scenario
 from slamgauge.compare.estimators.registry import CAUSAL
@@ -25,16 +26,10 @@ PUBLISHED = {"EKF": (3.02, 0.67, 2.88, 2.56), "right-UKF": (2.51, 0.55, 1.01, 1.
 NAMES = ("ekf", "fej-ekf", "iekf", "riekf", "riukf", "robocentric-ekf", "causal")
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--runs", type=int, default=100)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--out", type=Path, default=Path("results/ukfm-slam2d"))
-    options = parser.parse_args()
+def main(runs: int = 100, seed: int = 0, jobs: int = 2, out: Path = Path("results/ukfm-slam2d")) -> None:
     scenario = load_scenario("ukfm-slam2d")
-    with local_processes(options.jobs) as executor:
-        summary = run_study(scenario, options.runs, options.seed, NAMES, options.out, executor)
+    with local_processes(jobs) as executor:
+        summary = run_study(scenario, runs, seed, NAMES, out, executor)
     titles = ("heading RMSE [deg]", "position RMSE [m]", "NEES heading", "NEES position", "last sigma / causal")
     print(f"{'':20}" + "".join(f"{title:>23}" for title in titles))
     for name, figures in PUBLISHED.items():
@@ -60,4 +55,4 @@ def cell(interval: Interval | None, unit: float = 1.0) -> str:
 
 
 if __name__ == "__main__":
-    main()
+    tyro.cli(main, description=__doc__)

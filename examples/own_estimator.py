@@ -1,12 +1,11 @@
-"""A landmark filter of your own, graded against the optimum.
+"""A landmark filter written by a user, compared with the optimum.
 
-It corrects one observation at a time and forgets that the errors of robot and landmarks are correlated:
-easy to write, far too sure of itself (see its NEES; the error of a single run has luck in it).
-From this folder, grade it on q1-long-dense,
+It corrects with one observation at a time and neglects the correlation between robot and landmarks. This is easy to
+write and makes the filter overconfident: see its NEES. Run it from this folder on q1-long-dense,
 
     python own_estimator.py
 
-or on a stored recording, beside the filters that come along:
+or on a stored recording next to the built-in filters:
 
     slamgauge run q1-long-dense --out first-run
     slamgauge evaluate first-run/recording.npz --estimators ekf,causal,own_estimator.py:estimate

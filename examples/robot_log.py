@@ -1,7 +1,7 @@
-"""The log of a robot that never was, as a real one would write it: `python examples/robot_log.py my-log`.
+"""Write the log of a simulated robot in the form of a real one: `python examples/robot_log.py my-log`.
 
-Wheels tell speed [m/s] and yaw rate [deg/s] ten times a second, a laser ranges [m] and bearings [deg] to reflectors
-four times a second, and neither waits for the other. The noise is what the written recording.toml says.
+The wheels give speed [m/s] and yaw rate [deg/s] ten times a second. A laser gives ranges [m] and bearings [deg] to
+reflectors four times a second, not synchronised with the wheels. The written recording.toml states the noise.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ import numpy as np
 
 from slamgauge import chain, wrap
 
-SECONDS, WHEELS, LASER = 120.0, 0.1, 0.25  # s: the drive, and the time between two rows
+SECONDS, WHEELS, LASER = 120.0, 0.1, 0.25  # s: duration, and time between two rows of a file
 SPEED, YAW_RATE = 0.5, 8.0  # m/s, deg/s
-MOTION_SIGMAS = np.array([0.05, 0.01, np.radians(1.0)])  # of the speeds: forward, sideways, turn
+MOTION_SIGMAS = np.array([0.05, 0.01, np.radians(1.0)])  # noise of the speeds: forward, sideways, turn
 RANGE_SIGMA, BEARING_SIGMA = 0.05, 1.0  # m, deg
 REACH = 6.0  # m
-BEGINNING = 1000.0  # s: what the robot's clock says at the start
+BEGINNING = 1000.0  # s: time of the robot's clock at the start
 
 MAPPING = """\
 [odometry]
@@ -33,7 +33,7 @@ file = "laser.csv"
 angle = "deg"
 columns = { stamp = "time", landmark = "reflector" }
 
-[noise]  # metres, radians, and by the second where it is of speeds
+[noise]  # metres and radians, for speeds per second
 per = "speed"
 forward = 0.05
 lateral = 0.01
@@ -44,18 +44,20 @@ bearing = 0.0175
 
 
 def main(folder: Path) -> None:
-    """Write the log, what is to be known of its files, and the truth."""
+    """Write the log, the description of its files, and the truth."""
     rng = np.random.default_rng(15)
     steps = round(SECONDS / WHEELS)
-    said = np.tile([SPEED, 0.0, np.radians(YAW_RATE)], (steps, 1)) * np.array([1.0, 0.0, 1.0])
-    said[:, 2] *= np.sign(np.sin(np.arange(steps) * WHEELS * np.radians(YAW_RATE) / 2.0) + 1e-9)  # a figure of eight
-    poses = chain(np.zeros(3), arcs(WHEELS * (said + rng.normal(size=(steps, 3)) * MOTION_SIGMAS)))
+    commanded = np.tile([SPEED, 0.0, np.radians(YAW_RATE)], (steps, 1)) * np.array([1.0, 0.0, 1.0])
+    commanded[:, 2] *= np.sign(
+        np.sin(np.arange(steps) * WHEELS * np.radians(YAW_RATE) / 2.0) + 1e-9
+    )  # a figure of eight
+    poses = chain(np.zeros(3), arcs(WHEELS * (commanded + rng.normal(size=(steps, 3)) * MOTION_SIGMAS)))
     stamps = BEGINNING + WHEELS * np.arange(steps + 1)
     reflectors = poses[:: steps // 12, :2] + rng.uniform(-3.0, 3.0, (13, 2))
 
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "recording.toml").write_text(MAPPING, encoding="utf-8")
-    speeds = zip(stamps, np.append(said[:, 0], 0.0), np.degrees(np.append(said[:, 2], 0.0)), strict=True)
+    speeds = zip(stamps, np.append(commanded[:, 0], 0.0), np.degrees(np.append(commanded[:, 2], 0.0)), strict=True)
     write(folder / "wheels.csv", ("time", "speed", "yaw_rate"), speeds)
     sights = laser(rng, stamps, poses, reflectors)
     write(folder / "laser.csv", ("time", "reflector", "range", "bearing"), sights)
@@ -64,7 +66,7 @@ def main(folder: Path) -> None:
 
 
 def arcs(twists: np.ndarray) -> np.ndarray:
-    """Where constant speeds lead that go forward, sideways and round by so much (n, 3)."""
+    """Return the increments (n, 3) of constant speeds with forward, lateral and turning components (n, 3)."""
     x, y, turn = twists.T
     half = np.exp(0.5j * turn) * np.sinc(0.5 * turn / np.pi)  # (e^it - 1) / it
     moved = (x + 1j * y) * half
@@ -74,7 +76,7 @@ def arcs(twists: np.ndarray) -> np.ndarray:
 def laser(
     rng: np.random.Generator, stamps: np.ndarray, poses: np.ndarray, reflectors: np.ndarray
 ) -> Iterable[Sequence[float]]:
-    """What the laser sees: time, reflector, range and bearing."""
+    """Yield the observations of the laser: time, reflector, range and bearing."""
     for time in np.arange(stamps[0] + 0.03, stamps[-1], LASER):
         heading = np.interp(time, stamps, np.unwrap(poses[:, 2]))
         here = np.array([np.interp(time, stamps, poses[:, axis]) for axis in (0, 1)])
@@ -86,7 +88,7 @@ def laser(
 
 
 def write(path: Path, header: Sequence[str], rows: Iterable[Sequence[float]]) -> None:
-    """Write a CSV file; six digits after the point, as programs of robots do."""
+    """Write a CSV file with six decimals."""
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(header)

@@ -1,5 +1,5 @@
-# WRONG ON PURPOSE: `innovation_of` takes a bearing from another without bringing the difference into (-pi, pi].
-"""The filter of `student_ekf.py` with one bug, told above: what does slamgauge say of it?"""
+# WRONG ON PURPOSE: `innovation_of` does not wrap the difference of two bearings to (-pi, pi].
+"""The filter of `student_ekf.py` with the bug above: run slamgauge to see how it finds the bug."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,8 +10,8 @@ DT = 0.1  # time step [s]
 Q = np.diag([0.3, np.deg2rad(3.0)]) ** 2  # noise of speed [m/s] and yaw rate [rad/s]
 Py = np.diag([0.1, np.deg2rad(5.0)]) ** 2  # noise of range [m] and bearing [rad]
 KNOWN_DATA_ASSOCIATION = 1  # 0: by the Mahalanobis distance
-M_DIST_TH = 9.0  # squared distance from which on a landmark is a new one
-known_ids: list[float] = []  # of the landmarks in the state, in their order
+M_DIST_TH = 9.0  # squared distance from which an observation is of a new landmark
+known_ids: list[float] = []  # ids of the landmarks in the state, in the order of the state
 
 
 def wrap(angle: float) -> float:
@@ -19,7 +19,7 @@ def wrap(angle: float) -> float:
 
 
 def predict(x: Array, P: Array, u: Array) -> tuple[Array, Array]:
-    """Move the robot; the landmarks stay."""
+    """Move the robot; landmarks do not move."""
     way, theta = u[0, 0] * DT, x[2, 0]
     c, s = np.cos(theta), np.sin(theta)
     A = np.eye(len(x))
@@ -32,7 +32,7 @@ def predict(x: Array, P: Array, u: Array) -> tuple[Array, Array]:
 
 
 def expect(x: Array, landmark: int) -> tuple[Array, Array]:
-    """The observation (2, 1) of a landmark that is to be expected, and its Jacobian (2, 3+2n)."""
+    """Return the predicted observation (2, 1) of a landmark and its Jacobian (2, 3+2n)."""
     at = 3 + 2 * landmark
     dx, dy = x[at : at + 2, 0] - x[0:2, 0]
     r2 = dx**2 + dy**2
@@ -44,7 +44,7 @@ def expect(x: Array, landmark: int) -> tuple[Array, Array]:
 
 
 def innovation_of(x: Array, P: Array, yi: Array, landmark: int) -> tuple[Array, Array, Array]:
-    """Innovation (2, 1), its covariance and the Jacobian."""
+    """Return the innovation (2, 1), its covariance and the Jacobian."""
     expected, H = expect(x, landmark)
     innovation = yi[0:2].reshape(2, 1) - expected
     return innovation, H @ P @ H.T + Py, H
@@ -60,7 +60,7 @@ def correct(x: Array, P: Array, yi: Array, landmark: int) -> tuple[Array, Array]
 
 
 def add_landmark(x: Array, P: Array, yi: Array) -> tuple[Array, Array]:
-    """Map a landmark where it is seen from the robot; it shares the robot's error."""
+    """Add a landmark at the observed position; its error is correlated with that of the robot."""
     r, phi = yi[0], x[2, 0] + yi[1]
     c, s = np.cos(phi), np.sin(phi)
     Jr = np.array([[1.0, 0.0, -r * s], [0.0, 1.0, r * c]])
@@ -72,7 +72,7 @@ def add_landmark(x: Array, P: Array, yi: Array) -> tuple[Array, Array]:
 
 
 def associate(x: Array, P: Array, yi: Array) -> int:
-    """Number of the landmark that is seen; n, if it is a new one."""
+    """Return the number of the observed landmark, n for a new landmark."""
     count = (len(x) - 3) // 2
     if KNOWN_DATA_ASSOCIATION:
         if yi[2] not in known_ids:
@@ -86,7 +86,7 @@ def associate(x: Array, P: Array, yi: Array) -> int:
 
 
 def ekf_slam(xEst: Array, PEst: Array, u: Array, y: Array) -> tuple[Array, Array]:
-    """One step: move with u, then correct with each observation in y, or map what is new."""
+    """Take one step: predict with u, then correct with each observation in y, or add a new landmark."""
     xEst, PEst = predict(xEst, PEst, u)
     for yi in y:
         landmark = associate(xEst, PEst, yi)

@@ -1,4 +1,4 @@
-"""Every check behind one command: `python -m tests`, or some of them: `python -m tests lint types`."""
+"""Run all checks, `python -m tests`, or some of them, `python -m tests lint types`."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ CHECKS = {
     "kernels": ["tests.kernels"],
     "tests": ["pytest", "-n", "auto", "--dist", "loadfile", "--no-loadscope-reorder"],
 }
-ALL_CORES = "tests"  # the others take one each
+ALL_CORES = "tests"  # the other checks use one core each
 
 
 def main(names: Sequence[str] = ()) -> int:
-    """Run the checks of these names, all if none is given, also after one has failed.
+    """Run the named checks, all by default, and continue after a failure.
 
-    The exit status is 0 if every one passed, 2 if there is no check of a name.
+    The exit status is 0 if all passed, 1 if one failed, 2 for an unknown name.
     """
     unknown = [name for name in names if name not in CHECKS]
     if unknown:
@@ -47,7 +47,7 @@ def main(names: Sequence[str] = ()) -> int:
 
 
 def passes(name: str) -> bool:
-    """Run a check; what it says is printed when it is done, that of the tests at once."""
+    """Run a check and print its output at the end, the output of the tests at once."""
     module, *arguments = CHECKS[name]
     command, title = [sys.executable, "-m", module, *arguments], f"== {name}: {' '.join([module, *arguments])}\n"
     if name == ALL_CORES:
@@ -61,7 +61,7 @@ def passes(name: str) -> bool:
 
 
 def link_packages() -> None:
-    """Lay out `build/links/slamgauge` as the installed package is: the type checker follows no import hooks."""
+    """Make `build/links/slamgauge` like the installed package, because the type checker follows no import hooks."""
     links = ROOT / "build/links/slamgauge"
     shutil.rmtree(links, ignore_errors=True)
     links.mkdir(parents=True)

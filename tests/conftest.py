@@ -1,4 +1,4 @@
-"""What all tests share."""
+"""Fixtures and hooks of all tests."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ import pytest
 
 from slamgauge import compile_progress
 from slamgauge.compare.cli import terminal
-from tests.reference import lighter
+from tests.reference import fast_commands
 
 HERE = Path(__file__).parent
 
 
 def gtsam_is_missing() -> bool:
-    """Whether GTSAM cannot be had; `PYTHONPATH=tests/without_gtsam` makes it so."""
+    """Return whether GTSAM cannot be imported, for example with `PYTHONPATH=tests/without_gtsam`."""
     try:
         import gtsam  # noqa: F401  # pyright: ignore[reportUnusedImport]
     except ImportError:
@@ -34,12 +34,12 @@ OF_GTSAM = (
     "problem/test_linearisation.py",
     "test_optimum.py",
 )
-OPTIMA_OF_GTSAM = re.compile("robust.(batch|optimum)|fixed.lag")  # in the names of tests that are told an estimator
+OPTIMA_OF_GTSAM = re.compile("robust.(batch|optimum)|fixed.lag")  # in the names of tests with an estimator as parameter
 collect_ignore = [f"graph_baseline/{name}" for name in OF_GTSAM if WITHOUT_GTSAM]
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """The files beside this one take long: none of them is left for one worker when the others are done."""
+    """Run the files of this folder first: they take long, and a worker must not begin one when the others are done."""
     items.sort(key=lambda item: item.path.parent != HERE)
     for item in items:
         needed = item.get_closest_marker("gtsam") is not None or OPTIMA_OF_GTSAM.search(item.name)
@@ -48,30 +48,30 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def pytest_collection_finish() -> None:
-    """Tests and modules stay: commands that look for garbage need not go through thousands of them each time."""
+    """Exclude tests and modules from garbage collection, which commands run often."""
     gc.collect()
     gc.freeze()
 
 
 @pytest.fixture(autouse=True)
 def whole_lines(monkeypatch: pytest.MonkeyPatch):
-    """Commands print what they say in whole lines here; `compare/cli/test_terminal.py` tests how lines are broken."""
+    """Print messages of commands without line breaks; `compare/cli/test_terminal.py` tests line breaks."""
     monkeypatch.setattr(terminal, "PIPED", 10_000)
 
 
 @pytest.fixture(autouse=True)
 def silent_compiler(monkeypatch: pytest.MonkeyPatch):
-    """How long kernels take to load is the machine's affair; `slamgauge/test_compiling.py` tests what is said of it."""
+    """Disable messages about loading of kernels, which `core/test_compile_progress.py` tests."""
     monkeypatch.setattr(compile_progress, "ANNOUNCE_AFTER", 3600.0)
 
 
 @pytest.fixture
 def studies_in_a_thread() -> Generator[None]:
-    with lighter.studies_in_a_thread():
+    with fast_commands.studies_in_a_thread():
         yield
 
 
 @pytest.fixture
 def empty_pictures() -> Generator[None]:
-    with lighter.empty_pictures():
+    with fast_commands.empty_pictures():
         yield

@@ -1,4 +1,4 @@
-"""Compile every kernel once: the workers of the tests, which begin together, would each compile them."""
+"""Compile every kernel once, because the workers of the tests would each compile them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A fresh clone of the project, installed as README says, in which the package is imported from the clone's root."""
+"""A new clone of the project, installed as in README: imports from the root of the clone."""
 
 from __future__ import annotations
 
@@ -26,16 +26,16 @@ from slamgauge import SlamFilter, load_scenario, simulate
 def test_recording():
     _, recording = simulate(load_scenario("q1-short-dense", ["trajectory.duration=1"]), 0)
     assert recording.steps == 10 and callable(SlamFilter)
-"""  # compiles no kernel, which would take half a minute in a fresh clone
+"""  # compiles no kernel, which would take half a minute in a new clone
 
 
 @pytest.fixture(scope="module", params=[".", "-e ."])
 def clone(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A clone with an environment of its own that sees the dependencies of this one; nothing is downloaded."""
+    """Make a clone and a virtual environment that uses the dependencies of this one, without downloads."""
     clone = tmp_path_factory.mktemp("clone") / "slamgauge-clone"
     tracked = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=False).stdout
     if not tracked:
-        pytest.skip("the project is no git checkout here")
+        pytest.skip("the project is not a git checkout")
     for name in filter(None, tracked.split("\0")):
         if (ROOT / name).exists():
             (clone / name).parent.mkdir(parents=True, exist_ok=True)
@@ -50,7 +50,7 @@ def clone(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
 
 
 def run(clone: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    """Run the clone's Python in the clone's root."""
+    """Run the Python of the clone in the root of the clone."""
     command = [clone / ".venv/bin/python", *arguments]
     return subprocess.run(command, cwd=clone, capture_output=True, text=True, check=False)
 

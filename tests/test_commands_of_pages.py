@@ -1,10 +1,10 @@
-"""Every command that a page shows is run, in the order of the page: small, in this process, and without rendering.
+"""Run the commands that pages show in the order of the page: small, in this process, and without rendering.
 
-`docs/make_figures.py` knows the blocks of a page and what remarks say of them. Here shipped scenarios last three
-seconds, studies have two runs, sweeps a value, in a thread instead of processes, and pictures are empty.
-Of commands with the same options one is run, and those whose results a later one takes. Logs of real robots are made-up
-ones under their names. Benchmarks are left out, `tests/benchmarks` runs each at its smallest size, and so is what
-installs. Those that wait for others, in shells of their own, are run together at the end.
+`docs/make_figures.py` parses the blocks of a page and their remarks. Here shipped scenarios last three seconds, studies
+have two runs and sweeps one value in a thread instead of processes, and figures are empty. Commands with the same
+options run only once, except commands with results that a later one reads. Synthetic logs replace those of real robots.
+Benchmarks do not run here, because `tests/benchmarks` runs each at its smallest size; installation commands do not run
+either. Commands that wait for others run together in separate processes at the end.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ import pytest
 
 from slamgauge.compare.cli.main import COMMANDS, main
 from slamgauge.compare.scenarios import scenario
-from tests.reference.published_logs import write_published_logs
+from tests.reference.synthetic_logs import write_published_logs
 
 pytestmark = pytest.mark.usefixtures("studies_in_a_thread", "empty_pictures")
 
@@ -38,11 +38,11 @@ SMALLER = (
     (re.compile(r"(slamgauge animate \S+).*"), r"\1 --seconds 0.2"),
     (re.compile(r"student_ekf\*\.py"), "student_ekf.py"),
 )
-FORMS: set[tuple[str, ...]] = set()  # of commands that were run: their names and options
+FORMS: set[tuple[str, ...]] = set()  # names and options of the commands that have run
 
 
 def blocks(page: Path) -> list[tuple[str, str, str]]:
-    """Remark, its name, and text of every block of commands or file of a page."""
+    """Return remark, name in the remark, and text of every block of commands or file on a page."""
     found = [piece.groupdict("") for piece in MADE["PIECE"].finditer(page.read_text(encoding="utf-8"))]
     return [
         (each["mark"], each["name"], each["block"])
@@ -53,7 +53,7 @@ def blocks(page: Path) -> list[tuple[str, str, str]]:
 
 @pytest.fixture
 def small(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder for the commands of a page, with what a reader has, and everything small."""
+    """Make a folder for the commands of a page with the files that a reader has, and small scenarios."""
     (tmp_path / "scenarios").mkdir()
     for name, file in scenario._shipped().items():  # pyright: ignore[reportPrivateUsage]
         text = re.sub(
@@ -76,17 +76,17 @@ def small(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def form_of(words: list[str]) -> tuple[str, ...]:
-    """The name of a command, the scenario of a run, and the options."""
+    """Return the name of a command, the scenario of `run`, and the options."""
     return (*words[1 : 3 if words[1] == "run" else 2], *sorted(word for word in words if word.startswith("--")))
 
 
 def is_needed(words: list[str], page: str) -> bool:
-    """Whether a command has a form that none had before, or results that another command of its page names."""
+    """Return whether a command has a new form, or results that another command of the page names."""
     written = [words[words.index(option) + 1] for option in ("--out", "--write") if option in words]
     return form_of(words) not in FORMS or any(len(re.findall(rf"(?<![\w/-]){out}\b", page)) > 1 for out in written)
 
 
-def carry_out(line: str, expected: set[int], page: str) -> None:
+def run_line(line: str, expected: set[int], page: str) -> None:
     """Run a line of a block."""
     words = shlex.split(line.partition(" > ")[0], comments=True)
     if words[0] == "slamgauge":
@@ -108,11 +108,11 @@ def test_every_command_of_a_page(page: str, small: Path):
             (small / name).write_text(block, encoding="utf-8")
             continue
         for line in lines_of(block):
-            carry_out(line, {0, 1} if mark == "fails" else {0}, shown)
+            run_line(line, {0, 1} if mark == "fails" else {0}, shown)
 
 
 def lines_of(block: str) -> list[str]:
-    """The commands of a block, small; of a loop those of its first round."""
+    """Return the commands of a block at small sizes; of a loop only those of its first round."""
     text = MADE["INSTALLED"].sub("", block).replace("\\\n", " ")
     loop = re.search(r"^for (\w+) in (\S+)[^\n]*; do\n(.*?)^done$", text, re.MULTILINE | re.DOTALL)
     if loop:
@@ -123,7 +123,7 @@ def lines_of(block: str) -> list[str]:
     return lines
 
 
-def test_the_first_two_commands_of_the_readme_lead_to_the_page_of_ones_own_filter(small: Path):
+def test_the_first_two_commands_of_the_readme_make_the_page_of_a_user_filter(small: Path):
     first, second = [line for _, _, block in blocks(PAGES["README.md"]) for line in lines_of(block)][:2]
     assert main(shlex.split(first)[1:]) == 0
     assert main(shlex.split(second)[1:]) == 0
@@ -133,7 +133,7 @@ def test_the_first_two_commands_of_the_readme_lead_to_the_page_of_ones_own_filte
 
 @pytest.mark.parametrize("scheme", ["tcp", "tls"])
 def test_the_cluster_of_a_page(scheme: str, tmp_path: Path):
-    """Its scheduler, its workers and its study, at once as in shells of their own; certificates first."""
+    """Certificates first, then scheduler, workers and study at the same time."""
     (tmp_path / "examples").symlink_to(ROOT / "examples")
     with socket.socket() as found:
         found.bind(("127.0.0.1", 0))
@@ -164,7 +164,7 @@ def test_the_cluster_of_a_page(scheme: str, tmp_path: Path):
 
 
 def test_pages_show_every_command():
-    """But those that ask what there is."""
+    """`doctor` and `scenarios` need no page."""
     lines = [
         line for page in PAGES.values() for mark, _, block in blocks(page) if mark != "as" for line in lines_of(block)
     ]

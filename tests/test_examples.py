@@ -1,4 +1,4 @@
-"""The examples: each runs as its docstring says, and what it prints and saves shows what it promises."""
+"""Each example runs as its docstring says, and prints and saves the expected results."""
 
 from __future__ import annotations
 
@@ -17,13 +17,14 @@ from slamgauge.compare.storage.files import load_recording
 from slamgauge.ekf.kernels.warm_up import compile_association_once, compile_bearings_once, compile_once
 from slamgauge.graph_baseline import batch
 from slamgauge.graph_baseline.solver.warm_up import compile_graphs_once
+from slamgauge.recording import Recording
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 
 
 @pytest.fixture(scope="module", autouse=True)
 def compiled_kernels() -> None:
-    """Where they are compiled for the first time, that is announced on standard error."""
+    """Compile all kernels, because the first compilation prints a message on standard error."""
     compile_once()
     compile_association_once()
     compile_bearings_once()
@@ -32,26 +33,26 @@ def compiled_kernels() -> None:
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """The examples, somewhere else."""
+    """Copy the examples to a temporary folder."""
     return shutil.copytree(EXAMPLES, tmp_path / "examples", ignore=shutil.ignore_patterns("__pycache__", "results"))
 
 
 def run(folder: Path, *arguments: str, status: int = 0) -> tuple[str, str]:
-    """What Python, started in the folder, prints on standard output and on standard error."""
+    """Run Python in the folder and return standard output and standard error."""
     done = subprocess.run([sys.executable, *arguments], cwd=folder, capture_output=True, text=True, check=False)
     assert (done.returncode, "Traceback" in done.stderr) == (status, False), done.stderr
     return done.stdout, done.stderr
 
 
 def rows(text: str) -> dict[str, dict[str, str]]:
-    """A printed table: the cells of each estimator by the titles of their columns; the notes under it left out."""
+    """Return the cells of each estimator in a printed table by column title, without the notes below the table."""
     titles, *lines = (re.split(r"\s{2,}", line.strip()) for line in text.strip().splitlines())
     lines = [line for line in lines if len(line) > 1]
     return {line[0]: dict(zip(titles, line, strict=True)) for line in lines}
 
 
 def test_own_estimator(folder: Path):
-    """On one fixed run the naive filter is worse than the optimum and far too sure of itself, but follows the robot."""
+    """On one fixed run the naive filter is worse than the optimum and very overconfident, but follows the robot."""
     printed, errors = run(folder, "own_estimator.py")
     assert errors == ""
     table = rows(printed)
@@ -71,7 +72,7 @@ def test_own_estimator(folder: Path):
     assert float(again["riekf"]["ATE [m]"]) < float(own["ATE [m]"]) < float(again["dead-reckoning"]["ATE [m]"]) / 5
 
 
-def test_own_estimator_refuses_what_it_does_not_know(folder: Path):
+def test_own_estimator_refuses_other_sensors(folder: Path):
     overrides = ["sensor.kind='position'", "sensor.sigma_position=0.1", "trajectory.duration=2"]
     path = folder / "positions.toml"
     shipped = EXAMPLES.parent / "compare/scenarios/q1-short-dense.toml"
@@ -86,14 +87,22 @@ def test_own_estimator_refuses_what_it_does_not_know(folder: Path):
     assert "this filter needs known association, ranges and bearings (own_estimator.py, line " in line
 
 
-def test_compare_question_1(folder: Path):
-    printed, errors = run(folder, "compare_question_1.py", "--out", "maps of mine")
+def compared(folder: Path, question: int, shape: tuple[int, int, int]) -> dict[str, str]:
+    """Run the example for a question, check the size of its figure, and return the printed table per scenario."""
+    printed, errors = run(folder, "compare_questions.py", str(question), "--out", "my results")
     assert errors == ""
-    short, dense, sparse, last = printed.split("\n\n")
-    for text, scenario in ((short, "q1-short-dense"), (dense, "q1-long-dense"), (sparse, "q1-long-sparse")):
-        title, _, body = text.partition("\n")
-        assert title == f"{scenario}, seed 0"
-        table = rows(body)
+    *texts, last = printed.split("\n\n")
+    assert last == "figure: my results/figure.png\n"
+    assert imread(folder / "my results/figure.png").shape == shape
+    titles = [text.partition("\n")[0].split(", seed 0") for text in texts]
+    assert [end for _, end in titles] == [""] * len(texts)
+    return {name: text.partition("\n")[2] for (name, _), text in zip(titles, texts, strict=True)}
+
+
+def test_compare_question_1(folder: Path):
+    tables = {name: rows(text) for name, text in compared(folder, 1, (1050, 2250, 4)).items()}
+    assert list(tables) == ["q1-short-dense", "q1-long-dense", "q1-long-sparse"]
+    for scenario, table in tables.items():
         assert list(table) == ["dead-reckoning", "ekf", "riekf", "causal", "batch"]
         assert float(table["causal"]["x optimum"]) == float(table["batch"]["x optimum"]) == 1.0
         assert 0.95 < float(table["ekf"]["NIS/dof"]) < 1.05
@@ -101,90 +110,77 @@ def test_compare_question_1(folder: Path):
         assert float(table["riekf"]["Mahalanobis distance² to the optimum"]) < float(
             table["ekf"]["Mahalanobis distance² to the optimum"]
         )
-    assert last == "maps: maps of mine/maps.png\n"
 
-    picture = imread(folder / "maps of mine/maps.png")[:, :, :3]
-    assert picture.shape == (1050, 2250, 3)
+    picture = imread(folder / "my results/figure.png")[:, :, :3]
     saturation = picture.max(axis=2) - picture.min(axis=2)
     for third in np.split(saturation, 3, axis=1):
         assert (third > 0.3).sum() > 2000  # coloured paths in each of the three maps
 
 
 def test_compare_question_2(folder: Path):
-    """On one fixed run the gates map too many landmarks, a few doubles, and too few or wrong ones."""
-    printed, errors = run(folder, "compare_question_2.py", "--out", "maps of mine")
-    assert errors == ""
-    *texts, last = printed.split("\n\n")
-    tables = [rows(text.partition("\n")[2]) for text in texts]
-    assert [text.partition(",")[0] for text in texts] == ["q2-gate-1", "q2-long-dense", "q2-gate-100"]
+    """On one fixed run the gates map too many landmarks, a few duplicates, and too few or wrong ones."""
+    tables = {name: rows(text) for name, text in compared(folder, 2, (1050, 2250, 4)).items()}
+    assert list(tables) == ["q2-gate-1", "q2-long-dense", "q2-gate-100"]
+    narrow, right, wide = tables.values()
     names = ["ekf", "riekf", "causal", "causal@ekf"]
-    assert [list(table) for table in tables] == [names[:3], names, names]
-    mapped = [int(table["ekf"]["mapped landmarks"]) for table in tables]
-    assert mapped[0] > 20 * 37
-    assert 37 < mapped[1] < 5 * 37
-    for table in tables:
+    assert [list(table) for table in tables.values()] == [names[:3], names, names]
+    assert int(narrow["ekf"]["mapped landmarks"]) > 20 * 37
+    assert 37 < int(right["ekf"]["mapped landmarks"]) < 5 * 37
+    for table in tables.values():
         assert (table["causal"]["mapped landmarks"], table["causal"]["wrong associations"]) == ("37", "0")
         assert float(table["causal"]["x optimum"]) == 1.0
-    for table in tables[1:]:
+    for table in (right, wide):
         assert table["causal@ekf"]["wrong associations"] == table["ekf"]["wrong associations"]
-    assert float(tables[2]["ekf"]["ATE [m]"]) > 2 * float(tables[1]["ekf"]["ATE [m]"])
-    assert last == "maps: maps of mine/maps.png\n"
-    assert imread(folder / "maps of mine/maps.png").shape == (1050, 2250, 4)
+    assert float(wide["ekf"]["ATE [m]"]) > 2 * float(right["ekf"]["ATE [m]"])
 
 
 def test_compare_question_3(folder: Path):
-    """On one fixed run the reported NEES falls with the assumed noise, and the optimum knows the true one."""
-    printed, errors = run(folder, "compare_question_3.py", "--out", "errors of mine")
-    assert errors == ""
-    *texts, last = printed.split("\n\n")
-    tables = [rows(text.partition("\n")[2]) for text in texts]
-    scales = ["q3-scale-0.1", "q3-scale-1", "q3-scale-2", "q3-scale-10"]
-    assert [text.partition(",")[0] for text in texts] == scales
-    assert len({table["causal"]["ATE [m]"] for table in tables}) == 1
+    """On one fixed run the NEES decreases with the assumed noise, and the optimum has the true noise."""
+    tables = {name: rows(text) for name, text in compared(folder, 3, (750, 2250, 4)).items()}
+    assert list(tables) == ["q3-scale-0.1", "q3-scale-1", "q3-scale-2", "q3-scale-10"]
+    assert len({table["causal"]["ATE [m]"] for table in tables.values()}) == 1
     for name in ("ekf", "riekf"):
-        nees = [float(table[name]["NEES"]) for table in tables]
+        nees = [float(table[name]["NEES"]) for table in tables.values()]
+        mapped = [int(table[name]["mapped landmarks"]) for table in tables.values()]
         assert nees[0] > 10 * nees[1] > 10 * nees[3]
-        assert int(tables[0][name]["mapped landmarks"]) > 10 * int(tables[3][name]["mapped landmarks"])
-    assert last == "errors: errors of mine/errors.png\n"
-    assert imread(folder / "errors of mine/errors.png").shape == (600, 1800, 4)
+        assert mapped[0] > 10 * mapped[3]
 
 
 def test_compare_question_4(folder: Path):
-    """On one fixed run every way to begin a landmark maps all of them, and ends near the optimum."""
-    printed, errors = run(folder, "compare_question_4.py", "--out", "maps of mine")
-    assert errors == ""
-    *texts, last = printed.split("\n\n")
-    assert [text.partition(",")[0] for text in texts] == ["q4-three-landmarks", "q4-ring"]
+    """On one fixed run every initialisation maps all landmarks, and every filter ends near the optimum."""
+    texts = compared(folder, 4, (1050, 2250, 4))
+    assert list(texts) == ["q4-three-landmarks", "q4-ring"]
     ways = ["ekf, fis", "riekf, fis", "riekf, inverse-depth", "riekf, delayed"]
-    for text, landmarks in zip(texts, ("3", "19"), strict=True):
-        lines = [line for line in text.splitlines()[2:] if "  " in line]
+    for text, landmarks in zip(texts.values(), ("3", "19"), strict=True):
+        lines = [line for line in text.splitlines()[1:] if "  " in line]
         assert [line.partition("  ")[0] for line in lines] == [*ways, "causal"]
         for line in lines:
-            cells = line.split("  ")
-            assert {cell.strip() for cell in cells} >= {landmarks, "0"}  # mapped, and none wrong
+            assert {cell.strip() for cell in line.split("  ")} >= {landmarks, "0"}  # mapped, and none wrong
             assert float(line[line.index("filtered") + 8 :].split()[0]) < 2.0  # ATE [m]
-    assert last == "maps: maps of mine/maps.png\n"
-    assert imread(folder / "maps of mine/maps.png").shape == (1050, 1800, 4)
 
 
-def test_robot_log(folder: Path):
-    """A robot's log is brought in, and its true noise fits it: chi-square in its band of 99.9 %, both sides."""
+@pytest.fixture
+def imported(folder: Path) -> Recording:
+    """Write the log of the example robot and import it."""
     run(folder, "robot_log.py", "my-log")
     run(folder, "-m", "slamgauge", "import", "csv", "my-log", "--out", "mine")
-    estimate = batch(load_recording(folder / "mine/recording.npz"))
+    return load_recording(folder / "mine/recording.npz")
+
+
+def test_robot_log(imported: Recording):
+    """The stated noise is that of the log: chi-square is in its two-sided 99.9 % band."""
+    estimate = batch(imported)
     assert estimate.chi_square is not None
     assert estimate.chi_square_dof is not None
     low, high = chi2.ppf([0.0005, 0.9995], estimate.chi_square_dof)
     assert low < estimate.chi_square < high
 
 
-def test_robot_loop(folder: Path):
-    run(folder, "robot_log.py", "my-log")
-    run(folder, "-m", "slamgauge", "import", "csv", "my-log", "--out", "mine")
+def test_robot_loop(folder: Path, imported: Recording):
     out, err = run(folder, "robot_loop.py", "mine/recording.npz")
     assert err == ""
-    optimum = batch(load_recording(folder / "mine" / "recording.npz"))
+    optimum = batch(imported)
     assert optimum.pose_covs is not None
     pose = [float(number) for number in re.findall(r"(\S+) (?:m|rad)\b", out.splitlines()[0])]
     assert np.all(np.abs(pose - optimum.poses[-1]) < np.sqrt(np.diag(optimum.pose_covs[-1])))
-    assert re.search(r"^map     13 landmarks; \d of 3144 observations left out$", out, flags=re.MULTILINE)
+    assert re.search(r"^map     13 landmarks; \d of 3144 observations rejected$", out, flags=re.MULTILINE)

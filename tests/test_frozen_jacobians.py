@@ -1,12 +1,11 @@
-"""The exact identity between filter and graph (MATH.md, section 4).
+"""A linear graph with the Jacobians of the textbook EKF has the mean and covariance of the EKF.
 
-A Kalman filter solves a linear least-squares problem. Freeze every factor of the graph at the Jacobian
-that the textbook EKF used (motions at the filtered pose, observations at the predicted state, a new
-landmark's first sight at the place where it was put), solve that linear graph once, over all poses and
-landmarks at the same time: its newest pose and its landmarks have the EKF's mean and covariance.
+A Kalman filter solves a linear least-squares problem. Every factor of the graph here has the Jacobian of the textbook
+EKF: motions at the filtered pose, observations at the predicted state, and first observations at the position of the
+new landmark. One solution for all poses and landmarks gives the newest pose and the landmarks of the EKF.
 
-Poses are eliminated through the noise that drives them, x_k = F x_{k-1} + c + G w_k, so that motion
-without lateral noise and a fixed start are exact: a noise that does not exist is no unknown.
+Unknowns are the noise of the motions, x_k = F x_{k-1} + c + G w_k. Noise without variance has no unknown, so that
+motion without lateral noise and a fixed start are exact.
 """
 
 from __future__ import annotations
@@ -30,7 +29,7 @@ Observed = tuple[int, int, Float, Float, Float, Float]
 
 @dataclass
 class FrozenFactors:
-    """Affine factors over x_0, w_1, w_2, ... and the landmarks, with the points at which they were frozen."""
+    """Affine factors over x_0, w_1, w_2, ... and the landmarks."""
 
     motions: list[tuple[Float, Float, Float]] = field(default_factory=list)  # F, c, G of each step
     observations: list[Observed] = field(default_factory=list)
@@ -38,7 +37,7 @@ class FrozenFactors:
 
 
 def freeze(recording: Recording) -> FrozenFactors:
-    """Run the textbook EKF and note where it linearises. Headings of the factors are not wrapped."""
+    """Run the textbook EKF and collect its linearised factors. Headings of the factors are not wrapped."""
     assert recording.landmark is not None
     frozen = FrozenFactors()
     x, P = recording.prior_mean.copy(), recording.prior_cov.copy()
@@ -71,7 +70,7 @@ def freeze(recording: Recording) -> FrozenFactors:
 
 
 def frozen_observations(step: int, slots: Int, x: Float, seen: Linearised) -> list[Observed]:
-    """Factors z = h(x^) + H (x - x^) + noise."""
+    """Return the factors z = h(x^) + H (x - x^) + noise."""
     found: list[Observed] = []
     for slot, v, H, columns, R in zip(slots.tolist(), *seen, strict=True):
         found.append((step, slot, H[:, :3], H[:, 3:], v + H @ x[columns], R))
@@ -79,7 +78,7 @@ def frozen_observations(step: int, slots: Int, x: Float, seen: Linearised) -> li
 
 
 def solve(recording: Recording, frozen: FrozenFactors) -> tuple[Float, Float]:
-    """Mean and covariance of the newest pose and all landmarks, from one dense least-squares problem.
+    """Compute mean and covariance of the newest pose and all landmarks by one dense least-squares problem.
 
     Unknowns: unit-variance coordinates of the start and of every motion's noise, then the landmarks.
     """
@@ -140,7 +139,7 @@ def test_the_linear_graph_frozen_at_the_filters_jacobians_gives_the_filter(
 
 
 def joint_covariance(recording: Recording) -> Float:
-    """Of robot and landmarks together, from the online form of the same filter."""
+    """Return the covariance of robot and landmarks, from the online form of the same filter."""
     slam = SlamFilter(recording.sensor, recording.prior_mean, recording.prior_cov)
     for k, scan in enumerate(recording.scans()):
         if k > 0:

@@ -1,4 +1,4 @@
-"""Who may import what (docs/architecture.md), read from the sources by folder, and what a command really loads."""
+"""Import rules of docs/architecture.md, read from the sources by folder, and the modules that a command loads."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ import pytest
 ROOT = Path(__file__).parents[1]
 FOLDERS = {"core": "slamgauge", **{name: f"slamgauge.{name}" for name in ("ekf", "graph_baseline", "compare")}}
 
-# Levels of each package from the ground up, folders or single modules: a module imports its own level and levels
-# below it, never one above. Modules that are not named here lie on top.
+# Levels of each package from bottom to top, folders or single modules. A module imports its own level and levels below
+# it, never one above. Modules that are not listed are on top.
 LEVELS = {
     "slamgauge": ("arrays", "sensor_models"),
     "slamgauge.ekf": (
@@ -68,12 +68,12 @@ PACKAGES_BELOW = {
     "slamgauge.graph_baseline": ("slamgauge",),
     "slamgauge.compare": ("slamgauge", "slamgauge.ekf", "slamgauge.graph_baseline"),
 }
-LAZY = ("slamgauge", "slamgauge.__main__")  # they offer names of all packages, and import them on first use
+LAZY = ("slamgauge", "slamgauge.__main__")  # import names of all packages on first use
 SLOW_TO_START = ("numpy", "gtsam", "matplotlib", "numba", "scipy", "pydantic")
 
 
 def sources() -> dict[str, Path]:
-    """Every module of the program by its import name."""
+    """Return every module of the program by its import name."""
     found: dict[str, Path] = {}
     for folder, package in FOLDERS.items():
         for path in sorted((ROOT / folder).rglob("*.py")):
@@ -86,7 +86,7 @@ SOURCES = sources()
 
 
 def imported(path: Path, modules: dict[str, Path] = SOURCES) -> Iterator[str]:
-    """Modules that a file imports anywhere: at its head, in functions, for type checking."""
+    """Yield all modules that a file imports: at its head, in functions, for type checking."""
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
@@ -101,19 +101,19 @@ IMPORTS = {name: {*imported(path)} for name, path in SOURCES.items() if name not
 
 
 def package_of(name: str) -> str:
-    """Package of a module."""
+    """Return the package of a module."""
     two = ".".join(name.split(".")[:2])
     return two if two in LEVELS else "slamgauge"
 
 
 def level_of(name: str) -> str:
-    """Level of a module within its package, "" for modules on top."""
+    """Return the level of a module within its package, "" for modules on top."""
     first = name.removeprefix(package_of(name)).strip(".").split(".")[0]
     return first if first in LEVELS[package_of(name)] else ""
 
 
 def height(name: str) -> int:
-    """Place of the module's level, counted from the ground."""
+    """Return the index of the module's level, counted from the bottom."""
     levels = LEVELS[package_of(name)]
     return levels.index(level_of(name)) if level_of(name) else len(levels)
 
@@ -129,7 +129,7 @@ def test_every_folder_is_a_level_and_every_level_exists() -> None:
         assert folders <= {*LEVELS[package]} <= folders | modules
 
 
-def test_imports_are_seen_wherever_they_stand(tmp_path: Path) -> None:
+def test_imports_are_found_at_all_places(tmp_path: Path) -> None:
     module = tmp_path / "module.py"
     module.write_text("import a.b\nfrom c.d import e\ndef f():\n    import g as h\n    from i import j\n")
     assert {*imported(module, {"i.j": module})} == {"a.b", "c.d", "g", "i.j"}
@@ -151,11 +151,11 @@ def test_a_module_imports_the_libraries_of_its_level(name: str) -> None:
 
 def test_no_imports_in_circles() -> None:
     graph = {name: {other for other in ours(name) if other in IMPORTS} - {name} for name in IMPORTS}
-    TopologicalSorter(graph).prepare()  # names the circle if there is one
+    TopologicalSorter(graph).prepare()  # raises an error that names the circle
 
 
 def loaded_by(statement: str) -> set[str]:
-    """Modules that a fresh process has loaded after `statement`."""
+    """Return the modules that a new process has loaded after `statement`."""
     program = f"import sys\n{statement}\nprint(' '.join(sys.modules))"
     done = subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True, cwd=ROOT)
     return set(done.stdout.split())
@@ -173,6 +173,6 @@ def test_the_command_and_the_package_start_without_the_slow_libraries(statement:
     [("slamgauge.ekf", "gtsam"), ("slamgauge.graph_baseline", "pydantic"), ("slamgauge.recording", "scipy")],
 )
 def test_a_package_can_be_used_without_the_others_libraries(package: str, never: str) -> None:
-    loaded = loaded_by(f"from {package} import *")  # all that it offers lazily, too
+    loaded = loaded_by(f"from {package} import *")  # also all lazily imported names
     assert "numpy" in loaded
     assert not loaded & {never, "slamgauge.compare", "matplotlib"}

@@ -1,10 +1,10 @@
-"""Question 1: how good each filter is on each of the three maps, through the public `assert_error_bounds`.
+"""Question 1: errors and consistency of each filter on three maps, with the public `assert_error_bounds`.
 
 Every run draws its start from the prior. The bounds were chosen on other seeds than the ones below: the
 errors on seeds 1000 to 1399, the ratios to the optimum on seeds 1000 to 1039. Each is that sample's mean
-plus 3.3 standard errors of the mean asserted here, rounded up; so a filter as good as there exceeds one bound with
-a probability of about 0.1 % (the ratios, resampled: at most 0.15 %). The statistical levels are 99.9 %, two-sided: a
-consistent filter fails one of them with a probability of 0.1 %.
+plus 3.3 standard errors of the mean asserted here, rounded up. An equally good filter exceeds a bound with
+probability 0.1 % (the ratios, resampled: at most 0.15 %). The statistical levels are 99.9 %, two-sided: a
+consistent filter fails one of them with probability 0.1 %.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import NamedTuple
 import pytest
 
 from slamgauge import assert_error_bounds
-from tests.reference.questions import graded_scores, scores
+from tests.reference.question_scores import graded_scores, scores
 
 FILTERS = ("dead-reckoning", "ekf", "riekf")
 MAPS = ("q1-short-dense", "q1-long-dense", "q1-long-sparse")
@@ -71,11 +71,11 @@ def test_dead_reckoning_is_consistent(scenario: str):
 
 
 @pytest.mark.parametrize("scenario", MAPS)
-def test_the_innovations_of_the_textbook_filter_look_right(scenario: str):
+def test_the_innovations_of_the_textbook_filter_are_as_large_as_expected(scenario: str):
     assert_error_bounds(scores(scenario, FILTERS, RUNS)["ekf"], nis_level=LEVEL)
 
 
-def test_yet_the_textbook_filter_is_too_sure_of_itself_on_the_long_dense_map():
-    """Its mean NEES on the other seeds is 5.5; resampled, a hundred runs never stayed inside the band."""
+def test_the_textbook_filter_is_overconfident_on_the_long_dense_map():
+    """Its mean NEES on the other seeds is 5.5; resampled, the mean of a hundred runs was never inside the band."""
     with pytest.raises(AssertionError, match=r"1 error bound.*\n.*pose NEES .* the estimator is too sure$"):
         assert_error_bounds(scores("q1-long-dense", FILTERS, RUNS)["ekf"], nees_level=LEVEL, nis_level=LEVEL)

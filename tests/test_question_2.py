@@ -1,9 +1,9 @@
-"""Question 2: what the filters make of landmarks without ids, through the public `assert_error_bounds`.
+"""Question 2: filters without landmark ids, with the public `assert_error_bounds`.
 
 Every run draws its start from the prior. Bounds were chosen on other seeds than the ones below (1000 to 1199, on the
 sparse map 1000 to 1399; ratios on the dense maps 1000 to 1099): each is the 99.9 % quantile of the mean asserted here,
-resampled from that sample, as single runs fail by far. A filter as good as there exceeds one with a probability of
-0.1 %; so does the mean map size on either side. The statistical levels are 99.9 %, two-sided.
+resampled from that sample, because single runs have very large errors. An equally good filter exceeds a bound with
+probability 0.1 %, and the bounds of the mean map size on either side too. The statistical levels are 99.9 %, two-sided.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import pytest
 from slamgauge import Association, MapManagement, Score, assert_error_bounds, load_scenario, riekf, simulate
 from slamgauge.compare.studies.study_run import run_seed
 from slamgauge.ekf import FilterSettings
-from tests.reference.questions import Expected, graded_scores, scores
+from tests.reference.question_scores import Expected, graded_scores, scores
 
 FILTERS = ("ekf", "riekf")
 RUNS = 24  # without the optimum; seeds 0 ..
@@ -60,8 +60,8 @@ def test_map_size(scenario: str, name: str):
 
 
 @pytest.mark.parametrize("name", FILTERS)
-def test_gate_1_maps_many_times_as_many_landmarks_as_there_are_and_costs_several_times_the_optimums_error(name: str):
-    """On the other seeds every run of gate 1 mapped more than thirty times the 37 landmarks there are."""
+def test_gate_1_maps_many_duplicates_and_costs_several_times_the_error_of_the_optimum(name: str):
+    """On the other seeds every run of gate 1 mapped more than thirty times the 37 true landmarks."""
     found = graded_scores("q2-gate-1", FILTERS, 2)[name]
     for score in found:
         assert score.landmarks_true == 37
@@ -74,19 +74,19 @@ def test_gate_1_maps_many_times_as_many_landmarks_as_there_are_and_costs_several
         assert_error_bounds(found, nees_level=LEVEL)
 
 
-TOO_SURE = [case for case in NEAREST_NEIGHBOUR if case[1] == "ekf" or case[0] in ("q2-long-sparse", "q2-gate-100")]
+OVERCONFIDENT = [case for case in NEAREST_NEIGHBOUR if case[1] == "ekf" or case[0] in ("q2-long-sparse", "q2-gate-100")]
 
 
-@pytest.mark.parametrize(("scenario", "name"), TOO_SURE)
-def test_wrong_associations_leave_filters_too_sure(scenario: str, name: str):
+@pytest.mark.parametrize(("scenario", "name"), OVERCONFIDENT)
+def test_wrong_associations_make_filters_overconfident(scenario: str, name: str):
     """NEES at the end on the other seeds: 6.8 and 9.1 (ekf, dense), more than 100 (sparse), thousands (gate 100)."""
     with pytest.raises(AssertionError, match=r"pose NEES .* too sure"):
         assert_error_bounds(scores(scenario, FILTERS, RUNS)[name], nees_level=LEVEL)
 
 
 @pytest.mark.parametrize("scenario", ["q2-short-dense", "q2-long-dense"])
-def test_on_dense_maps_the_right_invariant_filter_stays_closer_to_consistency(scenario: str):
-    """NEES at the end on the other seeds: 3.5 and 3.9, where 3 is right, against 6.8 and 9.1."""
+def test_on_dense_maps_the_right_invariant_filter_is_closer_to_consistency(scenario: str):
+    """NEES at the end on the other seeds: 3.5 and 3.9, where 3 is consistent; for ekf 6.8 and 9.1."""
     found = scores(scenario, FILTERS, RUNS)
     invariant, textbook = (np.mean([score.nees[-1] for score in found[name]]) for name in ("riekf", "ekf"))
     assert abs(invariant - 3.0) < 0.5 * abs(textbook - 3.0)
@@ -98,14 +98,14 @@ def test_gate_100_costs_several_times_the_error_of_gate_9():
 
 
 @pytest.mark.parametrize("name", FILTERS)
-def test_every_spurious_landmark_makes_the_innovations_look_too_small(name: str):
-    """What the gate cuts off starts a landmark of its own: the rest has a NIS of three quarters of what it should."""
+def test_duplicate_landmarks_make_the_innovations_too_small(name: str):
+    """Observations outside the gate begin a new landmark; the others have three quarters of the expected NIS."""
     with pytest.raises(AssertionError, match=r"NIS .* too cautious"):
         assert_error_bounds(scores("q2-long-dense", FILTERS, RUNS)[name], nis_level=LEVEL)
 
 
 @pytest.mark.parametrize("scenario", ["q2-short-dense", "q2-long-dense"])
-def test_joint_compatibility_finds_the_map_and_keeps_the_right_invariant_filter_consistent(scenario: str):
+def test_with_joint_compatibility_the_map_is_complete_and_the_right_invariant_filter_consistent(scenario: str):
     """On the other seeds 99 maps in 100 were complete and none larger; its NEES was 2.99 and 3.07."""
     found = scores(scenario, FILTERS, RUNS, JCBB)["riekf"]
     assert sum(score.landmarks_mapped == score.landmarks_true for score in found) >= 0.95 * RUNS
@@ -122,14 +122,14 @@ def test_joint_compatibility_costs_hardly_any_accuracy(scenario: str):
     assert blind <= 1.03 * known
 
 
-def test_yet_the_textbook_filter_stays_too_sure_of_itself():
+def test_with_joint_compatibility_the_textbook_filter_is_still_overconfident():
     with pytest.raises(AssertionError, match="too sure"):
         assert_error_bounds(scores("q2-long-dense", FILTERS, RUNS, JCBB)["ekf"], nees_level=LEVEL)
 
 
 @pytest.mark.parametrize(("root", "run"), [(0, 7), (100, 17), (100, 22)])
-def test_a_loop_closes_with_the_right_landmarks_though_the_position_is_known_badly(root: int, run: int) -> None:
-    """Merged with their neighbours pair by pair, or (0, 7) seen lately by the count of scans, if not by the clock."""
+def test_a_loop_closes_with_the_right_landmarks_though_the_position_is_uncertain(root: int, run: int) -> None:
+    """Earlier versions merged landmarks with neighbours, or in (0, 7) measured their age in scans, not in time."""
     truth, recording = simulate(load_scenario("q2-long-sparse", ["start=sampled"]), run_seed(root, run))
     estimate = riekf(recording, FilterSettings(Association("jcbb", map_management=MapManagement())))
     assert truth.landmarks is not None

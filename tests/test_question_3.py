@@ -1,9 +1,9 @@
-"""Question 3: filters that assume other noise than there is, unknown association, sparse map.
+"""Question 3: filters that assume another noise than the true one, unknown association, sparse map.
 
 Every run draws its start from the prior. Bounds were chosen on other seeds than the ones below (1000 to 1399): each is
-the 99.9 % quantile of the mean asserted here, resampled from that sample, as single runs fail by far (one loop closed
-with the wrong landmarks). A filter as good as there exceeds one with a probability of 0.1 %; so does the mean map size
-on either side. Scale 1 is q2-long-sparse under another name. The statistical levels are 99.9 %, two-sided.
+the 99.9 % quantile of the mean asserted here, resampled from that sample, because single runs have very large errors (a
+loop closed with the wrong landmarks). An equally good filter exceeds a bound with probability 0.1 %, and the bounds of
+the mean map size on either side too. Scale 1 is q2-long-sparse. The statistical levels are 99.9 %, two-sided.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import pytest
 
 from slamgauge import assert_error_bounds, load_scenario, simulate
 from slamgauge.compare.scenarios.simulation import informed
-from tests.reference.questions import Expected, graded_scores, scores
+from tests.reference.question_scores import Expected, graded_scores, scores
 
 FILTERS = ("ekf", "riekf")
 RUNS = 50  # without the optimum; seeds 0 ..
@@ -54,7 +54,7 @@ def test_map_size(scenario: str, name: str):
 
 
 @pytest.mark.parametrize("name", FILTERS)
-def test_who_assumes_too_little_noise_is_too_sure(name: str):
+def test_a_filter_that_assumes_too_little_noise_is_overconfident(name: str):
     found = scores("q3-scale-0.1", FILTERS, RUNS)[name]
     with pytest.raises(AssertionError, match=r"pose NEES .* too sure"):
         assert_error_bounds(found, nees_level=LEVEL)
@@ -64,12 +64,12 @@ def test_who_assumes_too_little_noise_is_too_sure(name: str):
 
 @pytest.mark.parametrize("name", FILTERS)
 @pytest.mark.parametrize("scenario", ["q3-scale-2", "q3-scale-10"])
-def test_the_innovations_of_who_assumes_too_much_noise_are_too_small(scenario: str, name: str):
+def test_a_filter_that_assumes_too_much_noise_has_too_small_innovations(scenario: str, name: str):
     with pytest.raises(AssertionError, match=r"NIS .* too cautious"):
         assert_error_bounds(scores(scenario, FILTERS, RUNS)[name], nis_level=LEVEL)
 
 
-def test_all_scales_see_the_same_measurements_and_the_optimum_is_told_the_true_noise():
+def test_all_scales_have_the_same_measurements_and_the_optimum_has_the_true_noise():
     told = simulate(load_scenario("q1-long-sparse"), 3)[1]
     for scale in (0.1, 1, 2, 10):
         scenario = load_scenario(f"q3-scale-{scale:g}")

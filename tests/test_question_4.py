@@ -1,8 +1,8 @@
-"""Question 4: bearings alone, three ways to begin a landmark, against the causal optimum of the same bearings.
+"""Question 4: bearing-only SLAM with three initialisations, compared with the causal optimum.
 
 Every run draws its start from the prior. Bounds were chosen on other seeds than the ones below (200 runs from seed
-1000): each is the 99.9 % quantile of the mean asserted here, resampled from that sample; a filter as good as there
-exceeds one with a probability of 0.1 %. The statistical levels are 99.9 %, two-sided.
+1000): each is the 99.9 % quantile of the mean asserted here, resampled from that sample; an equally good filter exceeds
+a bound with probability 0.1 %. The statistical levels are 99.9 %, two-sided.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from slamgauge import Score, assert_error_bounds
-from tests.reference.questions import graded_scores, scores
+from tests.reference.question_scores import graded_scores, scores
 
 FILTERS = ("ekf", "riekf")
 RUNS = {"q4-three-landmarks": 30, "q4-ring": 20}  # without the optimum; seeds 0 ..
@@ -81,7 +81,7 @@ def test_the_best_initialisation_is_within_the_bars():
         assert np.mean([nees for nees in found if nees is not None]) / 3 <= 1.5
 
 
-def test_rays_make_the_textbook_filter_too_sure_of_itself():
+def test_rays_make_the_textbook_filter_overconfident():
     """Its time-mean NEES/3 on the other seeds is 2.6; resampled, 0.4 % of the means of 20 runs come below 1.5."""
     found = [score.nees_pose for score in of("q4-ring", "fis", "ekf")]
     assert np.mean([nees for nees in found if nees is not None]) / 3 > 1.5
@@ -89,7 +89,7 @@ def test_rays_make_the_textbook_filter_too_sure_of_itself():
 
 @SCENARIOS
 @pytest.mark.parametrize("name", FILTERS)
-def test_every_ray_is_a_point_or_lost_in_the_end(scenario: str, name: str):
+def test_every_ray_becomes_a_point(scenario: str, name: str):
     for score in of(scenario, "fis", name):
         assert score.rays is not None
         assert score.rays.left == 0
@@ -97,7 +97,7 @@ def test_every_ray_is_a_point_or_lost_in_the_end(scenario: str, name: str):
 
 
 def test_the_sliding_window_is_as_good_as_the_causal_optimum():
-    """The bar for an online filter; over 100 runs of another root seed the mean ratio is 0.999, its deviation 0.015."""
+    """Over 100 runs of another root seed the mean ratio is 0.999, its deviation 0.015."""
     found = graded_scores("q4-ring", ("sliding-window",), 4)["sliding-window"]
     assert_error_bounds(found, max_ratio_to_optimum=1.05, nees_level=LEVEL)
 
@@ -109,11 +109,11 @@ FOUR_MEMBERS = ("fis.alpha=0.3", "fis.beta=2", "fis.s_min=1")
     ("sharing", "of_four", "of_three"),
     [("none", 2.0, 1.380), ("uniform", 1.3, 1.126), ("best", 3.0, 1.772), ("weights", 1.05, 1.044)],
 )
-def test_federated_sharing_beats_the_others(sharing: str, of_four: float, of_three: float):
+def test_federated_sharing_has_the_smallest_error(sharing: str, of_four: float, of_three: float):
     """Mean ATE of the right-invariant filter over that with federated sharing; `docs/bearings.md` has more runs.
 
-    Three members, the default, make less of a difference. Their bounds are 0.1 % quantiles of the ratio of means,
-    resampled from the other seeds, where it is 1.66, 1.28, 2.56 and 1.27.
+    With three members, the default, the difference is smaller. These bounds are 0.1 % quantiles of the ratio of means,
+    resampled from the other seeds, where the ratio is 1.66, 1.28, 2.56 and 1.27.
     """
     for members, times in ((FOUR_MEMBERS, of_four), ((), of_three)):
         ate = {}
@@ -124,7 +124,7 @@ def test_federated_sharing_beats_the_others(sharing: str, of_four: float, of_thr
 
 
 def test_bearings_of_one_degree_without_ids_cost_hardly_any_accuracy():
-    """Loops were closed with the wrong landmarks in one run of six, at five to eight times the error."""
+    """Earlier versions closed loops with wrong landmarks in one run of six, with five to eight times the error."""
     sharp = "sensor.sigma_bearing_deg=1"
     methods = [(sharp, f"association.method={method}") for method in ("jcbb", "known")]
     blind, known = (scores("q4-ring", ("riekf",), 6, each)["riekf"] for each in methods)

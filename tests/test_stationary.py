@@ -1,4 +1,4 @@
-"""A robot that stands still learns nothing about its own pose (Julier and Uhlmann, ICRA 2001)."""
+"""Observations do not change the pose covariance of a robot that stands still (Julier and Uhlmann, ICRA 2001)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from slamgauge.arrays import Float
 
 @pytest.fixture(scope="module")
 def covariances() -> dict[str, Float]:
-    """Pose covariances (1001, 3, 3) of each filter on the shipped scenario."""
+    """Return pose covariances (1001, 3, 3) of each filter on the shipped scenario."""
     _, recording = simulate(load_scenario("stationary"), 0)
     assert len(np.unique(recording.observation_step)) == 1001
     found: dict[str, Float] = {}
@@ -25,14 +25,14 @@ def covariances() -> dict[str, Float]:
 
 
 @pytest.mark.parametrize("name", ["fej-ekf", "oc-ekf", "riekf", "riukf", "robocentric-ekf", "sliding-window-10"])
-def test_a_consistent_filters_pose_covariance_stays(covariances: dict[str, Float], name: str) -> None:
+def test_the_pose_covariance_of_a_consistent_filter_is_constant(covariances: dict[str, Float], name: str) -> None:
     prior = covariances[name][0]
     sigmas = np.sqrt(np.diag(prior))
     np.testing.assert_allclose((covariances[name] - prior) / np.outer(sigmas, sigmas), 0.0, atol=1e-9)
 
 
 @pytest.mark.parametrize("name", ["ekf", "iekf"])
-def test_the_others_grow_sure_of_what_they_cannot_know(covariances: dict[str, Float], name: str) -> None:
+def test_the_heading_variance_of_the_other_filters_falls(covariances: dict[str, Float], name: str) -> None:
     heading = covariances[name][:, 2, 2]
     assert heading[-1] < 0.9 * heading[0]
     assert (np.diff(heading) <= 1e-15).all()

@@ -1,8 +1,8 @@
-"""As noise vanishes every estimator tends to the optimum: one linear problem is left, and all solve it.
+"""With vanishing noise every estimator approaches the optimum, because all solve the same linear problem.
 
-What separates them is of second order in the noise, so in standard deviations it falls in proportion to
-it. GTSAM takes a motion's covariance in the frame at the end of the increment, the filters at its start;
-covariances here are isotropic in x and y, for which that is the same.
+Their differences are of second order in the noise, so in standard deviations they are proportional to it. GTSAM takes
+the covariance of a motion in the frame at the end of the increment, filters in the frame at its start. Covariances here
+are isotropic in x and y, so that both are the same.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ LEVELS = (1e-2, 1e-3, 1e-4)
 
 
 class Distance(NamedTuple):
-    """From the optimum, at the end: of the pose and the landmarks in sigmas, and of the pose's sigmas as a ratio."""
+    """Distance from the optimum at the end: pose and landmarks in sigmas, and relative difference of the sigmas."""
 
     pose: float
     landmarks: float
@@ -37,14 +37,14 @@ class Distance(NamedTuple):
 
 @functools.cache
 def recording_of(seed: int, sensor: str, noise: float) -> Recording:
-    """The same random numbers at every noise level."""
+    """Return a recording with the same random numbers at every noise level."""
     _, recording = random_recording(seed, sensor=sensor, noise=noise)
     isotropic = np.diag([0.03, 0.03, 0.01]) ** 2 * noise**2
     return replace(recording, odometry_cov=np.tile(isotropic, (recording.steps, 1, 1)))
 
 
 def ends(estimate: Estimate) -> tuple[Float, Float, Float, Float]:
-    """Last pose and its sigmas, landmarks in increasing id order and their sigmas."""
+    """Return the last pose and its sigmas, landmarks in the order of ids and their sigmas."""
     assert estimate.pose_covs is not None
     assert estimate.landmark_covs is not None
     order = np.argsort(estimate.landmark_ids)
@@ -68,7 +68,7 @@ def distance(estimate: Estimate, optimum: Estimate) -> Distance:
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("estimator", [ekf_slam, riekf, riukf, robocentric_ekf])
 def test_the_distance_to_the_optimum_falls_with_the_noise(estimator: Estimator, seed: int, sensor: str) -> None:
-    """Ten times less noise, ten times nearer in sigmas: measured ratios are 9.6 to 10.2."""
+    """With a tenth of the noise the distance in sigmas is a tenth: measured ratios are 9.6 to 10.2."""
     recordings = [recording_of(seed, sensor, noise) for noise in LEVELS]
     distances = np.array([distance(estimator(recording), batch(recording)) for recording in recordings])
     np.testing.assert_allclose(distances[:-1] / distances[1:], 10.0, rtol=0.05)
@@ -77,14 +77,14 @@ def test_the_distance_to_the_optimum_falls_with_the_noise(estimator: Estimator, 
 
 @pytest.mark.parametrize("sensor", ["range-bearing", "position"])
 @pytest.mark.parametrize("noise", LEVELS)
-def test_the_causal_optimum_is_there_at_any_noise(noise: float, sensor: str) -> None:
+def test_causal_agrees_with_batch_at_any_noise(noise: float, sensor: str) -> None:
     for seed in range(3):
         recording = recording_of(seed, sensor, noise)
         assert max(distance(causal(recording), batch(recording))) < 0.003
 
 
-def test_the_frame_of_the_motions_noise_is_what_keeps_them_apart() -> None:
-    """With anisotropic motion noise filter and GTSAM differ however small the noise: the proof that it matters."""
+def test_filter_and_graph_differ_if_motion_noise_is_anisotropic() -> None:
+    """The frames of the motion noise differ, so the distance in sigmas does not fall with the noise."""
     apart: list[float] = []
     for noise in LEVELS:
         recording = recording_of(0, "range-bearing", noise)

@@ -1,4 +1,4 @@
-"""The wheel: it holds the program and nothing else, and works without the source tree."""
+"""The wheel contains only the program, and works without the source tree."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from zipfile import ZipFile
 
 import pytest
 
-from tests.reference.installed_elsewhere import PACKAGES, ROOT, lend_kernels, run_in
+from tests.reference.installed_copy import PACKAGES, ROOT, lend_kernels, run_in
 
 SCENARIOS = sorted(path.stem for path in (ROOT / "compare/scenarios").glob("*.toml"))
 
 
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Built from a copy of the tree, tests and all: a build leaves its traces where it runs, and finds older ones."""
+    """Build the wheel from a copy of the tree, because a build writes files there and uses older ones."""
     folder = tmp_path_factory.mktemp("wheel")
     passing = (".*", "__pycache__", "*.egg-info", "build", "dist", "results")
     source = shutil.copytree(ROOT, folder / "source", ignore=shutil.ignore_patterns(*passing))
@@ -38,7 +38,7 @@ def unpacked(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_the_wheel_holds_the_program_and_nothing_else(wheel: Path):
+def test_the_wheel_contains_only_the_program(wheel: Path):
     with ZipFile(wheel) as archive:
         names = {PurePosixPath(name) for name in archive.namelist()}
     program = {name for name in names if not name.parts[0].endswith(".dist-info")}
@@ -58,13 +58,13 @@ def test_the_wheel_holds_the_program_and_nothing_else(wheel: Path):
 
 
 def python(unpacked: Path, cwd: Path, *arguments: str) -> str:
-    """What Python prints, with the unpacked wheel ahead of the installed project."""
+    """Return the output of Python with the unpacked wheel first on the import path."""
     done = run_in(unpacked, *arguments, cwd=cwd)
     assert done.returncode == 0, done.stderr
     return done.stdout
 
 
-def test_the_unpacked_wheel_is_what_runs(unpacked: Path, tmp_path: Path):
+def test_the_unpacked_wheel_is_imported(unpacked: Path, tmp_path: Path):
     code = "import json, slamgauge as s; "
     code += "print(json.dumps([module.__file__ for module in (s, s.compare, s.ekf, s.graph_baseline)]))"
     files = [Path(file) for file in json.loads(python(unpacked, tmp_path, "-c", code))]
@@ -76,7 +76,7 @@ def test_the_unpacked_wheel_finds_its_scenarios(unpacked: Path, tmp_path: Path):
     assert [line.split()[0] for line in lines] == SCENARIOS
 
 
-def test_the_unpacked_wheel_runs_one(unpacked: Path, tmp_path: Path):
+def test_the_unpacked_wheel_runs_a_scenario(unpacked: Path, tmp_path: Path):
     arguments = ("--set", "trajectory.duration=2", "--estimators", "causal,batch", "--out", "run", "--json")
     metrics = json.loads(python(unpacked, tmp_path, "-m", "slamgauge", "run", "q1-short-dense", *arguments))
     assert set(metrics["estimators"]) == {"causal", "batch"}

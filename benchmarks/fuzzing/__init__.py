@@ -1,7 +1,7 @@
-"""What `benchmarks/fuzz.py` does to every input of slamgauge, and how it tells what came of it.
+"""Cases of `benchmarks/fuzz.py`: damaged inputs of slamgauge and their results.
 
-`mutations` damages, `targets` and `stores` list the inputs and what is claimed of them, `cases` carries one out,
-`worker` does so in a process that may die. The small logs are those of the tests.
+`mutations` damages files, `targets` lists the inputs and the checks of their results, `arguments` changes arguments of
+commands, and `cases` runs one case after another in a process that may crash. The small logs are those of the tests.
 """
 
 from __future__ import annotations

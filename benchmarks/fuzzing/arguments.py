@@ -1,10 +1,9 @@
-"""Arguments of commands, some of them replaced by what nobody should give."""
+"""Commands with some arguments replaced by invalid ones."""
 
 from __future__ import annotations
 
 import contextlib
 import io
-import os
 from pathlib import Path
 
 import numpy as np
@@ -39,8 +38,8 @@ COMMANDS = (
 )
 
 
-def give_arguments(rng: np.random.Generator, folder: Path) -> tuple[str, str]:
-    """Give a command with one or two words changed; what came of it, and what it printed if that should not be."""
+def run_arguments(rng: np.random.Generator, folder: Path) -> tuple[str, str]:
+    """Run a command with one or two words changed; return the outcome, and what it printed if that is wrong."""
     scenario = folder / "s.toml"
     scenario.write_text(SCENARIO)
     save(folder / "r.npz", simulate(load_scenario(scenario), 0)[1])
@@ -48,19 +47,15 @@ def give_arguments(rng: np.random.Generator, folder: Path) -> tuple[str, str]:
     words = str(rng.choice(COMMANDS)).split()
     for _ in range(rng.integers(1, 3)):
         words[int(rng.integers(1, len(words)))] = str(rng.choice(WORDS)).replace("\x00", "")
-    heard, before = io.StringIO(), Path.cwd()
-    os.chdir(folder)
+    errors = io.StringIO()
     try:
-        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(heard):
+        with contextlib.chdir(folder), contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(errors):
             status = main(words)
     except SystemExit as end:
-        status = 2 if end.code == 2 else 0  # the parser's own way out, with its box
-        return ("refused in one line" if status else "accepted"), ""
-    finally:
-        os.chdir(before)
+        return ("refused in one line" if end.code == 2 else "accepted"), ""  # the argument parser prints a box
     if status in (0, 1):
         return "accepted", ""
-    lines = [line for line in heard.getvalue().splitlines() if ": compiling " not in line]
+    lines = [line for line in errors.getvalue().splitlines() if ": compiling " not in line]
     if status in (2, 71) and len(lines) == 1:
         return "refused in one line", ""
     return "traceback", f"{' '.join(words)!r:.150}: status {status}, {lines[-1:]!r:.200}"

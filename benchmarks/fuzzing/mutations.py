@@ -1,4 +1,4 @@
-"""Damage: of bytes, of words and lines, of arrays; always by a generator of random numbers that is given."""
+"""Random damage of bytes, of words and lines, and of arrays."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ WORDS = (
 
 
 def changed_bytes(content: bytes, rng: np.random.Generator) -> bytes:
-    """Bits flipped, bytes replaced, a piece cut out, doubled or the end lost."""
+    """Flip bits, replace bytes, remove or repeat a piece, or cut off the end."""
     damaged = bytearray(content)
     for _ in range(rng.integers(1, 4)):
         at, length = int(rng.integers(len(damaged) + 1)), int(rng.integers(1, 40))
@@ -41,7 +41,7 @@ def changed_bytes(content: bytes, rng: np.random.Generator) -> bytes:
 
 
 def changed_pages(content: bytes, rng: np.random.Generator) -> bytes:
-    """The same of whole pages, as a file system does it that loses power: zeros, another page, or the end lost."""
+    """Change bytes, or whole pages as a file system does that loses power: zeros, another page, or no end."""
     if rng.integers(2):
         return changed_bytes(content, rng)
     size = int(rng.choice([512, 4096]))
@@ -56,7 +56,7 @@ def changed_pages(content: bytes, rng: np.random.Generator) -> bytes:
 
 
 def changed_text(content: bytes, rng: np.random.Generator) -> bytes:
-    """A word, a line or a byte changed, up to three times."""
+    """Change a word, a line or a byte, up to three times."""
     for _ in range(rng.integers(1, 4)):
         content = _changed_once(content, rng) or b"\n"
     return content
@@ -85,16 +85,16 @@ def _changed_once(content: bytes, rng: np.random.Generator) -> bytes:
 
 
 def changed_npz(content: bytes, rng: np.random.Generator) -> bytes:
-    """Another whole npz file, with an array that is none of the record's, or none that it could have."""
+    """Write another valid npz file with one array changed, removed or added."""
     with np.load(io.BytesIO(content)) as archive:
         arrays = {name: archive[name] for name in archive}
     file = io.BytesIO()
-    np.savez_compressed(file, **_changed_arrays(arrays, rng))  # pyright: ignore[reportArgumentType] names are its own
+    np.savez_compressed(file, **_changed_arrays(arrays, rng))  # pyright: ignore[reportArgumentType]
     return file.getvalue()
 
 
 def changed_mat(content: bytes, rng: np.random.Generator) -> bytes:
-    """The same of a MATLAB file."""
+    """Write another valid MATLAB file with one array changed, removed or added."""
     arrays = {name: array for name, array in loadmat(io.BytesIO(content)).items() if not name.startswith("_")}
     changed = {name: array for name, array in _changed_arrays(arrays, rng).items() if array.dtype.kind in "biufcU"}
     file = io.BytesIO()
@@ -103,7 +103,7 @@ def changed_mat(content: bytes, rng: np.random.Generator) -> bytes:
 
 
 def _changed_arrays(arrays: Arrays, rng: np.random.Generator) -> Arrays:
-    """The arrays, one of them changed in its numbers, its type or its shape, gone, or joined by another."""
+    """Change numbers, type or shape of an array, remove it, or add another."""
     name = str(rng.choice([*arrays]))
     array = arrays[name]
     match int(rng.integers(8)):
@@ -121,14 +121,14 @@ def _changed_arrays(arrays: Arrays, rng: np.random.Generator) -> Arrays:
             with np.errstate(all="ignore"):
                 try:
                     return arrays | {name: array.astype(str(rng.choice(types)))}
-                except (TypeError, ValueError):  # no such conversion
+                except (TypeError, ValueError):  # numpy has no such conversion
                     return arrays
         case _:
             return arrays | {name: _other_numbers(array, rng)}
 
 
 def _other_numbers(array: NDArray[Any], rng: np.random.Generator) -> NDArray[Any]:
-    """The array with some of its numbers replaced."""
+    """Replace some numbers of an array."""
     if array.dtype.kind not in "iuf" or not array.size:
         return np.array(str(rng.choice(["", "bearing", "position", "smoothed", "\x00"])))
     odd = [np.nan, np.inf, -1.0, 0.0, 1e308, 1e160, 1e50, 1e-300, 1e-9, 0.5, 2.0**53, 2.0**63, 1e20, 7.0, -7.0]

@@ -1,21 +1,24 @@
-"""The inputs: a whole one of each, how it may be damaged, how slamgauge takes it, and what is claimed if it does.
+"""Inputs of slamgauge: a valid example of each, ways to damage it, its reader, and a check of the result.
 
-What is claimed of something that was accepted is what can be told without the reader's own code:
+The check of an accepted input does not use the reader's code:
 
-* bytes under a sum of check (npz, compressed MATLAB files): the result is that of the undamaged file;
-* npz files that were written again: every number is the one that numpy reads there;
-* texts and other MATLAB files: every value of an observation, and of a motion and a pose where the format holds them as
-  they are, stands in the file, angles up to whole turns. Texts have no sums of check: what they say is what counts;
-* scenarios: a key has the value that the TOML text gives it, and `--set` has changed its own section alone.
+* files with checksums (npz, compressed MATLAB files) and changed bytes: the result is that of the undamaged file;
+* npz files that were written again with other arrays: every number is the one that numpy reads in the file;
+* text files and other MATLAB files have no checksums: every value of an observation, and of a motion and a pose if the
+  format has them without conversion, is in the file, angles up to whole turns;
+* scenarios: each key has the value of the TOML text;
+* stores of studies: every row is the stored one, and no row is missing without a message.
 """
 
 from __future__ import annotations
 
+import contextlib
 import io
 import math
 import re
 import tomllib
 from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, fields, is_dataclass
 from functools import cache, partial
 from pathlib import Path
@@ -25,8 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.io import loadmat, savemat
 
-from fuzzing.mutations import WORDS, Mutation, changed_bytes, changed_mat, changed_npz, changed_text
-from fuzzing.stores import damaged_stores
+from fuzzing.mutations import WORDS, Mutation, changed_bytes, changed_mat, changed_npz, changed_pages, changed_text
 from slamgauge import Estimate, Recording, Truth, load_scenario, simulate
 from slamgauge.compare.datasets.csv_log import read_csv_log
 from slamgauge.compare.datasets.dlr import read_dlr
@@ -37,14 +39,18 @@ from slamgauge.compare.datasets.mrclam import read_mrclam
 from slamgauge.compare.datasets.victoria_park import read_victoria_park
 from slamgauge.compare.storage.csv_folder import read_recording_csv, write_estimate_csv, write_recording_csv
 from slamgauge.compare.storage.files import load_estimate, load_recording, load_truth, save, write_tum
+from slamgauge.compare.storage.result_files import STORE
 from slamgauge.compare.storage.stored_results import load_stored
+from slamgauge.compare.studies.study import load_runs, run_study
 from slamgauge.ekf import FilterSettings
 from slamgauge.ekf.estimators import ekf_slam
 from slamgauge.se2 import wrap
 from tests.reference import robot_logs
 
 Files = Mapping[str, bytes]
-Claim = Callable[[Path, Any], str]  # folder and result: what is not as the file says, nothing if all is
+Read = Callable[[Path], Any]  # folder of the files to the result
+Check = Callable[[Path, Any], str]  # folder and result to the difference between them, "" if none
+Stored = dict[tuple[str, int], tuple[Any, ...]]  # figures and series by estimator and run
 
 SCENARIO = """\
 extends = "q1-short-dense"
@@ -96,49 +102,48 @@ LANDMARK 3 4 -2.0 0.4 0.1 0.01 0.5
 """
 
 
+RUNS, NAMES = 4, ("dead-reckoning", "ekf")  # of the stored study
+
+
 @dataclass(frozen=True)
 class Target:
     """An input.
 
     Attributes:
-        name: what it is called in the table.
-        files: whole ones, by name.
-        take: what slamgauge makes of a folder with them.
-        mutations: each leaves a file that must say for itself what is in it.
-        sealed: mutations that a sum of check finds, so that what is accepted is what was there before.
-        claim: what else is claimed of the result.
+        name: title in the table.
+        files: contents of valid files by name.
+        read: function of slamgauge that reads a folder with the files.
+        mutations: ways to damage a file that has no checksum.
+        sealed: mutations that a checksum finds, so that the result of an accepted file is that of the undamaged file.
+        check: a further check of the result.
     """
 
     name: str
     files: Files
-    take: Callable[[Path], Any]
+    read: Read
     mutations: tuple[Mutation, ...] = (changed_text, changed_text, changed_text, changed_bytes)
     sealed: tuple[Mutation, ...] = ()
-    claim: Claim = field(default=lambda _folder, _result: "")
+    check: Check = field(default=lambda _folder, _result: "")
 
 
 @cache
 def targets(folder: Path) -> tuple[Target, ...]:
-    """All of them; `folder` is an empty one to make whole files in."""
-    truth, recording = simulate(_short_scenario(folder), 0)
-    estimate = ekf_slam(recording)
-    stores = [Target(**each) for each in damaged_stores(_short_scenario(folder), folder)]
-    texts = _texts(folder, recording, estimate)
-    return (*_npz_files(folder, truth, recording, estimate), *_mat_files(), *texts, *stores)
-
-
-def _short_scenario(folder: Path) -> Any:
+    """Return all inputs; `folder` is an empty one for temporary files."""
     (folder / "short.toml").write_text(SCENARIO)
-    return load_scenario(folder / "short.toml", ["association.method=known"])
+    scenario = load_scenario(folder / "short.toml", ["association.method=known"])
+    truth, recording = simulate(scenario, 0)
+    estimate = ekf_slam(recording)
+    texts = _texts(folder, recording, estimate)
+    return (*_npz_files(folder, truth, recording, estimate), *_mat_files(), *texts, _study(scenario, folder))
 
 
-# --- files with sums of check ------------------------------------------------------------------
+# --- files with checksums ----------------------------------------------------------------------
 
 
 def _npz_files(folder: Path, truth: Truth, recording: Recording, estimate: Estimate) -> list[Target]:
     made: list[Target] = []
     bearings = load_scenario("q4-three-landmarks", ["trajectory.duration=2.0"])
-    records: dict[str, tuple[Recording | Truth | Estimate, Callable[[Path], Any]]] = {
+    records: dict[str, tuple[Recording | Truth | Estimate, Read]] = {
         "recording npz": (recording, load_recording),
         "truth npz": (truth, load_truth),
         "estimate npz": (estimate, load_estimate),
@@ -147,18 +152,17 @@ def _npz_files(folder: Path, truth: Truth, recording: Recording, estimate: Estim
     for name, (record, load) in records.items():
         save(folder / "record.npz", record)
         files = {"record.npz": (folder / "record.npz").read_bytes()}
-        take = partial(_in_folder, load, "record.npz")
-        mutations = ((changed_npz,), (changed_bytes,))
-        made.append(Target(name, files, take, *mutations, claim=_as_numpy_reads))
+        read = partial(_read_file, load, "record.npz")
+        made.append(Target(name, files, read, (changed_npz,), (changed_bytes,), _as_numpy_reads))
     return made
 
 
-def _in_folder(load: Callable[[Path], Any], name: str, folder: Path) -> Any:
+def _read_file(load: Read, name: str, folder: Path) -> Any:
     return load(folder / name)
 
 
 def _as_numpy_reads(folder: Path, record: object) -> str:
-    """Whether every array of a record is, number for number, what numpy reads in the file."""
+    """Compare every array of a record with the one that numpy reads in the file."""
     with np.load(folder / "record.npz") as archive:
         given = {name: archive[name] for name in archive}
     for name, value in _leaves(record).items():
@@ -170,13 +174,13 @@ def _as_numpy_reads(folder: Path, record: object) -> str:
             there = given[name].astype(np.float64)
             same = _are_same(np.asarray(value, dtype=np.float64), there, name)
         if not same:
-            return f"{name} is not what the file holds"
+            return f"{name} is not what the file has"
     return ""
 
 
 def _are_same(value: NDArray[Any], there: NDArray[Any], name: str) -> bool:
-    """Exactly; headings up to whole turns, covariances up to the rounding that makes them symmetric."""
-    if name.endswith("_cov") and there.ndim == 2:  # one stands for all rows
+    """Compare exactly, headings up to whole turns, covariances up to the rounding that makes them symmetric."""
+    if name.endswith("_cov") and there.ndim == 2:  # one covariance for all rows
         there = np.broadcast_to(there, value.shape)
     if value.shape != there.shape:
         return False
@@ -188,7 +192,7 @@ def _are_same(value: NDArray[Any], there: NDArray[Any], name: str) -> bool:
 
 
 def _leaves(record: object, within: str = "") -> dict[str, Any]:
-    """The fields of a record that are not None; those of a record within it follow its name."""
+    """Return the fields of a record that are not None; names of nested records become prefixes."""
     found: dict[str, Any] = {}
     for each in fields(cast("Any", record)):
         value = getattr(record, each.name)
@@ -205,17 +209,15 @@ def _mat_files() -> list[Target]:
     woods |= {"t": 0.1 * np.arange(6.0)[:, None], "true_valid": np.ones((6, 1), np.uint8)}
     woods |= {"r": column @ [[2.0, 3.0]], "b": column @ [[-1.0, 0.5]], "l": np.array([[1.0, 2.0], [3.0, -4.0]])}
     woods |= dict.fromkeys(("d", "r_var", "b_var", "v_var", "om_var"), 0.01)
-    take = partial(_in_folder, read_lost_in_the_woods, "dataset2.mat")
-    made: list[Target] = []
-    for name, is_compressed in (("mat compressed", True), ("mat plain", False)):
-        file = io.BytesIO()
-        savemat(file, woods, do_compression=is_compressed)
-        files = {"dataset2.mat": file.getvalue()}
-        if is_compressed:
-            made.append(Target(name, files, take, (changed_mat,), (changed_bytes,), _as_scipy_reads))
-        else:  # nothing tells that its bytes were others, and scipy may end the interpreter at them
-            made.append(Target(name, files, take, (changed_bytes,)))
-    return made
+    compressed, plain = io.BytesIO(), io.BytesIO()
+    savemat(compressed, woods, do_compression=True)
+    savemat(plain, woods)
+    read, name = partial(_read_file, read_lost_in_the_woods, "dataset2.mat"), "dataset2.mat"
+    sealed = Target(
+        "mat compressed", {name: compressed.getvalue()}, read, (changed_mat,), (changed_bytes,), _as_scipy_reads
+    )
+    # a plain file has no checksum, and scipy may crash on it
+    return [sealed, Target("mat plain", {name: plain.getvalue()}, read, (changed_bytes,))]
 
 
 def _as_scipy_reads(folder: Path, result: tuple[Recording, Truth]) -> str:
@@ -239,28 +241,38 @@ def _texts(folder: Path, recording: Recording, estimate: Estimate) -> list[Targe
     write_estimate_csv(folder / "own/estimate.csv", estimate)
     write_tum(folder / "own/estimate.tum", recording.stamps, estimate.poses, estimate.pose_covs)
     own = {path.name: path.read_bytes() for path in (folder / "own").iterdir()}
-    logs = {name: {file: text.encode() for file, text in vars(robot_logs)[name].items()} for name in LOGS}
-    stored = partial(_stored, recording)
+
+    def stored(name: str) -> Read:
+        return lambda folder: load_stored(folder / name, recording)
+
+    toml = {"short.toml": SCENARIO.encode()}
+    both, path = partial(_compare, ("observation", "odometry")), partial(_compare, ("poses", "landmarks"))
     texts = [
-        Target("csv folder", _some(own, "start", "odometry", "observations"), read_recording_csv, claim=_says_all),
+        Target("csv folder", _some(own, "start", "odometry", "observations"), read_recording_csv, check=both),
+        Target("estimate csv", _some(own, "estimate.csv", "landmarks"), stored("estimate.csv"), check=path),
+        Target("estimate tum", _some(own, "estimate.tum"), stored("estimate.tum"), check=_compare_positions),
         Target(
-            "estimate csv", _some(own, "estimate.csv", "landmarks"), partial(stored, "estimate.csv"), claim=_says_path
+            "victoria park", {"log.txt": PARK.encode()}, partial(_read_file, read_victoria_park, "log.txt"), check=both
         ),
-        Target("estimate tum", _some(own, "estimate.tum"), partial(stored, "estimate.tum"), claim=_says_xy),
-        Target("victoria park", {"log.txt": PARK.encode()}, _park, claim=_says_all),
-        Target("toml", {"short.toml": SCENARIO.encode()}, _from_toml, claim=_as_tomllib_reads),
-        Target("--set", {"set": b"sensor.max_range=3", "short.toml": SCENARIO.encode()}, _from_set, (_other_override,)),
+        Target("toml", toml, _simulated, check=_as_tomllib_reads),
+        Target("--set", {"set": b"sensor.max_range=3", **toml}, _simulated, (_other_override,)),
     ]
-    return texts + [Target(LOGS[name][0], logs[name], LOGS[name][1], claim=_says_observations) for name in LOGS]
+    for name, (files, read) in LOGS.items():
+        content = {file: text.encode() for file, text in files.items()}
+        texts.append(Target(name, content, read, check=_compare_log))
+    return texts
 
 
-LOGS: dict[str, tuple[str, Callable[[Path], Any]]] = {
-    "CSV": ("csv log", lambda folder: read_csv_log(folder).recording),
-    "G2O": ("g2o", lambda folder: read_g2o(folder / "graph.g2o").recording),
-    "TORO": ("toro", lambda folder: read_g2o(folder / "graph.toro", isam=True, drop_loop_edges=True).recording),
-    "MRCLAM": ("mrclam", lambda folder: read_mrclam(folder).recording),
-    "DLR": ("dlr", lambda folder: read_dlr(folder / "log.txt").recording),
-    "FREIBURG": ("freiburg", lambda folder: read_freiburg(folder).recording),
+LOGS: dict[str, tuple[Mapping[str, str], Read]] = {
+    "csv log": (robot_logs.CSV, lambda folder: read_csv_log(folder).recording),
+    "g2o": (robot_logs.G2O, lambda folder: read_g2o(folder / "graph.g2o").recording),
+    "toro": (
+        robot_logs.TORO,
+        lambda folder: read_g2o(folder / "graph.toro", isam=True, drop_loop_edges=True).recording,
+    ),
+    "mrclam": (robot_logs.MRCLAM, lambda folder: read_mrclam(folder).recording),
+    "dlr": (robot_logs.DLR, lambda folder: read_dlr(folder / "log.txt").recording),
+    "freiburg": (robot_logs.FREIBURG, lambda folder: read_freiburg(folder).recording),
 }
 
 
@@ -268,68 +280,49 @@ def _some(files: Files, *begins: str) -> Files:
     return {name: content for name, content in files.items() if name.startswith(begins)}
 
 
-def _park(folder: Path) -> Recording:
-    return read_victoria_park(folder / "log.txt")
-
-
-def _stored(recording: Recording, name: str, folder: Path) -> Estimate:
-    return load_stored(folder / name, recording)
-
-
-def _said(folder: Path) -> NDArray[np.float64]:
-    """The sizes of all numbers in the files of a folder, and of angles up to whole turns, in order."""
+def _numbers_in(folder: Path) -> NDArray[np.float64]:
+    """Return the sorted absolute values of all numbers in the files of a folder, also wrapped as angles."""
     numbers: list[float] = [0.0]
     for path in folder.iterdir():
         for word in re.split(r"[\s,;\"=]+", path.read_text(encoding="utf-8", errors="replace")):
-            try:
+            with contextlib.suppress(ValueError):
                 numbers.append(float(word))
-            except ValueError:
-                continue
-    said = np.array([number for number in numbers if math.isfinite(number)])
-    return np.unique(np.abs(np.concatenate([said, wrap(said)])))
+    found = np.array([number for number in numbers if math.isfinite(number)])
+    return np.unique(np.abs(np.concatenate([found, wrap(found)])))
 
 
-def _unsaid(folder: Path, **values: NDArray[np.float64]) -> str:
-    said = _said(folder)
-    for name, array in values.items():
-        sizes = np.abs(array).ravel()
-        after = np.searchsorted(said, sizes).clip(max=len(said) - 1)
-        apart = np.minimum(np.abs(said[after] - sizes), np.abs(said[np.maximum(after - 1, 0)] - sizes))
-        if (apart > 1e-9 * (1.0 + sizes)).any():
-            return f"{name} {array.ravel()[int(np.argmax(apart))]} does not stand in the file"
+def _not_in_files(folder: Path, name: str, array: NDArray[np.float64]) -> str:
+    written, sizes = _numbers_in(folder), np.abs(array).ravel()
+    after = np.searchsorted(written, sizes).clip(max=len(written) - 1)
+    apart = np.minimum(np.abs(written[after] - sizes), np.abs(written[np.maximum(after - 1, 0)] - sizes))
+    if (apart > 1e-9 * (1.0 + sizes)).any():
+        return f"{name} {array.ravel()[int(np.argmax(apart))]} is not in the file"
     return ""
 
 
-def _says_observations(folder: Path, recording: Recording) -> str:
+def _compare(names: tuple[str, ...], folder: Path, record: Recording | Estimate) -> str:
+    differences = (_not_in_files(folder, name, getattr(record, name)) for name in names)
+    return next(filter(None, differences), "")
+
+
+def _compare_log(folder: Path, recording: Recording) -> str:
     mapping = folder / "recording.toml"
     if mapping.exists() and mapping.read_bytes() != robot_logs.CSV["recording.toml"].encode():
-        return ""  # it may ask for other units
-    return _unsaid(folder, observation=recording.observation)
+        return ""  # the damaged file may give other units
+    return _compare(("observation",), folder, recording)
 
 
-def _says_all(folder: Path, recording: Recording) -> str:
-    return _unsaid(folder, observation=recording.observation, odometry=recording.odometry)
+def _compare_positions(folder: Path, estimate: Estimate) -> str:
+    return _not_in_files(folder, "poses", estimate.poses[:, :2])
 
 
-def _says_path(folder: Path, estimate: Estimate) -> str:
-    return _unsaid(folder, poses=estimate.poses, landmarks=estimate.landmarks)
+# --- scenarios and stores ----------------------------------------------------------------------
 
 
-def _says_xy(folder: Path, estimate: Estimate) -> str:
-    return _unsaid(folder, poses=estimate.poses[:, :2])
-
-
-# --- scenarios ---------------------------------------------------------------------------------
-
-
-def _from_toml(folder: Path) -> Any:
-    scenario = load_scenario(folder / "short.toml")
-    simulate(scenario, 0)
-    return scenario
-
-
-def _from_set(folder: Path) -> Any:
-    scenario = load_scenario(folder / "short.toml", [(folder / "set").read_text(encoding="utf-8")])
+def _simulated(folder: Path) -> Any:
+    override = folder / "set"
+    overrides = [override.read_text(encoding="utf-8")] if override.exists() else []
+    scenario = load_scenario(folder / "short.toml", overrides)
     simulate(scenario, 0)
     return scenario
 
@@ -339,7 +332,7 @@ def _other_override(_: bytes, rng: np.random.Generator) -> bytes:
 
 
 def _as_tomllib_reads(folder: Path, scenario: Any) -> str:
-    """Whether keys of the scenario have the values that the text gives them; those under other names are left out."""
+    """Compare the keys of a scenario with those of the text; keys with other names are not compared."""
     given = tomllib.loads((folder / "short.toml").read_text(encoding="utf-8"))
     return _different(given, scenario.model_dump())
 
@@ -361,6 +354,31 @@ def _different(given: Mapping[str, Any], taken: Mapping[str, Any], place: str = 
 def _is_same(value: Any, there: Any) -> bool:
     if isinstance(value, list):
         return len(value) == len(there) and all(_is_same(*pair) for pair in zip(value, there, strict=True))
-    if isinstance(value, int) and isinstance(there, float):  # a whole number of TOML may have more digits
+    if isinstance(value, int) and isinstance(there, float):  # an integer in TOML may have more digits
         return float(value) == there
     return value == there or isinstance(there, Mapping)
+
+
+def _study(scenario: Any, folder: Path) -> Target:
+    """Return the store of a short study."""
+    with ThreadPoolExecutor(1) as thread, contextlib.redirect_stderr(io.StringIO()):
+        run_study(scenario, RUNS, 0, NAMES, folder / "study", thread)
+    files = {STORE: (folder / "study" / STORE).read_bytes()}
+    check = partial(_as_stored, _read_study(scenario, folder / "study"))
+    return Target("study.sqlite", files, partial(_read_study, scenario), (changed_pages,), check=check)
+
+
+def _read_study(scenario: Any, folder: Path) -> Stored:
+    stored: Stored = {}
+    for name, runs in load_runs(scenario, RUNS, 0, NAMES, folder).items():
+        for row, run in enumerate(runs.run.tolist()):
+            figures = [values[row] for key, values in runs.figures.items() if "seconds" not in key]
+            stored[name, run] = (runs.kind, repr(figures), *(values[row].tobytes() for values in runs.series.values()))
+    return stored
+
+
+def _as_stored(whole: Stored, _: Path, found: Stored) -> str:
+    other = [key for key, value in found.items() if whole.get(key) != value]
+    if other:
+        return f"{other[0]} is not what was stored"
+    return "" if len(found) == len(whole) else f"{len(found)} rows of {len(whole)} without a message"

@@ -1,4 +1,4 @@
-"""What `benchmarks/agreement.py` rests on: recordings that state their own noise, and referees that are right."""
+"""`benchmarks/agreement.py`: the recordings state their own noise, and the references are right."""
 
 from __future__ import annotations
 
@@ -12,14 +12,13 @@ from pathlib import Path
 import agreement
 import numpy as np
 import pytest
-from referees.extended import DIGITS_GAINED, extended
-from referees.filters import PAIRS, difference, judge_filters, judge_minimum
-from referees.kept import Kept
-from referees.least_squares import Model, NoMinimumError
-from referees.optima import judge_optima, lowest, own_starts, stated_check
-from referees.recordings import MOTIONS, PRIORS, SENSORS, Drawn, draw
-from referees.table import bars_missed, table, worst_cases
-from referees.verdicts import Judged, Outcome, Verdict
+from references.extended import DIGITS_GAINED, extended
+from references.filters import PAIRS, difference, judge_filters, judge_minimum
+from references.least_squares import Model, NoMinimumError
+from references.optima import judge_optima, lowest, own_starts, stated_check
+from references.recordings import MOTIONS, PRIORS, SENSORS, Drawn, draw
+from references.table import bars_missed, table, worst_cases
+from references.verdicts import Judged, Outcome, Verdict, keep_result, kept_results
 from scipy.stats import chi2
 
 from slamgauge.arrays import Float
@@ -29,7 +28,7 @@ from slamgauge.se2 import between, rotation, wrap
 from tests.reference.optimum import ExactProblem, square_root
 from tests.reference.random_recordings import random_recording
 
-FALSE_ALARM = 1e-4  # of each chi-square test, both sides together
+FALSE_ALARM = 1e-4  # rate of each two-sided chi-square test
 
 
 @cache
@@ -73,7 +72,7 @@ def test_tags_are_true():
 
 
 def noise_of(each: Drawn) -> Iterator[tuple[str, Float, Float]]:
-    """Every noise that was drawn, with the covariance that the recording states."""
+    """Yield every drawn noise with the covariance that the recording states."""
     recording, truth = each.recording, each.truth
     assert truth.poses is not None and truth.landmarks is not None and recording.landmark is not None
     start = truth.poses[0] - recording.prior_mean
@@ -104,11 +103,9 @@ def log_se2(increment: Float) -> Float:
 
 
 def test_every_recording_is_drawn_from_the_noise_that_it_states():
-    """Two-sided, for start, motion and each sensor; and no noise leaves the range of its covariance."""
-    squares, freedom = (
-        dict.fromkeys(("start", "motion", *SENSORS), 0.0),
-        dict.fromkeys(("start", "motion", *SENSORS), 0),
-    )
+    """Two-sided, for start, motion and each sensor; all noise is in the column space of its covariance."""
+    kinds = ("start", "motion", *SENSORS)
+    squares, freedom = dict.fromkeys(kinds, 0.0), dict.fromkeys(kinds, 0)
     for number in range(300):
         for kind, noise, cov in noise_of(drawn(number)):
             root = square_root(cov)
@@ -121,7 +118,7 @@ def test_every_recording_is_drawn_from_the_noise_that_it_states():
         assert FALSE_ALARM / 2 < chi2.cdf(square, freedom[kind]) < 1 - FALSE_ALARM / 2, kind
 
 
-# --- the referees ------------------------------------------------------------------------------------
+# --- the references ------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("sensor", ["range-bearing", "position"])
@@ -156,7 +153,7 @@ def test_least_squares_has_the_jacobian_of_its_residuals(number: int):
 @pytest.mark.parametrize("sensor", SENSORS)
 @pytest.mark.parametrize("motion", [*MOTIONS])
 def test_least_squares_finds_the_truth_where_there_is_no_noise(sensor: str, motion: str):
-    """The noise as stated, however singular, but what was measured is exact: the minimum is the truth and costs 0."""
+    """With exact measurements and the stated, possibly singular noise the minimum is the truth and its cost is 0."""
     each = next(
         d
         for d in map(drawn, range(300))
@@ -184,10 +181,10 @@ def test_least_squares_finds_the_truth_where_there_is_no_noise(sensor: str, moti
 
 @pytest.mark.parametrize("name", PAIRS)
 @pytest.mark.parametrize("sensor", ["range-bearing", "position"])
-def test_extended_precision_is_the_textbook_where_that_keeps_its_digits(name: str, sensor: str):
+def test_extended_precision_agrees_with_the_textbook_filter_where_that_has_enough_digits(name: str, sensor: str):
     _, recording = random_recording(1, sensor=sensor, steps=25)
     moved = replace(recording, prior_mean=np.array([0.0, 0.0, recording.prior_mean[2]]))
-    twin = PAIRS[name].twin(moved)
+    twin = PAIRS[name].textbook(moved)
     assert twin.pose_covs is not None
     found = extended(recording, name)
     np.testing.assert_allclose(found.poses, twin.poses, atol=1e-10)
@@ -198,7 +195,7 @@ def test_extended_precision_is_the_textbook_where_that_keeps_its_digits(name: st
 
 
 def test_extended_precision_is_extended():
-    """Where it is not, `undecided` is all that the referee says of a filter that differs from its twin."""
+    """Without more digits every filter that differs from its textbook form is undecided."""
     assert DIGITS_GAINED >= 1.0
     if sys.platform == "linux":
         assert DIGITS_GAINED > 1000.0
@@ -206,7 +203,7 @@ def test_extended_precision_is_extended():
 
 @pytest.mark.parametrize("number", [612, 1553])
 def test_the_iterated_filter_ends_at_the_minimum_that_it_has_found(number: int):
-    """The linear update that ends there has lost digits of it."""
+    """The linear update to the minimum has lost digits there."""
     assert judge_minimum(draw(2028, number).recording).difference < 1e-7
 
 
@@ -222,8 +219,8 @@ def test_one_pass_is_not_the_minimum_of_the_iterated_filter():
     assert one_pass.difference > 1e-4
 
 
-def test_an_optimum_that_is_wrong_is_told(monkeypatch: pytest.MonkeyPatch):
-    """Batch and causal that return dead reckoning in place of what they found."""
+def test_a_wrong_optimum_is_detected(monkeypatch: pytest.MonkeyPatch):
+    """`batch` and `causal` return poses that are shifted by half a sigma."""
     each = next(
         d
         for d in map(drawn, range(300))
@@ -233,36 +230,36 @@ def test_an_optimum_that_is_wrong_is_told(monkeypatch: pytest.MonkeyPatch):
     assert right["batch"].verdict == "agrees"
     assert right["causal"].steps == each.recording.steps + 1
     for name in ("batch", "causal"):
-        theirs = getattr(sys.modules["referees.optima"], name)
+        theirs = getattr(sys.modules["references.optima"], name)
 
         def shifted(recording: object, theirs: object = theirs) -> Estimate:
             estimate = theirs(recording)  # pyright: ignore[reportCallIssue]
             sigma = np.sqrt(np.diagonal(estimate.pose_covs, axis1=1, axis2=2))
             return replace(estimate, poses=estimate.poses + 0.5 * sigma)
 
-        monkeypatch.setattr(f"referees.optima.{name}", shifted)
+        monkeypatch.setattr(f"references.optima.{name}", shifted)
     wrong = {outcome.estimator: outcome for outcome in judge_optima(each)}
     assert wrong["batch"].verdict == "worse"
     assert wrong["causal"].steps_off > 0.9 * each.recording.steps
     assert wrong["causal"].difference > 0.3
 
 
-def test_what_is_kept_is_judged_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """A line that was cut short is judged again, and so is what other code has judged, or another seed is asked for."""
+def test_kept_results_are_not_computed_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Incomplete lines, and results of other code or another seed, are not used."""
     path = tmp_path / "kept.jsonl"
     made = [Judged(3, number, 5, ("tag",), [Outcome("batch", "agrees", math.inf)], 0.5) for number in range(3)]
     for each in made[:2]:
-        Kept(path, 3).keep(each)
-    assert Kept(path, 3).judged == made[:2]
-    assert not Kept(path, 4).judged
+        keep_result(path, each)
+    assert kept_results(path, 3) == made[:2]
+    assert not kept_results(path, 4)
     path.write_text(path.read_text()[:-20])
-    Kept(path, 3).keep(made[2])
-    assert Kept(path, 3).judged == [made[0], made[2]]
-    monkeypatch.setattr("referees.kept.code", lambda: "other")
-    assert not Kept(path, 3).judged
+    keep_result(path, made[2])
+    assert kept_results(path, 3) == [made[0], made[2]]
+    monkeypatch.setattr("references.verdicts.code_digest", lambda: "other")
+    assert not kept_results(path, 3)
 
 
-def test_what_a_optimum_says_of_itself_is_read():
+def test_the_check_of_an_estimate_is_read():
     poses = np.zeros((1, 3))
     assert np.isnan(stated_check(Estimate("filtered", poses)))
     assert stated_check(Estimate("filtered", poses, optimum_check=0.3)) == 0.3
@@ -305,17 +302,12 @@ def test_the_table_counts_and_the_worst_come_first():
     assert [outcome.difference for _, outcome in worst] == [np.inf, 1.0, 0.1]
 
 
-def test_bearings_have_no_twin_and_must_run():
+def test_bearing_only_filters_have_no_reference_and_must_run():
     each = next(d for d in map(drawn, range(300)) if "bearing" in d.tags and d.recording.steps < 10)
     assert {outcome.verdict for outcome in judge_filters(each.recording)} == {"not compared"}
 
 
 # --- the program -------------------------------------------------------------------------------------
-
-
-def run(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
-    monkeypatch.setattr(sys, "argv", ["agreement.py", *arguments])
-    return agreement.main()
 
 
 def interrupted(*_: object) -> Iterator[Judged]:
@@ -324,26 +316,26 @@ def interrupted(*_: object) -> Iterator[Judged]:
 
 
 def test_an_interrupt_ends_with_the_table_so_far(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
-    monkeypatch.setattr(agreement, "_all", interrupted)
-    assert run(monkeypatch, "--check") == agreement.INTERRUPTED
-    told = capsys.readouterr().out
-    assert "1 recordings" in told
-    assert "--seed 1 --only 3" in told
+    monkeypatch.setattr(agreement, "judge_all", interrupted)
+    assert agreement.main(check=True) == agreement.INTERRUPTED
+    printed = capsys.readouterr().out
+    assert "1 recordings" in printed
+    assert "--seed 1 --only 3" in printed
 
 
 def test_check_and_save(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path):
     def one_case(*_: object) -> list[Judged]:
         return [judged(Outcome("ekf", "worse", 0.5, "textbook"), number=3)]
 
-    monkeypatch.setattr(agreement, "_all", one_case)
-    assert run(monkeypatch, "--save", str(tmp_path / "cases")) == 0
-    assert run(monkeypatch, "--check") == 1
+    monkeypatch.setattr(agreement, "judge_all", one_case)
+    assert agreement.main(seed=1, save=tmp_path / "cases") == 0
+    assert agreement.main(check=True) == 1
     assert "ekf: 1 of 1" in capsys.readouterr().out
     assert load_recording(tmp_path / "cases/recording-1-3.npz") == draw(1, 3).recording
     assert load_truth(tmp_path / "cases/truth-1-3.npz") == draw(1, 3).truth
 
 
-def test_one_recording_alone(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+def test_one_recording_alone(capsys: pytest.CaptureFixture[str]):
     number = next(k for k in range(300) if drawn(k).recording.steps < 6)
-    run(monkeypatch, "--seed", "7", "--only", str(number))
+    agreement.main(seed=7, only=number)
     assert f"--seed 7 --only {number}: {drawn(number).recording.steps} steps" in capsys.readouterr().out

@@ -1,48 +1,43 @@
-"""The optima on recordings of `benchmarks/agreement.py` in which an earlier search has failed."""
+"""The optima on recordings of `benchmarks/agreement.py` on which earlier versions failed."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from referees.least_squares import Model, placed_only
-from referees.optima import grown_once, judge_optima, lowest, of_estimate
-from referees.recordings import draw
-from referees.verdicts import COST_BAR
+from references.least_squares import Model, placed_only
+from references.optima import grown_once, judge_optima, lowest, of_estimate
+from references.recordings import draw
+from references.verdicts import COST_BAR
 
 from slamgauge.graph_baseline import batch, causal
-from slamgauge.graph_baseline.problem.preparation import (
-    in_frame_of_start,
-    landmarks_at_first_observation,
-    prepare,
-)
+from slamgauge.graph_baseline.problem.preparation import in_frame_of_start, landmarks_at_first_observation, prepare
 from slamgauge.graph_baseline.problem.undetermined import UndeterminedError
 from slamgauge.graph_baseline.solver.levenberg_marquardt import damped_descent, gauss_newton_minimum
 from slamgauge.graph_baseline.solver.multistart import growing_start, is_low
 
 
-def test_bearings_mend_the_path_that_they_are_placed_from():
+def test_bearings_correct_the_path_from_which_they_place_landmarks():
     each = draw(2027, 814)
     assert each.recording.landmark is not None
     assert set(batch(each.recording).landmark_ids) == set(each.recording.landmark)
 
 
 def test_a_landmark_that_is_placed_only_by_the_minimum_with_it_is_mapped():
-    """The minimum without it lies where its bearings do not meet."""
+    """Its bearings do not cross from the path of the minimum without it."""
     each = draw(2032, 5)
     assert each.recording.landmark is not None
     for estimator in (batch, causal):
         assert set(estimator(each.recording).landmark_ids) == set(each.recording.landmark)
 
 
-def test_a_landmark_that_is_seen_without_parallax_waits_in_both_optima():
+def test_both_optima_leave_out_a_landmark_without_parallax():
     recording = draw(2033, 81).recording.first(22)
     for estimator in (batch, causal):
         assert set(estimator(recording).landmark_ids) == {0, 3, 6, 7}
 
 
 @pytest.mark.parametrize("number", [161, 219])
-def test_valleys_and_bearings_that_place_less_than_the_path_said(number: int):
-    """Batch has failed in these."""
+def test_batch_agrees_where_bearings_place_less_than_the_path_does(number: int):
     found = {outcome.estimator: outcome for outcome in judge_optima(draw(2027, number))}
     assert found["batch"].verdict == "agrees"
     assert "batch mapped" not in found or found["batch mapped"].verdict == "agrees"
@@ -50,7 +45,7 @@ def test_valleys_and_bearings_that_place_less_than_the_path_said(number: int):
 
 @pytest.mark.parametrize(("number", "landmarks"), [(322, 5), (1198, 2), (1264, 7)])
 def test_batch_finds_the_minimum_of_bearings_that_a_single_descent_misses(number: int, landmarks: int):
-    """Bearings softened at first lead to it, and without the landmarks that leave a valley."""
+    """The search begins with larger bearing noise and without landmarks that leave a valley of the cost."""
     each = draw(2030, number)
     estimate = batch(each.recording)
     assert len(estimate.landmark_ids) == landmarks
@@ -61,8 +56,8 @@ def test_batch_finds_the_minimum_of_bearings_that_a_single_descent_misses(number
     assert estimate.chi_square / 2 <= minimum.cost * (1 + COST_BAR)
 
 
-def test_a_valley_that_bends_far_is_gone_down_by_what_the_motions_turn():
-    """Steps that displace every pose on its own go down this one by less than a tenth of a sigma each."""
+def test_descent_follows_a_bent_valley_by_rotations_of_the_motions():
+    """Steps with independent displacements of the poses advance by less than a tenth of a sigma each here."""
     recording = prepare(draw(2028, 1263).recording)
     path = recording.dead_reckoning
     near = damped_descent(recording, path, landmarks_at_first_observation(recording, path))
@@ -79,8 +74,8 @@ def test_batch_finds_the_minimum_of_sharp_ranges_that_lies_far_from_dead_reckoni
     assert estimate.chi_square is not None and estimate.chi_square < 100
 
 
-def test_where_nothing_fits_rounding_may_be_as_much_larger_as_residuals_are():
-    """Steps come to no less than a thousandth of a sigma as stated, and residuals are hundreds of it."""
+def test_rounding_may_be_larger_where_residuals_are_large():
+    """Rounding limits steps to a thousandth of a sigma, because residuals are hundreds of sigmas."""
     each = draw(2035, 38)
     estimate = batch(each.recording)
     model = Model(each.recording)
@@ -90,10 +85,10 @@ def test_where_nothing_fits_rounding_may_be_as_much_larger_as_residuals_are():
 
 
 @pytest.mark.gtsam
-def test_damped_steps_go_on_to_a_minimum_where_nothing_fits():
-    """What is left above it seems little beside residuals of hundreds of sigmas, and Newton steps from there stray.
+def test_damped_steps_continue_to_a_minimum_with_large_residuals():
+    """The remaining cost is small compared with residuals of hundreds of sigmas, but Newton steps from there diverge.
 
-    GTSAM's search leads near it; our own, on which `docs/limits.md` has a word, does not.
+    GTSAM's search ends near the minimum; the project's own search does not (`docs/limits.md`).
     """
     recording = prepare(in_frame_of_start(draw(2040, 1540).recording))
     found = gauss_newton_minimum(recording, damped_descent(recording, *growing_start(recording)))
@@ -103,8 +98,8 @@ def test_damped_steps_go_on_to_a_minimum_where_nothing_fits():
     assert found.cost <= minimum.cost * (1 + 1e-9)
 
 
-def test_a_scan_that_turns_a_long_blind_path_is_taken_in_anew():
-    """The headings of the blind poses had turned under the newest one, and steps with them as they were fell short."""
+def test_a_scan_that_rotates_a_long_path_without_observations_is_relinearised():
+    """The headings of poses without observations had changed, and steps without new Jacobians were too short."""
     recording = draw(2040, 1957).recording
     optimum, estimate = batch(recording.first(23)), causal(recording)
     assert optimum.pose_covs is not None and estimate.pose_covs is not None
@@ -113,19 +108,19 @@ def test_a_scan_that_turns_a_long_blind_path_is_taken_in_anew():
     np.testing.assert_allclose(own, sigma, rtol=0.02)
 
 
-def test_a_landmark_that_new_bearings_cease_to_place_leaves_both_optima():
-    """It had been placed well, and the causal optimum did not look at it again."""
+def test_both_optima_remove_a_landmark_that_new_bearings_no_longer_place():
+    """It was placed well before, and the causal optimum did not test it again."""
     recording = draw(2036, 303).recording.first(61)
     assert set(causal(recording).landmark_ids) == set(batch(recording).landmark_ids)
 
 
-def test_a_causal_optimum_that_lacked_a_landmark_which_batch_had_mapped_says_so():
-    """At step 4: batch maps another than the growing optimum, which finds it a step later."""
+def test_the_check_of_a_causal_optimum_reports_a_landmark_that_only_batch_had_mapped():
+    """At step 4 `batch` maps a landmark that the incremental optimum finds a step later."""
     check = causal(draw(2038, 174).recording.first(6)).optimum_check
     assert check is not None and check > 1.0
 
 
-def test_batch_on_first_steps_is_the_same_where_their_path_is_grown_once():
+def test_batch_on_first_steps_is_the_same_with_one_incremental_run():
     recording = draw(2036, 40).recording
     with grown_once(recording):
         found = [batch(recording.first(k)).poses for k in (4, 9)]
@@ -134,7 +129,7 @@ def test_batch_on_first_steps_is_the_same_where_their_path_is_grown_once():
 
 
 def test_newton_steps_do_not_end_uphill():
-    """Three bearings of one landmark from two poses: the cost falls towards infinity, and is stationary elsewhere."""
+    """With three bearings of a landmark from two poses the cost falls towards infinity and is stationary elsewhere."""
     recording = placed_only(draw(2030, 1264).recording.first(1), np.array([0]))
     here = prepare(in_frame_of_start(recording))
     poses = np.array([[0.0, 0.0, 0.0], [0.5841, 0.0050, -0.0436]])
@@ -144,6 +139,6 @@ def test_newton_steps_do_not_end_uphill():
 
 
 def test_the_causal_optimum_maps_what_dead_reckoning_places() -> None:
-    """Bearings alone: from the optimum's path three of six landmarks were never placed, though batch places all."""
+    """From the path of the optimum bearings never placed three of six landmarks, though `batch` places all."""
     recording = draw(2028, 252).recording.first(11)
     assert len(causal(recording).landmark_ids) == len(batch(recording).landmark_ids) == 6

@@ -10,7 +10,7 @@ import pytest
 
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
-from tests.reference.vocabulary_examples import estimate
+from tests.reference.example_records import estimate
 
 
 def test_an_estimate_needs_only_kind_and_poses() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.reference.vocabulary_examples import recording
+from tests.reference.example_records import recording
 
 
 @pytest.mark.parametrize("sensor", ["range-bearing", "bearing", "position"])

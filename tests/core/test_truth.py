@@ -8,7 +8,7 @@ from dataclasses import fields
 import numpy as np
 
 from slamgauge.truth import Truth
-from tests.reference.vocabulary_examples import truth
+from tests.reference.example_records import truth
 
 
 def test_every_field_of_a_truth_may_be_missing() -> None:

@@ -13,7 +13,7 @@ import pytest
 from slamgauge.arrays import Float
 from slamgauge.errors import UserError
 from slamgauge.validation import as_covariances
-from tests.reference.vocabulary_examples import estimate, history, rays, recording, truth
+from tests.reference.example_records import estimate, history, rays, recording, truth
 
 
 def in_row(row: int, value: Any, array: Any) -> Float:

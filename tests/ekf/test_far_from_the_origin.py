@@ -30,7 +30,7 @@ from slamgauge.ekf.estimators import drive
 from slamgauge.ekf.maps.map_edits import replace_map
 from slamgauge.estimate import Estimate
 from slamgauge.se2 import wrap
-from tests.reference.elsewhere import FAR, TOLERANCE, assert_same_positions, moved
+from tests.reference.moved_recording import FAR, TOLERANCE, assert_same_positions, moved
 from tests.reference.random_recordings import bearing_only, random_recording
 
 FILTERS = pytest.mark.parametrize("estimator", [ekf_slam, fej_ekf, oc_ekf, iekf, riekf])

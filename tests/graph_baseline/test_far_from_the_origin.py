@@ -10,7 +10,7 @@ import pytest
 from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline import batch, causal, robust_batch
 from slamgauge.se2 import rotation, wrap
-from tests.reference.elsewhere import FAR, TOLERANCE, assert_same_positions, moved
+from tests.reference.moved_recording import FAR, TOLERANCE, assert_same_positions, moved
 from tests.reference.random_recordings import recording_of
 
 

@@ -1,1 +1,1 @@
-"""Small independent implementations and fixtures that tests and benchmarks share."""
+"""Independent reference implementations and shared inputs of tests and benchmarks."""

@@ -1,6 +1,6 @@
-"""Many runs on a circle, and the chi-square bounds that consistent filters keep.
+"""Many runs on a circle, and chi-square bounds for consistent filters.
 
-Bounds are two-sided; a filter with exactly chi-square statistics misses them once in 1000 (all of a test's together).
+Bounds are two-sided. A filter with exact chi-square statistics fails a test (all its bounds together) once in 1000.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ def covs_of(estimate: Estimate) -> Float:
 
 
 def circling(seed: int, sensor: Sensor, heading_sigma: float) -> tuple[Float, Recording]:
-    """Two turns of a circle with eight landmarks 2 m outside it, the start drawn from the prior.
+    """Simulate two turns of a circle with eight landmarks 2 m outside it, with the start drawn from the prior.
 
-    Noise is correlated and drawn exactly as the filter is told; no landmark comes near the robot.
+    Noise is correlated and has the covariance of the recording. No landmark comes near the robot.
     """
     rng = np.random.default_rng(seed)
     commands = np.tile([0.5, 0.0, 2 * math.pi / 40], (STEPS, 1))
@@ -70,20 +70,20 @@ def run_all(
 
 
 def outside(total: Float, dof: int, tests: int) -> int:
-    """How many of `tests` sums leave their two-sided band; together they do so by chance once in 1000."""
+    """Count the sums outside their two-sided band; one of `tests` sums is outside by chance once in 1000 tests."""
     tail = FALSE_ALARM_RATE / 2 / tests
     return int(np.sum((total < chi2.ppf(tail, dof)) | (total > chi2.isf(tail, dof))))
 
 
 def additive_nees(truth: Float, estimate: Estimate) -> Float:
-    """(N+1,) squared Mahalanobis length of the additive pose error."""
+    """Return the squared Mahalanobis distance (N+1,) of the additive pose error."""
     error = truth - estimate.poses
     error[:, 2] = wrap(error[:, 2])
     return np.einsum("ki,kij,kj->k", error, np.linalg.inv(covs_of(estimate)), error)
 
 
 def invariant_nees(truth: Float, estimate: Estimate) -> Float:
-    """(N+1,) the same of the right-invariant error xi: theta = theta^ + xi_t, p = R(xi_t) p^ + V(xi_t) xi_p."""
+    """Return the same (N+1,) for the right-invariant error xi: theta = theta^ + xi_t, p = R(xi_t) p^ + V(xi_t) xi_p."""
     turn = wrap(truth[:, 2] - estimate.poses[:, 2])
     left = truth[:, :2] - np.einsum("kij,kj->ki", rotation(turn), estimate.poses[:, :2])
     cosine = np.sinc(turn / math.pi)

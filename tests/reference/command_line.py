@@ -1,4 +1,4 @@
-"""The command line in tests: called, called in a process of its own, and refusing."""
+"""The command line in tests: called in this process, in a new process, and with errors."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from slamgauge.compare.cli.main import main
-from tests.reference.held_by_schemas import held
+from tests.reference.json_schemas import held
 
 # fifteen seconds with one loop closure, in a map of two landmarks
 SHORT = ("trajectory.duration=15", "trajectory.yaw_rate=0.5", "sensor.max_range=2.4")
@@ -29,7 +29,7 @@ def command(*arguments: object) -> list[str]:
 
 
 def command_after(preparation: str, *arguments: object) -> list[str]:
-    """The command, in a process that runs some code before."""
+    """Return a command that runs some code before."""
     code = f"{preparation}; import sys; from slamgauge.compare.cli.main import main; sys.exit(main(sys.argv[1:]))"
     return [sys.executable, "-c", code, *map(str, arguments)]
 
@@ -44,12 +44,12 @@ def metrics_of(folder: Path) -> dict[str, Any]:
 
 
 def contents(folder: Path) -> dict[str, bytes | None]:
-    """Every path below a folder, with the bytes of files."""
+    """Return every path below a folder with the bytes of files."""
     return {str(path.relative_to(folder)): path.read_bytes() if path.is_file() else None for path in folder.rglob("*")}
 
 
 class Refuse(NamedTuple):
-    """Runs a command that must fail and returns its lines on standard error; `out` is to stay as it is."""
+    """Run a command that must fail without a change of files, and return its lines on standard error."""
 
     out: Path
     capsys: pytest.CaptureFixture[str]

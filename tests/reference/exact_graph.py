@@ -1,7 +1,7 @@
-"""A recording as a GTSAM graph, built factor by factor and without the project's code.
+"""A recording as a GTSAM graph, built factor by factor without the project's code.
 
-The `position` sensor is an exact `CustomFactor` here (slow, and right); `polar=True` gives it the
-range-and-bearing factor with the covariance carried over at the measured point instead.
+The `position` sensor is an exact but slow `CustomFactor`. With `polar=True` it is the range-and-bearing factor with the
+covariance linearised at the measured point.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from slamgauge.se2 import rotation
 
 
 def exact_graph(recording: Recording, *, polar: bool = False) -> gtsam.NonlinearFactorGraph:
-    """Poses X(k), landmarks L(id); variances of zero are constraints."""
+    """Return a graph with poses X(k) and landmarks L(id); variances of zero are constraints."""
     assert recording.landmark is not None
     graph = gtsam.NonlinearFactorGraph()
     start = gtsam.Pose2(*recording.prior_mean.tolist())
@@ -46,13 +46,13 @@ def noise_model(cov: Float) -> gtsam.noiseModel.Base:
 
 
 def polar_factor(step: int, name: int, z: Float, cov: Float) -> gtsam.NonlinearFactor:
-    """GTSAM's noise order is bearing, range."""
+    """Return a factor of range and bearing; GTSAM's order of the noise is bearing, range."""
     noise = gtsam.noiseModel.Gaussian.Covariance(cov[::-1, ::-1].copy(), False)
     return gtsam.BearingRangeFactor2D(X(step), L(name), gtsam.Rot2(z[1]), z[0], noise)
 
 
 def position_factor(step: int, name: int, z: Float, cov: Float) -> gtsam.NonlinearFactor:
-    """Residual R' (l - p) - z, with Jacobians by the pose's own tangent (body frame) and by the landmark."""
+    """Return a factor with residual R' (l - p) - z and Jacobians by the body-frame tangent and by the landmark."""
 
     def residual(factor: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Float] | None) -> Float:
         pose, landmark = values.atPose2(factor.keys()[0]), values.atPoint2(factor.keys()[1])
@@ -76,16 +76,16 @@ def as_values(poses: Float, ids: Int, landmarks: Float) -> gtsam.Values:
 
 
 def solve_graph(graph: gtsam.NonlinearFactorGraph, start: gtsam.Values) -> Float:
-    """Poses (N+1, 3) of the minimum near `start`, by Gauss-Newton until the cost stands still."""
+    """Return poses (N+1, 3) of the minimum near `start`, by Gauss-Newton until the cost does not change."""
     parameters = gtsam.GaussNewtonParams()
     parameters.setRelativeErrorTol(0.0)
     parameters.setAbsoluteErrorTol(1e-13)
-    parameters.setLinearSolverType("MULTIFRONTAL_QR")  # the one that takes constraints
+    parameters.setLinearSolverType("MULTIFRONTAL_QR")  # the solver that accepts constraints
     return gtsam.utilities.extractPose2(gtsam.GaussNewtonOptimizer(graph, start, parameters).optimize())
 
 
 def marginals(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, poses: Float, ids: Int) -> tuple[Float, Float]:
-    """GTSAM's covariances of poses, turned to additive world coordinates, and of landmarks."""
+    """Return GTSAM's covariances of poses, rotated to additive world coordinates, and of landmarks."""
     found = gtsam.Marginals(graph, values)
     turn = np.tile(np.eye(3), (len(poses), 1, 1))
     turn[:, :2, :2] = rotation(poses[:, 2])

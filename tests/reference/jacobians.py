@@ -1,4 +1,4 @@
-"""Jacobians by differences: the check that every model's analytic Jacobian has to pass."""
+"""Jacobians by differences, to check analytic Jacobians."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from slamgauge.se2 import wrap
 def differentiate(
     function: Callable[[Float], Float], at: ArrayLike, step: ArrayLike = 1e-3, angles: Sequence[int] = ()
 ) -> Float:
-    """Jacobian (m, n) of `function` (n,) -> (m,) by fourth-order central differences.
+    """Compute the Jacobian (m, n) of `function` (n,) -> (m,) by fourth-order central differences.
 
     Args:
-        step: of each argument, or of all; about a thousandth of the length over which the function bends
-            balances truncation (step^4) against rounding.
+        step: for each argument, or for all. A thousandth of the length over which the function changes its slope
+            balances truncation (step^4) and rounding.
         angles: rows of the result that are angles [rad]; their differences are wrapped.
     """
     at = np.asarray(at, dtype=np.float64)
@@ -43,7 +43,7 @@ def assert_jacobian(
     angles: Sequence[int] = (),
     tolerance: float = 1e-9,
 ) -> None:
-    """`jacobian` is the derivative of `function` at `at`, each row to `tolerance` of its largest entry (or of 1)."""
+    """Check that `jacobian` is the derivative at `at`, each row to `tolerance` of its largest entry (at least 1)."""
     expected = differentiate(function, at, step, angles)
     actual = np.asarray(jacobian, dtype=np.float64)
     assert actual.shape == expected.shape

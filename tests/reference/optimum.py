@@ -1,11 +1,11 @@
 """The optimum by scipy, independent of GTSAM and of the project's smoother.
 
-Unknowns are what drives the poses: unit-variance coordinates of the start's and of each motion's noise,
-x_0 = mean Exp(B_0 a), x_k = x_{k-1} u_k Exp(B_k w_k), and the landmarks. A noise of zero variance is no
-unknown, so motion without lateral slip and a fixed start are exact. Motion noise is what GTSAM's between
-factor has it to be: Log(u^-1 between) with the recording's covariance.
+Unknowns are the landmarks and unit-variance coordinates of the noise of the start and of each motion:
+x_0 = mean Exp(B_0 a), x_k = x_{k-1} u_k Exp(B_k w_k). Noise without variance has no unknown, so motion without lateral
+slip and a fixed start are exact. The motion noise is that of GTSAM's between factor: Log(u^-1 between) with the
+covariance of the recording.
 
-Everything takes leading axes, so that one call evaluates all the points that differences need.
+All functions accept leading axes, so that one call evaluates all points of a difference formula.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from slamgauge.se2 import compose, rotation, wrap
 
 
 def exp_se2(tangent: Float) -> Float:
-    """Exponential (..., 3) of SE(2), without cancellation at any turn; GTSAM's loses digits below 0.1 rad."""
+    """Return the exponential (..., 3) of SE(2) without cancellation; GTSAM's loses digits below 0.1 rad."""
     x, y, turn = np.moveaxis(tangent, -1, 0)
     cosine, sine = np.sinc(turn / math.pi), np.sin(turn / 2) * np.sinc(turn / 2 / math.pi)
     return np.stack([cosine * x - sine * y, sine * x + cosine * y, turn], axis=-1)
 
 
 def square_root(cov: Float) -> Float:
-    """B with B B' = cov and as many columns as cov has rank."""
+    """Return B with B B' = cov and as many columns as the rank of cov."""
     sigma = np.sqrt(np.where(np.diag(cov) > 0, np.diag(cov), 1.0))
     value, axes = np.linalg.eigh(cov / np.outer(sigma, sigma))
     keep = value > 1e-12
@@ -37,7 +37,7 @@ def square_root(cov: Float) -> Float:
 
 
 class ExactProblem:
-    """The maximum a posteriori problem of a recording with known association."""
+    """Maximum a posteriori problem of a recording with known association."""
 
     def __init__(self, recording: Recording) -> None:
         assert recording.landmark is not None
@@ -49,7 +49,7 @@ class ExactProblem:
         self._first = first
 
     def poses(self, unknowns: Float) -> Float:
-        """(..., N+1, 3)."""
+        """Return the poses (..., N+1, 3)."""
         pose = np.broadcast_to(self.recording.prior_mean, (*unknowns.shape[:-1], 3))
         poses, begin = [], 0
         for k, root in enumerate(self.roots):
@@ -62,11 +62,11 @@ class ExactProblem:
         return np.stack(poses, axis=-2)
 
     def landmarks(self, unknowns: Float) -> Float:
-        """(..., L, 2)."""
+        """Return the landmarks (..., L, 2)."""
         return unknowns[..., self.noises :].reshape(*unknowns.shape[:-1], -1, 2)
 
     def residuals(self, unknowns: Float) -> Float:
-        """(..., noises + 2M) of unit variance."""
+        """Return the residuals (..., noises + 2M), of unit variance."""
         pose = self.poses(unknowns)[..., self.recording.observation_step, :]
         offset = self.landmarks(unknowns)[..., self.slot, :] - pose[..., :2]
         delta = np.einsum("...ji,...j->...i", rotation(pose[..., 2]), offset)
@@ -83,7 +83,7 @@ class ExactProblem:
         return _differences(self.residuals, unknowns)
 
     def start(self, noise: Float | None = None) -> Float:
-        """Unknowns with the given noise coordinates (none: dead reckoning) and landmarks at their first sight."""
+        """Return unknowns with these noise coordinates (zero if None) and landmarks at their first observation."""
         unknowns = np.zeros(self.noises + 2 * len(self.ids))
         if noise is not None:
             unknowns[: self.noises] = noise
@@ -96,7 +96,7 @@ class ExactProblem:
         return unknowns
 
     def solve(self, start: Float) -> Float:
-        """The unknowns at the minimum that `start` leads to: Levenberg-Marquardt, then full Gauss-Newton steps."""
+        """Return the minimum near `start` by Levenberg-Marquardt steps and then full Gauss-Newton steps."""
         unknowns = least_squares(
             self.residuals,
             start,
@@ -114,7 +114,7 @@ class ExactProblem:
         return 0.5 * float(np.sum(self.residuals(unknowns) ** 2))
 
     def covariances(self, unknowns: Float) -> tuple[Float, Float]:
-        """Of poses (N+1, 3, 3) in additive world coordinates, and of landmarks (L, 2, 2)."""
+        """Return covariances of poses (N+1, 3, 3) in additive world coordinates, and of landmarks (L, 2, 2)."""
         root = np.linalg.inv(np.linalg.qr(self.jacobian(unknowns))[1])
         to_poses = _differences(lambda u: self.poses(u).reshape(*u.shape[:-1], -1), unknowns, headings=3)
         spread = (to_poses @ root).reshape(-1, 3, len(unknowns))
@@ -123,7 +123,7 @@ class ExactProblem:
 
 
 def _differences(function: Callable[[Float], Float], at: Float, step: float = 3e-4, headings: int = 0) -> Float:
-    """Jacobian by fourth-order central differences; every `headings`-th result is an angle (0: none)."""
+    """Compute the Jacobian by fourth-order central differences; every `headings`-th result is an angle (0: none)."""
     offsets = step * np.eye(len(at))
     near = function(at + offsets) - function(at - offsets)
     far = function(at + 2 * offsets) - function(at - 2 * offsets)

@@ -13,7 +13,7 @@ from slamgauge.truth import Truth
 
 
 def random_covariances(rng: np.random.Generator, count: int, sigmas: Float) -> Float:
-    """(count, d, d) correlated covariances with standard deviations near `sigmas`."""
+    """Return correlated covariances (count, d, d) with standard deviations near `sigmas`."""
     dim = len(sigmas)
     A = np.eye(dim) + 0.3 * rng.normal(size=(count, dim, dim))
     A = A * np.asarray(sigmas)[:, None]
@@ -45,7 +45,7 @@ def random_recording(
     noise: float = 1.0,
     prior_sigmas: tuple[float, float, float] = (0.1, 0.1, 0.02),
 ) -> tuple[Truth, Recording]:
-    """A winding path among random landmarks, each seen with probability 1/2 at every step.
+    """Simulate a winding path among random landmarks, each observed with probability 1/2 at every step.
 
     Args:
         slip: with False the lateral motion noise is exactly zero.

@@ -1,4 +1,4 @@
-"""Small logs of every format that `slamgauge import` reads, as their own programs write them: file names and texts."""
+"""Small logs of every format that `slamgauge import` reads: texts by file name."""
 
 from __future__ import annotations
 

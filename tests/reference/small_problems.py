@@ -1,4 +1,4 @@
-"""Small recordings and their optima, and how two answers to them differ."""
+"""Small recordings, their optima, and comparison of two solutions."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tests.reference.random_recordings import random_recording
 
 
 class Answer(NamedTuple):
-    """The arrays of an estimate that all of these tests need."""
+    """Arrays of an estimate that all of these tests need."""
 
     poses: Float
     pose_covs: Float
@@ -27,7 +27,7 @@ class Answer(NamedTuple):
 
 
 def answer(estimate: Estimate) -> Answer:
-    """With landmarks in increasing id order."""
+    """Return the arrays of an estimate with landmarks in the order of their ids."""
     assert estimate.pose_covs is not None
     assert estimate.landmark_covs is not None
     order = np.argsort(estimate.landmark_ids)
@@ -56,13 +56,13 @@ def cost_of(recording: Recording, at: Answer) -> float:
 
 
 def sigmas_of(covs: Float) -> Float:
-    """Standard deviations (n, d); 1 where there is none, so that what is fixed is compared as it is."""
+    """Return standard deviations (n, d), 1 for a variance of zero, so that fixed values are compared directly."""
     variances = np.diagonal(covs, axis1=1, axis2=2)
     return np.sqrt(np.where(variances > 1e-30, variances, 1.0))
 
 
 def pose_difference(poses: Float, reference: Answer) -> Float:
-    """(N+1, 3) in standard deviations of `reference`."""
+    """Return the differences (N+1, 3) in standard deviations of `reference`."""
     difference = poses - reference.poses
     difference[:, 2] = wrap(difference[:, 2])
     return difference / sigmas_of(reference.pose_covs)

@@ -1,14 +1,13 @@
-"""Relatives of the textbook EKF, dense and slow: references for the filters of the fast family.
+"""Dense and slow versions of the fast filters, used as references.
 
-`slamgauge.ekf.textbook` is the EKF of the exercise, and what a relative shares with it comes from there. `_run` has
-these kinds:
+They share formulas with `slamgauge.ekf.textbook`, the EKF of the exercise. `_run` has these kinds:
 
 * `standard`: the EKF, here with Student-t weights of the observations (`tails` degrees of freedom);
 * `first-estimates`: Jacobians at the first position of each landmark and at the last predicted pose (Huang, Mourikis
   and Roumeliotis, IJRR 2010);
 * `observable`: the unobservable directions N are propagated by F of the first-estimates filter, step by step, and every
   row of H, at the newest estimate, is projected so that H N = 0 (same paper);
-* `iterated`: minimises the cost of the prior and the observations of one step (Bell and Cathey 1993), by another
+* `iterated`: minimises the cost of the prior and the observations of one step (Bell and Cathey 1993), with another
   method than the fast filter;
 * `invariant`: works in the coordinates of the right-invariant error (Barrau and Bonnabel, arXiv 1510.06263): F = I,
   noise on every landmark, updates by exp(K r), additive covariances at the end.
@@ -21,6 +20,7 @@ from functools import partial
 from typing import Literal
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from slamgauge.arrays import Float
 from slamgauge.ekf import textbook
@@ -33,7 +33,7 @@ from slamgauge.se2 import compose, mean_rotation, rotation, wrap
 
 Kind = Literal["standard", "first-estimates", "observable", "iterated", "invariant"]
 Jacobians = Literal["additive", "observable", "invariant"]
-KEEP_FIRST = ("first-estimates", "observable")  # kinds of filters with a point of their own
+KEEP_FIRST = ("first-estimates", "observable")  # kinds with a separate linearisation point
 
 
 def _run(recording: Recording, tails: float = math.inf, *, kind: Kind) -> Estimate:
@@ -56,7 +56,9 @@ def _run(recording: Recording, tails: float = math.inf, *, kind: Kind) -> Estima
         names = scan.landmark.tolist()
         old = [i for i, name in enumerate(names) if name in ids]
         new = [i for i, name in enumerate(names) if name not in ids and name not in names[:i]]
-        again = [i for i in range(len(names)) if i not in old + new]  # of a landmark that is new in this scan
+        again = [
+            i for i in range(len(names)) if i not in old + new
+        ]  # further observations of a landmark that is new in this scan
         nis.append(0.0)
         dof.append(2 * len(old + again))
         for rows, then_new in ((old, new), (again, [])):
@@ -140,7 +142,7 @@ def predict_invariant(x: Float, _: Float, P: Float, increment: Float, Q: Float) 
 def linearised(
     sensor: str, x: Float, point: Float, slots: list[int], z: Float, R: Float, *, kind: Jacobians = "additive"
 ) -> Linearised:
-    """Innovations at `x` and Jacobians at `point`, or at `x` and with H N = 0 at `point`."""
+    """Return innovations at `x` and Jacobians at `point` (`observable`: at `x`, with H N = 0 at `point`)."""
     entries = np.array(slots, dtype=np.int64)
     seen = textbook.linearise(sensor, x, entries, z, R)
     at = x if kind == "observable" else point
@@ -155,7 +157,7 @@ def linearised(
 
 
 def dense(seen: Linearised, size: int) -> tuple[Float, Float]:
-    """Innovation (2m,) and H (2m, n) of all observations."""
+    """Return the innovation (2m,) and H (2m, n) of all observations."""
     H = np.zeros((*seen.innovation.shape, size))
     for i, columns in enumerate(seen.columns):
         H[i][:, columns] = seen.jacobian[i]
@@ -163,21 +165,18 @@ def dense(seen: Linearised, size: int) -> tuple[Float, Float]:
 
 
 def block_diagonal(R: Float) -> Float:
-    """Blocks (m, 2, 2) on the diagonal of (2m, 2m)."""
-    noise = np.zeros((2 * len(R), 2 * len(R)))
-    for a, block in enumerate(R):
-        noise[2 * a : 2 * a + 2, 2 * a : 2 * a + 2] = block
-    return noise
+    """Return the blocks (m, 2, 2) on the diagonal of a matrix (2m, 2m)."""
+    return block_diag(*R)
 
 
 def weighted(P: Float, seen: Linearised, tails: float) -> Float:
-    """R / w of each observation, w = min(1, (n + 2) / (n + v' S^-1 v)) for n = `tails`."""
+    """Return R / w of each observation, w = min(1, (n + 2) / (n + v' S^-1 v)) for n = `tails`."""
     weight = np.minimum(1.0, (tails + 2) / (tails + textbook.squared_distances(P, seen)))
     return seen.noise / weight[:, None, None]
 
 
 def unobservable(point: Float) -> Float:
-    """N (n, 3): shift and turn of the whole map, [I, J p; 0, 1; I, J l]."""
+    """Return N (n, 3), translation and rotation of the whole map: [I, J p; 0, 1; I, J l]."""
     N = additive_from_invariant(point)[:, :3]
     for i in range(3, len(point), 2):
         N[i : i + 2, :2] = np.eye(2)
@@ -199,7 +198,7 @@ def update(
 def update_iterated(
     sensor: str, x: Float, P: Float, slots: list[int], z: Float, R: Float
 ) -> tuple[Float, Float, float]:
-    """The least of u'u + v' R^-1 v at x + Lu, P = LL', by Levenberg-Marquardt from u = 0; Jacobians are those there."""
+    """Minimise u'u + v' R^-1 v at x + Lu, P = LL', by Levenberg-Marquardt from u = 0."""
 
     def at(x: Float) -> tuple[Float, Float]:
         return dense(linearised(sensor, x, x, slots, z, R), len(x))
@@ -225,7 +224,7 @@ def update_iterated(
         else:
             damping = max(10.0 * damping, 1e-3)
     length = np.inf
-    while True:  # the last digits, of which the cost tells nothing: Newton's steps, as long as they become shorter
+    while True:  # Newton steps as long as they become shorter: the cost does not show the last digits
         r, A = residuals(u)
         bent = curvature(sensor, x + L @ u, slots, z, root.T @ r[len(u) :])
         step = -np.linalg.solve(A.T @ A - L.T @ bent @ L, A.T @ r)
@@ -241,7 +240,7 @@ def update_iterated(
 
 
 def curvature(sensor: str, x: Float, slots: list[int], z: Float, weights: Float) -> Float:
-    """Sum of weights_k d^2 h_k / dx^2 (n, n), by differences of H' weights, observation by observation."""
+    """Return the sum of weights_k d^2 h_k / dx^2 (n, n) by differences of H' weights per observation."""
     C, h, no_noise = np.zeros((len(x), len(x))), 1e-5, np.zeros((1, 2, 2))
     for a, slot in enumerate(slots):
         of_one = slice(2 * a, 2 * a + 2)
@@ -254,7 +253,7 @@ def curvature(sensor: str, x: Float, slots: list[int], z: Float, weights: Float)
 
 
 def exp_action(xi: Float, x: Float) -> Float:
-    """exp(xi) acting from the left on robot and landmarks."""
+    """Return exp(xi) acting from the left on robot and landmarks."""
     R, V = rotation(xi[2]), mean_rotation(xi[2])
     out = x.copy()
     out[:2] = R @ x[:2] + V @ xi[:2]

@@ -1,9 +1,9 @@
-"""Association by the textbook, dense and slow: the references for `ekf.associating_filter`.
+"""Dense and slow textbook association, the reference for `ekf.associating_filter`.
 
-`textbook_nearest_neighbour` is `slamgauge.textbook_ekf` without ids, and the same rule with the relatives of the
-textbook EKF: observation by observation, the landmark of the smallest squared Mahalanobis distance within the gate
-corrects at once, else a new landmark is mapped at once. `Scan` holds every innovation and Jacobian of one scan, and
-`brute_force_joint` enumerates its assignments.
+`textbook_nearest_neighbour` is `slamgauge.textbook_ekf` without ids, and the same rule with the filters of
+`tests/reference/textbook.py`. It takes one observation after another: the landmark with the smallest squared
+Mahalanobis distance within the gate corrects the state, and if none is within the gate a new landmark is added. `Scan`
+contains all innovations and Jacobians of one scan, and `brute_force_joint` enumerates its assignments.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ NONE = -1
 
 
 def textbook_nearest_neighbour(recording: Recording, gate: float, kind: Kind) -> Estimate:
-    """Ids of landmarks count up from 0 in the order of birth; the recording's own are not looked at."""
+    """Run a filter with nearest-neighbour association; landmark ids are 0, 1, ... in the order of their addition."""
     if kind == "standard":
         return textbook_ekf(replace(recording, landmark=None), Association(gate=gate))
     invariant = kind == "invariant"
@@ -93,7 +93,7 @@ def textbook_nearest_neighbour(recording: Recording, gate: float, kind: Kind) ->
 
 
 def additive(x: Float, P: Float, *, invariant: bool) -> Float:
-    """The covariance of the additive error."""
+    """Return the covariance of the additive error."""
     D = additive_from_invariant(x) if invariant else np.eye(len(x))
     full = D @ P @ D.T
     return (full + full.T) / 2
@@ -102,7 +102,7 @@ def additive(x: Float, P: Float, *, invariant: bool) -> Float:
 def squared_distances(
     sensor: str, x: Float, point: Float, P: Float, z: Float, R: Float, *, kind: Jacobians = "additive"
 ) -> Float:
-    """d^2 (L,) of one observation and every landmark, Jacobians at `point`."""
+    """Return d^2 (L,) of one observation and every landmark, with Jacobians at `point`."""
     count = (len(x) - 3) // 2
     copies = np.tile(z, (count, 1)), np.tile(R, (count, 1, 1))
     return textbook.squared_distances(P, linearised(sensor, x, point, [*range(count)], *copies, kind=kind))
@@ -110,7 +110,7 @@ def squared_distances(
 
 @dataclass(frozen=True)
 class Scan:
-    """One scan of m observations before L landmarks, dense."""
+    """Dense innovations and Jacobians of m observations and L landmarks."""
 
     innovation: Float  # (m, L, 2)
     jacobian: Float  # (m, L, 2, n)
@@ -118,7 +118,7 @@ class Scan:
     R: Float  # (m, 2, 2)
 
     def distance(self, pairs: Sequence[Pair]) -> float:
-        """Joint d^2."""
+        """Return the joint d^2 of the pairs."""
         if not pairs:
             return 0.0
         v = np.concatenate([self.innovation[pair] for pair in pairs])
@@ -127,13 +127,13 @@ class Scan:
         return float(v @ np.linalg.inv(S) @ v)
 
     def distances(self) -> Float:
-        """d^2 (m, L) of every pair by itself."""
+        """Return d^2 (m, L) of every single pair."""
         m, landmarks = self.innovation.shape[:2]
         return np.array([[self.distance([(i, slot)]) for slot in range(landmarks)] for i in range(m)])
 
 
 def dense_scan(sensor: str, x: Float, point: Float, P: Float, z: Float, R: Float) -> Scan:
-    """The scan of observations (m, 2) with covariances (m, 2, 2), Jacobians at `point`."""
+    """Return the scan of observations (m, 2) with covariances (m, 2, 2), with Jacobians at `point`."""
     slots = list(range((len(x) - 3) // 2))
     no_noise = np.zeros((len(slots), 2, 2))
     copies = [np.tile(value, (len(slots), 1)) for value in z]
@@ -144,18 +144,18 @@ def dense_scan(sensor: str, x: Float, point: Float, P: Float, z: Float, R: Float
 
 
 def search_order(scan: Scan, gate: float) -> list[tuple[int, list[int]]]:
-    """Observations with landmarks inside the gate, fewest first; with those landmarks, nearest first."""
+    """Return the observations with landmarks inside the gate, fewest landmarks first, nearest landmark first."""
     distances = scan.distances()
     found = [(i, [int(s) for s in np.argsort(row) if row[s] <= gate]) for i, row in enumerate(distances)]
     return sorted([entry for entry in found if entry[1]], key=lambda entry: len(entry[1]))
 
 
 def brute_force_joint(scan: Scan, gate: float, quantiles: Float, *, every_subset: bool = False) -> list[Pair]:
-    """Of all compatible assignments one with the most pairs, and of these the one of the smallest joint d^2.
+    """Return the compatible assignment with the most pairs, and among those the one with the smallest joint d^2.
 
-    An assignment is compatible when its pairs are one to one, each within `gate`, and the first 1, 2, ... of
-    them, in the order of `search_order`, have a joint d^2 within quantiles[1], [2], ... That is what branch and
-    bound visits. With `every_subset`, all subsets of the pairs must be, not only those first ones.
+    An assignment is compatible if its pairs are one to one, each within `gate`, and the first 1, 2, ... pairs in the
+    order of `search_order` have a joint d^2 within quantiles[1], [2], ... Branch and bound visits these assignments.
+    With `every_subset`, all subsets of the pairs must be within their quantile.
     """
     best: list[Pair] = []
     least = 0.0
@@ -187,9 +187,9 @@ def are_compatible_in_every_subset(scan: Scan, pairs: Sequence[Pair], quantiles:
 
 
 def brute_force_ambiguous(scan: Scan, gate: float, margin: float, best: Sequence[Pair]) -> set[int]:
-    """Observations of `best` to which an assignment one step away, and at most `margin` worse, gives another slot.
+    """Return the observations of `best` with another slot in a neighbouring assignment that is at most `margin` worse.
 
-    A step: one observation takes a slot that is free, or two change places; all within `gate`.
+    In a neighbouring assignment one observation takes a free slot, or two exchange their slots, all within `gate`.
     """
     within = scan.distances() <= gate
     steps: list[tuple[set[int], list[Pair]]] = []

@@ -1,4 +1,4 @@
-"""Our filters of known association, each beside its textbook version."""
+"""Our filters with known association, each with its textbook version."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from tests.reference.textbook import student_t_ekf, textbook_fej_ekf, textbook_i
 
 
 def ekf_of_textbook(recording: Recording, tails: float | None = None) -> Estimate:
-    """The textbook EKF; with `tails` its relative that weighs observations."""
+    """Run the textbook EKF, with `tails` the version that weighs observations."""
     return textbook_ekf(recording) if tails is None else student_t_ekf(recording, tails)
 
 

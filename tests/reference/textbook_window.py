@@ -1,8 +1,8 @@
-"""A textbook version of the sliding-window filter, dense and slow: every Jacobian is made by differences.
+"""A dense and slow textbook version of the sliding-window filter, with all Jacobians by differences.
 
-Unknowns are named: ("pose", step) and ("landmark", id). What has left the window is a quadratic in right-invariant
-errors, 1/2 e' information e - gradient' e; the window is solved by Gauss-Newton steps on residuals of all unknowns at
-once. Motions need noise in every direction; errors turn about the origin, where a recording should start.
+Unknowns have names: ("pose", step) and ("landmark", id). The prior of the window is a quadratic function of
+right-invariant errors, 1/2 e' information e - gradient' e. Gauss-Newton steps on the residuals of all unknowns solve
+the window. Motions need noise in every direction. Errors rotate about the origin, where a recording should start.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from tests.reference.jacobians import differentiate
 
 Name = tuple[str, int]
 Values = dict[Name, Float]
-STEPS = 12  # of Gauss and Newton
-SURE = 0.3  # sigma over distance of a landmark that bearings place
+STEPS = 12  # Gauss-Newton steps
+SURE = 0.3  # largest sigma over distance of a landmark that bearings place
 FINE = 1e-4  # [m] and [rad] between the points of a difference
 
 
@@ -31,7 +31,7 @@ class TextbookWindow:
 
     def __init__(self, recording: Recording, lag: int) -> None:
         self.recording, self.lag = recording, lag
-        self.known: list[Name] = [("pose", 0)]  # what the prior is about; the first pose of the window first
+        self.known: list[Name] = [("pose", 0)]  # variables of the prior, beginning with the first pose of the window
         self.at: Values = {("pose", 0): recording.prior_mean}
         self.gradient = np.zeros(3)
         to_errors = np.eye(3)  # additive = D invariant
@@ -39,7 +39,9 @@ class TextbookWindow:
         self.information = to_errors.T @ np.linalg.inv(recording.prior_cov) @ to_errors
         self.values: Values = {("pose", 0): recording.prior_mean.copy()}
         self.first = self.step = 0
-        self.kept: dict[int, list[int]] = {}  # rows with which landmarks waited when their step left the window
+        self.kept: dict[
+            int, list[int]
+        ] = {}  # observations of landmarks that were not mapped when their step left the window
         self.placed_at: dict[int, int] = {}
 
     # --- residuals -------------------------------------------------------------------------------
@@ -88,7 +90,7 @@ class TextbookWindow:
     # --- steps -----------------------------------------------------------------------------------
 
     def add_step(self) -> tuple[Float, Float]:
-        """Take in the next step; the newest pose (3,) and its covariance (3, 3)."""
+        """Process the next step; return the newest pose (3,) and its covariance (3, 3)."""
         if self.step - self.first >= self.lag:
             self.slide()
         self.step += 1
@@ -134,7 +136,7 @@ class TextbookWindow:
         covs = np.asarray(np.linalg.inv(A), np.float64)
         return self.values["pose", self.step], covs[column : column + 3, column : column + 3]
 
-    # --- what leaves the window ------------------------------------------------------------------
+    # --- marginalisation ---------------------------------------------------------------------------
 
     def slide(self) -> None:
         for step, rows in [*self.kept.items()]:
@@ -167,12 +169,12 @@ class TextbookWindow:
         self.condense(residual, stay, [gone])
 
     def rebase(self) -> None:
-        """Count errors from the present values."""
+        """Make the present values the origin of errors."""
         self.gradient = self.gradient - self.information @ self.errors(self.values)
         self.at = {name: self.values[name].copy() for name in self.known}
 
     def condense(self, residual: Callable[[Values], Float], stay: list[Name], gone: list[Name]) -> None:
-        """Make a prior on `stay` of residuals of `stay` and `gone`, which is eliminated."""
+        """Make a prior on `stay` from residuals of `stay` and `gone`, and eliminate `gone`."""
         A, b = normal_equations(residual, self.values, [*stay, *gone])
         size = sum(len(self.values[name]) for name in stay)
         if gone:
@@ -186,7 +188,7 @@ class TextbookWindow:
 
 
 def invariant_error(name: Name, first: Name, values: Values, at: Values) -> Float:
-    """Right-invariant, of a point or a pose, where the first pose says how far all has turned."""
+    """Return the right-invariant error of a point or a pose; the first pose gives the rotation."""
     turn = float(wrap(values[first][2] - at[first][2]))
     moved = values[name][:2] - rotation(turn) @ at[name][:2]
     error = np.asarray(np.linalg.solve(mean_turn(turn), moved), np.float64)
@@ -196,7 +198,7 @@ def invariant_error(name: Name, first: Name, values: Values, at: Values) -> Floa
 
 
 def mean_turn(turn: float) -> Float:
-    """V(turn), the mean of rotations from none to `turn`."""
+    """Return V(turn), the mean of rotations from 0 to `turn`."""
     a, b = (np.sin(turn) / turn, (1.0 - np.cos(turn)) / turn) if abs(turn) > 1e-6 else (1.0, 0.5 * turn)
     return np.array([[a, -b], [b, a]])
 
@@ -206,7 +208,7 @@ def whitened(v: Float, cov: Float) -> Float:
 
 
 def stepped(values: Values, names: list[Name], step: Float) -> Values:
-    """The values with a step of those named added."""
+    """Return the values after a step of the named ones."""
     moved, at = {**values}, 0
     for name in names:
         size = len(values[name])
@@ -228,7 +230,7 @@ def normal_equations(residual: Callable[[Values], Float], values: Values, names:
 
 
 def textbook_sliding_window(recording: Recording, lag: int) -> Estimate:
-    """As `slamgauge.ekf.sliding_window`."""
+    """Do the same as `slamgauge.ekf.sliding_window`."""
     window, steps = TextbookWindow(recording, lag), recording.steps
     poses, covs = np.empty((steps + 1, 3)), np.empty((steps + 1, 3, 3))
     poses[0], covs[0] = window.take_in_scan()

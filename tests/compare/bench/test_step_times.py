@@ -14,7 +14,7 @@ from slamgauge.compare.cli.main import main
 from slamgauge.compare.scenarios.simulation import simulate
 from slamgauge.compare.scenarios.trajectory import Segments
 from slamgauge.ekf import ekf_slam
-from tests.reference.held_by_schemas import held
+from tests.reference.json_schemas import held
 
 
 def test_the_plain_numpy_filter_is_the_same_filter() -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from referees.seeded_bugs import SEEDED, seeded_ekf
+from references.seeded_bugs import SEEDED, seeded_ekf
 
 from slamgauge import Estimate, Recording, load_estimators
 from slamgauge.compare.checks import check as check_module
@@ -121,7 +121,7 @@ def test_the_command_prints_a_table_and_exits_with_1_if_a_check_fails(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
     (tmp_path / "mine.py").write_text(
-        f"import sys\nsys.path.insert(0, {str(ROOT / 'benchmarks')!r})\nfrom referees.seeded_bugs import seeded_ekf\n"
+        f"import sys\nsys.path.insert(0, {str(ROOT / 'benchmarks')!r})\nfrom references.seeded_bugs import seeded_ekf\n"
         "def bad(recording): return seeded_ekf(recording, 'wrong sign in F')\n"
     )
     assert main(["check", f"{tmp_path}/mine.py:seeded_ekf"]) == 0

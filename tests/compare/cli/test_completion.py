@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from slamgauge.compare.cli.main import main
-from tests.reference.programs import program
+from tests.reference.external_programs import program
 
 PLACES = {
     "bash": ".local/share/bash-completion/completions/slamgauge",

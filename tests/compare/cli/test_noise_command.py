@@ -10,7 +10,7 @@ import pytest
 
 from slamgauge import load_recording, load_scenario, save, simulate
 from slamgauge.compare.cli.main import main
-from tests.reference.held_by_schemas import held
+from tests.reference.json_schemas import held
 
 
 @pytest.fixture(scope="module")

@@ -13,7 +13,7 @@ import pytest
 from slamgauge.compare.cli import terminal
 from slamgauge.compare.cli.main import COMMANDS, main
 from slamgauge.ekf.kernels.warm_up import compile_once
-from tests.reference import lighter
+from tests.reference import fast_commands
 
 COMMAND = [sys.executable, "-m", "slamgauge"]
 RUN = ("run", "q1-short-dense", "--set", "trajectory.duration=1", "--estimators", "ekf", "--out", "out")
@@ -34,7 +34,7 @@ def compiled_kernels() -> None:
 def study(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
     """A command whose runs are stored already."""
     command = [*STUDY, *ESTIMATORS, "--out", str(tmp_path_factory.mktemp("study") / "out")]
-    with lighter.studies_in_a_thread(), lighter.empty_pictures():
+    with fast_commands.studies_in_a_thread(), fast_commands.empty_pictures():
         assert main(command) == 0
     return command
 

@@ -18,7 +18,7 @@ from slamgauge.compare.estimators.user_code import address
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from tests.reference.command_line import Module, Refuse, run
-from tests.reference.held_by_schemas import held
+from tests.reference.json_schemas import held
 
 RIGHT = """
 from slamgauge import Estimate, chain

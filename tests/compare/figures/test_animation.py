@@ -23,7 +23,7 @@ from slamgauge.compare.studies.stored_study import load_study
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.truth import Truth
-from tests.reference.rays_by_hand import STEPS, estimate_with_rays, half_loop
+from tests.reference.example_rays import STEPS, estimate_with_rays, half_loop
 
 WITH_RAYS = estimate_with_rays()
 NO_HISTORY = replace(WITH_RAYS, rays=None, history=None)

@@ -20,7 +20,7 @@ from slamgauge.compare.figures.ray_frames import has_rays, ray_frames
 from slamgauge.compare.figures.ray_strip import save_ray_strip
 from slamgauge.compare.scoring.comparison import Comparison, write_comparison
 from slamgauge.estimate import Estimate, MapHistory, RayLog
-from tests.reference.rays_by_hand import AGES, BIRTHS, LANDMARKS, NOTED, STEPS, Fate, estimate_with_rays, half_loop
+from tests.reference.example_rays import AGES, BIRTHS, LANDMARKS, NOTED, STEPS, Fate, estimate_with_rays, half_loop
 
 from .conftest import Written
 

@@ -19,7 +19,7 @@ from slamgauge.compare.storage.stored_results import Results
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.truth import Truth
-from tests.reference.rays_by_hand import BIRTHS, LANDMARKS, estimate_with_rays, half_loop
+from tests.reference.example_rays import BIRTHS, LANDMARKS, estimate_with_rays, half_loop
 
 TRUTH, RECORDING = half_loop()
 assert TRUTH.poses is not None

@@ -20,7 +20,7 @@ from slamgauge.compare.grading.trial import Trial
 from slamgauge.compare.scoring.scores import Score
 from slamgauge.compare.studies.store import digest
 from slamgauge.errors import UserError
-from tests.reference.held_by_schemas import held
+from tests.reference.json_schemas import held
 
 from ..scoring.test_error_bounds import scores
 

@@ -18,7 +18,7 @@ from slamgauge import compare_estimators, load_estimators, load_scenario, simula
 from slamgauge.compare.figures.publishing import draw_comparison
 from slamgauge.compare.report.publishing import publish_report
 from slamgauge.compare.scoring.comparison import metrics, write_comparison
-from tests.reference.programs import program
+from tests.reference.external_programs import program
 
 SCRIPT_NAME = "<script>alert(1)</script>"
 USER_NAME = 'own "<b>&amp;'

@@ -25,7 +25,7 @@ from slamgauge.compare.studies.claims import Judgement
 from slamgauge.compare.studies.stored_study import StoredStudy, load_study
 from slamgauge.compare.studies.study import load_runs, run_study
 from slamgauge.compare.studies.study_run import run_seed
-from tests.reference import lighter
+from tests.reference import fast_commands
 
 from .conftest import SCRIPT_NAME, Reader, unexplained
 
@@ -153,7 +153,7 @@ def sweep(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A sweep with two short runs at each of two scales."""
     folder = tmp_path_factory.mktemp("sweeps") / "sweep"
     words = ["study", "q1-short-dense", "--runs", "2", "--jobs", "1", "--set", "trajectory.duration=3"]
-    with lighter.studies_in_a_thread(), lighter.empty_pictures():
+    with fast_commands.studies_in_a_thread(), fast_commands.empty_pictures():
         words += ["--estimators", "ekf,causal", "--sweep", "assumed.scale=1,2", "--out", str(folder)]
         assert main(words) == 0
     return folder

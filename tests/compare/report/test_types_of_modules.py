@@ -7,7 +7,7 @@ import subprocess
 from pathlib import Path
 
 from slamgauge.compare.report.page import MODULES
-from tests.reference.programs import program
+from tests.reference.external_programs import program
 
 ASSETS = Path(__file__).parents[3] / "compare/report/assets"
 CHECK = "-p", "jsconfig.json", "--noEmit", "--pretty", "false"

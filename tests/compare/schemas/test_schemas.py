@@ -30,7 +30,7 @@ from slamgauge.compare.studies.stopping_rule import Until
 from slamgauge.compare.studies.study import run_study
 from slamgauge.compare.studies.sweep import Sweep
 from slamgauge.ekf import ekf_slam
-from tests.reference.held_by_schemas import FOLDER, SCHEMAS, complaints, held
+from tests.reference.json_schemas import FOLDER, SCHEMAS, complaints, held
 
 SHORT = ["trajectory.duration=3", "start=sampled"]
 

@@ -23,7 +23,7 @@ from slamgauge.compare.studies.study import run_study
 from slamgauge.compare.studies.summary import misfit_optima, summary_table
 from slamgauge.graph_baseline import batch
 from slamgauge.truth import Truth
-from tests.reference import vocabulary_examples as examples
+from tests.reference import example_records as examples
 
 SHORT = ("start=sampled", "trajectory.duration=20")
 BAD = ("sensor.outlier_rate=0.05", "sensor.clutter_rate=0.3")

@@ -27,7 +27,7 @@ from slamgauge.compare.scoring.scores import evaluate
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.truth import Truth
-from tests.reference import vocabulary_examples as examples
+from tests.reference import example_records as examples
 
 FILTER = examples.estimate(association=[4, 4, 9], poses=np.full((3, 3), 0.2))
 CAUSAL = examples.estimate(association=[4, 4, 9], poses=np.full((3, 3), 0.1), nis=None, nis_dof=None)

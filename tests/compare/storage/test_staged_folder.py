@@ -9,7 +9,7 @@ import pytest
 
 from slamgauge.compare.storage.manifest import MANIFEST, owned
 from slamgauge.compare.storage.staged_folder import staged_folder
-from tests.reference.published_files import FILES, LAST, fill, in_the_way, publish, texts
+from tests.reference.staged_files import FILES, LAST, fill, in_the_way, publish, texts
 
 # --- complete or absent ------------------------------------------------------------------------
 

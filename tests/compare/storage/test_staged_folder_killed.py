@@ -17,7 +17,7 @@ import pytest
 
 from slamgauge.compare.storage.manifest import owned, require_free, write_manifest
 from slamgauge.compare.storage.staged_folder import PUBLISHING, begin_file, publishing, staged_folder
-from tests.reference.published_files import FILES, LAST, fill, in_the_way, publish, texts
+from tests.reference.staged_files import FILES, LAST, fill, in_the_way, publish, texts
 
 # --- killed ------------------------------------------------------------------------------------
 

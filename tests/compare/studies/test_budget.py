@@ -29,7 +29,7 @@ from slamgauge.compare.studies.study_run import run_seed
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
-from tests.reference.held_by_schemas import held
+from tests.reference.json_schemas import held
 
 
 def short(name: str = "q1-long-dense", *overrides: str, duration: float = 4) -> Scenario:

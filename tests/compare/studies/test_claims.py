@@ -22,7 +22,7 @@ from slamgauge.compare.studies.claim_evidence import weigh as weigh_for
 from slamgauge.compare.studies.claim_list import CLAIMS, SAME, SETTINGS, Claim, during, stored
 from slamgauge.compare.studies.claims import Claims, Judgement, claims_table, judge, judge_claims
 from slamgauge.compare.studies.summary import Summary
-from tests.reference.held_by_schemas import held
+from tests.reference.json_schemas import held
 
 ABOVE_ONE, BELOW_ONE, ALIKE = (1.0, math.inf), (0.0, 1.0), (1 / SAME, SAME)
 

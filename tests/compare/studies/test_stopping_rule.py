@@ -26,7 +26,7 @@ from slamgauge.compare.studies.summary import Summary, summary_table
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
-from tests.reference.held_by_schemas import held
+from tests.reference.json_schemas import held
 
 Run = Callable[..., Summary]
 Load = Callable[..., dict[str, Runs]]

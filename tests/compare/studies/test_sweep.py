@@ -18,7 +18,7 @@ from slamgauge.compare.studies.summary import EstimatorSummary, Summary
 from slamgauge.compare.studies.sweep import Sweep, run_sweep, split_sweep, sweep_table
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
-from tests.reference.held_by_schemas import held
+from tests.reference.json_schemas import held
 
 SHORT = ["start=sampled", "trajectory.duration=3"]
 BOTH = ("ekf", "causal")

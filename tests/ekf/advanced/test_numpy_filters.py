@@ -32,7 +32,7 @@ from tests.reference.circles import (
     run_all,
 )
 from tests.reference.random_recordings import bearing_only, random_recording
-from tests.reference.textbook_relatives import textbook_riukf, textbook_robocentric_ekf
+from tests.reference.textbook_numpy_filters import textbook_riukf, textbook_robocentric_ekf
 
 RELATIVES = pytest.mark.parametrize("estimator", [riukf, robocentric_ekf])
 BELIEFS = pytest.mark.parametrize("belief_of", [InvariantBelief, RobocentricBelief])

@@ -7,7 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from tests.reference.installed_elsewhere import first_and_later_use
+from tests.reference.installed_copy import first_and_later_use
 
 PROGRAM = (
     "import numpy as np; from slamgauge.ekf import SlamFilter;"

@@ -24,7 +24,7 @@ from slamgauge.graph_baseline.solver.smoother import Solution, damped_step, solv
 from slamgauge.graph_baseline.solver.warm_up import compile_graphs_once
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain
-from tests.reference.fields import lanes
+from tests.reference.lane_recordings import lanes
 from tests.reference.random_recordings import random_recording
 from tests.reference.small_problems import assert_same_covariances
 

@@ -15,7 +15,7 @@ from slamgauge.graph_baseline.problem import residuals
 from slamgauge.graph_baseline.solver import chord_kernels, matrices_3x3, pose_elimination, recursions, scan_reduction
 from slamgauge.graph_baseline.solver.matrices_3x3 import factorise, invert
 from slamgauge.graph_baseline.solver.warm_up import compile_graphs_once
-from tests.reference.installed_elsewhere import first_and_later_use
+from tests.reference.installed_copy import first_and_later_use
 from tests.reference.random_recordings import bearing_only, recording_of
 
 

@@ -1,4 +1,4 @@
-"""The program as it is installed in another folder, with the machine code that has been kept of it here."""
+"""The program installed in another folder, with the compiled kernels of this checkout."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ PACKAGES = ("compare", "ekf", "graph_baseline")
 
 
 def install_in(folder: Path) -> None:
-    """Copy the sources, and the kernels kept beside them."""
+    """Copy the sources and their compiled kernels."""
     sources = shutil.ignore_patterns("__pycache__")
     shutil.copytree(ROOT / "core", folder / "slamgauge", ignore=sources)
     for package in PACKAGES:
@@ -22,7 +22,7 @@ def install_in(folder: Path) -> None:
 
 
 def lend_kernels(folder: Path) -> None:
-    """Copy the kernels kept here to the same sources there, so that they need not be compiled again."""
+    """Copy compiled kernels to the copied sources, so that nothing is compiled again."""
     for package in ("", *PACKAGES):
         for kept in (ROOT / (package or "core")).rglob("*.nb?"):
             there = folder / "slamgauge" / package / kept.relative_to(ROOT / (package or "core"))
@@ -31,7 +31,7 @@ def lend_kernels(folder: Path) -> None:
 
 
 def run_in(folder: Path, *arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
-    """Run Python with the program in `folder` ahead of the installed one."""
+    """Run Python with the program in `folder` first on the import path."""
     environment = {key: value for key, value in os.environ.items() if key != "NUMBA_CACHE_DIR"}
     environment["PYTHONPATH"] = str(folder)
     command = [sys.executable, *arguments]
@@ -39,7 +39,7 @@ def run_in(folder: Path, *arguments: str, cwd: Path) -> subprocess.CompletedProc
 
 
 def first_and_later_use(folder: Path, program: str, kernels: str) -> list[subprocess.CompletedProcess[str]]:
-    """Run a program twice where the machine code of `kernels` is missing at first."""
+    """Run a program twice, the first time without compiled `kernels`."""
     install_in(folder)
     for kept in folder.rglob(f"{kernels}*.nb?"):
         kept.unlink()

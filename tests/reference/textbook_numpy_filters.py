@@ -1,9 +1,9 @@
-"""Textbook versions of the filters that are written in numpy, dense and slow.
+"""Dense and slow textbook versions of the filters that use numpy.
 
-`textbook_riukf` lives in the right-invariant error's own coordinates, robot and all landmarks, and moves whole states
-by exp and log; its sigma points are Brossard, Barrau and Bonnabel's (ICRA 2020), drawn for the places of landmarks
-relative to the robot and then for the heading, whose own pair is left out. `textbook_robocentric_ekf` is Castellanos et
-al. (2007) step by step with the state [world, landmarks, displacement]; every Jacobian is made by differences.
+`textbook_riukf` uses the coordinates of the right-invariant error of robot and all landmarks, and changes states by exp
+and log. Its sigma points are those of Brossard, Barrau and Bonnabel (ICRA 2020), for the landmarks relative to the
+robot and then for the heading, which has no own pair. `textbook_robocentric_ekf` follows Castellanos et al. (2007) with
+the state [world, landmarks, displacement]. All Jacobians are computed by differences.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class TextbookInvariant:
         self.P = D @ recording.prior_cov @ D.T
 
     def predict(self, increment: Float, Q: Float) -> None:
-        """Sigma points of the noise in the order heading, x, y; only the first two points are not linear."""
+        """Use sigma points of the noise in the order heading, x, y; only the first two points are not linear."""
         after, order = moved(self.x, increment), [2, 0, 1]
         columns = np.zeros((3, 3))
         columns[order] = semidefinite_factor(Q[np.ix_(order, order)])
@@ -97,9 +97,9 @@ class TextbookInvariant:
 
 
 class TextbookRobocentric:
-    """State [world (3), landmarks (2L), displacement (3)], all seen from where the robot was before it moved.
+    """State [world (3), landmarks (2L), displacement (3)] in the body frame before the last movement.
 
-    The world's origin is the place of the start.
+    The origin of the world is the start position.
     """
 
     def __init__(self, recording: Recording) -> None:
@@ -204,26 +204,26 @@ def as_ids(ids: Numbers) -> Int:
 
 
 def inverse(pose: Float) -> Float:
-    """The world's frame, seen from a pose in it; and back."""
+    """Return the inverse pose."""
     return np.append(-rotation(pose[2]).T @ pose[:2], wrap(-pose[2]))
 
 
 def composed(x: Float) -> Float:
-    """[world, landmarks, displacement] seen from where the displacement leads."""
+    """Return [world, landmarks, displacement] in the frame at the end of the displacement."""
     back, places = rotation(x[-1]).T, [x[:2], *x[3:-3].reshape(-1, 2)]
     there = [back @ (place - x[-3:-1]) for place in places]
     return np.concatenate([there[0], [wrap(x[2] - x[-1])], *there[1:], np.zeros(3)])
 
 
 def in_world(x: Float) -> Float:
-    """Robot and landmarks in the world frame."""
+    """Return robot and landmarks in the world frame."""
     world = inverse(x[:3])
     places = [world[:2] + rotation(world[2]) @ place for place in [x[-3:-1], *x[3:-3].reshape(-1, 2)]]
     return np.concatenate([places[0], [world[2] + x[-1]], *places[1:]])
 
 
 def invariant_error(x: Float, estimate: Float) -> Float:
-    """Xi of exp(xi) acting on `estimate` giving x."""
+    """Return xi such that exp(xi) acting on `estimate` gives x."""
     t = float(wrap(x[2] - estimate[2]))
     V = np.array([[np.sinc(t / np.pi), -t * half_versine(t)], [t * half_versine(t), np.sinc(t / np.pi)]])
     xi = np.zeros(len(x))
@@ -234,12 +234,12 @@ def invariant_error(x: Float, estimate: Float) -> Float:
 
 
 def half_versine(t: float) -> float:
-    """(1 - cos t) / t^2."""
+    """Return (1 - cos t) / t^2."""
     return 0.5 * float(np.sinc(t / 2 / np.pi)) ** 2
 
 
 def second_moment(changes: Float) -> Float:
-    """About the mean point, of changes (2d, m): Julier's weights with alpha = SPREAD / sqrt(d), beta = 2, kappa = 0."""
+    """Return the second moment of changes (2d, m), with Julier's alpha = SPREAD / sqrt(d), beta = 2, kappa = 0."""
     d = len(changes) / 2
     alpha = SPREAD / np.sqrt(d)
     scale = alpha**2 * d
@@ -251,7 +251,7 @@ def second_moment(changes: Float) -> Float:
 
 
 def semidefinite_factor(cov: Float) -> Float:
-    """Lower triangular L with L L' = cov, column by column; what has no variance left has no column."""
+    """Return a lower triangular L with L L' = cov; its columns are zero where no variance is left."""
     rest, L = cov.copy(), np.zeros_like(cov)
     for k in range(len(cov)):
         if rest[k, k] > 1e-14 * cov[k, k]:

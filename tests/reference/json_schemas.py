@@ -28,6 +28,6 @@ def complaints(kind: str, content: object) -> list[str]:
 
 
 def held(kind: str, content: Any) -> Any:
-    """Return the content, which the schema of this kind accepts."""
+    """Check that the schema of this kind accepts the content, and return it."""
     assert complaints(kind, content) == []
     return content

@@ -1,4 +1,4 @@
-"""A folder of files that are published together, and what it says of files of others."""
+"""A folder with files that are published together, and the message for files that others have written."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def publish(out: Path, text: str, names: tuple[str, ...] = FILES, outdated: tupl
 
 
 def texts(folder: Path) -> dict[str, str]:
-    """Every file below a folder but the manifest."""
+    """Return the text of every file below a folder except the manifest."""
     found = {str(path.relative_to(folder)): path for path in folder.rglob("*") if path.is_file()}
     return {name: path.read_text() for name, path in found.items() if name != MANIFEST}
 

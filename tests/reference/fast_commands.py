@@ -1,4 +1,4 @@
-"""Commands without what takes most of their time and is not what a test is about: worker processes, and drawing."""
+"""Commands without worker processes and without drawing, which take most of their time."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SAVE = Figure.savefig
 
 @contextmanager
 def studies_in_a_thread() -> Generator[None]:
-    """A thread of this process carries every run: a worker process takes two seconds to begin."""
+    """Run studies in a thread of this process, because a worker process takes two seconds to start."""
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(executors, "local_processes", one_thread)
         yield
@@ -32,7 +32,7 @@ def one_thread(_: int) -> Generator[ThreadPoolExecutor]:
 
 @contextmanager
 def empty_pictures() -> Generator[None]:
-    """Figures are made, but not rendered: their files are empty. Frames of animations are."""
+    """Write empty files for figures, which are not rendered; frames of animations are rendered."""
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(Figure, "savefig", unrendered)
         yield

@@ -1,4 +1,4 @@
-"""The same run elsewhere in the world, and what is relative to its start."""
+"""The same run at another place in the world, and comparison of positions relative to it."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from slamgauge.arrays import Float
 from slamgauge.recording import Recording
 from slamgauge.se2 import compose, rotation
 
-FAR = np.array([500_000.0, 4_600_000.0, 2.5])  # [m, m, rad]: UTM coordinates of southern Europe, and a turn
+FAR = np.array([500_000.0, 4_600_000.0, 2.5])  # [m, m, rad]: UTM coordinates in southern Europe, and a rotation
 TOLERANCE = 1e-6  # standard deviations
 
 
 def moved(recording: Recording) -> Recording:
-    """The same run elsewhere: all that is measured is relative."""
+    """Move a run to another place: only the prior changes, because all measurements are relative."""
     turn = np.eye(3)
     turn[:2, :2] = rotation(FAR[2])
     return replace(

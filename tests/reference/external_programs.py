@@ -1,4 +1,4 @@
-"""Programs of the machine that tests need, as CONTRIBUTING.md names them."""
+"""Other programs that tests need (CONTRIBUTING.md lists them)."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import pytest
 
 
 def program(package: str, *names: str) -> str:
-    """The path of the first program of these names; the test is skipped where there is none.
+    """Return the path of the first installed program of these names, and skip the test if none is installed.
 
-    It fails where SLAMGAUGE_PROGRAMS=required says that there must be one, as `.ci/run` does.
+    With SLAMGAUGE_PROGRAMS=required, which `.ci/run` sets, the test fails instead.
     """
     found = next(filter(None, map(shutil.which, names)), None)
     if found is not None:

@@ -1,7 +1,7 @@
-"""A textbook EKF that can be given one bug, and which laws must catch each: `slamgauge check` is held against them.
+"""A textbook EKF with an optional bug, and the checks of `slamgauge check` that must fail for each bug.
 
-The right filter is the practical's, on full matrices, one observation after the other. A bug is a switch: the
-line that it changes names it.
+The correct filter is that of the exercise, with full matrices and one observation after another. The line that a bug
+changes names the bug.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.se2 import between, compose
 
-# each bug, the law that is named for it, and the related ones that it may break as well
+# each bug, the check that is named for it, and related checks that may fail as well
 SEEDED: dict[str, tuple[str, str]] = {
     "wrong sign in F": ("prediction-jacobian", "rigid-motion"),
     "missing term in F": ("prediction-jacobian", "rigid-motion"),
@@ -50,14 +50,14 @@ SEEDED: dict[str, tuple[str, str]] = {
 
 @dataclass
 class TextbookEkf:
-    """The state of the filter: robot, then landmarks in the order of their first sight.
+    """State of the filter: robot, then landmarks in the order of their first observation.
 
     Attributes:
         x: (3+2L,) mean.
         P: (3+2L, 3+2L) covariance.
-        bug: the name of its bug; none if empty.
-        slots: place of each id's first coordinate in the state.
-        last_seen: step at which each id was seen last.
+        bug: name of the bug, empty for the correct filter.
+        slots: index of each id's first coordinate in the state.
+        last_seen: step of the last observation of each id.
     """
 
     x: Float
@@ -67,7 +67,7 @@ class TextbookEkf:
     last_seen: dict[int, int] = field(default_factory=dict[int, int])
 
     def predict(self, increment: Float, Q: Float) -> None:
-        """Carry the robot along an increment of covariance Q, both in the body frame."""
+        """Move the robot by an increment with covariance Q, both in the body frame."""
         (d, _, turn), heading = increment, self.x[2]
         direction = heading + turn if self.bug == "motion along the heading after the turn" else heading
         dx, dy = d * np.cos(direction), d * np.sin(direction)
@@ -89,7 +89,7 @@ class TextbookEkf:
         self.P = F @ self.P @ F.T + G @ Q @ G.T
 
     def update(self, slot: int, z: Float, R: Float) -> None:
-        """Take in range and bearing of the landmark at that place of the state."""
+        """Correct with range and bearing of the landmark at this index of the state."""
         dx, dy = self.x[slot : slot + 2] - self.x[:2]
         r = np.hypot(dx, dy)
         direction = np.arctan(dy / dx) if self.bug == "atan for atan2" else np.arctan2(dy, dx)
@@ -114,7 +114,7 @@ class TextbookEkf:
         self.P = (P + P.T) / 2
 
     def add(self, z: Float, R: Float) -> int:
-        """Append the landmark of a first sight; its place in the state."""
+        """Append the landmark of a first observation, and return its index in the state."""
         r, direction = z[0], self.x[2] + z[1]
         c, s = np.cos(direction), np.sin(direction)
         n = len(self.x)
@@ -130,8 +130,8 @@ class TextbookEkf:
         self.P = np.block([[self.P, cross.T], [cross, own]])
         return n
 
-    def take_in(self, step: int, name: int, z: Float, R: Float, stale: int | None) -> int:
-        """One observation: of a mapped landmark or of a new one; its place in the state."""
+    def process(self, step: int, name: int, z: Float, R: Float, stale: int | None) -> int:
+        """Process an observation of a mapped or a new landmark, and return the index in the state."""
         long_ago = step - self.last_seen.get(name, step) > 20
         if name not in self.slots or (self.bug == "landmarks forgotten" and long_ago):
             self.slots[name] = self.add(z, R)
@@ -146,19 +146,19 @@ class TextbookEkf:
         return self.slots[name]
 
     def landmark_blocks(self) -> tuple[Float, Float]:
-        """(L, 2) positions and (L, 2, 2) covariances in the order of `slots`."""
+        """Return positions (L, 2) and covariances (L, 2, 2) in the order of `slots`."""
         places = [slice(slot, slot + 2) for slot in self.slots.values()]
         positions = np.array([self.x[place] for place in places]).reshape(-1, 2)
         return positions, np.array([self.P[place, place] for place in places]).reshape(-1, 2, 2)
 
 
 def wrap_once(angle: float) -> float:
-    """An angle less than three half turns away from zero, brought into [-pi, pi]."""
+    """Return an angle between -3 pi and 3 pi wrapped to [-pi, pi]."""
     return angle - 2.0 * np.pi * np.sign(angle) if abs(angle) > np.pi else angle
 
 
 def seeded_ekf(recording: Recording, bug: str = "") -> Estimate:
-    """The textbook EKF with that bug, a key of `SEEDED`; the right one if it is empty."""
+    """Run the textbook EKF with this bug, a key of `SEEDED`, or without a bug if empty."""
     assert recording.landmark is not None
     ekf = TextbookEkf(recording.prior_mean.copy(), recording.prior_cov, bug)
     if bug == "inverse of the prior":
@@ -174,7 +174,7 @@ def seeded_ekf(recording: Recording, bug: str = "") -> Estimate:
         assert scan.landmark is not None
         stale = None
         for name, z, R in zip(scan.landmark.tolist(), scan.value, scan.cov, strict=True):
-            slot = ekf.take_in(k, name, z, R, stale)
+            slot = ekf.process(k, name, z, R, stale)
             stale = slot if stale is None else stale
         poses.append(ekf.x[:3].copy())
         covs.append(ekf.P[:3, :3])

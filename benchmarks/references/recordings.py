@@ -1,11 +1,11 @@
-"""Random recordings of every kind that the vocabulary allows, each drawn from the noise that it states.
+"""Random recordings of all kinds, each drawn from the noise that the recording states.
 
 The sigmas of start, motion and sensor are log-uniform between `SMALLEST` and `LARGEST`, independent of each other.
-Recording k of a seed has a generator of its own, so that it can be made alone. Its tags say what it is.
+Each recording of a seed has a separate random generator, so that it can be drawn alone. Tags describe its kind.
 
-The motion noise is drawn in one of two ways, which agree to first order in noise and turn: `additive`, as filters take
-it, between(true poses) = odometry + w; or `exponential`, as the graph does, = odometry Exp(w). In both w = B xi with
-B B' = Q, so that a direction of no variance has none.
+The motion noise is drawn in one of two ways, which agree to first order in noise and turn. `additive` is the model of
+the filters: between(true poses) = odometry + w. `exponential` is the model of the graph: between(true poses) =
+odometry Exp(w). In both, w = B xi with B B' = Q, so that a direction without variance has no noise.
 """
 
 from __future__ import annotations
@@ -27,20 +27,20 @@ SENSORS = get_args(Sensor)
 PRIORS = ("zero", "diagonal", "full")
 CONVENTIONS = ("additive", "exponential")
 SMALLEST, LARGEST = 1e-4, 1.0  # sigmas [m, rad]
-LARGEST_ANGLE = 0.3  # sigma [rad]: beyond, neither heading nor bearing has a Gaussian worth the name
-KNOWN_SCALE = 0.1  # largest sigma of a step over its length, with bearings alone
+LARGEST_ANGLE = 0.3  # sigma [rad]; larger errors of heading or bearing are not Gaussian
+KNOWN_SCALE = 0.1  # largest sigma of a step over its length in bearing-only recordings
 MAX_STEPS = 100
 STEP = 0.1  # s
-MAX_SIGHTS = 500  # dense referees take seconds beyond
-REACH = 12.0  # m; how far the sensor sees
-CLOSE = 0.3  # m; nearer sights are tagged
-TOO_CLOSE = 0.05  # m; nothing is seen from nearer
-POSITIVE_RANGE = 6.0  # sigmas that a range must be away from 0, where its noise would have to be cut
+MAX_OBSERVATIONS = 500  # dense references take seconds for more
+REACH = 12.0  # m; largest distance of an observation
+CLOSE = 0.3  # m; nearer observations are tagged
+TOO_CLOSE = 0.05  # m; smallest distance of an observation
+POSITIVE_RANGE = 6.0  # smallest range in sigmas, so that noise never makes it negative
 
 
 @dataclass(frozen=True)
 class Drawn:
-    """A recording, the truth that it was drawn from, and what kind it is."""
+    """A recording, its truth, and tags that describe its kind."""
 
     seed: int
     number: int
@@ -50,14 +50,14 @@ class Drawn:
 
 
 class Motion(NamedTuple):
-    """Increments (N, 3) as they were, and roots B (N, 3, 3) of their noise's covariance B B'."""
+    """Commanded increments (N, 3), and roots B (N, 3, 3) of the noise covariance B B'."""
 
     increments: Float
     roots: Float
 
 
 def draw(seed: int, number: int) -> Drawn:
-    """Recording `number` of `seed`."""
+    """Draw recording `number` of `seed`."""
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(number,)))
     sensor, convention = _choice(rng, SENSORS), _choice(rng, CONVENTIONS)
     motion, motion_tags = _motion(rng, sensor)
@@ -66,7 +66,7 @@ def draw(seed: int, number: int) -> Drawn:
     poses = _path(start, true_increments)
     landmarks, map_tags = _landmarks(rng, poses)
     sigmas = _observation_sigmas(rng, sensor)
-    step, landmark, sight_tags = _sights(rng, poses, landmarks, POSITIVE_RANGE * sigmas[0] * (sensor != "bearing"))
+    step, landmark, scan_tags = _observations(rng, poses, landmarks, POSITIVE_RANGE * sigmas[0] * (sensor != "bearing"))
     observation, covs = _observed(rng, sensor, sigmas, _seen(poses, landmarks, step, landmark))
     recording = Recording(
         stamps=STEP * np.arange(len(poses), dtype=np.float64),
@@ -82,7 +82,7 @@ def draw(seed: int, number: int) -> Drawn:
     )
     ids = np.arange(len(landmarks))
     truth = Truth(poses=poses, landmark_ids=ids, landmarks=landmarks, association=landmark)
-    tags = (sensor, convention, *motion_tags, *prior_tags, *map_tags, *sight_tags)
+    tags = (sensor, convention, *motion_tags, *prior_tags, *map_tags, *scan_tags)
     return Drawn(seed, number, tags, truth, recording)
 
 
@@ -90,10 +90,10 @@ def draw(seed: int, number: int) -> Drawn:
 
 
 def _motion(rng: np.random.Generator, sensor: str) -> tuple[Motion, tuple[str, ...]]:
-    """How the robot was told to move, with roots of the noise that every step has.
+    """Draw the commanded motion, roots of the noise of every step, and tags.
 
-    With bearings alone the odometry is all that tells the scale: where its noise is like the motion itself, the cost
-    falls while the whole map shrinks into the robot, and there is no proper optimum.
+    Bearing-only recordings get the scale of the map from odometry alone. If the odometry noise is as large as the
+    motion, the cost falls while the whole map shrinks into the robot, and no proper optimum exists.
     """
     steps = int(np.clip(round(_log_uniform(rng, 2, MAX_STEPS)), 2, MAX_STEPS))
     forward = rng.uniform(0.1, 1.0) * rng.uniform(0.5, 1.5, steps)
@@ -120,7 +120,7 @@ def _full(rng: np.random.Generator, sigmas: Float, _: Float) -> Float:
 
 
 def _correlated(rng: np.random.Generator, sigmas: Float, _: Float) -> Float:
-    """Of full rank, with correlations of about .99."""
+    """Return a root of full rank, with correlations of about 0.99."""
     common = np.outer(rng.choice([-1.0, 1.0], 3), [1.0, 0.0, 0.0])
     return sigmas[:, None] * (common + 0.1 * np.eye(3))
 
@@ -130,7 +130,7 @@ def _without_slip(_: np.random.Generator, sigmas: Float, __: Float) -> Float:
 
 
 def _of_controls(_: np.random.Generator, sigmas: Float, increment: Float) -> Float:
-    """Rank 2: speed and yaw rate are noisy, and the arc that they make is exact."""
+    """Return a root of rank 2: speed and yaw rate have noise, and the arc that they describe is exact."""
     length, turn = increment[0], increment[2]
     half = turn / 2
     root = np.zeros((3, 3))
@@ -140,7 +140,7 @@ def _of_controls(_: np.random.Generator, sigmas: Float, increment: Float) -> Flo
 
 
 def _rank_one(rng: np.random.Generator, sigmas: Float, _: Float) -> Float:
-    """Speed and yaw rate fully correlated, one of them alone, or any other line."""
+    """Return a root of rank 1: speed and yaw rate fully correlated, one of them alone, or another direction."""
     lines = ([1.0, 0.0, 1.0], [1.0, 0.0, -1.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [1.0, 1.0, 1.0])
     root = np.zeros((3, 3))
     root[:, 0] = sigmas * np.array(lines[rng.integers(len(lines))])
@@ -157,7 +157,7 @@ MOTIONS: dict[str, Callable[[np.random.Generator, Float, Float], Float]] = {
 
 
 def _measured(rng: np.random.Generator, motion: Motion, convention: str) -> tuple[Float, Float]:
-    """Odometry (N, 3) and the true increments (N, 3)."""
+    """Return odometry (N, 3) and the true increments (N, 3)."""
     noise = np.einsum("nij,nj->ni", motion.roots, rng.normal(size=motion.increments.shape))
     if convention == "additive":
         return motion.increments, motion.increments + noise
@@ -175,7 +175,7 @@ def _path(start: Float, increments: Float) -> Float:
 
 
 def _start(rng: np.random.Generator) -> tuple[Float, Float, Float, tuple[str, ...]]:
-    """Start pose, the prior's covariance and mean, tags."""
+    """Draw the start pose, the prior's covariance and mean, and tags."""
     kind = _choice(rng, PRIORS)
     sigmas = _pose_sigmas(rng)
     root = {"zero": np.zeros((3, 3)), "diagonal": np.diag(sigmas), "full": _full(rng, sigmas, sigmas)}[kind]
@@ -190,18 +190,18 @@ def _start(rng: np.random.Generator) -> tuple[Float, Float, Float, tuple[str, ..
 
 
 def _pose_sigmas(rng: np.random.Generator) -> Float:
-    """Sigmas (3,) [m, m, rad]."""
+    """Draw sigmas (3,) [m, m, rad]."""
     position = _log_uniform(rng, SMALLEST, LARGEST)
     sideways = np.clip(position * _log_uniform(rng, 0.3, 3.0), SMALLEST, LARGEST)
     heading = np.clip(position * _log_uniform(rng, 0.03, 0.3), SMALLEST, LARGEST_ANGLE)
     return np.array([position, sideways, heading])
 
 
-# --- landmarks and sights ------------------------------------------------------------------------
+# --- landmarks and observations ------------------------------------------------------------------------
 
 
 def _landmarks(rng: np.random.Generator, poses: Float) -> tuple[Float, tuple[str, ...]]:
-    """Landmarks (L, 2) beside the path; in clusters in some recordings."""
+    """Draw landmarks (L, 2) near the path, in clusters in some recordings."""
     count = int(rng.integers(2, 16))
     clustered = rng.random() < 0.3
     centres = max(1, count // 4) if clustered else count
@@ -214,13 +214,13 @@ def _landmarks(rng: np.random.Generator, poses: Float) -> tuple[Float, tuple[str
     return centre[rng.integers(0, centres, count)] + spread * rng.normal(size=(count, 2)), ("clusters",)
 
 
-def _sights(
+def _observations(
     rng: np.random.Generator, poses: Float, landmarks: Float, nearest: float
 ) -> tuple[Int, Int, tuple[str, ...]]:
-    """Steps (M,) and landmarks (M,) of what is seen, in the order of steps and at random within them."""
+    """Draw steps (M,) and landmarks (M,) of the observations, in the order of steps, in random order within a step."""
     distance = np.hypot(*np.moveaxis(landmarks - poses[:, None, :2], -1, 0))
     visible = (distance < REACH) & (distance > max(nearest, TOO_CLOSE))
-    share = min(rng.uniform(0.2, 0.9), MAX_SIGHTS / max(1, visible.sum()))
+    share = min(rng.uniform(0.2, 0.9), MAX_OBSERVATIONS / max(1, visible.sum()))
     times = (visible & (rng.random(visible.shape) < share)).astype(np.int64)
     tags: list[str] = []
     if rng.random() < 0.4:
@@ -237,20 +237,20 @@ def _sights(
 
 
 def _blind(rng: np.random.Generator, count: int) -> slice:
-    """A third to all but one of the steps."""
+    """Draw a range of a third to all but one of the steps."""
     length = int(rng.integers(max(1, count // 3), count))
     first = int(rng.integers(0, count - length + 1))
     return slice(first, first + length)
 
 
 def _seen(poses: Float, landmarks: Float, step: Int, landmark: Int) -> Float:
-    """Landmarks (M, 2) in the body frame of the poses that saw them [m]."""
+    """Return the observed landmarks (M, 2) in the body frame [m]."""
     offset = landmarks[landmark] - poses[step, :2]
     return np.einsum("mji,mj->mi", rotation(poses[step, 2]), offset)
 
 
 def _observation_sigmas(rng: np.random.Generator, sensor: str) -> Float:
-    """Sigmas (d,); the first two in the sensor's units."""
+    """Draw sigmas (d,) in the sensor's units."""
     distance = _log_uniform(rng, SMALLEST, LARGEST)
     bearing = np.clip(distance * _log_uniform(rng, 0.03, 1.0), SMALLEST, LARGEST_ANGLE)
     second = np.clip(distance * _log_uniform(rng, 0.3, 3.0), SMALLEST, LARGEST)
@@ -262,7 +262,7 @@ def _observation_sigmas(rng: np.random.Generator, sensor: str) -> Float:
 
 
 def _observed(rng: np.random.Generator, sensor: str, sigmas: Float, delta: Float) -> tuple[Float, Float]:
-    """Observations (M, d) and their covariances (M, d, d)."""
+    """Draw observations (M, d) and their covariances (M, d, d)."""
     count, dim = len(delta), len(sigmas)
     bearing = np.arctan2(delta[:, 1], delta[:, 0])
     exact = {
@@ -271,7 +271,7 @@ def _observed(rng: np.random.Generator, sensor: str, sigmas: Float, delta: Float
         "bearing": bearing[:, None],
     }[sensor]
     lean = np.tril(rng.uniform(-0.5, 0.5) * np.ones((dim, dim)), -1) * (rng.random() < 0.5)
-    scale = rng.uniform(0.5, 1.0, (count, 1, 1))  # never above the sigma that a range must be away from 0
+    scale = rng.uniform(0.5, 1.0, (count, 1, 1))  # at most 1, for which the smallest range is chosen
     roots = scale * sigmas[:, None] * (np.eye(dim) + lean)
     value = exact + np.einsum("mij,mj->mi", roots, rng.normal(size=(count, dim)))
     if sensor != "position":

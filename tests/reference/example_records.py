@@ -1,4 +1,4 @@
-"""Small valid records, which tests break one rule at a time."""
+"""Small valid records; tests change one field at a time to an invalid value."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from slamgauge.truth import Truth
 
 
 def recording(**changes: Any) -> Recording:
-    """Three poses and three observations, valid but for `changes`."""
+    """Return a recording of three poses and three observations, valid except for `changes`."""
     values: dict[str, Any] = {
         "stamps": [0.0, 0.1, 0.2],
         "prior_mean": [0.0, 0.0, 0.0],
@@ -55,7 +55,7 @@ def estimate(**changes: Any) -> Estimate:
 
 
 def rays(**changes: Any) -> RayLog:
-    """Two rays on the path of `estimate`: one became a point, one goes on."""
+    """Return two rays on the path of `estimate`: one became a point, the other still exists."""
     values: dict[str, Any] = {
         "landmark": [9, 4],
         "birth": [0, 1],
@@ -68,7 +68,7 @@ def rays(**changes: Any) -> RayLog:
 
 
 def history(**changes: Any) -> MapHistory:
-    """A point at two steps of the path of `estimate`."""
+    """Return a point at two steps of the path of `estimate`."""
     values: dict[str, Any] = {
         "step": [0, 2],
         "landmark": [9, 9],

@@ -1,4 +1,4 @@
-"""Small made-up stand-ins for the published logs that pages import, under the names that they have there."""
+"""Small synthetic logs with the names and formats of the published logs that pages import."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ SHORT = ("trajectory.duration=6", "trajectory.step=0.1")
 
 
 def write_published_logs(folder: Path) -> None:
-    """Write them all: `dataset2.mat`, `victoria_park.txt`, `graph.g2o`, `landmarks.txt`, `data`, `MRCLAM_Dataset1`."""
+    """Write `dataset2.mat`, `victoria_park.txt`, `graph.g2o`, `landmarks.txt`, `data`, `MRCLAM_Dataset1`."""
     truth, recording = simulate(load_scenario("q1-short-dense", SHORT), 1)
     savemat(folder / "dataset2.mat", lost_in_the_woods(truth, recording))
     (folder / "victoria_park.txt").write_text(victoria_park(recording))
@@ -27,7 +27,7 @@ def write_published_logs(folder: Path) -> None:
 
 
 def lost_in_the_woods(truth: Truth, recording: Recording) -> dict[str, object]:
-    """The variables of the MATLAB file: columns of steps, a column for each landmark; 0 m is not seen."""
+    """Return the variables of the MATLAB file: a row per step, a column per landmark, 0 m without an observation."""
     assert truth.poses is not None and truth.landmarks is not None and recording.landmark is not None
     steps = recording.steps
     ranges, bearings = np.zeros((2, steps, len(truth.landmarks)))
@@ -55,7 +55,7 @@ def lost_in_the_woods(truth: Truth, recording: Recording) -> dict[str, object]:
 
 
 def victoria_park(recording: Recording) -> str:
-    """Edges between poses, and positions of trees in the frame of the pose that sees them."""
+    """Return edges between poses, and positions of trees in the body frame."""
     assert recording.landmark is not None
     edges = [
         f"ODOMETRY {k} {k + 1} {dx} {dy} {turn} 1e-4 0 0 4e-6 0 4e-6"

@@ -1,8 +1,8 @@
-"""Batch against an independent least-squares solver, and causal at every step against the optimum of what it had seen.
+"""Comparison of `batch` with an independent least-squares solver, and of `causal` with that solver at every step.
 
-The referee runs from several starts and keeps its lowest cost. Which landmarks bearings place is a matter of
-definition: it is asked about those that batch has placed, on the whole recording or on its first steps. What batch
-leaves out is held against what the true path places well and the referee can map.
+The solver runs from several starts and keeps its lowest cost. Which landmarks bearings place is a matter of
+definition: the solver gets those that `batch` has placed, on the whole recording or on its first steps. A landmark that
+`batch` leaves out is an error if the true path places it well and the solver can map it.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from unittest.mock import patch
 import numpy as np
 from scipy.special import chdtrc
 
-from referees.least_squares import MAX_ITERATIONS, Minimum, Model, NoMinimumError, placed_only
-from referees.recordings import Drawn
-from referees.verdicts import COST_BAR, STEP_BAR, Outcome, attempt
+from references.least_squares import MAX_ITERATIONS, Minimum, Model, NoMinimumError, placed_only
+from references.recordings import Drawn
+from references.verdicts import COST_BAR, STEP_BAR, Outcome, attempt
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf import riekf
 from slamgauge.estimate import Estimate
@@ -29,16 +29,16 @@ from slamgauge.graph_baseline.solver.incremental import IncrementalOptimum
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain, wrap
 
-WELL_PLACED = 0.05  # sigma over distance of a landmark that its bearings from the true path place beyond question
-PLACED = 0.3  # the same from the path of a minimum, which the landmark then is part of
-UNLIKELY = 5e-4  # probability of larger residuals by true noise, below which they are none of it
-SMALLEST_SIGMA = 1e-6  # m or rad; what is known better, or exactly, counts as known that well
+WELL_PLACED = 0.05  # sigma over distance of a landmark that is placed for certain by bearings from the true path
+PLACED = 0.3  # the same by bearings from the path of a minimum with the landmark
+UNLIKELY = 5e-4  # probability of larger residuals, below which noise does not explain them
+SMALLEST_SIGMA = 1e-6  # m or rad; lower limit of sigmas in comparisons
 PERTURBED = 3  # starts
 PREFIX_ITERATIONS = 50
 
 
 def judge_optima(drawn: Drawn) -> list[Outcome]:
-    """Outcomes of batch and causal; of batch on bearings, also whether it left out landmarks that it should not."""
+    """Return the outcomes of `batch` and `causal`, with bearings also of the landmarks that `batch` leaves out."""
     batched = attempt(batch, drawn.recording)
     recording = drawn.recording
     outcomes: list[Outcome] = []
@@ -54,18 +54,18 @@ def judge_optima(drawn: Drawn) -> list[Outcome]:
     return outcomes
 
 
-# --- the referee's minimum -------------------------------------------------------------------------
+# --- the reference's minimum -------------------------------------------------------------------------
 
 
 def starts(model: Model, truth: Float | None, batched: Estimate | str) -> Iterator[Float]:
-    """Unknowns to begin at: dead reckoning, the truth and near it, the right-invariant filter, and batch's result."""
+    """Yield starts: dead reckoning, the truth, points near it, the right-invariant filter, the result of `batch`."""
     yield from own_starts(model, truth)
     if not isinstance(batched, str) and np.array_equal(np.sort(batched.landmark_ids), model.ids):
         yield of_estimate(model, batched)
 
 
 def own_starts(model: Model, truth: Float | None) -> Iterator[Float]:
-    """`starts` that need no estimate: of a recording's first steps, too."""
+    """Yield the starts that need no result of `batch`; they also serve the first steps of a recording."""
     recording = model.recording
     yield model.start(model.relative(chain(recording.prior_mean, recording.odometry)))
     true = None if truth is None else model.start(model.relative(truth[: recording.steps + 1]))
@@ -81,13 +81,13 @@ def own_starts(model: Model, truth: Float | None) -> Iterator[Float]:
 
 
 def of_estimate(model: Model, estimate: Estimate) -> Float:
-    """The unknowns of an estimate that has all landmarks of the model."""
+    """Return the unknowns of an estimate that has all landmarks of the model."""
     order = np.argsort(estimate.landmark_ids)
     return model.unknowns(model.relative(estimate.poses), model.relative(estimate.landmarks)[order])
 
 
 def lowest(model: Model, begin: Iterable[Float], iterations: int = MAX_ITERATIONS) -> Minimum | None:
-    """The lowest minimum that any of the starts leads to; None if none leads to any."""
+    """Return the lowest minimum found from the starts, None if no start ends in a minimum."""
     found: list[Minimum] = []
     for start in begin:
         try:
@@ -105,29 +105,29 @@ def _judge_batch(model: Model, minimum: Minimum | None, batched: Estimate | str)
         verdict = "undecided" if minimum is None else "failed"
         return Outcome("batch", verdict, math.inf, batched)
     if minimum is None:
-        return Outcome("batch", "undecided", math.nan, "the referee found no minimum")
+        return Outcome("batch", "undecided", math.nan, "the reference found no minimum")
     unknowns = of_estimate(model, batched)
     cost = model.cost(unknowns)
     higher = (cost - minimum.cost) / max(minimum.cost, 1.0)
     assert batched.pose_covs is not None
     apart = _in_sigmas(model, model.relative(batched.poses), model.poses(minimum.unknowns), batched.pose_covs)
-    note = f"cost {cost:.6g}, referee {minimum.cost:.6g}, poses {apart:.1e} sigma, {fit(model, minimum)}"
+    note = f"cost {cost:.6g}, reference {minimum.cost:.6g}, poses {apart:.1e} sigma, {fit(model, minimum)}"
     return Outcome("batch", "worse" if not higher <= COST_BAR else "agrees", higher, note)
 
 
 def fit(model: Model, minimum: Minimum) -> str:
-    """Chi-square of the optimum over its degrees of freedom, in words."""
+    """Return a text with chi-square of the optimum over its degrees of freedom."""
     freedom = _freedom(model)
     return f"chi2/dof {2 * minimum.cost / freedom:.3g}" if freedom else "no degrees of freedom"
 
 
 def _freedom(model: Model) -> int:
-    """Rows of the observations, less the unknowns of their landmarks."""
+    """Return the number of observed values minus the unknowns of their landmarks."""
     return model.recording.observation.size - 2 * len(model.ids)
 
 
 def _in_sigmas(model: Model, poses: Float, others: Float, covs: Float) -> float:
-    """Largest |d_i| / sigma_i over poses (n, 3) of covariances (n, 3, 3)."""
+    """Return the largest |d_i| / sigma_i over poses (n, 3) with covariances (n, 3, 3)."""
     apart = poses - others
     apart[:, 2] = wrap(apart[:, 2])
     sigma = np.sqrt(np.maximum(np.diagonal(covs, axis1=-2, axis2=-1), 0.0))
@@ -136,16 +136,16 @@ def _in_sigmas(model: Model, poses: Float, others: Float, covs: Float) -> float:
 
 
 def _judge_map(drawn: Drawn, batched: Estimate) -> Outcome:
-    """Whether bearings that the true path places well are left out, and the referee can map them.
+    """Compare the landmarks that `batch` leaves out with those that the reference can map.
 
-    It can if it finds a minimum with them in which they place the landmark, and which the stated noise explains where
-    it explains the one without them: what does not is an outlier by what is stated.
+    The reference can map a landmark if a minimum with its bearings exists in which they place it. If the stated noise
+    explains the minimum without these bearings but not the one with them, they are outliers and are left out rightly.
     """
     left = np.setdiff1d(_well_placed(drawn), batched.landmark_ids)
     if not len(left):
         return Outcome("batch mapped", "agrees")
     solved = sum(_can_map(drawn, batched, int(name)) for name in left)
-    note = f"{len(left)} landmarks are not mapped though the true path places them; the referee can map {solved}"
+    note = f"{len(left)} landmarks are not mapped though the true path places them; the reference can map {solved}"
     return Outcome("batch mapped", "worse" if solved else "undecided", solved, note)
 
 
@@ -168,7 +168,7 @@ def _is_explained(model: Model, chi_square: float) -> bool:
 
 
 def _well_placed(drawn: Drawn) -> Int:
-    """Landmarks whose bearings from the true path place them beyond question."""
+    """Return the landmarks that bearings from the true path place for certain."""
     truth, recording = drawn.truth, drawn.recording
     assert truth.poses is not None and truth.landmarks is not None and recording.landmark is not None
     names = np.unique(recording.landmark).tolist()
@@ -177,7 +177,7 @@ def _well_placed(drawn: Drawn) -> Int:
 
 
 def _placed(recording: Recording, name: int, landmark: Float, poses: Float, share: float) -> bool:
-    """Whether a landmark's bearings from a path place it to a share of its smallest distance."""
+    """Return whether bearings from a path place a landmark to a share of its smallest distance."""
     rows = recording.landmark == name
     offset = landmark - poses[recording.observation_step[rows], :2]
     squared = (offset**2).sum(axis=1)
@@ -191,11 +191,11 @@ def _placed(recording: Recording, name: int, landmark: Float, poses: Float, shar
 
 @dataclass
 class _Steps:
-    """What is known of causal's steps so far.
+    """Comparison of the steps of `causal` so far.
 
     Attributes:
-        look_again: the step from which on an optimum that causal is off from is sought from all starts again. One that
-            has just been confirmed is carried on for a while: it hardly ever stops being the lowest.
+        look_again: first step at which a difference leads to a new search from all starts. A minimum that such a
+            search has confirmed is rarely not the lowest a few steps later.
     """
 
     compared: int = 0
@@ -212,7 +212,7 @@ class _Steps:
 
 
 def stated_check(estimate: Estimate) -> float:
-    """How far the estimate says it is from its own yardstick [sigma]; nan where it says nothing."""
+    """Return the estimate's own check of its distance to the optimum [sigma], nan if it has none."""
     return math.nan if estimate.optimum_check is None else estimate.optimum_check
 
 
@@ -221,7 +221,7 @@ def _judge_causal(drawn: Drawn, model: Model, minimum: Minimum | None) -> Outcom
     if isinstance(estimate, str):
         if minimum is None:
             return Outcome("causal", "undecided", math.inf, estimate)
-        count = drawn.recording.steps + 1  # it has none of them
+        count = drawn.recording.steps + 1  # all steps are missing
         return Outcome("causal", "failed", math.inf, estimate, count, count)
     steps = _Steps()
     warm: tuple[Model, Float] | None = None
@@ -232,7 +232,7 @@ def _judge_causal(drawn: Drawn, model: Model, minimum: Minimum | None) -> Outcom
             if part is not None:
                 warm = _judge_step(drawn, part, warm, estimate, steps, minimum if whole else None)
     if not steps.compared:
-        return Outcome("causal", "undecided", math.nan, "the referee found no minimum at any step")
+        return Outcome("causal", "undecided", math.nan, "the reference found no minimum at any step")
     verdict = "worse" if steps.off else "agrees"
     said = stated_check(estimate)
     unflagged = steps.off if not said > STEP_BAR else 0
@@ -243,9 +243,9 @@ def _judge_causal(drawn: Drawn, model: Model, minimum: Minimum | None) -> Outcom
 
 @contextmanager
 def grown_once(recording: Recording) -> Generator[None, None, None]:
-    """Within, batch on the first steps of a bearing-only recording takes its start from one growth along all of it.
+    """Context in which `batch` on first steps of a bearing-only recording takes its start from one incremental run.
 
-    It would grow the same start itself, anew for each first part.
+    Without it, `batch` computes the same start again for every number of steps.
     """
     starts: list[tuple[Float, Float]] = []
     if recording.sensor == "bearing":
@@ -267,7 +267,7 @@ def grown_once(recording: Recording) -> Generator[None, None, None]:
 
 
 def _prefix(drawn: Drawn, steps: int) -> Model | None:
-    """The problem of the first steps; with bearings alone of the landmarks that batch places there, if it can."""
+    """Return the problem of the first steps, for bearing-only recordings with the landmarks that `batch` places."""
     part = drawn.recording.first(steps)
     if part.sensor != "bearing":
         return Model(part)
@@ -283,7 +283,7 @@ def _judge_step(
     steps: _Steps,
     known: Minimum | None,
 ) -> tuple[Model, Float] | None:
-    """Compare the newest pose with the prefix's optimum, which is the start of the next one."""
+    """Compare the newest pose with the optimum of the first steps, and return the start for the next step."""
     step = part.recording.steps
     minimum = known or lowest(part, [carried(part, warm)], PREFIX_ITERATIONS)
     apart = math.inf if minimum is None else _newest_apart(part, minimum, estimate)
@@ -301,7 +301,7 @@ def _judge_step(
 
 
 def carried(part: Model, warm: tuple[Model, Float] | None) -> Float:
-    """A start from the optimum of fewer steps: odometry goes on, new landmarks lie where they are seen."""
+    """Return a start from the optimum of fewer steps, continued by odometry and first observations."""
     recording = part.recording
     if warm is None:
         return part.start(part.relative(chain(recording.prior_mean, recording.odometry)))
@@ -315,7 +315,7 @@ def carried(part: Model, warm: tuple[Model, Float] | None) -> Float:
 
 
 def _newest_apart(part: Model, minimum: Minimum, estimate: Estimate) -> float:
-    """In sigmas of the optimum."""
+    """Return the distance of the newest pose from the optimum in sigmas of the optimum."""
     step = part.recording.steps
     try:
         cov = part.newest_cov(minimum.unknowns, part.factored(minimum.unknowns)[0])

@@ -1,4 +1,4 @@
-"""The table of agreement, the bars, messages of those that failed, and the worst cases."""
+"""The table of results, missed bars, messages of failures, and the worst cases."""
 
 from __future__ import annotations
 
@@ -7,17 +7,17 @@ import re
 from collections import Counter
 from collections.abc import Sequence
 
-from referees.filters import PAIRS
-from referees.verdicts import FILTER_BAR, STEP_BAR, Judged, Outcome, Verdict
+from references.filters import PAIRS
+from references.verdicts import FILTER_BAR, STEP_BAR, Judged, Outcome, Verdict
 
-SHARE_OF_RECORDINGS = 0.995  # on which a filter must agree
-SHARE_OF_STEPS = 0.99  # at which causal must be within its bar
+SHARE_OF_RECORDINGS = 0.995  # a filter must agree on this share
+SHARE_OF_STEPS = 0.99  # at which `causal` must be within its bar
 VERDICTS: tuple[Verdict, ...] = ("agrees", "worse", "failed", "undecided", "not compared")
-UNITS = {"batch": "cost", "batch mapped": "landmarks"}  # of a difference; sigmas if not told
+UNITS = {"batch": "cost", "batch mapped": "landmarks"}  # of a difference; sigmas for all others
 
 
 def table(judged: Sequence[Judged]) -> str:
-    """A row per estimator: how many recordings of which verdict, and the largest difference that is a number."""
+    """Return a row per estimator: number of recordings per verdict, and the largest finite difference."""
     lines = [f"{'estimator':14}" + "".join(f"{each:>14}" for each in VERDICTS) + f"{'largest difference':>28}"]
     for name, outcomes in by_estimator(judged).items():
         counts = Counter(each.verdict for each in outcomes)
@@ -32,7 +32,7 @@ def table(judged: Sequence[Judged]) -> str:
 
 
 def by_estimator(judged: Sequence[Judged]) -> dict[str, list[Outcome]]:
-    """The outcomes of each estimator."""
+    """Return the outcomes of each estimator."""
     found: dict[str, list[Outcome]] = {}
     for each in judged:
         for outcome in each.outcomes:
@@ -41,21 +41,18 @@ def by_estimator(judged: Sequence[Judged]) -> dict[str, list[Outcome]]:
 
 
 def steps_of(judged: Sequence[Judged]) -> tuple[int, int, int]:
-    """Steps of causal that were compared, that are off, and that are off in estimates that do not say so."""
-    outcomes = by_estimator(judged).get("causal", [])
-    return (
-        sum(each.steps for each in outcomes),
-        sum(each.steps_off for each in outcomes),
-        sum(each.unflagged for each in outcomes),
-    )
+    """Return how many steps of `causal` were compared, are above the bar, and are so without a flag."""
+    counts = [(each.steps, each.steps_off, each.unflagged) for each in by_estimator(judged).get("causal", [])]
+    compared, off, unflagged = map(sum, zip((0, 0, 0), *counts, strict=True))
+    return compared, off, unflagged
 
 
 def bars_missed(judged: Sequence[Judged]) -> list[str]:
-    """What is not as it has to be, a line each.
+    """Return a line for each requirement that is not met.
 
-    Filters agree with their referee on `SHARE_OF_RECORDINGS`, and iekf ends in its minimum; batch finds the minimum
-    wherever the referee finds one, and maps what bearings place; causal is within its bar at `SHARE_OF_STEPS`, and its
-    estimate says so where it is not.
+    Filters agree with their reference on `SHARE_OF_RECORDINGS`, and `iekf` ends in its minimum. `batch` finds the
+    minimum wherever the reference finds one, and maps the landmarks that bearings place. `causal` is within its bar at
+    `SHARE_OF_STEPS`, and its own check reports the other steps.
     """
     missed: list[str] = []
     found = by_estimator(judged)
@@ -76,13 +73,13 @@ def bars_missed(judged: Sequence[Judged]) -> list[str]:
 
 
 def _counts(outcomes: Sequence[Outcome]) -> tuple[int, int]:
-    """How many agree, and how many do not or failed."""
+    """Return how many agree, and how many are worse or failed."""
     counts = Counter(each.verdict for each in outcomes)
     return counts["agrees"], counts["worse"] + counts["failed"]
 
 
 def messages(judged: Sequence[Judged]) -> list[str]:
-    """Each message of an estimator that failed, without its numbers, and how often it came."""
+    """Return each error message without its numbers, and how often it occurred."""
     counts = Counter(
         (outcome.estimator, re.sub(r"\d[\d.]*(e[+-]?\d+)?", "#", outcome.note))
         for each in judged
@@ -93,12 +90,12 @@ def messages(judged: Sequence[Judged]) -> list[str]:
 
 
 def bad_ones(judged: Judged) -> list[Outcome]:
-    """What is worse than its referee, or failed."""
+    """Return the outcomes that are worse than the reference, or failed."""
     return [each for each in judged.outcomes if each.verdict in ("worse", "failed")]
 
 
 def worst_cases(judged: Sequence[Judged], count: int) -> list[tuple[Judged, Outcome]]:
-    """Of every estimator at most `count` that are worse, failed or undecided, in this order, the largest first."""
+    """Return at most `count` failed, worse or undecided outcomes per estimator, in this order, the largest first."""
     order: tuple[Verdict, ...] = ("failed", "worse", "undecided")
     found: list[tuple[Judged, Outcome]] = []
     for name in by_estimator(judged):
@@ -109,7 +106,7 @@ def worst_cases(judged: Sequence[Judged], count: int) -> list[tuple[Judged, Outc
 
 
 def describe(judged: Judged, outcome: Outcome) -> str:
-    """A worst case in two lines."""
+    """Return an outcome in two lines."""
     head = f"{outcome.estimator} {outcome.verdict} {outcome.difference:.1e}"
     where = f"--seed {judged.seed} --only {judged.number}: {judged.steps} steps, {', '.join(judged.tags)}"
     return f"{head:36} {where}\n    {outcome.note}"

@@ -1,4 +1,4 @@
-"""A bearing-only run made by hand: half a loop past three landmarks, each a ray of four members at first."""
+"""A synthetic bearing-only run: half a loop past three landmarks, each with a ray of four members."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ STEPS = 300
 LANDMARKS = np.array([[6.0, 3.5], [2.5, 7.0], [13.0, 8.0]])
 DISTANCES = np.array([1.43, 2.86, 5.71, 11.43])  # [m]
 BIRTHS = (0, 5, 60)
-AGES = (12, 30, 70)  # [steps] at which a ray loses a member; with the last one it is decided
+AGES = (12, 30, 70)  # [steps] at which a ray loses a member; at the last one it ends
 NOTED = np.unique(np.linspace(0, STEPS, 240).astype(int))
 BEARING_SIGMA = np.radians(5.0)
 
@@ -36,7 +36,7 @@ class Row(NamedTuple):
 
 
 def half_loop() -> tuple[Truth, Recording]:
-    """30 s at 1 m/s and 0.1 rad/s; every landmark within 10 m is seen at every step from its ray's birth on."""
+    """Simulate 30 s at 1 m/s and 0.1 rad/s, with observations of landmarks within 10 m from the birth of their ray."""
     odometry = np.tile([0.1, 0.0, 0.01], (STEPS, 1))
     poses = chain(np.zeros(3), odometry)
     near = np.linalg.norm(poses[:, None, :2] - LANDMARKS, axis=2) < 10
@@ -59,7 +59,7 @@ def half_loop() -> tuple[Truth, Recording]:
 
 
 def estimate_with_rays(fates: Sequence[Fate] = ("point", "point", "point")) -> Estimate:
-    """An estimate that drifts away from `half_loop`, whose ray `i` ends, or does not, as the fates say."""
+    """Return an estimate that drifts away from `half_loop`; `fates` gives the end of each ray."""
     truth, _ = half_loop()
     assert truth.poses is not None
     drift = np.linspace(0, 1, STEPS + 1)[:, None]
@@ -89,26 +89,26 @@ def estimate_with_rays(fates: Sequence[Fate] = ("point", "point", "point")) -> E
 
 
 def _members(landmark: int, fate: Fate) -> Int:
-    """Members of the landmark's ray after each step."""
+    """Return the number of members of the landmark's ray after each step."""
     age = np.arange(STEPS + 1) - BIRTHS[landmark]
     left = 4 - np.sum([age >= each for each in AGES[:2]], axis=0)
     return np.where((age < 0) | ((age >= AGES[-1]) & (fate != "ray")), 0, left)
 
 
 def _nearest(landmark: int, poses: Float) -> int:
-    """The member that stands nearest to the true landmark."""
+    """Return the member nearest to the true landmark."""
     distance = np.linalg.norm(LANDMARKS[landmark] - poses[BIRTHS[landmark], :2])
     return int(np.argmin(np.abs(DISTANCES - distance)))
 
 
 def _life(landmark: int, fate: Fate, poses: Float) -> list[Row]:
-    """The rows of one landmark: a ray whose members go, the least likely first, then a point that settles."""
+    """Return the rows of one landmark: a ray that loses its least likely members, then a point that converges."""
     birth = BIRTHS[landmark]
     offset = LANDMARKS[landmark] - poses[birth, :2]
     bearing = np.arctan2(offset[1], offset[0]) + 0.05
     along = rotation(bearing)
     best = _nearest(landmark, poses)
-    order = sorted(range(4), key=lambda member: -abs(member - best))  # the first to go first
+    order = sorted(range(4), key=lambda member: -abs(member - best))  # in the order of removal
     rows: list[Row] = []
     for step in NOTED[birth <= NOTED].tolist():
         age = step - birth

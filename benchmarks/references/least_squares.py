@@ -1,13 +1,13 @@
 """The optimum by damped dense least squares, independent of GTSAM and of the project's solvers.
 
-Unknowns are what drives the poses, unit-variance coordinates a, w_k of the start's and of each motion's noise,
-x_0 = mean Exp(B_0 a), x_k = x_{k-1} u_k Exp(B_k w_k) with B B' = Q, and the landmarks. A direction without variance has
-no unknown, so singular noise is exact and needs no tricks. The model is the graph's: Log(u^-1 between) ~ N(0, Q).
+Unknowns are the landmarks and unit-variance coordinates a, w_k of the noise of the start and of each motion:
+x_0 = mean Exp(B_0 a), x_k = x_{k-1} u_k Exp(B_k w_k) with B B' = Q. A direction without variance has no unknown, so
+singular noise is exact. The model is that of the graph: Log(u^-1 between) ~ N(0, Q).
 
-With g_j the world-frame effect (3, r_j) of noise j on pose j, a landmark l seen from any later pose moves, as that pose
-sees it, by -R'[I, J (l - p_j)] g_j: every Jacobian has a closed form without sums along the path.
+Let g_j (3, r_j) be the effect of noise j on pose j in the world frame. A landmark l moves by -R'[I, J (l - p_j)] g_j in
+the body frame of any later pose: every Jacobian has a closed form without sums along the path.
 
-Everything is relative to the prior's mean, so that no digits are lost far from the origin.
+All positions are relative to the prior's mean, so that no digits are lost far from the origin.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from slamgauge.recording import Recording
 from slamgauge.se2 import between, compose, rotation, wrap
 from tests.reference.optimum import exp_se2, square_root
 
-ARRIVED = 1e-8  # of a standard deviation, over all unknowns at once
+ARRIVED = 1e-8  # length of a step [standard deviations], over all unknowns
 MAX_ITERATIONS = 200
-GIVE_UP = 1e12  # damping, of columns of unit length
+GIVE_UP = 1e12  # damping, for columns of unit length
 
 
 class Minimum(NamedTuple):
-    """A minimum, and its distance in sigmas to where the next undamped step leads."""
+    """A minimum, and the length in sigmas of the next undamped step from there."""
 
     unknowns: Float
     cost: float
@@ -36,11 +36,11 @@ class Minimum(NamedTuple):
 
 
 class NoMinimumError(Exception):
-    """The solver ended where the gradient does not vanish."""
+    """The solver ended at a point with a gradient that does not vanish."""
 
 
 class Model:
-    """The maximum a posteriori problem of a recording with known association, with the prior's mean as origin."""
+    """Maximum a posteriori problem of a recording with known association, with the prior's mean as origin."""
 
     def __init__(self, recording: Recording) -> None:
         assert recording.landmark is not None
@@ -50,7 +50,7 @@ class Model:
         turn = np.eye(3)
         turn[:2, :2] = rotation(recording.prior_mean[2])
         covs = [turn.T @ recording.prior_cov @ turn, *recording.odometry_cov]
-        self.roots = np.zeros((len(covs), 3, 3))  # filled up by columns of zeros
+        self.roots = np.zeros((len(covs), 3, 3))  # padded with columns of zeros
         self.free = np.zeros((len(covs), 3), dtype=bool)
         for root, free, cov in zip(self.roots, self.free, covs, strict=True):
             columns = square_root(cov)
@@ -66,37 +66,37 @@ class Model:
         return self.noises + 2 * len(self.ids)
 
     def tangents(self, unknowns: Float) -> Float:
-        """What start and motion deviate by (N+1, 3), in the body frame."""
+        """Return the noise (N+1, 3) of start and motions in the body frame."""
         noise = np.zeros(self.free.shape)
         noise[self.free] = unknowns[: self.noises]
         return np.einsum("nij,nj->ni", self.roots, noise)
 
     def poses(self, unknowns: Float) -> Float:
-        """(N+1, 3) relative to the origin."""
+        """Return poses (N+1, 3) relative to the origin."""
         steps = compose(self._increments, exp_se2(self.tangents(unknowns)))
         headings = np.cumsum(steps[:, 2])
         moves = np.einsum("nij,nj->ni", rotation(np.concatenate([[0.0], headings[:-1]])), steps[:, :2])
         return np.column_stack([np.cumsum(moves, axis=0), wrap(headings)])
 
     def landmarks(self, unknowns: Float) -> Float:
-        """(L, 2) relative to the origin, in the order of `ids`."""
+        """Return landmarks (L, 2) relative to the origin, in the order of `ids`."""
         return unknowns[self.noises :].reshape(-1, 2)
 
     def residuals(self, unknowns: Float) -> Float:
-        """(noises + dM,) of unit variance."""
+        """Return the residuals (noises + dM,), of unit variance."""
         error = self._observed(self.poses(unknowns), self.landmarks(unknowns))[0]
         white = np.einsum("mij,mj->mi", self.whitener, error)
         return np.concatenate([unknowns[: self.noises], white.ravel()])
 
     def _observed(self, poses: Float, landmarks: Float) -> tuple[Float, Float]:
-        """Errors h - z (M, d), and Jacobians (M, d, 2) of h by the landmark in the world frame."""
+        """Return errors h - z (M, d), and Jacobians (M, d, 2) of h by the landmark in the world frame."""
         recording, pose = self.recording, poses[self._at]
         to_body = rotation(pose[:, 2]).swapaxes(1, 2)
         delta = np.einsum("mij,mj->mi", to_body, landmarks[self.slot] - pose[:, :2])
         if recording.sensor == "position":
             return delta - recording.observation, to_body
         distance = np.maximum(np.hypot(*delta.T), 1e-12)
-        rows = slice(2 - recording.observation.shape[1], 2)  # the bearing alone, or range and bearing
+        rows = slice(2 - recording.observation.shape[1], 2)  # bearing only, or range and bearing
         predicted = np.column_stack([distance, np.arctan2(delta[:, 1], delta[:, 0])])[:, rows]
         error = predicted - recording.observation
         error[:, -1] = wrap(error[:, -1])
@@ -105,7 +105,7 @@ class Model:
         return error, np.stack([along, across], axis=1)[:, rows] @ to_body
 
     def jacobian(self, unknowns: Float) -> Float:
-        """(noises + dM, size) of the residuals."""
+        """Return the Jacobian (noises + dM, size) of the residuals."""
         poses, landmarks = self.poses(unknowns), self.landmarks(unknowns)
         H = self.whitener @ self._observed(poses, landmarks)[1]
         count, dim = H.shape[:2]
@@ -123,7 +123,7 @@ class Model:
         return full
 
     def _effects(self, poses: Float, unknowns: Float) -> Float:
-        """What each noise does to its own pose, in the world frame: g (N+1, 3, 3)."""
+        """Return the effect g (N+1, 3, 3) of each noise on its own pose in the world frame."""
         tangents = self.tangents(unknowns)
         begin = np.concatenate([[0.0], poses[:-1, 2]]) + self._increments[:, 2]
         to_world = np.zeros((len(poses), 3, 3))
@@ -131,7 +131,7 @@ class Model:
         return to_world @ _exp_jacobian(tangents) @ self.roots
 
     def newest_cov(self, unknowns: Float, factor: Float) -> Float:
-        """Covariance (3, 3) of the newest pose, additive, from the factor R'R of the information."""
+        """Return the additive covariance (3, 3) of the newest pose from the factor R of the information R'R."""
         poses = self.poses(unknowns)
         effects = self._effects(poses, unknowns)
         lever = poses[-1, :2] - poses[:, :2]
@@ -143,24 +143,24 @@ class Model:
         return spread.T @ spread
 
     def unknowns(self, poses: Float, landmarks: Float) -> Float:
-        """Of poses (N+1, 3) and landmarks (L, 2) relative to the origin; what the noise cannot do is left out."""
+        """Return the unknowns at relative poses (N+1, 3) and landmarks (L, 2), without motion that no noise allows."""
         before = np.concatenate([np.zeros((1, 3)), poses[:-1]])
         tangents = _log_se2(between(compose(before, self._increments), poses))
         noise = np.einsum("nij,nj->ni", np.linalg.pinv(self.roots), tangents)
         return np.concatenate([noise[self.free], landmarks.ravel()])
 
     def relative(self, poses: Float) -> Float:
-        """World poses (..., 3) or points (..., 2) relative to the origin."""
+        """Return world poses (..., 3) or points (..., 2) relative to the origin."""
         moved = np.array(poses, dtype=np.float64)
         moved[..., :2] -= self.origin
         return moved
 
     def start(self, poses: Float) -> Float:
-        """Unknowns at relative poses (N+1, 3), with every landmark where its first sight, or two bearings, put it."""
+        """Return the unknowns at relative poses (N+1, 3) and landmarks computed from observations at these poses."""
         return self.unknowns(poses, self.sighted(self.poses(self.unknowns(poses, np.zeros((len(self.ids), 2))))))
 
     def sighted(self, poses: Float) -> Float:
-        """Landmarks (L, 2) as seen from relative poses (N+1, 3)."""
+        """Return landmarks (L, 2) computed from relative poses (N+1, 3): first observations, or crossing bearings."""
         z = self.recording.observation
         if self.recording.sensor == "bearing":
             crossed = [self._crossed(poses, np.flatnonzero(self.slot == s)) for s in range(len(self.ids))]
@@ -171,7 +171,7 @@ class Model:
         return compose(poses[self._at[self.first]], seen)[:, :2].reshape(-1, 2)
 
     def _crossed(self, poses: Float, rows: Int) -> Float:
-        """The point (2,) nearest to lines of sight; ahead of the middle one where they hardly cross."""
+        """Return the point (2,) nearest to the lines of bearing; ahead of the middle pose where they hardly cross."""
         seen_from = poses[self._at[rows]]
         angle = seen_from[:, 2] + self.recording.observation[rows, 0]
         normal = np.column_stack([-np.sin(angle), np.cos(angle)])
@@ -183,12 +183,12 @@ class Model:
         return np.linalg.solve(information, normal.T @ np.sum(normal * seen_from[:, :2], axis=1) + held @ ahead)
 
     def cost(self, unknowns: Float) -> float:
-        """Half the sum of squares."""
+        """Return half the sum of squared residuals."""
         residuals = self.residuals(unknowns)
         return 0.5 * float(residuals @ residuals)
 
     def factored(self, unknowns: Float) -> tuple[Float, Float]:
-        """R (size, size) of the Jacobian J = QR, and Q'r (size,)."""
+        """Return R (size, size) of the Jacobian J = QR, and Q'r (size,)."""
         stacked = np.column_stack([self.jacobian(unknowns), self.residuals(unknowns)])
         if len(stacked) < self.size:
             raise NoMinimumError("fewer observations than unknowns")
@@ -196,10 +196,10 @@ class Model:
         return factor[: self.size, : self.size], factor[: self.size, -1]
 
     def minimum(self, start: Float, iterations: int = MAX_ITERATIONS) -> Minimum:
-        """Levenberg-Marquardt from `start` until a full step is shorter than `ARRIVED`.
+        """Take Levenberg-Marquardt steps from `start` until a full step is shorter than `ARRIVED`.
 
         Raises:
-            NoMinimumError: it did not come that far, by more than a thousandth of a sigma.
+            NoMinimumError: the last step was longer than a thousandth of a sigma.
         """
         at, cost, damping, distance = start, self.cost(start), 1e-4, np.inf
         for _ in range(iterations):
@@ -217,23 +217,23 @@ class Model:
                 break
             at, cost, damping = after, self.cost(after), max(trial / 10.0, 1e-15)
         if distance > 1e-3:
-            raise NoMinimumError(f"{distance:.1e} sigma from where the next step leads")
+            raise NoMinimumError(f"the next step has {distance:.1e} sigma")
         return Minimum(at, cost, distance)
 
 
 def placed_only(recording: Recording, ids: Int) -> Recording:
-    """The recording with its sights of the landmarks `ids` alone."""
+    """Return the recording with the observations of the landmarks `ids` only."""
     assert recording.landmark is not None
     return recording.only(np.isin(recording.landmark, ids))
 
 
 def triangle(matrix: Float) -> Float:
-    """R of matrix = Q R."""
+    """Return R of matrix = Q R."""
     return np.asarray(np.linalg.qr(matrix, mode="r"), dtype=np.float64)
 
 
 def _damped_step(R: Float, projected: Float, damping: float) -> Float:
-    """The step -(R'R + damping diag(R'R))^-1 R' projected, by QR."""
+    """Return the step -(R'R + damping diag(R'R))^-1 R' projected, by QR."""
     scale = np.linalg.norm(R, axis=0)
     scale[scale == 0.0] = 1.0
     stacked, right = R / scale, projected
@@ -249,7 +249,7 @@ def _damped_step(R: Float, projected: Float, damping: float) -> Float:
 
 
 def _exp_jacobian(tangent: Float) -> Float:
-    """Derivatives (n, 3, 3) of the coordinates of Exp by those of the tangent (n, 3)."""
+    """Return the derivatives (n, 3, 3) of Exp by the tangent (n, 3)."""
     x, y, t = tangent.T
     small = np.abs(t) < 1e-3
     safe = np.where(small, 1.0, t)
@@ -263,7 +263,7 @@ def _exp_jacobian(tangent: Float) -> Float:
 
 
 def _log_se2(increment: Float) -> Float:
-    """Tangents (n, 3) whose Exp are the increments (n, 3)."""
+    """Return the tangents (n, 3) of increments (n, 3): the inverse of Exp."""
     x, y, t = increment.T
     s, c = np.sinc(t / np.pi), np.sin(t / 2) * np.sinc(t / 2 / np.pi)
     squared = s**2 + c**2

@@ -1,4 +1,4 @@
-"""Large maps of which each scan sees a little."""
+"""Recordings of large maps with a small part in each scan."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from slamgauge.se2 import chain, rotation
 
 
 def lanes(*, sensor: str = "range-bearing", slip: bool = True, lanes: int = 4, length: int = 30) -> Recording:
-    """A field driven through in lanes: each scan sees what lies within 2.5 m, each lane what its neighbours see."""
+    """Simulate a drive in lanes: a scan observes landmarks within 2.5 m, so that neighbouring lanes share landmarks."""
     turns = np.zeros((lanes * length, 3))
     turns[:, 0] = 1.0
     for lane in range(1, lanes):

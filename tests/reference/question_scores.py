@@ -1,11 +1,11 @@
-"""Scores of many independent runs of a question's scenario, with the true start drawn from the prior; cached."""
+"""Cached scores of many runs of a question's scenario, with the start drawn from the prior."""
 
 from __future__ import annotations
 
 from functools import cache
 from typing import NamedTuple
 
-from slamgauge import Score, evaluate, load_estimators, load_scenario, simulate
+from slamgauge import Scenario, Score, evaluate, load_estimators, load_scenario, simulate
 from slamgauge.compare.scenarios.simulation import informed
 from slamgauge.estimate import Estimate
 
@@ -20,7 +20,7 @@ class Expected(NamedTuple):
 
 @cache
 def scores(name: str, filters: tuple[str, ...], runs: int, overrides: tuple[str, ...] = ()) -> dict[str, list[Score]]:
-    """Scores of `runs` runs (seeds 0, 1, ...) of each filter, against the truth alone."""
+    """Return scores of `runs` runs (seeds 0, 1, ...) of each filter against the truth."""
     return _scores(name, filters, runs, overrides, graded=False)
 
 
@@ -28,7 +28,7 @@ def scores(name: str, filters: tuple[str, ...], runs: int, overrides: tuple[str,
 def graded_scores(
     name: str, filters: tuple[str, ...], runs: int, overrides: tuple[str, ...] = ()
 ) -> dict[str, list[Score]]:
-    """The same next to the causal optimum, which is told true noise and associations."""
+    """Return the same scores with the causal optimum, which has the true noise and associations."""
     return _scores(name, filters, runs, overrides, graded=True)
 
 
@@ -39,11 +39,11 @@ def _scores(
     estimators = load_estimators(
         filters, association=scenario.association, initialisation=scenario.initialisation_settings
     )
-    told = informed(scenario).model_dump_json()
+    true_noise = informed(scenario).model_dump_json()
     found: dict[str, list[Score]] = {each: [] for each in filters}
     for seed in range(runs):
         truth, recording = simulate(scenario, seed)
-        optimum = causal_optimum(told, seed) if graded else None
+        optimum = causal_optimum(true_noise, seed) if graded else None
         for each, estimator in estimators.items():
             found[each].append(evaluate(truth, recording, estimator(recording), optimum))
     return found
@@ -51,8 +51,6 @@ def _scores(
 
 @cache
 def causal_optimum(scenario: str, seed: int) -> Estimate:
-    """What causal makes of a run of the scenario given as JSON."""
-    from slamgauge import Scenario
-
+    """Return the estimate of `causal` on a run of the scenario given as JSON."""
     recording = simulate(Scenario.model_validate_json(scenario), seed)[1]
     return load_estimators(["causal"])["causal"](recording)
