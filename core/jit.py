@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import Any, ParamSpec, TypeVar
 
 from numba import njit, typeof
+from numba.core.types import unliteral
 from numba.core.dispatcher import Dispatcher
 from numba.extending import overload, register_jitable
 
@@ -60,6 +61,9 @@ def _compiled(function: Callable[Arguments, Result], *, callable_from_python: bo
     }
     dispatcher: Any = njit(**options)(function)
     dispatcher._cache = cache_of(function)  # where `cache=True` puts numba's own
+    template = dispatcher.get_call_template
+    # a number written in a call is a type of its own to numba: without this it compiles the kernel again for it
+    dispatcher.get_call_template = lambda args, kws: template([*map(unliteral, args)], kws)
     return dispatcher
 
 

@@ -6,7 +6,7 @@ import math
 
 from numpy.typing import ArrayLike
 
-from slamgauge.ekf.kernels.warm_up import compile_once
+from slamgauge.ekf.kernels.warm_up import compile_steps
 from slamgauge.ekf.maps.correction_table import Correction, Rule, rule_of
 from slamgauge.ekf.maps.input_checks import require_sensor
 from slamgauge.ekf.maps.map_correction import MapCorrection
@@ -45,5 +45,5 @@ class LandmarkMap:
         require_sensor(sensor, tuple(SENSORS))
         rule = rule_of(correction)
         self.state = MapState(prior_mean, prior_cov, rule, landmarks)
-        compile_once()
+        compile_steps(rule.update, heavy_tails=tails < math.inf)
         self.correction = MapCorrection(self.state, sensor, rule, tails)
