@@ -8,6 +8,7 @@ from typing import Any, ParamSpec, TypeVar
 
 from numba import njit, typeof
 from numba.core.dispatcher import Dispatcher
+from numba.core.types import unliteral
 from numba.extending import overload, register_jitable
 
 from slamgauge.arrays import select
@@ -60,6 +61,13 @@ def _compiled(function: Callable[Arguments, Result], *, callable_from_python: bo
     }
     dispatcher: Any = njit(**options)(function)
     dispatcher._cache = cache_of(function)  # `cache=True` would set numba's own cache here
+    template = dispatcher.get_call_template
+
+    def without_literals(arguments: Any, keywords: Any) -> Any:
+        """Replace the type that numba has for each number in a call: it would compile the kernel again for it."""
+        return template([*map(unliteral, arguments)], keywords)
+
+    dispatcher.get_call_template = without_literals
     return dispatcher
 
 

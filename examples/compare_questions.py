@@ -83,7 +83,7 @@ def main() -> None:
     print(f"figure: {out / 'figure.png'}")
 
 
-def estimators_of(question: int, scenario: Scenario) -> dict[str, Estimator]:
+def estimators_of(question: int, scenario: Scenario) -> Mapping[str, Estimator]:
     if question < 4:
         names = ESTIMATORS[question]
         if scenario.name == "q2-gate-1":  # causal@ekf takes minutes with the 1500 landmarks of this gate

@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 from slamgauge.ekf.advanced.window.warm_up import compile_window_once
-from slamgauge.ekf.kernels.warm_up import (
-    compile_association_once,
-    compile_bearings_once,
-    compile_numpy_filters_once,
-    compile_once,
-)
+from slamgauge.ekf.kernels import warm_up
+from slamgauge.ekf.maps.correction_table import RULES
 from slamgauge.graph_baseline.solver.warm_up import compile_graphs_once
 
-if __name__ == "__main__":
-    compile_once()
-    compile_association_once()
-    compile_bearings_once()
-    compile_numpy_filters_once()
+
+def compile_kernels() -> None:
+    """Compile (or load) the kernels of all filters and of the optimum."""
+    for rule in RULES.values():
+        warm_up.compile_steps(rule.update, heavy_tails=True)
+        warm_up.compile_map_edits(rule.retract)
+        warm_up.compile_bearings(rule.retract)
+    warm_up.compile_nearest_neighbour()
+    warm_up.compile_joint_association()
+    warm_up.compile_numpy_filters_once()
     compile_window_once()
     compile_graphs_once()
+
+
+if __name__ == "__main__":
+    compile_kernels()

@@ -14,10 +14,9 @@ from matplotlib.image import imread
 from scipy.stats import chi2
 
 from slamgauge.compare.storage.files import load_recording
-from slamgauge.ekf.kernels.warm_up import compile_association_once, compile_bearings_once, compile_once
 from slamgauge.graph_baseline import batch
-from slamgauge.graph_baseline.solver.warm_up import compile_graphs_once
 from slamgauge.recording import Recording
+from tests.kernels import compile_kernels
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 
@@ -25,10 +24,7 @@ EXAMPLES = Path(__file__).parents[1] / "examples"
 @pytest.fixture(scope="module", autouse=True)
 def compiled_kernels() -> None:
     """Compile all kernels, because the first compilation prints a message on standard error."""
-    compile_once()
-    compile_association_once()
-    compile_bearings_once()
-    compile_graphs_once()
+    compile_kernels()
 
 
 @pytest.fixture
@@ -107,9 +103,8 @@ def test_compare_question_1(folder: Path):
         assert float(table["causal"]["x optimum"]) == float(table["batch"]["x optimum"]) == 1.0
         assert 0.95 < float(table["ekf"]["NIS/dof"]) < 1.05
         assert float(table["dead-reckoning"]["x optimum"]) > (2.0 if scenario == "q1-long-sparse" else 5.0)
-        assert float(table["riekf"]["Mahalanobis distance² to the optimum"]) < float(
-            table["ekf"]["Mahalanobis distance² to the optimum"]
-        )
+        distance = "Mahalanobis distance² to the optimum"
+        assert float(table["riekf"][distance]) < float(table["ekf"][distance])
 
     picture = imread(folder / "my results/figure.png")[:, :, :3]
     saturation = picture.max(axis=2) - picture.min(axis=2)

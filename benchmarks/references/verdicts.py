@@ -86,8 +86,9 @@ def kept_results(path: Path, seed: int) -> list[Judged]:
         with suppress(json.JSONDecodeError):
             content: dict[str, Any] = json.loads(text)
             if digest == code_digest() and content["seed"] == seed:
-                content |= {"outcomes": [Outcome(**each) for each in content["outcomes"]]}
-                found.append(Judged(**content | {"tags": tuple(content["tags"])}))
+                content["outcomes"] = [Outcome(**each) for each in content["outcomes"]]
+                content["tags"] = tuple(content["tags"])
+                found.append(Judged(**content))
     return found
 
 

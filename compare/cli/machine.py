@@ -25,7 +25,7 @@ LIBRARIES = ("numpy", "scipy", "numba", "llvmlite", "matplotlib", "pydantic", "t
 EXTRAS = ("distributed",)
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "firefox")
 WARM_UPS = {  # module and function that compile or load kernels
-    "filter": ("slamgauge.ekf.kernels.warm_up", "compile_once"),
+    "filter": ("slamgauge.ekf.kernels.warm_up", "compile_ekf"),
     "graph": ("slamgauge.graph_baseline.solver.warm_up", "compile_graphs_once"),
 }
 MISSING, BROKEN = "missing", "broken: "

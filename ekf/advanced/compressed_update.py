@@ -75,7 +75,7 @@ def _add_update(account: Account, scan: Linearised, gain: Gain, size: int) -> Fl
             N[k, j] += h[3] * T[landmark, j] + h[4] * T[landmark + 1, j]
     solve_factor(gain.U, N, rows, width)
     subtract_gram(C, N, rows, width)
-    subtract_product(T, gain.W, N, rows, size, width)
+    subtract_product(T[:size, :width], gain.W[:, :size], N[:, :width])
     for k in range(rows):
         for j in range(width):
             move[j] += N[k, j] * gain.y[k]

@@ -21,7 +21,7 @@ from slamgauge.ekf.bearings.ray_association import RayAssociation
 from slamgauge.ekf.bearings.rays import RayInitialiser
 from slamgauge.ekf.bearings.transaction import transaction_with
 from slamgauge.ekf.kernels.individual_compatibility import NONE
-from slamgauge.ekf.kernels.warm_up import compile_bearings_once
+from slamgauge.ekf.kernels.warm_up import compile_bearings
 from slamgauge.ekf.maps.correction_table import Correction, Rule
 from slamgauge.ekf.maps.divergence_monitor import DivergenceMonitor
 from slamgauge.ekf.maps.input_checks import ids_of, require_gate, require_ids, require_robustness, rows_of
@@ -69,8 +69,8 @@ class BearingFilter:
         if association is not None and not isinstance(initialisation, Rays):
             raise UserError("association: only rays can be associated; give ids, or use ekf.Rays")
         self._gate = require_robustness(robust).known_gate
-        compile_bearings_once()
         self._map = LandmarkMap("bearing", prior_mean, prior_cov, correction, landmarks=32, tails=robust.tails)
+        compile_bearings(self._map.correction.rule.retract)
         self._provisional = _initialiser(self._map, initialisation)
         self._points: dict[int, int] = {}  # landmark: its id in the map
         self._step = 0

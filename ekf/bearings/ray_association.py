@@ -19,6 +19,7 @@ from scipy.special import chdtrc, chdtri
 from slamgauge.arrays import Float, Int, Marks
 from slamgauge.ekf.kernels.individual_compatibility import NONE, Pairs, keep_pairs
 from slamgauge.ekf.kernels.joint_compatibility import Limits
+from slamgauge.ekf.kernels.warm_up import compile_map_edits
 from slamgauge.ekf.maps.duplicate_landmarks import find_matchings
 from slamgauge.ekf.maps.landmark_ids import GONE, Ids, followed
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
@@ -39,6 +40,8 @@ class RayAssociation:
     def __init__(self, landmarks: LandmarkMap, settings: Association) -> None:
         self._map = landmarks
         self._matcher = Matcher(landmarks)
+        if settings.map_management is not None:
+            compile_map_edits(landmarks.correction.rule.retract)
         self._settings = settings
         self._ids = Ids()
         self.clock = ScanClock()

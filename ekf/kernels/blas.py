@@ -124,9 +124,10 @@ def combine_rows(W: Float, weights: Float, out: Float, rows: int, size: int) -> 
 
 
 @kernel
-def subtract_product(out: Float, W: Float, T: Float, rows: int, height: int, width: int) -> None:
-    """out[:height, :width] <- out - W'T for W[:rows, :height] and T[:rows, :width]."""
-    steps = np.array([T.strides[0], W.strides[0], out.strides[0]], dtype=np.int32) // T.itemsize
+def subtract_product(out: Float, W: Float, T: Float) -> None:
+    """Out <- out - W'T for `out` (m, n), W (r, m) and T (r, n), which may be parts of larger arrays."""
+    (rows, height), width, bytes_each = W.shape, T.shape[1], T.itemsize
+    steps = (T.strides[0] // bytes_each, W.strides[0] // bytes_each, out.strides[0] // bytes_each)
     sizes = np.array([width, height, rows, steps[0], steps[1], steps[2]], dtype=np.int32)
     _dgemm(
         _LETTERS[_N:].ctypes,

@@ -120,8 +120,11 @@ def transform_covariance(belief: Belief, u: Float, deferred: Deferred) -> None:
     for j in range(size):
         a[j] += half * u[j]
     if deferred.used[0] > 0:
-        pair = np.stack((u, a))
-        defer(cov, size, deferred, pair, -pair[::-1])
+        L, R = np.empty((2, size)), np.empty((2, size))
+        for j in range(size):
+            L[0, j], L[1, j] = u[j], a[j]
+            R[0, j], R[1, j] = -a[j], -u[j]
+        defer(cov, size, deferred, L, R)
     else:
         add_outer_pair(cov, u, a, size)
         mirror_robot_block(cov)

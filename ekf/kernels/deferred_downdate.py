@@ -70,8 +70,10 @@ def defer(cov: Float, size: int, deferred: Deferred, L: Float, R: Float) -> None
     mirror_robot_block(cov)
     first, last = deferred.used[0], deferred.used[0] + len(L)
     deferred.rows[:, first:last] = 0.0
-    deferred.rows[0, first:last, ROBOT:size] = L[:, ROBOT:size]
-    deferred.rows[-1, first:last, ROBOT:size] = R[:, ROBOT:size]
+    for k in range(len(L)):
+        for j in range(ROBOT, size):
+            deferred.rows[0, first + k, j] = L[k, j]
+            deferred.rows[-1, first + k, j] = R[k, j]
     deferred.used[0] = last
 
 
@@ -82,13 +84,13 @@ def subtract_deferred(deferred: Deferred, size: int, slots: Int, jacobian: Float
     L, LH, own = deferred.rows[0], np.empty((count, height)), np.empty((height, 2))
     for k in range(height):
         x = ROBOT + 2 * slots[k // 2]
-        own[k] = W[k, x : x + 2]
+        own[k, 0], own[k, 1] = W[k, x], W[k, x + 1]
         for p in range(count):
             LH[p, k] = L[p, x] * jacobian[k, 3] + L[p, x + 1] * jacobian[k, 4]
-    subtract_product(W, LH, deferred.rows[-1], count, height, size)
+    subtract_product(W[:height, :size], LH[:, :height], deferred.rows[-1][:count, :size])
     for k in range(height):
         x = ROBOT + 2 * slots[k // 2]
-        W[k, x : x + 2] = own[k]  # the 2 x 2 block of a landmark is never deferred
+        W[k, x], W[k, x + 1] = own[k, 0], own[k, 1]  # the 2 x 2 block of a landmark is never deferred
 
 
 @kernel
@@ -105,8 +107,8 @@ def apply_deferred(cov: Float, size: int, deferred: Deferred) -> None:
         subtract_gram(cov, L, count, size)
     else:
         for first in range(0, size, PANEL):
-            height, width = min(PANEL, size - first), size - first
-            subtract_product(cov[first:, first:], L[:, first:], R[:, first:], count, height, width)
+            last = min(first + PANEL, size)
+            subtract_product(cov[first:last, first:size], L[:count, first:last], R[:count, first:size])
     for x in range(ROBOT, size, 2):
         cov[x, x], cov[x, x + 1], cov[x + 1, x + 1] = own[x], cross[x], own[x + 1]
     deferred.used[0] = 0

@@ -69,7 +69,7 @@ def joint_update(sensor: int, belief: Belief, count: int, work: Workspace) -> Jo
             nis = EXHAUSTED
         if not math.isfinite(nis):
             if first > 0:
-                belief.cov[:size, :size] = cov_before
+                _restore(belief.cov, cov_before)
                 deferred.used[0] = used_before
             return JointUpdate(dx, nis, informative)
         combine_rows(gain.W, gain.y, block_dx, rows, size)
@@ -149,6 +149,14 @@ def _backup(belief: Belief, scan: Linearised, block: int) -> Float:
             information += 5.0 * entered / least
     needed = 0 if 0.0 <= information < SAFE / LEAST else belief.size
     return belief.cov[:needed, :needed].copy()
+
+
+@kernel
+def _restore(cov: Float, backup: Float) -> None:
+    """Copy a backup (n, n) of P to its first rows and columns."""
+    for i in range(len(backup)):
+        for j in range(len(backup)):
+            cov[i, j] = backup[i, j]
 
 
 @kernel

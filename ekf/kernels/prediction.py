@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from slamgauge.arrays import Float
 from slamgauge.ekf.kernels.belief import Belief
 from slamgauge.ekf.kernels.covariance import ROUNDING, is_symmetric, mirror_robot_block
@@ -26,8 +24,12 @@ def predict(belief: Belief, increment: Float, increment_cov: Float) -> bool:
     predicted pose is then copied to `point`. Returns False, with nothing changed, if a value exceeds its limit (see
     `LARGEST`) or Q is not a covariance.
     """
-    if not (np.abs(increment).max() < LARGEST and np.abs(increment_cov).max() < LARGEST * LARGEST):
-        return False
+    for i in range(3):
+        if not abs(increment[i]) < LARGEST:
+            return False
+        for j in range(3):
+            if not abs(increment_cov[i, j]) < LARGEST * LARGEST:
+                return False
     if not is_semidefinite(increment_cov):
         return False
     state, point, cov = belief.state, belief.point, belief.cov
@@ -39,7 +41,7 @@ def predict(belief: Belief, increment: Float, increment_cov: Float) -> bool:
     state[0] += moved_x
     state[1] += moved_y
     state[2] = wrap(state[2] + increment[2])
-    point[:3] = state[:3]
+    point[0], point[1], point[2] = state[0], state[1], state[2]
     # F adds multiples of the heading's row to the position's rows
     for j in range(2, belief.size):
         cov[0, j] -= lever_y * cov[2, j]

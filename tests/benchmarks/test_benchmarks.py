@@ -14,8 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from slamgauge.ekf.kernels.warm_up import compile_association_once, compile_numpy_filters_once, compile_once
-from slamgauge.graph_baseline.solver.warm_up import compile_graphs_once
+from tests.kernels import compile_kernels
 
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 
@@ -73,10 +72,7 @@ SMALLEST = {
 @pytest.fixture(scope="module", autouse=True)
 def compiled_kernels() -> None:
     """Compile before benchmarks that run at the same time would each do so."""
-    compile_once()
-    compile_association_once()
-    compile_numpy_filters_once()
-    compile_graphs_once()
+    compile_kernels()
 
 
 def test_every_benchmark_is_run_here():

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import slamgauge
+import slamgauge.compare
 from slamgauge import (
     Recording,
     Truth,

@@ -166,7 +166,7 @@ def dense(seen: Linearised, size: int) -> tuple[Float, Float]:
 
 def block_diagonal(R: Float) -> Float:
     """Return the blocks (m, 2, 2) on the diagonal of a matrix (2m, 2m)."""
-    return block_diag(*R)
+    return np.asarray(block_diag(*R))
 
 
 def weighted(P: Float, seen: Linearised, tails: float) -> Float:

@@ -9,8 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from slamgauge.ekf.kernels.warm_up import compile_once
-from slamgauge.graph_baseline.solver.warm_up import compile_graphs_once
+from tests.kernels import compile_kernels
 from tests.reference.command_line import SHORT, Module, Refuse, run
 
 NUMBERS = itertools.count()  # a process imports a module once, so that each needs a new name
@@ -19,8 +18,7 @@ NUMBERS = itertools.count()  # a process imports a module once, so that each nee
 @pytest.fixture(scope="package")
 def stored(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a short run of the shipped estimators, with seed 3."""
-    compile_once()  # the first compilation prints a note on standard error
-    compile_graphs_once()
+    compile_kernels()  # the first compilation prints a note on standard error
     folder = tmp_path_factory.mktemp("stored") / "run"
     assert run("run", "q1-long-sparse", "--set", *SHORT, "--seed", 3, "--out", folder) == 0
     return folder

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from slamgauge.compare.storage.files import load_estimate
-from slamgauge.ekf.kernels.warm_up import compile_association_once, compile_once
-from slamgauge.graph_baseline.solver.warm_up import compile_graphs_once
+from tests.kernels import compile_kernels
 from tests.reference.command_line import run
 
 pytestmark = pytest.mark.gtsam  # robust-batch needs it
@@ -20,9 +19,7 @@ DURATION = "trajectory.duration=6"
 
 @pytest.fixture(scope="module", autouse=True)
 def compiled_kernels() -> None:
-    compile_once()
-    compile_association_once()
-    compile_graphs_once()
+    compile_kernels()
 
 
 @pytest.fixture(scope="module")

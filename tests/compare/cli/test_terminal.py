@@ -12,7 +12,7 @@ import pytest
 
 from slamgauge.compare.cli import terminal
 from slamgauge.compare.cli.main import COMMANDS, main
-from slamgauge.ekf.kernels.warm_up import compile_once
+from tests.kernels import compile_kernels
 from tests.reference import fast_commands
 
 COMMAND = [sys.executable, "-m", "slamgauge"]
@@ -27,7 +27,7 @@ needs_full = pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/
 
 @pytest.fixture(scope="module", autouse=True)
 def compiled_kernels() -> None:
-    compile_once()
+    compile_kernels()
 
 
 @pytest.fixture(scope="module")
