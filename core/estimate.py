@@ -30,7 +30,10 @@ AXES = ("x", "y", "heading")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MapHistory:
-    """The map at some steps: a row for every landmark that is a point, and for every member of a ray.
+    """The map at some steps, in the world frame.
+
+    A row is a landmark with one position (a point), or a member of a ray: one of several weighted Gaussian hypotheses
+    for the position of a bearing-only landmark.
 
     Compared by value, and not hashable.
 
@@ -75,15 +78,17 @@ class MapHistory:
 class RayLog:
     """Start, end and members of every ray of a bearing-only estimate.
 
+    Before a bearing-only landmark becomes a point, it is a ray of members: hypotheses at different distances.
+
     Compared by value, and not hashable.
 
     Attributes:
         landmark: (B,) id of each ray's landmark.
-        birth: (B,) step of its first bearing.
-        end: (B,) step at which it became a point or was deleted; -1 if it is still a ray.
-        survivor: (B,) number of the member that became the point; -1 without a point.
-        distances: (B, G) distances of the members at birth [m], NaN where a ray had fewer.
-        members: (N+1,) members of all rays after each step.
+        birth: (B,) step of the first bearing, at which the ray starts.
+        end: (B,) step at which the ray became a point or was deleted; -1 if it still exists.
+        survivor: (B,) number of the member that became the point; -1 if no member did.
+        distances: (B, G) distances of the members at birth [m]; NaN for a ray with fewer than G members.
+        members: (N+1,) number of members of all rays together after each step.
     """
 
     landmark: Int
@@ -118,21 +123,25 @@ class Estimate:
 
     Attributes:
         kind: `filtered` (pose k uses the measurements up to step k) or `smoothed` (uses all).
-        poses: (N+1, 3).
-        pose_covs: (N+1, 3, 3) world frame, additive error (x, y, heading); None if not estimated.
+        poses: (N+1, 3) x, y [m], heading [rad] in the world frame.
+        pose_covs: (N+1, 3, 3) covariances of the error estimate - truth of (x, y, heading), world frame; None if not
+            estimated.
         landmark_ids: (L,) distinct ids of the mapped landmarks; empty by default.
-        landmarks: (L, 2) [m] at the end of the recording, in the order of their ids.
+        landmarks: (L, 2) [m] world frame, at the end of the recording, in the order of `landmark_ids`.
         landmark_covs: (L, 2, 2) [m^2]; None if not estimated.
-        association: (M,) id of each observation's landmark, -1 if rejected; None if not known.
+        association: (M,) id of each observation's landmark, -1 if the observation was rejected; None if not known.
         nis: (N+1,) normalised innovation squared of each step's update; None if not computed.
-        nis_dof: (N+1,) its degrees of freedom, 0 at steps without an update.
+        nis_dof: (N+1,) degrees of freedom of `nis`; 0 at steps without an update.
         seconds: (N+1,) computing time of each step; None if not measured.
-        rays: start and end of the rays of a bearing-only estimate; None without rays.
+        rays: start, end and members of the rays of a bearing-only estimate; None without rays.
         history: the map at some of the steps; None if not stored.
         chi_square: sum of squared weighted residuals of an optimum; None for a filter.
-        chi_square_dof: its degrees of freedom: the rows of all observations minus two for every landmark.
-        optimum_check: for a causal optimum the distance of its last pose and sigmas from the hindsight optimum's, in
-            sigmas of the latter; infinite if the hindsight optimum was not found; None if not checked.
+        chi_square_dof: degrees of freedom of `chi_square`: number of observed values minus two for every landmark. The
+            residuals of prior and motions do not count, because there are as many pose coordinates.
+        optimum_check: largest difference between a causal optimum and a separately computed optimum of the same
+            measurements, at the last pose and some earlier poses (see `graph_baseline.causal`). Pose differences are
+            in sigmas of the separate optimum; differences of sigmas are relative. Infinite if an optimum was not found;
+            None if not checked.
     """
 
     kind: Kind
@@ -211,7 +220,7 @@ class Estimate:
 
 
 def _as_figure(name: str, value: object) -> float | int:
-    """Return a number >= 0 as a Python number: `chi_square_dof` is whole, only `optimum_check` may be infinite."""
+    """Return a number >= 0 as a Python number. `chi_square_dof` must be whole; only `optimum_check` may be infinite."""
     figure = float(as_array(name, value, ())[()])
     whole, endless = name == "chi_square_dof", name == "optimum_check"
     if not figure >= 0 or (figure == np.inf and not endless) or (whole and not figure.is_integer()):
@@ -220,7 +229,7 @@ def _as_figure(name: str, value: object) -> float | int:
 
 
 def _require_on_the_path(rays: RayLog | None, history: MapHistory | None, steps: int) -> None:
-    """Refuse rays and maps at steps beyond the path."""
+    """Raise UserError if rays or map history have a step after the last pose, `steps`."""
     rule = f"a step must lie in 0..{steps}, as the poses do"
     if rays is not None:
         require_rows("rays.birth", rays.birth <= steps, rays.birth, rule)
@@ -234,5 +243,5 @@ class Estimator(Protocol):
     """A callable from a recording to an estimate."""
 
     def __call__(self, recording: Recording, /) -> Estimate:
-        """Return the estimate; nothing but the recording is used."""
+        """Return the estimate. It depends on the recording only."""
         ...

@@ -17,7 +17,7 @@ from slamgauge.recording import Recording
 
 
 class NotJudgedError(Exception):
-    """The estimate lacks a field that the check needs; the text names it."""
+    """The estimate lacks a field that the check needs. The message names the field."""
 
 
 @dataclass(frozen=True)
@@ -44,14 +44,14 @@ class Subject:
 
 
 def pose_covs_of(estimate: Estimate) -> Float:
-    """Return the pose covariances (N+1, 3, 3); raise NotJudgedError if the estimate has none."""
+    """Return the pose covariances (N+1, 3, 3), world frame; raise NotJudgedError if the estimate has none."""
     if estimate.pose_covs is None:
         raise NotJudgedError("the estimate has no pose_covs")
     return estimate.pose_covs
 
 
 def landmark_of(estimate: Estimate, name: int) -> Float:
-    """Return the position (2,) of the landmark with the id `name`.
+    """Return the position (2,) [m], world frame, of the landmark with the id `name`.
 
     Raises:
         NotJudgedError: the estimate has no landmarks.
@@ -61,7 +61,12 @@ def landmark_of(estimate: Estimate, name: int) -> Float:
 
 
 def landmark_cov_of(estimate: Estimate, name: int) -> Float:
-    """Return the covariance (2, 2) of a landmark; errors as in `landmark_of`, also for missing covariances."""
+    """Return the covariance (2, 2) [m^2] of the landmark with the id `name`.
+
+    Raises:
+        NotJudgedError: the estimate has no landmarks, or no landmark covariances.
+        UserError: the estimate has landmarks, but not this one.
+    """
     if estimate.landmark_covs is None:
         raise NotJudgedError("the estimate has no landmark_covs")
     return estimate.landmark_covs[_row(estimate, name)]
@@ -81,15 +86,16 @@ Measure = Callable[[Subject, np.random.Generator], float]
 
 @dataclass(frozen=True)
 class Check:
-    """A property that every right filter has.
+    """A property that every correct filter has, measured by one number, the figure.
 
     Attributes:
-        measure: function that computes the figure of an estimator; it draws its recordings from the generator.
-        figure: measured quantity with its unit; 0 is perfect unless the text states another value.
-        bound: largest figure that passes; docs/checks.md gives the reason for the value.
-        blame: part of the filter that usually causes a failure.
-        excused_to: a figure from `bound` to here is a limit of the textbook method, not a failure.
-        limit: explanation of this limit.
+        measure: function that computes the figure of an estimator. It draws random recordings from the generator.
+        figure: text that names the measured quantity and its unit. 0 is perfect unless the text states another value.
+        bound: largest figure that passes. docs/checks.md gives the reason for the value.
+        blame: printed after a failure: the part of the filter that usually causes it.
+        excused_to: a figure with `bound` < figure <= `excused_to` is a limit of the textbook method, not a failure. The
+            default -inf excuses no figure.
+        limit: printed instead of `blame` for such a figure: explanation of the limit.
     """
 
     measure: Measure
@@ -101,12 +107,12 @@ class Check:
 
     @property
     def name(self) -> str:
-        """Name in tables and JSON: that of the function, with hyphens."""
+        """Name in tables and JSON: the name of the function `measure`, with hyphens."""
         return self.measure.__name__.replace("_", "-")
 
 
 def check(
     *, figure: str, bound: float, blame: str, excused_to: float = -np.inf, limit: str = ""
 ) -> Callable[[Measure], Check]:
-    """Return a decorator that makes a `Check` of a function; arguments as in `Check`."""
+    """Return a decorator that turns the function `measure` into a `Check`; arguments as in `Check`."""
     return lambda measure: Check(measure, figure, bound, blame, excused_to, limit)

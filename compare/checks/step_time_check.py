@@ -1,4 +1,8 @@
-"""Check of the growth of the step time with the size of the map."""
+"""Check of the growth of the step time with the number of landmarks L.
+
+The step time is the difference of the processor times of a run with 7 steps and a run with 1 step, divided by 6. It is
+measured for L = 20, 40, 80, ... up to 320. If it grows as L^p, the growth exponent is p.
+"""
 
 from __future__ import annotations
 
@@ -11,11 +15,14 @@ SMALLEST, LARGEST = 20, 320  # landmarks
 STEPS = 6
 BOUND = 2.75
 LONG = 0.2  # s; the map is not doubled after a longer run, because the next may take 16 times as long
-SHORTEST = 1e-3  # s; the time of faster steps depends on clocks and caches, and counts as this
+SHORTEST = 1e-3  # s; replaces smaller step times, because these depend on clocks and caches
 
 
 def _run_seconds(subject: Subject, landmarks: int, steps: int) -> float:
-    """Return the smaller processor time of two runs [s]; the first scan observes all landmarks, later ones one each."""
+    """Return the processor time [s] of a run: the smaller one of two runs on the same recording.
+
+    The scan of step 0 observes all landmarks; each later scan observes one.
+    """
     side = int(np.ceil(np.sqrt(landmarks)))
     row, column = np.divmod(np.arange(landmarks), side)
     later = ((step, step % landmarks) for step in range(1, steps + 1))
@@ -29,7 +36,10 @@ def _run_seconds(subject: Subject, landmarks: int, steps: int) -> float:
 
 
 def _growth(subject: Subject) -> float:
-    """Return the growth exponent of the step time over the last two doublings of the map, or over a single one."""
+    """Return the growth exponent of the step time over the last two doublings of the map.
+
+    If the second map already takes longer than LONG, only one doubling was measured, and the exponent is over this one.
+    """
     times: list[float] = []
     landmarks = SMALLEST
     while landmarks <= LARGEST:
@@ -51,7 +61,10 @@ def _growth(subject: Subject) -> float:
     "change only the robot's rows of P in the prediction, and subtract K (H P) in the update",
 )
 def step_time(subject: Subject, _rng: np.random.Generator) -> float:
-    """Return the smallest of up to three exponents, because idle threads of a matrix library may count as work."""
+    """Return the growth exponent; above the bound, the smallest of up to three measured exponents.
+
+    The measurement is repeated because the time of idle threads of a matrix library may count as work.
+    """
     exponent = _growth(subject)
     for _ in range(2):
         if exponent > BOUND:

@@ -1,4 +1,4 @@
-"""What is installed with slamgauge: `slamgauge scenarios`, `schema` and `completion`."""
+"""Commands that print what is installed with slamgauge: `slamgauge scenarios`, `schema` and `completion`."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ complete --command slamgauge --condition _slamgauge_knows_none --force-files""",
 
 @dataclass
 class Scenarios:
-    """List the shipped scenarios; in a pipe one per line.
+    """List the shipped scenarios with descriptions; in a pipe, each has exactly one line.
 
     For example:
       slamgauge scenarios
@@ -87,8 +87,9 @@ class Completion:
     def __call__(self) -> int:
         """Print tyro's script for the shell, extended so that it completes files where no command or option fits.
 
-        Shells read each line as one option, so help of several lines becomes one line. Paths become plain values,
-        because the shell completes folders and spaces better than tyro's script.
+        A shell reads each line as one option, so this method joins help of several lines. It also changes options of
+        tyro's type `path` to the type `value`: the shell then completes their folders and spaces, and does it better
+        than tyro's script.
         """
         command = [sys.executable, "-P", "-m", "slamgauge", "--tyro-print-completion", self.shell]
         lines = subprocess.run(command, capture_output=True, text=True, check=True).stdout.rstrip("\n").split("\n")

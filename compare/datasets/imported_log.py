@@ -1,4 +1,4 @@
-"""The result of a reader of robots' logs, and steps that several readers share."""
+"""The result of a reader of robots' logs, and functions that several readers use."""
 
 from __future__ import annotations
 
@@ -18,7 +18,14 @@ from slamgauge.truth import Truth
 
 
 class Imported(NamedTuple):
-    """A log, its truth, notes about content that was dropped, and the mapping in force for CSV files."""
+    """An imported log.
+
+    Attributes:
+        recording: measurements.
+        truth: true path and map; None if the log has no truth.
+        notes: sentences about dropped content.
+        mapping: settings with which CSV files were read (`csv_mapping`); None for other files.
+    """
 
     recording: Recording
     truth: Truth | None = None
@@ -28,7 +35,7 @@ class Imported(NamedTuple):
 
 @contextmanager
 def of_file(path: Path) -> Generator[None]:
-    """Add the path to errors of a record that is made from a file."""
+    """Return a context that adds the path of a file to the text of each UserError."""
     try:
         yield
     except UserError as error:
@@ -38,7 +45,15 @@ def of_file(path: Path) -> Generator[None]:
 def require_covariances(
     lines: Sequence[Line], matrices: Float, what: str, remedy: str, *, definite: bool = True
 ) -> None:
-    """Refuse the first line whose matrix (n, d, d), scaled to a correlation, is not positive (semi-)definite."""
+    """Raise UserError at the first line whose matrix is not a covariance.
+
+    Args:
+        lines: (n,) lines of the file.
+        matrices: (n, d, d) matrix of each line. Its correlation matrix is tested.
+        what: name of the matrix in the error.
+        remedy: end of the error text.
+        definite: whether the matrix must be positive definite; otherwise semi-definite is sufficient.
+    """
     variances = np.diagonal(matrices, axis1=1, axis2=2)
     smallest = np.linalg.eigvalsh(matrices / scale_of(matrices))[:, 0]
     good = (variances > 0.0).all(axis=1) & (smallest > 1e-12) if definite else smallest >= -1e-9
@@ -48,11 +63,14 @@ def require_covariances(
 
 
 def identified(landmark: Int) -> tuple[Int | None, Marks, tuple[str, ...]]:
-    """Turn ids (M,) that may be -1 into those of a recording: if some observations have an id, the others are dropped.
+    """Drop observations without an id from a log in which other observations have one.
+
+    Args:
+        landmark: (M,) id of each observation, -1 without one.
 
     Returns:
-        The ids of the kept observations, None if no observation has one; the kept observations (M,); and a note about
-        the dropped ones.
+        The ids of the kept observations, None if no observation has an id; a mask (M,) of the kept observations; and a
+        note about the dropped observations. Without any id, all observations are kept.
     """
     known = landmark >= 0
     if not known.any():
@@ -63,23 +81,23 @@ def identified(landmark: Int) -> tuple[Int | None, Marks, tuple[str, ...]]:
 
 
 def steps_of(moves: Sequence[Line], seen: Sequence[Line]) -> Int:
-    """Return the step (M,) of each observation: the number of moves above its line."""
+    """Return the step (M,) of each observation: the number of moves in lines above its own."""
     return np.searchsorted([line.number for line in moves], [line.number for line in seen])
 
 
 def diagonal_covariances(sigmas: Float) -> Float:
-    """Return diagonal covariances (n, d, d) of standard deviations (n, d)."""
+    """Return diagonal covariances (n, d, d) with standard deviations (n, d)."""
     return sigmas[:, :, None] ** 2 * np.eye(sigmas.shape[1])
 
 
 def require_sigmas(**sigmas: float) -> None:
-    """Refuse a standard deviation (an option) that is not a number > 0; that of a motion may be 0."""
+    """Raise UserError for an option that is not a standard deviation: a finite number > 0, or >= 0 for a motion."""
     for name, sigma in sigmas.items():
         if not 0.0 <= sigma < np.inf or (sigma == 0.0 and name in ("range", "bearing")):
             raise UserError(f"{name.replace('_', '-')}: {sigma:g} is not a standard deviation; give a number > 0")
 
 
 def require_max_range(max_range: float) -> None:
-    """Refuse a largest range [m] (an option) that is not above 0; it may be infinite."""
+    """Raise UserError unless the option `max-range` [m] is above 0; it may be infinite."""
     if not max_range > 0.0:
         raise UserError(f"max-range: {max_range:g} m excludes every landmark; give metres above 0")

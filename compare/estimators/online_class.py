@@ -1,9 +1,13 @@
 """Online classes with `predict(increment, cov)`, `update(observations)`, `pose`, `pose_cov` (`slamgauge.OnlineFilter`).
 
-Every run uses a new object. The constructor receives those of sensor, prior_mean (3,) and prior_cov (3, 3) that its
-parameters name. `update` takes `slamgauge.Observations`, or ids, values and covs as three arguments. Other parts of the
-protocol are optional: landmark_ids, landmarks, landmark_covs, associated, standing, and the NIS and its degrees of
-freedom returned by `update`.
+Every run uses a new object. The constructor may have parameters named sensor, prior_mean (3,) and prior_cov (3, 3); it
+receives only the named ones. `update` takes one argument, `slamgauge.Observations`, or, if it has three required
+parameters, ids, values and covariances. Other parts of the protocol are optional:
+
+* landmark_ids, landmarks, landmark_covs: the map at the end of the run;
+* associated: (m,) id of the landmark of each observation of the current step, -1 without one;
+* standing(ids): present ids of earlier ids, for filters that merge or delete landmarks;
+* the NIS and its degrees of freedom: the result of `update`. They are ignored unless every update returns them.
 """
 
 from __future__ import annotations
@@ -26,7 +30,7 @@ MAP = ("landmark_ids", "landmarks", "landmark_covs")
 
 
 def description(given: Fresh) -> str | None:
-    """Describe an online class; return None for anything else."""
+    """Return a short text, `online class NAME(PARAMETERS)`, or None if the callable is not an online class."""
     kind = given.callee
     if not inspect.isclass(kind) or not all(callable(getattr(kind, name, None)) for name in ("predict", "update")):
         return None
@@ -35,15 +39,15 @@ def description(given: Fresh) -> str | None:
 
 @dataclass(frozen=True)
 class OnlineClass:
-    """An online class as an estimator; `code` is the source of the class."""
+    """An online class as an estimator; `code` loads the class again for each run."""
 
     code: Code
 
     def __call__(self, recording: Recording) -> Estimate:
-        """Run a new object over a recording.
+        """Run a new object of the class over a recording, and return its estimate.
 
         Raises:
-            UserCodeError: the constructor needs other arguments.
+            UserCodeError: the constructor has another required parameter.
         """
         steps = recording.steps
         poses, pose_covs = np.empty((steps + 1, 3)), np.empty((steps + 1, 3, 3))

@@ -1,4 +1,7 @@
-"""Figure of `slamgauge noise`: sigmas, NIS by landmark, quantiles and whiteness, as assumed and as estimated."""
+"""Figure of `slamgauge noise`, with four panels: sigmas, NIS by landmark, quantiles and whiteness.
+
+Values with the assumed noise have the key "before" in noise.json; values with the estimated noise have "after".
+"""
 
 from __future__ import annotations
 
@@ -39,14 +42,17 @@ def save_noise_figure(out: Path, content: dict[str, Any]) -> None:
 
 
 def _series(by_channel: dict[str, Any]) -> Iterator[tuple[dict[str, Any], str, dict[str, Any]]]:
-    """Yield, per channel, its values, the key "before" or "after", and plot arguments."""
+    """Yield values, the key "before" or "after", and plot arguments, for each channel and key."""
     for (channel, found), marker in zip(by_channel.items(), MARKERS, strict=False):
         for which, look in LOOKS.items():
             yield found, which, {**look, "label": f"{channel}, {WORDS[which]}", "marker": marker, "markersize": 3}
 
 
 def _draw_sigmas(axes: Axes, parameters: dict[str, Any]) -> None:
-    """Draw estimated sigmas with intervals, divided by the assumed ones, or by the end of the interval without one."""
+    """Draw each estimated sigma with its 95 % interval, divided by the assumed sigma.
+
+    If the assumed sigma is 0, the divisor is the upper end of the interval, or the estimate if that end is infinite.
+    """
     for place, content in enumerate(parameters.values()):
         found, assumed = supported(content["sigma"], content), content["assumed"]
         end = found.high if np.isfinite(found.high) else found.value
@@ -68,7 +74,7 @@ def _draw_sigmas(axes: Axes, parameters: dict[str, Any]) -> None:
 
 
 def _draw_nis(axes: Axes, nis_by_landmark: dict[str, Any]) -> None:
-    """Draw the NIS of each landmark, in the order of ids."""
+    """Draw the mean NIS per row of each landmark, in the order of ids, and its 95 % band."""
     for by_landmark, which, look in _series(nis_by_landmark):
         axes.plot(_column(by_landmark.values(), which), linestyle="none", **look)
     first = [*next(iter(nis_by_landmark.values())).values()]
@@ -97,7 +103,7 @@ def _draw_quantiles(axes: Axes, quantiles: dict[str, Any]) -> None:
 
 
 def _draw_whiteness(axes: Axes, autocorrelation: dict[str, Any]) -> None:
-    """Draw the autocorrelation of the scores of a landmark against the lag in observations."""
+    """Draw the autocorrelation of normal scores against the lag, in observations of the same landmark."""
     for found, which, look in _series(autocorrelation):
         axes.plot(np.arange(1, len(found[which]) + 1), found[which], linewidth=0.8, **look)
     band = max(found["band"] for found in autocorrelation.values())

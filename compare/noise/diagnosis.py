@@ -1,8 +1,11 @@
 """Tests of assumed noise by the innovations of a log.
 
-A normal score is an innovation, transformed by its own distribution to the standard normal distribution. If noise and
-distribution are right, scores are independent and standard normal: their squares are the NIS, their quantiles are those
-of the normal distribution, and successive scores of a landmark are not correlated.
+Each component of an innovation, for example its range, has a normal score: the value with the same cumulative
+probability in the standard normal distribution as the component has in its assumed distribution. If noise and
+distribution are right, scores are independent and standard normal. Then the mean of their squares, the NIS per row, is
+1, their quantiles are those of the normal distribution, and successive scores of a landmark are not correlated.
+
+A channel is a sensor component with its own noise: range, bearing, or both coordinates of a position.
 """
 
 from __future__ import annotations
@@ -24,7 +27,7 @@ SMALLEST = -700.0  # logarithm of the smallest probability
 
 
 class Nis(NamedTuple):
-    """Mean squared normal score of some rows, 1 if the noise is right, with its two-sided 95 % band."""
+    """Mean of the squares of `rows` normal scores, expected to be 1 if the noise is right, and its 95 % band."""
 
     mean: float
     low: float
@@ -43,7 +46,7 @@ class Diagnosis(NamedTuple):
 
 
 def diagnose(model: NoiseModel, innovations: Innovations, values: dict[str, float]) -> Diagnosis:
-    """Return scores and statistics of `innovations`, which were computed with the parameters `values`."""
+    """Return scores and statistics of `innovations`, which were computed with the noise parameters `values`."""
     ids = model.recording.landmark
     assert ids is not None  # a noise model has ids
     distributions = {each.channel: each for each in model.distributions if each.parameters[0] in values}
@@ -64,7 +67,7 @@ def diagnose(model: NoiseModel, innovations: Innovations, values: dict[str, floa
 
 
 def nis_of(scores: Float) -> Nis:
-    """Return the NIS of normal scores of any shape, NaN without scores."""
+    """Return the NIS of normal scores of any shape; its numbers are NaN without scores."""
     if not scores.size:
         return Nis(np.nan, np.nan, np.nan, 0)
     low, high = chi2_band(LEVEL, scores.size)
@@ -74,7 +77,14 @@ def nis_of(scores: Float) -> Nis:
 def normal_scores(
     errors: Float, variances: Float, distribution: ErrorDistribution | None, values: dict[str, float]
 ) -> Float:
-    """Return the standard normal deviates with the same probability as innovations of any shape."""
+    """Return the normal scores of innovations, in the same shape.
+
+    Args:
+        errors: innovations of one channel.
+        variances: their variances, without the additional variance of outliers.
+        distribution: distribution of the channel's errors; None if it is Gaussian.
+        values: noise parameters by name.
+    """
     z = errors / np.sqrt(variances)
     if distribution is None:
         return z
@@ -91,20 +101,25 @@ def normal_scores(
 
 
 def normal_quantiles(count: int) -> Float:
-    """Return quantiles (QUANTILES,) of the normal distribution, up to the expected largest of `count` scores."""
+    """Return evenly spaced normal quantiles (QUANTILES,), up to about the largest of `count` normal scores."""
     reach = -ndtri(0.5 / count)
     return np.linspace(-reach, reach, QUANTILES)
 
 
 def quantiles(scores: Float, expected: Float) -> Float:
-    """Return quantiles of scores (n,) at the probabilities of the normal quantiles `expected`."""
+    """Return quantiles of scores (n,) at the cumulative probabilities of the normal quantiles `expected`."""
     return np.quantile(scores, ndtr(expected), method="hazen")
 
 
 def autocorrelation(scores: Float, ids: Int) -> tuple[Float, int]:
-    """Return the correlation (LAGS,) of scores (n, d) of a landmark by lag, and the number of pairs with lag 1.
+    """Return the autocorrelation (LAGS,) of scores at lags 1, 2, ..., and the number of pairs with lag 1.
 
-    The products are divided by the mean square. No mean is subtracted, because an offset is not white noise.
+    A pair is two scores of the same landmark. The mean product of the pairs is divided by the mean square of all
+    scores. No mean is subtracted, because an offset is not white noise.
+
+    Args:
+        scores: (n, d) in the order of the recording.
+        ids: (n,) landmark of each row.
     """
     order = np.argsort(ids, kind="stable")
     scores, ids = scores[order], ids[order]

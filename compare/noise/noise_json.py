@@ -15,7 +15,7 @@ from slamgauge.compare.storage.provenance import origin
 
 
 def noise_json(noise: Noise) -> dict[str, Any]:
-    """Return the content of noise.json; an end of an interval that the log does not determine is None."""
+    """Return the content of noise.json. Infinite ends of intervals, and NIS that do not exist, are None."""
     before, after = noise.before, noise.after
     return {
         **origin(None),
@@ -60,7 +60,7 @@ def noise_json(noise: Noise) -> dict[str, Any]:
 
 
 def supported(value: float, found: dict[str, Any], lowest: float = 0.0) -> Interval:
-    """Return the interval of a value in noise.json; an end that is None becomes `lowest` or infinity."""
+    """Return a value of noise.json with its interval; a low end None becomes `lowest`, a high end None infinity."""
     low, high = found["low"], found["high"]
     return Interval(value, lowest if low is None else low, math.inf if high is None else high)
 

@@ -1,7 +1,7 @@
-"""The robot's path, in the kinds that a scenario file can give.
+"""The robot's true path. A scenario file chooses one of four kinds: segments, waypoints, figure-eight or csv.
 
-Every kind has `step` [s]; from the start (mean of the prior) it computes `increments` (N, 3) in the body frame and
-`stamps` (N+1,) [s].
+Every kind has the time step `step` [s]. It computes `increments` (N, 3) in the body frame [m, m, rad] and `stamps`
+(N+1,) [s] from the start pose, which is the mean of the prior.
 """
 
 from __future__ import annotations
@@ -36,19 +36,19 @@ class Segment(Section):
 
 
 class Steady(Section, ABC):
-    """Base of the kinds with time steps of equal length `step` [s]."""
+    """Base class of the kinds in which all time steps have the length `step` [s]."""
 
     step: Positive
 
     @abstractmethod
     def moves(self, start: Pose, /) -> Iterable[Move]:
-        """Return the moves of the robot from a start pose."""
+        """Return the moves of the robot from a start pose; a move has constant speed and yaw rate."""
 
     def increments(self, start: Pose, /) -> Float:
         """Return body-frame increments (N, 3) [m, m, rad].
 
         Raises:
-            UserError: more steps than the limit.
+            UserError: the path has more than _MAX_STEPS steps.
         """
         moves = [*self.moves(start)]
         steps = [times for _, times in moves]
@@ -63,11 +63,11 @@ class Steady(Section, ABC):
         return np.arange(steps + 1, dtype=np.float64) * self.step
 
     def durations(self) -> Float:
-        """Return the duration of all steps, () [s]."""
+        """Return the duration of a step, () [s], which is the same for all steps."""
         return np.array(self.step)
 
     def even(self, way: float, turn: float, duration: float) -> Move:
-        """Return a move of exactly this distance [m] and turn [rad] in the fewest steps that last `duration` [s]."""
+        """Return a move of distance `way` [m] and turn [rad]: the fewest steps that last at least `duration` [s]."""
         steps = max(1, math.ceil(duration / self.step - 1e-9))  # 0.3 / 0.1 is a little above 3
         return (way / (steps * self.step), turn / (steps * self.step)), steps
 
@@ -75,7 +75,7 @@ class Steady(Section, ABC):
 class Segments(Steady):
     """Segments in sequence.
 
-    A file may give speed, yaw_rate and duration instead of a single segment.
+    If the path has a single segment, a file may give its speed, yaw_rate and duration without `segments`.
     """
 
     kind: Literal["segments"] = "segments"
@@ -100,7 +100,7 @@ class Segments(Steady):
 
     @property
     def steps(self) -> tuple[int, ...]:
-        """Number of steps of each segment: its duration to the nearest step, at least one."""
+        """Number of steps of each segment: its duration divided by `step`, rounded, at least 1."""
         return tuple(max(1, round(segment.duration / self.step)) for segment in self.segments)
 
     def moves(self, _start: Pose, /) -> Iterable[Move]:
@@ -110,10 +110,11 @@ class Segments(Steady):
 
 
 class Waypoints(Steady):
-    """From the start to each of the `points` (x, y) [m]: a turn on the spot towards the point, then a straight line.
+    """A path through the `points` (x, y) [m], world frame, in their order.
 
-    The robot drives at most at `speed` [m/s] and turns at most at `yaw_rate` [rad/s]; both are lowered so that each
-    move takes a whole number of steps and ends exactly.
+    The robot turns on the spot towards a point, then drives to it in a straight line. Its speed is at most `speed`
+    [m/s], and its yaw rate at most `yaw_rate` [rad/s]. Each move has the largest such rate with which it takes a whole
+    number of steps.
     """
 
     kind: Literal["waypoints"]
@@ -136,9 +137,9 @@ class Waypoints(Steady):
 
 
 class FigureEight(Steady):
-    """A circle of `radius` [m] to the left and one to the right, `laps` times, at `speed` [m/s] or slightly less.
+    """A circle of `radius` [m] to the left, then one to the right, `laps` times, at `speed` [m/s] or slightly less.
 
-    The circles touch at the start; the robot passes it with its initial heading.
+    The circles touch at the start, where the robot always has its initial heading.
     """
 
     kind: Literal["figure-eight"]
@@ -154,7 +155,7 @@ class FigureEight(Steady):
 
 
 class Csv(Section):
-    """Poses of a `file`: rows `stamp,x,y,theta` [s, m, m, rad] in the world frame, the first at the start."""
+    """Poses of a `file`: rows `stamp,x,y,theta` [s, m, m, rad] in the world frame; the first row is the start."""
 
     kind: Literal["csv"]
     file: Table
@@ -171,7 +172,7 @@ class Csv(Section):
 
     @property
     def poses(self) -> Float:
-        """Poses (N+1, 3) in the world frame."""
+        """Poses (N+1, 3) [m, m, rad] in the world frame."""
         return self.file.rows(PATH_HEADER)[:, 1:]
 
     @property
@@ -196,7 +197,7 @@ KINDS = {"segments": Segments, "waypoints": Waypoints, "figure-eight": FigureEig
 
 
 def kind_of(table: object) -> object:
-    """Return the kind of a trajectory, or of a table of a file."""
+    """Return the name of the kind of a trajectory, or of the table of a scenario file that describes it."""
     if isinstance(table, dict):
         return table.get("kind", "segments")
     return getattr(table, "kind", "segments")

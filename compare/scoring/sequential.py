@@ -1,10 +1,13 @@
 """Intervals that hold although a study is evaluated several times and stops when they are narrow enough.
 
-A 95 % interval that is evaluated after 100 runs, 150, 225 and so on, until it is narrow, is right less often than 95 %.
-Repeated confidence intervals (Jennison and Turnbull 1989) hold at all looks at once with that probability. The error is
-spent as by Lan and DeMets (1983), with the same share at every look, since the last look is unknown in advance. The
-correlation of the looks follows from the recursion of Armitage, McPherson and Rowe (1969) over the score process, a
-Brownian motion at the times of the looks.
+A look is an evaluation of a study after a planned number of runs. If a 95 % interval is evaluated at looks after 100,
+150, 225, ... runs until it is narrow, it contains the true value in fewer than 95 % of studies. Repeated confidence
+intervals (Jennison and Turnbull 1989) are wider: with a probability of 95 %, they contain it at all looks at once.
+
+The error probability of 5 % is divided among the K planned looks (error spending, Lan and DeMets 1983). Each look gets
+the same share, because it is unknown at which look the study will stop. The looks are correlated, because later looks
+contain the runs of earlier ones. The recursion of Armitage, McPherson and Rowe (1969) takes account of this: it follows
+the density of the sum of the figures, a Brownian motion whose time is the number of runs.
 """
 
 from __future__ import annotations
@@ -26,9 +29,13 @@ FARTHEST = 9.0  # in standard deviations: the probability beyond is less than 1e
 
 
 class Look(NamedTuple):
-    """A look at the first `runs` runs: number `number` of at most `of`, from 1.
+    """An evaluation of the first `runs` runs.
 
-    `level` is the probability for which the interval of a fixed number of runs equals the repeated one.
+    Attributes:
+        runs: number of runs.
+        number: number of the look, from 1.
+        of: number of planned looks.
+        level: confidence level at which the ordinary interval is as wide as the repeated interval.
     """
 
     runs: int
@@ -38,7 +45,7 @@ class Look(NamedTuple):
 
 
 def plan_looks(first: int, most: int) -> tuple[Look, ...]:
-    """Return the looks of a study: at `first` runs, GROWTH times as many, ..., and at `most`."""
+    """Return the looks of a study at the numbers of runs `growing(first, most)`."""
     counts = growing(first, most)
     levels = [1 - 2 * _tail(bound) for bound in boundaries(tuple(counts), 1 - LEVEL)]
     return tuple(
@@ -48,7 +55,7 @@ def plan_looks(first: int, most: int) -> tuple[Look, ...]:
 
 
 def growing(first: int, most: int) -> list[int]:
-    """Return numbers of runs: `first`, GROWTH times as many, ..., and `most`."""
+    """Return numbers of runs from `first` to `most`, each GROWTH times the number before; the last is `most`."""
     counts = [min(first, most)]
     while counts[-1] < most:
         counts.append(min(math.ceil(GROWTH * counts[-1]), most))
@@ -56,9 +63,14 @@ def growing(first: int, most: int) -> list[int]:
 
 
 def repeated_p_value(looks: Sequence[Look], look: Look, p_value: float) -> float:
-    """Return the p-value that holds at all looks at once, from that of a fixed number of runs at `look`.
+    """Return the p-value that holds at all looks at once.
 
     It is the largest error probability at which the repeated interval of this look contains the tested value.
+
+    Args:
+        looks: all planned looks.
+        look: look at which the test is made.
+        p_value: p-value of the ordinary two-sided test of the runs at `look`.
     """
     from scipy.special import ndtri  # here: scipy is slow to start
 
@@ -79,8 +91,8 @@ def repeated_p_value(looks: Sequence[Look], look: Look, p_value: float) -> float
 def boundaries(counts: tuple[int, ...], alpha: float) -> tuple[float, ...]:
     """Return the half-widths (K,) of repeated intervals in standard errors, for looks at `counts` (K,) runs.
 
-    The mean of independent normal figures leaves any of the intervals with probability `alpha`, and leaves each of them
-    first with the same share of `alpha`.
+    For independent normal figures, at least one of the K intervals misses the true mean with probability `alpha`. The
+    probability that look k is the first to miss it is `alpha` / K for every k.
     """
     times = np.array(counts) / counts[-1]
     share = alpha / len(counts)
@@ -99,7 +111,11 @@ def boundaries(counts: tuple[int, ...], alpha: float) -> tuple[float, ...]:
 
 
 def _leaves(bound: float, weights: Float, points: Float, spread: float) -> float:
-    """Return the probability that a step of standard deviation `spread` from weighted `points` ends outside ±bound."""
+    """Return the probability that a Brownian motion is outside ±bound after its next step.
+
+    Before the step it is at one of `points` with the probabilities `weights`. The standard deviation of the step is
+    `spread`.
+    """
     from scipy.special import ndtr  # here: scipy is slow to start
 
     return float(weights @ (ndtr((points - bound) / spread) + ndtr((-bound - points) / spread)))
@@ -114,7 +130,7 @@ def _simpson(points: Float) -> Float:
 
 
 def _root(excess: Callable[[float], float]) -> float:
-    """Return the zero of a falling function of a boundary, by bisection."""
+    """Return the zero of a decreasing function between 0 and FARTHEST, by bisection."""
     low, high = 0.0, FARTHEST
     for _ in range(36):
         middle = (low + high) / 2
@@ -123,5 +139,5 @@ def _root(excess: Callable[[float], float]) -> float:
 
 
 def _tail(bound: float) -> float:
-    """Return the probability that a normal variable exceeds `bound`."""
+    """Return the probability that a standard normal variable exceeds `bound`."""
     return math.erfc(bound / math.sqrt(2)) / 2

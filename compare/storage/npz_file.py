@@ -1,4 +1,4 @@
-"""Read npz files from untrusted sources: without pickles, and after a check of the free memory."""
+"""Safe reader of npz files from untrusted sources: it loads no pickles, and checks the free memory first."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def read_npz(path: Path, known: Mapping[str, NDArray[Any]] = NONE_KNOWN) -> dict
 
     Args:
         path: The file.
-        known: Arrays in memory by name. An equal array of the file is dropped, and the one in memory is returned.
+        known: Arrays in memory by name. If the array of the file is equal, the array in memory is returned instead.
 
     Raises:
         UserError: If the file is damaged, contains anything but plain arrays, or does not fit into memory.
@@ -73,11 +73,11 @@ def read_npz(path: Path, known: Mapping[str, NDArray[Any]] = NONE_KNOWN) -> dict
 
 
 class _OddError(ValueError):
-    """A property of the file that `numpy.savez` never produces."""
+    """The file has a property that files of `numpy.savez` never have."""
 
 
 def _require_whole(path: Path) -> None:
-    """Check the directory of the zip file and that its arrays fit into memory."""
+    """Check that the directory of the zip file is complete, and that its arrays fit into memory."""
     with zipfile.ZipFile(path) as archive:
         members = archive.infolist()
     with path.open("rb") as file:
@@ -93,7 +93,13 @@ def _require_whole(path: Path) -> None:
 
 
 def _kept(name: str, array: object, known: NDArray[Any] | None) -> NDArray[Any]:
-    """Return the array, or an equal one that needs less memory."""
+    """Return the array, or an equal array that needs less memory.
+
+    This is `known` if it is equal, or a broadcast view if all matrices of a 3-D array are equal.
+
+    Raises:
+        _OddError: not an array, or of a type that is not in PLAIN.
+    """
     if not isinstance(array, np.ndarray):
         raise _OddError(f"{name[:40]!r} is not an array")
     if array.dtype.kind not in PLAIN:

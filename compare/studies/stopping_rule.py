@@ -1,4 +1,7 @@
-"""Paired comparisons of a study's estimators, and the rule that ends a study when its ratios are precise enough."""
+"""Paired comparisons of a study's estimators, and the rule that ends a study when the ratios are precise enough.
+
+A ratio is the mean ATE of one estimator divided by the mean ATE of another on the same runs.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +29,7 @@ Against = Mapping[str, Mapping[str, Mapping[str, Paired]]]  # keys: reference es
 
 
 class Until(NamedTuple):
-    """Stopping rule: the half-width of every ratio is below `precision` times the ratio, or `most` runs are done."""
+    """Stopping rule: each interval's half-width is below `precision` times its ratio, or `most` runs are done."""
 
     precision: float
     most: int
@@ -34,9 +37,13 @@ class Until(NamedTuple):
 
 @dataclass(frozen=True)
 class Precision:
-    """The look at which a study with `Until` ended, and its ratios of ATEs.
+    """The look at which a study with the stopping rule `until` ended, and its ratios of ATEs.
 
-    The intervals hold with 95 % at all looks at once. No run has both estimators of an `unknown` pair.
+    Attributes:
+        until: stopping rule.
+        look: last look.
+        ratios: ratio of each pair, with an interval that holds at all looks at once with probability 95 %.
+        unknown: pairs without a ratio, because no run has estimates of both estimators.
     """
 
     until: Until
@@ -46,16 +53,16 @@ class Precision:
 
     @property
     def is_settled(self) -> bool:
-        """Whether more runs are useless: every known ratio is precise enough."""
+        """Whether the study can stop: every known ratio is precise enough. Unknown pairs do not count."""
         return all(is_narrow(ratio, self.until.precision) for ratio in self.ratios.values())
 
     @property
     def reached(self) -> bool:
-        """Whether every ratio is precise enough."""
+        """Whether every ratio is known and precise enough."""
         return self.is_settled and not self.unknown
 
     def to_json(self) -> dict[str, Any]:
-        """Return its entry in summary.json."""
+        """Return the entry `precision` of summary.json."""
         return {
             "target": self.until.precision,
             "reached": self.reached,
@@ -66,7 +73,7 @@ class Precision:
         }
 
     def line(self) -> str:
-        """Return the line below the table of a study."""
+        """Return the line with the ratios that is printed below the table of a study."""
         ended = f"{'reached' if self.reached else 'not reached'} with {self.look.runs} runs"
         known = [f"{ours} / {theirs} {interval_cell(each, '{:.3f}')}" for (ours, theirs), each in self.ratios.items()]
         known += [f"{ours} / {theirs} unknown, no run has both" for ours, theirs in self.unknown]
@@ -77,12 +84,12 @@ class Precision:
 
 
 def is_narrow(ratio: Interval, precision: float) -> bool:
-    """Whether the half-width of a ratio is below `precision` times the ratio."""
+    """Return whether the half-width of the ratio's interval is below `precision` times the ratio."""
     return ratio.low is not None and ratio.high is not None and ratio.high - ratio.low < 2 * precision * ratio.mean
 
 
 def looks_of(runs: int, until: Until | None) -> tuple[Look, ...]:
-    """Return the looks of a study: one after `runs`, or with a stopping rule several from `runs` on.
+    """Return the looks of a study: one look after `runs` runs, or with a stopping rule the planned looks from there on.
 
     Raises:
         UserError: the precision or the number of runs is out of range.
@@ -97,10 +104,10 @@ def looks_of(runs: int, until: Until | None) -> tuple[Look, ...]:
 
 
 def pairs_to_resolve(asked: Sequence[Asked], against: Sequence[str]) -> list[Pair]:
-    """Return the pairs of the stopping rule: ratios to the estimators of `against`, by default to the optima.
+    """Return the pairs of the stopping rule: each estimator and each estimator of `against`, by default the optima.
 
     Raises:
-        UserError: no pair exists.
+        UserError: no pair exists, because no reference estimator is requested.
     """
     over = against or [each.label for each in asked if each.name in (CAUSAL, HINDSIGHT)]
     pairs = [(each.label, other) for other in over for each in asked if each.label != other and not each.is_bound]
@@ -110,7 +117,7 @@ def pairs_to_resolve(asked: Sequence[Asked], against: Sequence[str]) -> list[Pai
 
 
 def ratios_at(look: Look, pairs: Sequence[Pair], ates: Mapping[str, Ates]) -> dict[Pair, Interval]:
-    """Return the ratios of ATEs on the same runs at a look, without pairs that have no common run."""
+    """Return the ratios of ATEs of pairs on their common runs at a look; pairs without a common run are omitted."""
     found: dict[Pair, Interval] = {}
     for ours, theirs in pairs:
         first, second = ates[ours], ates[theirs]
@@ -124,7 +131,7 @@ def ratios_at(look: Look, pairs: Sequence[Pair], ates: Mapping[str, Ates]) -> di
 def compare_against(
     loaded: Mapping[str, Runs], names: Sequence[str], looks: Sequence[Look], look: Look
 ) -> dict[str, dict[str, dict[str, Paired]]]:
-    """Return paired comparisons of ATE and NEES/3 with each of `names`, valid at all looks at once."""
+    """Return paired comparisons of ATE and NEES/3 with each reference in `names`, valid at all looks at once."""
     return {
         name: {
             label: _compared(runs, loaded[name], looks, look)
@@ -136,7 +143,10 @@ def compare_against(
 
 
 def compare_user_code(asked: Sequence[Asked], loaded: Mapping[str, Runs], look: Look) -> tuple[str, ...]:
-    """Return a sentence for each pair of user code and a built-in filter of the same kind: the ratio of their ATEs."""
+    """Return sentences with the ratio of ATEs of user code and built-in filters.
+
+    Each user estimator is compared with each built-in filter of the same kind, filtered or smoothed.
+    """
     built_in = [each for each in asked if each.name and not each.is_told and each.name != DEAD_RECKONING]
     sentences: list[str] = []
     for mine in (each.label for each in asked if not each.name):
@@ -150,7 +160,7 @@ def compare_user_code(asked: Sequence[Asked], loaded: Mapping[str, Runs], look: 
 
 
 def _significance(ratio: Interval) -> str:
-    """Return whether the interval of a ratio excludes 1, as the end of a sentence."""
+    """Return the end of a sentence, which states whether the interval of a ratio excludes 1."""
     if ratio.low is None or ratio.high is None:
         return "; an interval needs 2 runs"
     is_significant = ratio.low > 1 or ratio.high < 1
@@ -172,14 +182,14 @@ def _nees(runs: Runs) -> np.ndarray[Any, np.dtype[np.float64]]:
 
 
 def _at_all_looks(found: Paired, looks: Sequence[Look], look: Look) -> Paired:
-    """Make the p-value valid at all looks at once, as the interval is."""
+    """Return the comparison with a p-value that is valid at all looks at once; the interval already is."""
     if found.p_value is None or len(looks) == 1:
         return found
     return found._replace(p_value=repeated_p_value(looks, look, found.p_value))
 
 
 def against_parts(against: Against) -> list[Grid | str]:
-    """Return a table for each reference estimator."""
+    """Return a table for each reference estimator, each after an empty line."""
     parts: list[Grid | str] = []
     for name, others in against.items():
         rows = [[f"against {name}", "runs", "x ATE", "ATE less [m]", "p", "x NEES", "NEES/3 less", "p"]]

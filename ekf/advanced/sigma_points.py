@@ -3,24 +3,29 @@
 Source: Brossard, Barrau and Bonnabel, "A Code for Unscented Kalman Filtering on Manifolds (UKF-M)", ICRA 2020; the
 scaled unscented transform is Julier's (ACC 2002) with beta = 2.
 
-Robot (R, p) and landmarks l have the error xi of `riekf`, chi = exp(xi) chi^: heading t = xi_t, positions
-x = R(t) x^ + V(t) xi_x. The covariance is that of e = D xi, e_x = xi_x + J x^ t. Because R(t) - I = V(t) J t,
+Notation, as in `kernels.corrections`: ^ marks an estimate and ' a transpose. R(t) is the rotation by t, J the rotation
+by 90 degrees, and V(t) the mean of the rotations from 0 to t (`se2.mean_rotation`). R without an argument is the
+rotation by the robot's heading. x is the position p of the robot or the position l of a landmark.
 
-    x = x^ + V(t) e_x    for the robot's position and every landmark,
+The right-invariant error xi = (xi_x, t) is defined by heading = heading^ + t and x = R(t) x^ + V(t) xi_x. The filter
+stores the covariance of the error e, which has the same t and e_x = xi_x + J x^ t. Because R(t) - I = V(t) J t,
 
-so that e is the additive error in the world frame to first order, and a motion of the robot changes only the robot's
-rows of the covariance. Three steps use sigma points, each for the few coordinates that it depends on:
+    x = x^ + V(t) e_x    for the robot's position and every landmark.
 
-* Prediction: a motion without noise leaves xi unchanged, exactly. Noise w of the increment gives t = w_t and
-  e_p = V(t)^-1 R w_d. This is linear unless heading and translation are correlated.
+To first order, e is therefore the additive error in the world frame. A motion of the robot changes only the robot's
+rows and columns of the covariance. Sigma points are drawn only for the coordinates on which a step depends nonlinearly:
+
+* Prediction: a motion without noise leaves xi unchanged, exactly. Noise of the increment, w_d in translation and w_t in
+  heading, adds t = w_t and e_p = V(t)^-1 R w_d. This is linear unless w_d and w_t are correlated.
 * Correction: the position of a landmark in the robot's frame is delta = delta^ + V(-t) c with
-  c = R' (e_l - e_p) - J delta^ t. A scan depends on c of the observed landmarks, for which sigma points are drawn. The
-  part of t that is correlated with c is drawn with them. The independent part of t changes no observation, because
-  translation and rotation of the whole map are unobservable.
-* Augmentation: sigma points are drawn for the noise of the observation; the other rows are copied from the robot's.
+  c = R' (e_l - e_p) - J delta^ t. Sigma points are drawn for c of all observed landmarks and for the part of t that is
+  correlated with c. The independent part of t changes no observation, because translation and rotation of the whole
+  map are unobservable.
+* Augmentation: sigma points are drawn for the noise of the observation. The correlations of a new landmark follow
+  linearly from the robot's rows.
 
-Roots of landmark covariances are symmetric, so that the result does not depend on the order of landmarks. As in UKF-M,
-the means of prediction and augmentation are the values without noise, and moments are taken about these.
+Roots of the covariance of c are symmetric, so that the result does not depend on the order of landmarks. As in UKF-M,
+the means of prediction and augmentation are the values without noise, and second moments are computed about these.
 """
 
 from __future__ import annotations
@@ -55,7 +60,7 @@ class InvariantBelief:
 
     Args:
         sensor: `range-bearing` or `position`.
-        prior_mean: (3,) start pose.
+        prior_mean: (3,) start pose x, y [m], heading [rad], world frame.
         prior_cov: (3, 3) covariance of the start pose, world frame.
 
     Raises:
@@ -84,13 +89,13 @@ class InvariantBelief:
 
     @property
     def landmark_covs(self) -> Float:
-        """(L, 2, 2) landmark covariances [m^2]."""
+        """(L, 2, 2) landmark covariances [m^2], world frame, to first order."""
         count = len(self._mean) // 2 - 1
         return self._cov[ROBOT:, ROBOT:].reshape(count, 2, count, 2)[np.arange(count), :, np.arange(count)]
 
     @property
     def cov(self) -> Float:
-        """(n, n) covariance of e: robot x, y, heading, then landmark positions."""
+        """(n, n) covariance of e: x, y, heading of the robot, then x, y of each landmark; n = 3 + 2 L."""
         return self._cov
 
     def move(self, increment: Float, cov: Float) -> None:
@@ -105,7 +110,11 @@ class InvariantBelief:
         self._mean[2] = wrap(self._mean[2] + increment[2])
 
     def correct(self, slots: Int, values: Float, covs: Float) -> tuple[float, int]:
-        """Correct with observations (m, 2) of the landmarks in slots (m,); return the NIS and its dof."""
+        """Correct with observations (m, 2), covariances (m, 2, 2), of the landmarks with indices `slots` (m,).
+
+        Returns:
+            The NIS and its degrees of freedom.
+        """
         seen, which = np.unique(slots, return_inverse=True)
         heading, entries = float(self._mean[2]), pairs(seen, ROBOT)
         offset = (self._mean[entries].reshape(-1, 2) - self._mean[:2]) @ rotation(heading)
@@ -129,12 +138,16 @@ class InvariantBelief:
         return nis, int(informative[which].sum())
 
     def _seen_from_sigma_points(self, offset: Float, factor: Float, turns: Float) -> tuple[Float, Float, Float]:
-        """Return predictions (s, 2), whether each has information, and its changes at the sigma points (4s, s, 2).
+        """Return the observations that are predicted at the mean, and their changes at the sigma points.
 
         Args:
-            offset: (s, 2) landmarks in the robot's frame.
+            offset: (s, 2) landmarks in the robot's frame [m].
             factor: (2s, 2s) root of the covariance of c.
-            turns: (2s,) part of t that belongs to each column of `factor`.
+            turns: (2s,) part of t [rad] that belongs to each column of `factor`.
+
+        Returns:
+            Predictions (s, 2); 1 for each value that depends on the landmark's position and 0 for others (s, 2); and
+            the changes of the predictions at the 4s sigma points (4s, s, 2).
         """
         code = SENSORS[self._sensor].code
         points = SPREAD * np.vstack([factor.T, -factor.T]).reshape(4 * len(offset), -1, 2)
@@ -146,7 +159,7 @@ class InvariantBelief:
         return predicted, informative, innovation(self._sensor, values, predicted) * informative
 
     def add(self, values: Float, covs: Float) -> None:
-        """Map the landmarks of observations (k, 2), in the next slots."""
+        """Append the landmarks of observations (k, 2), covariances (k, 2, 2), to the state."""
         code, turn, count = SENSORS[self._sensor].code, rotation(self._mean[2]), len(values)
         roots = np.linalg.cholesky(covs).swapaxes(1, 2)  # rows are columns of the Cholesky factor
         deltas = locate_all(code, values)[0]
@@ -178,23 +191,30 @@ def symmetric_roots(cov: Float) -> tuple[Float, Float]:
 
 
 def moments(changes: Float) -> tuple[Float, Float]:
-    """Return mean (m,) and covariance (m, m) of a function from its changes (2d, m) at the 2d sigma points."""
+    """Return mean (m,) and covariance (m, m) of the change of a function.
+
+    Args:
+        changes: (2d, m) differences between the function at the 2d sigma points and at the mean of its argument.
+    """
     mean = WEIGHT * changes.sum(axis=0)
     alpha_squared = SPREAD**2 / (len(changes) // 2)
     return mean, WEIGHT * (changes.T @ changes) + (BETA - alpha_squared) * np.outer(mean, mean)
 
 
 def about_zero(changes: Float) -> Float:
-    """Return the second moments (m, m) of a function about its value at the mean, from its changes (2d, m)."""
+    """Return the second moments (m, m) of the change of a function; `changes` (2d, m) as in `moments`."""
     mean, cov = moments(changes)
     return cov + np.outer(mean, mean)
 
 
 def motion_noise(turn: Float, cov: Float) -> Float:
-    """Return the second moments (3, 3) that the noise of an increment, with covariance (3, 3), adds to the robot's e.
+    """Return the second moments (3, 3) that the noise of an increment adds to the robot's part of e.
 
-    `turn` is R(heading) before the increment. The part of the translation noise that is independent of the heading
-    noise acts linearly and needs no sigma points.
+    The part of the translation noise that is independent of the heading noise is linear and needs no sigma points.
+
+    Args:
+        turn: (2, 2) rotation matrix of the heading before the increment.
+        cov: (3, 3) covariance of the increment, body frame.
     """
     heading_sigma = np.sqrt(max(cov[2, 2], 0.0))
     with_turn = cov[:2, 2] / heading_sigma if heading_sigma > 0.0 else np.zeros(2)
@@ -207,7 +227,15 @@ def motion_noise(turn: Float, cov: Float) -> Float:
 
 
 def moved(mean: Float, cov: Float, step: Float) -> tuple[Float, Float]:
-    """Return the state (n,) after the correction e = `step` (n,), and the transformed covariance (n, n)."""
+    """Return the state (n,) and covariance (n, n) after a correction of e.
+
+    The definition of e contains the estimate, so the covariance is transformed to the corrected estimate.
+
+    Args:
+        mean: (n,) state before the correction.
+        cov: (n, n) covariance of e after the Kalman update.
+        step: (n,) correction of e.
+    """
     V = mean_rotation(step[2])
     robot, landmarks = V @ step[:2], step[ROBOT:].reshape(-1, 2) @ V.T
     lever = np.concatenate([_quarter_turned(robot), [0.0], _quarter_turned(landmarks).ravel()])
@@ -217,5 +245,5 @@ def moved(mean: Float, cov: Float, step: Float) -> tuple[Float, Float]:
 
 
 def _quarter_turned(vectors: Float) -> Float:
-    """Return J v for vectors v (..., 2)."""
+    """Return J v, vectors v (..., 2) rotated by 90 degrees."""
     return np.stack([-vectors[..., 1], vectors[..., 0]], -1)

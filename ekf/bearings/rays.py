@@ -1,18 +1,21 @@
-"""FIS: undelayed initialisation of bearing-only landmarks (the exercise, equations 4.1 to 4.4).
+"""FIS (federated information sharing): undelayed initialisation of bearing-only landmarks.
 
-One bearing has no distance. The first bearing of a landmark therefore puts several members into the map, along the
-ray that it defines. `RayInitialiser.observe` does the following with every later bearing z, variance R:
+A bearing does not determine a distance. The first bearing of a landmark therefore adds several members to the map:
+Gaussian hypotheses of the position along the ray of this bearing. `RayInitialiser.observe` processes every later
+bearing z with variance R:
 
-1. compute innovation nu_i and its variance Z_i of each member; reject z if no member passes the gate;
+1. compute the innovation nu_i of each member i and its variance Z_i; reject z if no member passes the gate;
 2. multiply each weight by the likelihood of z, then normalise the weights of the ray;
 3. prune members of small weight;
-4. promote the ray to a point if one member is left, and update it with R;
-5. otherwise share the information of z (federated information sharing): update member i with R / rho_i. The shares
-   rho_i are the weights, and their sum is at most 1, so the ray receives no more information than z has.
+4. if one member is left, make it a point, and update it with z and variance R;
+5. otherwise update member i with z and variance R / rho_i. The share rho_i is the weight of the member. Members with a
+   share below MIN_SHARE are not updated. The sum of the shares is at most 1, so the ray receives no more information
+   than z has.
 
 Members are landmarks of the `LandmarkMap`, which computes innovations, updates and covariances.
 
-Source: Sola, Monin, Devy and Lemaire, "Undelayed initialization in bearing only SLAM", IROS 2005.
+Source: Sola, Monin, Devy and Lemaire, "Undelayed initialization in bearing only SLAM", IROS 2005. Equations 4.1 to 4.4
+are those of the exercise (docs/practical.md).
 """
 
 from __future__ import annotations
@@ -37,14 +40,14 @@ SAME = 1.2  # ratio of distances below which the last two members are the same
 
 @dataclass
 class Ray:
-    """Members of a landmark that is not a point yet.
+    """Members of a landmark that is not a point yet (n members now).
 
     Attributes:
-        members: (n,) their ids in the map.
+        members: (n,) ids of the members in the map.
         log_weights: (n,) logarithms of the weights Lambda_i; the sum of the weights is 1.
-        numbers: (n,) their numbers i when the ray started, from 0.
+        numbers: (n,) numbers i of the members when the ray started, from 0.
         first_count: N_g, number of members when the ray started.
-        failures: bearings in a row that failed the gate.
+        failures: number of bearings in a row that failed the gate.
     """
 
     members: Int
@@ -55,9 +58,9 @@ class Ray:
 
 
 def distances_and_sigmas(settings: Rays) -> tuple[Float, Float]:
-    """Distances s_i (N_g,) [m] of the members of a new ray, and their standard deviations (N_g,) [m] along the ray.
+    """Return distances s_i (N_g,) [m] of the members of a new ray, and sigmas sigma_i (N_g,) [m] along the ray.
 
-    N_g is the smallest number of members of which the last reaches s_max: s_i + sigma_i >= s_max.
+    N_g is the smallest number of members with which the last member i reaches s_max: s_i + sigma_i >= s_max.
     """
     s_1 = settings.s_min / (1.0 - settings.alpha)  # (4.1), so that s_1 - sigma_1 = s_min
     i = np.arange(settings.member_count)  # from 0: i - 1 of the exercise
@@ -76,7 +79,7 @@ class RayInitialiser:
         self.log = RayRecorder()
 
     def observe(self, step: int, ids: list[int], values: Float, covs: Float) -> dict[int, int]:
-        """Update the rays that were observed, then start a ray for every other landmark.
+        """Update the observed rays, then start a ray for every other observed landmark.
 
         Args:
             step: step of the bearings, for the log.
@@ -85,7 +88,7 @@ class RayInitialiser:
             covs: (m, 1, 1) variances [rad^2].
 
         Returns:
-            The landmarks that became points, and the id of each in the map.
+            The landmarks that became points: keys are ids of landmarks, values their ids in the map.
         """
         points: dict[int, int] = {}
         rows, members, shares = [], [], []
@@ -126,9 +129,9 @@ class RayInitialiser:
         self.log.begin(step, landmark, s)
 
     def _weigh(self, step: int, landmark: int, value: Float, cov: Float) -> bool:
-        """Weigh the members of a ray by a bearing (1,) with variance (1, 1); False if it fails the gate.
+        """Weigh the members of a ray by a bearing (1,) with variance (1, 1); return False if no member passes the gate.
 
-        A ray that fails the gate too often in a row is deleted.
+        The ray is deleted after `Rays.lost_after` failures in a row.
         """
         ray, R = self._rays[landmark], cov[0, 0]
         slots, count = self._map.state.slots_of(ray.members), len(ray.members)
@@ -147,7 +150,11 @@ class RayInitialiser:
         return True
 
     def _prune(self, ray: Ray) -> None:
-        """Remove members with Lambda_i < tau / N_g, and the lighter of two members at nearly the same distance."""
+        """Remove members with Lambda_i < tau / N_g, where tau is `Rays.threshold`.
+
+        If two members remain at nearly the same distance, remove the one with the smaller weight. The heaviest member
+        always remains.
+        """
         kept = ray.log_weights >= math.log(self._settings.threshold / ray.first_count)
         if kept.sum() == 2:
             positions = self._map.state.entries(self._map.state.columns_of(ray.members[kept])).reshape(-1, 2)
@@ -160,13 +167,13 @@ class RayInitialiser:
         ray.log_weights = _normalised(ray.log_weights[kept])
 
     def _promote(self, step: int, landmark: int) -> int:
-        """Make a point of a ray's last member; return its id in the map."""
+        """Turn a ray's last member into a point; return its id in the map."""
         ray = self._rays.pop(landmark)
         self.log.end(step, landmark, int(ray.numbers[0]))
         return int(ray.members[0])
 
     def _shares(self, ray: Ray) -> tuple[Int, Float]:
-        """Members that a bearing updates, and the share rho_i of its information for each."""
+        """Return the ids of the members that a bearing updates, and the share rho_i of its information for each."""
         weights, sharing = np.exp(ray.log_weights), self._settings.sharing
         if len(weights) == 1:  # a point
             return ray.members, np.ones(1)
@@ -191,15 +198,15 @@ class RayInitialiser:
 
     @property
     def counts(self) -> dict[int, int]:
-        """Number of members of each ray, by landmark."""
+        """Number of members of each ray, by id of the landmark."""
         return {landmark: len(ray.members) for landmark, ray in self._rays.items()}
 
     def member_ids(self) -> dict[int, Int]:
-        """Ids in the map of the members of each ray, by landmark."""
+        """Return the ids in the map of the members of each ray, by id of the landmark."""
         return {landmark: ray.members for landmark, ray in self._rays.items()}
 
     def members(self) -> Members:
-        """Every member of every ray."""
+        """Return every member of every ray."""
         if not self._rays:
             return NO_MEMBERS
         rays = self._rays.values()
@@ -214,6 +221,6 @@ class RayInitialiser:
 
 
 def _normalised(log_weights: Float) -> Float:
-    """Logarithms of weights whose sum is 1."""
+    """Return the logarithms of the weights after division by their sum."""
     largest = log_weights.max()
     return log_weights - largest - math.log(np.exp(log_weights - largest).sum())

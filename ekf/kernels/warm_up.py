@@ -1,4 +1,7 @@
-"""Compilation before the first step, with a message if it takes long."""
+"""Compilation of kernels before the first step, with a message if it takes long.
+
+Each function calls its kernels once with a small map, so that a filter's steps contain no compilation time.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +34,12 @@ from slamgauge.triangulation import triangulate
 
 @functools.cache
 def compile_steps(update: Callable[..., object], *, heavy_tails: bool) -> None:
-    """Compile (or load from the cache) the kernels of a filter with this update, once per process."""
+    """Compile (or load from the cache) the kernels of every step of a filter, once per process.
+
+    Args:
+        update: correction kernel of the filter, for example `update_standard`.
+        heavy_tails: whether the filter inflates noise by Student-t weights.
+    """
     belief, work = _robot_and_landmark()
     with announced("filter kernels"):
         predict(belief, np.zeros(3), np.zeros((3, 3)))
@@ -72,7 +80,7 @@ def compile_joint_association() -> None:
 
 @functools.cache
 def compile_map_edits(retract: Callable[..., object]) -> None:
-    """Compile the kernels that remove and merge landmarks of a filter with this retraction."""
+    """Compile the kernels that remove and merge landmarks, and the kernel `retract` that applies a correction."""
     belief, work = _robot_and_landmark()
     with announced("kernels of map edits"):
         both = belief._replace(size=7)
@@ -84,7 +92,7 @@ def compile_map_edits(retract: Callable[..., object]) -> None:
 
 @functools.cache
 def compile_bearings(retract: Callable[..., object]) -> None:
-    """Compile the kernels of bearing-only landmarks of a filter with this retraction."""
+    """Compile the kernels of bearing-only landmarks, and the kernel `retract` that applies a correction."""
     belief, work = _robot_and_landmark()
     columns, jacobian, one = np.arange(3), np.zeros((1, 3)), np.ones((1, 1))
     with announced("bearing-only kernels"):
@@ -98,7 +106,7 @@ def compile_bearings(retract: Callable[..., object]) -> None:
 
 @functools.cache
 def compile_numpy_filters_once() -> None:
-    """Compile the kernels that the numpy filters call."""
+    """Compile the kernels that the numpy filters call, once per process."""
     with announced("kernels of numpy filters"):
         is_semidefinite(np.zeros((3, 3)))
         are_sound(0, np.ones((1, 2)), np.eye(2)[None])

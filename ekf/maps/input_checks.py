@@ -1,7 +1,8 @@
 """Checks of the online filters' input; an error text is one line with place, value and remedy.
 
-At every step this module checks types and shapes only. Kernels check the numbers (`joint_update.are_sound`,
-`prediction.predict`), and change nothing if they refuse them. Functions of this module then find the reason.
+To refuse a value means to raise UserError. At every step this module checks types and shapes only. Kernels check the
+numbers (`joint_update.are_sound`, `prediction.predict`); if a number is invalid, they change nothing. Then
+`explain_increment` or `explain_scan` finds the reason.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ INCREMENT = "give an increment (dx, dy, dtheta) of the body frame in m, m, rad"
 
 
 def start_of(prior_mean: ArrayLike, prior_cov: ArrayLike) -> tuple[Float, Float, Float]:
-    """Return the start position (2,) [m], the pose (3,) relative to it, and the covariance (3, 3).
+    """Return the start position (2,) [m], the pose (0, 0, heading) relative to it, and the covariance (3, 3).
 
     Raises:
         UserError: an invalid pose or covariance.
@@ -46,13 +47,13 @@ def start_of(prior_mean: ArrayLike, prior_cov: ArrayLike) -> tuple[Float, Float,
 
 
 def require_sensor(sensor: str, known: tuple[str, ...]) -> None:
-    """Refuse a sensor that the filter cannot use."""
+    """Refuse a sensor that is not one of `known`, the sensors of the filter."""
     if not isinstance(sensor, str) or sensor not in known:  # pyright: ignore[reportUnnecessaryIsInstance]
         raise UserError(f"sensor: {sensor!r} does not fit this filter; use one of {', '.join(known)}")
 
 
 def require_room(landmarks: int) -> int:
-    """Return a number of landmarks as an int; refuse anything else."""
+    """Return a number of landmarks >= 0 as an int; refuse anything else."""
     try:
         count = operator.index(landmarks)
     except TypeError:
@@ -63,26 +64,26 @@ def require_room(landmarks: int) -> int:
 
 
 def require_radius(area_radius: float) -> None:
-    """Refuse a radius that is not a positive number."""
+    """Refuse a radius [m] that is not a number above 0."""
     if not (is_number(area_radius) and area_radius > 0.0):
         raise UserError(f"area_radius: {area_radius!r} m is not a distance; choose it above 0")
 
 
 def require_gate(gate: float | None) -> None:
-    """Refuse a gate that `Association` refuses; None is allowed."""
+    """Refuse a gate outside the limits of `Association.gate`; None is allowed."""
     if gate is not None:
         require(Association, "gate", gate)
 
 
 def require_robustness(robust: Robustness) -> Robustness:
-    """Return the setting; refuse other types."""
+    """Return the setting; refuse an object that is not a Robustness."""
     if not isinstance(cast("object", robust), Robustness):
         raise UserError(f"robust: {robust!r} is not a Robustness; give Robustness('gate')")
     return robust
 
 
 def load_increment(increment: ArrayLike, cov: ArrayLike, to: Float, cov_to: Float) -> None:
-    """Copy an increment and its covariance into arrays (3,) and (3, 3).
+    """Copy an increment and its covariance into the arrays `to` (3,) and `cov_to` (3, 3).
 
     Raises:
         UserError: wrong shapes, or not real numbers.
@@ -123,10 +124,10 @@ def explain_increment(increment: Float, cov: Float) -> UserError:
 
 
 def ids_of(observations: Observations, count: int) -> Int:
-    """Return the ids (m,) of `count` observations.
+    """Return the ids (m,) of m = `count` observations.
 
     Raises:
-        UserError: no ids, ids that are not whole numbers, or another number of ids.
+        UserError: no ids, ids that are not whole numbers, or a number of ids that is not `count`.
     """
     ids = observations.landmark
     if ids is None:
@@ -187,7 +188,7 @@ def explain_scan(sensor: str, values: ArrayLike, covs: ArrayLike, nis: float, va
         sensor: see `Recording`.
         values: the observations.
         covs: their covariances.
-        nis: NIS that the kernel returned.
+        nis: NIS that the kernel returned; a special value is the reason of the failure (see `WHY`).
         variances: (n,) variances of the filter. If they are valid, rounding is the reason for an innovation covariance
             that is not positive definite.
     """
@@ -206,13 +207,14 @@ def why_not(nis: float, variances: Float) -> str:
 
 
 def without_rounding(name: str, covs: Float) -> Float:
-    """Return covariances (n, d, d) without negative eigenvalues of their correlations from rounding.
+    """Return covariances (n, d, d) without the negative eigenvalues that rounding causes.
 
-    A filter subtracts from covariances, and the rounding error of the result is relative to the covariance before. The
-    tolerance of `slamgauge.validation` applies.
+    An update subtracts from the covariance. The rounding error is proportional to the covariance before the update, so
+    it may exceed the difference. Only covariances whose correlation has an eigenvalue below -TOLERATED
+    are changed.
 
     Raises:
-        UserError: negative eigenvalues beyond rounding: double precision is not sufficient.
+        UserError: a value is not finite, or an eigenvalue or variance is more negative than rounding explains.
     """
     mended = covs
     for rows in chunks(len(covs)):
@@ -224,7 +226,10 @@ def without_rounding(name: str, covs: Float) -> Float:
 
 
 def _singular(name: str, covs: Float, first: int) -> Int:
-    """Return the rows of covariances (n, d, d) with a negative eigenvalue; errors count rows from `first`."""
+    """Return the indices of covariances (n, d, d) whose correlation has an eigenvalue below -TOLERATED.
+
+    Errors as in `without_rounding`; their texts count indices from `first`.
+    """
     variances = np.diagonal(covs, axis1=1, axis2=2)
     with np.errstate(invalid="ignore", over="ignore"):
         correlations = covs / scale_of(covs)
@@ -238,7 +243,7 @@ def _singular(name: str, covs: Float, first: int) -> Int:
 
 
 def require_sound(sensor: str, values: ArrayLike, covs: ArrayLike) -> None:
-    """Refuse observations (m, d) that `Recording` refuses, with the same texts."""
+    """Refuse observations (m, d) that `Recording` refuses, with the same texts, and numbers of LARGEST or more."""
     dim = SENSORS[sensor].dim
     values = as_floats("observation", values, (None, dim))
     if SENSORS[sensor].has_range:

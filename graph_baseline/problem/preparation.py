@@ -1,4 +1,4 @@
-"""Preparation of a recording for factor graphs: ids, placed landmarks, and the frame of the start."""
+"""Preparation of a recording for factor graphs: known ids, landmarks that can be placed, frame of the start pose."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ MAX_LANDMARK_SIGMA = 3e5  # m; the information of a larger value is rounding, re
 
 @dataclass(frozen=True, eq=False)
 class Problem(Recording):
-    """A recording with known association and tables of its landmarks; `prepare` returns it."""
+    """A recording with known association, and its landmarks, as `prepare` returns it."""
 
     landmark: Int
 
@@ -39,22 +39,22 @@ class Problem(Recording):
 
     @cached_property
     def first_row(self) -> Int:
-        """(L,) row of the first observation of each of `landmark_ids`."""
+        """(L,) index of the first observation of each landmark in `landmark_ids`."""
         return np.unique(self.landmark, return_index=True)[1]
 
     @cached_property
     def slot(self) -> Int:
-        """(M,) index of each observation's landmark in `landmark_ids`."""
+        """(M,) index in `landmark_ids` of the landmark of each observation."""
         return np.searchsorted(self.landmark_ids, self.landmark)
 
     @cached_property
     def dead_reckoning(self) -> Float:
-        """(N+1, 3) path of dead reckoning."""
+        """(N+1, 3) path of dead reckoning: x, y [m], heading [rad]."""
         return chain(self.prior_mean, self.odometry)
 
 
 def prepare(recording: Recording, association: Int | None = None) -> Problem:
-    """Return the problem of a recording; `association` (M,) replaces its ids unless it is None.
+    """Return the problem of a recording. `association` (M,) replaces its ids; None keeps them.
 
     Raises:
         UserError: unknown association.
@@ -68,7 +68,7 @@ def prepare(recording: Recording, association: Int | None = None) -> Problem:
 
 
 def require_known_landmarks(recording: Recording) -> Int:
-    """Return the landmark ids of a recording.
+    """Return the ids (M,) of the observed landmarks of a recording.
 
     Raises:
         UserError: unknown association.
@@ -96,9 +96,9 @@ def prior_cov_in_body(recording: Recording) -> Float:
 
 
 def least_known_landmark(recording: Problem) -> tuple[int, float]:
-    """Return the id of the least certain landmark, observed from dead reckoning, and its largest sigma [m].
+    """Return the id of the landmark with the largest sigma, and this sigma [m] along its most uncertain direction.
 
-    Returns (-1, 0.0) for a recording without observations.
+    The path of dead reckoning is assumed to be exact. The result is (-1, 0.0) without observations.
     """
     if not SENSORS[recording.sensor].places_landmarks:
         ids, _, sigmas = triangulate_all(recording, recording.dead_reckoning)
@@ -118,7 +118,7 @@ def least_known_landmark(recording: Problem) -> tuple[int, float]:
 
 
 def require_placeable(recording: Problem) -> None:
-    """Require that observations determine each landmark well enough for double precision.
+    """Check that observations determine each landmark well enough for double precision; bearing-only passes.
 
     Raises:
         UserError: the sigma of a landmark exceeds MAX_LANDMARK_SIGMA.
@@ -130,10 +130,10 @@ def require_placeable(recording: Problem) -> None:
 
 
 def are_placed(recording: Problem, path: Float) -> Marks:
-    """Return a mask (M,) of the observations whose landmark can be placed from a path (N+1, 3).
+    """Return a mask (M,) of the observations whose landmark has a position, given a path (N+1, 3).
 
-    Sensors with ranges or positions place all landmarks. A bearing-only landmark with one observation or without
-    parallax cannot be placed, and has almost no information about the path.
+    A sensor that measures ranges or positions places all landmarks. A bearing-only landmark cannot be placed from one
+    observation or without parallax; its bearings contain almost no information about the path.
     """
     if SENSORS[recording.sensor].places_landmarks:
         return np.ones(len(recording.observation), dtype=bool)
@@ -142,17 +142,17 @@ def are_placed(recording: Problem, path: Float) -> Marks:
 
 
 def are_placed_best(recording: Problem, path: Float, among: Marks) -> Marks:
-    """Return a mask (M,) of the observations of the best placed half of bearing-only landmarks.
+    """Return a mask (M,) of the observations of the bearing-only landmarks with the smallest sigmas.
 
-    The half is rounded down. Only landmarks with observations in the mask `among` (M,) count; their bearings are
-    observed from the path (N+1, 3).
+    These are half of the landmarks (rounded down) that have observations in the mask `among` (M,). They are
+    triangulated from these observations and the path (N+1, 3).
     """
     ids, _, sigmas = triangulate_all(recording.only(among), path)
     return np.isin(recording.landmark, ids[np.argsort(sigmas, kind="stable")[: len(ids) // 2]])
 
 
 def are_inconsistent(recording: Problem, path: Float, among: Marks) -> Marks:
-    """Return a mask (M,) of the observations of landmarks with precise but inconsistent bearings from a path (N+1, 3).
+    """Return a mask (M,) of the observations of landmarks whose precise bearings do not meet, given a path (N+1, 3).
 
     Only landmarks with observations in the mask `among` (M,) are checked.
     """
@@ -162,14 +162,19 @@ def are_inconsistent(recording: Problem, path: Float, among: Marks) -> Marks:
 
 
 def are_reobserved(recording: Problem) -> Marks:
-    """Return a mask (M,) of the observations of landmarks that several poses observe."""
+    """Return a mask (M,) of the observations of landmarks that are observed at two or more steps."""
     slot = recording.slot
     pairs = np.unique(np.column_stack([slot, recording.observation_step]), axis=0)
     return np.bincount(pairs[:, 0])[slot] > 1
 
 
 def with_association(estimate: Estimate, association: Int | None) -> Estimate:
-    """Return an estimate of the associated observations with an association (M,) for all rows of the recording."""
+    """Return the estimate with an association for all M observations of the recording.
+
+    Args:
+        estimate: its association contains only the observations with an id >= 0 in `association`.
+        association: (M,) ids that were used, -1 for unused observations; None returns the estimate unchanged.
+    """
     if association is None:
         return estimate
     full = np.full(len(association), -1)
@@ -178,7 +183,7 @@ def with_association(estimate: Estimate, association: Int | None) -> Estimate:
 
 
 def in_frame_of_start(recording: Recording) -> Recording:
-    """Return the recording in the frame of its prior mean."""
+    """Return the recording in the frame of its prior mean, so that the start pose is 0."""
     if not recording.prior_mean.any():
         return recording
     return replace(recording, prior_mean=np.zeros(3), prior_cov=prior_cov_in_body(recording))
@@ -187,9 +192,9 @@ def in_frame_of_start(recording: Recording) -> Recording:
 def relative_to_start(
     estimator: Callable[Concatenate[Recording, Rest], Estimate],
 ) -> Callable[Concatenate[Recording, Rest], Estimate]:
-    """Wrap an estimator so that it computes in the frame of the start.
+    """Wrap an estimator so that it computes in the frame of the start pose, and returns its result in the world frame.
 
-    It then loses no digits far from the origin, and its results do not depend on the initial heading.
+    The wrapped estimator loses no digits far from the origin, and its accuracy does not depend on the initial heading.
     """
 
     @wraps(estimator)
@@ -214,7 +219,10 @@ def relative_to_start(
 
 
 def landmarks_at_first_observation(recording: Problem, poses: Float) -> Float:
-    """Return landmarks (L, 2), ids increasing, at their first observations from `poses`, or triangulated."""
+    """Return landmark positions (L, 2) [m] in increasing id order, given `poses` (N+1, 3).
+
+    The first observation determines the position; bearing-only landmarks are triangulated.
+    """
     if not SENSORS[recording.sensor].places_landmarks:
         return triangulate_all(recording, poses)[1]
     rows = recording.first_row

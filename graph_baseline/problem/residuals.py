@@ -1,4 +1,4 @@
-"""Exact residuals of motions and observations, and their Jacobians, compiled."""
+"""Compiled kernels: exact residuals of motions and observations, and the gradients of observations."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from slamgauge.sensors import SENSORS
 
 
 class Measured(NamedTuple):
-    """A recording as arrays for kernels; `slot` is -1 for an observation that the problem does not use."""
+    """A recording as arrays for kernels; `slot` is the index of the landmark, -1 for an unused observation."""
 
     sensor: int
     start: Float  # (3,) prior mean
@@ -71,7 +71,7 @@ def cosine_sine(pose: Float) -> tuple[float, float]:
 
 @inner
 def angle_of(along: float, across: float) -> float:
-    """Return the angle [rad] of the vector (along, across); a series replaces the slower `atan2` at small angles."""
+    """Return the angle [rad], atan2(across, along); a series replaces the slower `atan2` at small angles."""
     if abs(across) < 0.05 * along:
         t = across / along
         q = t * t
@@ -83,9 +83,14 @@ def angle_of(along: float, across: float) -> float:
 def step_residual(
     start: Float, heading: tuple[float, float], motion: Float, motion_turn: Float, end: Float
 ) -> tuple[float, float, float]:
-    """Return Log(measured^-1 between) of a step from pose `start` to `end`, in the frame of `end`.
+    """Return the residual Log(motion^-1 * (start^-1 * end)) of a step [m, m, rad], in the frame of `end`.
 
-    `heading` contains cosine and sine of the heading of `start`.
+    Args:
+        start: (3,) pose before the step.
+        heading: cosine and sine of the heading of `start`.
+        motion: (3,) measured increment.
+        motion_turn: (2,) cosine and sine of the turn of `motion`.
+        end: (3,) pose after the step.
     """
     c, s = heading
     dx, dy = end[0] - start[0], end[1] - start[1]
@@ -98,7 +103,7 @@ def step_residual(
 
 @inner
 def observation_row(measured: Measured, row: int) -> ObservationRow:
-    """Return an observation as numbers; for a bearing-only sensor, z1 repeats z0."""
+    """Return observation `row` as numbers; for a bearing-only sensor, z1 equals z0, and w10 and w11 equal w00."""
     z, direction, whitener = measured.value[row], measured.direction[row], measured.whitener[row]
     return ObservationRow(z[0], z[-1], direction[0], direction[1], whitener[0, 0], whitener[-1, 0], whitener[-1, -1])
 
@@ -107,13 +112,21 @@ def observation_row(measured: Measured, row: int) -> ObservationRow:
 def observation_residual(
     sensor: int, observation: ObservationRow, heading: tuple[float, float], ex: float, ey: float
 ) -> tuple[float, float, float, float, float, float]:
-    """Return the whitened residual h - z (2,) and its gradients (2, 2) by a landmark at (ex, ey) from the pose.
+    """Return the whitened residual L^-1 (h - z) and its gradients with respect to (ex, ey), whitened too.
 
-    `heading` contains cosine and sine of the pose's heading. The second row is zero for a bearing-only sensor.
+    h is the predicted observation, z the measured one with covariance L L'. The six numbers are the residual (2), then
+    its gradients (2, 2) row by row. The second row is zero for a bearing-only sensor.
 
-    A sensor with a bearing is evaluated in a frame whose x axis is the measured bearing. There the predicted bearing
-    equals the residual, which is usually small, so that a series replaces the arc tangent. This takes half the time of
+    Bearings are computed in a frame whose x axis is the measured bearing. There the predicted bearing equals the
+    residual, which is usually small, so that a series replaces the arc tangent. This takes half the time of
     `slamgauge.sensor_kernels.observe`.
+
+    Args:
+        sensor: code of the sensor.
+        observation: see `observation_row`.
+        heading: cosine and sine of the pose's heading.
+        ex: x of the landmark minus x of the pose, world frame [m].
+        ey: y of the landmark minus y of the pose, world frame [m].
     """
     w00, w10, w11 = observation.w00, observation.w10, observation.w11
     if not HAS_BEARING[sensor]:
@@ -139,7 +152,7 @@ def observation_residual(
 def _in_world(
     sensor: int, observation: ObservationRow, heading: tuple[float, float], ex: float, ey: float
 ) -> tuple[float, float, float, float, float, float]:
-    """Return the residual h - z (2,) and its gradients (2, 2) for any sensor with two values per observation."""
+    """Return the residual h - z and its gradients, not whitened, for any sensor with two values per observation."""
     c, s = heading
     z0, z1, a00, a01, a10, a11 = observe(sensor, c * ex + s * ey, c * ey - s * ex)
     r0, r1 = wrap_innovation(sensor, 0, z0 - observation.z0), wrap_innovation(sensor, 1, z1 - observation.z1)

@@ -1,12 +1,17 @@
-"""The optimum of the measurements so far: incremental smoothing with chord steps (`chord_descent`).
+"""Incremental smoothing with chord steps (`chord_descent`): the optimum of the measurements up to each step.
 
-Each step adds its scan, and moves the newest pose and the map by the linear system of all steps so far. It neither
-moves older poses nor corrects the linearisation error. Chord steps over the whole path correct both; they converge to a
-point where the gradient of the exact cost is zero. They run at every scan while the path is short. Later they run when
-the expected error, which grows with the square of the motion of the newest pose, exceeds its limit. If they find no
-minimum, or if the cost rises by more than noise explains, several starts are tried (`multistart`).
+The optimum is the path and the map with the smallest sum of squared whitened residuals. A chord step is a Newton step
+with the exact gradient, but with matrices that were linearised at an earlier state.
 
-Bearing-only landmarks are added when the optimum places them, and removed when it no longer places them.
+Each step of the recording adds a scan, and moves the newest pose and the map by the linear system of all steps so far.
+It neither moves older poses nor corrects the linearisation error. Chord steps over the whole path do both: they
+converge to a point where the gradient of the exact cost is zero. They run at every scan up to SHORT poses. Later they
+run when the expected error of the newest pose exceeds MAX_ERROR, or after MAX_SCANS scans. The expected error grows
+with the squared corrections of the newest pose. If chord steps find no minimum, or if the cost and its increase both
+fail chi-square tests, `multistart` searches for a minimum from several starts.
+
+A bearing-only landmark is added when the path of the optimum and its bearings determine its position, and removed when
+they no longer do.
 """
 
 from __future__ import annotations
@@ -47,17 +52,17 @@ NEXT_LOWER_SEARCH = 2.0  # the same for searches of a lower minimum after SHORT 
 
 
 class MinimumSwitch(NamedTuple):
-    """A switch to another minimum: its path (k+1, 3), and the landmarks (L,) that were active before."""
+    """A switch to another minimum: its path (k+1, 3), and the ids (L,) of the landmarks that were active before."""
 
     path: Float
     landmark_ids: Int
 
 
 class IncrementalOptimum:
-    """The optimum of the first steps of a recording.
+    """The optimum of the first steps of a recording; `add_step` adds the next step.
 
     Args:
-        recording: known association.
+        recording: measurements with known association.
 
     Attributes:
         converged: whether the minimum was found at the last step.
@@ -93,7 +98,7 @@ class IncrementalOptimum:
         return self._state.poses[self._newest].copy()
 
     def newest_cov(self) -> Float:
-        """Return the covariance (3, 3) of the newest pose, world frame, from the current matrices."""
+        """Return the covariance (3, 3) of the newest pose, world frame, from the current linear system."""
         return self._descent.newest_cov().copy()
 
     def landmarks(self) -> Float:
@@ -105,7 +110,7 @@ class IncrementalOptimum:
         return self._descent.landmark_covs()
 
     def path_and_map(self) -> tuple[Float, Float]:
-        """Return smoothed poses (k+1, 3), and landmarks (L, 2) in increasing id order."""
+        """Return smoothed poses (k+1, 3) [m, m, rad] and landmarks (L, 2) [m] in increasing id order."""
         return self._state.poses[: self._newest + 1].copy(), self.landmarks()[np.argsort(self.landmark_ids)]
 
     @property
@@ -117,7 +122,8 @@ class IncrementalOptimum:
     def add_step(self) -> None:
         """Add the next pose and its scan.
 
-        Without a minimum, scans are only stored until the next search, when the path is a fifth longer.
+        After a failed search, poses and scans are only stored. The next search starts when the path is NEXT_SEARCH
+        times as long.
         """
         k = self._newest + 1
         last = self._state.poses[k - 1]
@@ -131,7 +137,7 @@ class IncrementalOptimum:
         self.unconverged_steps += not self.converged
 
     def finish(self) -> None:
-        """Converge to the minimum, and relinearise all poses there."""
+        """Converge to the minimum of all measurements, and relinearise all poses there."""
         if self.converged:
             self._converge(relinearise=True)
         else:
@@ -141,7 +147,7 @@ class IncrementalOptimum:
         self.converged = self.converged and self._descent.relinearise()
 
     def _add_scan(self) -> None:
-        """Add the newest scan, and converge if it is due."""
+        """Add the newest scan; take chord steps if the expected error is too large, or if many scans were added."""
         k, mapped = self._newest, len(self._mapped)
         if self._measured.first[k] == self._measured.first[k + 1]:
             self._descent.add_newest_pose()
@@ -159,9 +165,9 @@ class IncrementalOptimum:
             self._converge_with_placed_landmarks()
 
     def _converge_with_placed_landmarks(self) -> None:
-        """Converge to the minimum with the landmarks that their bearings place from it, like `placed_minimum`.
+        """Add and remove bearing-only landmarks until the minimum places exactly the active ones.
 
-        Each landmark is added at most once, because a search may remove it again.
+        This corresponds to `placed_minimum`. Each landmark is added at most once, because a search may remove it again.
         """
         if self.converged and self._newest >= self._next_search and self._may_map_more():
             self._search_more_landmarks()
@@ -176,7 +182,10 @@ class IncrementalOptimum:
             self._converge(relinearise=True)
 
     def _converge(self, *, relinearise: bool = False) -> None:
-        """Go to the minimum of the exact cost by chord steps, or else by a search; keep the state if both fail."""
+        """Go to the minimum of the exact cost by chord steps, or by a search if they do not converge.
+
+        If both fail, path and map are the ones before the chord steps.
+        """
         k, count, state = self._newest, len(self._mapped), self._state
         start = state.poses[: k + 1].copy(), state.landmarks[:count].copy()
         last_chi_square = self._descent.chi_square
@@ -195,14 +204,14 @@ class IncrementalOptimum:
         self._scans, self._squared_motion = 0, 0.0
 
     def _is_cost_unlikely(self, last_chi_square: float) -> bool:
-        """Return whether noise explains neither the squared residuals nor their increase since the last minimum."""
+        """Return whether the squared residuals and their increase since the last minimum both fail chi-square tests."""
         freedom = self._degrees_of_freedom()
         if self._newest < self._next_lower_search or explained_by_noise(self._descent.chi_square, freedom):
             return False
         return not explained_by_noise(self._descent.chi_square - last_chi_square, max(freedom - self._freedom, 1))
 
     def _degrees_of_freedom(self) -> int:
-        """Return the number of measured values of active landmarks, minus the number of their coordinates."""
+        """Return the number of observed values of active landmarks, minus two for each of these landmarks."""
         taken = self._measured.slot[: self._measured.first[self._newest + 1]] >= 0
         return int(taken.sum()) * self._recording.observation.shape[1] - 2 * len(self._mapped)
 
@@ -214,9 +223,10 @@ class IncrementalOptimum:
             self._next_search = int(NEXT_SEARCH * self._newest) + 1
 
     def _may_map_more(self) -> bool:
-        """Return whether no landmark is mapped, or dead reckoning places a waiting landmark of the newest scan.
+        """Return whether a search may activate more landmarks.
 
-        Dead reckoning is precise enough for this only while the path is short.
+        This is so if no landmark is active, or if the path of dead reckoning places an inactive landmark of the newest
+        scan. Dead reckoning is precise enough for this only up to SHORT poses.
         """
         if not len(self._mapped):
             return True
@@ -226,7 +236,7 @@ class IncrementalOptimum:
         return bool(waiting) and self._mapped.any_placed(self._newest, waiting, self._dead_reckoned())
 
     def _search_more_landmarks(self) -> None:
-        """Search for a minimum with more landmarks; a failure delays the next search."""
+        """Search for a minimum with more active landmarks; a failure delays the next search."""
         found = self._search_result()
         if found is not None and len(found[1].landmarks) > len(self._mapped):
             self.converged = self._move_to(*found)
@@ -243,7 +253,7 @@ class IncrementalOptimum:
             self.converged = self._move_to(*found)
 
     def _search_result(self) -> tuple[Int, Minimum] | None:
-        """Return association (M,) and minimum of a search from several starts, or None; -1 is an unused observation."""
+        """Search from several starts; return association (M,), -1 for unused observations, and minimum, or None."""
         k = self._newest
         part, here = self._recording.first(k), self._state.poses[: k + 1].copy()
 
@@ -263,7 +273,7 @@ class IncrementalOptimum:
         return chain(self._recording.prior_mean, self._recording.odometry[: self._newest])
 
     def _move_to(self, taken: Int, found: Minimum) -> bool:
-        """Go to the minimum of a search; return whether the matrices there determine all landmarks."""
+        """Go to the minimum of a search; return whether the linear system there determines all landmarks."""
         self.switches.append(MinimumSwitch(found.poses, self._mapped.ids))
         self._state.poses[: self._newest + 1] = found.poses
         self._mapped.set_mapped(self._newest, np.unique(taken[taken >= 0]), found.landmarks)
