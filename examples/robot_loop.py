@@ -34,7 +34,7 @@ def main(path: str) -> None:
     print(f"pose    {x:.3f} m, {y:.3f} m, {heading:.4f} rad")
     print(f"sigma   {sigma[0]:.3f} m, {sigma[1]:.3f} m, {sigma[2]:.4f} rad")
     print(
-        f"map     {len(slam.landmark_ids)} landmarks; {rejected} of {len(recording.observation)} observations left out"
+        f"map     {len(slam.landmark_ids)} landmarks; {rejected} of {len(recording.observation)} observations rejected"
     )
     median, most = np.quantile(seconds, [0.5, 0.95]) * 1e6
     print(f"a step  median {median:.0f} us, 95 % within {most:.0f} us; the first ones load compiled code")

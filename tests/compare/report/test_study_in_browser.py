@@ -237,7 +237,7 @@ def test_the_page_of_grades_links_to_the_submissions(reader: Reader, tmp_path: P
     assert reader.run("return document.querySelector('h1').textContent") == 'a "<b>: not passed'
     checks = reader.run("return document.querySelector('#checks tbody').textContent")
     assert "heading-wrap" in checks
-    assert "the wrap of the heading" in checks
+    assert "the wrapping of the heading" in checks
 
 
 def test_results_of_another_version_are_an_error(tmp_path: Path):

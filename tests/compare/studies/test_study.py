@@ -158,7 +158,7 @@ def test_a_study_killed_while_it_makes_its_store_continues(
     run: Run, monkeypatch: pytest.MonkeyPatch, step: str
 ) -> None:
     """Killed before the file exists, while it is empty, or before the manifest is complete."""
-    module = "storage.manifest" if step == "write_manifest" else "studies.study"
+    module = "storage.staged_folder" if step == "write_manifest" else "studies.study"
     original, calls = write_manifest, list[object]()
 
     def killed(*arguments: Any) -> None:
