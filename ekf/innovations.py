@@ -116,6 +116,6 @@ def _compile_once() -> None:
     order = Order(np.array([0, 1, 2]), np.array([0, 2]), np.zeros(2, dtype=np.int64))
     seen = np.tile(np.array([1.0, 0.0]), (2, 1))
     measured = Measured(0, np.zeros((1, 3)), np.zeros((1, 3, 3)), seen, np.tile(np.eye(2), (2, 1, 1)))
-    with announced("kernels of a log's likelihood"):
+    with announced("kernels of a log's likelihood", 0):
         belief, work = allocate_belief(1), allocate(1, 5, 1)
         run_log(belief, order, measured, gaussian_tails(), work, Rows(*np.zeros((4, 4))))

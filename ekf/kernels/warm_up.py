@@ -33,7 +33,7 @@ from slamgauge.triangulation import triangulate
 def compile_steps(update: Callable[..., object], *, heavy_tails: bool) -> None:
     """Compile (or load from the cache) the kernels of a filter with this update, once per process."""
     belief, work = _robot_and_landmark()
-    with announced("filter kernels"):
+    with announced("filter kernels", 0):
         predict(belief, np.zeros(3), np.zeros((3, 3)))
         augment(0, belief._replace(size=3), work.observation, work.observation_cov)
         find_slots(work.ids, work.slots, work.ids, work.slots)
@@ -53,7 +53,7 @@ def compile_ekf() -> None:
 def compile_nearest_neighbour() -> None:
     """Compile the kernels of association by the nearest neighbour."""
     belief, work = _robot_and_landmark()
-    with announced("association kernels"):
+    with announced("association kernels", 0):
         update_sequentially(0, belief, 1, Gates(9.0, 9.0), Sequential(), work)
 
 
@@ -63,7 +63,7 @@ def compile_joint_association() -> None:
     belief, _ = _robot_and_landmark()
     values, covs, mark = np.array([[1.0, 0.0]]), np.eye(2)[None], np.zeros(2, dtype=np.bool_)
     pairs, quantiles = allocate_pairs(1), np.array([0.0, 9.0])
-    with announced("association kernels"):
+    with announced("association kernels", 0):
         find_compatible(0, belief, values, covs, 9.0, pairs)
         find_located(belief.cov, covs, pairs, 9.0, mark)
         slots, _ = search_jointly(belief.cov, covs, pairs, 9.0, quantiles, 1)
@@ -74,7 +74,7 @@ def compile_joint_association() -> None:
 def compile_map_edits(retract: Callable[..., object]) -> None:
     """Compile the kernels that remove and merge landmarks of a filter with this retraction."""
     belief, work = _robot_and_landmark()
-    with announced("kernels of map edits"):
+    with announced("kernels of map edits", 0):
         both = belief._replace(size=7)
         map_edits.find_duplicates(both, work.slots[:1], np.zeros((2, 2), dtype=np.bool_), 9.0)
         map_edits.equate_landmarks(both, 0, 1)
@@ -87,7 +87,7 @@ def compile_bearings(retract: Callable[..., object]) -> None:
     """Compile the kernels of bearing-only landmarks of a filter with this retraction."""
     belief, work = _robot_and_landmark()
     columns, jacobian, one = np.arange(3), np.zeros((1, 3)), np.ones((1, 1))
-    with announced("bearing-only kernels"):
+    with announced("bearing-only kernels", 0):
         innovations_of(2, belief, work.slots, work.observation, work.observation_cov)
         append_linear(belief._replace(size=3), columns, np.zeros((2, 3)), np.eye(2))
         linear_update(belief, columns, jacobian, np.zeros(1), one)
@@ -99,7 +99,7 @@ def compile_bearings(retract: Callable[..., object]) -> None:
 @functools.cache
 def compile_numpy_filters_once() -> None:
     """Compile the kernels that the numpy filters call."""
-    with announced("kernels of numpy filters"):
+    with announced("kernels of numpy filters", 0):
         is_semidefinite(np.zeros((3, 3)))
         are_sound(0, np.ones((1, 2)), np.eye(2)[None])
         wrap(0.0)

@@ -25,7 +25,7 @@ def compile_window_once() -> None:
     seen, kept = kernels.ObservedByPose(np.array([0, 0, 1]), one), kernels.ObservedByPose(np.array([0]), none)
     work, step = kernels.allocate_pass(2, 5), np.zeros(5)
     problem = kernels.Problem(prior, poses, seen, kept, rest, 1)
-    with announced("kernels of a sliding window"):
+    with announced("kernels of a sliding window", 0):
         is_semidefinite(np.zeros((3, 3)))
         are_sound(0, np.ones((1, 2)), np.eye(2)[None])
         locate_all(0, np.ones((1, 2)))
