@@ -20,13 +20,13 @@ def note(*, compiled: bool) -> None:
 
 
 @contextmanager
-def announced(what: str) -> Generator[None]:
-    """Print the progress of these kernels on standard error if it takes long, as on first use after installation.
+def announced(what: str, kernels: int) -> Generator[None]:
+    """Print the progress of about this many kernels on standard error if it takes long, as on first use.
 
     A terminal shows a running count; a file gets one line.
     """
     done = threading.Event()
-    reporter = threading.Thread(target=_report, args=(what, done, _loaded, _compiled), daemon=True)
+    reporter = threading.Thread(target=_report, args=(what, kernels, done, _loaded, _compiled), daemon=True)
     reporter.start()
     try:
         yield
@@ -35,18 +35,18 @@ def announced(what: str) -> Generator[None]:
         reporter.join()
 
 
-def _report(what: str, done: threading.Event, loaded: int, compiled: int) -> None:
+def _report(what: str, kernels: int, done: threading.Event, loaded: int, compiled: int) -> None:
     began, printed, terminal = monotonic(), "", sys.stderr.isatty()
     while not done.wait(ANNOUNCE_AFTER):
         if _compiled > compiled:
-            line = f"slamgauge: compiling {what} (once{'' if terminal else ' per installation'}) ..."
+            line = f"slamgauge: compiling ~{kernels} {what} on first use ..."
         elif _loaded > loaded:
             line = f"slamgauge: loading {what} from disk ..."
         else:
             continue
         if terminal:
             count = _compiled - compiled or _loaded - loaded
-            print(f"\r{line} {count} so far, {monotonic() - began:.0f} s", end="", file=sys.stderr, flush=True)
+            print(f"\r{line} {count} done, {monotonic() - began:.0f} s", end="", file=sys.stderr, flush=True)
         elif line != printed:
             print(line, file=sys.stderr)
         printed = line

@@ -16,8 +16,8 @@ from __future__ import annotations
 import hashlib
 import re
 import sys
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Generator
+from contextlib import ExitStack, contextmanager, suppress
 from functools import cache
 from pathlib import Path
 from typing import Any, cast
@@ -31,12 +31,17 @@ from numba.core.caching import (
     UserWideCacheLocator,
 )
 
-from slamgauge.compile_progress import note
+from slamgauge.compile_progress import announced, note
 
+fcntl: Any = None  # locks of files, which Windows lacks
+with suppress(ImportError):
+    import fcntl
+
+LOCK = "compiling.lock"  # in the first folder of the cache
 COMPILER = "slamgauge.jit"  # its changes affect all kernels
 INSTALLED = {"site-packages", "dist-packages"}  # folders that pip installs into
 _IMPORT = re.compile(r"^(?:from ([\w.]+) import (\([^)]*\)|[^\n]*)|import ([\w., ]+))", re.MULTILINE)
-_folders: set[Path] = set()  # cache folders of the kernels imported so far
+_folders: dict[Path, None] = {}  # cache folders of the kernels imported so far
 
 
 class DamagedError(Exception):
@@ -118,8 +123,22 @@ def cache_of(function: Callable[..., object]) -> FunctionCache | NullCache:
         found = _KernelCache(function)
     except RuntimeError:  # numba can write to no folder
         return _NoCache()
-    _folders.add(Path(cast("str", found.cache_path)))
+    _folders[Path(cast("str", found.cache_path))] = None
     return found
+
+
+@contextmanager
+def compiling(what: str, kernels: int) -> Generator[None]:
+    """Compile or load about this many kernels, and announce them if it takes long.
+
+    Processes that share a cache take turns, so that each kernel is compiled once and the other processes load it.
+    """
+    with announced(what, kernels), ExitStack() as stack:
+        if fcntl is not None and _folders:
+            with suppress(OSError):  # a folder that this process may not write: it compiles without waiting
+                lock = stack.enter_context((next(iter(_folders)) / LOCK).open("a"))
+                fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
 
 
 @cache

@@ -12,7 +12,6 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float, Int
-from slamgauge.compile_progress import announced
 from slamgauge.ekf.kernels.belief import allocate_belief
 from slamgauge.ekf.kernels.log_likelihood import WHOLE, Measured, Order, run_log
 from slamgauge.ekf.kernels.outlier_likelihood import GAUSSIAN, MIXTURE, STUDENT_T, Rows, Tails, weigh
@@ -20,6 +19,7 @@ from slamgauge.ekf.kernels.workspace import allocate
 from slamgauge.ekf.maps.correction_table import BLOCK
 from slamgauge.ekf.maps.input_checks import start_of
 from slamgauge.errors import UserError
+from slamgauge.kernel_cache import compiling
 from slamgauge.recording import Recording
 from slamgauge.sensors import SENSORS
 
@@ -116,6 +116,6 @@ def _compile_once() -> None:
     order = Order(np.array([0, 1, 2]), np.array([0, 2]), np.zeros(2, dtype=np.int64))
     seen = np.tile(np.array([1.0, 0.0]), (2, 1))
     measured = Measured(0, np.zeros((1, 3)), np.zeros((1, 3, 3)), seen, np.tile(np.eye(2), (2, 1, 1)))
-    with announced("kernels of a log's likelihood"):
+    with compiling("likelihood kernels", 49):
         belief, work = allocate_belief(1), allocate(1, 5, 1)
         run_log(belief, order, measured, gaussian_tails(), work, Rows(*np.zeros((4, 4))))

@@ -1,4 +1,8 @@
-"""Run all checks, `python -m tests`, or some of them, `python -m tests lint types`."""
+"""Run all checks, `python -m tests`, or some of them, `python -m tests lint types`.
+
+`python -m tests quick` runs lint, format and the quick tests; `python -m tests full` runs all checks and all tests (see
+`tests.sizes`).
+"""
 
 from __future__ import annotations
 
@@ -10,6 +14,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from slamgauge.compare.studies.executors import pin_blas_threads
+from tests.sizes import SIZES, USUAL
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("ekf", "graph_baseline", "compare")
@@ -23,32 +28,34 @@ CHECKS = {
     "tests": ["pytest", "-n", "auto", "--dist", "loadfile", "--no-loadscope-reorder"],
 }
 ALL_CORES = "tests"  # the other checks use one core each
+QUICK = ("lint", "format", "kernels", "tests")  # checks of the size `quick`; the other sizes have all
 
 
 def main(names: Sequence[str] = ()) -> int:
-    """Run the named checks, all by default, and continue after a failure.
+    """Run the named checks, or those of a size, and continue after a failure.
 
     The exit status is 0 if all passed, 1 if one failed, 2 for an unknown name.
     """
-    unknown = [name for name in names if name not in CHECKS]
+    size = names[0] if len(names) == 1 and names[0] in SIZES else USUAL
+    unknown = [name for name in names if name not in CHECKS and name != size]
     if unknown:
-        print(f"no check is called {unknown[0]!r}; use {', '.join(CHECKS)}", file=sys.stderr)
+        print(f"no check is called {unknown[0]!r}; use {', '.join((*CHECKS, *SIZES))}", file=sys.stderr)
         return 2
     link_packages()
     pin_blas_threads()  # the tests run on all cores already
-    chosen = [*(names or CHECKS)]
+    chosen = [name for name in names if name != size] or [*(QUICK if size == "quick" else CHECKS)]
     first = [name for name in chosen if name != ALL_CORES]
     with ThreadPoolExecutor(2) as executor:
         failed = [name for name, passed in zip(first, executor.map(passes, first), strict=True) if not passed]
-    if ALL_CORES in chosen and not passes(ALL_CORES):
+    if ALL_CORES in chosen and not passes(ALL_CORES, f"--size={size}"):
         failed.append(ALL_CORES)
     print(f"failed: {', '.join(failed)}" if failed else "all checks passed")
     return 1 if failed else 0
 
 
-def passes(name: str) -> bool:
+def passes(name: str, *options: str) -> bool:
     """Run a check and print its output at the end, the output of the tests at once."""
-    module, *arguments = CHECKS[name]
+    module, *arguments = *CHECKS[name], *options
     command, title = [sys.executable, "-m", module, *arguments], f"== {name}: {' '.join([module, *arguments])}\n"
     if name == ALL_CORES:
         print(title, end="", flush=True)

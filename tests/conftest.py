@@ -12,6 +12,7 @@ import pytest
 from slamgauge import compile_progress
 from slamgauge.compare.cli import terminal
 from tests.reference import fast_commands
+from tests.sizes import SIZES, size_of
 
 HERE = Path(__file__).parent
 
@@ -38,9 +39,17 @@ OPTIMA_OF_GTSAM = re.compile("robust.(batch|optimum)|fixed.lag")  # in the names
 collect_ignore = [f"graph_baseline/{name}" for name in OF_GTSAM if WITHOUT_GTSAM]
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Run the files of this folder first: they take long, and a worker must not begin one when the others are done."""
-    items.sort(key=lambda item: item.path.parent != HERE)
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--size", choices=SIZES, default="full", help="tests to run, see tests/sizes.py")
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Select the tests of the size, and run long files first: a worker must not begin one when the others are done."""
+    size = SIZES.index(config.getoption("--size"))
+    larger = [item for item in items if SIZES.index(size_of(item.nodeid)) > size]
+    config.hook.pytest_deselected(items=larger)
+    items[:] = [item for item in items if SIZES.index(size_of(item.nodeid)) <= size]
+    items.sort(key=lambda item: (size_of(item.nodeid) == "quick", item.path.parent != HERE))
     for item in items:
         needed = item.get_closest_marker("gtsam") is not None or OPTIMA_OF_GTSAM.search(item.name)
         if WITHOUT_GTSAM and needed:

@@ -83,7 +83,7 @@ def run_bench(sizes: Sequence[int], chosen: Chosen, seed: int = 0) -> dict[str, 
     """
     contestants = {**load_estimators(chosen), YARDSTICK: plain_numpy_ekf}
     results: dict[str, dict[str, dict[str, float]]] = {name: {} for name in contestants}
-    with counted(len(sizes) * len(contestants), "run") as progress:
+    with counted(len(sizes) * len(contestants), "run", alike=False) as progress:
         for size in sizes:
             _, recording = simulate(workload(size, seed), seed)
             for name, estimator in contestants.items():

@@ -14,11 +14,19 @@ T = TypeVar("T")
 FIRST, FACTOR = 30.0, 1.5  # time [s] of the first line in a log file, and factor between the times of lines
 
 
-def counted(total: int, unit: str, text: str = "", done: int = 0, *, leave: bool = False) -> tqdm[Any] | LogLines:
-    """Return a progress display of `total` items, `done` of them finished; `leave` keeps the bar at the end."""
+def counted(
+    total: int, unit: str, text: str = "", done: int = 0, *, alike: bool = True, leave: bool = False
+) -> tqdm[Any] | LogLines:
+    """Return a progress display of `total` items, `done` of them finished; `leave` keeps the bar at the end.
+
+    The remaining time is shown if the items take about the same time (`alike`).
+    """
     if sys.stderr.isatty() or is_notebook():
-        return tqdm(total=total, initial=done, unit=unit, desc=text or None, leave=leave, file=sys.stderr)
-    return LogLines(total, unit, text, done)
+        form = None if alike else "{desc}: {n_fmt}/{total_fmt} |{bar}| {elapsed}"
+        return tqdm(
+            total=total, initial=done, unit=unit, desc=text or None, leave=leave, file=sys.stderr, bar_format=form
+        )
+    return LogLines(total, unit, text, done, alike=alike)
 
 
 def tracked(items: Iterable[T], total: int, unit: str, text: str = "", *, leave: bool = False) -> Iterator[T]:
@@ -38,22 +46,34 @@ class LogLines:
     """Lines on standard error at growing intervals, for output that is not a terminal."""
 
     def __init__(
-        self, total: int, unit: str, text: str = "", done: int = 0, clock: Callable[[], float] = monotonic
+        self,
+        total: int,
+        unit: str,
+        text: str = "",
+        done: int = 0,
+        *,
+        alike: bool = True,
+        clock: Callable[[], float] = monotonic,
     ) -> None:
-        self._total, self._unit, self._text = total, unit, text
-        self._begun_with = self._done = done
+        self._total, self._unit, self._text, self._alike = total, unit, text, alike
+        self._done = done
         self._clock, self._start, self._wait = clock, clock(), FIRST
+        self._first: tuple[int, float] | None = None  # items and time [s] at the first of them, which may compile
 
     def update(self) -> None:
         """Count one finished item, and print a line if it is time."""
         self._done += 1
         gone = self._clock() - self._start
+        self._first = self._first or (self._done, gone)
         if gone < self._wait or self._done >= self._total:
             return
         self._wait = gone * FACTOR
-        left = gone / (self._done - self._begun_with) * (self._total - self._done)
-        what = f"{self._text}: " if self._text else ""
-        print(f"{what}{self._done} of {self._total} {self._unit}s, about {duration(left)} left", file=sys.stderr)
+        what, left = f"{self._text}: " if self._text else "", ""
+        done, since = self._first
+        if self._alike and self._done > done:
+            seconds = (gone - since) / (self._done - done) * (self._total - self._done)
+            left = f", about {duration(seconds)} left"
+        print(f"{what}{self._done} of {self._total} {self._unit}s{left}", file=sys.stderr)
 
     def set_description(self, text: str, /) -> None:
         """Set the text before the counts."""

@@ -10,7 +10,6 @@ from collections.abc import Callable
 
 import numpy as np
 
-from slamgauge.compile_progress import announced
 from slamgauge.ekf.kernels import map_edits
 from slamgauge.ekf.kernels.augmentation import augment
 from slamgauge.ekf.kernels.belief import Belief, allocate_belief
@@ -27,6 +26,7 @@ from slamgauge.ekf.kernels.slots import find_slots
 from slamgauge.ekf.kernels.student_t_weights import inflate_noise
 from slamgauge.ekf.kernels.workspace import Workspace, allocate
 from slamgauge.jit import direct
+from slamgauge.kernel_cache import compiling
 from slamgauge.se2_kernels import wrap
 from slamgauge.sensor_kernels import locate_all, observe_all
 from slamgauge.triangulation import triangulate
@@ -41,7 +41,7 @@ def compile_steps(update: Callable[..., object], *, heavy_tails: bool) -> None:
         heavy_tails: whether the filter inflates noise by Student-t weights.
     """
     belief, work = _robot_and_landmark()
-    with announced("filter kernels"):
+    with compiling("filter kernels", 50):
         predict(belief, np.zeros(3), np.zeros((3, 3)))
         augment(0, belief._replace(size=3), work.observation, work.observation_cov)
         find_slots(work.ids, work.slots, work.ids, work.slots)
@@ -61,7 +61,7 @@ def compile_ekf() -> None:
 def compile_nearest_neighbour() -> None:
     """Compile the kernels of association by the nearest neighbour."""
     belief, work = _robot_and_landmark()
-    with announced("association kernels"):
+    with compiling("association kernels", 40):
         update_sequentially(0, belief, 1, Gates(9.0, 9.0), Sequential(), work)
 
 
@@ -71,7 +71,7 @@ def compile_joint_association() -> None:
     belief, _ = _robot_and_landmark()
     values, covs, mark = np.array([[1.0, 0.0]]), np.eye(2)[None], np.zeros(2, dtype=np.bool_)
     pairs, quantiles = allocate_pairs(1), np.array([0.0, 9.0])
-    with announced("association kernels"):
+    with compiling("association kernels", 20):
         find_compatible(0, belief, values, covs, 9.0, pairs)
         find_located(belief.cov, covs, pairs, 9.0, mark)
         slots, _ = search_jointly(belief.cov, covs, pairs, 9.0, quantiles, 1)
@@ -82,7 +82,7 @@ def compile_joint_association() -> None:
 def compile_map_edits(retract: Callable[..., object]) -> None:
     """Compile the kernels that remove and merge landmarks, and the kernel `retract` that applies a correction."""
     belief, work = _robot_and_landmark()
-    with announced("kernels of map edits"):
+    with compiling("map-edit kernels", 5):
         both = belief._replace(size=7)
         map_edits.find_duplicates(both, work.slots[:1], np.zeros((2, 2), dtype=np.bool_), 9.0)
         map_edits.equate_landmarks(both, 0, 1)
@@ -95,7 +95,7 @@ def compile_bearings(retract: Callable[..., object]) -> None:
     """Compile the kernels of bearing-only landmarks, and the kernel `retract` that applies a correction."""
     belief, work = _robot_and_landmark()
     columns, jacobian, one = np.arange(3), np.zeros((1, 3)), np.ones((1, 1))
-    with announced("bearing-only kernels"):
+    with compiling("bearing-only kernels", 7):
         innovations_of(2, belief, work.slots, work.observation, work.observation_cov)
         append_linear(belief._replace(size=3), columns, np.zeros((2, 3)), np.eye(2))
         linear_update(belief, columns, jacobian, np.zeros(1), one)
@@ -107,7 +107,7 @@ def compile_bearings(retract: Callable[..., object]) -> None:
 @functools.cache
 def compile_numpy_filters_once() -> None:
     """Compile the kernels that the numpy filters call, once per process."""
-    with announced("kernels of numpy filters"):
+    with compiling("numpy-filter kernels", 14):
         is_semidefinite(np.zeros((3, 3)))
         are_sound(0, np.ones((1, 2)), np.eye(2)[None])
         wrap(0.0)

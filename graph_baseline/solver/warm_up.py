@@ -6,9 +6,9 @@ import functools
 
 import numpy as np
 
-from slamgauge.compile_progress import announced
 from slamgauge.graph_baseline.problem.residuals import Measured
 from slamgauge.graph_baseline.solver import chord_kernels, linear_problem, pose_elimination, recursions
+from slamgauge.kernel_cache import compiling
 from slamgauge.sensors import SENSORS
 from slamgauge.triangulation import triangulate
 
@@ -20,7 +20,7 @@ def compile_graphs_once() -> None:
     state, linear = linear_problem.allocate_state(1, 1), linear_problem.allocate_linear(1, 1, 1, 2)
     step = chord_kernels.allocate_chord(1, 1, 1, 2)
     state.landmarks[0] = measured.value[0]
-    with announced("graph kernels"):
+    with compiling("graph kernels", 52):
         pose_elimination.eliminate_poses(measured, linear, state, state, 1, (0, 1))
         pose_elimination.newest_covariance(linear, np.eye(2), np.empty((3, 3)))
         chord_kernels.compute_defects(measured, linear, state, 0, step)

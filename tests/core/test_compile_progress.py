@@ -36,7 +36,7 @@ def told(monkeypatch: pytest.MonkeyPatch, *compiled: bool, terminal: bool = Fals
     stream = Terminal(terminal=terminal)
     monkeypatch.setattr(compile_progress, "ANNOUNCE_AFTER", 1e-3)
     monkeypatch.setattr(sys, "stderr", stream)
-    with compile_progress.announced("filter kernels"):
+    with compile_progress.announced("filter kernels", 50):
         for each in compiled:
             compile_progress.note(compiled=each)
             assert stream.written.acquire(timeout=10.0)
@@ -44,7 +44,7 @@ def told(monkeypatch: pytest.MonkeyPatch, *compiled: bool, terminal: bool = Fals
 
 
 def test_compilation_is_reported(monkeypatch: pytest.MonkeyPatch):
-    line = "slamgauge: compiling filter kernels (once per installation) ...\n"
+    line = "slamgauge: compiling ~50 filter kernels on first use ...\n"
     assert told(monkeypatch, True) == line
 
 
@@ -54,7 +54,7 @@ def test_loading_is_reported(monkeypatch: pytest.MonkeyPatch):
 
 def test_lines_fit_a_terminal(monkeypatch: pytest.MonkeyPatch):
     sources = [path.read_text() for folder in ("ekf", "graph_baseline") for path in (ROOT / folder).rglob("*.py")]
-    names = [name for source in sources for name in re.findall(r'announced\("(.*)"\)', source)]
+    names = [name for source in sources for name in re.findall(r'compiling\("(.*)", \d+\)', source)]
     for terminal, more in ((False, 0), (True, len("999" * 2) - len("1" + "0"))):
         line = told(monkeypatch, True, terminal=terminal).strip()
         assert len(line.replace("filter kernels", max(names, key=len))) + more <= 80
@@ -64,7 +64,7 @@ def test_one_line_outside_terminals(monkeypatch: pytest.MonkeyPatch):
     stream = Terminal(terminal=False)
     monkeypatch.setattr(compile_progress, "ANNOUNCE_AFTER", 1e-3)
     monkeypatch.setattr(sys, "stderr", stream)
-    with compile_progress.announced("filter kernels"):
+    with compile_progress.announced("filter kernels", 50):
         for _ in range(20):
             compile_progress.note(compiled=True)
             threading.Event().wait(2e-3)
@@ -73,12 +73,12 @@ def test_one_line_outside_terminals(monkeypatch: pytest.MonkeyPatch):
 
 def test_a_terminal_shows_the_count(monkeypatch: pytest.MonkeyPatch):
     text = told(monkeypatch, True, True, True, terminal=True)
-    assert "\rslamgauge: compiling filter kernels (once) ... 1 so far, 0 s" in text
+    assert "\rslamgauge: compiling ~50 filter kernels on first use ... 1 done, 0 s" in text
     assert text.endswith(" s\n")
 
 
 def test_nothing_is_printed_for_quick_work(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
     monkeypatch.setattr(compile_progress, "ANNOUNCE_AFTER", 60.0)
-    with compile_progress.announced("filter kernels"):
+    with compile_progress.announced("filter kernels", 50):
         compile_progress.note(compiled=True)
     assert capsys.readouterr().err == ""

@@ -8,6 +8,7 @@ from __future__ import annotations
 import importlib
 import os
 import shutil
+import subprocess
 import sys
 from pathlib import Path
 from typing import Any
@@ -146,10 +147,23 @@ def test_machine_code_of_an_installed_package_is_in_the_users_cache_folder(
 
 def test_cached_files_are_listed_and_cleared(folder: Path, monkeypatch: pytest.MonkeyPatch):
     cache = folder / "__pycache__"
-    monkeypatch.setattr(kernel_cache, "_folders", {cache})
+    monkeypatch.setattr(kernel_cache, "_folders", {cache: None})
     (cache / "caller.outside.nbc.tmp.0123").touch()  # left by a killed program
     (cache / "caller.cpython-311.pyc").touch()
     assert len(kernel_cache.kept_files()[cache]) == 5
     assert kernel_cache.clear_kept() == 5
     assert [path.name for path in cache.iterdir()] == ["caller.cpython-311.pyc"]
     assert called(folder) == (2, False)
+
+
+def test_processes_that_start_together_compile_each_kernel_once(tmp_path: Path):
+    code = (
+        "from slamgauge import compile_progress; from slamgauge.ekf.kernels.warm_up import compile_numpy_filters_once;"
+        "compile_numpy_filters_once(); print(compile_progress._compiled)"
+    )
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+    command = [sys.executable, "-c", code]
+    started = [subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True) for _ in range(3)]
+    compiled = sorted(int(process.communicate()[0]) for process in started)
+    assert compiled[:2] == [0, 0]
+    assert compiled[2] > 5

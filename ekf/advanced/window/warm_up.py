@@ -6,10 +6,10 @@ import functools
 
 import numpy as np
 
-from slamgauge.compile_progress import announced
 from slamgauge.ekf.advanced.window import kernels
 from slamgauge.ekf.kernels.joint_update import are_sound
 from slamgauge.ekf.kernels.prediction import is_semidefinite
+from slamgauge.kernel_cache import compiling
 from slamgauge.sensor_kernels import locate_all
 from slamgauge.triangulation import triangulate
 
@@ -25,7 +25,7 @@ def compile_window_once() -> None:
     seen, kept = kernels.ObservedByPose(np.array([0, 0, 1]), one), kernels.ObservedByPose(np.array([0]), none)
     work, step = kernels.allocate_pass(2, 5), np.zeros(5)
     problem = kernels.Problem(prior, poses, seen, kept, rest, 1)
-    with announced("kernels of a sliding window"):
+    with compiling("sliding-window kernels", 40):
         is_semidefinite(np.zeros((3, 3)))
         are_sound(0, np.ones((1, 2)), np.eye(2)[None])
         locate_all(0, np.ones((1, 2)))

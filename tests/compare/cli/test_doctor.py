@@ -62,7 +62,7 @@ def test_only_stored_machine_code_is_removed(
         (tmp_path / name).touch()
     for module, _ in machine.WARM_UPS.values():
         importlib.import_module(module)  # registers their folders
-    monkeypatch.setattr(kernel_cache, "_folders", {tmp_path})
+    monkeypatch.setattr(kernel_cache, "_folders", {tmp_path: None})
     assert main(["doctor", "--clear-cache"]) == 0
     out, error = capsys.readouterr()
     assert error == "kept machine code: 2 files removed\n"
