@@ -1,14 +1,65 @@
-"""Sizes of the test run: `python -m tests quick`, `python -m tests` and `python -m tests full`."""
+"""Sizes of the test run: `python -m tests quick`, `python -m tests` and `python -m tests full`.
+
+`quick` is for the time while working, the usual size is what CI runs, `full` is for releases. The tables below
+list beginnings of test ids.
+"""
 
 from __future__ import annotations
 
 SIZES = ("quick", "usual", "full")  # each contains the sizes before it
 USUAL = "usual"
 
-NOT_QUICK = (  # files and folders whose tests start programs or simulate many runs
+NOT_QUICK = (  # these start programs, simulate many runs, or take several seconds
+    "tests/benchmarks/",
+    "tests/compare/checks/",
+    "tests/compare/cli/",
+    "tests/compare/datasets/test_mat_arrays.py",
+    "tests/compare/estimators/test_adapters_external.py",
+    "tests/compare/estimators/test_causality_check.py",
+    "tests/compare/estimators/test_isolated_process.py",
+    "tests/compare/estimators/test_requests.py",
+    "tests/compare/figures/test_animation.py",
+    "tests/compare/figures/test_for_papers.py",
+    "tests/compare/figures/test_ray_strip.py",
+    "tests/compare/grading/",
+    "tests/compare/noise/",
+    "tests/compare/report/",
+    "tests/compare/scoring/test_misleading.py",
+    "tests/compare/studies/",
+    "tests/ekf/advanced/",
+    "tests/ekf/bearings/",
+    "tests/ekf/kernels/test_compilation.py",
+    "tests/ekf/kernels/test_iterated_minimum.py",
+    "tests/ekf/kernels/test_joint_compatibility.py",
+    "tests/ekf/test_associating_filter.py",
+    "tests/ekf/test_filters_against_textbook.py",
+    "tests/ekf/test_robustness.py",
+    "tests/graph_baseline/solver/",
+    "tests/graph_baseline/test_bearings.py",
+    "tests/graph_baseline/test_given_associations.py",
+    "tests/graph_baseline/test_hard_recordings.py",
+    "tests/graph_baseline/test_no_minimum.py",
+    "tests/graph_baseline/test_optimum.py",
+    "tests/graph_baseline/test_without_gtsam.py",
+    "tests/test_",
 )
 
-FULL = {  # beginning of a test's id -> why only the full run has it
+FULL = {  # beginning of ids -> why only the full run has these tests
+    "tests/benchmarks/test_drawn_recordings.py": "long recordings; tests/graph_baseline has scipy and GTSAM",
+    "tests/compare/cli/test_cli.py::test_lost_in_the_woods": "a real recording of 12608 steps",
+    "tests/compare/cli/test_cli.py::test_victoria_park": "a real recording of 6968 steps",
+    "tests/compare/cli/test_file_names.py": "a program start for each name",
+    "tests/compare/cli/test_foreign_files.py::test_files_with_unlucky_names": "many program starts",
+    "tests/compare/studies/test_twin.py::test_the_twin_of_lost_in_the_woods": "a study of a real recording",
+    "tests/ekf/advanced/test_sliding_window.py::test_equals_the_textbook[4-": "another seed is in the usual run",
+    "tests/ekf/test_associating_filter.py::test_nearest_neighbour_equals_the_textbook_on": "short loops are usual",
+    "tests/ekf/test_robustness.py::test_with_a_gate_the_filter_is_consistent": "a statistic of many runs",
+    "tests/graph_baseline/test_bearings.py::test_causal_places_landmarks_in_short_runs": "many runs",
+    "tests/graph_baseline/test_optimum.py::test_scipy_finds_no_lower_minimum_from_other_starts": "many descents",
+    "tests/test_commands_of_pages.py::test_every_command_of_a_page[bearings.md]": "studies of bearing-only filters",
+    "tests/test_examples.py::test_compare_question_2": "maps of 1500 landmarks; other questions are in the usual run",
+    "tests/test_published_benchmark.py": "statistics of a published benchmark",
+    "tests/test_question_": "the exercise's figures, statistics of many runs",
 }
 
 
