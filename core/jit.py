@@ -54,20 +54,30 @@ replaced_in_kernels(select, _choose)
 
 
 def _compiled(function: Callable[Arguments, Result], *, callable_from_python: bool) -> Callable[Arguments, Result]:
+    """Compile `function` without an entry from Python for other kernels, and separately with one if it is needed."""
+    inside = _dispatcher(function, callable_from_python=False)
+    template = inside.get_call_template
+
+    def without_literals(arguments: Any, keywords: Any) -> Any:
+        """Replace the type that numba has for each number in a call: it would compile the kernel again for it."""
+        return template([*map(unliteral, arguments)], keywords)
+
+    inside.get_call_template = without_literals
+    if not callable_from_python:
+        return inside
+    outside = _dispatcher(function, callable_from_python=True)
+    outside.get_call_template, outside.get_overload = without_literals, inside.get_overload  # for calls in kernels
+    return outside
+
+
+def _dispatcher(function: Callable[..., object], *, callable_from_python: bool) -> Any:
     options: dict[str, Any] = {  # numba's stubs lack the last two
         "error_model": "numpy",
         "no_cfunc_wrapper": True,
         "no_cpython_wrapper": not callable_from_python,
     }
     dispatcher: Any = njit(**options)(function)
-    dispatcher._cache = cache_of(function)  # `cache=True` would set numba's own cache here
-    template = dispatcher.get_call_template
-
-    def without_literals(arguments: Any, keywords: Any) -> Any:
-        """Replace the type that numba has for each number in a call: it would compile the kernel again for it."""
-        return template([*map(unliteral, arguments)], keywords)
-
-    dispatcher.get_call_template = without_literals
+    dispatcher._cache = cache_of(function, callable_from_python=callable_from_python)  # in place of numba's own
     return dispatcher
 
 

@@ -13,6 +13,7 @@ editable install. NUMBA_CACHE_DIR names another folder for both.
 
 from __future__ import annotations
 
+import gc
 import hashlib
 import re
 import sys
@@ -109,6 +110,21 @@ class _KernelCache(FunctionCache):
             super().save_overload(sig, data)
 
 
+class _SealedEntry(_Sealed):
+    """Machine code that Python calls, in files of its own."""
+
+    @property
+    def filename_base(self) -> str:
+        """Return the beginning of the names of these files."""
+        return f"{super().filename_base}-entry"
+
+
+class _EntryCache(_KernelCache):
+    """Cache of machine code that Python calls."""
+
+    _impl_class = _SealedEntry
+
+
 class _NoCache(NullCache):
     """No cache: numba can write to no folder."""
 
@@ -117,10 +133,10 @@ class _NoCache(NullCache):
         note(compiled=True)
 
 
-def cache_of(function: Callable[..., object]) -> FunctionCache | NullCache:
+def cache_of(function: Callable[..., object], *, callable_from_python: bool) -> FunctionCache | NullCache:
     """Return the cache for the machine code of a function."""
     try:
-        found = _KernelCache(function)
+        found = (_EntryCache if callable_from_python else _KernelCache)(function)
     except RuntimeError:  # numba can write to no folder
         return _NoCache()
     _folders[Path(cast("str", found.cache_path))] = None
@@ -138,7 +154,20 @@ def compiling(what: str, kernels: int) -> Generator[None]:
             with suppress(OSError):  # a folder that this process may not write: it compiles without waiting
                 lock = stack.enter_context((next(iter(_folders)) / LOCK).open("a"))
                 fcntl.flock(lock, fcntl.LOCK_EX)
+        with _without_garbage_collection():
+            yield
+
+
+@contextmanager
+def _without_garbage_collection() -> Generator[None]:
+    """Disable the garbage collector, which takes a tenth of the time of a compilation."""
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
         yield
+    finally:
+        if enabled:
+            gc.enable()
 
 
 @cache
