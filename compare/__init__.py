@@ -1,4 +1,4 @@
-"""Filters held against their optimum on the same measurements: scenarios, scores, studies, figures, command line.
+"""Filters compared with the optimum on the same measurements: scenarios, scores, studies, figures, command line.
 
 The public names are those of `slamgauge` itself.
 """
