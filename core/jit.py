@@ -59,7 +59,7 @@ def _compiled(function: Callable[Arguments, Result], *, callable_from_python: bo
     template = inside.get_call_template
 
     def without_literals(arguments: Any, keywords: Any) -> Any:
-        """Replace the type that numba has for each number in a call: it would compile the kernel again for it."""
+        """Replace types of single numbers, which numba gives to numbers written in a call, by `int64` or `float64`."""
         return template([*map(unliteral, arguments)], keywords)
 
     inside.get_call_template = without_literals

@@ -21,7 +21,8 @@ from collections.abc import Callable, Generator
 from contextlib import ExitStack, contextmanager, suppress
 from functools import cache
 from pathlib import Path
-from typing import Any, cast
+from time import monotonic, sleep
+from typing import IO, Any, cast
 
 from numba.core.caching import (
     CompileResultCacheImpl,
@@ -38,6 +39,7 @@ fcntl: Any = None  # locks of files, which Windows lacks
 with suppress(ImportError):
     import fcntl
 
+PATIENCE = 120.0  # s; longer than all kernels take
 LOCK = "compiling.lock"  # in the first folder of the cache
 COMPILER = "slamgauge.jit"  # its changes affect all kernels
 INSTALLED = {"site-packages", "dist-packages"}  # folders that pip installs into
@@ -153,9 +155,21 @@ def compiling(what: str, kernels: int) -> Generator[None]:
         if fcntl is not None and _folders:
             with suppress(OSError):  # a folder that this process may not write: it compiles without waiting
                 lock = stack.enter_context((next(iter(_folders)) / LOCK).open("a"))
-                fcntl.flock(lock, fcntl.LOCK_EX)
+                _wait_for(lock)
         with _without_garbage_collection():
             yield
+
+
+def _wait_for(lock: IO[str]) -> None:
+    """Lock a file, or stop waiting for another process after PATIENCE seconds: a kernel is then compiled twice."""
+    end = monotonic() + PATIENCE
+    while monotonic() < end:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            sleep(0.05)
+        else:
+            return
 
 
 @contextmanager

@@ -167,3 +167,14 @@ def test_processes_that_start_together_compile_each_kernel_once(tmp_path: Path):
     compiled = sorted(int(process.communicate()[0]) for process in started)
     assert compiled[:2] == [0, 0]
     assert compiled[2] > 5
+
+
+def test_a_process_does_not_wait_for_ever(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Another process may hold the lock, for example a stopped one."""
+    fcntl = pytest.importorskip("fcntl")
+    monkeypatch.setattr(kernel_cache, "_folders", {tmp_path: None})
+    monkeypatch.setattr(kernel_cache, "PATIENCE", 0.2)
+    with (tmp_path / kernel_cache.LOCK).open("a") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        with kernel_cache.compiling("kernels", 1):
+            pass
