@@ -33,6 +33,8 @@ COMMANDS = {
 
 
 def main(only: str = "", slowest: int = 0) -> None:
+    if not any(only in name for name in COMMANDS):
+        sys.exit(f"--only {only}: no command has it in its title; use one of {', '.join(COMMANDS)}")
     print(f"{'command':28}{'first [s]':>10}{'kernels':>9}{'again [s]':>11}")
     for name, words in COMMANDS.items():
         if only in name:
