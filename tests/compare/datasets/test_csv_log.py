@@ -162,9 +162,17 @@ DRIVE = "stamp,v,omega\n0,1,0\n1,1,0\n"
         (odometry("stamp,v,omega\n0,1,0\n0,1,0\n"), "", "odometry.csv, line 3: stamp 0.000000000 comes after"),
         (odometry("stamp,v,omega\n0,1,0\n1,nan,0\n"), "", "odometry.csv, line 3: 'nan' is not a finite number"),
         (odometry("stamp,v,omega\n0,1,0\n1,1\n"), "", "odometry.csv, line 3: has 2 columns where the first line has 3"),
-        (odometry("stamp,v,omega\n0,1,90\n1,1,0\n"), "", "line 2: the robot turns by 90 rad in one row; check the"),
+        (
+            odometry("stamp,v,omega\n0,1,90\n1,1,0\n"),
+            "",
+            "line 2: the robot turns by 90 rad in one row; check the unit",
+        ),
         (odometry("stamp,v,omega\n0,1,0\n"), "", "odometry.csv: fewer than two stamps"),
-        (odometry("time,v,omega\n0,1,0\n"), "", "line 1: does not have the columns stamp,dx,dy,dtheta or stamp,v,vy"),
+        (
+            odometry("time,v,omega\n0,1,0\n"),
+            "",
+            "line 1: does not have the columns stamp,dx,dy,dtheta or stamp,v,vy,omega",
+        ),
         (odometry("stamp,x,y,theta,v,omega\n0,1,0,0,0,0\n"), "", "could be velocities or poses; give the kind with"),
         (odometry("0,1,0\n1,1,0\n"), "", "line 1: no header, and odometry.kind is not given"),
         (odometry(DRIVE), "start.stamp=0", "start.stamp: the log starts at the first row of velocities"),
@@ -221,7 +229,12 @@ def test_csv_folders_are_read_back_bit_for_bit(sensor: str, tmp_path: Path):
     [
         ("start.csv", "\n", "\n0,0,0,0,0,0,0,0,0,0\n", "start.csv: has 2 rows; write one, the prior"),
         ("odometry.csv", "\n2,", "\n3,", "odometry.csv, line 3: step 3, expected 2"),
-        ("observations.csv", "range", "reach", "observations.csv: line 1 is not the header of this file; write step,"),
+        (
+            "observations.csv",
+            "range",
+            "reach",
+            "observations.csv: line 1 is not the header of this file; write step,landmark",
+        ),
         ("observations.csv", "\n0,2,", "\n0,-1,", "observations.csv, line 2: only some ids are -1"),
         ("observations.csv", "\n0,", "\n0.5,", "step[0] = 0.5: every entry must be a whole number"),
     ],
