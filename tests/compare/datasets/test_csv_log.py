@@ -13,8 +13,9 @@ from slamgauge.compare.cli.main import main
 from slamgauge.compare.datasets.csv_log import read_csv_log
 from slamgauge.compare.datasets.imported_log import Imported
 from slamgauge.compare.storage.csv_folder import read_recording_csv, write_recording_csv
-from slamgauge.compare.storage.files import load_recording, load_truth
+from slamgauge.compare.storage.files import load_recording, load_truth, save
 from slamgauge.errors import UserError
+from slamgauge.graph_baseline import batch
 from slamgauge.se2 import chain
 from tests.reference.random_recordings import random_recording, recording_of
 from tests.reference.robot_logs import CSV
@@ -247,3 +248,13 @@ def test_damaged_csv_folders_are_refused(tmp_path: Path, name: str, old: str, ne
     with pytest.raises(UserError, match=r"^[^\n]+$") as caught:
         read_recording_csv(tmp_path)
     assert message in str(caught.value)
+
+
+def test_csv_to_npz_to_csv_keeps_the_cost_of_batch(tmp_path: Path):
+    _, recording = random_recording(4)
+    save(tmp_path / "recording.npz", recording)
+    there, back = tmp_path / "csv", tmp_path / "npz"
+    assert main(["export", str(tmp_path / "recording.npz"), "--format", "csv", "--out", str(there)]) == 0
+    assert main(["import", "csv", str(there), "--out", str(back)]) == 0
+    cost, expected = (batch(each).chi_square for each in (load_recording(back / "recording.npz"), recording))
+    assert cost == pytest.approx(expected, rel=1e-9)
