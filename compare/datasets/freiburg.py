@@ -21,7 +21,7 @@ from slamgauge.compare.datasets.imported_log import (
     require_sigmas,
     steps_of,
 )
-from slamgauge.compare.datasets.text_lines import read_table, read_tagged, require_ranges
+from slamgauge.compare.datasets.text_lines import Line, read_table, read_tagged, require_ranges
 from slamgauge.errors import UserError
 from slamgauge.recording import Recording
 from slamgauge.se2 import wrap
@@ -75,7 +75,7 @@ def read_freiburg(
             observation_cov=diagonal_covariances(np.tile([range_sigma, bearing_sigma], (len(seen), 1))),
             landmark=landmark,
         )
-    return Imported(recording, _world(path.with_name(WORLD), landmark))
+    return Imported(recording, _world(path.with_name(WORLD), seen, landmark))
 
 
 def increments(motion: Float) -> Float:
@@ -94,11 +94,19 @@ def increment_jacobians(motion: Float) -> Float:
     return jacobians
 
 
-def _world(path: Path, landmark: Int) -> Truth | None:
+def _world(path: Path, seen: list[Line], landmark: Int) -> Truth | None:
     """Return the truth of world.dat, with the observed landmarks (M,), if the file exists."""
     if not path.exists():
         return None
     lines, table = read_table(path, "id x y")
     ids = np.array([line.id_at(0) for line in lines], dtype=np.int64)
+    known = set[int]()
+    for line, name in zip(lines, ids.tolist(), strict=True):
+        if name in known:
+            raise line.refused(f"landmark {name} was there before", "give every landmark one line")
+        known.add(name)
+    for line, name in zip(seen, landmark.tolist(), strict=True):
+        if name not in known:
+            raise line.refused(f"landmark {name} is not in {path.name}", "add it there, or remove the line")
     with of_file(path):
         return Truth(landmark_ids=ids, landmarks=table[:, 1:], association=landmark)

@@ -166,6 +166,7 @@ def test_metrics_have_every_value_that_exists(stored: Path):
     assert (metrics["scenario"], metrics["seed"], metrics["truth"]) == ("q1-long-sparse", 3, True)
     assert re.fullmatch("[0-9a-f]{64}", metrics["digest"])
     entries = metrics["estimators"]
+    assert list(entries) == list(SHIPPED)
     assert {name: entry["kind"] for name, entry in entries.items()} == dict.fromkeys(SHIPPED, "filtered") | {
         "batch": "smoothed"
     }

@@ -223,7 +223,9 @@ def test_estimates_that_do_not_fit_into_memory_are_refused_before_the_first(
     monkeypatch.setattr("slamgauge.compare.storage.npz_file.COPIES", 0.0)  # the recording can be read
     monkeypatch.setattr("slamgauge.memory.free_memory", lambda: 2e5)
     line = mistake(*evaluate, "ekf,riekf,fej-ekf")
-    assert re.fullmatch(r"estimators: 3 of 628 steps: what they estimate needs 0.0 GB of memory, .*; give few.*", line)
+    assert re.fullmatch(
+        r"estimators: 3 of 628 steps: what they estimate needs 0.0 GB of memory, .*; give fewer.*", line
+    )
     assert run(*evaluate, "dead-reckoning") == 0
 
 

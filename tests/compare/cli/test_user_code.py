@@ -149,8 +149,12 @@ BODIES = {
     "raise RuntimeError('a\\nb')": r"it raised RuntimeError: a b \(OWN.py, line 6\); mend it",
     "return None": "returned a NoneType; return a slamgauge.Estimate",
     "return recording.odometry": "returned a ndarray; return a slamgauge.Estimate",
-    "return Estimate('filtered', np.zeros((5, 3)))": "returned 5 poses; return 151, one for the start and one for",
-    "return Estimate('filtered', np.zeros((151, 3)), association=[-1])": r"association has 1 entries; return \d+, one",
+    "return Estimate('filtered', np.zeros((5, 3)))": (
+        "returned 5 poses; return 151, one for the start and one for every step"
+    ),
+    "return Estimate('filtered', np.zeros((151, 3)), association=[-1])": (
+        r"association has 1 entries; return \d+, one for every observation"
+    ),
     "return Estimate('filtered', np.full((151, 3), np.nan))": r"it raised UserError: poses\[0\] = \[nan, nan, nan\]: .*"
     r" \(OWN.py, line 6\); mend it and run again",
     "recording.odometry[0] = 0.0": r"it raised ValueError: assignment destination is read-only \(OWN.py, line 6\)",

@@ -13,8 +13,9 @@ from slamgauge.compare.cli.main import main
 from slamgauge.compare.datasets.csv_log import read_csv_log
 from slamgauge.compare.datasets.imported_log import Imported
 from slamgauge.compare.storage.csv_folder import read_recording_csv, write_recording_csv
-from slamgauge.compare.storage.files import load_recording, load_truth
+from slamgauge.compare.storage.files import load_recording, load_truth, save
 from slamgauge.errors import UserError
+from slamgauge.graph_baseline import batch
 from slamgauge.se2 import chain
 from tests.reference.random_recordings import random_recording, recording_of
 from tests.reference.robot_logs import CSV
@@ -162,9 +163,17 @@ DRIVE = "stamp,v,omega\n0,1,0\n1,1,0\n"
         (odometry("stamp,v,omega\n0,1,0\n0,1,0\n"), "", "odometry.csv, line 3: stamp 0.000000000 comes after"),
         (odometry("stamp,v,omega\n0,1,0\n1,nan,0\n"), "", "odometry.csv, line 3: 'nan' is not a finite number"),
         (odometry("stamp,v,omega\n0,1,0\n1,1\n"), "", "odometry.csv, line 3: has 2 columns where the first line has 3"),
-        (odometry("stamp,v,omega\n0,1,90\n1,1,0\n"), "", "line 2: the robot turns by 90 rad in one row; check the"),
+        (
+            odometry("stamp,v,omega\n0,1,90\n1,1,0\n"),
+            "",
+            "line 2: the robot turns by 90 rad in one row; check the unit",
+        ),
         (odometry("stamp,v,omega\n0,1,0\n"), "", "odometry.csv: fewer than two stamps"),
-        (odometry("time,v,omega\n0,1,0\n"), "", "line 1: does not have the columns stamp,dx,dy,dtheta or stamp,v,vy"),
+        (
+            odometry("time,v,omega\n0,1,0\n"),
+            "",
+            "line 1: does not have the columns stamp,dx,dy,dtheta or stamp,v,vy,omega",
+        ),
         (odometry("stamp,x,y,theta,v,omega\n0,1,0,0,0,0\n"), "", "could be velocities or poses; give the kind with"),
         (odometry("0,1,0\n1,1,0\n"), "", "line 1: no header, and odometry.kind is not given"),
         (odometry(DRIVE), "start.stamp=0", "start.stamp: the log starts at the first row of velocities"),
@@ -221,7 +230,12 @@ def test_csv_folders_are_read_back_bit_for_bit(sensor: str, tmp_path: Path):
     [
         ("start.csv", "\n", "\n0,0,0,0,0,0,0,0,0,0\n", "start.csv: has 2 rows; write one, the prior"),
         ("odometry.csv", "\n2,", "\n3,", "odometry.csv, line 3: step 3, expected 2"),
-        ("observations.csv", "range", "reach", "observations.csv: line 1 is not the header of this file; write step,"),
+        (
+            "observations.csv",
+            "range",
+            "reach",
+            "observations.csv: line 1 is not the header of this file; write step,landmark",
+        ),
         ("observations.csv", "\n0,2,", "\n0,-1,", "observations.csv, line 2: only some ids are -1"),
         ("observations.csv", "\n0,", "\n0.5,", "step[0] = 0.5: every entry must be a whole number"),
     ],
@@ -234,3 +248,13 @@ def test_damaged_csv_folders_are_refused(tmp_path: Path, name: str, old: str, ne
     with pytest.raises(UserError, match=r"^[^\n]+$") as caught:
         read_recording_csv(tmp_path)
     assert message in str(caught.value)
+
+
+def test_csv_to_npz_to_csv_keeps_the_cost_of_batch(tmp_path: Path):
+    _, recording = random_recording(4)
+    save(tmp_path / "recording.npz", recording)
+    there, back = tmp_path / "csv", tmp_path / "npz"
+    assert main(["export", str(tmp_path / "recording.npz"), "--format", "csv", "--out", str(there)]) == 0
+    assert main(["import", "csv", str(there), "--out", str(back)]) == 0
+    cost, expected = (batch(each).chi_square for each in (load_recording(back / "recording.npz"), recording))
+    assert cost == pytest.approx(expected, rel=1e-9)
