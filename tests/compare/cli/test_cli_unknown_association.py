@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from slamgauge.compare.storage.files import load_estimate
+from slamgauge.compare.storage.files import load_estimate, load_recording, load_truth
 from tests.kernels import compile_kernels
 from tests.reference.command_line import run
 
@@ -32,6 +32,13 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def entries(folder: Path) -> dict[str, Any]:
     return json.loads((folder / "metrics.json").read_text())["estimators"]
+
+
+def test_the_stored_recording_has_no_ids_and_the_truth_has_them(folder: Path):
+    recording, truth = load_recording(folder / "recording.npz"), load_truth(folder / "truth.npz")
+    assert recording.landmark is None
+    assert truth.association is not None
+    assert len(truth.association) == len(recording.observation)
 
 
 def test_the_metrics_of_association(folder: Path):
