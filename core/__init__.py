@@ -93,7 +93,7 @@ if TYPE_CHECKING:
 _PACKAGES = ("compare", "ekf", "graph_baseline")
 _HOMES = homes_of(__loader__.get_data(__file__))
 _MODULES = [home.removeprefix("slamgauge.") for home in _HOMES.values() if home.count(".") == 1]
-__getattr__ = importer(__name__, _HOMES, *_PACKAGES, *_MODULES)
+__getattr__ = importer(__name__, _HOMES, *_PACKAGES, *_MODULES, "suggestions", "validation")
 
 
 def __dir__() -> list[str]:

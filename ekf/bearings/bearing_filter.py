@@ -65,7 +65,9 @@ class BearingFilter:
     ) -> None:
         initialisation = Rays() if initialisation is None else initialisation
         if not (association is None or isinstance(cast("object", association), Association)):
-            raise UserError(f"association: {association!r} is not an Association; give Association(method, gate)")
+            raise UserError(
+                f"association: {association!r} is not an Association; give Association(method, gate), or None"
+            )
         if association is not None and not isinstance(initialisation, Rays):
             raise UserError("association: only rays can be associated; give ids, or use ekf.Rays")
         self._gate = require_robustness(robust).known_gate

@@ -78,7 +78,7 @@ def require_gate(gate: float | None) -> None:
 def require_robustness(robust: Robustness) -> Robustness:
     """Return the setting; refuse an object that is not a Robustness."""
     if not isinstance(cast("object", robust), Robustness):
-        raise UserError(f"robust: {robust!r} is not a Robustness; give Robustness('gate')")
+        raise UserError(f"robust: {robust!r} is not a Robustness; give Robustness('gate'), or leave it out")
     return robust
 
 

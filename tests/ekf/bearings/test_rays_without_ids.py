@@ -13,7 +13,7 @@ from slamgauge.ekf import Association, BearingFilter, FilterSettings, MapManagem
 from slamgauge.ekf.bearings.ray_association import RayAssociation
 from slamgauge.ekf.estimators import drive
 from slamgauge.ekf.kernels.individual_compatibility import NONE
-from slamgauge.ekf.maps.correction_table import CORRECTIONS
+from slamgauge.ekf.maps.correction_table import CORRECTIONS, RULES, Correction
 from slamgauge.ekf.settings import Method
 from slamgauge.errors import UserError
 from slamgauge.recording import Observations, Recording
@@ -183,6 +183,28 @@ def test_without_map_management_nothing_is_deleted() -> None:
     for _ in range(20):
         assert see(slam, 0.0) == [0]
     assert slam.landmark_ids.tolist() == [0, 1]
+
+
+@METHODS
+@pytest.mark.parametrize("correction", RULES)
+@pytest.mark.parametrize(("field", "bad"), [("value", np.nan), ("cov", np.inf), ("cov", 0.0), ("cov", -1.0)])
+def test_invalid_bearings_are_refused_and_change_nothing(
+    method: Method, correction: Correction, field: str, bad: float
+) -> None:
+    settings = Association(method, map_management=MapManagement())
+    slam, other = (BearingFilter(np.zeros(3), 1e-4 * np.eye(3), correction, association=settings) for _ in range(2))
+    for each in (slam, other):
+        see(each, 0.0, 1.0)
+    observations = Observations(None, np.array([[0.0], [2.0]]), np.full((2, 1, 1), 1e-4))
+    getattr(observations, field)[1] = bad
+    name = "observation_cov" if field == "cov" else "observation"
+    with pytest.raises(ValueError, match=rf"^{name}\[1\] = [^\n]*: [^\n]*$"):
+        slam.update(observations)
+    np.testing.assert_array_equal(slam.associated, other.associated)
+    for each in (slam, other):
+        each.predict([0.1, 0.0, 0.0], 1e-6 * np.eye(3))
+        assert see(each, 0.0, 2.0) == [0, 2]
+    np.testing.assert_array_equal(slam.cov, other.cov)
 
 
 def test_an_estimate_has_the_ids_that_remain_at_the_end() -> None:

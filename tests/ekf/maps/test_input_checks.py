@@ -199,11 +199,30 @@ def test_indefinite_matrices_are_distinguished_from_covariances() -> None:
 # --- observations --------------------------------------------------------------------------------
 
 
+def other_width(values: Float, covs: Float) -> tuple[Float, Float]:
+    """Return bearings with ranges, or observations without their second number."""
+    if values.shape[1] == 1:
+        return np.repeat(values, 2, axis=1), np.tile(np.eye(2), (len(values), 1, 1))
+    return values[:, :1], covs[:, :1, :1]
+
+
 @EVERY
 @pytest.mark.parametrize("mapped", [True, False], ids=["mapped", "new"])
 @pytest.mark.parametrize(
     "break_it",
-    ["nan", "range", "variance", "inf cov", "no variance", "asymmetric", "one value", "one cov", "width", "flat"],
+    [
+        "nan",
+        "range",
+        "variance",
+        "inf cov",
+        "no variance",
+        "asymmetric",
+        "one value",
+        "one cov",
+        "width",
+        "widths",
+        "flat",
+    ],
 )
 def test_invalid_observations(kind: str, mapped: bool, break_it: str) -> None:
     bearing = kind.startswith("Bearing")
@@ -222,6 +241,7 @@ def test_invalid_observations(kind: str, mapped: bool, break_it: str) -> None:
         "one value": Observations(ids, values[:1], covs),
         "one cov": Observations(ids, values, covs[:1]),
         "width": Observations(ids, np.repeat(values, 2, axis=1) if bearing else values[:, :1], covs),
+        "widths": Observations(ids, *other_width(values, covs)),
         "flat": Observations(ids, values[:, 0], covs[:, 0, 0]),
     }.get(break_it, Observations(ids, values, covs))
     match = {
