@@ -3,8 +3,9 @@
 from slamgauge.graph_baseline.bound import causal_bound, hindsight_bound
 from slamgauge.graph_baseline.causal import causal
 from slamgauge.graph_baseline.hindsight import batch
+from slamgauge.graph_baseline.problem.gtsam_missing import unavailable
 from slamgauge.graph_baseline.problem.linearisation import cost
-from slamgauge.graph_baseline.problem.undetermined import UndeterminedError, unavailable
+from slamgauge.graph_baseline.problem.undetermined import UndeterminedError
 
 try:
     from slamgauge.graph_baseline.gtsam_batch import gtsam_batch

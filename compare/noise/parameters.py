@@ -122,7 +122,9 @@ class NoiseParameters:
                 "sensor: a bearing-only observation does not place a new landmark; give a recording with ranges, too"
             )
         if not recording.steps or not len(recording.observation):
-            raise UserError("recording: it has no steps or no observations, so that no noise can be found")
+            raise UserError(
+                "recording: it has no steps or no observations, so that no noise can be found; give a longer one"
+            )
         self.recording = recording
         self.channels = tuple(dict.fromkeys(model.sigmas))
         self.sigmas = (*ODOMETRY, *self.channels)

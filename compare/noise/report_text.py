@@ -142,8 +142,8 @@ def _correlation(noise: Noise) -> Iterator[str]:
     counted = noise.sights_counted_as_one
     if counted > 1.0:
         yield (
-            f"errors are correlated: {counted:.2g} observations of a landmark count as one; --write multiplies the "
-            "covariances of observations by this number"
+            f"errors are correlated: {counted:.2g} observations of a landmark count as one within the memory of the "
+            "filter; --write multiplies the covariances of observations by this number"
         )
 
 

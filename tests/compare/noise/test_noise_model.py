@@ -109,5 +109,5 @@ def test_a_position_is_corrected_like_range_and_bearing():
 def test_a_recording_without_steps_or_observations_is_refused():
     recording = recording_of()
     for empty in (recording.only(np.zeros(len(recording.observation), dtype=bool)), recording.first(0)):
-        with pytest.raises(UserError, match="no steps or no observations"):
+        with pytest.raises(UserError, match=r"no steps or no observations.*give a longer one"):
             NoiseParameters(empty)
