@@ -271,10 +271,15 @@ def _load_estimate(path: Path) -> Estimate:
     """
     if path.is_symlink() or not path.is_file():
         raise UserCodeError("its process has left no estimate; leave the folder above its own alone")
-    with suppress(zipfile.BadZipFile, OSError), zipfile.ZipFile(path) as archive:  # `load_estimate` reports these
-        size = sum(each.file_size for each in archive.infolist())
-        if size > MOST_MADE:
-            raise UserCodeError(f"its estimate has {size / 1e6:.0f} MB; keep it below {MOST_MADE / 1e6:.0f} MB")
+    try:
+        with zipfile.ZipFile(path) as archive:
+            size = sum(each.file_size for each in archive.infolist())
+    except (zipfile.BadZipFile, OSError):  # numpy would read an npy file, of whatever size its header states
+        raise UserCodeError(
+            "its process has left a file that is no estimate; leave the folder above its own alone"
+        ) from None
+    if size > MOST_MADE:
+        raise UserCodeError(f"its estimate has {size / 1e6:.0f} MB; keep it below {MOST_MADE / 1e6:.0f} MB")
     try:
         return load_estimate(path)
     except UserError as error:

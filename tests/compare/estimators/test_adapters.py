@@ -254,6 +254,7 @@ def test_an_unknown_form_is_refused(own: Own, source: str, spelt: str):
 
 def test_adapters_are_public():
     assert slamgauge.adapters.adapt is adapt
+    assert {"adapt", "external", "step_function"} <= {*dir(slamgauge.adapters)}
 
 
 def test_the_handout_scenario_has_the_numbers_of_the_handout():

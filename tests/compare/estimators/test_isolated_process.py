@@ -18,7 +18,7 @@ from time import monotonic, sleep
 import numpy as np
 import pytest
 
-from slamgauge import simulate
+from slamgauge import dead_reckoning, simulate
 from slamgauge.compare.estimators import isolated_process
 from slamgauge.compare.estimators.isolated_process import Isolated, OverdueError, environment
 from slamgauge.compare.estimators.loading import load, spent_by
@@ -92,6 +92,13 @@ def test_one_process_serves_all_runs_and_survives_errors_of_the_code(made: Made)
     assert len(estimator(short()).poses) == 2
     assert "ValueError: the second (mine.py, line" in reason(estimator)
     assert len(estimator(short()).poses) == 4
+
+
+def test_neighbours_of_the_file_can_be_imported(made: Made, tmp_path: Path):
+    (tmp_path / "helper.py").write_text("from slamgauge import dead_reckoning as estimator")
+    recording = short()
+    estimate = made("import helper; return helper.estimator(recording)")(recording)
+    assert np.array_equal(estimate.poses, dead_reckoning(recording).poses)
 
 
 def test_the_truth_is_not_in_reach(made: Made, monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
@@ -246,7 +253,8 @@ def test_the_memory_limit_is_ten_times_the_need_and_the_process_is_ended_first(m
 @pytest.mark.parametrize(
     ("left", "expected"),
     [
-        ("open(path, 'wb').write(b'junk')", "not a whole npz file of plain arrays"),
+        ("open(path, 'wb').write(b'junk')", "its process has left a file that is no estimate"),
+        ("__import__('numpy').save(open(path, 'wb'), 1.0)", "its process has left a file that is no estimate"),
         ("None", "its process has left no estimate"),
         ("os.symlink('/dev/zero', path)", "its process has left no estimate"),
         ("__import__('numpy').savez(path, kind=object())", "not a whole npz file of plain arrays"),

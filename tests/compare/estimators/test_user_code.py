@@ -10,6 +10,7 @@ import sys
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -291,3 +292,9 @@ def test_wrong_addresses(write: Write, text: str, message: str):
         own(text)
     assert "_slamgauge_own_" not in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_a_private_folder_loads_its_modules_by_name(write: Write):
+    folder = PrivateFolder(write({"own.py": "X = 1\n"}))
+    assert isinstance(folder.load("own"), ModuleType)
+    assert (folder.owns("own.x"), folder.owns("numpy"), folder.owns("slamgauge")) == (True, False, False)

@@ -246,6 +246,7 @@ def _relative(score: Score, best: float | None, check: float | None = None) -> S
     ids=["equal names", "names that look alike or cannot name a page"],
 )
 def test_names_of_submissions_are_distinct(tmp_path: Path, files: list[str], names: list[str]):
+    (tmp_path / "without files").mkdir()
     for name in files:
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_text("")
