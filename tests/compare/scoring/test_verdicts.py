@@ -58,7 +58,11 @@ def test_a_right_filter():
 @pytest.mark.parametrize(
     ("changed", "said", "unsaid"),
     [
-        ({"nees_per_dof": 0.25, "coverage_95": 0.999}, "2 times too large a sigma (95 % ellipses contain 100 %)", ""),
+        (
+            {"nees_per_dof": 0.25, "coverage_95": 0.999},
+            "claims 2 times too large a sigma (95 % ellipses contain 100 %)",
+            "",
+        ),
         ({"nees_per_dof": 0.0}, "has no error at all, whatever sigma it claims: check whether it receives the", "inf"),
         ({"nees_per_dof": 1e-12}, "claims 1e+06 times too large a sigma", ""),
         ({"nis_per_dof": 1.69}, f"innovations are 1.3 times {EXPECTED} too small", "show this"),
