@@ -73,7 +73,8 @@ def adapt(given: Callee | ModuleType, name: str) -> Estimator:
 def adapted_callable(given: Callee | ModuleType, name: str) -> tuple[Estimator, str]:
     """Adapt without printing; return the estimator and its form in words, empty for `Recording -> Estimate`."""
     if isinstance(given, ModuleType):
-        found = estimators_in(given)
+        named = [each for each in NAMES if callable(getattr(given, each, None))]
+        found = estimators_in(given) or named[:1]
         if len(found) != 1:
             what = f"may be {', '.join(found)}" if found else f"has no {', '.join(NAMES)} of a form that is known"
             raise UserError(f"estimator {name}: module {given.__name__} {what}; name its callable")

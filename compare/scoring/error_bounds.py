@@ -20,7 +20,6 @@ from slamgauge.arrays import Float
 from slamgauge.compare.scoring.aggregation import FIRST_STEP
 from slamgauge.compare.scoring.consistency import chi2_band
 from slamgauge.compare.scoring.intervals import Interval, mean_interval, ratio_interval
-from slamgauge.compare.scoring.nan_stats import mean
 from slamgauge.compare.scoring.optimum_figures import share_of_doubt
 from slamgauge.compare.scoring.optimum_notes import distance_from_optimum, distance_in_runs
 from slamgauge.compare.scoring.scores import Score
@@ -199,13 +198,19 @@ def ates(scores: Sequence[Score]) -> Float:
 
 def late_nees(scores: Sequence[Score]) -> Float:
     """Return the mean of the pose NEES over 3 from the 11th step on (R,)."""
-    return np.array([mean(each.nees[FIRST_STEP:]) for each in scores], dtype=np.float64) / 3
+    return np.array([_mean(each.nees[FIRST_STEP:]) for each in scores], dtype=np.float64) / 3
 
 
 def late_sigma(scores: Sequence[Score], of: list[int]) -> Float:
     """Return the RMS of the sigma of these components of the pose together, from the 11th step on (R,)."""
-    squares = [mean(np.square(each.sigmas[FIRST_STEP:, of]).sum(axis=1)) for each in scores]
+    squares = [_mean(np.square(each.sigmas[FIRST_STEP:, of]).sum(axis=1)) for each in scores]
     return np.sqrt(np.array(squares, dtype=np.float64))
+
+
+def _mean(values: Float) -> float:
+    """Return the mean of the entries that are not NaN, which may be infinite; NaN without entries."""
+    defined = values[~np.isnan(values)]
+    return float(defined.mean()) if len(defined) else np.nan
 
 
 def _off(nees: Interval) -> float:

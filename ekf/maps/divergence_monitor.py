@@ -25,6 +25,6 @@ class DivergenceMonitor:
         self._nis, self._dof = self._nis + nis, self._dof + dof
         if self._nis > LOST * max(1, self._dof):
             tell_once(
-                f"{self._name} has diverged: its NIS is over {LOST:g} times its degrees of freedom; raise the noise"
+                f"{self._name} has diverged: its NIS is over {LOST:g} times its degrees of freedom; raise sensor noise"
             )
         return result

@@ -13,6 +13,7 @@ from slamgauge.compare.estimators.function_pairs import CourseObservation, turn
 from slamgauge.compare.scenarios.scenario import load_scenario
 from slamgauge.ekf import ekf_slam
 from slamgauge.ekf.slam_filter import SlamFilter
+from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.se2 import compose
@@ -264,3 +265,18 @@ def test_the_handout_scenario_has_the_numbers_of_the_handout():
     assert np.allclose(np.diag(recording.odometry_cov[0]), 2 * np.array([0.03, 0.0, 0.1 * np.deg2rad(3.0)]) ** 2)
     assert np.allclose(np.diag(recording.observation_cov[0]), 2 * np.array([0.1, np.deg2rad(5.0)]) ** 2)
     assert recording.landmark is not None
+
+
+@pytest.mark.parametrize("parameters", ["recording", "recording=None"])
+def test_the_estimate_of_a_module_may_have_a_default(parameters: str):
+    module = ModuleType("mine")
+    exec(f"def estimate({parameters}):\n    return recording", vars(module))
+    assert adapt(module, "mine") is module.estimate
+
+
+def test_a_named_callable_of_another_form_is_refused_with_the_known_forms():
+    module = ModuleType("mine")
+    exec("def estimate(a, b):\n    return a", vars(module))
+    known = r"estimate\(a, b\) has none of the forms that are known; give estimate\(recording\), or"
+    with pytest.raises(UserError, match=known):
+        adapt(module, "mine")

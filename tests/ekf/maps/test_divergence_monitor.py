@@ -36,7 +36,7 @@ def said(capsys: pytest.CaptureFixture[str]) -> list[str]:
 
 
 def lost(name: str) -> str:
-    return f"slamgauge: {name} has diverged: its NIS is over 10000 times its degrees of freedom; raise the noise"
+    return f"slamgauge: {name} has diverged: its NIS is over 10000 times its degrees of freedom; raise sensor noise"
 
 
 @pytest.mark.parametrize("name", MAKE)
