@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 from slamgauge import errors
 from slamgauge.compare.estimators.registry import BOUNDS, REGISTRY
 from slamgauge.compare.estimators.registry import DEAD_RECKONING as DEAD_RECKONING
+from slamgauge.compare.figures.svg_size import small_svg
 
 Format = Literal["pdf", "png", "svg"]
 Width = Literal["column", "page"]
@@ -122,9 +123,12 @@ def math_text(text: str) -> str:
 
 def save_printed(figure: Figure, path: Path) -> None:
     """Write the figure in the formats of the sheet (png at 200 dpi); files contain no date."""
-    undated = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
     for each in sheet().formats:
-        figure.savefig(path.with_suffix(f".{each}"), dpi=200, metadata=undated.get(each))
+        if each == "svg":
+            path.with_suffix(".svg").write_bytes(small_svg(figure))
+        else:
+            undated = {"CreationDate": None} if each == "pdf" else {}
+            figure.savefig(path.with_suffix(f".{each}"), dpi=200, metadata=undated)
 
 
 def legend_below(figure: Figure, axes: Axes) -> None:

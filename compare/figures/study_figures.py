@@ -22,8 +22,8 @@ from slamgauge.compare.studies.summary import Summary, is_marked_against, misfit
 
 USUAL = 0.99  # share of the errors inside the limits; a diverged run may exceed them
 RUNS_DRAWN = 50  # error curves; more are not distinguishable
-MOST_POINTS = 16_500  # points of all error curves; half a megabyte of SVG
-FEWEST_POINTS = 68  # points of a curve; if necessary fewer runs are drawn
+MOST_POINTS = 24_000  # points of all error curves; half a megabyte of SVG
+FEWEST_POINTS = 100  # points of a curve; if necessary fewer runs are drawn
 COMPONENTS = (("x [m]", "x", 1.0), ("y [m]", "y", 1.0), ("heading [°]", "heading", 180.0 / np.pi))
 
 

@@ -1,4 +1,5 @@
 import dataclasses
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -253,6 +254,8 @@ def test_files_of_the_figure_are_reproducible(
     assert b"<dc:date>" not in svg
     assert b"<image" not in svg  # nothing is rasterised
     assert b">a title</text>" in svg
+    assert re.search(rb' d="', svg)
+    assert not re.search(rb' d="[^"]*\.\d{3}', svg)  # hundredths of a point
 
 
 def test_names_with_dollar_signs_are_not_formulas(tmp_path: Path):

@@ -108,6 +108,8 @@ def test_damaged_and_foreign_files_are_an_error(tmp_path: Path):
     for damaged in (b"", whole[:10], whole[:200], whole[:-30], b"stamps,x,y\n", whole.replace(b"PK", b"QK")):
         path.write_bytes(damaged)
         assert "not a whole npz file of plain arrays; write it again" in error_message(load_recording, path)
+    np.savez(path, stamps=np.array([{"a": 1}], dtype=object))  # a pickle
+    assert "not a whole npz file of plain arrays" in error_message(load_recording, path)
     np.save(tmp_path / "r.npy", np.zeros(3))
     assert "not a whole npz file of plain arrays" in error_message(load_recording, tmp_path / "r.npy")
 
