@@ -6,18 +6,17 @@ The form of a callable follows from its signature; `adapt` prints it on standard
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
 from types import ModuleType
-from typing import Any, NamedTuple
+from typing import Any
 
-from slamgauge.compare.estimators import function_pairs as pairs
-from slamgauge.compare.estimators import online_class
-from slamgauge.compare.estimators import step_function as steps
-from slamgauge.compare.estimators.external_program import ExternalProgram, external
-from slamgauge.compare.estimators.fresh_modules import AddressedCode, Code, Fresh, GivenCode, uncopied
+from slamgauge.compare.estimators.forms import octave_course, online_class, predict_update
+from slamgauge.compare.estimators.forms import step_function as steps
+from slamgauge.compare.estimators.forms.external_program import ExternalProgram, external
+from slamgauge.compare.estimators.forms.form import Form
+from slamgauge.compare.estimators.forms.signatures import required
+from slamgauge.compare.estimators.forms.step_function import Noise, StepFunction
+from slamgauge.compare.estimators.fresh_modules import AddressedCode, Fresh, GivenCode, uncopied
 from slamgauge.compare.estimators.private_import import present
-from slamgauge.compare.estimators.signatures import required
-from slamgauge.compare.estimators.step_function import Noise, StepFunction
 from slamgauge.compare.estimators.user_code import Address, Callee, load_callable_module, load_whole_module
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, Estimator
@@ -26,32 +25,29 @@ from slamgauge.recording import Recording
 __all__ = ["adapt", "external", "step_function"]
 
 
-class Form(NamedTuple):
-    """A form of user code.
-
-    Attributes:
-        description: describes a callable of this form; returns None for another.
-        estimator: makes an estimator from the code.
-        example: its signature, for error messages.
-    """
-
-    description: Callable[[Fresh], str | None]
-    estimator: Callable[[Code], Estimator]
-    example: str
-
-
 FORMS = (
-    Form(online_class.description, online_class.OnlineClass, "a class with predict and update"),
+    Form("class", online_class.description, online_class.OnlineClass, "a class with predict and update"),
     Form(
-        pairs.course_description,
-        pairs.CourseSteps,
+        "octave",
+        octave_course.description,
+        octave_course.CourseSteps,
         "prediction_step(mu, sigma, u) with correction_step(mu, sigma, z, observed)",
     ),
-    Form(pairs.pair_description, pairs.PredictUpdate, "predict(eta, P, z_odo) with update(eta, P, z)"),
-    Form(steps.description, StepFunction, "ekf_slam(xEst, PEst, u, y)"),
+    Form(
+        "predict-update",
+        predict_update.description,
+        predict_update.PredictUpdate,
+        "predict(eta, P, z_odo) with update(eta, P, z)",
+    ),
+    Form("step", steps.description, StepFunction, "ekf_slam(xEst, PEst, u, y)"),
 )
 EXAMPLES = ("estimate(recording)", *(form.example for form in FORMS))
-NAMES = ("estimate", "ekf_slam", pairs.PREDICTION, pairs.PREDICT)  # searched for in a module, in this order
+NAMES = (
+    "estimate",
+    "ekf_slam",
+    octave_course.PREDICTION,
+    predict_update.PREDICT,
+)  # searched for in a module, in this order
 
 
 def adapt(given: Callee | ModuleType, name: str) -> Estimator:

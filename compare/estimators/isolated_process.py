@@ -84,6 +84,7 @@ class Isolated:
     def __init__(self, where: Address, timeout: float) -> None:
         self.where, self.timeout = where, timeout
         self.spent = Spent(0.0, 0.0)
+        self._remarks: list[str] = []
         self._child: _Child | None = None
 
     def begin(self) -> str:
@@ -128,7 +129,12 @@ class Isolated:
         if "reason" in answer:
             raise UserCodeError(printable(answer["reason"]))
         self.spent = Spent(*(_number(answer.get(key)) for key in Spent._fields))
+        self._remarks = [printable(each) for each in _list(answer.get("remarks"))]
         return _load_estimate(child.folder / MADE)
+
+    def remarks(self, _recording: Recording) -> list[str]:
+        """Return the remarks on the last run (see `forms.form.remarks_of`)."""
+        return self._remarks
 
     def fresh(self) -> Isolated:
         """Return the same estimator in another process, which shares no state with this one."""
@@ -290,6 +296,10 @@ def printable(text: object) -> str:
     """Return a text of user code without control characters, which terminals obey and XML excludes, and shortened."""
     shown = "".join(each if each.isprintable() else " " for each in str(text or "")[:LONGEST_REASON])
     return " ".join(shown.split())
+
+
+def _list(value: object) -> list[object]:
+    return [*value] if isinstance(value, list) else []
 
 
 def _number(value: object) -> float:

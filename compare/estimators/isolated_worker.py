@@ -26,6 +26,7 @@ from typing import Any, cast
 
 from slamgauge.compare.estimators.adapters import adapted, found_in
 from slamgauge.compare.estimators.cpu_time import cpu_seconds
+from slamgauge.compare.estimators.forms.form import remarks_of
 from slamgauge.compare.estimators.isolated_process import FOLDERS, GIVEN, HERE, MADE
 from slamgauge.compare.estimators.landlock import write_only_in
 from slamgauge.compare.estimators.user_code import Address, reason_of
@@ -102,7 +103,7 @@ def _caches_of_kernels() -> Iterator[Path]:
 
 
 def _run(estimator: Estimator, folder: Path) -> Mapping[str, object]:
-    """Run the estimator on the recording in the folder; return the times of the run, or why it has no estimate."""
+    """Run the estimator on the recording in the folder; return its times and remarks, or why it has no estimate."""
     recording = load_recording(folder / GIVEN)
     (folder / GIVEN).unlink()
     start, cpu = perf_counter(), cpu_seconds()
@@ -115,8 +116,9 @@ def _run(estimator: Estimator, folder: Path) -> Mapping[str, object]:
         most = f"; its process may take {MOST_MEMORY / 1e9:g} GB" if isinstance(error, MemoryError) else ""
         return {"reason": f"{reason_of(error)}{most}"}
     spent = {"seconds": perf_counter() - start, "cpu_seconds": cpu_seconds() - cpu}
+    remarks = remarks_of(estimator, recording)
     save(folder / MADE, estimate)
-    return spent
+    return {**spent, "remarks": remarks}
 
 
 def _answer(out: Any, answer: Mapping[str, object]) -> None:

@@ -12,6 +12,7 @@ import numpy as np
 from slamgauge.arrays import Marks
 from slamgauge.compare.estimators.adapters import adapted, adapted_callable
 from slamgauge.compare.estimators.causality_check import Strict
+from slamgauge.compare.estimators.forms.form import remarks_of
 from slamgauge.compare.estimators.isolated_process import Isolated, Spent
 from slamgauge.compare.estimators.registry import REGISTRY, UNDER, Entry, entry_of
 from slamgauge.compare.estimators.requests import Asked, Chosen, ask
@@ -33,6 +34,10 @@ class LoadedEstimator:
     def __call__(self, recording: Recording) -> Estimate:
         """Run the estimator."""
         return self.estimate(recording)
+
+    def remarks(self, recording: Recording) -> list[str]:
+        """Return remarks on the last run of user code."""
+        return remarks_of(self.estimate, recording)
 
 
 def load_estimators(

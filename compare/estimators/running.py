@@ -13,6 +13,7 @@ from typing import cast
 import numpy as np
 
 from slamgauge.arrays import Marks
+from slamgauge.compare.estimators.forms.form import remarks_of
 from slamgauge.compare.estimators.isolated_process import OverdueError
 from slamgauge.compare.estimators.loading import LoadedEstimator, entry_behind, spent_by, without
 from slamgauge.compare.estimators.registry import OPTIMA, UNDER, Entry
@@ -20,6 +21,7 @@ from slamgauge.compare.estimators.user_code import reason_of
 from slamgauge.compare.storage.progress import counted
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, Estimator, Kind
+from slamgauge.notices import tell_once
 from slamgauge.recording import Recording
 
 FARTHEST = 1e12  # m, rad: far outside any map, and squares of errors are still finite
@@ -56,6 +58,9 @@ def run_estimator(name: str, estimator: Estimator, recording: Recording) -> tupl
         reason = str(error) if is_built_in else reason_of(error)
         kind = OverdueError if isinstance(error, OverdueError) else UserError
         raise kind(f"estimator {name}: {reason}") from error
+    if not is_built_in:
+        for remark in remarks_of(estimator, recording):
+            tell_once(f"{name}: {remark}")
     spent = spent_by(estimator)
     seconds = perf_counter() - start if spent is None else spent.seconds
     return _checked(name, estimate, recording), seconds

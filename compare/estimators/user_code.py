@@ -22,7 +22,11 @@ from slamgauge.suggestions import did_you_mean
 Callee = Callable[..., Any]
 
 FORM = "write FILE.py:callable or module:callable, for example my_filter.py:estimate"
-SILENT = (Path(errors.__file__).parent, Path(__file__).parent)  # folders of slamgauge that an error passes through
+SILENT = (
+    Path(errors.__file__).parent,
+    Path(__file__).parent,
+    Path(__file__).parent / "forms",
+)  # folders of slamgauge that an error passes through
 
 
 class Address(NamedTuple):

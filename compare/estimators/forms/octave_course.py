@@ -1,6 +1,4 @@
-"""Two functions, one for odometry and one for observations, that take and return state and covariance.
-
-The Octave course's functions in Python:
+"""The Octave course's functions in Python: one for odometry and one for observations.
 
     prediction_step(mu, sigma, u) -> mu, sigma                         u = (r1, t, r2)
     correction_step(mu, sigma, z, observed) -> mu, sigma, observed     z = [(id, range, bearing), ...]
@@ -8,13 +6,6 @@ The Octave course's functions in Python:
 mu (3+2n,) has room for all n landmarks from the start, number j (0, 1, ... as in `observed`) at mu[3+2j : 5+2j]; the
 variances of their coordinates begin at 1000 m^2. A step turns by r1, moves t [m] ahead and turns by r2. Fields of u and
 z can be read by position, as `u.r1` and as `u["r1"]`. The functions contain their own noise.
-
-Functions that associate by themselves:
-
-    predict(eta, P, z_odo) -> eta, P          z_odo (3,) the body-frame increment [m, m, rad]
-    update(eta, P, z) -> eta, P               z (m, 2) ranges [m] and bearings [rad]
-
-eta is (3+2n,). Globals Q (3, 3) and R (2, 2) of their modules, if they exist, are set to the noise of the recording.
 """
 
 from __future__ import annotations
@@ -25,9 +16,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float, Int
+from slamgauge.compare.estimators.forms.signatures import called, pair, required_of_pair
+from slamgauge.compare.estimators.forms.state_log import StateLog
 from slamgauge.compare.estimators.fresh_modules import Code, Fresh
-from slamgauge.compare.estimators.signatures import called, pair, required
-from slamgauge.compare.estimators.state_log import StateLog
 from slamgauge.compare.estimators.user_code import UserCodeError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Observations, Recording
@@ -35,7 +26,6 @@ from slamgauge.se2 import wrap
 from slamgauge.sensors import SENSORS
 
 PREDICTION, CORRECTION = COURSE = ("prediction_step", "correction_step")
-PREDICT, UPDATE = ("predict", "update")
 UNSEEN = 1000.0  # variance [m^2] of a landmark that has not been observed
 
 
@@ -63,27 +53,12 @@ class CourseObservation(NamedTuple):
         return getattr(self, key) if isinstance(key, str) else tuple.__getitem__(self, key)
 
 
-def course_description(given: Fresh) -> str | None:
+def description(given: Fresh) -> str | None:
     """Describe one of the course's functions if its module has both; return None otherwise."""
-    found = _required_of_pair(given, COURSE, (3, 4))
+    found = required_of_pair(given, COURSE, (3, 4))
     if found is None:
         return None
     return f"functions of the Octave course, {PREDICTION} ({', '.join(found[0])}) and {CORRECTION}"
-
-
-def pair_description(given: Fresh) -> str | None:
-    """Describe `predict` or `update` if its module has both; return None otherwise."""
-    found = _required_of_pair(given, (PREDICT, UPDATE), (3, 3))
-    if found is None:
-        return None
-    return f"functions {PREDICT} ({', '.join(found[0])}) and {UPDATE} ({', '.join(found[1])})"
-
-
-def _required_of_pair(given: Fresh, names: tuple[str, str], counts: tuple[int, int]) -> list[list[str]] | None:
-    """Return the required parameters of both functions, if `given` is one of them and their counts are right."""
-    functions = [given.names.get(name) for name in names]
-    found = [required(function) for function in functions]
-    return found if given.callee in functions and [len(each) for each in found] == [*counts] else None
 
 
 @dataclass(frozen=True)
@@ -154,43 +129,3 @@ def turn(increment: Float) -> Turn:
     sign = -1.0 if dx < 0 else 1.0
     r1 = float(np.arctan2(sign * dy, sign * dx))
     return Turn(r1, sign * float(np.hypot(dx, dy)), float(wrap(dtheta - r1)))
-
-
-@dataclass(frozen=True)
-class PredictUpdate:
-    """`predict` and `update` as an estimator; `code` is the source of one of them."""
-
-    code: Code
-
-    def __call__(self, recording: Recording) -> Estimate:
-        """Run the functions over a recording, without its ids.
-
-        Raises:
-            UserCodeError: the recording lacks ranges or bearings, or a function returns no state.
-        """
-        if not SENSORS[recording.sensor].has_range:
-            raise UserCodeError("predict and update take ranges and bearings; give a recording that has them")
-        log = StateLog(recording, ("eta", "P"))
-        belief: list[Any] = [recording.prior_mean.copy(), recording.prior_cov.copy()]
-        with self.code.fresh() as fresh:
-            predict, update = fresh.names[PREDICT], fresh.names[UPDATE]
-
-            def advance(step: int, scan: Observations) -> tuple[Any, Any]:
-                if step > 0:
-                    _set_noise(predict, "Q", recording.odometry_cov[step - 1])
-                    belief[:] = pair(called(predict, *belief, recording.odometry[step - 1].copy()), PREDICT)[:2]
-                if len(scan.value):
-                    _set_noise(update, "R", scan.cov[0])
-                    belief[:] = pair(called(update, *belief, scan.value.copy()), UPDATE)[:2]
-                return belief[0], belief[1]
-
-            for step, scan in enumerate(recording.scans()):
-                log.step(step, None, lambda step=step, scan=scan: advance(step, scan))
-        return log.estimate()
-
-
-def _set_noise(function: Any, name: str, cov: Float) -> None:
-    """Replace a global covariance of the function, if it has one of that size."""
-    space = getattr(function, "__globals__", {})
-    if name in space and np.shape(space[name]) == cov.shape:
-        space[name] = cov.copy()

@@ -20,9 +20,9 @@ from typing import Any, Literal
 import numpy as np
 
 from slamgauge.arrays import Float
+from slamgauge.compare.estimators.forms.signatures import called, pair, parameters, required
+from slamgauge.compare.estimators.forms.state_log import StateLog
 from slamgauge.compare.estimators.fresh_modules import Code, Fresh
-from slamgauge.compare.estimators.signatures import called, pair, parameters, required
-from slamgauge.compare.estimators.state_log import StateLog
 from slamgauge.compare.estimators.user_code import Callee, UserCodeError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Observations, Recording

@@ -19,8 +19,8 @@ from typing import Any
 
 import numpy as np
 
+from slamgauge.compare.estimators.forms.signatures import called, parameters, required
 from slamgauge.compare.estimators.fresh_modules import Code, Fresh
-from slamgauge.compare.estimators.signatures import called, parameters, required
 from slamgauge.compare.estimators.user_code import Callee, UserCodeError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Observations, Recording

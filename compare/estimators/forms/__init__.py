@@ -1,0 +1,1 @@
+"""Forms of user code, one module each; `adapters` lists them."""
