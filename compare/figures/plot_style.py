@@ -123,6 +123,8 @@ def math_text(text: str) -> str:
 
 def save_printed(figure: Figure, path: Path) -> None:
     """Write the figure in the formats of the sheet (png at 200 dpi); files contain no date."""
+    figure.draw_without_rendering()  # it places the parts, once for all formats
+    figure.set_layout_engine("none")
     for each in sheet().formats:
         if each == "svg":
             path.with_suffix(".svg").write_bytes(small_svg(figure))

@@ -8,7 +8,6 @@ from pathlib import Path
 from slamgauge.compare.estimators.requests import labels_among
 from slamgauge.compare.figures.bench_figure import save_bench_figure
 from slamgauge.compare.figures.budget_figure import save_budget_figure
-from slamgauge.compare.figures.noise_figure import save_noise_figure
 from slamgauge.compare.figures.ray_frames import has_rays
 from slamgauge.compare.figures.ray_strip import save_ray_strip
 from slamgauge.compare.figures.run_figures import save_drift_figure, save_figure
@@ -152,6 +151,8 @@ def _of_budget(folder: Path, names: Sequence[str], _: str | None) -> Drawings:
 def _of_noise(folder: Path, names: Sequence[str], _: str | None) -> Drawings:
     if names:
         raise UserError("estimators: the noise of a recording has no estimators; remove this option")
+    from slamgauge.compare.figures.noise_figure import save_noise_figure  # here: its libraries are slow to start
+
     content = read_json(folder / NOISE, "noise")
 
     def draw(out: Path) -> None:
