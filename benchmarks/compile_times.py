@@ -2,13 +2,15 @@
 
     python benchmarks/compile_times.py [--only NAME] [--slowest 20]
 
-Each command runs twice with a new kernel cache: the first run compiles its kernels, the second run loads them. Times
+Each command runs twice with a new kernel cache: the first run compiles its kernels, the second run loads them. Python's
+bytecode exists already, as after `pip install`. Times
 are processor times of the command and its workers. `--slowest` also lists the kernels with the longest compilation
 times, which do not include the kernels that they call. `--only` selects commands with NAME in their title.
 """
 
 from __future__ import annotations
 
+import compileall
 import os
 import resource
 import subprocess
@@ -19,6 +21,7 @@ from typing import Any
 
 import tyro
 
+ROOT = Path(__file__).parents[1]
 RUN = ["run", "q1-long-dense", "--estimators", "dead-reckoning,ekf,riekf,causal,batch", "--out", "run"]
 COMMANDS = {
     "run q1-long-dense (README)": RUN,
@@ -35,6 +38,8 @@ COMMANDS = {
 def main(only: str = "", slowest: int = 0) -> None:
     if not any(only in name for name in COMMANDS):
         sys.exit(f"--only {only}: no command has it in its title; use one of {', '.join(COMMANDS)}")
+    for folder in ("core", "ekf", "graph_baseline", "compare"):
+        compileall.compile_dir(ROOT / folder, quiet=1)
     print(f"{'command':28}{'first [s]':>10}{'kernels':>9}{'again [s]':>11}")
     for name, words in COMMANDS.items():
         if only in name:
@@ -58,7 +63,7 @@ def user_seconds(words: list[str], folder: str) -> float:
 
 def environment(folder: str) -> dict[str, str]:
     """Return an environment with the kernel cache in `folder`."""
-    return {**os.environ, "NUMBA_CACHE_DIR": str(Path(folder, "kernels"))}
+    return {**os.environ, "PYTHONDONTWRITEBYTECODE": "", "NUMBA_CACHE_DIR": str(Path(folder, "kernels"))}
 
 
 def list_kernels(words: list[str], most: int) -> None:

@@ -6,12 +6,14 @@ import ctypes
 import gc
 import math
 import os
+import sys
 from contextlib import suppress
 from pathlib import Path
 
 from slamgauge.errors import UserError
 
 GIGABYTE = 1e9
+SMALL = 1e9  # bytes
 FREE_IN_PROC = Path("/proc/meminfo")  # Linux; on other systems all memory counts as free
 
 
@@ -39,11 +41,14 @@ def free_memory() -> float:
 
 
 def give_back() -> None:
-    """Return this process's unused memory to the system.
+    """Return this process's unused memory to the system if it has used more than `SMALL`.
 
     Figures are reference cycles, which Python collects rarely, and glibc keeps freed arrays of up to 32 MB. Together
-    these are a third of the memory of a run of a million steps.
+    these are a third of the memory of a run of a million steps. In a small process the collection costs more than it
+    frees.
     """
+    if _most_used() < SMALL:
+        return
     gc.collect()
     with suppress(AttributeError, TypeError):  # other C libraries have no such function
         ctypes.CDLL(None).malloc_trim(0)
@@ -61,6 +66,16 @@ def _available() -> float:
         return float(os.sysconf("SC_PHYS_PAGES")) * os.sysconf("SC_PAGE_SIZE")
     except (AttributeError, OSError, ValueError):  # Windows has no sysconf
         return math.inf
+
+
+def _most_used() -> float:
+    """Return the largest memory of this process so far in bytes; infinite if unknown."""
+    try:
+        import resource
+    except ImportError:  # Windows does not count
+        return math.inf
+    unit = 1 if sys.platform == "darwin" else 1024
+    return float(unit * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
 
 
 def _limit() -> float:

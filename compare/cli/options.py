@@ -169,10 +169,10 @@ def write_page(out: Path | None, beside: str, page: PageOptions) -> bool:
     """
     if out is None or page.no_report:
         return True
-    from slamgauge.compare.report.publishing import PAGES, write_pages
+    from slamgauge.compare.report.publishing import pages_of, write_pages
     from slamgauge.compare.storage.best_effort import decorate
 
-    drawn = decorate(out, beside, {"report": lambda stage: write_pages(stage, PAGES[beside](out))}, [REPORT])
+    drawn = decorate(out, beside, {"report": lambda stage: write_pages(stage, pages_of(out / beside))}, [REPORT])
     if drawn and page.open:
         open_page(out)
     return drawn

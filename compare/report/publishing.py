@@ -2,14 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import importlib
 from pathlib import Path
 
-from slamgauge.compare.report.exercise import question_page
-from slamgauge.compare.report.grade_page import grade_pages
-from slamgauge.compare.report.run_page import run_page
-from slamgauge.compare.report.study_page import study_page
-from slamgauge.compare.report.table_pages import budget_page, claims_page, noise_page, studies_of, sweep_page
 from slamgauge.compare.storage.files import explained, of_this_version, read_json
 from slamgauge.compare.storage.manifest import require_free
 from slamgauge.compare.storage.result_files import BUDGET, CLAIMS, GRADES, METRICS, NOISE, REPORT, SUMMARY, SWEEP
@@ -17,16 +12,16 @@ from slamgauge.compare.storage.staged_folder import staged_folder
 from slamgauge.errors import UserError
 
 REMEDY = "move it away"
-Pages = Callable[[Path], dict[str, str]]  # from a folder to HTML texts by file name
-# pages of results, by main file
-PAGES: dict[str, Pages] = {
-    METRICS: run_page,
-    SUMMARY: study_page,
-    SWEEP: sweep_page,
-    BUDGET: budget_page,
-    CLAIMS: claims_page,
-    GRADES: grade_pages,
-    NOISE: noise_page,
+# function that makes the pages of results from their folder, as texts by file name, for each main file; it is imported
+# when it is needed, because the libraries of some are slow to start
+PAGES = {
+    METRICS: "run_page:run_page",
+    SUMMARY: "study_page:study_page",
+    SWEEP: "table_pages:sweep_page",
+    BUDGET: "table_pages:budget_page",
+    CLAIMS: "table_pages:claims_page",
+    GRADES: "grade_page:grade_pages",
+    NOISE: "table_pages:noise_page",
 }
 
 
@@ -39,11 +34,19 @@ def publish_report(folder: Path) -> None:
     require_free(folder, [REPORT], REMEDY)
     latest = latest_in(folder)
     with of_this_version(latest):
-        pages = PAGES[latest.name](folder)
-        below = studies_of(folder, read_json(latest, "study --sweep")) if latest.name == SWEEP else {}
-    for study in below.values():
+        pages, below = pages_of(latest), _studies_below(latest)
+    for study in below:
         publish_report(study)
     _publish(folder, pages)
+
+
+def _studies_below(main: Path) -> list[Path]:
+    """Return the folders of the values of a sweep; none for other results."""
+    if main.name != SWEEP:
+        return []
+    from slamgauge.compare.report.table_pages import studies_of
+
+    return [*studies_of(main.parent, read_json(main, "study --sweep")).values()]
 
 
 def publish_question(folder: Path, name: str) -> None:
@@ -52,6 +55,8 @@ def publish_question(folder: Path, name: str) -> None:
     Raises:
         UserError: If a run is missing, or slamgauge did not write an existing page.
     """
+    from slamgauge.compare.report.exercise import question_page
+
     require_free(folder, [REPORT], REMEDY)
     _publish(folder, {REPORT: question_page(folder, name)})
 
@@ -66,6 +71,12 @@ def write_pages(stage: Path, pages: dict[str, str]) -> None:
     for name, text in pages.items():
         (stage / name).parent.mkdir(exist_ok=True)
         (stage / name).write_text(text, encoding="utf-8", newline="\n")
+
+
+def pages_of(main: Path) -> dict[str, str]:
+    """Return the pages of results, HTML texts by file name; `main` is their main file."""
+    module, _, name = PAGES[main.name].partition(":")
+    return getattr(importlib.import_module(f"slamgauge.compare.report.{module}"), name)(main.parent)
 
 
 def latest_in(folder: Path) -> Path:

@@ -11,6 +11,8 @@ LONGEST = 200  # bytes of a file name; most file systems allow 255, and extensio
 
 def shown(name: str) -> str:
     r"""Return the name with escapes (\x1b, \udcff) for characters that cannot be printed."""
+    if name.isprintable():
+        return name
     return "".join(each if each.isprintable() else ascii(each)[1:-1] for each in name)
 
 

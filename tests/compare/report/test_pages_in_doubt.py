@@ -15,7 +15,7 @@ from slamgauge import find_noise, load_scenario, simulate
 from slamgauge.compare.noise.estimation import Noise
 from slamgauge.compare.noise.noise_json import noise_json
 from slamgauge.compare.noise.report_text import noise_table
-from slamgauge.compare.report.publishing import PAGES
+from slamgauge.compare.report.publishing import pages_of
 from slamgauge.compare.scoring.intervals import Interval
 from slamgauge.compare.studies.budget import RUNGS, budget_table, summarise_budget
 from slamgauge.compare.studies.study import run_study
@@ -26,7 +26,7 @@ from .conftest import unexplained
 
 def page_of(folder: Path, name: str, content: object) -> str:
     (folder / name).write_text(json.dumps(content))
-    text = re.sub(r"<[^>]*>", "", PAGES[name](folder)["report.html"])
+    text = re.sub(r"<[^>]*>", "", pages_of(folder / name)["report.html"])
     return " ".join(html.unescape(text).split())
 
 
@@ -66,7 +66,7 @@ def test_the_page_of_noise_notes_autocorrelation_and_held_out_loss(tmp_path: Pat
     noise: Noise = replace(found, sights_counted_as_one=2.5, held_out=losing)
     page = page_of(tmp_path, "noise.json", noise_json(noise))
     notes = [part for part in noise_table(noise).parts if isinstance(part, str)]
-    (tmp_path / "report.html").write_text(PAGES["noise.json"](tmp_path)["report.html"], encoding="utf-8")
+    (tmp_path / "report.html").write_text(pages_of(tmp_path / "noise.json")["report.html"], encoding="utf-8")
     assert unexplained(tmp_path / "report.html") == []
     assert any("2.5 observations of a landmark count as one" in line for line in notes)
     assert any("this is a loss, and the assumed noise is kept" in line for line in notes)

@@ -15,7 +15,7 @@ from slamgauge import UserError, load_scenario
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.figures.publishing import write_study
 from slamgauge.compare.report.grade_page import FIGURES
-from slamgauge.compare.report.publishing import PAGES, publish_report
+from slamgauge.compare.report.publishing import pages_of, publish_report
 from slamgauge.compare.report.rerun_command import command_of_run, swept
 from slamgauge.compare.storage.best_effort import decorate
 from slamgauge.compare.studies.budget import RUNGS, summarise_budget
@@ -255,7 +255,8 @@ def test_the_page_is_of_the_latest_results(tmp_path: Path):
 
 def test_results_are_kept_if_the_page_fails(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     (tmp_path / "budget.json").write_text("{}")
-    pages = PAGES["budget.json"]
-    assert not decorate(tmp_path, "budget.json", {"report": lambda _: pages(tmp_path)}, ["report.html"])
+    assert not decorate(
+        tmp_path, "budget.json", {"report": lambda _: pages_of(tmp_path / "budget.json")}, ["report.html"]
+    )
     assert "report: not written (KeyError: 'rungs'" in capsys.readouterr().err
     assert (tmp_path / "budget.json").exists()
