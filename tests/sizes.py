@@ -45,6 +45,7 @@ NOT_QUICK = (  # these start programs, simulate many runs, or take several secon
 )
 
 FULL = {  # beginning of ids -> why only the full run has these tests
+    "tests/benchmarks/test_benchmarks.py::test_more_recordings_of_the_agreement": "five are in the usual run",
     "tests/benchmarks/test_drawn_recordings.py": "long recordings; tests/graph_baseline has scipy and GTSAM",
     "tests/compare/cli/test_cli.py::test_lost_in_the_woods": "a real recording of 12608 steps",
     "tests/compare/cli/test_cli.py::test_victoria_park": "a real recording of 6968 steps",
