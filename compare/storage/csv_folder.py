@@ -29,13 +29,15 @@ from slamgauge.compare.storage.covariance_columns import from_triangles, upper_t
 from slamgauge.compare.storage.files import explained
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, Kind
+from slamgauge.notices import tell_once
 from slamgauge.recording import Recording
 from slamgauge.sensors import SENSORS, Sensor
 from slamgauge.validation import as_ints
 
 START, ODOMETRY, OBSERVATIONS = "start.csv", "odometry.csv", "observations.csv"
 RECORDING_FILES = (START, ODOMETRY, OBSERVATIONS)
-LANDMARKS = "landmarks.csv"  # in the folder of an estimate
+LANDMARKS = "landmarks.csv"  # in the folder of an estimate; in that of a log it contains true landmarks
+LOG_FILES = (ODOMETRY, OBSERVATIONS, "recording.toml", "truth.csv")
 
 POSE = ("x", "y", "theta")
 POSE_COV = ("cov_xx", "cov_xy", "cov_xt", "cov_yy", "cov_yt", "cov_tt")
@@ -135,7 +137,7 @@ def write_estimate_csv(path: Path, estimate: Estimate) -> None:
 
 
 def read_estimate_csv(path: Path, kind: Kind, steps: int) -> Estimate:
-    """Read an estimate from a CSV file, and its map from landmarks.csv if that is in the same folder.
+    """Read an estimate from a CSV file, and its map from landmarks.csv in the same folder if that is not a log's.
 
     Args:
         path: CSV file of the poses.
@@ -150,7 +152,11 @@ def read_estimate_csv(path: Path, kind: Kind, steps: int) -> Estimate:
     if len(rows) != steps + 1:
         raise UserError(f"{path}: has {len(rows)} rows; write {steps + 1}, one for the start and one for each step")
     beside = path.with_name(LANDMARKS)
-    landmarks = _read(beside, ("landmark", *POINT), POINT_COV) if beside.exists() else np.zeros((0, 3))
+    has_map = beside.exists()
+    if has_map and any(path.with_name(name).exists() for name in LOG_FILES):
+        tell_once(f"{beside}: belongs to the log in its folder, so {path.name} has no map; move the estimate away")
+        has_map = False
+    landmarks = _read(beside, ("landmark", *POINT), POINT_COV) if has_map else np.zeros((0, 3))
     has_covs = landmarks.shape[1] > 3
     try:
         return Estimate(

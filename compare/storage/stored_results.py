@@ -18,10 +18,12 @@ from slamgauge.compare.storage.files import explained, load_estimate, load_recor
 from slamgauge.compare.storage.safe_names import shown
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
+from slamgauge.notices import tell_once
 from slamgauge.recording import Recording
 from slamgauge.truth import Truth, require_same_run
 
 LARGEST = 1e150  # its square is still finite
+UNIT, TILTED = 1e-3, 0.1  # largest error of a quaternion's length, and qx or qy of a robot that stands level
 TUM = 8  # columns without covariances
 PLANAR = {6: (0, 1, 2), 21: (0, 1, 5)}  # rows of x, y and heading, by the number of values in the triangle
 
@@ -96,12 +98,30 @@ def _read_tum(path: Path, stamps: Float) -> Estimate:
         step = int(np.argmax(apart > _tolerance(stamps)))
         raise UserError(f"{path}: no line for step {step} at t = {stamps[step]:.9g}; write one for every step")
     _, x, y, _, qx, qy, qz, qw = table[at, :TUM].T
+    _require_headings(path, table[at, 4:TUM])
     heading = np.arctan2(2.0 * (qw * qz + qx * qy), 1.0 - 2.0 * (qy**2 + qz**2))
     covs = _planar_covariances(table[at, TUM:]) if table.shape[1] > TUM else None
     try:
         return Estimate("filtered", poses=np.column_stack([x, y, heading]), pose_covs=covs)
     except UserError as error:
         raise UserError(f"{path}: {error}") from None
+
+
+def _require_headings(path: Path, quaternions: Float) -> None:
+    """Refuse quaternions (N+1, 4) in x, y, z, w that are not of unit length, and tell of poses that are tilted."""
+    norms = np.linalg.norm(quaternions, axis=1)
+    wrong = np.abs(norms - 1.0) > UNIT
+    if wrong.any():
+        step = int(wrong.argmax())
+        what = f"step {step}: the quaternion qx qy qz qw has the length {norms[step]:.4g}"
+        raise UserError(f"{path}: {what}; write unit quaternions, 0 0 sin(heading/2) cos(heading/2) in the plane")
+    tilts = np.abs(quaternions[:, :2]).max(axis=1)
+    if tilts.max(initial=0.0) > TILTED:
+        step = int(tilts.argmax())
+        tell_once(
+            f"{path}: qx or qy is {tilts[step]:.2f} at step {step}: the robot is tilted, or the columns are not in the "
+            "order qx qy qz qw; only the heading is used"
+        )
 
 
 def _tolerance(stamps: Float) -> float:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from slamgauge.compare.storage.csv_folder import write_rows
 from slamgauge.compare.storage.files import save, write_tum
 from slamgauge.compare.storage.stored_results import load_stored
 from slamgauge.ekf import ekf_slam
@@ -62,3 +63,50 @@ def test_wrong_tum_files_are_an_error(tmp_path: Path, text: str, message: str) -
     path.write_text(text)
     with pytest.raises(UserError, match=f"mine.tum.*{message}"):
         load_stored(path, RECORDING)
+
+
+@pytest.mark.parametrize(
+    ("quaternion", "message"),
+    [
+        ("0 0 0 2", r"step 3: the quaternion qx qy qz qw has the length 2; write unit quaternions"),
+        ("0 0 0 0", r"step 3: the quaternion qx qy qz qw has the length 0;"),
+        ("0 0 0.5 1", r"step 3: .* has the length 1\.118;"),
+    ],
+)
+def test_quaternions_of_another_length_are_an_error(
+    estimate: Estimate, tmp_path: Path, quaternion: str, message: str
+) -> None:
+    path = tmp_path / "mine.tum"
+    write_tum(path, RECORDING.stamps, estimate.poses)
+    lines = path.read_text().splitlines()
+    lines[3] = " ".join([*lines[3].split()[:4], quaternion])
+    path.write_text("\n".join(lines))
+    with pytest.raises(UserError, match=message):
+        load_stored(path, RECORDING)
+
+
+def test_tilted_poses_are_reported(estimate: Estimate, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Columns in the order qw qx qy qz look like a robot upside down."""
+    path = tmp_path / "mine.tum"
+    write_tum(path, RECORDING.stamps, estimate.poses)
+    load_stored(path, RECORDING)
+    assert "tilted" not in capsys.readouterr().err
+    rows = [line.split() for line in path.read_text().splitlines()]
+    path.write_text("\n".join(" ".join([*row[:4], row[7], *row[4:7]]) for row in rows))
+    load_stored(path, RECORDING)
+    assert "qx or qy is 0.98 at step 0: the robot is tilted, or the columns are not in the order" in (
+        capsys.readouterr().err
+    )
+
+
+@pytest.mark.parametrize("log", ["odometry.csv", "truth.csv", None])
+def test_the_true_landmarks_of_a_log_are_not_the_map_of_an_estimate(
+    estimate: Estimate, tmp_path: Path, log: str | None
+) -> None:
+    rows = [[step, *pose] for step, pose in enumerate(estimate.poses.tolist())]
+    write_rows(tmp_path / "estimate.csv", ("step", "x", "y", "theta"), rows)
+    write_rows(tmp_path / "landmarks.csv", ("landmark", "x", "y"), [[7, 1.0, 2.0]])
+    if log is not None:
+        (tmp_path / log).write_text("anything\n")
+    found = load_stored(tmp_path / "estimate.csv", RECORDING)
+    assert found.landmark_ids.tolist() == ([7] if log is None else [])
