@@ -18,12 +18,14 @@ from slamgauge.arrays import Float
 from slamgauge.compare.scenarios.csv_tables import Table
 from slamgauge.compare.scenarios.section import Number, Positive, Section, Whole, invalid
 from slamgauge.errors import UserError
+from slamgauge.notices import tell_once
 from slamgauge.se2 import between, wrap
 
 PATH_HEADER = ("stamp", "x", "y", "theta")
 Pose = tuple[float, float, float]  # x, y [m], heading [rad]
 Move = tuple[tuple[float, float], int]  # speed [m/s] and yaw rate [rad/s]; number of steps
 
+_SAME_TIME = 1e-6  # steps: smaller differences of a duration from whole steps are rounding
 _MAX_STEPS = 1_000_000  # a misplaced decimal point must not fill the memory
 
 
@@ -96,6 +98,10 @@ class Segments(Steady):
             raise invalid("has no segment; add one")
         if sum(segment.duration for segment in self.segments) / self.step > _MAX_STEPS:
             raise invalid(f"duration / step comes to more than {_MAX_STEPS} steps; raise step or shorten duration")
+        for segment, steps in zip(self.segments, self.steps, strict=True):
+            if abs(steps - segment.duration / self.step) > _SAME_TIME:
+                rounded = f"whole steps, {steps} x {self.step:g} s = {steps * self.step:g} s"
+                tell_once(f"trajectory: the duration of {segment.duration:g} s is rounded to {rounded}")
         return self
 
     @property

@@ -152,9 +152,9 @@ def judge_claims(runs: int, seed: int, out: str | Path, executor: Executor, most
     """
     if runs < 2:
         raise UserError(f"runs: {runs} show no spread; give at least 2")
-    if most is not None and most < 1:
-        raise UserError(f"max-runs: {most} is too few; give at least 1")
-    most, out = max(runs, most or 0), Path(out)
+    most, out = runs if most is None else most, Path(out)
+    if most < runs:
+        raise UserError(f"max-runs: {most} is less than the {runs} runs that it begins with; give at least {runs}")
     require_free(out, CLAIMS_FILES)
     settings = sampled_settings(SETTINGS)
     studies = _Studies(settings, seed, out, executor)

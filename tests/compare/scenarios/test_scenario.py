@@ -77,6 +77,19 @@ def test_a_single_segment_a_short_segment_and_degrees(write: Write):
     np.testing.assert_allclose(scenario.sensor.sigmas, [0.1, np.deg2rad(5.0)], rtol=1e-15)
 
 
+def test_durations_between_whole_steps_are_rounded_with_a_notice(capsys: pytest.CaptureFixture[str]):
+    for name, _ in shipped_scenarios():
+        load_scenario(name)
+    assert not capsys.readouterr().err
+    load_scenario("q1-long-dense", ["trajectory.step=100", "trajectory.duration=3"])
+    load_scenario("q1-long-dense", ["trajectory.duration=3.04"])
+    told = [line for line in capsys.readouterr().err.splitlines() if line]
+    assert told == [
+        "slamgauge: trajectory: the duration of 3 s is rounded to whole steps, 1 x 100 s = 100 s",
+        "slamgauge: trajectory: the duration of 3.04 s is rounded to whole steps, 30 x 0.1 s = 3 s",
+    ]
+
+
 def test_scenarios_are_immutable_and_survive_a_dump():
     scenario = load_scenario("q1-short-dense")
     assert type(scenario).model_validate(scenario.model_dump()) == scenario

@@ -228,7 +228,7 @@ def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: py
     again = json.loads(capsys.readouterr().out)
     assert again == [{**entry, "command": again[0]["command"]} for entry in content]
     assert again[0]["command"] == f"{content[0]['command']} --json"
-    bad = {"--runs=1": "give at least 2", "--max-runs=-5": "max-runs: -5 is too few; give at least 1"}
+    bad = {"--runs=1": "give at least 2", "--max-runs=-5": "max-runs: -5 is less than the"}
     for option, message in bad.items():
         assert main(["claims", option, "--out", str(tmp_path / "other")]) == 2
         assert message in capsys.readouterr().err
