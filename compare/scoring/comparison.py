@@ -173,6 +173,8 @@ def remarks(comparison: Comparison) -> list[str]:
     scores = comparison.scores.values()
     optima = sorted(comparison.optima.values())
     found = [misfits([name for name in optima if is_misfit(comparison.estimates[name])])]
+    if not len(comparison.recording.observation):
+        found.append("no landmark was observed: all estimates are dead reckoning")
     if comparison.stand_ins:
         found.append(under_associations(comparison.stand_ins))
     else:

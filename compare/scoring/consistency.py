@@ -16,6 +16,7 @@ from slamgauge.recording import Recording
 from slamgauge.truth import Truth
 
 SINGULAR = 1e-9  # largest smallest eigenvalue of a correlation matrix that may be rounding (as in `validation`)
+ROUNDING = 1e-9  # m, rad: errors and sigmas of an optimum below this are rounding, so nothing is divided by them
 LARGEST = 1e100  # limit of distances, so that sums of their squares are finite, as result files require
 
 
@@ -65,9 +66,9 @@ def _eliminate(C: Float, e: Float) -> tuple[Float, Float]:
 
 
 def sigma_ratios(covs: Float, optimum_covs: Float) -> Float:
-    """Return ratios (n, d) of standard deviations, filter over optimum; NaN unless both are positive."""
+    """Return ratios (n, d) of standard deviations, filter over optimum; NaN if the optimum's is not above ROUNDING."""
     variances, optimal = (np.diagonal(stack, axis1=1, axis2=2) for stack in (covs, optimum_covs))
-    both = (variances > 0) & (optimal > 0)
+    both = (variances > 0) & (optimal > ROUNDING**2)
     return np.sqrt(np.divide(variances, optimal, out=np.full(variances.shape, np.nan), where=both))
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from slamgauge.arrays import Float
 from slamgauge.compare.scoring.catalogue import CATALOGUE, SCORED, measured
-from slamgauge.compare.scoring.consistency import log_scores, sigma_ratios, squared_mahalanobis
+from slamgauge.compare.scoring.consistency import ROUNDING, log_scores, sigma_ratios, squared_mahalanobis
 from slamgauge.compare.scoring.landmark_identity import association_figures, landmark_errors, true_landmarks
 from slamgauge.compare.scoring.loop_closures import LoopClosure, closure_steps, describe_closures
 from slamgauge.compare.scoring.nan_stats import mean, number, rms
@@ -212,7 +212,7 @@ def _optimum_figures(truth: Truth, estimate: Estimate, optimum: Estimate | None)
     score, best = (log_scores(pose_errors(reference, each.poses), pose_covs_of(each)) for each in (estimate, optimum))
     ratios = tuple(mean(column) for column in sigma_ratios(covs, optimum_covs).T)
     return {
-        "ratio_to_optimum": ate / optimal if ate is not None and optimal else None,
+        "ratio_to_optimum": ate / optimal if ate is not None and optimal is not None and optimal > ROUNDING else None,
         "sigma_ratio_to_optimum": None if ratios == (None, None, None) else ratios,
         "mahalanobis_to_optimum": mean(squared_mahalanobis(pose_errors(optimum.poses, estimate.poses), optimum_covs)),
         "log_score_to_optimum": mean(score - best),

@@ -81,6 +81,23 @@ def test_sigma_ratios_need_both_sigmas() -> None:
     assert sigma_ratios(covs, optimum)[0] == pytest.approx([2, np.nan, np.nan], nan_ok=True)
 
 
+@pytest.mark.parametrize(("size", "ratio"), [(1e-12, np.nan), (1e-8, 3.0)])
+def test_nothing_is_divided_by_the_rounding_errors_of_an_optimum(size: float, ratio: float) -> None:
+    sigmas = np.array([3.0 * size, size, 1.0])
+    assert sigma_ratios(np.diag(sigmas**2)[None], np.diag(size**2 * np.ones(3))[None])[0, 0] == pytest.approx(
+        ratio, nan_ok=True
+    )
+    recording = straight(3)
+    truth = Truth(poses=np.zeros((4, 3)))
+    estimate, optimum = (
+        Estimate("filtered", np.tile([error, 0.0, 0.0], (4, 1)), np.tile(np.eye(3), (4, 1, 1)))
+        for error in (3.0 * size, size)
+    )
+    assert evaluate(truth, recording, estimate, optimum).ratio_to_optimum == (
+        None if np.isnan(ratio) else pytest.approx(ratio)
+    )
+
+
 @pytest.mark.parametrize(("runs", "low", "high"), [(20, 2.02, 4.17), (50, 2.36, 3.72), (100, 2.54, 3.50)])
 def test_the_chi_square_band_equals_published_nees_bounds(runs: int, low: float, high: float) -> None:
     band = chi2_band(0.95, 3 * runs)

@@ -241,3 +241,11 @@ def test_the_table_has_the_note():
     estimators = {"cheats": cheats, **load_estimators(["riekf", "causal"])}
     lines = str(table(compare_estimators(truth, recording, estimators))).splitlines()
     assert [line.partition(":")[0] for line in lines if "significantly nearer to the truth" in line] == ["cheats"]
+
+
+@pytest.mark.parametrize(("max_range", "is_told"), [(0.01, True), (10.0, False)])
+def test_a_run_without_observations_is_told(max_range: float, is_told: bool) -> None:
+    scenario = load_scenario("q1-short-dense", [f"sensor.max_range={max_range}", "trajectory.duration=1"])
+    truth, recording = simulate(scenario, 0)
+    text = str(table(compare_estimators(truth, recording, load_estimators(["ekf"]))))
+    assert ("no landmark was observed: all estimates are dead reckoning" in text) == is_told
