@@ -44,7 +44,18 @@ NOT_QUICK = (  # these start programs, simulate many runs, or take several secon
     "tests/test_",
 )
 
+NIS = "tests/ekf/test_laws.py::test_nis_detects_a_sensor_covariance_with_an_error_of_a_tenth"
 FULL = {  # beginning of ids -> why only the full run has these tests
+    "tests/compare/figures/test_for_papers.py::test_nothing_is_cropped[page]": "the narrow sheet is in the usual run",
+    "tests/compare/noise/test_find_noise.py::test_a_landmark_that_starts_with_an_outlier": "a long recording",
+    "tests/compare/noise/test_find_noise.py::test_heavy_tails_without_a_gap_give_student_t": "a long recording",
+    "tests/compare/scoring/test_misleading.py::test_accepted_outliers_are_in_the_budget": "many runs",
+    "tests/compare/studies/test_budget.py::test_wrong_associations_are_charged": "a filter without ids is usual",
+    "tests/ekf/advanced/test_sliding_window.py::test_equals_the_textbook[1-position]": "other sensors are usual",
+    **dict.fromkeys(
+        (f"{NIS}[{factor}-{name}]" for factor in (0.9, 1.1) for name in ("fej_ekf", "oc_ekf", "iekf")),
+        "ekf and riekf are in the usual run",
+    ),
     "tests/benchmarks/test_benchmarks.py::test_more_recordings_of_the_agreement": "five are in the usual run",
     "tests/benchmarks/test_drawn_recordings.py": "long recordings; tests/graph_baseline has scipy and GTSAM",
     "tests/compare/cli/test_cli.py::test_lost_in_the_woods": "a real recording of 12608 steps",
