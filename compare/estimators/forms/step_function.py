@@ -15,7 +15,7 @@ import inspect
 import textwrap
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -23,12 +23,11 @@ from slamgauge.arrays import Float
 from slamgauge.compare.estimators.forms.signatures import called, pair, parameters, required
 from slamgauge.compare.estimators.forms.state_log import StateLog
 from slamgauge.compare.estimators.fresh_modules import Code, Fresh
-from slamgauge.compare.estimators.user_code import Callee, UserCodeError
+from slamgauge.compare.estimators.user_code import Callee, Noise, UserCodeError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Observations, Recording
 from slamgauge.sensors import SENSORS
 
-Noise = Literal["recording", "file"]
 STATE_AND_INPUT = 4  # parameters that every variant has
 NOISES = ("Q", "Py")
 KNOWN = "KNOWN_DATA_ASSOCIATION"
