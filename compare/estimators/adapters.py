@@ -6,6 +6,7 @@ The form of a callable follows from its signature; `adapt` prints it on standard
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from types import ModuleType
 from typing import Any
 
@@ -14,10 +15,10 @@ from slamgauge.compare.estimators.forms import step_function as steps
 from slamgauge.compare.estimators.forms.external_program import ExternalProgram, external
 from slamgauge.compare.estimators.forms.form import Form
 from slamgauge.compare.estimators.forms.signatures import required
-from slamgauge.compare.estimators.forms.step_function import Noise, StepFunction
+from slamgauge.compare.estimators.forms.step_function import StepFunction
 from slamgauge.compare.estimators.fresh_modules import AddressedCode, Fresh, GivenCode, uncopied
 from slamgauge.compare.estimators.private_import import present
-from slamgauge.compare.estimators.user_code import Address, Callee, load_callable_module, load_whole_module
+from slamgauge.compare.estimators.user_code import Address, Callee, Noise, load_callable_module, load_whole_module
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, Estimator
 from slamgauge.recording import Recording
@@ -87,7 +88,7 @@ def adapted(where: Address) -> tuple[Estimator, str]:
     callee = getattr(module, where.attribute)
     form, words = _form_of(Fresh(callee, vars(module)), where.label)
     if form is not None:
-        return form.estimator(AddressedCode(where, module)), words
+        return _with_noise(form.estimator(AddressedCode(where, module)), where.noise), words
 
     def run(recording: Recording) -> Estimate:
         with present(module):
@@ -172,6 +173,11 @@ def step_function(given: Callee, noise: Noise = "recording") -> StepFunction:
     if steps.description(uncopied(given)) is None:
         raise UserError(f"step_function: {_signature(given)} has another form; give ekf_slam(xEst, PEst, u, y)")
     return StepFunction(GivenCode(given), noise)
+
+
+def _with_noise(estimator: Estimator, noise: Noise) -> Estimator:
+    """Set the field `noise` of an estimator, for forms that can use the file's own noise."""
+    return replace(estimator, noise=noise) if isinstance(estimator, StepFunction) else estimator
 
 
 def _signature(given: Callee) -> str:

@@ -65,7 +65,8 @@ class Asked:
         """Key of its results in stores, with the digest of user code: edited code is another estimator."""
         if self.where is not None and self.where.sources is not None:
             apart = "" if self.isolation is None else f" {self.isolation.timeout:g}s strict={self.isolation.strict}"
-            return f"{self.label} {self.where.attribute} {self.where.sources.digest[:16]}{apart}"
+            chosen = [text for text in (self.where.form, self.where.noise) if text not in ("", "recording")]
+            return " ".join([self.label, self.where.attribute, self.where.sources.digest[:16], *chosen]) + apart
         if self.call is not None:
             return f"{self.label} {_digest_of(self.call)[:16]}"
         return self.label
