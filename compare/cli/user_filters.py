@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import secrets
+import sys
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
@@ -11,6 +13,7 @@ import tyro
 from slamgauge.compare.cli.options import (
     NAMED,
     Folder,
+    Overrides,
     WithPage,
     Work,
     require_timeout,
@@ -57,6 +60,13 @@ class Check:
         return 0 if printed and not any(verdict.is_failure for verdict in verdicts) else 1
 
 
+def random_seed() -> int:
+    """Return a random root seed, and print it."""
+    seed = secrets.randbits(32)
+    print(f"slamgauge: root seed {seed} (random; --seed {seed} grades on the same runs)", file=sys.stderr)
+    return seed
+
+
 @dataclass
 class Grade(WithPage):
     """Grade a folder of submissions against a reference filter. Each runs in a separate process without the truth.
@@ -75,8 +85,14 @@ class Grade(WithPage):
     runs: int = 20
     """Number of runs."""
 
-    seed: int = 0
-    """Root seed. The seed of each run is spawned from it. Anyone who knows it can compute the truth: keep it secret."""
+    seed: int | None = None
+    """Root seed. The seed of each run is spawned from it. Anyone who knows it can compute the truth. If not given: a
+    random one, which is printed and stored."""
+
+    set: Overrides = field(default_factory=list)
+
+    rubric: Folder | None = None
+    """TOML file with the weights of the points (docs/grading.md). If not given: the rubric of slamgauge."""
 
     reference: str = "ekf"
     """Submissions must not be significantly worse than this: a built-in name or [LABEL=]FILE.py:callable."""
@@ -87,25 +103,30 @@ class Grade(WithPage):
     work: Work = field(default_factory=Work)
 
     out: Folder | None = None
-    """Folder of grades.csv, grades.xml (JUnit) and submissions/NAME.md. If not given: results/grades-FOLDER."""
+    """Folder of grades.csv, grades.xml (JUnit), submissions/NAME.md and gradescope/NAME/results.json. If not given:
+    results/grades-FOLDER."""
 
     def __call__(self) -> int:
         from slamgauge.compare.estimators.isolated_process import require_isolation
         from slamgauge.compare.estimators.requests import ask
         from slamgauge.compare.grading.grade_output import grade_table, write_grades, write_pages
         from slamgauge.compare.grading.grading import GradeSettings, grade_folder
+        from slamgauge.compare.grading.rubric import load_rubric
         from slamgauge.compare.grading.submissions import submissions_in
-        from slamgauge.compare.storage.result_files import GRADES, PAGES, grade_files
+        from slamgauge.compare.storage.result_files import GRADES, GRADESCOPE, PAGES, RESULTS, grade_files
         from slamgauge.compare.storage.safe_names import file_name
 
         require_isolation("grade on Linux or macOS")
         out = self.out or Path("results") / f"grades-{file_name(self.folder.resolve().name)}"
-        scenario, (reference,) = sampled_scenario(self.scenario, []), ask([self.reference])
+        scenario, (reference,) = sampled_scenario(self.scenario, self.set), ask([self.reference])
         submissions, timeout = submissions_in(self.folder), require_timeout(self.timeout)
+        rubric = load_rubric(self.rubric)
         writes = grade_files(each.name for each in submissions)
-        with results_folder(out, writes, GRADES, [f"{PAGES}/*.md", f"{PAGES}/*.html"]) as staged:
+        outdated = [f"{PAGES}/*.md", f"{PAGES}/*.html", f"{GRADESCOPE}/*/{RESULTS}", RESULTS]
+        with results_folder(out, writes, GRADES, outdated) as staged:
             with self.work.executor() as executor:
-                settings = GradeSettings(scenario, self.runs, self.seed, reference, timeout)
+                seed = random_seed() if self.seed is None else self.seed
+                settings = GradeSettings(scenario, self.runs, seed, reference, timeout, rubric)
                 grades = grade_folder(self.folder, submissions, settings, executor)
             if not any(each.is_graded for each in grades.grades):
                 first = grades.grades[0]

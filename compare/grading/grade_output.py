@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import csv
+import json
 from pathlib import Path
 from xml.etree import ElementTree
 
 from slamgauge.compare.checks.examination import verdicts_table
 from slamgauge.compare.grading.grades import Grade
+from slamgauge.compare.grading.gradescope import gradescope_json
 from slamgauge.compare.grading.grading import Grades
+from slamgauge.compare.grading.rubric import Mark
 from slamgauge.compare.scoring.text_page import Grid, Page
 from slamgauge.compare.scoring.text_table import cell, interval_cell
 from slamgauge.compare.storage.best_effort import Drawing, decorate
 from slamgauge.compare.storage.files import explained
 from slamgauge.compare.storage.provenance import origin
-from slamgauge.compare.storage.result_files import GRADES, GRADES_XML, PAGES
+from slamgauge.compare.storage.result_files import GRADES, GRADES_XML, GRADESCOPE, PAGES, RESULTS, RUBRIC
 from slamgauge.compare.storage.safe_names import shown
 
 HEAD = ("ATE [m]", "x", "NEES/3", "x", "sigma x", "heading sigma x", "x causal", "checks failed", "time [s]")
@@ -23,10 +26,13 @@ HEAD = ("ATE [m]", "x", "NEES/3", "x", "sigma x", "heading sigma x", "x causal",
 def grade_table(grades: Grades) -> Page:
     """Return a table with a row for the reference and for each submission, and below it the reasons for failures."""
     name = grades.reference_grade.submission
-    head = ["submission", "verdict", *(f"{title} {name}" if title[-1:] == "x" else title for title in HEAD)]
-    rows = [head, [f"({name})", "reference", *_cells(grades.reference_grade)]]
-    rows += [[each.submission, verdict(each), *_cells(each)] for each in grades.grades]
+    head = ["submission", "verdict", "points", *(f"{title} {name}" if title[-1:] == "x" else title for title in HEAD)]
+    rows = [head, [f"({name})", "reference", "-", *_cells(grades.reference_grade)]]
+    rows += [[each.submission, verdict(each), f"{each.mark.points:g}", *_cells(each)] for each in grades.grades]
     reasons = [f"{each.submission}: {'; '.join(each.reasons)}" for each in grades.grades if each.reasons]
+    reasons += [
+        f"{each.submission}, for the teacher: {'; '.join(each.remarks)}" for each in grades.grades if each.remarks
+    ]
     graded, passed = (sum(getattr(each, name) for each in grades.grades) for name in ("is_graded", "passed"))
     return Page((Grid(rows, words=2), *reasons, f"{graded} of {len(grades.grades)} graded, {passed} passed"))
 
@@ -53,7 +59,7 @@ def _cells(grade: Grade) -> list[str]:
 
 
 def write_grades(folder: Path, grades: Grades) -> None:
-    """Write grades.csv and grades.xml into an existing folder.
+    """Write grades.csv, grades.xml, the rubric and the results for Gradescope into an existing folder.
 
     Raises:
         UserError: a file cannot be written.
@@ -66,6 +72,13 @@ def write_grades(folder: Path, grades: Grades) -> None:
             for row in rows:  # spreadsheets read true and false
                 table.writerow({key: str(it).lower() if isinstance(it, bool) else it for key, it in row.items()})
         ElementTree.ElementTree(_junit(grades)).write(folder / GRADES_XML, encoding="utf-8", xml_declaration=True)
+        (folder / RUBRIC).write_text(grades.settings.rubric.text, encoding="utf-8")
+        for each in grades.grades:
+            results = json.dumps(gradescope_json(each), indent=2, allow_nan=False)
+            place = folder / GRADESCOPE / each.submission
+            place.mkdir(parents=True)
+            for path in (place, *([folder] * (len(grades.grades) == 1))):
+                (path / RESULTS).write_text(f"{results}\n", encoding="utf-8")
 
 
 def write_pages(out: Path, grades: Grades) -> bool:
@@ -106,6 +119,7 @@ def _page(grade: Grade, grades: Grades) -> str:
         for title, value, ratio in figures:
             lines.append(f"| {title} | {interval_cell(value, '{:.3f}')} | {interval_cell(ratio, '{:.3f}')} |")
         lines += ["", f"ATE over the causal optimum's: {interval_cell(grade.ratio_to_optimum, '{:.3f}')}."]
+    lines += _points(grade.mark)
     if trial.verdicts:
         lines += ["", "Checks (`slamgauge check`):", "", *_verbatim(str(verdicts_table(trial.verdicts)))]
     if trial.no_checks:
@@ -113,6 +127,15 @@ def _page(grade: Grade, grades: Grades) -> str:
     if trial.output:
         lines += ["", "What it printed last:", "", *_verbatim(trial.output)]
     return "\n".join(lines) + "\n"
+
+
+def _points(mark: Mark) -> list[str]:
+    """Return a table of the items of a mark."""
+    lines = ["", f"Points: {mark.points:g} of {mark.total:g}", "", "| item | points | of | |", "|---|---|---|---|"]
+    for item in mark.items:
+        points = f"{item.points:.2f} | {item.most:.2f}" if item.is_judged else "- | -"
+        lines.append(f"| {item.name} | {points} | {item.text.replace('|', '/')} |")
+    return lines
 
 
 def _verbatim(text: str) -> list[str]:
@@ -134,6 +157,9 @@ def _junit(grades: Grades) -> ElementTree.Element:
         case = ElementTree.SubElement(
             suite, "testcase", classname=shown(grades.folder.name), name=each.submission, time=f"{seconds:.3f}"
         )
+        told = ElementTree.SubElement(case, "properties")
+        for name, points in (("points", each.mark.points), ("max_points", each.mark.total)):
+            ElementTree.SubElement(told, "property", name=name, value=f"{points:g}")
         if each.reasons:
             kind = "failure" if each.is_graded else "error"
             ElementTree.SubElement(case, kind, message="; ".join(each.reasons))

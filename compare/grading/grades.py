@@ -1,4 +1,4 @@
-"""Grade of a trial: passed or not, and the reasons."""
+"""Grade of a trial: passed or not, the reasons, and points."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from slamgauge.compare.estimators.isolated_process import printable
+from slamgauge.compare.grading.rubric import Mark, Rubric
 from slamgauge.compare.grading.trial import Trial, optimum_ates
 from slamgauge.compare.scoring.error_bounds import AgainstReference, against_reference, ates, late_nees
 from slamgauge.compare.scoring.intervals import Interval, mean_interval, ratio_interval
@@ -25,6 +26,8 @@ class Grade:
         submission: name of the submission.
         trial: its runs.
         reasons: why it has not passed, or the one reason why it is not graded.
+        mark: its points.
+        remarks: remarks for the teacher, without effect on the grade.
         kind: kind of its estimates; empty if it is not graded.
         ate_m: mean over runs.
         nees: pose NEES / 3, mean over runs and over steps from the 11th on.
@@ -36,6 +39,8 @@ class Grade:
     submission: str
     trial: Trial
     reasons: tuple[str, ...]
+    mark: Mark
+    remarks: tuple[str, ...] = ()
     kind: str = ""
     ate_m: Interval | None = None
     nees: Interval | None = None
@@ -74,6 +79,9 @@ class Grade:
             "submission": self.submission,
             "passed": self.passed,
             "reason": "; ".join(self.reasons),
+            "points": self.mark.points,
+            "max_points": self.mark.total,
+            "remarks": "; ".join(self.remarks),
             "graded": self.is_graded,
             "callable": self.trial.callable,
             "form": self.trial.form,
@@ -88,10 +96,15 @@ class Grade:
         return row
 
 
-def grade(submission: str, trial: Trial, reference: Sequence[Score]) -> Grade:
-    """Grade a trial by comparison with the scores of the reference on the same runs."""
+def grade(
+    submission: str, trial: Trial, reference: Sequence[Score], rubric: Rubric, remarks: Sequence[str] = ()
+) -> Grade:
+    """Grade a trial by comparison with the scores of the reference on the same runs, with points by the rubric."""
+    told = tuple(printable(each) for each in remarks)
     if trial.reason is not None:
-        return Grade(submission=submission, trial=trial, reasons=(printable(trial.reason),))
+        reason = printable(trial.reason)
+        mark = rubric.nothing(reason)
+        return Grade(submission=submission, trial=trial, reasons=(reason,), mark=mark, remarks=told)
     scores = trial.scores
     ratios = against_reference(scores, reference)
     ratio = ratio_interval(ates(scores), optimum_ates(scores))
@@ -107,13 +120,16 @@ def grade(submission: str, trial: Trial, reference: Sequence[Score]) -> Grade:
     failed = [each.name for each in trial.verdicts if each.is_failure]
     if failed:
         reasons.append(f"fails the check{'s' if len(failed) > 1 else ''} {', '.join(failed)}")
+    nees, other = (mean_interval(late_nees(each)) for each in (scores, reference))
     return Grade(
         submission=submission,
         trial=trial,
         reasons=tuple(reasons),
+        mark=rubric.mark(ratios.ate, nees, other, trial.verdicts, reasons[0] if kinds else ""),
+        remarks=told,
         kind=scores[0].kind,
         ate_m=mean_interval(ates(scores)),
-        nees=mean_interval(late_nees(scores)),
+        nees=nees,
         reference=ratios,
         ratio_to_optimum=ratio,
         seconds=float(np.median([each.seconds_total or 0.0 for each in scores])),

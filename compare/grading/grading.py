@@ -11,6 +11,8 @@ from typing import Any, TypeVar
 from slamgauge.compare.estimators.memory_check import require_room_for_runs
 from slamgauge.compare.estimators.requests import Asked
 from slamgauge.compare.grading.grades import Grade, grade
+from slamgauge.compare.grading.remarks import figure_remarks, source_remarks
+from slamgauge.compare.grading.rubric import Rubric
 from slamgauge.compare.grading.submissions import Submission
 from slamgauge.compare.grading.trial import Trial, reference_run, run_trial
 from slamgauge.compare.scenarios.scenario import Scenario, scenario_text
@@ -38,6 +40,7 @@ class GradeSettings:
         seed: root seed, a non-negative number.
         reference: estimator whose results submissions are compared with.
         timeout: largest time of a run of a submission [s].
+        rubric: weights of the points.
     """
 
     scenario: Scenario
@@ -45,6 +48,7 @@ class GradeSettings:
     seed: int
     reference: Asked
     timeout: float
+    rubric: Rubric
 
 
 @dataclass(frozen=True)
@@ -111,8 +115,19 @@ def grade_folder(
     trials = {place: Trial(reason=each.reason) for place, each in enumerate(submissions)}
     for number, trial in _results(executor, run_trial, arguments, "submission"):
         trials[runnable[number][0]] = trial if isinstance(trial, Trial) else Trial(reason=LOST)
-    grades = tuple(grade(each.name, trials[place], scores) for place, each in enumerate(submissions))
-    return Grades(folder, settings, grade(reference.label, Trial(scores=scores), scores), grades)
+    rubric, theirs = settings.rubric, Trial(scores=scores)
+    runs = {each.name: trials[place].scores for place, each in enumerate(submissions)}
+    same = figure_remarks(runs | {f"({reference.label})": scores}, f"({reference.label})")
+    grades = tuple(
+        grade(each.name, trials[place], scores, rubric, [*_sources(each), *same.get(each.name, ())])
+        for place, each in enumerate(submissions)
+    )
+    return Grades(folder, settings, grade(reference.label, theirs, scores, rubric), grades)
+
+
+def _sources(submission: Submission) -> list[str]:
+    """Return the remarks on the sources of a submission."""
+    return [] if submission.where is None else source_remarks(submission.where.sources)
 
 
 def _results(

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import ast
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from slamgauge.compare.estimators.adapters import NAMES
 from slamgauge.compare.estimators.isolated_process import printable
 from slamgauge.compare.estimators.sources import sources_of
 from slamgauge.compare.estimators.user_code import Address
@@ -13,7 +15,9 @@ from slamgauge.compare.storage.files import explained
 from slamgauge.errors import UserError
 
 LONGEST_NAME = 100  # bytes, so that it can name a page
-MAIN = ("submission.py", "main.py")  # main file of a folder with several files
+MAIN = ("submission.py", "main.py")  # main file of a folder with several files, the first of them that exists
+DEFINED = {*NAMES, "correction_step", "update"}  # functions of a known form
+METHODS = {"predict", "update"}, {"predict", "correct"}  # of a class of a known form
 
 
 @dataclass(frozen=True)
@@ -34,8 +38,9 @@ class Submission:
 def submissions_in(folder: Path) -> list[Submission]:
     """Return every Python file of a folder, and every folder in it that contains Python files, by name.
 
-    A folder is a package, or its submission is its only Python file, `submission.py` or `main.py`. Names that begin
-    with a dot or an underscore are skipped. No code runs.
+    The main file of a folder is `submission.py`; else the folder is a package, or its main file is its only Python
+    file, `main.py`, or the only file that defines a known form (`_defines_a_form`). Names that begin with a dot or an
+    underscore are skipped. No code runs.
 
     Raises:
         UserError: the folder cannot be read, or contains no submission.
@@ -82,13 +87,35 @@ def _main_file(folder: Path) -> Path | None:
         UserError: several files may be the main file.
     """
     files = sorted(each for each in folder.glob("*.py") if not each.name.startswith("."))
-    if (folder / "__init__.py") in files:
+    if folder / MAIN[0] in files:
+        return folder / MAIN[0]
+    if folder / "__init__.py" in files:
         return None
-    found = files if len(files) == 1 else [each for each in files if each.name in MAIN]
+    named = [each for each in files if each.name in MAIN]
+    found = files if len(files) == 1 else named or [each for each in files if _defines_a_form(each)]
     if len(found) != 1:
         names = ", ".join(each.name for each in files)
         raise UserError(f"{folder.name}: may be {names}; call the one that counts {MAIN[0]}")
     return found[0]
+
+
+def _defines_a_form(path: Path) -> bool:
+    """Return whether a file defines, at its top level, a function or class of a known form. The file does not run.
+
+    Raises:
+        OSError: the file cannot be read.
+    """
+    try:
+        body = ast.parse(path.read_bytes()).body
+    except (SyntaxError, ValueError, RecursionError):  # another file may be the main file
+        return False
+    classes = [each for each in body if isinstance(each, ast.ClassDef)]
+    names = {each.name for each in body if isinstance(each, ast.FunctionDef | ast.ClassDef)}
+    for each in body:
+        if isinstance(each, ast.Assign):
+            names |= {target.id for target in each.targets if isinstance(target, ast.Name)}
+    methods = [{part.name for part in each.body if isinstance(part, ast.FunctionDef)} for each in classes]
+    return bool(names & DEFINED) or any(needed <= found for found in methods for needed in METHODS)
 
 
 def _is_python(path: Path) -> bool:

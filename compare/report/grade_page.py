@@ -23,6 +23,8 @@ FIGURES = (
     ("ratio_to_optimum", "ATE x causal optimum", "ATE divided by that of the causal optimum", "{:.3f}"),
 )
 SUBMISSION = Head("submission", "file name of the submission", words=True)
+POINTS = Head("points", "points by the rubric")
+REMARKS = Head("remarks", "remarks for the teacher, without effect on points and verdict", words=True)
 VERDICT = Head("verdict", "passed if no criterion fails", words=True)
 CHECK_HEADS = (
     Head("check", "property of every right filter; slamgauge check runs all checks", words=True),
@@ -42,9 +44,12 @@ def grade_pages(folder: Path) -> dict[str, str]:
         REPORT: plain_page(
             kind="grades",
             title=f"{passed} of {len(rows)} submissions passed",
-            lead=[(row["submission"], f"{verdict(row)}: {row['reason']}") for row in rows if row["passed"] != "true"],
-            notes=[] if graded == len(rows) else [f"{len(rows) - graded} could not be graded"],
+            lead=[("", "all could be graded" if graded == len(rows) else f"{len(rows) - graded} could not be graded")],
             tables=[class_table(rows), check_table(rows)],
+            folded=[
+                ("Reasons", [(row["submission"], f"{verdict(row)}: {row['reason']}") for row in rows if row["reason"]]),
+                ("Remarks for the teacher", [(row["submission"], row["remarks"]) for row in rows if row["remarks"]]),
+            ],
             origin=where,
         )
     }
@@ -58,16 +63,19 @@ def verdict(row: Row) -> str:
 
 def class_table(rows: list[Row]) -> Table:
     """Return a table with a row for each submission and a link to its page."""
-    heads = [SUBMISSION, VERDICT, *(Head(*each[1:3]) for each in FIGURES)]
+    heads = [SUBMISSION, VERDICT, POINTS, *(Head(*each[1:3]) for each in FIGURES)]
     heads += [Head("failed checks", "number of failed checks"), Head("time [s]", "median over runs")]
+    heads += [REMARKS] * any(row["remarks"] for row in rows)
     cells = [
         [
             Cell(row["submission"], link=f"{PAGES}/{quote(row['submission'])}.html"),
             Cell(verdict(row)),
+            Cell(f"{row['points']} of {row['max_points']}", _number(row, "points")),
             *(figure_cell(_number(row, key), form) for key, _, _, form in FIGURES),
             Cell(str(len(row["failed_laws"].split())), len(row["failed_laws"].split())),
             figure_cell(_number(row, "seconds_per_run"), "{:.2f}"),
-        ]
+            Cell(row["remarks"]),
+        ][: len(heads)]
         for row in rows
     ]
     return Table("grades", "Submissions", heads, cells)

@@ -72,14 +72,15 @@ def plain_page(
     notes: Sequence[str] = (),
     pictures: Sequence[Picture] = (),
     terms: Sequence[tuple[str, str]] = (),
+    folded: Sequence[tuple[str, Sequence[tuple[str, str]]]] = (),
     back: str = "",
     verbatim: Sequence[str] = (),
 ) -> str:
     """Return the HTML of a page; each parameter is a part of the template `plain.html`.
 
     `kind` is shown above the title. `lead` has sentences with the name of their estimator, `notes` further ones. Tables
-    without rows are not shown. The glossary explains `terms` and all columns. `back` is a link to the page above,
-    `verbatim` are lines that a program printed.
+    without rows are not shown. `folded` are lists below the tables, each with a summary that opens it. The glossary
+    explains `terms` and all columns. `back` is a link to the page above, `verbatim` are lines that a program printed.
     """
     return render(
         "plain.html",
@@ -91,6 +92,7 @@ def plain_page(
         pictures=pictures,
         terms=terms,
         origin=origin,
+        folded=folded,
         back=back,
         verbatim=verbatim,
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 import shutil
 import sys
 from dataclasses import replace
@@ -15,6 +16,7 @@ import pytest
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.cli.options import sampled_scenario
 from slamgauge.compare.grading.grades import grade
+from slamgauge.compare.grading.rubric import load_rubric
 from slamgauge.compare.grading.submissions import submissions_in
 from slamgauge.compare.grading.trial import Trial
 from slamgauge.compare.scoring.scores import Score
@@ -24,6 +26,7 @@ from tests.reference.json_schemas import held
 
 from ..scoring.test_error_bounds import scores
 
+RUBRIC = load_rubric()
 EXAMPLES = Path(__file__).parents[3] / "examples"
 SCENARIO = 'extends = "q1-short-dense"\n\n[trajectory]\nduration = 6.0\n'
 SHIFTED_IN_RUN_1 = """
@@ -86,7 +89,8 @@ def graded(scenario: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the folder of results of these submissions."""
     folder, out = tmp_path_factory.mktemp("class"), tmp_path_factory.mktemp("out") / "grades"
     write_class(folder)
-    assert main(["grade", str(folder), "--scenario", str(scenario), "--runs", "3", "--out", str(out)]) == 1
+    words = ["--scenario", str(scenario), "--runs", "3", "--seed", "0", "--out", str(out)]
+    assert main(["grade", str(folder), *words]) == 1
     return out
 
 
@@ -124,8 +128,15 @@ def test_junit_distinguishes_failures_from_errors(graded: Path):
         "failures": "1",
         "errors": "3",
     }
-    kinds = {case.attrib["name"]: [each.tag for each in case] for case in suite.iter("testcase")}
-    assert {each.attrib["name"] for each in suite.iter("property")} == {"version", "command", "scenario_text"}
+    cases = {case.attrib["name"]: case for case in suite.iter("testcase")}
+    kinds = {name: [each.tag for each in case if each.tag != "properties"] for name, case in cases.items()}
+    points = {each.attrib["name"]: each.attrib["value"] for each in cases["student_ekf"].iter("property")}
+    assert points == {"points": "100", "max_points": "100"}
+    assert {each.attrib["name"] for each in suite.iterfind("properties/property")} == {
+        "version",
+        "command",
+        "scenario_text",
+    }
     assert (kinds["student_ekf"], kinds["student_ekf_wrong_jacobian"], kinds["broken"]) == ([], ["failure"], ["error"])
 
 
@@ -134,11 +145,15 @@ def test_pages_of_submissions(graded: Path):
     assert page.startswith("# student_ekf_wrong_jacobian: FAILED\n\nlittle, 3 of 3 runs; reference: ekf.\n")
     assert "\n    prediction-jacobian: " in page  # the part with the mistake
     assert "| ATE [m] | " in page
-    assert "do not apply: it ignores the noise of the recording" in (graded / "submissions/own_noise.md").read_text()
+    own = (graded / "submissions/own_noise.md").read_text()
+    assert "not judged: it ignores the odometry noise of the" in own  # and the line ends
+    assert re.search(r"truth-recovered +passed", own)
     assert (graded / "submissions/broken.md").read_text().startswith("# broken: not graded\n")
     assert {path.name for path in graded.iterdir()} == {
         "grades.csv",
         "grades.xml",
+        "gradescope",
+        "rubric.toml",
         "submissions",
         "report.html",
         ".slamgauge.json",
@@ -215,17 +230,17 @@ def test_errors_are_one_line_and_status_2(
 def test_errors_below_those_of_the_optimum_do_not_pass():
     ours = scores(ate=0.5, spread=0.1)
     relative = [_relative(each, other.ate_m) for each, other in zip(ours, scores(ate=1.0, spread=0.1), strict=True)]
-    found = grade("mine", Trial(scores=relative), ours)
+    found = grade("mine", Trial(scores=relative), ours, RUBRIC)
     assert not found.passed
     assert found.reasons[0].startswith("its error is 0.5 ± ")
     doubtful = [_relative(each, 1.0, check=9.0) for each in ours]
-    assert grade("mine", Trial(scores=doubtful), ours).passed
+    assert grade("mine", Trial(scores=doubtful), ours, RUBRIC).passed
 
 
 def test_smoothed_poses_do_not_pass_if_the_reference_is_filtered():
     theirs = scores(ate=1.0, spread=0.1)
     smoothed = [replace(each, kind="smoothed") for each in theirs]
-    reasons = grade("mine", Trial(scores=smoothed), theirs).reasons
+    reasons = grade("mine", Trial(scores=smoothed), theirs, RUBRIC).reasons
     assert reasons[0] == "its poses are smoothed; filtered poses are required"
 
 

@@ -18,6 +18,7 @@ from slamgauge.compare.cli.main import main
 from slamgauge.compare.estimators.requests import Asked
 from slamgauge.compare.grading.grades import grade
 from slamgauge.compare.grading.grading import Grades, GradeSettings
+from slamgauge.compare.grading.rubric import load_rubric
 from slamgauge.compare.grading.trial import Trial
 from slamgauge.compare.noise.noise_json import noise_json
 from slamgauge.compare.scoring.catalogue import CATALOGUE
@@ -107,8 +108,9 @@ def claims() -> Any:
 
 
 def grades() -> Any:
-    failed = grade("one", Trial(reason="no file"), [])
-    settings = GradeSettings(load_scenario("q1-long-dense"), 2, 0, Asked("ekf", "ekf"), 60.0)
+    rubric = load_rubric()
+    failed = grade("one", Trial(reason="no file"), [], rubric)
+    settings = GradeSettings(load_scenario("q1-long-dense"), 2, 0, Asked("ekf", "ekf"), 60.0, rubric)
     return Grades(Path("class"), settings, failed, (failed,)).to_json()
 
 

@@ -1,0 +1,85 @@
+"""Remarks for the teacher's eye: imports of slamgauge's own estimators, and submissions with identical figures.
+
+They change neither marks nor verdicts: a teacher decides.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+
+from slamgauge.compare.estimators.sources import Sources
+from slamgauge.compare.scoring.scores import Score
+
+PACKAGE = "slamgauge"
+# parts of slamgauge that a submission needs, or that are mathematics only
+ALLOWED = {
+    *("Estimate", "Estimator", "Kind", "MapHistory", "RayLog", "Recording", "Observations", "OnlineFilter"),
+    *("adapters", "se2", "arrays", "errors", "estimate", "recording", "sensors", "sensor_models", "version"),
+    *("between", "chain", "compose", "rotation", "wrap", "OBSERVATION_DIM", "Sensor", "Float", "Int", "Marks"),
+    *("triangulation", "Triangulation", "triangulate", "UserError", "__version__"),
+}
+ADAPTERS = f"{PACKAGE}.compare.estimators.adapters"
+
+
+def source_remarks(sources: Sources | None) -> list[str]:
+    """Return a remark if the sources of a submission use estimators or the simulator of slamgauge. No code runs."""
+    found: list[str] = []
+    for _, content in () if sources is None else sources.files:
+        try:
+            tree = ast.parse(content)
+        except (SyntaxError, ValueError, RecursionError):  # loading the file reports the error
+            continue
+        found += [name for name in _used(tree) if not _is_allowed(name)]
+    names = ", ".join(dict.fromkeys(found))
+    return [f"uses {names}" if len(names) < 200 else f"uses {names[:200]} ..."] if names else []
+
+
+def _used(tree: ast.AST) -> Iterator[str]:
+    """Yield the full names of slamgauge that a source imports, reads as attributes, or writes as texts of imports."""
+    aliases: dict[str, str] = {}
+    nodes = [*ast.walk(tree)]
+    for node in nodes:
+        if isinstance(node, ast.ImportFrom) and node.module and not node.level and _is_ours(node.module):
+            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+        elif isinstance(node, ast.Import):
+            for alias in node.names:
+                if _is_ours(alias.name):
+                    aliases[alias.asname or PACKAGE] = alias.name if alias.asname else PACKAGE
+                    if alias.name != PACKAGE:
+                        yield alias.name
+    for node in nodes:
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id in aliases:
+            yield f"{aliases[node.value.id]}.{node.attr}"
+        elif isinstance(node, ast.Call):
+            texts = (each.value for each in node.args if isinstance(each, ast.Constant))
+            yield from (f"{text} (as a text)" for text in texts if isinstance(text, str) and _is_ours(text))
+
+
+def _is_ours(module: str) -> bool:
+    return module == PACKAGE or module.startswith(f"{PACKAGE}.")
+
+
+def _is_allowed(name: str) -> bool:
+    return name == PACKAGE or name.split(".")[1] in ALLOWED or f"{name}.".startswith(f"{ADAPTERS}.")
+
+
+def figure_remarks(runs: Mapping[str, Sequence[Score]], reference: str) -> dict[str, list[str]]:
+    """Return remarks on submissions whose errors are identical, to the last bit, in every run.
+
+    Args:
+        runs: scores of each run, by name of the submission, and those of the reference by its name.
+        reference: name of the reference.
+    """
+    alike: dict[tuple[float | None, ...], list[str]] = defaultdict(list)
+    for name, scores in runs.items():
+        if scores:
+            alike[tuple(each.ate_m for each in scores)].append(name)
+    remarks: dict[str, list[str]] = {}
+    for names in alike.values():
+        for name in names:
+            others = [f"the reference {each}" if each == reference else each for each in names if each != name]
+            if others:
+                remarks[name] = [f"same figures as {', '.join(others)}"]
+    return remarks

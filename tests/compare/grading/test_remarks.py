@@ -1,0 +1,86 @@
+"""Remarks for the teacher, and the main file of a submission: both are found without running any code."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from slamgauge.compare.estimators.sources import sources_of
+from slamgauge.compare.grading.remarks import figure_remarks, source_remarks
+from slamgauge.compare.grading.submissions import submissions_in
+
+from ..scoring.test_error_bounds import scores
+
+STEP = "def ekf_slam(xEst, PEst, u, y): ...\n"
+
+
+@pytest.mark.parametrize(
+    ("source", "said"),
+    [
+        ("from slamgauge import Estimate, Recording, chain, adapters", ""),
+        ("import slamgauge\nslamgauge.Estimate\nslamgauge.adapters.external([])", ""),
+        ("from slamgauge.compare.estimators.adapters import external", ""),
+        ("from slamgauge.se2 import wrap", ""),
+        ("from .slamgauge import simulate", ""),
+        ("import numpy as slam\nslam.ekf", ""),
+        ("from slamgauge import Estimate, simulate", "uses slamgauge.simulate"),
+        ("def f():\n    from slamgauge.ekf import textbook", "uses slamgauge.ekf.textbook"),
+        ("import slamgauge as s\ndef f(r):\n    return s.causal(r)", "uses slamgauge.causal"),
+        ("import slamgauge.graph_baseline", "uses slamgauge.graph_baseline"),
+        ("import slamgauge\nslamgauge.ekf.ekf_slam", "uses slamgauge.ekf"),
+        ("from slamgauge import *", "uses slamgauge.*"),
+        ("__import__('slamgauge.ekf')", "uses slamgauge.ekf (as a text)"),
+        ("def f(:", ""),
+    ],
+)
+def test_estimators_and_simulator_of_slamgauge_are_named(tmp_path: Path, source: str, said: str):
+    (tmp_path / "mine.py").write_text(source)
+    assert source_remarks(sources_of(tmp_path, "mine")) == ([said] if said else [])
+
+
+def test_a_neighbour_that_uses_them_counts(tmp_path: Path):
+    (tmp_path / "mine.py").write_text("import helper")
+    (tmp_path / "helper.py").write_text("from slamgauge import riekf")
+    assert source_remarks(sources_of(tmp_path, "mine")) == ["uses slamgauge.riekf"]
+    assert source_remarks(None) == []
+
+
+def test_identical_figures_are_named_on_both_sides():
+    one, other = scores(ate=1.0, spread=0.1), scores(ate=1.0 + 1e-12, spread=0.1)
+    found = figure_remarks(
+        {"anna": one, "bert": other, "carl": [*one], "dora": [], "emil": [], "(ekf)": other}, "(ekf)"
+    )
+    assert found.pop("(ekf)") == ["same figures as bert"]
+    assert found == {
+        "anna": ["same figures as carl"],
+        "carl": ["same figures as anna"],
+        "bert": ["same figures as the reference (ekf)"],
+    }
+
+
+@pytest.mark.parametrize(
+    ("files", "main"),
+    [
+        ({"submission.py": "", "main.py": STEP, "__init__.py": ""}, "submission"),
+        ({"__init__.py": "", "main.py": STEP}, "folder"),
+        ({"main.py": "", "other.py": STEP}, "main"),
+        ({"plots.py": "", "filter.py": STEP}, "filter"),
+        ({"plots.py": "", "filter.py": "class A:\n    def predict(s): ...\n    def correct(s): ..."}, "filter"),
+        ({"plots.py": "def f(): ...", "filter.py": "estimate = make()"}, "filter"),
+        ({"broken.py": "def (", "filter.py": STEP}, "filter"),
+        ({"plots.py": "def f():\n    def estimate(): ...", "filter.py": "1 / 0\ndef correction_step(): ..."}, "filter"),
+        ({"one.py": STEP, "two.py": STEP}, ""),
+        ({"one.py": "", "two.py": ""}, ""),
+    ],
+)
+def test_the_main_file_of_a_folder(tmp_path: Path, files: dict[str, str], main: str):
+    (tmp_path / "folder").mkdir()
+    for name, content in files.items():
+        (tmp_path / "folder" / name).write_text(content)
+    (found,) = submissions_in(tmp_path)
+    if main:
+        assert found.where is not None and found.where.sources is not None
+        assert found.where.sources.module == main
+    else:
+        assert found.reason == f"folder: may be {', '.join(files)}; call the one that counts submission.py"

@@ -1,0 +1,118 @@
+"""Points by a rubric: partial credit, items that are not judged, and mistakes in rubric files."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from slamgauge.compare.checks.examination import CHECKS, Verdict
+from slamgauge.compare.grading.rubric import Mark, load_rubric
+from slamgauge.compare.scoring.intervals import Interval
+from slamgauge.errors import UserError
+
+RUBRIC = load_rubric()
+PASSED = [Verdict(each.name, True, 0.0, each.bound, each.blame) for each in CHECKS]
+WEIGHTS = {"truth-recovered": 6.0, "step-time": 0.0}
+
+
+def mark(ate: float = 1.0, nees: float | None = 1.0, other: float = 1.0, verdicts: list[Verdict] = PASSED) -> Mark:
+    own = None if nees is None else Interval(nees, None, None)
+    return RUBRIC.mark(Interval(ate, None, None), own, Interval(other, None, None), verdicts)
+
+
+def points_of(found: Mark) -> dict[str, tuple[float, float]]:
+    return {each.name: (round(each.points, 3), round(each.most, 3)) for each in found.items if each.is_judged}
+
+
+def test_the_default_rubric_weighs_every_check_and_a_right_filter_has_all_points():
+    assert {*RUBRIC.checks} == {each.name for each in CHECKS}
+    assert sum(RUBRIC.checks.values()) + RUBRIC.accuracy.weight + RUBRIC.consistency.weight == RUBRIC.total == 100
+    found = mark()
+    assert found.points == 100
+    assert points_of(found)["truth-recovered"] == (6.0, 6.0)
+    assert not {"step-time", "standing-robot"} & {*points_of(found)}
+
+
+@pytest.mark.parametrize(
+    ("ate", "points"), [(0.9, 25.0), (1.05, 25.0), (1.525, 12.5), (1.99, 0.263), (2.0, 0.0), (40.0, 0.0)]
+)
+def test_accuracy_has_partial_credit(ate: float, points: float):
+    assert points_of(mark(ate=ate))["accuracy"] == (pytest.approx(points, abs=1e-3), 25.0)
+
+
+@pytest.mark.parametrize(
+    ("nees", "other", "points"),
+    [
+        (3.0, 3.0, 25.0),
+        (1.0, 3.0, 25.0),  # better than the reference
+        (9.3, 3.0, 12.5),
+        (3.1, 0.9, 12.5),  # the reference is consistent
+        (1 / 3.1, 1.0, 12.5),  # too cautious
+        (0.3, 0.3, 25.0),  # as cautious as the reference
+        (float("inf"), 1.0, 0.0),
+        (None, 1.0, 0.0),
+    ],
+)
+def test_consistency_is_relative_to_the_reference_on_both_sides(nees: float | None, other: float, points: float):
+    assert points_of(mark(nees=nees, other=other))["consistency"] == (pytest.approx(points, abs=1e-3), 25.0)
+
+
+def test_checks_that_do_not_judge_leave_their_points_to_the_others():
+    half = [each if RUBRIC.checks[each.name] != 6.0 else replace(each, passed=None) for each in PASSED]
+    found = mark(verdicts=half)
+    assert found.points == 100
+    assert points_of(found)["accuracy"] == (pytest.approx(25 * 100 / 82, abs=1e-3),) * 2
+    assert [each.name for each in found.items if not each.is_judged] == [
+        "truth-recovered",
+        "prediction-jacobian",
+        "cross-covariance",
+    ]
+    assert points_of(mark(ate=3.0, verdicts=[])) == {"accuracy": (0.0, 50.0), "consistency": (50.0, 50.0)}
+
+
+def test_a_failed_check_has_no_points_and_a_limit_of_the_method_has_all():
+    changed = [replace(each, passed=each.name != "first-sight", limit_of_method=True) for each in PASSED]
+    found = mark(verdicts=changed)
+    assert (found.points, points_of(found)["first-sight"]) == (96.0, (0.0, 4.0))
+
+
+def test_a_submission_that_did_not_run_has_no_points_and_smoothed_poses_only_those_of_checks():
+    assert (RUBRIC.nothing("crashed").points, RUBRIC.nothing("crashed").items[0].text) == (0.0, "crashed")
+    one = Interval(1.0, None, None)
+    assert RUBRIC.mark(one, one, one, PASSED, "its poses are smoothed").points == 50.0
+
+
+def test_a_file_replaces_only_the_keys_that_it_has(tmp_path: Path):
+    path = tmp_path / "rubric.toml"
+    path.write_text("total = 20\n[accuracy]\nzero = 3.0\n[checks]\ntime-step = 5\n")
+    found = load_rubric(path)
+    assert (found.total, found.accuracy.full, found.accuracy.zero) == (20.0, 1.05, 3.0)
+    assert found.checks == {**RUBRIC.checks, "time-step": 5.0}
+    assert found.text == path.read_text()
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("totl = 3", "unknown key totl; did you mean total?"),
+        ("[accuracy]\nfull = 1.1\nweigth = 3", "unknown key accuracy.weigth; did you mean weight?"),
+        ("[checks]\ntruth-recoverd = 3", "unknown key checks.truth-recoverd; did you mean truth-recovered?"),
+        ("checks = 3", "checks is no section; write [checks] above its keys"),
+        ("[checks]\ntime-step = -1", "time-step = -1 is no weight; give a number >= 0"),
+        ("[checks]\ntime-step = true", "time-step = True is no weight"),
+        ("total = nan", "total = nan is no weight"),
+        ("[consistency]\nzero = 1.2", "consistency: full = 1.2 and zero = 1.2; give ratios 1 <= full < zero"),
+        ("total = 0", "some submissions could have no points at all"),
+        ("[accuracy]\nweight = 0\n[consistency]\nweight = 0", "some submissions could have no points at all"),
+        ("total = ", "not valid TOML"),
+    ],
+)
+def test_mistakes_in_a_rubric_are_one_line(tmp_path: Path, text: str, said: str):
+    path = tmp_path / "rubric.toml"
+    path.write_text(text)
+    with pytest.raises(UserError) as caught:
+        load_rubric(path)
+    line = str(caught.value)
+    assert line.startswith(f"{path}: ") and said in line and "\n" not in line
