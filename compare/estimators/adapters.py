@@ -17,7 +17,7 @@ from slamgauge.compare.estimators.forms.form import Form
 from slamgauge.compare.estimators.forms.signatures import required
 from slamgauge.compare.estimators.forms.step_function import StepFunction
 from slamgauge.compare.estimators.fresh_modules import AddressedCode, Fresh, GivenCode, uncopied
-from slamgauge.compare.estimators.private_import import present
+from slamgauge.compare.estimators.private_import import present, remarks_on_loading
 from slamgauge.compare.estimators.user_code import Address, Callee, Noise, load_callable_module, load_whole_module
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, Estimator
@@ -87,6 +87,7 @@ def adapted(where: Address) -> tuple[Estimator, str]:
     module = load_callable_module(where)
     callee = getattr(module, where.attribute)
     form, words = _form_of(Fresh(callee, vars(module)), where.label)
+    words = "; ".join(each for each in (words, *remarks_on_loading(module)) if each)
     if form is not None:
         return _with_noise(form.estimator(AddressedCode(where, module)), where.noise), words
 

@@ -14,6 +14,7 @@ User files are often scripts that draw: while they are loaded, figures are neith
 
 from __future__ import annotations
 
+import ast
 import builtins
 import importlib
 import importlib.util
@@ -29,6 +30,9 @@ from importlib.machinery import BuiltinImporter, FrozenImporter, ModuleSpec, Pat
 from pathlib import Path
 from types import CodeType, ModuleType
 from weakref import WeakValueDictionary
+
+from slamgauge.compare.estimators.needed_code import lines_of, without_simulation
+from slamgauge.compare.estimators.stand_ins import old_numpy_names, stand_in, supplied
 
 PREFIX = "_slamgauge_own_"
 OURS = "slamgauge"  # user code that imports this name always gets this program
@@ -47,11 +51,17 @@ class PrivateFolder:
     Args:
         folder: the folder.
         strangers: modules of the folder that count only if no installed module has their name.
+        wanted: names that stay in a module even if nothing in it reads them (see `needed_code`); None loads modules
+            whole.
     """
 
-    def __init__(self, folder: Path, strangers: Collection[str] = ()) -> None:
+    def __init__(self, folder: Path, strangers: Collection[str] = (), wanted: Collection[str] | None = None) -> None:
         self.folder = folder.resolve()
         self._strangers = strangers
+        self._wanted = wanted
+        self._old_numpy: list[str] = []
+        self._supplies = ExitStack()  # removes these names from numpy while the modules are away
+        self.remarks: dict[str, None] = {}  # what users should know of the loading, in order
         self._name = f"{PREFIX}{next(_numbers)}"
         self._owned: dict[str, bool] = {}
         self.exits: dict[str, SystemExit] = {}  # private names of modules loaded by `load` -> their exits
@@ -93,6 +103,8 @@ class PrivateFolder:
         """Keep the modules in `sys.modules` inside this context, as imports, pickle and `inspect` need."""
         with _presence:
             self._present += 1
+            if self._present == 1:
+                self._supplies.enter_context(supplied(self._old_numpy))
             sys.modules.update(self._away)
             self._away = {}
         try:
@@ -101,6 +113,7 @@ class PrivateFolder:
             with _presence:
                 self._present -= 1
                 if not self._present:
+                    self._supplies.close()
                     names = [name for name in [*sys.modules] if name.partition(".")[0] == self._name]
                     self._away = {name: sys.modules.pop(name) for name in names}
 
@@ -138,9 +151,38 @@ class PrivateFolder:
                 found = builtins.__import__(self._private(name), globals, locals, fromlist or (), 0)
                 return found if fromlist else sys.modules[self._private(name.partition(".")[0])]
         with self.present() if level else nullcontext():
-            found = builtins.__import__(name, globals, locals, fromlist or (), level)
+            try:
+                found = builtins.__import__(name, globals, locals, fromlist or (), level)
+            except ModuleNotFoundError as error:
+                found = self._stand_in(name, error, is_whole=not fromlist)
         _hold_windows()
         return self._own_importlib() if found is importlib else found
+
+    def _stand_in(self, name: str, error: ModuleNotFoundError, *, is_whole: bool) -> ModuleType:
+        """Return a stand-in for a missing module, the package of it if `is_whole`; raise the error if there is none."""
+        stood_in = stand_in(name)
+        if stood_in is None or error.name is None or not f"{name}.".startswith(f"{error.name}."):
+            raise error
+        found, remark = stood_in
+        self.remarks[remark] = None
+        for part in [] if is_whole else name.split(".")[1:]:
+            found = getattr(found, part)
+        return found
+
+    def parsed(self, source: bytes, path: str) -> ast.Module | None:
+        """Return a module without its simulation; None if it is loaded whole."""
+        if self._wanted is None:
+            return None
+        tree, left_out = without_simulation(source, path, self._wanted)
+        names = old_numpy_names(tree)
+        self._supplies.enter_context(supplied(names))
+        self._old_numpy += names
+        if self._old_numpy:
+            used = ", ".join(f"np.{each}" for each in self._old_numpy)
+            self.remarks[f"{used}: names of an older numpy are supplied"] = None
+        if text := lines_of(left_out):
+            self.remarks[f"{Path(path).name}: {text}"] = None
+        return tree
 
     def _own_importlib(self) -> ModuleType:
         """Return a copy of `importlib` whose `import_module` searches the folder first."""
@@ -175,7 +217,9 @@ class _Loader(SourceFileLoader):
 
     def get_code(self, fullname: str) -> CodeType:
         path = self.get_filename(fullname)
-        return self.source_to_code(self.get_data(path), path)
+        source = self.get_data(path)
+        tree = self._folder.parsed(source, path)
+        return self.source_to_code(source, path) if tree is None else compile(tree, path, "exec")
 
     def exec_module(self, module: ModuleType) -> None:
         self._folder.run(module, partial(super().exec_module, module))
@@ -185,6 +229,12 @@ def present(module: ModuleType) -> AbstractContextManager[None]:
     """Return `PrivateFolder.present` of the folder of `module`; an empty context for other modules."""
     folder = _folders.get(module.__name__.partition(".")[0])
     return nullcontext() if folder is None else folder.present()
+
+
+def remarks_on_loading(module: ModuleType) -> list[str]:
+    """Return what users should know of the loading of a module: lines left out, stand-ins of libraries."""
+    folder = _folders.get(module.__name__.partition(".")[0])
+    return [] if folder is None else [*folder.remarks]
 
 
 def public(text: str) -> str:

@@ -7,7 +7,7 @@ import os
 import sys
 import traceback
 from collections.abc import Callable
-from contextlib import redirect_stdout
+from contextlib import redirect_stdout, suppress
 from pathlib import Path
 from types import ModuleType
 from typing import Any, Literal, NamedTuple
@@ -20,6 +20,8 @@ from slamgauge.errors import UserError
 from slamgauge.suggestions import did_you_mean
 
 Callee = Callable[..., Any]
+
+ESTIMATE = "estimate"  # name of the callable that is looked for first
 Noise = Literal["recording", "file"]
 
 FORM = "write FILE.py:callable or module:callable, for example my_filter.py:estimate"
@@ -127,8 +129,7 @@ def load_whole_module(where: Address) -> ModuleType:
         with redirect_stdout(sys.stderr), without_windows():
             if where.sources is None:
                 return importlib.import_module(where.place)
-            folder = PrivateFolder(where.sources.place(), where.strangers)
-            module = folder.load(where.sources.module)
+            folder, module = _loaded(where, where.sources)
             exited = folder.exits.get(module.__name__)
             if exited is not None and where.attribute and not hasattr(module, where.attribute):
                 raise exited  # noqa: TRY301 reported like an error of the module
@@ -139,6 +140,18 @@ def load_whole_module(where: Address) -> ModuleType:
             remedy = "run in its folder or install it, or give its file"
             raise UserError(f"estimator {where.text}: no module {missing!r} is found; {remedy}") from None
         raise UserError(f"estimator {where.text}: cannot be loaded, {where_it_broke(error)}") from error
+
+
+def _loaded(where: Address, sources: Sources) -> tuple[PrivateFolder, ModuleType]:
+    """Load a module without its simulation, or whole if it does not define the callable otherwise."""
+    place, wanted = sources.place(), {where.attribute or ESTIMATE}
+    with suppress(Exception):
+        folder = PrivateFolder(place, where.strangers, wanted)
+        module = folder.load(sources.module)
+        if not where.attribute or hasattr(module, where.attribute):
+            return folder, module
+    folder = PrivateFolder(place, where.strangers)
+    return folder, folder.load(sources.module)
 
 
 def reason_of(error: BaseException) -> str:

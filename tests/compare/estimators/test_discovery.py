@@ -72,7 +72,7 @@ def test_the_estimators_of_the_examples(name: str):
             "def wrap(angle): ...\n",
             r"^mine.py: defines no callable of a form that is known; give estimate\(recording\), ",
         ),
-        ("exit()\n" + STEP.format("ekf_slam"), r"cannot be loaded, it raised SystemExit: None \(mine.py, line 1\)"),
+        ("if not open:\n    import numpy\nelse:\n    exit()\n", r"cannot be loaded, it raised SystemExit: None"),
     ],
 )
 def test_a_file_without_or_with_several_estimators_is_refused(tmp_path: Path, source: str, expected: str):

@@ -169,7 +169,7 @@ def test_fifty_runs_leave_no_more_modules_than_one(write: Write, source: str, ca
 
 
 def test_the_first_run_uses_the_first_loading(write: Write):
-    count = "with open('loaded', 'a') as file:\n    file.write('x')\n"
+    count = "LOADED = open('loaded', 'a').write('x')\n"
     folder = write({"own.py": f"{count}{STEP}", **BESIDE})
     estimator, recording = own("own.py:ekf_slam"), short("q1-short-dense", "trajectory.duration=0.2")
     for times in (1, 2, 3):
@@ -284,7 +284,7 @@ def test_wrong_addresses(write: Write, text: str, message: str):
             "pack/__init__.py": "",
             "own.py": "import pack.nothing\n",
             "deep.py": "def f(_): pass\nimport broken\n",
-            "broken.py": "X = 0\n1 / X\n",
+            "broken.py": "X = 0\nY = 1 / X\n",
             "bad.py": "\ndef f(_)\n",
         }
     )
