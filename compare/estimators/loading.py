@@ -11,6 +11,7 @@ import numpy as np
 
 from slamgauge.arrays import Marks
 from slamgauge.compare.estimators.adapters import adapted, adapted_callable
+from slamgauge.compare.estimators.captured_output import captured
 from slamgauge.compare.estimators.causality_check import Strict
 from slamgauge.compare.estimators.forms.form import remarks_of
 from slamgauge.compare.estimators.isolated_process import Isolated, Spent
@@ -108,7 +109,8 @@ def load(
         estimator = isolated(asked.where, asked.isolation.timeout)
         form = estimator.begin()
     elif asked.where is not None:
-        estimator, form = adapted(asked.where)
+        with captured(asked.label):
+            estimator, form = adapted(asked.where)
     else:
         assert asked.call is not None
         if (built_in := entry_behind(asked.call)) is not None:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Iterable, Mapping
-from contextlib import nullcontext, redirect_stdout
+from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from functools import partial
 from time import perf_counter
@@ -13,6 +12,7 @@ from typing import cast
 import numpy as np
 
 from slamgauge.arrays import Marks
+from slamgauge.compare.estimators.captured_output import captured
 from slamgauge.compare.estimators.forms.form import remarks_of
 from slamgauge.compare.estimators.isolated_process import OverdueError
 from slamgauge.compare.estimators.loading import LoadedEstimator, entry_behind, spent_by, without
@@ -47,15 +47,17 @@ def run_estimator(name: str, estimator: Estimator, recording: Recording) -> tupl
     """
     entry = entry_behind(estimator)
     is_built_in = entry is not None and entry.role != "user"
-    start = perf_counter()
+    start, output = perf_counter(), None
     try:
-        # standard output is for results; built-in estimators print nothing, and threads of a study must not redirect it
-        with nullcontext() if is_built_in else redirect_stdout(sys.stderr):
+        # built-in estimators print nothing, and threads of a study must not redirect what is printed
+        with nullcontext() if is_built_in else captured(name) as output:
             estimate = cast("object", estimator(recording))
     except (Exception, SystemExit) as error:
         if is_built_in and not isinstance(error, UserError):
             raise
         reason = str(error) if is_built_in else reason_of(error)
+        if output is not None and output.first_lines:
+            reason += f" (it printed first: {output.first_lines}; all in {output.place})"
         kind = OverdueError if isinstance(error, OverdueError) else UserError
         raise kind(f"estimator {name}: {reason}") from error
     if not is_built_in:

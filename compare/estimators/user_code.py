@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import os
 import sys
+import sysconfig
 import traceback
 from collections.abc import Callable
 from contextlib import redirect_stdout, suppress
@@ -25,6 +26,7 @@ ESTIMATE = "estimate"  # name of the callable that is looked for first
 Noise = Literal["recording", "file"]
 
 FORM = "write FILE.py:callable or module:callable, for example my_filter.py:estimate"
+LIBRARIES = (*{sysconfig.get_path(name) for name in ("stdlib", "purelib", "platlib")},)  # folders
 SILENT = (
     Path(errors.__file__).parent,
     Path(__file__).parent,
@@ -160,11 +162,12 @@ def reason_of(error: BaseException) -> str:
 
 
 def where_it_broke(error: BaseException) -> str:
-    """Return the error in one line, with the last line outside slamgauge that it passed through."""
+    """Return the error in one line, with the last line of the user's files that it passed through."""
     what = f"it raised {type(error).__name__}: {' '.join(public(str(error)).split()) or '(no message)'}"
     if not isinstance(error, SyntaxError):  # its message names the line
         frames = [frame for frame in user_frames(error) if frame.filename != importlib.__file__]
         frames = [frame for frame in frames if not frame.filename.startswith("<")]
+        frames = [frame for frame in frames if not frame.filename.startswith(LIBRARIES)] or frames
         what += "".join(f" ({Path(frame.filename).name}, line {frame.lineno})" for frame in frames[-1:])
     return f"{what}; mend it and run again"
 

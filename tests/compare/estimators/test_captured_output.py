@@ -1,0 +1,76 @@
+"""What user code prints is kept in a file, and errors name the user's own line."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from slamgauge import load_estimators, load_scenario, simulate
+from slamgauge.compare.estimators import captured_output
+from slamgauge.compare.estimators.captured_output import captured
+from slamgauge.compare.estimators.running import run_estimator
+from slamgauge.errors import UserError
+
+HEAD = """
+import sys
+import numpy as np
+from slamgauge import Estimate
+print("loading")
+
+def estimate(recording):
+    print("step 1\\nstep 2")
+    print("warning", file=sys.stderr)
+    print("step 3\\nstep 4")
+"""
+_, RECORDING = simulate(load_scenario("q1-short-dense", ["trajectory.duration=1"]), 0)
+
+
+def run(folder: Path, body: str, name: str) -> None:
+    (folder / "mine.py").write_text(f"{HEAD}    {body}\n")
+    run_estimator(name, load_estimators([f"{name}={folder / 'mine.py'}:estimate"])[name], RECORDING)
+
+
+def test_prints_go_to_a_file_that_is_named_once(tmp_path: Path, capfd: pytest.CaptureFixture[str]):
+    for _ in range(2):
+        run(tmp_path, "return Estimate('filtered', np.zeros((11, 3)))", "talker")
+    printed = capfd.readouterr()
+    assert printed.out == ""
+    (place,) = re.findall(r"slamgauge: talker: what it prints is kept in (.*)", printed.err)
+    assert "step" not in printed.err.replace(place, "")
+    assert Path(place).read_text() == 2 * "step 1\nstep 2\nwarning\nstep 3\nstep 4\n"
+    Path(place).unlink()
+
+
+def test_an_error_shows_the_first_lines_and_the_line_of_the_user(tmp_path: Path):
+    with pytest.raises(UserError) as caught:
+        run(tmp_path, "return np.linalg.inv(np.zeros((2, 2)))", "singular")
+    text = str(caught.value)
+    place = re.findall(r"it printed first: step 1 / step 2 / warning; all in (.*)\)", text)
+    assert len(place) == 1
+    assert "it raised LinAlgError: Singular matrix (mine.py, line 11)" in text
+    assert "\n" not in text
+    Path(place[0]).unlink()
+
+
+def test_a_file_has_a_largest_size_and_silence_makes_none(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(captured_output, "LARGEST", 1000)
+    with captured("endless") as output:
+        for _ in range(500):
+            print("x" * 99)
+    assert output.place is not None
+    assert 1000 <= output.place.stat().st_size <= 1100
+    output.place.unlink()
+    with captured("silent") as output:
+        pass
+    assert output.place is None
+    assert output.first_lines == ""
+
+
+def test_control_characters_of_prints_do_not_reach_the_terminal():
+    with captured("colourful") as output:
+        print("\x1b[31mred")
+    assert output.first_lines == r"\x1b[31mred"
+    assert output.place is not None
+    output.place.unlink()
