@@ -42,6 +42,7 @@ FORMS = (
     ),
     Form("step", steps.description, StepFunction, "ekf_slam(xEst, PEst, u, y)"),
 )
+FORM_NAMES = tuple(form.name for form in FORMS)
 EXAMPLES = ("estimate(recording)", *(form.example for form in FORMS))
 NAMES = (
     "estimate",
@@ -84,12 +85,13 @@ def adapted_callable(given: Callee | ModuleType, name: str) -> tuple[Estimator, 
 
 def adapted(where: Address) -> tuple[Estimator, str]:
     """`adapted_callable` for user code at an address; `Recording -> Estimate` is not loaded again for each run."""
+    where = where if where.attribute else found_in(where)
     module = load_callable_module(where)
     callee = getattr(module, where.attribute)
-    form, words = _form_of(Fresh(callee, vars(module)), where.label)
+    form, words = _form_of(Fresh(callee, vars(module)), where.label, where.form)
     words = "; ".join(each for each in (words, *remarks_on_loading(module)) if each)
     if form is not None:
-        return _with_noise(form.estimator(AddressedCode(where, module)), where.noise), words
+        return _with_noise(form.estimator(AddressedCode(where, module)), where), words
 
     def run(recording: Recording) -> Estimate:
         with present(module):
@@ -108,7 +110,8 @@ def found_in(where: Address) -> Address:
     if len(found) == 1:
         return where._replace(attribute=found[0])
     if found:
-        raise UserError(f"{where.text}: may be {', '.join(found)}; call the one that counts {NAMES[0]}")
+        name = f"name it, {where.text}:{found[0]}, or call the one that counts {NAMES[0]}"
+        raise UserError(f"{where.text}: may be {', '.join(found)}; {name}")
     try:
         load_callable_module(where._replace(attribute=NAMES[0]))
     except UserError as error:
@@ -147,12 +150,24 @@ def _is_defined_by(module: ModuleType, name: str) -> bool:
     return not name.startswith("_") and (is_own or isinstance(given, ExternalProgram | StepFunction))
 
 
-def _form_of(fresh: Fresh, name: str) -> tuple[Form | None, str]:
-    """Return the form of a callable and its description; None for one that takes a recording."""
-    for form in FORMS:
+def _form_of(fresh: Fresh, name: str, requested: str = "") -> tuple[Form | None, str]:
+    """Return the form of a callable and its description; None for one that takes a recording.
+
+    `requested` is the name of its form, if the user gives it.
+
+    Raises:
+        UserError: the callable has none of the forms, or not the requested one.
+    """
+    forms = [form for form in FORMS if requested in ("", form.name)]
+    if not forms:
+        raise UserError(f"estimator {name}: no form is named {requested!r}; use one of {', '.join(FORM_NAMES)}")
+    for form in forms:
         words = form.description(fresh)
         if words is not None:
             return form, words
+    if requested:
+        what = f"{_signature(fresh.callee)} has not the form {requested}"
+        raise UserError(f"estimator {name}: {what}; give {forms[0].example}")
     if isinstance(fresh.callee, type) or len(required(fresh.callee)) > 1:
         what = f"{_signature(fresh.callee)} has none of the forms that are known"
         raise UserError(f"estimator {name}: {what}; give {', or '.join(EXAMPLES)}")
@@ -176,9 +191,13 @@ def step_function(given: Callee, noise: Noise = "recording") -> StepFunction:
     return StepFunction(GivenCode(given), noise)
 
 
-def _with_noise(estimator: Estimator, noise: Noise) -> Estimator:
-    """Set the field `noise` of an estimator, for forms that can use the file's own noise."""
-    return replace(estimator, noise=noise) if isinstance(estimator, StepFunction) else estimator
+def _with_noise(estimator: Estimator, where: Address) -> Estimator:
+    """Set the field `noise` of an estimator, for forms that can use the noise of the file."""
+    if isinstance(estimator, StepFunction):
+        return replace(estimator, noise=where.noise)
+    if where.noise == "file":
+        raise UserError(f"estimator {where.label}: its form has no noise to choose; leave out --noise")
+    return estimator
 
 
 def _signature(given: Callee) -> str:

@@ -59,18 +59,18 @@ class Address(NamedTuple):
 
 
 def address(text: str) -> Address:
-    """Parse `[LABEL=]PLACE:callable`; without a label the text is the label, without the folders of a file.
+    """Parse `[LABEL=]PLACE:callable` or `[LABEL=]FILE.py`; without a label it is the text without folders.
 
     Raises:
         UserError: the text has another form.
     """
-    place, _, attribute = text.rpartition(":")
+    place, _, attribute = (text, "", "") if text.endswith(".py") else text.rpartition(":")
     label, equals, rest = place.partition("=")
     if equals and not os.path.isfile(place):  # noqa: PTH113 a label may be longer than a path can be
         place = rest
     else:
-        label = f"{Path(place).name}:{attribute}"
-    if not place or not attribute:
+        label = f"{Path(place).name}:{attribute}".rstrip(":")
+    if not place or not (attribute or text.endswith(".py")):
         raise UserError(f"estimator {text!r}: {FORM}")
     if place.endswith(".py") and "." in Path(place).stem:
         raise UserError(f"estimator {text!r}: no Python module can have a dot in its name; rename the file")

@@ -51,11 +51,6 @@ def column(array: Any) -> Any:
     return array.view(Column) if type(array) is np.ndarray else array
 
 
-def plain(value: Any) -> Any:
-    """Return a view of a `Column` as plain array; other values are returned as they are."""
-    return value.view(np.ndarray) if isinstance(value, Column) else value
-
-
 def use_columns(names: dict[str, Any]) -> None:
     """Replace numpy, and functions imported from it, among the global names of a module."""
     replaced = {getattr(np, name): _maker(getattr(np, name)) for name in MAKERS}

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.compare.estimators.forms.columns import column, plain, use_columns
+from slamgauge.compare.estimators.forms.columns import column, use_columns
 from slamgauge.compare.estimators.forms.signatures import ArrayForNumberError, called, pair, parameters, required
 from slamgauge.compare.estimators.forms.state_log import StateLog
 from slamgauge.compare.estimators.forms.step_settings import SETTINGS, STATE_AND_INPUT, StepSettings, is_setting
@@ -118,7 +118,7 @@ class _Stepper:
             x, P = array(matrix(np.array(self._x))), array(np.array(self._P))
             self._x, self._P, *third = pair(called(bound, x, P, u, y), "the step function")
             self._pass_on(third)
-            return plain(self._x), plain(self._P)
+            return self._x, self._P
 
         return advance
 

@@ -121,6 +121,8 @@ class StepSettings:
 
     def _input_cov(self, step: int) -> Float:
         """Return the covariance (2, 2) of speed [m/s] and yaw rate [rad/s] in a step."""
+        if not self._recording.steps:
+            return np.zeros((2, 2))
         cov: Float = self._recording.odometry_cov[max(step, 1) - 1][np.ix_([0, 2], [0, 2])]
         return cov / self.dt(step) ** 2
 
@@ -166,7 +168,7 @@ class StepSettings:
 
     def _noise_remark(self, name: str) -> str:
         """Compare a covariance of the file with that of the recording."""
-        if name == "Py" and not len(self._recording.observation_cov):
+        if not (self._recording.steps if name == "Q" else len(self._recording.observation_cov)):
             return ""
         given = self._input_cov(1) if name == "Q" else self._recording.observation_cov[0]
         own = self._file[name]

@@ -1,0 +1,137 @@
+"""Made-up files in the styles of the exercise and of PythonRobotics, as texts, with seeded bugs."""
+
+from __future__ import annotations
+
+# states are columns (n, 1) whose elements are used as numbers: numpy refuses that since 2.4
+COLUMNS = '''
+import math
+import numpy as np
+
+DT = 0.1
+M_DIST_TH = 9.0
+KNOWN_DATA_ASSOCIATION = 1
+Q = np.diag([0.5, 0.2]) ** 2
+Py = np.diag([0.3, 0.2]) ** 2
+seen = []
+
+
+def wrap(a):
+    return (a + math.pi) % (2 * math.pi) - math.pi
+
+
+def count(x):
+    return (len(x) - 3) // 2
+
+
+def move(x, u):
+    v, w = float(u[0]), float(u[1])
+    return np.array([[x[0, 0] + DT * v * math.cos(x[2])], [x[1, 0] + DT * v * math.sin(x[2])], [x[2, 0] + DT * w]])
+
+
+def move_jacobians(x, u):
+    A = np.array([[1.0, 0.0, -DT * u[0] * math.sin(x[2])], [0.0, 1.0, DT * u[0] * math.cos(x[2])], [0.0, 0.0, 1.0]])
+    B = np.array([[DT * math.cos(x[2]), 0.0], [DT * math.sin(x[2]), 0.0], [0.0, DT]])
+    return A, B
+
+
+def see(x, j):
+    d = x[3 + 2 * j : 5 + 2 * j] - x[0:2]
+    q = float(d.T @ d)
+    r = math.sqrt(q)
+    H = np.zeros((2, len(x)))
+    H[0, 0], H[0, 1] = -d[0] / r, -d[1] / r
+    H[1, 0], H[1, 1], H[1, 2] = d[1] / q, -d[0] / q, -1.0
+    H[:, 3 + 2 * j : 5 + 2 * j] = -H[:, 0:2]
+    return np.array([[r], [math.atan2(d[1], d[0]) - x[2, 0]]]), H
+
+
+def innovation(x, P, yi, j):
+    expected, H = see(x, j)
+    e = yi[0:2].reshape(2, 1) - expected
+    e[1] = wrap(e[1])
+    return e, H @ P @ H.T + Py, H
+
+
+def nearest(x, P, yi):
+    distances = []
+    for j in range(count(x)):
+        e, S, _ = innovation(x, P, yi, j)
+        distances.append(float(e.T @ np.linalg.inv(S) @ e))
+    distances.append(M_DIST_TH)
+    return distances.index(min(distances))
+
+
+def number(x, P, yi):
+    if not KNOWN_DATA_ASSOCIATION:
+        return nearest(x, P, yi)
+    if yi[2] not in seen:
+        seen.append(yi[2])
+    return seen.index(yi[2])
+
+
+def add(x, P, yi):
+    a = x[2] + yi[1]
+    position = np.zeros((2, 1))
+    position[0, 0], position[1, 0] = x[0] + yi[0] * math.cos(a), x[1] + yi[0] * math.sin(a)
+    Jr = np.array([[1.0, 0.0, -yi[0] * math.sin(a)], [0.0, 1.0, yi[0] * math.cos(a)]])
+    Jy = np.array([[math.cos(a), -yi[0] * math.sin(a)], [math.sin(a), yi[0] * math.cos(a)]])
+    side = Jr @ P[0:3, :]
+    corner = Jr @ P[0:3, 0:3] @ Jr.T + Jy @ Py @ Jy.T
+    return np.vstack((x, position)), np.vstack((np.hstack((P, side.T)), np.hstack((side, corner))))
+
+
+def ekf_slam(xEst, PEst, u, y):
+    A, B = move_jacobians(xEst, u)
+    xEst[0:3] = move(xEst, u)
+    PEst[0:3, 0:3] = A @ PEst[0:3, 0:3] @ A.T + B @ Q @ B.T
+    PEst[0:3, 3:] = A @ PEst[0:3, 3:]
+    PEst[3:, 0:3] = PEst[0:3, 3:].T
+    for i in range(len(y[:, 0])):
+        j = number(xEst, PEst, y[i])
+        if j == count(xEst):
+            xEst, PEst = add(xEst, PEst, y[i])
+        e, S, H = innovation(xEst, PEst, y[i], j)
+        if abs(e).max() > 1e-9:
+            K = PEst @ H.T @ np.linalg.inv(S)
+            xEst = xEst + K @ e
+            PEst = (np.eye(len(xEst)) - K @ H) @ PEst
+    xEst[2] = wrap(xEst[2])
+    return xEst, PEst
+
+
+if __name__ == "__main__":
+    ekf_slam(np.zeros((3, 1)), np.eye(3), np.array([[1.0, 0.1]]).T, np.zeros((0, 3)))
+'''
+
+# settings are parameters, and only the main program has their values
+_SETTINGS = 'M_DIST_TH = 9.0\nKNOWN_DATA_ASSOCIATION = 1\nQ = np.diag([0.5, 0.2]) ** 2\nPy = np.diag([0.3, 0.2]) ** 2\n'
+PARAMETERS = (
+    COLUMNS.replace(_SETTINGS, "")
+    .replace("(x, P, yi, j)", "(x, P, yi, j, Py)")
+    .replace("innovation(xEst, PEst, y[i], j)", "innovation(xEst, PEst, y[i], j, Py)")
+    .replace("nearest(x, P, yi)", "nearest(x, P, yi, M_DIST_TH, Py)")
+    .replace("number(x, P, yi)", "number(x, P, yi, M_DIST_TH, KNOWN_DATA_ASSOCIATION, Py)")
+    .replace("number(xEst, PEst, y[i])", "number(xEst, PEst, y[i], M_DIST_TH, KNOWN_DATA_ASSOCIATION, Py)")
+    .replace("add(x, P, yi)", "add(x, P, yi, Py)")
+    .replace("add(xEst, PEst, y[i])", "add(xEst, PEst, y[i], Py)")
+    .replace("u, y):", "u, y, M_DIST_TH, KNOWN_DATA_ASSOCIATION, Q, Py):")
+)
+OWN_ASSOCIATION = COLUMNS.replace("KNOWN_DATA_ASSOCIATION = 1", "KNOWN_DATA_ASSOCIATION = 0")
+
+# PythonRobotics: one covariance Cx for both the motion of a step and an observation, own association, z instead of y
+ROBOTICS = (
+    COLUMNS.replace(_SETTINGS, "M_DIST_TH = 6.0\nCx = np.diag([0.1, 0.1, np.deg2rad(1.0)]) ** 2\n")
+    .replace("KNOWN_DATA_ASSOCIATION", "False")
+    .replace("Py", "Cx[0:2, 0:2]")
+    .replace("B @ Q @ B.T", "Cx")
+    .replace("u, y):", "u, z):\n    y = z")
+)
+
+# the same file with matrices of numpy, for which * is the product
+MATRICES = ROBOTICS.replace(" @ ", " * ").replace("np.array(", "np.matrix(").replace("np.zeros((2, len(x)))", "np.matrix(np.zeros((2, len(x))))")
+
+BUGS = {
+    "sign": ("0.0, -DT * u[0] * math.sin(x[2])]", "0.0, DT * u[0] * math.sin(x[2])]"),
+    "wrap": ("    e[1] = wrap(e[1])\n", ""),
+    "cross": ("    side = Jr @ P[0:3, :]\n", "    side = 0 * (Jr @ P[0:3, :])\n"),
+}
