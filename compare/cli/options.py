@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from slamgauge.compare.estimators.requests import Asked
     from slamgauge.compare.scenarios.scenario import Scenario
 
-USER_CODE = "Your own: [LABEL=]FILE.py:callable or [LABEL=]package.module:callable. THIS LOADS AND RUNS THAT CODE."
+USER_CODE = "Your own: [LABEL=]FILE.py, FILE.py:callable or package.module:callable. THIS LOADS AND RUNS THAT CODE."
 Estimators = Annotated[str, tyro.conf.arg(help=f"{HELP} {USER_CODE}")]
 NAMED = "A shipped scenario (`slamgauge scenarios` lists them) or the path of a TOML file"
 Sampled = Annotated[
@@ -35,6 +35,7 @@ RootSeed = Annotated[int, tyro.conf.arg(help="Root seed. The seed of each run is
 Repeated = Annotated[list[tuple[str, ...]], tyro.conf.UseAppendAction]
 Overrides = Annotated[Repeated, tyro.conf.arg(help="Override keys of the scenario: dotted.key=value ...")]
 Open = Annotated[bool, tyro.conf.arg(help=f"Open {REPORT} in the browser.")]
+Form = Annotated[str, tyro.conf.arg(help="Form of your own code, if it is not found: step, class, octave, ...")]
 PATIENCE = 600.0  # s
 MOST_JOBS = 1024
 
@@ -49,10 +50,16 @@ class OwnCode:
     timeout: float | None = None
     """Run your own code in a separate process, and end a run after this time [s]. With --strict the default is 600."""
 
-    def isolate(self, asked: list[Asked]) -> list[Asked]:
-        """Isolate user code among the requests if it is strict or has a time limit."""
-        from slamgauge.compare.estimators.requests import Isolation, isolated
+    noise: Literal["recording", "file", "both"] = "recording"
+    """Noise that your own step functions assume: the recording's, Q and Py of their file, or one run with each."""
 
+    form: Form = ""
+
+    def isolate(self, asked: list[Asked]) -> list[Asked]:
+        """Set noise and form of user code among the requests; isolate it if it is strict or has a time limit."""
+        from slamgauge.compare.estimators.requests import Isolation, isolated, with_noise
+
+        asked = with_noise(asked, self.noise, self.form)
         if not self.strict and self.timeout is None:
             return asked
         seconds = PATIENCE if self.timeout is None else require_timeout(self.timeout)

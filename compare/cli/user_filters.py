@@ -13,6 +13,7 @@ import tyro
 from slamgauge.compare.cli.options import (
     NAMED,
     Folder,
+    Form,
     Overrides,
     WithPage,
     Work,
@@ -35,7 +36,9 @@ class Check:
     """
 
     estimator: tyro.conf.Positional[str]
-    """A built-in name, or your own: [LABEL=]FILE.py:callable or module:callable. THIS LOADS AND RUNS THAT CODE."""
+    """A built-in name, or your own: [LABEL=]FILE.py or [LABEL=]FILE.py:callable. THIS LOADS AND RUNS THAT CODE."""
+
+    form: Form = ""
 
     seed: int = 0
     """Seed of the random recordings of the checks."""
@@ -49,12 +52,13 @@ class Check:
         from slamgauge.compare.checks.examination import check_estimator, verdicts_json, verdicts_table
         from slamgauge.compare.estimators.isolated_process import can_isolate
         from slamgauge.compare.estimators.loading import load
-        from slamgauge.compare.estimators.requests import Isolation, ask, isolated
+        from slamgauge.compare.estimators.requests import Isolation, ask, isolated, with_noise
 
         if self.seed < 0:
             raise UserError(f"seed {self.seed}: a seed must not be negative; give one >= 0")
         isolation = Isolation(require_timeout(self.timeout), strict=False)  # the check no-future does that
-        (asked,) = isolated(ask([self.estimator]), isolation if can_isolate() else None)
+        requested = with_noise(ask([self.estimator]), "recording", self.form)
+        (asked,) = isolated(requested, isolation if can_isolate() else None)
         verdicts = check_estimator(asked.label, load(asked), self.seed)
         printed = self.output.show(verdicts_json(verdicts), verdicts_table(verdicts))
         return 0 if printed and not any(verdict.is_failure for verdict in verdicts) else 1
@@ -100,6 +104,8 @@ class Grade(WithPage):
     timeout: float = 60.0
     """Seconds that a submission may take for a run."""
 
+    form: Form = ""
+
     work: Work = field(default_factory=Work)
 
     out: Folder | None = None
@@ -120,7 +126,7 @@ class Grade(WithPage):
         out = self.out or Path("results") / f"grades-{file_name(self.folder.resolve().name)}"
         scenario, (reference,) = sampled_scenario(self.scenario, self.set), ask([self.reference])
         submissions, timeout = submissions_in(self.folder), require_timeout(self.timeout)
-        rubric = load_rubric(self.rubric)
+        rubric, submissions = load_rubric(self.rubric), [each.of_form(self.form) for each in submissions]
         writes = grade_files(each.name for each in submissions)
         outdated = [f"{PAGES}/*.md", f"{PAGES}/*.html", f"{GRADESCOPE}/*/{RESULTS}", RESULTS]
         with results_folder(out, writes, GRADES, outdated) as staged:

@@ -6,6 +6,7 @@ The form of a callable follows from its signature; `adapt` prints it on standard
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from types import ModuleType
 from typing import Any
 
@@ -14,10 +15,10 @@ from slamgauge.compare.estimators.forms import step_function as steps
 from slamgauge.compare.estimators.forms.external_program import ExternalProgram, external
 from slamgauge.compare.estimators.forms.form import Form
 from slamgauge.compare.estimators.forms.signatures import required
-from slamgauge.compare.estimators.forms.step_function import Noise, StepFunction
+from slamgauge.compare.estimators.forms.step_function import StepFunction
 from slamgauge.compare.estimators.fresh_modules import AddressedCode, Fresh, GivenCode, uncopied
 from slamgauge.compare.estimators.private_import import present
-from slamgauge.compare.estimators.user_code import Address, Callee, load_callable_module, load_whole_module
+from slamgauge.compare.estimators.user_code import Address, Callee, Noise, load_callable_module, load_whole_module
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, Estimator
 from slamgauge.recording import Recording
@@ -41,6 +42,7 @@ FORMS = (
     ),
     Form("step", steps.description, StepFunction, "ekf_slam(xEst, PEst, u, y)"),
 )
+FORM_NAMES = tuple(form.name for form in FORMS)
 EXAMPLES = ("estimate(recording)", *(form.example for form in FORMS))
 NAMES = (
     "estimate",
@@ -83,11 +85,12 @@ def adapted_callable(given: Callee | ModuleType, name: str) -> tuple[Estimator, 
 
 def adapted(where: Address) -> tuple[Estimator, str]:
     """`adapted_callable` for user code at an address; `Recording -> Estimate` is not loaded again for each run."""
+    where = where if where.attribute else found_in(where)
     module = load_callable_module(where)
     callee = getattr(module, where.attribute)
-    form, words = _form_of(Fresh(callee, vars(module)), where.label)
+    form, words = _form_of(Fresh(callee, vars(module)), where.label, where.form)
     if form is not None:
-        return form.estimator(AddressedCode(where, module)), words
+        return _with_noise(form.estimator(AddressedCode(where, module)), where), words
 
     def run(recording: Recording) -> Estimate:
         with present(module):
@@ -106,7 +109,8 @@ def found_in(where: Address) -> Address:
     if len(found) == 1:
         return where._replace(attribute=found[0])
     if found:
-        raise UserError(f"{where.text}: may be {', '.join(found)}; call the one that counts {NAMES[0]}")
+        name = f"name it, {where.text}:{found[0]}, or call the one that counts {NAMES[0]}"
+        raise UserError(f"{where.text}: may be {', '.join(found)}; {name}")
     try:
         load_callable_module(where._replace(attribute=NAMES[0]))
     except UserError as error:
@@ -145,12 +149,24 @@ def _is_defined_by(module: ModuleType, name: str) -> bool:
     return not name.startswith("_") and (is_own or isinstance(given, ExternalProgram | StepFunction))
 
 
-def _form_of(fresh: Fresh, name: str) -> tuple[Form | None, str]:
-    """Return the form of a callable and its description; None for one that takes a recording."""
-    for form in FORMS:
+def _form_of(fresh: Fresh, name: str, requested: str = "") -> tuple[Form | None, str]:
+    """Return the form of a callable and its description; None for one that takes a recording.
+
+    `requested` is the name of its form, if the user gives it.
+
+    Raises:
+        UserError: the callable has none of the forms, or not the requested one.
+    """
+    forms = [form for form in FORMS if requested in ("", form.name)]
+    if not forms:
+        raise UserError(f"estimator {name}: no form is named {requested!r}; use one of {', '.join(FORM_NAMES)}")
+    for form in forms:
         words = form.description(fresh)
         if words is not None:
             return form, words
+    if requested:
+        what = f"{_signature(fresh.callee)} has not the form {requested}"
+        raise UserError(f"estimator {name}: {what}; give {forms[0].example}")
     if isinstance(fresh.callee, type) or len(required(fresh.callee)) > 1:
         what = f"{_signature(fresh.callee)} has none of the forms that are known"
         raise UserError(f"estimator {name}: {what}; give {', or '.join(EXAMPLES)}")
@@ -172,6 +188,15 @@ def step_function(given: Callee, noise: Noise = "recording") -> StepFunction:
     if steps.description(uncopied(given)) is None:
         raise UserError(f"step_function: {_signature(given)} has another form; give ekf_slam(xEst, PEst, u, y)")
     return StepFunction(GivenCode(given), noise)
+
+
+def _with_noise(estimator: Estimator, where: Address) -> Estimator:
+    """Set the field `noise` of an estimator, for forms that can use the noise of the file."""
+    if isinstance(estimator, StepFunction):
+        return replace(estimator, noise=where.noise)
+    if where.noise == "file":
+        raise UserError(f"estimator {where.label}: its form has no noise to choose; leave out --noise")
+    return estimator
 
 
 def _signature(given: Callee) -> str:

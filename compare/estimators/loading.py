@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 
 from slamgauge.arrays import Marks
-from slamgauge.compare.estimators.adapters import adapted, adapted_callable
+from slamgauge.compare.estimators.adapters import FORM_NAMES, adapted, adapted_callable
 from slamgauge.compare.estimators.causality_check import Strict
 from slamgauge.compare.estimators.forms.form import remarks_of
 from slamgauge.compare.estimators.isolated_process import Isolated, Spent
@@ -20,6 +20,7 @@ from slamgauge.compare.scenarios.schema import Association
 from slamgauge.ekf.settings import NEAREST_NEIGHBOUR, PLAIN, FilterSettings, Initialisation, Robustness
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, Estimator
+from slamgauge.notices import tell_first
 from slamgauge.recording import Recording
 from slamgauge.truth import NOBODY
 
@@ -116,6 +117,7 @@ def load(
         estimator, form = adapted_callable(asked.call, asked.label)
     if announced and form:
         print(f"{asked.label}: {form}", file=sys.stderr)
+        tell_first("form", f"forms follow from the code; --form NAME says otherwise ({', '.join(FORM_NAMES)})")
     return LoadedEstimator(entry, estimator)
 
 

@@ -7,9 +7,10 @@ import inspect
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Literal
 
 from slamgauge.compare.estimators.registry import BOUND, BOUNDS, HINDSIGHT_BOUND, OPTIMA, entry_of, is_ours
-from slamgauge.compare.estimators.user_code import Address, address, require_label
+from slamgauge.compare.estimators.user_code import Address, Noise, address, require_label
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimator
 
@@ -65,7 +66,8 @@ class Asked:
         """Key of its results in stores, with the digest of user code: edited code is another estimator."""
         if self.where is not None and self.where.sources is not None:
             apart = "" if self.isolation is None else f" {self.isolation.timeout:g}s strict={self.isolation.strict}"
-            return f"{self.label} {self.where.attribute} {self.where.sources.digest[:16]}{apart}"
+            chosen = [text for text in (self.where.form, self.where.noise) if text not in ("", "recording")]
+            return " ".join([self.label, self.where.attribute, self.where.sources.digest[:16], *chosen]) + apart
         if self.call is not None:
             return f"{self.label} {_digest_of(self.call)[:16]}"
         return self.label
@@ -114,6 +116,20 @@ def isolated(asked: Sequence[Asked], isolation: Isolation | None) -> list[Asked]
     return [each if each.where is None else replace(each, isolation=isolation) for each in asked]
 
 
+def with_noise(asked: Sequence[Asked], noise: Noise | Literal["both"], form: str = "") -> list[Asked]:
+    """Set the noise and the form of user code among the requests; `both` requests each with its own noise, too."""
+    found: list[Asked] = []
+    for each in asked:
+        if each.where is None:
+            found.append(each)
+            continue
+        kinds = ("recording", "file") if noise == "both" else (noise,)
+        for kind in kinds:
+            label = f"{each.label} (own noise)" if noise == "both" and kind == "file" else each.label
+            found.append(replace(each, label=label, where=each.where._replace(noise=kind, form=form)))
+    return found
+
+
 def labels_among(names: Sequence[str], among: Collection[str], otherwise: str) -> list[str]:
     """Return the labels of estimators that are given by label or address.
 
@@ -131,7 +147,7 @@ def _asked(label: str, what: str | Estimator) -> Asked:
     if not isinstance(what, str):
         require_label(label, label)
         return Asked(label, call=what)
-    if not set(":=/\\") & set(what):
+    if not set(":=/\\") & set(what) and not what.endswith(".py"):
         return Asked(label or what, entry_of(what).name)
     where = address(what)
     return Asked(label or where.label, where=where)

@@ -21,7 +21,7 @@ from slamgauge.compare.estimators.user_code import reason_of
 from slamgauge.compare.storage.progress import counted
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, Estimator, Kind
-from slamgauge.notices import tell_once
+from slamgauge.notices import tell_first
 from slamgauge.recording import Recording
 
 FARTHEST = 1e12  # m, rad: far outside any map, and squares of errors are still finite
@@ -60,7 +60,7 @@ def run_estimator(name: str, estimator: Estimator, recording: Recording) -> tupl
         raise kind(f"estimator {name}: {reason}") from error
     if not is_built_in:
         for remark in remarks_of(estimator, recording):
-            tell_once(f"{name}: {remark}")
+            tell_first(f"{name}: {remark.partition(',')[0]}", f"{name}: {remark}")  # the values may differ between runs
     spent = spent_by(estimator)
     seconds = perf_counter() - start if spent is None else spent.seconds
     return _checked(name, estimate, recording), seconds
@@ -97,6 +97,7 @@ class SideBySide:
         failures: reasons of missing estimates, by name.
         optima: name of the optimum of each kind of estimate.
         stand_ins: optima with the associations of an estimator, used if the true ones are unknown.
+        remarks: remarks on user code, for example replaced settings, by name.
     """
 
     estimates: dict[str, Estimate] = field(default_factory=dict)
@@ -104,6 +105,7 @@ class SideBySide:
     failures: dict[str, str] = field(default_factory=dict)
     optima: dict[Kind, str] = field(default_factory=dict)
     stand_ins: list[str] = field(default_factory=list)
+    remarks: dict[str, list[str]] = field(default_factory=dict)
 
     def run(self, name: str, estimator: Estimator, recording: Recording, *, is_optimum: bool = False) -> None:
         """Run an estimator, and store its estimate or the reason of its failure."""
@@ -112,6 +114,7 @@ class SideBySide:
         except UserError as error:
             self.failures[name] = str(error)
             return
+        self.remarks[name] = remarks_of(estimator, recording)
         if not (isinstance(estimator, LoadedEstimator) and isinstance(estimator.estimate, StoredEstimate)):
             self.seconds[name] = seconds
         if is_optimum:

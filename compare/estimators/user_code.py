@@ -10,7 +10,7 @@ from collections.abc import Callable
 from contextlib import redirect_stdout
 from pathlib import Path
 from types import ModuleType
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from slamgauge import errors
 from slamgauge.compare.estimators.private_import import PrivateFolder, public, without_windows
@@ -20,6 +20,7 @@ from slamgauge.errors import UserError
 from slamgauge.suggestions import did_you_mean
 
 Callee = Callable[..., Any]
+Noise = Literal["recording", "file"]
 
 FORM = "write FILE.py:callable or module:callable, for example my_filter.py:estimate"
 SILENT = (
@@ -39,6 +40,8 @@ class Address(NamedTuple):
         attribute: name of the callable; empty if it must be found.
         sources: sources of a file, or of a module of the current folder; None for installed or missing modules.
         strangers: neighbours that belong to other people: an installed module of the same name comes first.
+        noise: assumed noise: that of the recording, or that of the file, for forms that can use both.
+        form: name of the form of the code (`adapters.FORMS`); empty if it follows from the code.
     """
 
     text: str
@@ -47,21 +50,23 @@ class Address(NamedTuple):
     attribute: str
     sources: Sources | None = None
     strangers: tuple[str, ...] = ()
+    noise: Noise = "recording"
+    form: str = ""
 
 
 def address(text: str) -> Address:
-    """Parse `[LABEL=]PLACE:callable`; without a label the text is the label, without the folders of a file.
+    """Parse `[LABEL=]PLACE:callable` or `[LABEL=]FILE.py`; without a label it is the text without folders.
 
     Raises:
         UserError: the text has another form.
     """
-    place, _, attribute = text.rpartition(":")
+    place, _, attribute = (text, "", "") if text.endswith(".py") else text.rpartition(":")
     label, equals, rest = place.partition("=")
     if equals and not os.path.isfile(place):  # noqa: PTH113 a label may be longer than a path can be
         place = rest
     else:
-        label = f"{Path(place).name}:{attribute}"
-    if not place or not attribute:
+        label = f"{Path(place).name}:{attribute}".rstrip(":")
+    if not place or not (attribute or text.endswith(".py")):
         raise UserError(f"estimator {text!r}: {FORM}")
     if place.endswith(".py") and "." in Path(place).stem:
         raise UserError(f"estimator {text!r}: no Python module can have a dot in its name; rename the file")

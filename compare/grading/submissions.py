@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from slamgauge.compare.estimators.adapters import NAMES
@@ -33,6 +33,10 @@ class Submission:
     name: str
     where: Address | None
     reason: str = ""
+
+    def of_form(self, form: str) -> Submission:
+        """Return the submission with the name of its form; empty if the form follows from the code."""
+        return self if self.where is None else replace(self, where=self.where._replace(form=form))
 
 
 def submissions_in(folder: Path) -> list[Submission]:

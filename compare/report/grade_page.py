@@ -20,6 +20,8 @@ FIGURES = (
     ("nees_ratio", "NEES x reference", "NEES divided by that of the reference", "{:.2f}"),
     ("sigma_position_ratio", "sigma x reference", "position sigma divided by that of the reference", "{:.3f}"),
     ("sigma_heading_ratio", "heading sigma x reference", "heading sigma divided by that of the reference", "{:.3f}"),
+    ("own_noise_ate_ratio", "ATE x, own noise", "ATE over the reference's, with the noise of the file", "{:.3f}"),
+    ("own_noise_nees_ratio", "NEES x, own noise", "NEES over the reference's, with the noise of the file", "{:.2f}"),
     ("ratio_to_optimum", "ATE x causal optimum", "ATE divided by that of the causal optimum", "{:.3f}"),
 )
 SUBMISSION = Head("submission", "file name of the submission", words=True)
@@ -47,6 +49,7 @@ def grade_pages(folder: Path) -> dict[str, str]:
             tables=[class_table(rows), check_table(rows)],
             folded=[
                 ("Reasons", [(row["submission"], f"{verdict(row)}: {row['reason']}") for row in rows if row["reason"]]),
+                ("Settings of files", [(row["submission"], row["settings"]) for row in rows if row["settings"]]),
                 ("Remarks for the teacher", [(row["submission"], row["remarks"]) for row in rows if row["remarks"]]),
             ],
             origin=where,

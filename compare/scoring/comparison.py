@@ -46,7 +46,8 @@ class Comparison:
     """Estimates and scores by the name of the estimator, and the optimum of each kind.
 
     `failures` has the reason, in a line, for each estimator without a score. `stand_ins` are optima with the
-    associations of an estimator, if the true ones are unknown. `is_simulated`: the true noise is known.
+    associations of an estimator, if the true ones are unknown. `is_simulated`: the true noise is known. `remarks` are
+    those on user code, for example replaced settings.
     """
 
     truth: Truth | None
@@ -57,6 +58,7 @@ class Comparison:
     failures: dict[str, str] = field(default_factory=dict)
     stand_ins: tuple[str, ...] = ()
     is_simulated: bool = False
+    remarks: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         failed = f"; failed: {', '.join(self.failures)}" if self.failures else ""
@@ -115,7 +117,9 @@ def compare_estimators(
     if not scores and failures:
         raise UserError(next(iter(failures.values())))
     estimates = {name: ran.estimates[name] for name in scores}
-    return Comparison(truth, recording, estimates, scores, ran.optima, failures, tuple(ran.stand_ins), is_simulated)
+    found = tuple(f"{name}: {remark}" for name in scores for remark in ran.remarks.get(name, ()))
+    stand_ins = tuple(ran.stand_ins)
+    return Comparison(truth, recording, estimates, scores, ran.optima, failures, stand_ins, is_simulated, found)
 
 
 def metrics(
@@ -130,7 +134,7 @@ def metrics(
         "truth": comparison.truth is not None and comparison.truth.poses is not None,
         "estimators": {name: score.to_json() for name, score in comparison.scores.items()},
         "failures": [{"estimator": name, "error": error} for name, error in comparison.failures.items()],
-        "notes": remarks(comparison),
+        "notes": [*remarks(comparison), *comparison.remarks],
     }
 
 

@@ -14,6 +14,15 @@ from slamgauge.compare.estimators.user_code import Callee, UserCodeError, user_f
 NO_NUMBER = ("can be converted to Python scalars", "setting an array element with a sequence")
 
 
+class ArrayForNumberError(UserCodeError):
+    """User code takes an array for a number; `what` names file, line and source."""
+
+    def __init__(self, what: str) -> None:
+        self.what = what
+        remedy = "write the element, u[0, 0] for u[0] of a column"
+        super().__init__(f"{what}, which numpy {np.__version__} refuses; {remedy}")
+
+
 def parameters(given: object) -> list[inspect.Parameter]:
     """Return the positional parameters; an empty list if Python cannot read the signature."""
     try:
@@ -39,7 +48,7 @@ def called(function: Callee, *arguments: object) -> object:
     """Call a user function.
 
     Raises:
-        UserCodeError: it passes an array to numpy where a number is needed.
+        ArrayForNumberError: it passes an array to numpy where a number is needed.
         Exception: other errors of the function, unchanged.
     """
     try:
@@ -50,9 +59,7 @@ def called(function: Callee, *arguments: object) -> object:
             raise
         at = frames[-1]
         what = f"{Path(at.filename).name}, line {at.lineno}: `{at.line}` takes an array for a number"
-        raise UserCodeError(
-            f"{what}, which numpy {np.__version__} refuses; write the element, u[0, 0] for u[0] of a column"
-        ) from error
+        raise ArrayForNumberError(what) from error
 
 
 def pair(returned: object, name: str) -> list[object]:

@@ -1,39 +1,34 @@
 """Step functions of the exercise: `ekf_slam(xEst, PEst, u, y) -> xEst, PEst`.
 
 State (3+2n, 1), u (2, 1) = speed [m/s] and yaw rate [rad/s], y (m, 3) = range [m], bearing [rad], id. The function
-reads globals of its module: DT [s], Q (2, 2) of u, Py (2, 2), KNOWN_DATA_ASSOCIATION. An increment (dx, 0, dtheta) with
-covariance C over DT is exactly u = (dx, dtheta) / DT with Q = C / DT^2.
+reads globals of its module: DT [s], Q (2, 2) of u, Py (2, 2), KNOWN_DATA_ASSOCIATION (`step_settings`). An increment
+(dx, 0, dtheta) with covariance C over DT is exactly u = (dx, dtheta) / DT with Q = C / DT^2.
 
-Variants take settings as parameters of those names. Bearing-only variants take and return a third value (rays and their
-weights), and y = [bearing, id], or [range, bearing, id] with a range of NaN.
+Variants take settings, and other globals of their modules, as parameters of those names. Bearing-only variants take and
+return a third value (rays and their weights), and y = [bearing, id], or [range, bearing, id] with a range of NaN.
 """
 
 from __future__ import annotations
 
-import ast
 import inspect
-import textwrap
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from functools import partial
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.compare.estimators.forms.signatures import called, pair, parameters, required
+from slamgauge.compare.estimators.forms.columns import column, use_columns
+from slamgauge.compare.estimators.forms.signatures import ArrayForNumberError, called, pair, parameters, required
 from slamgauge.compare.estimators.forms.state_log import StateLog
+from slamgauge.compare.estimators.forms.step_settings import SETTINGS, STATE_AND_INPUT, StepSettings, is_setting
+from slamgauge.compare.estimators.forms.step_source import is_a_dict, width_of_bearings
 from slamgauge.compare.estimators.fresh_modules import Code, Fresh
-from slamgauge.compare.estimators.user_code import Callee, UserCodeError
+from slamgauge.compare.estimators.user_code import Callee, Noise, UserCodeError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Observations, Recording
 from slamgauge.sensors import SENSORS
-
-Noise = Literal["recording", "file"]
-STATE_AND_INPUT = 4  # parameters that every variant has
-NOISES = ("Q", "Py")
-KNOWN = "KNOWN_DATA_ASSOCIATION"
-SETTINGS = ("DT", *NOISES, KNOWN, "M_DIST_TH")
-WRAPPER = 'slamgauge.adapters.step_function(ekf_slam, noise="file")'
 
 
 def description(given: Fresh) -> str | None:
@@ -50,141 +45,118 @@ class StepFunction:
     Attributes:
         code: source of the function.
         noise: assumed noise: that of the recording, or Q and Py of its file.
+        found: remarks on the last run.
     """
 
     code: Code
     noise: Noise = "recording"
+    found: list[str] = field(default_factory=list, compare=False, repr=False)
 
     def __call__(self, recording: Recording) -> Estimate:
         """Run the function over a recording; for a scan at step 0, u and Q are zero.
+
+        If numpy refuses an array of one element as a number, the function runs again with columns (`columns`).
 
         Raises:
             UserCodeError: u, y and globals cannot express the recording, or the function returns no state.
         """
         _require_expressible(recording)
+        try:
+            return self._run(recording, array=lambda value: value)
+        except ArrayForNumberError as error:
+            estimate = self._run(recording, array=column)
+            remedy = "its arrays of one element are converted to numbers"
+            self.found.append(f"{error.what}, which numpy {np.__version__} refuses; {remedy}")
+            return estimate
+
+    def remarks(self, _recording: Recording) -> list[str]:
+        """Return the remarks on the last run."""
+        return [*self.found]
+
+    def _run(self, recording: Recording, array: Callable[[Any], Any]) -> Estimate:
         log = StateLog(recording)
         with self.code.fresh() as fresh:
-            stepper = _Stepper(fresh.callee, recording, self.noise)
+            if array is column:
+                use_columns(getattr(fresh.callee, "__globals__", {}))
+            stepper = _Stepper(fresh.callee, recording, self.noise, array)
+            self.found[:] = stepper.settings.remarks()
             for step, scan in enumerate(recording.scans()):
                 if step > 0 or len(scan.value):
-                    log.step(step, scan.landmark, stepper.advance_by(step, scan))
+                    ids = scan.landmark if stepper.settings.shows_ids else None
+                    log.step(step, ids, stepper.advance_by(step, scan))
         return log.estimate()
 
 
 class _Stepper:
-    """A step function with its globals and the state that it returned last."""
+    """A step function with its settings and the state that it returned last."""
 
-    def __init__(self, function: Callee, recording: Recording, noise: Noise) -> None:
-        self._function, self._recording, self._noise = function, recording, noise
-        self._globals: dict[str, Any] = getattr(function, "__globals__", {})
-        self._rest = parameters(function)[STATE_AND_INPUT:]
-        self._require_settings()
-        self._third_parameter = _third_among(self._rest)
-        self._file_noise = {name: np.array(self._globals[name], float) for name in NOISES if name in self._globals}
+    def __init__(self, function: Callee, recording: Recording, noise: Noise, array: Callable[[Any], Any]) -> None:
+        self.settings = StepSettings(function, recording, noise)
+        self._function, self._recording, self._array = function, recording, array
+        rest = [each for each in parameters(function)[STATE_AND_INPUT:] if each.name not in SETTINGS]
+        space = self.settings.space
+        self._globals = [each.name for each in rest if is_setting(each, space)]
+        self._passed_on = _passed_on([each for each in rest if each.name not in self._globals])
+        self._values = {each.name: _first(function, each, space) for each in self._passed_on}
         self._x: object = recording.prior_mean.reshape(3, 1).copy()
         self._P: object = recording.prior_cov.copy()
-        self._third = self._first_third()
-        self._y_width = _width_of_y(function, recording, self._file_noise.get("Py"))
+        self._y_width = 3
+        if recording.observation.shape[1] == 1:
+            self._y_width = width_of_bearings(function, STATE_AND_INPUT - 1, self.settings.observation_cov)
 
     def advance_by(self, step: int, scan: Observations) -> Any:
         """Set the globals and return a function that calls the step function, for `StateLog.step`."""
-        self._set_globals(step, scan)
-        u, y = self._input(step), self._observations(scan)
+        self.settings.set(step, scan)
+        space, array = self.settings.space, self._array
+        matrix = np.asmatrix if self.settings.uses_matrices else np.asarray
+        named = {name: array(value) for name, value in self.settings.named().items()}
+        named |= {name: space[name] for name in self._globals}
+        u, y = array(matrix(self._input(step))), array(matrix(self._observations(scan)))
 
         def advance() -> tuple[object, object]:
-            bound = partial(self._function, **self._named())
-            returned = pair(called(bound, np.array(self._x), np.array(self._P), u, y), "the step function")
-            self._x, self._P, *third = returned
-            if third:
-                self._third = third[0]
+            bound = partial(self._function, **named, **self._values)
+            x, P = array(matrix(np.array(self._x))), array(np.array(self._P))
+            self._x, self._P, *third = pair(called(bound, x, P, u, y), "the step function")
+            self._pass_on(third)
             return self._x, self._P
 
         return advance
 
-    def _set_globals(self, step: int, scan: Observations) -> None:
-        self._globals["DT"] = self._dt(step)
-        if KNOWN in self._globals or any(each.name == KNOWN for each in self._rest):
-            self._globals[KNOWN] = int(self._recording.landmark is not None)
-        if self._noise == "recording":
-            self._set_noise(step, scan)
-        elif "Q" in self._file_noise:
-            self._globals["Q"] = self._file_noise["Q"].copy()
-        if step == 0 and "Q" in self._globals:
-            self._globals["Q"] = np.zeros_like(self._globals["Q"])
-
-    def _set_noise(self, step: int, scan: Observations) -> None:
-        forward_and_turn = self._recording.odometry_cov[max(step, 1) - 1][np.ix_([0, 2], [0, 2])]
-        self._globals["Q"] = forward_and_turn / self._dt(step) ** 2
-        if not len(scan.value):
-            return
-        if not (scan.cov == scan.cov[0]).all():
-            what = f"step {step}: observations of one scan have different noise, which one Py cannot express"
-            raise UserCodeError(f"{what}; take its own, {WRAPPER}")
-        given: Float = scan.cov[0]
-        Py = np.array(self._file_noise.get("Py", given))
-        if Py.ndim != 2 or len(Py) != Py.shape[1] or len(Py) < len(given):
-            what = f"its Py must be a square matrix of at least {len(given)} rows, for the noise of an observation"
-            raise UserCodeError(f"{what}; mend it, or take its own, {WRAPPER}")
-        Py[-len(given) :, -len(given) :] = given  # a bearing-only recording keeps the file's variance of ranges
-        self._globals["Py"] = Py
+    def _pass_on(self, returned: list[object]) -> None:
+        """Store what the function returned after state and covariance, as arguments of the next step."""
+        names = [*self._values]
+        required_names = [each.name for each in self._passed_on if each.default is each.empty]
+        if 0 < len(returned) < len(required_names):
+            what = "only one value can" if len(returned) == 1 else f"only {len(returned)} values can"
+            raise UserCodeError(f"parameters {', '.join(required_names)}: {what} be passed on from step to step")
+        self._values.update(zip(names, returned, strict=False))
 
     def _input(self, step: int) -> Float:
         """Return the control u (2, 1): speed [m/s], yaw rate [rad/s]."""
         if step == 0:
             return np.zeros((2, 1))
-        return self._recording.odometry[step - 1, [0, 2]].reshape(2, 1) / self._dt(step)
+        return self._recording.odometry[step - 1, [0, 2]].reshape(2, 1) / self.settings.dt(step)
 
     def _observations(self, scan: Observations) -> Float:
         """Return the scan as y (m, 3) or (m, 2): unknown ranges are NaN, unknown ids in the last column are -1."""
-        ids = np.full(len(scan.value), -1) if scan.landmark is None else scan.landmark
+        has_ids = scan.landmark is not None and self.settings.shows_ids
+        ids = scan.landmark if has_ids else np.full(len(scan.value), -1)
         y = np.column_stack([scan.value, ids])
         unknown = np.full((len(y), self._y_width - y.shape[1]), np.nan)
         return np.hstack([unknown, y])
 
-    def _dt(self, step: int) -> float:
-        """Return the length of a step [s]; a scan at step 0 has that of step 1."""
-        stamps = self._recording.stamps
-        last = min(max(step, 1), len(stamps) - 1)
-        return float(stamps[last] - stamps[last - 1]) if last else 1.0
 
-    def _named(self) -> dict[str, object]:
-        """Return arguments for the parameters after y: settings, and the third value."""
-        settings = {each.name: self._globals[each.name] for each in self._rest if each.name in self._known_settings()}
-        return settings if self._third_parameter is None else {**settings, self._third_parameter.name: self._third}
-
-    def _known_settings(self) -> set[str]:
-        """Return the names of settings that have a value."""
-        set_here = {"DT", KNOWN, *(NOISES if self._noise == "recording" else ())}
-        return {name for name in SETTINGS if name in set_here or name in self._globals}
-
-    def _require_settings(self) -> None:
-        """Refuse a function that does not use what is set, or that needs a setting without a value."""
-        needed = ("DT", *(NOISES if self._noise == "recording" else ()))
-        used = {*self._globals, *(each.name for each in self._rest)}
-        lacking = [name for name in needed if name not in used]
-        if lacking:
-            remedy = f"call them so, or take its own noise, {WRAPPER}" if "DT" not in lacking else "let it read them"
-            raise UserCodeError(f"has no global {' and no '.join(lacking)}; {remedy}")
-        for each in self._rest:
-            if each.name in SETTINGS and each.name not in self._known_settings() and each.default is each.empty:
-                raise UserCodeError(f"no global has the value of its parameter {each.name}; give it a default")
-
-    def _first_third(self) -> object:
-        """Return the third value at the start: default of its parameter, global of its name, or an empty list."""
-        parameter = self._third_parameter
-        if parameter is None:
-            return None
-        return self._globals.get(parameter.name, []) if parameter.default is parameter.empty else parameter.default
+def _passed_on(rest: list[inspect.Parameter]) -> list[inspect.Parameter]:
+    """Return the parameters that take the values returned after state and covariance; one of those with a default."""
+    without_default = [each for each in rest if each.default is each.empty]
+    return without_default or rest[:1]
 
 
-def _third_among(rest: list[inspect.Parameter]) -> inspect.Parameter | None:
-    """Return the parameter that takes the third value returned by the step before."""
-    others = [each for each in rest if each.name not in SETTINGS]
-    without_default = [each for each in others if each.default is each.empty]
-    if len(without_default) > 1:
-        names = ", ".join(each.name for each in without_default)
-        raise UserCodeError(f"parameters {names}: only one value can be passed on from step to step")
-    return next(iter([*without_default, *others]), None)
+def _first(function: Callee, parameter: inspect.Parameter, space: dict[str, Any]) -> object:
+    """Return a value that is passed on, at the start: default of its parameter, global, or an empty list or dict."""
+    if parameter.default is not parameter.empty:
+        return parameter.default
+    return space.get(parameter.name, {} if is_a_dict(function, parameter.name) else [])
 
 
 def _require_expressible(recording: Recording) -> None:
@@ -196,28 +168,3 @@ def _require_expressible(recording: Recording) -> None:
         step, slip = sideways[0] + 1, recording.odometry[sideways[0], 1]
         what = f"step {step} moves {slip:.3g} m sideways, which u = [speed, yaw rate] cannot express"
         raise UserCodeError(f"{what}; bring another form, an online class for instance")
-
-
-def _width_of_y(function: Callee, recording: Recording, Py: Float | None) -> int:
-    """Return the columns of y: for bearing-only recordings from the highest column that the code reads, or from Py."""
-    if recording.observation.shape[1] == 2:
-        return 3
-    name = parameters(function)[STATE_AND_INPUT - 1].name
-    try:
-        tree = ast.parse(textwrap.dedent(inspect.getsource(function)))
-    except (OSError, TypeError):
-        tree = ast.Module([], [])
-    read = max((_last_column(node, name) for node in ast.walk(tree)), default=0)
-    if read:
-        return 3 if read > 1 else 2
-    return 3 if Py is not None and len(Py) == 2 else 2
-
-
-def _last_column(node: ast.AST, name: str) -> int:
-    """Return the highest column that `name[i, column]` or `name[i, a:b]` reads; 0 for other nodes."""
-    if not isinstance(node, ast.Subscript) or not isinstance(node.value, ast.Name) or node.value.id != name:
-        return 0
-    column = node.slice.elts[1] if isinstance(node.slice, ast.Tuple) and len(node.slice.elts) == 2 else None
-    end = column.upper if isinstance(column, ast.Slice) else column
-    value = end.value if isinstance(end, ast.Constant) else 0
-    return value - isinstance(column, ast.Slice) if isinstance(value, int) else 0

@@ -67,7 +67,10 @@ def test_the_estimators_of_the_examples(name: str):
 @pytest.mark.parametrize(
     ("source", "expected"),
     [
-        (STEP.format("one") + STEP.format("other"), r"^mine.py: may be one, other; call the one that counts estimate$"),
+        (
+            STEP.format("one") + STEP.format("other"),
+            r"^mine.py: may be one, other; name it, mine.py:one, or call the one that counts estimate$",
+        ),
         (
             "def wrap(angle): ...\n",
             r"^mine.py: defines no callable of a form that is known; give estimate\(recording\), ",
