@@ -126,8 +126,7 @@ class Grade(WithPage):
         out = self.out or Path("results") / f"grades-{file_name(self.folder.resolve().name)}"
         scenario, (reference,) = sampled_scenario(self.scenario, self.set), ask([self.reference])
         submissions, timeout = submissions_in(self.folder), require_timeout(self.timeout)
-        rubric = load_rubric(self.rubric)
-        submissions = [each.of_form(self.form) for each in submissions]
+        rubric, submissions = load_rubric(self.rubric), [each.of_form(self.form) for each in submissions]
         writes = grade_files(each.name for each in submissions)
         outdated = [f"{PAGES}/*.md", f"{PAGES}/*.html", f"{GRADESCOPE}/*/{RESULTS}", RESULTS]
         with results_folder(out, writes, GRADES, outdated) as staged:

@@ -105,6 +105,8 @@ def _page(grade: Grade, grades: Grades) -> str:
     ]
     if trial.form:
         lines += ["", f"Graded is `{trial.callable}`: {trial.form}."]
+    if trial.settings:
+        lines += ["", "Settings of the file and of the scenario:", "", *(f"- {each}" for each in trial.settings)]
     if grade.reasons:
         lines += ["", "Why it has not passed:" if grade.is_graded else "Why it is not graded:", ""]
         lines += [f"- {reason}" for reason in grade.reasons]
@@ -118,6 +120,10 @@ def _page(grade: Grade, grades: Grades) -> str:
         lines += ["", f"| metric | value | divided by that of {reference} |", "|---|---|---|"]
         for title, value, ratio in figures:
             lines.append(f"| {title} | {interval_cell(value, '{:.3f}')} | {interval_cell(ratio, '{:.3f}')} |")
+        if grade.own_noise is not None:
+            ratios = [interval_cell(each, "{:.3f}") for each in (grade.own_noise.ate, grade.own_noise.nees)]
+            text = f"ATE is {ratios[0]} times, NEES {ratios[1]} times that of {reference}"
+            lines += ["", f"With the noise of the file instead: {text}. Points count the noise of the recording."]
         lines += ["", f"ATE over the causal optimum's: {interval_cell(grade.ratio_to_optimum, '{:.3f}')}."]
     lines += _points(grade.mark)
     if trial.verdicts:

@@ -33,6 +33,7 @@ class Grade:
         nees: pose NEES / 3, mean over runs and over steps from the 11th on.
         reference: ratios to the reference; None if it is not graded.
         ratio_to_optimum: ATE divided by that of the causal optimum.
+        own_noise: ratios to the reference with the noise of the file; None if it is that of the recording.
         seconds: median over runs.
     """
 
@@ -46,6 +47,7 @@ class Grade:
     nees: Interval | None = None
     reference: AgainstReference | None = None
     ratio_to_optimum: Interval | None = None
+    own_noise: AgainstReference | None = None
     seconds: float | None = None
 
     @property
@@ -65,7 +67,7 @@ class Grade:
 
     def to_json(self) -> dict[str, Any]:
         """Return the row of grades.csv; missing values are None."""
-        found = self.reference
+        found, own = self.reference, self.own_noise
         figures = {
             "ate_m": self.ate_m,
             "nees_per_dof": self.nees,
@@ -74,6 +76,8 @@ class Grade:
             "nees_ratio": found and found.nees,
             "sigma_position_ratio": found and found.sigma_position,
             "sigma_heading_ratio": found and found.sigma_heading,
+            "own_noise_ate_ratio": own and own.ate,
+            "own_noise_nees_ratio": own and own.nees,
         }
         row: dict[str, Any] = {
             "submission": self.submission,
@@ -85,6 +89,7 @@ class Grade:
             "graded": self.is_graded,
             "callable": self.trial.callable,
             "form": self.trial.form,
+            "settings": "; ".join(self.trial.settings),
             "kind": self.kind,
             "runs": len(self.trial.scores),
             "failed_laws": " ".join(self.failed_checks),
@@ -132,5 +137,6 @@ def grade(
         nees=nees,
         reference=ratios,
         ratio_to_optimum=ratio,
+        own_noise=against_reference(trial.own_noise, reference) if trial.own_noise else None,
         seconds=float(np.median([each.seconds_total or 0.0 for each in scores])),
     )

@@ -198,7 +198,7 @@ def _nees_ratio(nees: Interval | None, reference: Interval | None) -> tuple[floa
     other = 1.0 if reference is None else reference.mean
     if nees.mean >= 1.0:
         return nees.mean / max(other, 1.0), "NEES is {:.3g} times the reference's"
-    return min(other, 1.0) / max(nees.mean, 1e-300), "covariances are {:.3g} times too large for the errors"
+    return min(other, 1.0) / max(nees.mean, 1e-300), "NEES is below 1, {:.3g} times as far as the reference's"
 
 
 def _scaled(scale: Scale, ratio: float | None, text: str, broken: str) -> tuple[float, str]:

@@ -29,6 +29,7 @@ from slamgauge.recording import Recording
 from slamgauge.sensors import SENSORS
 from slamgauge.truth import Truth
 
+REPLACED = ("Q of the file", "Py of the file")  # beginnings of remarks on noise that the recording's replaces
 NO_IDS = "they need ranges and bearings with ids"
 
 
@@ -40,6 +41,8 @@ class Trial:
         callable: name of the callable that was found in its file.
         form: description of its form.
         scores: scores of its runs in their order, as far as they succeeded.
+        settings: remarks of its form on its first run, for example settings of the file that are replaced.
+        own_noise: scores of the same runs with the noise of the file, if it has another one that can be set.
         verdicts: results of the checks, if they apply.
         no_checks: why the checks do not apply.
         output: its last lines of output.
@@ -49,6 +52,8 @@ class Trial:
     callable: str = ""
     form: str = ""
     scores: list[Score] = field(default_factory=list)
+    settings: list[str] = field(default_factory=list)
+    own_noise: list[Score] = field(default_factory=list)
     verdicts: list[Verdict] = field(default_factory=list)
     no_checks: str = ""
     output: str = ""
@@ -101,7 +106,11 @@ def run_trial(
                 estimate, seconds = run_estimator(name, estimator, recording)
                 if run in (0, len(seeds) // 2, len(seeds) - 1):
                     require_causal(estimator, recording, estimate)
+                if run == 0:
+                    trial.settings.extend(estimator.remarks(recording))
                 trial.scores.append(_scored(truth, recording, estimate, optimum, seconds))
+            if any(each.startswith(REPLACED) for each in trial.settings):
+                trial.own_noise.extend(_own_noise_scores(estimator.where, name, scenario, seeds, timeout))
             if not SENSORS[scenario.sensor.kind].has_range or scenario.association.method != "known":
                 trial = replace(trial, no_checks=NO_IDS)
             else:
@@ -114,6 +123,22 @@ def run_trial(
         except Exception as error:  # noqa: BLE001 other submissions are graded, and the page shows this error
             trial = replace(trial, reason=failure_text(error))
         return replace(trial, output=estimator.last_output)
+
+
+def _own_noise_scores(
+    where: Address, name: str, scenario: Scenario, seeds: Sequence[int], timeout: float
+) -> list[Score]:
+    """Return the scores with the noise of the file; without scores if it fails with that noise."""
+    scores: list[Score] = []
+    with closing(Isolated(where._replace(noise="file"), timeout)) as estimator:
+        for seed in seeds:
+            truth, recording = simulate(scenario, seed)
+            try:
+                estimate, seconds = run_estimator(f"{name}, noise of the file", estimator, recording)
+            except UserError:
+                return []
+            scores.append(_scored(truth, recording, estimate, None, seconds))
+    return scores
 
 
 def _scored(truth: Truth, recording: Recording, estimate: Estimate, optimum: Estimate | None, seconds: float) -> Score:

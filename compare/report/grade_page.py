@@ -20,10 +20,11 @@ FIGURES = (
     ("nees_ratio", "NEES x reference", "NEES divided by that of the reference", "{:.2f}"),
     ("sigma_position_ratio", "sigma x reference", "position sigma divided by that of the reference", "{:.3f}"),
     ("sigma_heading_ratio", "heading sigma x reference", "heading sigma divided by that of the reference", "{:.3f}"),
+    ("own_noise_ate_ratio", "ATE x, own noise", "ATE over the reference's, with the noise of the file", "{:.3f}"),
+    ("own_noise_nees_ratio", "NEES x, own noise", "NEES over the reference's, with the noise of the file", "{:.2f}"),
     ("ratio_to_optimum", "ATE x causal optimum", "ATE divided by that of the causal optimum", "{:.3f}"),
 )
 SUBMISSION = Head("submission", "file name of the submission", words=True)
-POINTS = Head("points", "points by the rubric")
 REMARKS = Head("remarks", "remarks for the teacher, without effect on points and verdict", words=True)
 VERDICT = Head("verdict", "passed if no criterion fails", words=True)
 CHECK_HEADS = (
@@ -48,6 +49,7 @@ def grade_pages(folder: Path) -> dict[str, str]:
             tables=[class_table(rows), check_table(rows)],
             folded=[
                 ("Reasons", [(row["submission"], f"{verdict(row)}: {row['reason']}") for row in rows if row["reason"]]),
+                ("Settings of files", [(row["submission"], row["settings"]) for row in rows if row["settings"]]),
                 ("Remarks for the teacher", [(row["submission"], row["remarks"]) for row in rows if row["remarks"]]),
             ],
             origin=where,
@@ -63,19 +65,19 @@ def verdict(row: Row) -> str:
 
 def class_table(rows: list[Row]) -> Table:
     """Return a table with a row for each submission and a link to its page."""
-    heads = [SUBMISSION, VERDICT, POINTS, *(Head(*each[1:3]) for each in FIGURES)]
+    points = Head(f"points of {float(rows[0]['max_points']):g}", "points by the rubric")
+    heads = [SUBMISSION, VERDICT, points, REMARKS, *(Head(*each[1:3]) for each in FIGURES)]
     heads += [Head("failed checks", "number of failed checks"), Head("time [s]", "median over runs")]
-    heads += [REMARKS] * any(row["remarks"] for row in rows)
     cells = [
         [
             Cell(row["submission"], link=f"{PAGES}/{quote(row['submission'])}.html"),
             Cell(verdict(row)),
-            Cell(f"{row['points']} of {row['max_points']}", _number(row, "points")),
+            figure_cell(_number(row, "points"), "{:g}"),
+            Cell("see below" if row["remarks"] else "-"),
             *(figure_cell(_number(row, key), form) for key, _, _, form in FIGURES),
             Cell(str(len(row["failed_laws"].split())), len(row["failed_laws"].split())),
             figure_cell(_number(row, "seconds_per_run"), "{:.2f}"),
-            Cell(row["remarks"]),
-        ][: len(heads)]
+        ]
         for row in rows
     ]
     return Table("grades", "Submissions", heads, cells)

@@ -11,8 +11,10 @@ from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 
+import numpy as np
 import pytest
 
+from slamgauge import simulate
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.cli.options import sampled_scenario
 from slamgauge.compare.grading.grades import grade
@@ -298,3 +300,30 @@ def test_packages_are_no_strangers_to_their_own_code(tmp_path: Path):
 def test_a_missing_folder(tmp_path: Path):
     with pytest.raises(UserError, match="cannot be read"):
         submissions_in(tmp_path / "nowhere")
+
+
+@pytest.mark.usefixtures("studies_in_a_thread")
+def test_other_noise_of_a_file_is_graded_too_and_the_same_noise_is_not(
+    scenario: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    """A square is missing in the Q of `root`: with the noise of the file it is more cautious."""
+    (tmp_path / "class").mkdir()
+    recording = simulate(sampled_scenario(str(scenario), []), 0)[1]
+    dt = recording.stamps[1] - recording.stamps[0]
+    Q, Py = np.diag(recording.odometry_cov[0])[[0, 2]] / dt**2, np.diag(recording.observation_cov[0])
+    source = (EXAMPLES / "student_ekf.py").read_text()
+    for name, own in {"same": Q, "root": np.sqrt(Q)}.items():
+        noise = f"\nQ = np.diag({own.tolist()})\nPy = np.diag({Py.tolist()})\nDT = {dt}\n"
+        (tmp_path / f"class/{name}.py").write_text(source + noise)
+    words = ["--scenario", str(scenario), "--runs", "3", "--seed", "0", "--jobs", "1", "--out", str(tmp_path / "out")]
+    assert main(["grade", str(tmp_path / "class"), *words, "--json"]) == 0
+    root, same = held("grades", json.loads(capsys.readouterr().out))
+    assert (same["settings"], same["own_noise_ate_ratio"]) == ("", None)
+    assert root["settings"].startswith("Q of the file, diag(")
+    assert "a square is missing" in root["settings"]
+    assert 0.8 < root["own_noise_nees_ratio"] / root["nees_ratio"] < 0.97
+    assert root["points"] == same["points"] == 100  # they count the noise of the recording
+    assert root["remarks"] == "same figures as same"
+    page = (tmp_path / "out/submissions/root.md").read_text()
+    assert "With the noise of the file instead: ATE is " in page
+    assert "- Q of the file, diag(" in page

@@ -116,3 +116,8 @@ def test_mistakes_in_a_rubric_are_one_line(tmp_path: Path, text: str, said: str)
         load_rubric(path)
     line = str(caught.value)
     assert line.startswith(f"{path}: ") and said in line and "\n" not in line
+
+
+def test_the_page_shows_the_default_rubric():
+    page = (Path(__file__).parents[3] / "docs/grading.md").read_text(encoding="utf-8")
+    assert f"```toml\n{RUBRIC.text}```\n" in page
