@@ -5,6 +5,8 @@
 
 `world.dat` has a line `id x y` for every landmark: the truth. The robot starts at the world's origin. The log has no
 time stamps: step k is at k seconds. The file does not contain the noise. The defaults fit simulated logs.
+
+The course simulates ranges with Gaussian noise, and near landmarks get ranges below 0. These observations are left out.
 """
 
 from __future__ import annotations
@@ -21,13 +23,14 @@ from slamgauge.compare.datasets.imported_log import (
     require_sigmas,
     steps_of,
 )
-from slamgauge.compare.datasets.text_lines import Line, read_table, read_tagged, require_ranges
+from slamgauge.compare.datasets.text_lines import Line, read_table, read_tagged
 from slamgauge.errors import UserError
 from slamgauge.recording import Recording
 from slamgauge.se2 import wrap
 from slamgauge.truth import Truth
 
 LOG, WORLD = "sensor_data.dat", "world.dat"
+NAMED = 5  # number of left-out lines that the note names
 FORMS = {"ODOMETRY": "ODOMETRY r1 t r2", "SENSOR": "SENSOR id range bearing"}
 
 
@@ -40,6 +43,8 @@ def read_freiburg(
     bearing_sigma: float = 0.1,
 ) -> Imported:
     """Read a log of the course, `range-bearing` and with ids; the landmarks of its world are the truth.
+
+    Observations with a range that is not positive are left out; a note counts them.
 
     Args:
         path: The log, or the folder in which it is called sensor_data.dat.
@@ -57,8 +62,8 @@ def read_freiburg(
     if not moves:
         raise UserError(f"{path}: no ODOMETRY line in it; give {LOG} of the course")
     motion = np.array([line.numbers(1) for line in moves])
+    seen, notes = _with_positive_ranges(seen)
     observed = np.array([line.numbers(2) for line in seen]).reshape(-1, 2)
-    require_ranges(seen, observed[:, 0])
     landmark = np.array([line.id_at(1) for line in seen], dtype=np.int64)
     jacobian = increment_jacobians(motion)
     variances = np.array([rotation_sigma, translation_sigma, rotation_sigma]) ** 2
@@ -75,7 +80,20 @@ def read_freiburg(
             observation_cov=diagonal_covariances(np.tile([range_sigma, bearing_sigma], (len(seen), 1))),
             landmark=landmark,
         )
-    return Imported(recording, _world(path.with_name(WORLD), seen, landmark))
+    return Imported(recording, _world(path.with_name(WORLD), seen, landmark), notes)
+
+
+def _with_positive_ranges(seen: list[Line]) -> tuple[list[Line], tuple[str, ...]]:
+    """Return the observations with a range above 0 m, and a note on the others with their first lines."""
+    kept = [line for line in seen if line.number_at(2) > 0.0]
+    lost = [str(line.number) for line in seen if not line.number_at(2) > 0.0]
+    if not lost:
+        return kept, ()
+    first = ", ".join(lost[:NAMED]) + (", ..." if len(lost) > NAMED else "")
+    what = "1 observation with a range that is not positive was"
+    if len(lost) > 1:
+        what = f"{len(lost)} observations with a range that is not positive were"
+    return kept, (f"{what} left out (line{'s' if len(lost) > 1 else ''} {first})",)
 
 
 def increments(motion: Float) -> Float:

@@ -20,8 +20,9 @@ COV_HEADER = ("step", *POSE_COV)
 class Motion(Section):
     """Odometry noise, which estimators receive as covariance, and odometry errors, which they do not receive.
 
-    Noise has the standard deviations `sigma_speed` [m/s] and `sigma_yaw_rate_deg` [deg/s] at each step, or each step
-    has its own covariance in the body frame [m, m, rad]: a row of the file `covariances`.
+    Noise has the standard deviations `sigma_speed` [m/s], `sigma_yaw_rate_deg` [deg/s] and, if it is given,
+    `sigma_lateral` [m/s] (sideways) at each step. Alternatively each step has its own covariance in the body frame
+    [m, m, rad]: a row of the file `covariances`.
 
     `scale_error` is the relative error of distances (0.02: 2 % too long), `turn_bias_per_metre` [rad/m] a turn to the
     left per distance. At each step the wheels slip with probability `slip_rate`: the measured distance is then longer
@@ -31,6 +32,7 @@ class Motion(Section):
     covariances: Table | None = None
     sigma_speed: NonNegative | None = Field(default=None, validate_default=True)
     sigma_yaw_rate_deg: NonNegative | None = Field(default=None, validate_default=True)
+    sigma_lateral: NonNegative | None = None
     slip_rate: Probability = 0.0
     scale_error: Number = 0.0
     turn_bias_per_metre: Number = 0.0
@@ -42,13 +44,13 @@ class Motion(Section):
             raise invalid(f"{table.name}: steps must be 1, 2, 3 and so on; sort the rows")
         return table
 
-    @field_validator("sigma_speed", "sigma_yaw_rate_deg")
+    @field_validator("sigma_speed", "sigma_yaw_rate_deg", "sigma_lateral")
     @classmethod
     def _one_form(cls, value: float | None, info: ValidationInfo) -> float | None:
         if "covariances" not in info.data:
             return value
         has_table = info.data["covariances"] is not None
-        if value is None and not has_table:
+        if value is None and not has_table and info.field_name != "sigma_lateral":
             raise invalid("missing; add it", "missing")
         if value is not None and has_table:
             raise invalid("motion.covariances has the noise already; remove one of them")
@@ -57,7 +59,7 @@ class Motion(Section):
     def sigmas(self, duration: Float) -> Float:
         """Return standard deviations (3,) or (N, 3) [m, m, rad] of increments of this duration, () or (N, 1) [s]."""
         assert self.sigma_speed is not None and self.sigma_yaw_rate_deg is not None
-        return duration * np.array([self.sigma_speed, 0.0, np.deg2rad(self.sigma_yaw_rate_deg)])
+        return duration * np.array([self.sigma_speed, self.sigma_lateral or 0.0, np.deg2rad(self.sigma_yaw_rate_deg)])
 
     def misread(self, command: Float, slips: Float, shares: Float) -> Float:
         """Return odometry (N, 3) with errors but without noise, for uniform draws (N,) of slips and their shares."""

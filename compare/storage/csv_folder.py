@@ -201,9 +201,9 @@ def _read(path: Path, needed: tuple[str, ...], optional: tuple[str, ...] = ()) -
 
 
 def read_lines(path: Path) -> list[str]:
-    """Return the lines of a text file; raise `UserError` if the file cannot be read."""
+    """Return the lines of a text file without blank lines at its end; raise `UserError` if it cannot be read."""
     with explained(path, "read"):
-        return path.read_text(encoding="utf-8-sig", errors="replace").splitlines()
+        return path.read_text(encoding="utf-8-sig", errors="replace").rstrip().splitlines()
 
 
 def parse_rows(name: str, lines: Sequence[str], *headers: tuple[str, ...]) -> Float:

@@ -38,7 +38,8 @@ _OF_ONE_KIND = f"{_DONE} AND (SELECT count(DISTINCT kind) FROM outcome WHERE {_D
 
 def digest(scenario: Scenario, seed: int) -> str:
     """Return the SHA-256 of a scenario and a seed: equal digests, equal measurements."""
-    return hashlib.sha256(f"{_relevant(scenario).model_dump_json()} seed {seed}".encode()).hexdigest()
+    later = {"motion": {"sigma_lateral"}} if scenario.motion.sigma_lateral is None else None  # keeps older digests
+    return hashlib.sha256(f"{_relevant(scenario).model_dump_json(exclude=later)} seed {seed}".encode()).hexdigest()
 
 
 def _relevant(scenario: Scenario) -> Scenario:

@@ -258,3 +258,23 @@ def test_csv_to_npz_to_csv_keeps_the_cost_of_batch(tmp_path: Path):
     assert main(["import", "csv", str(there), "--out", str(back)]) == 0
     cost, expected = (batch(each).chi_square for each in (load_recording(back / "recording.npz"), recording))
     assert cost == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize("end", ["\n", "\n\n", "\r\n \n\t\n"])
+def test_blank_lines_at_the_end_change_nothing(log: Log, end: str, tmp_path: Path):
+    whole = log(CSV).recording
+    assert log({name: text + end if name.endswith(".csv") else text for name, text in CSV.items()}).recording == whole
+    own = tmp_path / "own"
+    own.mkdir()
+    write_recording_csv(own, whole)
+    for path in own.iterdir():
+        path.write_text(path.read_text() + end)
+    assert read_recording_csv(own) == whole
+
+
+def test_a_blank_line_between_rows_of_a_folder_of_ours_is_refused(tmp_path: Path):
+    write_recording_csv(tmp_path, random_recording(1)[1])
+    path = tmp_path / "odometry.csv"
+    path.write_text(path.read_text().replace("\n2,", "\n\n2,"))
+    with pytest.raises(UserError, match=r"odometry.csv, line 3: '' has a value that is not a number"):
+        read_recording_csv(tmp_path)

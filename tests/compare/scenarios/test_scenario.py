@@ -393,6 +393,16 @@ def test_mistakes_in_files_of_a_scenario_are_located(tmp_path: Path, path: str, 
     assert line in message
 
 
+def test_a_table_of_covariances_excludes_sigmas(tmp_path: Path) -> None:
+    (tmp_path / "noise.csv").write_text("step,cov_xx,cov_xy,cov_xt,cov_yy,cov_yt,cov_tt\n1,1,0,0,1,0,1\n")
+    (tmp_path / "my.toml").write_text(
+        "extends = 'q1-short-dense'\n[motion]\ncovariances = 'noise.csv'\nsigma_lateral = 0.1\n"
+    )
+    with pytest.raises(ScenarioError) as caught:
+        load_scenario(tmp_path / "my.toml")
+    assert "motion.sigma_lateral: motion.covariances has the noise already; remove one of them" in str(caught.value)
+
+
 # --- shipped scenarios ---------------------------------------------------------------------------
 
 
