@@ -17,6 +17,7 @@ from slamgauge.compare.estimators.forms.form import Form
 from slamgauge.compare.estimators.forms.signatures import required
 from slamgauge.compare.estimators.forms.step_function import StepFunction
 from slamgauge.compare.estimators.fresh_modules import AddressedCode, Fresh, GivenCode, uncopied
+from slamgauge.compare.estimators.pair_files import CORRECTIONS, PREDICTIONS
 from slamgauge.compare.estimators.private_import import present, remarks_on_loading
 from slamgauge.compare.estimators.user_code import Address, Callee, Noise, load_callable_module, load_whole_module
 from slamgauge.errors import UserError
@@ -44,12 +45,8 @@ FORMS = (
 )
 FORM_NAMES = tuple(form.name for form in FORMS)
 EXAMPLES = ("estimate(recording)", *(form.example for form in FORMS))
-NAMES = (
-    "estimate",
-    "ekf_slam",
-    octave_course.PREDICTION,
-    predict_update.PREDICT,
-)  # searched for in a module, in this order
+NAMES = ("estimate", "ekf_slam", PREDICTIONS[0], predict_update.PREDICT)  # searched for in a module, in this order
+COURSE_NAMES = (*PREDICTIONS, *CORRECTIONS)  # searched for afterwards
 
 
 def adapt(given: Callee | ModuleType, name: str) -> Estimator:
@@ -123,10 +120,12 @@ def found_in(where: Address) -> Address:
 def estimators_in(module: ModuleType) -> list[str]:
     """Return the names of the callables that may be the estimator of a module; one name if it is clear.
 
-    First choice is `estimate`, `ekf_slam`, `prediction_step` or `predict`, the first of them that has one of the forms;
-    then the only online class; then all callables of any form. An imported callable counts only under those names.
+    First choice is `estimate`, `ekf_slam`, `prediction_step`, `predict` or another name of the Octave course's
+    functions, the first of them that has one of the forms; then the only online class; then all callables of any form.
+    An imported callable counts only under those names.
     """
     named = [name for name in NAMES if _has_a_form(module, name)]
+    named += [name for name in COURSE_NAMES if _is_of_the_course(module, name)]
     others = [name for name in vars(module) if _is_defined_by(module, name) and _has_a_form(module, name)]
     classes = [name for name in others if isinstance(getattr(module, name), type)]
     return named[:1] or (classes if len(classes) == 1 else others)
@@ -142,6 +141,11 @@ def _has_a_form(module: ModuleType, name: str) -> bool:
     if name == NAMES[0] or (parameters == ["recording"] and not isinstance(given, type)):
         return len(parameters) == 1
     return any(form.description(Fresh(given, vars(module))) is not None for form in FORMS)
+
+
+def _is_of_the_course(module: ModuleType, name: str) -> bool:
+    callee = getattr(module, name, None)
+    return callable(callee) and octave_course.description(Fresh(callee, vars(module))) is not None
 
 
 def _is_defined_by(module: ModuleType, name: str) -> bool:

@@ -98,6 +98,10 @@ class PrivateFolder:
         with self.present():
             return importlib.import_module(private)
 
+    def offers(self, name: str) -> bool:
+        """Return whether the module `name` of the folder belongs to this user code."""
+        return self.owns(name) and name not in self._strangers
+
     @contextmanager
     def present(self) -> Generator[None]:
         """Keep the modules in `sys.modules` inside this context, as imports, pickle and `inspect` need."""
@@ -227,13 +231,18 @@ class _Loader(SourceFileLoader):
 
 def present(module: ModuleType) -> AbstractContextManager[None]:
     """Return `PrivateFolder.present` of the folder of `module`; an empty context for other modules."""
-    folder = _folders.get(module.__name__.partition(".")[0])
+    folder = folder_of(module.__name__)
     return nullcontext() if folder is None else folder.present()
+
+
+def folder_of(module: str) -> PrivateFolder | None:
+    """Return the folder that a module was loaded from, given its private name; None for other modules."""
+    return _folders.get(module.partition(".")[0])
 
 
 def remarks_on_loading(module: ModuleType) -> list[str]:
     """Return what users should know of the loading of a module: lines left out, stand-ins of libraries."""
-    folder = _folders.get(module.__name__.partition(".")[0])
+    folder = folder_of(module.__name__)
     return [] if folder is None else [*folder.remarks]
 
 

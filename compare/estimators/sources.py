@@ -12,6 +12,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from slamgauge.compare.estimators.pair_files import partner_file
+
 MOST_FILES = 1000  # no more imports are followed
 
 
@@ -49,12 +51,16 @@ class Sources:
 def sources_of(folder: Path, module: str) -> Sources:
     """Read a module of a folder and follow its imports, wherever in the code they are written.
 
+    The neighbour with the second function of the Octave course belongs to it, too.
+
     Raises:
         OSError: a file cannot be read.
     """
     folder = folder.resolve()
     found: dict[str, bytes] = {}
     waiting = list(_files_of(folder, module))
+    partner = partner_file(folder / waiting[0]) if len(waiting) == 1 else None
+    waiting += [] if partner is None else [partner.name]
     while waiting and len(found) < MOST_FILES:
         path = waiting.pop()
         if path not in found:

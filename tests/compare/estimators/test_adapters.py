@@ -9,7 +9,7 @@ import pytest
 
 import slamgauge
 from slamgauge.compare.estimators.adapters import adapt
-from slamgauge.compare.estimators.forms.octave_course import CourseObservation, turn
+from slamgauge.compare.estimators.forms.octave_conventions import CourseObservation, turn
 from slamgauge.compare.scenarios.scenario import load_scenario
 from slamgauge.ekf import ekf_slam
 from slamgauge.ekf.slam_filter import SlamFilter
