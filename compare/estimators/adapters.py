@@ -10,7 +10,7 @@ from dataclasses import replace
 from types import ModuleType
 from typing import Any
 
-from slamgauge.compare.estimators.forms import octave_course, online_class, predict_update
+from slamgauge.compare.estimators.forms import ntnu_class, octave_course, online_class, predict_update, usual_class
 from slamgauge.compare.estimators.forms import step_function as steps
 from slamgauge.compare.estimators.forms.external_program import ExternalProgram, external
 from slamgauge.compare.estimators.forms.form import Form
@@ -28,6 +28,15 @@ __all__ = ["adapt", "external", "step_function"]
 
 
 FORMS = (
+    Form(
+        "ntnu-class",
+        ntnu_class.description,
+        ntnu_class.NtnuClass,
+        "a class with predict(eta, P, z_odo), update(eta, P, z)",
+    ),
+    Form(
+        "usual-class", usual_class.description, usual_class.UsualClass, "a class with predict(v, w, dt), update(z, id)"
+    ),
     Form("class", online_class.description, online_class.OnlineClass, "a class with predict and update"),
     Form(
         "octave",
