@@ -62,6 +62,7 @@ FULL = {  # beginning of ids -> why only the full run has these tests
     "tests/compare/cli/test_cli.py::test_victoria_park": "a real recording of 6968 steps",
     "tests/compare/cli/test_file_names.py": "a program start for each name",
     "tests/compare/cli/test_foreign_files.py::test_files_with_unlucky_names": "many program starts",
+    "tests/compare/estimators/test_octave_programs.py": "hundreds of starts of Octave",
     "tests/compare/studies/test_twin.py::test_the_twin_of_lost_in_the_woods": "a study of a real recording",
     "tests/ekf/advanced/test_sliding_window.py::test_equals_the_textbook[4-": "another seed is in the usual run",
     "tests/ekf/test_associating_filter.py::test_nearest_neighbour_equals_the_textbook_on": "short loops are usual",
