@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import secrets
 import sys
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -66,6 +65,8 @@ class Check:
 
 def random_seed() -> int:
     """Return a random root seed, and print it."""
+    import secrets
+
     seed = secrets.randbits(32)
     print(f"slamgauge: root seed {seed} (random; --seed {seed} grades on the same runs)", file=sys.stderr)
     return seed

@@ -118,7 +118,7 @@ def test_bugs_of_a_filter_with_its_own_noise(bug: str):
 
 
 def associating(recording: Recording) -> Estimate:
-    """A filter that ignores ids, and shows its map only if there are none."""
+    """A filter that ignores ids, and shows its map only without ids."""
     found = ekf_slam(replace(recording, landmark=None))
     return found if recording.landmark is None else Estimate("filtered", found.poses, found.pose_covs)
 
