@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Set
+from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 
@@ -15,6 +16,8 @@ from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, Estimator
 from slamgauge.recording import Recording
 
+Need = Literal["odometry noise", "observation noise", "prior", "ids"]
+
 
 class NotJudgedError(Exception):
     """The estimate lacks a field that the check needs. The message names the field."""
@@ -22,10 +25,23 @@ class NotJudgedError(Exception):
 
 @dataclass(frozen=True)
 class Subject:
-    """The estimator under test, and its name in error messages."""
+    """The estimator under test.
+
+    Attributes:
+        name: name in error messages.
+        estimator: any callable `Recording -> Estimate`.
+        ignored: inputs that do not change its estimates (see `ignored_inputs`).
+        ran: recordings of its runs.
+    """
 
     name: str
     estimator: Estimator
+    ignored: Set[Need] = frozenset()
+    ran: list[Recording] = field(default_factory=list)
+
+    def ignores(self, *needs: Need) -> bool:
+        """Return whether it ignores any of these inputs."""
+        return not self.ignored.isdisjoint(needs)
 
     def __call__(self, recording: Recording) -> Estimate:
         """Return the estimate of a recording.
@@ -33,6 +49,7 @@ class Subject:
         Raises:
             UserError: the estimator raised an error, or its result does not fit the recording.
         """
+        self.ran.append(recording)
         return run_estimator(self.name, self.estimator, recording)[0]
 
     def cpu_seconds(self, recording: Recording) -> float:
@@ -96,6 +113,7 @@ class Check:
         excused_to: a figure with `bound` < figure <= `excused_to` is a limit of the textbook method, not a failure. The
             default -inf excuses no figure.
         limit: printed instead of `blame` for such a figure: explanation of the limit.
+        needs: inputs without which a right filter may fail the check; a filter that ignores one of them is not judged.
     """
 
     measure: Measure
@@ -104,6 +122,7 @@ class Check:
     blame: str
     excused_to: float
     limit: str
+    needs: tuple[Need, ...]
 
     @property
     def name(self) -> str:
@@ -112,7 +131,13 @@ class Check:
 
 
 def check(
-    *, figure: str, bound: float, blame: str, excused_to: float = -np.inf, limit: str = ""
+    *,
+    figure: str,
+    bound: float,
+    blame: str,
+    excused_to: float = -np.inf,
+    limit: str = "",
+    needs: tuple[Need, ...] = (),
 ) -> Callable[[Measure], Check]:
     """Return a decorator that turns the function `measure` into a `Check`; arguments as in `Check`."""
-    return lambda measure: Check(measure, figure, bound, blame, excused_to, limit)
+    return lambda measure: Check(measure, figure, bound, blame, excused_to, limit, needs)

@@ -15,7 +15,8 @@ from slamgauge.compare.checks import (
     step_time_check,
     update_checks,
 )
-from slamgauge.compare.checks.check import Check, NotJudgedError, Subject
+from slamgauge.compare.checks.check import Check, Need, NotJudgedError, Subject
+from slamgauge.compare.checks.ignored_inputs import ignored_inputs, mixes_landmarks, reason_not_judged
 from slamgauge.compare.estimators.isolated_process import OverdueError
 from slamgauge.compare.scoring.text_page import Grid, Page
 from slamgauge.compare.scoring.text_table import cell
@@ -39,7 +40,7 @@ class Verdict:
 
     Attributes:
         name: name of the check.
-        passed: whether the estimator passed; None if it was not judged.
+        passed: whether the estimator passed, or fails only as the textbook method does; None if it was not judged.
         figure: measured value; None if it does not exist or is not finite.
         bound: largest figure that passes.
         blame: part of the filter that usually causes a failure; the reason if the check was not judged.
@@ -55,30 +56,40 @@ class Verdict:
 
     @property
     def is_failure(self) -> bool:
-        """Whether the check failed, and not because of a limit of the method."""
-        return self.passed is False and not self.limit_of_method
+        """Whether the check failed."""
+        return self.passed is False
 
 
 def check_estimator(name: str, estimator: Estimator, seed: int = 0, checks: Sequence[Check] = CHECKS) -> list[Verdict]:
     """Return the verdicts of the checks on an estimator.
 
-    If the estimator exceeds its time limit (`isolated`) in a check, the later checks are not judged.
+    A run on a plain recording shows the inputs that it ignores (`ignored_inputs`); checks that need one of these do not
+    judge it. If it exceeds its time limit (`isolated`) in a check, the later checks are not judged.
 
     Args:
         name: name of the estimator in error messages.
         estimator: any callable `Recording -> Estimate`.
         seed: seed of the recordings; each check has its own random stream.
         checks: all checks, or some of them.
+
+    Raises:
+        UserError: the estimator fails on the plain recording, so that no check can judge it.
     """
-    subject, found, is_overdue = Subject(name, estimator), list[Verdict](), False
+    ignored = ignored_inputs(Subject(name, estimator))
+    found, is_overdue = list[Verdict](), False
     for each in checks:
         if is_overdue:
-            found.append(Verdict(each.name, None, None, each.bound, f"not judged: {OVERDUE}"))
+            found.append(_not_judged(each, OVERDUE))
             continue
+        lacking: list[Need] = [need for need in each.needs if need in ignored]
+        if lacking:
+            found.append(_not_judged(each, reason_not_judged(lacking[0])))
+            continue
+        subject = Subject(name, estimator, ignored)
         try:
             found.append(_verdict(each, subject, np.random.default_rng([seed, *each.name.encode()])))
         except NotJudgedError as reason:
-            found.append(Verdict(each.name, None, None, each.bound, f"not judged: {reason}"))
+            found.append(_not_judged(each, str(reason)))
         except UserError as error:
             is_overdue = isinstance(error, OverdueError)
             found.append(Verdict(each.name, False, None, each.bound, f"{error}; {each.blame}"))
@@ -89,9 +100,15 @@ def _verdict(check: Check, subject: Subject, rng: np.random.Generator) -> Verdic
     figure = check.measure(subject, rng)
     if figure <= check.bound:
         return Verdict(check.name, True, figure, check.bound, check.blame)
-    is_limit = figure <= check.excused_to
-    blame = check.limit if is_limit else check.blame
-    return Verdict(check.name, False, figure if np.isfinite(figure) else None, check.bound, blame, is_limit)
+    if figure <= check.excused_to:
+        return Verdict(check.name, True, figure, check.bound, check.limit, limit_of_method=True)
+    if subject.ignores("ids") and mixes_landmarks(subject):
+        return _not_judged(check, "its own association may have confused landmarks")
+    return Verdict(check.name, False, figure if np.isfinite(figure) else None, check.bound, check.blame)
+
+
+def _not_judged(check: Check, reason: str) -> Verdict:
+    return Verdict(check.name, None, None, check.bound, f"not judged: {reason}")
 
 
 def verdicts_json(verdicts: Sequence[Verdict]) -> list[dict[str, object]]:
@@ -102,7 +119,7 @@ def verdicts_json(verdicts: Sequence[Verdict]) -> list[dict[str, object]]:
 def verdicts_table(verdicts: Sequence[Verdict]) -> Page:
     """Return a table with a row per check, followed by the explanation of each check that was not passed."""
     rows = [(each.name, _word(each), cell(each.figure, "{:.2g}"), f"{each.bound:g}") for each in verdicts]
-    explanations = [f"{each.name}: {each.blame}" for each in verdicts if not each.passed]
+    explanations = [f"{each.name}: {each.blame}" for each in verdicts if not each.passed or each.limit_of_method]
     failed = sum(each.is_failure for each in verdicts) or "none"
     grid = Grid([("check", "verdict", "figure", "bound"), *rows], words=2)
     return Page((grid, *explanations, f"{len(verdicts)} checks, {failed} failed"))
@@ -111,4 +128,4 @@ def verdicts_table(verdicts: Sequence[Verdict]) -> Page:
 def _word(verdict: Verdict) -> str:
     if verdict.passed is None:
         return "not judged"
-    return "passed" if verdict.passed else "limit" if verdict.limit_of_method else "FAILED"
+    return "limit" if verdict.limit_of_method else "passed" if verdict.passed else "FAILED"

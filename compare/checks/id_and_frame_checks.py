@@ -50,6 +50,7 @@ def scan_order(subject: Subject, rng: np.random.Generator) -> float:
     figure="the same landmarks with other ids: largest difference of poses and landmarks [sigma]",
     bound=SAME,
     blame="ids used as places in the state: an id is only a name, the order of first observations gives the place",
+    needs=("ids",),
 )
 def permuted_ids(subject: Subject, rng: np.random.Generator) -> float:
     """Compare ids 0, 1, 2 with other ids."""
@@ -92,20 +93,32 @@ def rigid_motion(subject: Subject, rng: np.random.Generator) -> float:
     "in the map",
 )
 def long_unseen(subject: Subject, rng: np.random.Generator) -> float:
-    """Turn away and back with imprecise odometry; the landmark at the start then corrects the heading."""
-    turns = np.where(np.arange(UNOBSERVED) < UNOBSERVED // 2, 0.1, -0.1)
-    moves = np.column_stack([np.zeros(UNOBSERVED + 1), np.append(0.0, turns)])
+    """Turn away and back with imprecise odometry; the landmark at the start then corrects the heading.
+
+    For a filter with its own noise, the correction must not be smaller than that after two steps.
+    """
+    error = rng.choice([-1.0, 1.0]) * rng.uniform(0.5, 1.5) * 10.0 * SIGMA * np.sqrt(UNOBSERVED)
+    distance = rng.uniform(6.0, 9.0)
+    corrected = _corrected_heading(subject, distance, error, UNOBSERVED) / error
+    if subject.ignores("odometry noise", "observation noise"):
+        soon = _corrected_heading(subject, distance, error, 2) / error
+        return max(0.0, 1.0 - corrected / soon) if soon > 0.0 else 1.0
+    return float(abs(corrected - 1.0))
+
+
+def _corrected_heading(subject: Subject, distance: float, error: float, steps: int) -> float:
+    """Return the final heading [rad] after `steps` steps without observations and a bearing with an error [rad]."""
+    turns = np.where(np.arange(steps) < steps // 2, 0.1, -0.1)
+    moves = np.column_stack([np.zeros(steps + 1), np.append(0.0, turns)])
     sigmas = np.zeros_like(moves)
     sigmas[1:, 1] = 10.0 * SIGMA
-    error = rng.choice([-1.0, 1.0]) * rng.uniform(0.5, 1.5) * 10.0 * SIGMA * np.sqrt(UNOBSERVED)
     world = World(
         moves=moves,
         move_sigmas=sigmas,
-        landmarks=np.array([[rng.uniform(6.0, 9.0), 0.0]]),
-        observed=((1, 0), (UNOBSERVED + 1, 0)),
+        landmarks=np.array([[distance, 0.0]]),
+        observed=((1, 0), (steps + 1, 0)),
     )
-    estimate = subject(world.recording(np.array([[0.0, 0.0], [0.0, -error]])))
-    return float(abs(estimate.poses[-1, 2] / error - 1.0))
+    return float(subject(world.recording(np.array([[0.0, 0.0], [0.0, -error]]))).poses[-1, 2])
 
 
 @check(

@@ -35,25 +35,30 @@ def _path(rng: np.random.Generator, prior_cov: Float, steps: int, sigmas: tuple[
 
 
 @check(
-    figure="covariance of dead reckoning with exact odometry: largest difference from F P F' [sigma^2]",
+    figure="increase of the covariance of dead reckoning by a larger prior: difference from F P F' [sigma^2]",
     bound=1e-3,
     blame="the Jacobian F of the prediction: its heading column is (-dy, dx), with the displacement in the world frame",
+    needs=("prior",),
 )
 def prediction_jacobian(subject: Subject, rng: np.random.Generator) -> float:
-    """Propagate an uncertain start by exact odometry: P = F P0 F'."""
+    """Propagate two uncertain starts: the difference of their covariances is F P0 F', whatever Q is."""
     world = _path(rng, correlated(np.array([5e-3, 5e-3, 2e-3]), rng), steps=3, sigmas=(0.0, 0.0))
     right = [world.prior_cov]
     for before, after in pairwise(world.poses):
         dx, dy = after[:2] - before[:2]
         F = np.array([[1.0, 0.0, -dy], [0.0, 1.0, dx], [0.0, 0.0, 1.0]])
         right.append(F @ right[-1] @ F.T)
-    return relative_error(pose_covs_of(subject(world.recording())), np.array(right))
+    once, twice = (
+        pose_covs_of(subject(replace(world, prior_cov=times * world.prior_cov).recording())) for times in (1.0, 2.0)
+    )
+    return relative_error(twice - once, np.array(right))
 
 
 @check(
     figure="angle between the position's error ellipse after a straight move and that move [rad]",
     bound=1e-3,
     blame="the frame of Q: odometry noise is in the body frame and must be rotated to the world frame by the heading",
+    needs=("odometry noise", "prior"),
 )
 def odometry_noise_frame(subject: Subject, rng: np.random.Generator) -> float:
     """Make one noisy straight move from a known start: the position is uncertain along the heading."""
@@ -68,6 +73,7 @@ def odometry_noise_frame(subject: Subject, rng: np.random.Generator) -> float:
     figure="sigmas after one move from a known start: largest relative difference from those of the odometry",
     bound=1e-3,
     blame="the size of Q: odometry_cov contains variances of the whole increment, in m^2 and rad^2",
+    needs=("odometry noise", "prior"),
 )
 def odometry_noise_size(subject: Subject, rng: np.random.Generator) -> float:
     """Make one noisy move from a known start; compare the largest sigma of the position and that of the heading."""
@@ -80,6 +86,7 @@ def odometry_noise_size(subject: Subject, rng: np.random.Generator) -> float:
     figure="the same increments 1 s and 0.1 s apart: largest difference of poses [m, rad] and covariances [sigma^2]",
     bound=1e-6,
     blame="an extra factor of the time step in Q or in the motion: increments and odometry_cov are of whole steps",
+    needs=("odometry noise",),
 )
 def time_step(subject: Subject, rng: np.random.Generator) -> float:
     """Compare two recordings that differ only in their time steps."""

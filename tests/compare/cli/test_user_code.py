@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from slamgauge import load_scenario, simulate
+from slamgauge import dead_reckoning, load_scenario, simulate
 from slamgauge.compare.checks import check as check_module
 from slamgauge.compare.checks.examination import CHECKS, OVERDUE, check_estimator
 from slamgauge.compare.cli.main import main
@@ -34,6 +34,8 @@ def estimate(recording):
     return Estimate("filtered", np.concatenate([poses[1:], poses[-1:]]))
 """,
     "endless": "def estimate(recording):\n    while True:\n        pass\n",
+    "blocked": f"{RIGHT}\n\nright = estimate\n\n"
+    "def estimate(recording):\n    while not len(recording.observation):\n        pass\n    return right(recording)\n",
     "right": RIGHT,
 }
 SHORT = ("--set", "trajectory.duration=4", "start=sampled")
@@ -93,12 +95,22 @@ def test_study(folder: Path):
 
 @pytest.mark.usefixtures("folder")
 def test_check_ends_at_the_check_that_takes_too_long(capsys: pytest.CaptureFixture[str]):
-    assert main(["check", own("endless"), "--timeout", "2", "--json"]) == 1
-    first, *others = json.loads(capsys.readouterr().out)
-    assert first["passed"] is False
-    assert first["blame"].startswith("estimator endless: it was not done after 2 s; make it faster, ")
-    assert len(others) == len(CHECKS) - 1
-    assert {(each["passed"], each["blame"]) for each in others} == {(None, f"not judged: {OVERDUE}")}
+    assert main(["check", own("blocked"), "--timeout", "5", "--json"]) == 1
+    rows = json.loads(capsys.readouterr().out)
+    first = [each.name for each in CHECKS].index("prediction-jacobian")  # the first one without observations
+    assert rows[first]["passed"] is False
+    assert rows[first]["blame"].startswith("estimator blocked: it was not done after 5 s; make it faster, ")
+    assert len(rows) == len(CHECKS)
+    assert {(each["passed"], each["blame"]) for each in rows[first + 1 :]} == {(None, f"not judged: {OVERDUE}")}
+
+
+@pytest.mark.usefixtures("folder")
+def test_check_of_a_filter_that_cannot_run_is_one_line(capsys: pytest.CaptureFixture[str]):
+    assert main(["check", own("endless"), "--timeout", "2"]) == 2
+    printed = capsys.readouterr()
+    remedy = "make it faster, or give a longer --timeout"
+    assert printed.err == f"slamgauge: estimator endless: it was not done after 2 s; {remedy}\n"
+    assert printed.out == ""
 
 
 @pytest.mark.usefixtures("folder")
@@ -126,10 +138,13 @@ def test_a_check_after_one_that_took_too_long_is_not_run():
     runs: list[int] = []
 
     def estimator(recording: Recording) -> Estimate:
+        if len(recording.observation):
+            return dead_reckoning(recording)
         runs.append(recording.steps)
         raise OverdueError("it was not done after 1 s")
 
-    assert [each.passed for each in check_estimator("slow", estimator)][:2] == [False, None]
+    verdicts = {each.name: each.passed for each in check_estimator("slow", estimator)}
+    assert (verdicts["prediction-jacobian"], verdicts["odometry-noise-frame"]) == (False, None)
     assert len(runs) == 1
 
 

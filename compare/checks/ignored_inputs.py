@@ -1,0 +1,87 @@
+"""Inputs that a filter ignores: noise of the recording, its prior, and ids.
+
+A right filter may have its own noise in its file, and may associate observations by itself. A check that varies an
+ignored input does not judge such a filter. The test is a run with the input changed: the estimate must be the same.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from slamgauge.compare.checks.check import Need, Subject
+from slamgauge.compare.checks.exact_measurement_checks import ahead, walk
+from slamgauge.compare.checks.small_recordings import KNOWN_START, SIGMA
+from slamgauge.estimate import Estimate
+from slamgauge.recording import Recording
+
+SEED, LOUDER = 0, 4.0  # seed of the recording, and factor of changed covariances
+UNCERTAIN = 1e-11  # variance [m^2, rad^2]; those of a known start, and of a landmark due to it, are below a tenth
+
+
+def reason_not_judged(need: Need) -> str:
+    """Return why a check that needs this input does not judge a filter that ignores it."""
+    if need == "ids":
+        return "it ignores the ids of the recording and associates by itself"
+    return "it ignores the prior of the recording" if need == "prior" else f"it ignores the {need} of the recording"
+
+
+def plain_recording() -> Recording:
+    """Return a walk with turns towards three landmarks, from a known start and with a little noise."""
+    rng = np.random.default_rng(SEED)
+    world = replace(walk(rng, ahead(rng), turn=0.2), prior_cov=KNOWN_START)
+    return world.recording(rng.normal(0.0, SIGMA, (len(world.observed), 2)))
+
+
+def _observed_at_the_start() -> Recording:
+    """Return one step with one observation, from the known start: the landmark's covariance is that of the noise."""
+    rng = np.random.default_rng(SEED)
+    return replace(walk(rng, ahead(rng), steps=1), prior_cov=KNOWN_START, observed=((0, 0),)).recording()
+
+
+def ignored_inputs(subject: Subject) -> frozenset[Need]:
+    """Return the inputs without effect on the estimates.
+
+    A filter without any noise or without an uncertain start is wrong: these inputs do not count as ignored. For filters
+    with random estimates or without corrections by observations, no input does.
+
+    Raises:
+        UserError: the filter fails on the plain recording.
+    """
+    plain = plain_recording()
+    estimate = subject(plain)
+    observations = len(plain.observation)
+    changes: dict[Need, Recording] = {
+        "odometry noise": replace(plain, odometry_cov=LOUDER * plain.odometry_cov),
+        "observation noise": replace(plain, observation_cov=LOUDER * plain.observation_cov),
+        "prior": replace(plain, prior_cov=0.01 * np.eye(3)),
+        "ids": replace(plain, landmark=np.arange(observations)),
+    }
+    if not _same(estimate, subject(plain)):
+        return frozenset()
+    ignored: set[Need] = {need for need, changed in changes.items() if _same(estimate, subject(changed))}
+    shifted = replace(plain, observation=plain.observation + 10.0 * SIGMA * np.arange(observations)[:, None])
+    if ignored and _same(estimate, subject(shifted)):
+        return frozenset()
+    covs, map_covs = estimate.pose_covs, subject(_observed_at_the_start()).landmark_covs
+    if covs is not None and covs.max() < UNCERTAIN:
+        ignored -= {"odometry noise"}
+    if covs is not None and covs[0].max() < UNCERTAIN:
+        ignored -= {"prior"}
+    if map_covs is not None and len(map_covs) and map_covs.max() < UNCERTAIN:
+        ignored -= {"observation noise"}
+    return frozenset(ignored)
+
+
+def mixes_landmarks(subject: Subject) -> bool:
+    """Return whether its own association confused landmarks in its runs, or does not show its landmarks."""
+    ids = [each.landmark for each in subject.ran]
+    runs = [(each, ids) for each, ids in zip(subject.ran, ids, strict=True) if ids is not None and len(ids)]
+    return any(len(subject(replace(each, landmark=None)).landmarks) != len(np.unique(ids)) for each, ids in runs)
+
+
+def _same(one: Estimate, other: Estimate) -> bool:
+    """Return whether poses and their covariances are equal."""
+    first, second = (np.zeros(0) if each.pose_covs is None else each.pose_covs for each in (one, other))
+    return np.array_equal(one.poses, other.poses) and np.array_equal(first, second)
