@@ -158,3 +158,22 @@ STYLES = {
         fields_of_z="j, rho, beta = z['id'][i], z['range'][i], z['bearing'][i]",
     ),
 }
+
+# seeded bugs: the line of the right file, the wrong one, and the checks that fail
+BUGS = {
+    "Jacobian of the motion forgotten": ("G @ sigma @ G.T + R", "sigma + R", {"prediction-jacobian"}),
+    "bearing not normalised": (
+        "difference[2 * i + 1] = normalize_angle(",
+        "difference[2 * i + 1] = (",
+        {"innovation-wrap"},
+    ),
+    "wrong sign of the heading in H": ("dy, -dx, -q, -dy, dx", "dy, -dx, q, -dy, dx", {"first-sight", "long-unseen"}),
+}
+
+
+def with_bug(style: Style, bug: str) -> str:
+    """Return the source of a style with a seeded bug."""
+    right, wrong, _ = BUGS[bug]
+    if style.source.count(right) != 1:
+        raise ValueError(f"{right!r} must occur once")
+    return style.source.replace(right, wrong)
