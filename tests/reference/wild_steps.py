@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 # states are columns (n, 1) whose elements are used as numbers: numpy refuses that since 2.4
-COLUMNS = '''
+COLUMNS = """
 import math
 import numpy as np
 
@@ -101,10 +101,10 @@ def ekf_slam(xEst, PEst, u, y):
 
 if __name__ == "__main__":
     ekf_slam(np.zeros((3, 1)), np.eye(3), np.array([[1.0, 0.1]]).T, np.zeros((0, 3)))
-'''
+"""
 
 # settings are parameters, and only the main program has their values
-_SETTINGS = 'M_DIST_TH = 9.0\nKNOWN_DATA_ASSOCIATION = 1\nQ = np.diag([0.5, 0.2]) ** 2\nPy = np.diag([0.3, 0.2]) ** 2\n'
+_SETTINGS = "M_DIST_TH = 9.0\nKNOWN_DATA_ASSOCIATION = 1\nQ = np.diag([0.5, 0.2]) ** 2\nPy = np.diag([0.3, 0.2]) ** 2\n"
 PARAMETERS = (
     COLUMNS.replace(_SETTINGS, "")
     .replace("(x, P, yi, j)", "(x, P, yi, j, Py)")
@@ -128,7 +128,11 @@ ROBOTICS = (
 )
 
 # the same file with matrices of numpy, for which * is the product
-MATRICES = ROBOTICS.replace(" @ ", " * ").replace("np.array(", "np.matrix(").replace("np.zeros((2, len(x)))", "np.matrix(np.zeros((2, len(x))))")
+MATRICES = (
+    ROBOTICS.replace(" @ ", " * ")
+    .replace("np.array(", "np.matrix(")
+    .replace("np.zeros((2, len(x)))", "np.matrix(np.zeros((2, len(x))))")
+)
 
 BUGS = {
     "sign": ("0.0, -DT * u[0] * math.sin(x[2])]", "0.0, DT * u[0] * math.sin(x[2])]"),
