@@ -10,7 +10,8 @@ with a known answer (`tiny_recording`): the way is kept whose poses, covariances
 
 Conventions. A 2 x 2 noise of the motion is that of the control: speed and yaw rate, or distance and turn. A 3 x 3 noise
 is that of the increment in the body frame. Landmarks are numbered 0, 1, ... (or 1, 2, ...) in the order of first
-observation, so number j is at state[3+2j : 5+2j], whether the state grows or has room for all from the start. The start
+observation, so number j is at state[3+2j : 5+2j], whether the state grows or has room for all from the start; variances
+of landmarks that have not been observed are at most 1000 m^2. The start
 pose and the noise of the recording replace attributes of the usual names if the constructor does not take them.
 """
 
@@ -40,7 +41,7 @@ UPDATE = ("update", "correct", "correction", "measurement_update", "correction_s
 STATES = ("mu", "x", "xEst", "state", "mean", "X", "mu_t", "state_mean", "x_est")
 COVS = ("Sigma", "sigma", "P", "PEst", "cov", "covariance", "state_cov", "P_est", "Sigma_t")
 KNOWN = {"mean", "cov", "motion", "measurement", "count", "dt", "sensor", "x", "y", "theta"}
-UNSEEN = 1000.0  # variance [m^2] of landmarks that have not been observed
+UNSEEN = 1000.0  # largest variance [m^2] of landmarks that have not been observed; with more, rounding grows
 ROBOT = 3
 
 
@@ -120,9 +121,10 @@ class Run:
         self._number = {name: j for j, name in enumerate(ids)}
         self._seen = 0
         roles = roles_of(kind, KNOWN)
-        if "count" in roles.values() and not ids and required_count(kind, roles):
-            raise UserCodeError("its constructor needs the number of landmarks; give a recording with ids")
-        roles = {name: role for name, role in roles.items() if role != "count" or ids}
+        if recording.landmark is None:
+            if any(roles.get(name) == "count" for name in required(kind)):
+                raise UserCodeError("its constructor needs the number of landmarks; give a recording with ids")
+            roles = {name: role for name, role in roles.items() if role != "count"}
         values = self._values(recording, len(ids))
         self.slam = constructed(kind, roles, values)
         passed = {role: values[role] for role in ("motion", "measurement") if role in roles.values()}
@@ -169,15 +171,17 @@ class Run:
         raise UserCodeError(f"{what}; call them mu and Sigma, or x and P")
 
     def _start(self, roles: dict[str, str], count: int) -> None:
-        """Set the start pose and its covariance where the constructor does not take them."""
+        """Set start pose and covariance where the constructor does not take them; bound variances of landmarks."""
         x, P = _real(getattr(self.slam, self._state_name)), _real(getattr(self.slam, self._cov_name))
         self._has_room = x.size > ROBOT and x.size >= ROBOT + 2 * count
         if not {"mean", "x"} & {*roles.values()}:
             x.reshape(-1)[:ROBOT] = self._recording.prior_mean
             setattr(self.slam, self._state_name, x)
+        unseen = np.arange(ROBOT, len(P))
+        P[unseen, unseen] = np.minimum(P[unseen, unseen], UNSEEN)
         if "cov" not in roles.values():
             P[:ROBOT, :ROBOT] = self._recording.prior_cov
-            setattr(self.slam, self._cov_name, P)
+        setattr(self.slam, self._cov_name, P)
 
     def estimate(self) -> Estimate:
         """Run over the recording; return the estimate."""
@@ -206,17 +210,7 @@ class Run:
             return scan
         numbers = np.array([self._number[name] for name in scan.landmark.tolist()], dtype=np.int64)
         self._seen = max(self._seen, int(numbers.max()) + 1)
-        return replace_ids(scan, numbers + self._way.first_id)
-
-
-def replace_ids(scan: Observations, ids: Any) -> Observations:
-    """Return the scan with other ids."""
-    return Observations(ids, scan.value, scan.cov)
-
-
-def required_count(kind: Any, roles: dict[str, str]) -> bool:
-    """Return whether the constructor requires the number of landmarks."""
-    return any(roles.get(name) == "count" for name in required(kind))
+        return scan._replace(landmark=numbers + self._way.first_id)
 
 
 def _first_cov(recording: Recording) -> Float:
