@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 # states are columns (n, 1) whose elements are used as numbers: numpy refuses that since 2.4
-COLUMNS = '''
+COLUMNS = """
 import math
 import numpy as np
 
@@ -90,21 +90,21 @@ def ekf_slam(xEst, PEst, u, y):
         j = number(xEst, PEst, y[i])
         if j == count(xEst):
             xEst, PEst = add(xEst, PEst, y[i])
+            continue
         e, S, H = innovation(xEst, PEst, y[i], j)
-        if abs(e).max() > 1e-9:
-            K = PEst @ H.T @ np.linalg.inv(S)
-            xEst = xEst + K @ e
-            PEst = (np.eye(len(xEst)) - K @ H) @ PEst
+        K = PEst @ H.T @ np.linalg.inv(S)
+        xEst = xEst + K @ e
+        PEst = (np.eye(len(xEst)) - K @ H) @ PEst
     xEst[2] = wrap(xEst[2])
     return xEst, PEst
 
 
 if __name__ == "__main__":
     ekf_slam(np.zeros((3, 1)), np.eye(3), np.array([[1.0, 0.1]]).T, np.zeros((0, 3)))
-'''
+"""
 
 # settings are parameters, and only the main program has their values
-_SETTINGS = 'M_DIST_TH = 9.0\nKNOWN_DATA_ASSOCIATION = 1\nQ = np.diag([0.5, 0.2]) ** 2\nPy = np.diag([0.3, 0.2]) ** 2\n'
+_SETTINGS = "M_DIST_TH = 9.0\nKNOWN_DATA_ASSOCIATION = 1\nQ = np.diag([0.5, 0.2]) ** 2\nPy = np.diag([0.3, 0.2]) ** 2\n"
 PARAMETERS = (
     COLUMNS.replace(_SETTINGS, "")
     .replace("(x, P, yi, j)", "(x, P, yi, j, Py)")
@@ -116,19 +116,28 @@ PARAMETERS = (
     .replace("add(xEst, PEst, y[i])", "add(xEst, PEst, y[i], Py)")
     .replace("u, y):", "u, y, M_DIST_TH, KNOWN_DATA_ASSOCIATION, Q, Py):")
 )
-OWN_ASSOCIATION = COLUMNS.replace("KNOWN_DATA_ASSOCIATION = 1", "KNOWN_DATA_ASSOCIATION = 0")
+OWN_ASSOCIATION = COLUMNS.replace("KNOWN_DATA_ASSOCIATION = 1", "KNOWN_DATA_ASSOCIATION = 0").replace(
+    "M_DIST_TH = 9.0", "M_DIST_TH = 25.0"
+)
 
-# PythonRobotics: one covariance Cx for both the motion of a step and an observation, own association, z instead of y
+# copies of PythonRobotics: covariance Cx of the motion in a step, R of an observation, own association, z for y
 ROBOTICS = (
-    COLUMNS.replace(_SETTINGS, "M_DIST_TH = 6.0\nCx = np.diag([0.1, 0.1, np.deg2rad(1.0)]) ** 2\n")
+    COLUMNS.replace(
+        _SETTINGS, "M_DIST_TH = 25.0\nCx, R = np.diag([0.03, 0.03, 0.006]) ** 2, np.diag([0.1, 0.09]) ** 2\n"
+    )
     .replace("KNOWN_DATA_ASSOCIATION", "False")
-    .replace("Py", "Cx[0:2, 0:2]")
+    .replace("Py", "R")
     .replace("B @ Q @ B.T", "Cx")
     .replace("u, y):", "u, z):\n    y = z")
 )
 
 # the same file with matrices of numpy, for which * is the product
-MATRICES = ROBOTICS.replace(" @ ", " * ").replace("np.array(", "np.matrix(").replace("np.zeros((2, len(x)))", "np.matrix(np.zeros((2, len(x))))")
+MATRICES = (
+    ROBOTICS.replace(" @ ", " * ")
+    .replace("np.array(", "np.matrix(")
+    .replace("y = z", "y = np.asarray(z)")
+    .replace("np.zeros((2, len(x)))", "np.matrix(np.zeros((2, len(x))))")
+)
 
 BUGS = {
     "sign": ("0.0, -DT * u[0] * math.sin(x[2])]", "0.0, DT * u[0] * math.sin(x[2])]"),
