@@ -90,11 +90,11 @@ def ekf_slam(xEst, PEst, u, y):
         j = number(xEst, PEst, y[i])
         if j == count(xEst):
             xEst, PEst = add(xEst, PEst, y[i])
+            continue
         e, S, H = innovation(xEst, PEst, y[i], j)
-        if abs(e).max() > 1e-9:
-            K = PEst @ H.T @ np.linalg.inv(S)
-            xEst = xEst + K @ e
-            PEst = (np.eye(len(xEst)) - K @ H) @ PEst
+        K = PEst @ H.T @ np.linalg.inv(S)
+        xEst = xEst + K @ e
+        PEst = (np.eye(len(xEst)) - K @ H) @ PEst
     xEst[2] = wrap(xEst[2])
     return xEst, PEst
 
@@ -116,13 +116,17 @@ PARAMETERS = (
     .replace("add(xEst, PEst, y[i])", "add(xEst, PEst, y[i], Py)")
     .replace("u, y):", "u, y, M_DIST_TH, KNOWN_DATA_ASSOCIATION, Q, Py):")
 )
-OWN_ASSOCIATION = COLUMNS.replace("KNOWN_DATA_ASSOCIATION = 1", "KNOWN_DATA_ASSOCIATION = 0")
+OWN_ASSOCIATION = COLUMNS.replace("KNOWN_DATA_ASSOCIATION = 1", "KNOWN_DATA_ASSOCIATION = 0").replace(
+    "M_DIST_TH = 9.0", "M_DIST_TH = 25.0"
+)
 
-# PythonRobotics: one covariance Cx for both the motion of a step and an observation, own association, z instead of y
+# copies of PythonRobotics: covariance Cx of the motion in a step, R of an observation, own association, z for y
 ROBOTICS = (
-    COLUMNS.replace(_SETTINGS, "M_DIST_TH = 6.0\nCx = np.diag([0.1, 0.1, np.deg2rad(1.0)]) ** 2\n")
+    COLUMNS.replace(
+        _SETTINGS, "M_DIST_TH = 25.0\nCx, R = np.diag([0.03, 0.03, 0.006]) ** 2, np.diag([0.1, 0.09]) ** 2\n"
+    )
     .replace("KNOWN_DATA_ASSOCIATION", "False")
-    .replace("Py", "Cx[0:2, 0:2]")
+    .replace("Py", "R")
     .replace("B @ Q @ B.T", "Cx")
     .replace("u, y):", "u, z):\n    y = z")
 )
@@ -131,6 +135,7 @@ ROBOTICS = (
 MATRICES = (
     ROBOTICS.replace(" @ ", " * ")
     .replace("np.array(", "np.matrix(")
+    .replace("y = z", "y = np.asarray(z)")
     .replace("np.zeros((2, len(x)))", "np.matrix(np.zeros((2, len(x))))")
 )
 

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.compare.estimators.forms.octave_course import CourseObservation, turn
+from slamgauge.compare.estimators.forms.octave_conventions import CourseObservation, turn
 from slamgauge.compare.estimators.forms.signatures import called, parameters
 from slamgauge.compare.estimators.user_code import UserCodeError
 from slamgauge.recording import Observations

@@ -43,6 +43,8 @@ class Column(np.ndarray):
 class ColumnMatrix(Column, np.matrix):
     """A matrix of numpy, for which `*` is the product of matrices, with the numbers of `Column`."""
 
+    __array_priority__ = 11.0  # above that of `numpy.matrix`, which comes before arrays
+
 
 def column(array: Any) -> Any:
     """Return a view of an array as `Column`; other values are returned as they are."""
