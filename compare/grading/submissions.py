@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from slamgauge.compare.estimators.isolated_process import printable
+from slamgauge.compare.estimators.pair_files import partner_file
 from slamgauge.compare.estimators.sources import sources_of
 from slamgauge.compare.estimators.user_code import Address
 from slamgauge.compare.storage.files import explained
@@ -85,6 +86,7 @@ def _main_file(folder: Path) -> Path | None:
     if (folder / "__init__.py") in files:
         return None
     found = files if len(files) == 1 else [each for each in files if each.name in MAIN]
+    found = found or [each for each in files if partner_file(each) is not None][:1]  # two functions in two files
     if len(found) != 1:
         names = ", ".join(each.name for each in files)
         raise UserError(f"{folder.name}: may be {names}; call the one that counts {MAIN[0]}")
