@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import re
+import sys
+import threading
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -38,7 +41,7 @@ def test_prints_go_to_a_file_that_is_named_once(tmp_path: Path, capfd: pytest.Ca
     printed = capfd.readouterr()
     assert printed.out == ""
     (place,) = re.findall(r"slamgauge: talker: what it prints is kept in (.*)", printed.err)
-    assert "step" not in printed.err.replace(place, "")
+    assert not re.search(r"step \d", printed.err.replace(place, ""))  # another notice lists the form `step`
     assert Path(place).read_text() == 2 * "step 1\nstep 2\nwarning\nstep 3\nstep 4\n"
     Path(place).unlink()
 
@@ -72,5 +75,43 @@ def test_control_characters_of_prints_do_not_reach_the_terminal():
     with captured("colourful") as output:
         print("\x1b[31mred")
     assert output.first_lines == r"\x1b[31mred"
+    assert output.place is not None
+    output.place.unlink()
+
+
+def test_threads_of_a_study_keep_their_output_apart(capfd: pytest.CaptureFixture[str]):
+    """Two estimators overlap and end in the order in which they began, while a third thread prints to the terminal."""
+    streams = sys.stdout, sys.stderr
+    both_inside, first_is_out = threading.Barrier(3), threading.Event()
+
+    def estimate(name: str) -> str:
+        with captured(name) as output:
+            both_inside.wait(10)
+            print(f"step of {name}")
+            if name == "later":
+                first_is_out.wait(10)
+                print("after", file=sys.stderr)
+        first_is_out.set()
+        assert output.place is not None
+        text = output.place.read_text()
+        output.place.unlink()
+        return text
+
+    with ThreadPoolExecutor(2) as pool:
+        results = pool.map(estimate, ["earlier", "later"])
+        both_inside.wait(10)
+        print("result of a built-in estimator")
+        assert [*results] == ["step of earlier\n", "step of later\nafter\n"]
+    assert (sys.stdout, sys.stderr) == streams
+    printed = capfd.readouterr()
+    assert printed.out == "result of a built-in estimator\n"
+    assert printed.err.count("what it prints is kept in") == 2
+
+
+def test_the_file_is_named_after_an_error_too(capfd: pytest.CaptureFixture[str]):
+    with pytest.raises(ZeroDivisionError), captured("failing") as output:
+        print("before")
+        raise ZeroDivisionError
+    assert f"failing: what it prints is kept in {output.place}" in capfd.readouterr().err
     assert output.place is not None
     output.place.unlink()
