@@ -14,7 +14,8 @@ from typing import Any, Literal, NamedTuple
 
 from slamgauge import errors
 from slamgauge.compare.estimators.captured_output import stdout_to_stderr
-from slamgauge.compare.estimators.private_import import PrivateFolder, public, without_windows
+from slamgauge.compare.estimators.no_windows import without_windows
+from slamgauge.compare.estimators.private_import import PrivateFolder, public
 from slamgauge.compare.estimators.sources import Sources, sources_of
 from slamgauge.compare.storage.safe_names import LONGEST
 from slamgauge.errors import UserError

@@ -7,8 +7,9 @@ from typing import Any, NamedTuple
 
 from slamgauge.compare.estimators.captured_output import stdout_to_stderr
 from slamgauge.compare.estimators.forms.signatures import called, required
+from slamgauge.compare.estimators.no_windows import without_windows
 from slamgauge.compare.estimators.pair_files import CORRECTIONS, OTHER_FORM, PREDICTIONS, partner_file
-from slamgauge.compare.estimators.private_import import folder_of, without_windows
+from slamgauge.compare.estimators.private_import import folder_of
 from slamgauge.compare.estimators.user_code import UserCodeError, reason_of
 
 INPUTS = ("u", "odom", "control", "motion")  # names of u begin so
