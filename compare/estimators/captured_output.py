@@ -24,6 +24,7 @@ WIDEST = 120  # characters of such a line
 
 _lock = threading.RLock()
 _thread = threading.local()  # .target: where the current thread prints
+_streams: list[_Stream] = []  # all that were made
 _users = 0  # threads and contexts whose output is redirected
 _files: dict[str, IO[str]] = {}  # estimator -> file of this process
 
@@ -108,7 +109,7 @@ def _redirected(target: Any) -> Generator[None]:
     with _lock:
         _users += 1
         if _users == 1:
-            sys.stdout, sys.stderr = _Stream(sys.stdout), _Stream(sys.stderr)
+            sys.stdout, sys.stderr = _wrapped(sys.stdout), _wrapped(sys.stderr)
     _thread.target = target
     try:
         yield
@@ -118,6 +119,18 @@ def _redirected(target: Any) -> Generator[None]:
             _users -= 1
             if not _users:
                 sys.stdout, sys.stderr = _unwrapped(sys.stdout), _unwrapped(sys.stderr)
+
+
+def _wrapped(stream: Any) -> _Stream:
+    """Return the stream around an original, always the same: `print` of another thread may still use it after its end.
+
+    Python before 3.14 crashes if `sys.stdout` is freed during a `print`.
+    """
+    for each in _streams:
+        if each.original is stream:
+            return each
+    _streams.append(_Stream(stream))
+    return _streams[-1]
 
 
 def _unwrapped(stream: Any) -> Any:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gc
+import io
 import re
 import sys
 import threading
@@ -115,3 +117,25 @@ def test_the_file_is_named_after_an_error_too(capfd: pytest.CaptureFixture[str])
     assert f"failing: what it prints is kept in {output.place}" in capfd.readouterr().err
     assert output.place is not None
     output.place.unlink()
+
+
+def test_a_print_survives_the_end_of_the_capture_of_another_thread(monkeypatch: pytest.MonkeyPatch):
+    """`print` of Python before 3.14 keeps no reference to `sys.stdout`, which must not be freed while it writes."""
+    writing, ended, heard = threading.Event(), threading.Event(), list[str]()
+
+    class Slow(io.StringIO):
+        def write(self, text: str, /) -> int:
+            heard.append(text)
+            writing.set()
+            ended.wait(10)
+            return len(text)
+
+    monkeypatch.setattr(sys, "stdout", Slow())
+    printing = threading.Thread(target=lambda: print("a line"))  # outside `captured`
+    with captured("silent too"):
+        printing.start()
+        writing.wait(10)
+    gc.collect()
+    ended.set()
+    printing.join(10)
+    assert heard == ["a line", "\n"]
