@@ -18,7 +18,7 @@ from slamgauge.compare.estimators.forms.signatures import required
 from slamgauge.compare.estimators.forms.step_function import StepFunction
 from slamgauge.compare.estimators.fresh_modules import AddressedCode, Fresh, GivenCode, uncopied
 from slamgauge.compare.estimators.pair_files import CORRECTIONS, PREDICTIONS
-from slamgauge.compare.estimators.private_import import present, remarks_on_loading
+from slamgauge.compare.estimators.private_import import in_use, remarks_on_loading
 from slamgauge.compare.estimators.user_code import Address, Callee, Noise, load_callable_module, load_whole_module
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, Estimator
@@ -100,7 +100,7 @@ def adapted(where: Address) -> tuple[Estimator, str]:
         return _with_noise(form.estimator(AddressedCode(where, module)), where), words
 
     def run(recording: Recording) -> Estimate:
-        with present(module):
+        with in_use(module):
             return callee(recording)
 
     return run, words

@@ -1,16 +1,19 @@
 """What user code prints is kept in a file, so that it hides no results and no messages.
 
 Every process has one file for each estimator that prints, in the system's temporary folder, of at most `LARGEST` bytes.
+Only the output of the current thread is redirected: other threads of a study print as before.
 """
 
 from __future__ import annotations
 
 import io
+import sys
 import tempfile
+import threading
 from collections.abc import Generator
-from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from contextlib import contextmanager
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
 
 from slamgauge.compare.storage.safe_names import file_name, shown
 from slamgauge.notices import tell_once
@@ -19,6 +22,10 @@ LARGEST = 10_000_000  # bytes
 FIRST = 3  # lines that error messages contain
 WIDEST = 120  # characters of such a line
 
+_lock = threading.RLock()
+_thread = threading.local()  # .target: where the current thread prints
+_streams: list[_Stream] = []  # all that were made
+_users = 0  # threads and contexts whose output is redirected
 _files: dict[str, IO[str]] = {}  # estimator -> file of this process
 
 
@@ -52,14 +59,82 @@ class Captured(io.TextIOBase):
         return None if file is None else Path(file.name)
 
 
+class _Stream:
+    """A stream in place of `sys.stdout` or `sys.stderr`, which writes to the target of the current thread."""
+
+    def __init__(self, original: Any) -> None:
+        self.original = original
+
+    def write(self, text: str, /) -> int:
+        target = getattr(_thread, "target", None)
+        return (self.original if target is None else target).write(text)
+
+    def writelines(self, lines: Any, /) -> None:
+        for line in lines:
+            self.write(line)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.original, name)
+
+
 @contextmanager
 def captured(name: str) -> Generator[Captured]:
-    """Keep away what is printed inside, and tell once in which file it is."""
-    output = Captured(name)
-    with redirect_stdout(output), redirect_stderr(output):
-        yield output
-    if output.first_lines and output.place is not None:
-        tell_once(f"{name}: what it prints is kept in {output.place}")
+    """Keep away what this thread prints inside, and tell once in which file it is.
+
+    Inside another `captured` of the thread, that one gets the output.
+    """
+    outer = getattr(_thread, "target", None)
+    output = outer if isinstance(outer, Captured) else Captured(name)
+    try:
+        with _redirected(output):
+            yield output
+    finally:
+        if output is not outer and output.first_lines and output.place is not None:
+            tell_once(f"{name}: what it prints is kept in {output.place}")
+
+
+@contextmanager
+def stdout_to_stderr() -> Generator[None]:
+    """Redirect what this thread prints to standard error, or to the file of `captured` around it."""
+    outer = getattr(_thread, "target", None)
+    with _redirected(_unwrapped(sys.stderr) if outer is None else outer):
+        yield
+
+
+@contextmanager
+def _redirected(target: Any) -> Generator[None]:
+    """Send output of this thread to a target; the last thread that leaves restores the streams of the process."""
+    global _users
+    outer = getattr(_thread, "target", None)
+    with _lock:
+        _users += 1
+        if _users == 1:
+            sys.stdout, sys.stderr = _wrapped(sys.stdout), _wrapped(sys.stderr)
+    _thread.target = target
+    try:
+        yield
+    finally:
+        _thread.target = outer
+        with _lock:
+            _users -= 1
+            if not _users:
+                sys.stdout, sys.stderr = _unwrapped(sys.stdout), _unwrapped(sys.stderr)
+
+
+def _wrapped(stream: Any) -> _Stream:
+    """Return the stream around an original, always the same: `print` of another thread may still use it after its end.
+
+    Python before 3.14 crashes if `sys.stdout` is freed during a `print`.
+    """
+    for each in _streams:
+        if each.original is stream:
+            return each
+    _streams.append(_Stream(stream))
+    return _streams[-1]
+
+
+def _unwrapped(stream: Any) -> Any:
+    return stream.original if isinstance(stream, _Stream) else stream
 
 
 def _file_of(name: str) -> IO[str] | None:

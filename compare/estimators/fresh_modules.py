@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from slamgauge.compare.estimators.private_import import present
+from slamgauge.compare.estimators.private_import import in_use, present
 from slamgauge.compare.estimators.user_code import Address, Callee, load_callable_module
 
 CHANGING = ("add", "append", "clear", "extend", "insert", "pop", "remove", "update")  # methods of lists, sets, dicts
@@ -46,7 +46,7 @@ class AddressedCode:
     def fresh(self) -> Generator[Fresh]:
         """Load the callable; a simulation that its file runs at import does not change its first run."""
         module = next(self._untouched, None) or _cleared(load_callable_module(self._where), self._where)
-        with present(module):
+        with in_use(module):
             yield Fresh(getattr(module, self._where.attribute), vars(module))
 
 

@@ -17,6 +17,7 @@ FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
 DEFINITIONS = (*IMPORTS, *FUNCTIONS, ast.ClassDef)
 ASSIGNMENTS = (ast.Assign, ast.AnnAssign)
 DRIVERS = {"main"}  # functions that simulate; what only they read is not needed
+IN_PLACE = ("np", "numpy", "random")  # modules whose functions may change their arguments: np.fill_diagonal(Q, 1.0)
 SETTINGS = ("sys.path.", "np.random.seed", "numpy.random.seed", "random.seed", "np.set_printoptions")  # kept calls
 
 
@@ -115,7 +116,10 @@ def _bound(node: ast.stmt, functions: Mapping[str, ast.AST]) -> Iterator[str]:
         elif isinstance(each, ast.Attribute | ast.Subscript) and not isinstance(each.ctx, ast.Load):
             yield from _owner(each)
     if isinstance(node, ast.Expr) and isinstance(node.value, ast.Call) and isinstance(node.value.func, ast.Attribute):
-        yield from _owner(node.value.func)
+        owner = [*_owner(node.value.func)]
+        yield from owner
+        if owner and owner[0] in IN_PLACE:
+            yield from (name for each in node.value.args for name in _owner(each))
     for name in {*_called(node)} & {*functions} - DRIVERS:
         yield from (name for each in ast.walk(functions[name]) if isinstance(each, ast.Global) for name in each.names)
 

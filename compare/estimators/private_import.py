@@ -8,8 +8,9 @@ installed libraries.
 
 `sys.modules` contains the modules while they are loaded and run (`present`). Imports that run later still find them.
 
-User files are often scripts that draw: while they are loaded, figures are neither shown nor waited for
-(`without_windows`).
+User files often draw: while they are loaded or run, figures are neither shown nor waited for (`no_windows`). A module
+that neither the folder nor the installed libraries have is searched in the folders that the code adds to `sys.path`,
+then in the folders above (`folders_above`).
 """
 
 from __future__ import annotations
@@ -19,7 +20,6 @@ import builtins
 import importlib
 import importlib.util
 import itertools
-import os
 import re
 import sys
 import threading
@@ -32,17 +32,16 @@ from types import CodeType, ModuleType
 from weakref import WeakValueDictionary
 
 from slamgauge.compare.estimators.needed_code import lines_of, without_simulation
+from slamgauge.compare.estimators.no_windows import hold_windows, without_windows
+from slamgauge.compare.estimators.sources import folders_above
 from slamgauge.compare.estimators.stand_ins import old_numpy_names, stand_in, supplied
 
 PREFIX = "_slamgauge_own_"
 OURS = "slamgauge"  # user code that imports this name always gets this program
-BACKEND = "MPLBACKEND"  # matplotlib reads it at its first import
-WINDOWED = {"matplotlib": ("use",), "matplotlib.pyplot": ("show", "pause")}
 
 _numbers = itertools.count(1)
 _folders: WeakValueDictionary[str, PrivateFolder] = WeakValueDictionary()  # package name -> folder
 _presence = threading.RLock()  # reentrant: code that the garbage collector runs inside may import, too
-_restores: ExitStack | None = None  # restores the functions of matplotlib that `_hold_windows` replaced
 
 
 class PrivateFolder:
@@ -69,7 +68,9 @@ class PrivateFolder:
         self._importlib = ModuleType("importlib")
         importlib.invalidate_caches()  # a file may be younger than the cached list of its folder
         package = ModuleType(self._name)
-        package.__path__ = [str(self.folder)]
+        package.__path__ = self._places = [str(self.folder)]
+        self._path_before = [*sys.path]
+        self._added: list[str] = []  # what its modules added to `sys.path`, which is restored after loading
         self._away = {self._name: package}  # modules, while they are not in `sys.modules`
         self._present = 0  # number of callers that need them in `sys.modules`
         _folders[self._name] = self
@@ -95,8 +96,13 @@ class PrivateFolder:
         """
         private = self._private(name)
         self._requested.add(private)
-        with self.present():
-            return importlib.import_module(private)
+        before = [*sys.path]
+        try:
+            with self.present():
+                return importlib.import_module(private)
+        finally:
+            self._added += [place for place in map(str, sys.path) if place not in before]
+            sys.path[:] = before
 
     def offers(self, name: str) -> bool:
         """Return whether the module `name` of the folder belongs to this user code."""
@@ -138,9 +144,24 @@ class PrivateFolder:
         if not top or top == OURS or BuiltinImporter.find_spec(top) or FrozenImporter.find_spec(top):
             return False
         found = PathFinder.find_spec(top, [str(self.folder)])
-        if found is None or (found.loader is not None and top not in self._strangers):
-            return found is not None
+        if found is None:
+            return self._finds_elsewhere(top)
+        if found.loader is not None and top not in self._strangers:
+            return True
         return top not in sys.modules and importlib.util.find_spec(top) is None
+
+    def _finds_elsewhere(self, top: str) -> bool:
+        """Search folders that the code added to `sys.path`, then the folders above; installed modules come first."""
+        if top in sys.modules or PathFinder.find_spec(top, self._path_before) is not None:
+            return False
+        added = [place for place in map(str, sys.path) if place not in self._path_before]
+        for place in [*self._added, *added, *map(str, folders_above(self.folder))]:
+            found = PathFinder.find_spec(top, [place])
+            if found is not None and found.loader is not None:
+                self._places.append(place)
+                self.remarks[f"{top} is loaded from {place}"] = None
+                return True
+        return False
 
     def _import(
         self,
@@ -159,7 +180,7 @@ class PrivateFolder:
                 found = builtins.__import__(name, globals, locals, fromlist or (), level)
             except ModuleNotFoundError as error:
                 found = self._stand_in(name, error, is_whole=not fromlist)
-        _hold_windows()
+        hold_windows()
         return self._own_importlib() if found is importlib else found
 
     def _stand_in(self, name: str, error: ModuleNotFoundError, *, is_whole: bool) -> ModuleType:
@@ -235,6 +256,13 @@ def present(module: ModuleType) -> AbstractContextManager[None]:
     return nullcontext() if folder is None else folder.present()
 
 
+@contextmanager
+def in_use(module: ModuleType) -> Generator[None]:
+    """Keep a module `present` while it runs, and disable windows."""
+    with without_windows(), present(module):
+        yield
+
+
 def folder_of(module: str) -> PrivateFolder | None:
     """Return the folder that a module was loaded from, given its private name; None for other modules."""
     return _folders.get(module.partition(".")[0])
@@ -249,51 +277,3 @@ def remarks_on_loading(module: ModuleType) -> list[str]:
 def public(text: str) -> str:
     """Replace the names of private modules in a text by the names that users wrote."""
     return re.sub(rf"{PREFIX}\d+\.?", "", text)
-
-
-@contextmanager
-def without_windows() -> Generator[None]:
-    """Disable windows and pauses of matplotlib, and close at the end the figures that were made inside."""
-    global _restores
-    if _restores is not None:
-        yield
-        return
-    environment, figures = os.environ.get(BACKEND), _figures()
-    os.environ[BACKEND] = "agg"
-    if "matplotlib" in sys.modules and "matplotlib.pyplot" not in sys.modules:
-        sys.modules["matplotlib"].use("agg")
-    try:
-        with ExitStack() as _restores:
-            _hold_windows()
-            yield
-    finally:
-        _restores = None
-        for number in _figures() - figures:
-            sys.modules["matplotlib.pyplot"].close(number)
-        if environment is None:
-            del os.environ[BACKEND]
-        else:
-            os.environ[BACKEND] = environment
-
-
-def _hold_windows() -> None:
-    """Disable the windows of modules that have been imported since `without_windows` began; do nothing outside it."""
-    if _restores is None:
-        return
-    for name, functions in WINDOWED.items():
-        module = sys.modules.get(name)
-        for each in functions:
-            function = getattr(module, each, None)  # missing while matplotlib itself is being imported
-            if function is not None and function is not _nothing:
-                _restores.callback(setattr, module, each, function)
-                setattr(module, each, _nothing)
-
-
-def _nothing(*_: object, **__: object) -> None:
-    """Do nothing, in place of a function that opens or waits for a window."""
-
-
-def _figures() -> set[int]:
-    """Return the numbers of the open figures."""
-    pyplot = sys.modules.get("matplotlib.pyplot")
-    return set() if pyplot is None else {*pyplot.get_fignums()}

@@ -49,7 +49,7 @@ def run_estimator(name: str, estimator: Estimator, recording: Recording) -> tupl
     is_built_in = entry is not None and entry.role != "user"
     start, output = perf_counter(), None
     try:
-        # built-in estimators print nothing, and threads of a study must not redirect what is printed
+        # built-in estimators print nothing
         with nullcontext() if is_built_in else captured(name) as output:
             estimate = cast("object", estimator(recording))
     except (Exception, SystemExit) as error:

@@ -7,14 +7,17 @@ import atexit
 import functools
 import hashlib
 import shutil
+import sys
 import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
+from importlib.machinery import PathFinder
 from pathlib import Path
 
 from slamgauge.compare.estimators.pair_files import partner_file
 
 MOST_FILES = 1000  # no more imports are followed
+LEVELS = 4  # folders above a file in which helpers of its package may lie
 
 
 @dataclass(frozen=True)
@@ -83,21 +86,38 @@ def _imports(content: bytes) -> Iterator[str]:
 
 
 def _files_of(folder: Path, name: str) -> Iterator[str]:
-    """Yield the file of a module, or all files of the package that contains it, relative to the folder."""
+    """Yield the file of a module, or all files of the package that contains it, relative to the folder.
+
+    A module of a folder above counts if no installed module has its name; its path begins with `../`.
+    """
     top = name.partition(".")[0]
-    module, package = folder / f"{top}.py", folder / top
-    if module.is_file():
-        yield module.name
-    elif (package / "__init__.py").is_file():
-        for file in sorted(package.rglob("*.py")):
-            yield file.relative_to(folder).as_posix()
+    for level, place in enumerate([folder, *folders_above(folder)]):
+        module, package = place / f"{top}.py", place / top
+        is_module = module.is_file()
+        if not is_module and not (package / "__init__.py").is_file():
+            continue
+        if not level or not _is_installed(top):
+            for file in [module] if is_module else sorted(package.rglob("*.py")):
+                yield "../" * level + file.relative_to(place).as_posix()
+        return
+
+
+def folders_above(folder: Path) -> list[Path]:
+    """Return the folders above a folder in which helpers of its package may lie, the nearest first."""
+    return [*folder.parents][:LEVELS]
+
+
+def _is_installed(top: str) -> bool:
+    return top in sys.builtin_module_names or top in sys.modules or PathFinder.find_spec(top) is not None
 
 
 @functools.lru_cache(maxsize=64)
 def _copied(sources: Sources) -> Path:
     """Write the files into a temporary folder, which is removed when this process ends."""
-    folder = Path(tempfile.mkdtemp(prefix="slamgauge-own-"))
-    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    root = Path(tempfile.mkdtemp(prefix="slamgauge-own-"))
+    atexit.register(shutil.rmtree, root, ignore_errors=True)
+    folder = root.joinpath(*["own"] * LEVELS)  # paths of files may begin with ../
+    folder.mkdir(parents=True)
     for path, content in sources.files:
         file = folder / path
         file.parent.mkdir(parents=True, exist_ok=True)

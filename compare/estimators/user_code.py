@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import importlib
 import os
-import sys
 import sysconfig
 import traceback
 from collections.abc import Callable
-from contextlib import redirect_stdout, suppress
+from contextlib import suppress
 from pathlib import Path
 from types import ModuleType
 from typing import Any, Literal, NamedTuple
 
 from slamgauge import errors
-from slamgauge.compare.estimators.private_import import PrivateFolder, public, without_windows
+from slamgauge.compare.estimators.captured_output import stdout_to_stderr
+from slamgauge.compare.estimators.no_windows import without_windows
+from slamgauge.compare.estimators.private_import import PrivateFolder, public
 from slamgauge.compare.estimators.sources import Sources, sources_of
 from slamgauge.compare.storage.safe_names import LONGEST
 from slamgauge.errors import UserError
@@ -128,7 +129,7 @@ def load_whole_module(where: Address) -> ModuleType:
     if where.sources is None and where.place.endswith(".py"):
         raise UserError(f"estimator {where.text}: no file {where.place!r} is found; check the path")
     try:
-        with redirect_stdout(sys.stderr), without_windows():
+        with stdout_to_stderr(), without_windows():
             if where.sources is None:
                 return importlib.import_module(where.place)
             folder, module = _loaded(where, where.sources)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import sys
-from contextlib import redirect_stdout
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from slamgauge.compare.estimators.captured_output import stdout_to_stderr
 from slamgauge.compare.estimators.forms.signatures import called, required
+from slamgauge.compare.estimators.no_windows import without_windows
 from slamgauge.compare.estimators.pair_files import CORRECTIONS, OTHER_FORM, PREDICTIONS, partner_file
-from slamgauge.compare.estimators.private_import import folder_of, without_windows
+from slamgauge.compare.estimators.private_import import folder_of
 from slamgauge.compare.estimators.user_code import UserCodeError, reason_of
 
 INPUTS = ("u", "odom", "control", "motion")  # names of u begin so
@@ -107,7 +107,7 @@ def _neighbour(names: dict[str, Any]) -> dict[str, Any]:
     if folder is None or partner is None or not folder.offers(partner.stem):
         return {}
     try:
-        with redirect_stdout(sys.stderr), without_windows():
+        with stdout_to_stderr(), without_windows():
             return vars(folder.load(partner.stem))
     except (Exception, SystemExit) as error:
         raise UserCodeError(f"its neighbour {partner.name} cannot be loaded, {reason_of(error)}") from error

@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import gc
+import io
 import re
+import sys
+import threading
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -38,7 +43,7 @@ def test_prints_go_to_a_file_that_is_named_once(tmp_path: Path, capfd: pytest.Ca
     printed = capfd.readouterr()
     assert printed.out == ""
     (place,) = re.findall(r"slamgauge: talker: what it prints is kept in (.*)", printed.err)
-    assert "step" not in printed.err.replace(place, "")
+    assert not re.search(r"step \d", printed.err.replace(place, ""))  # another notice lists the form `step`
     assert Path(place).read_text() == 2 * "step 1\nstep 2\nwarning\nstep 3\nstep 4\n"
     Path(place).unlink()
 
@@ -74,3 +79,63 @@ def test_control_characters_of_prints_do_not_reach_the_terminal():
     assert output.first_lines == r"\x1b[31mred"
     assert output.place is not None
     output.place.unlink()
+
+
+def test_threads_of_a_study_keep_their_output_apart(capfd: pytest.CaptureFixture[str]):
+    """Two estimators overlap and end in the order in which they began, while a third thread prints to the terminal."""
+    streams = sys.stdout, sys.stderr
+    both_inside, first_is_out = threading.Barrier(3), threading.Event()
+
+    def estimate(name: str) -> str:
+        with captured(name) as output:
+            both_inside.wait(10)
+            print(f"step of {name}")
+            if name == "later":
+                first_is_out.wait(10)
+                print("after", file=sys.stderr)
+        first_is_out.set()
+        assert output.place is not None
+        text = output.place.read_text()
+        output.place.unlink()
+        return text
+
+    with ThreadPoolExecutor(2) as pool:
+        results = pool.map(estimate, ["earlier", "later"])
+        both_inside.wait(10)
+        print("result of a built-in estimator")
+        assert [*results] == ["step of earlier\n", "step of later\nafter\n"]
+    assert (sys.stdout, sys.stderr) == streams
+    printed = capfd.readouterr()
+    assert printed.out == "result of a built-in estimator\n"
+    assert printed.err.count("what it prints is kept in") == 2
+
+
+def test_the_file_is_named_after_an_error_too(capfd: pytest.CaptureFixture[str]):
+    with pytest.raises(ZeroDivisionError), captured("failing") as output:
+        print("before")
+        raise ZeroDivisionError
+    assert f"failing: what it prints is kept in {output.place}" in capfd.readouterr().err
+    assert output.place is not None
+    output.place.unlink()
+
+
+def test_a_print_survives_the_end_of_the_capture_of_another_thread(monkeypatch: pytest.MonkeyPatch):
+    """`print` of Python before 3.14 keeps no reference to `sys.stdout`, which must not be freed while it writes."""
+    writing, ended, heard = threading.Event(), threading.Event(), list[str]()
+
+    class Slow(io.StringIO):
+        def write(self, text: str, /) -> int:
+            heard.append(text)
+            writing.set()
+            ended.wait(10)
+            return len(text)
+
+    monkeypatch.setattr(sys, "stdout", Slow())
+    printing = threading.Thread(target=lambda: print("a line"))  # outside `captured`
+    with captured("silent too"):
+        printing.start()
+        writing.wait(10)
+    gc.collect()
+    ended.set()
+    printing.join(10)
+    assert heard == ["a line", "\n"]
