@@ -154,7 +154,7 @@ def test_a_requested_form_is_used_or_refused(mine: Loaded):
     mine(wild_steps.COLUMNS)
     for form, message in (
         ("octave", r"ekf_slam\(xEst, PEst, u, y\) has not the form octave; give prediction_step"),
-        ("other", "no form is named 'other'; use one of class, "),
+        ("other", "no form is named 'other'; use one of ntnu-class, "),
     ):
         (asked,) = with_noise(ask(["mine=mine.py"]), "recording", form)
         with pytest.raises(slamgauge.UserError, match=f"^estimator mine: {message}"):

@@ -51,7 +51,7 @@ def test_the_autograder_gives_all_points_to_a_right_filter(tmp_path: Path):
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="Gradescope's image is Linux")
 def test_the_autograder_explains_a_submission_that_cannot_run(tmp_path: Path):
-    found, _ = autograded(tmp_path, {"mine.py": "1 / 0\n"})
+    found, _ = autograded(tmp_path, {"mine.py": "X = 1 / 0\n"})
     assert found["score"] == 0
     assert found["output"].startswith(
         "nothing could be graded; submission: cannot be loaded, it raised ZeroDivisionError"

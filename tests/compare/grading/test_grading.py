@@ -201,7 +201,7 @@ def test_the_middle_run_is_checked_and_too_much_memory_is_a_reason(
     ("files", "words", "said"),
     [
         ({}, (), "contains no submission; give a folder of Python files"),
-        ({"a.py": "1 / 0"}, (), "nothing could be graded; a: cannot be loaded, it raised ZeroDivisionError"),
+        ({"a.py": "X = 1 / 0"}, (), "nothing could be graded; a: cannot be loaded, it raised ZeroDivisionError"),
         ({"a.py": ""}, ("--runs", "1"), "runs: 1 has no interval"),
         ({"a.py": ""}, ("--reference", "efk"), "estimator 'efk' is not known"),
         ({"a.py": ""}, ("--timeout", "0"), "timeout: 0 s leaves no time"),
