@@ -9,6 +9,7 @@ from pathlib import Path
 
 from slamgauge.compare.estimators.adapters import NAMES
 from slamgauge.compare.estimators.isolated_process import printable
+from slamgauge.compare.estimators.pair_files import partner_file
 from slamgauge.compare.estimators.sources import sources_of
 from slamgauge.compare.estimators.user_code import Address
 from slamgauge.compare.storage.files import explained
@@ -96,7 +97,8 @@ def _main_file(folder: Path) -> Path | None:
     if folder / "__init__.py" in files:
         return None
     named = [each for each in files if each.name in MAIN]
-    found = files if len(files) == 1 else named or [each for each in files if _defines_a_form(each)]
+    pairs = [each for each in files if partner_file(each) is not None][:1]  # two functions in two files
+    found = files if len(files) == 1 else named or pairs or [each for each in files if _defines_a_form(each)]
     if len(found) != 1:
         names = ", ".join(each.name for each in files)
         raise UserError(f"{folder.name}: may be {names}; call the one that counts {MAIN[0]}")

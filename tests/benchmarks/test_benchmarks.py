@@ -34,6 +34,13 @@ SMALLEST = {
         "arguments ",
         "all 400 ",
     ),
+    "class_of_forms": (  # 30 s
+        "--runs 2 --only online",
+        "form file passed points reason",
+        "online class right yes ",
+        "online class sign in F no ",
+        "7 files, 2 runs of q1-short-dense: ",
+    ),
     "compile_times": ("--only=--version", "command first [s] kernels again [s]", "--version "),
     "large_maps": (  # 2 s
         "--landmarks 20",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -161,7 +162,7 @@ def _per_landmark(ids: list[str], covs: list[str], rest: list[str], *, column: b
         for number, value, cov in zip(numbers, scan.value, scan.cov, strict=True):
             z = [value.reshape(2, 1).copy() if column else value.copy()] if len(rest) == 1 else value.tolist()
             arguments = {**dict(zip(rest, z, strict=True)), **dict.fromkeys(ids, number)}
-            called(lambda arguments=arguments, cov=cov: method(**arguments, **{name: cov.copy() for name in covs}))
+            called(partial(method, **arguments, **{name: cov.copy() for name in covs}))
 
     shape = " (2, 1)" if column else ""
     return Call(f"update({', '.join([*ids, *rest])}{shape}) per landmark", run, has_ids=bool(ids))
@@ -211,7 +212,7 @@ def _one_by_one(
 ) -> Callable[[Any, Observations], object]:
     def run(method: Any, scan: Observations) -> None:
         for row in made(scan):
-            called(lambda row=row: method(**{name: row}, **_covs(covs, scan)))
+            called(partial(method, **{name: row}, **_covs(covs, scan)))
 
     return run
 

@@ -21,7 +21,7 @@ MAKERS += ("empty", "eye", "hstack", "identity", "matrix", "ones", "ones_like", 
 class Column(np.ndarray):
     """An array that is a number where one is needed, if it has one element."""
 
-    __array_priority__ = 1.0
+    __array_priority__ = 1.0  # pyright: ignore[reportIncompatibleMethodOverride, reportAssignmentType]
 
     def __float__(self) -> float:
         """Return the only element.
@@ -43,7 +43,8 @@ class Column(np.ndarray):
 class ColumnMatrix(Column, np.matrix):
     """A matrix of numpy, for which `*` is the product of matrices, with the numbers of `Column`."""
 
-    __array_priority__ = 11.0  # above that of `numpy.matrix`, which comes before arrays
+    # above that of `numpy.matrix`, which comes before arrays
+    __array_priority__ = 11.0  # pyright: ignore[reportIncompatibleMethodOverride, reportAssignmentType]
 
 
 def column(array: Any) -> Any:

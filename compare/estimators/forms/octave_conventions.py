@@ -15,8 +15,8 @@ from slamgauge.se2 import wrap
 MU = {"vector": "mu (2N+3,)", "column": "mu (2N+3, 1)", "numbers": "mu (2N+3, 1) with elements as numbers"}
 OBSERVED = {
     "array": "observed as an array of bools",
-    "list": "observed as a list of bools",
     "ids": "observed as a list of ids",
+    "list": "observed as a list of bools",
     "array from 1": "observed as an array of N+1 bools",
     "set": "observed as a set of ids",
     "dict": "observed as a dict of bools",

@@ -139,8 +139,8 @@ class _Stepper:
 
     def _observations(self, scan: Observations) -> Float:
         """Return the scan as y (m, 3) or (m, 2): unknown ranges are NaN, unknown ids in the last column are -1."""
-        has_ids = scan.landmark is not None and self.settings.shows_ids
-        ids = scan.landmark if has_ids else np.full(len(scan.value), -1)
+        shown = scan.landmark if self.settings.shows_ids else None
+        ids = np.full(len(scan.value), -1) if shown is None else shown
         y = np.column_stack([scan.value, ids])
         unknown = np.full((len(y), self._y_width - y.shape[1]), np.nan)
         return np.hstack([unknown, y])

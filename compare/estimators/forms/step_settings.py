@@ -62,7 +62,7 @@ class StepSettings:
         self._require_values()
 
     @property
-    def observation_cov(self) -> object:
+    def observation_cov(self) -> Any:
         """Covariance of an observation in the file; None if it has none."""
         return self._file.get("Py")
 
@@ -84,7 +84,7 @@ class StepSettings:
             self.space["Py"] = self._checked_observation_cov(step, scan)
         if "Q" in self._set:
             self.space["Q"] = self._input_cov(step) * (step > 0)
-        elif np.shape(self._file.get("Q")) == (2, 2):
+        elif np.shape(self._file.get("Q", 0)) == (2, 2):
             self.space["Q"] = np.array(self._file["Q"]) * (step > 0)
 
     def dt(self, step: int) -> float:
@@ -108,7 +108,7 @@ class StepSettings:
         if noise == "file":
             return ()
         used = {*self.space, *self._parameters}
-        is_of_the_pose = np.shape(self._file.get("Q")) == (3, 3)
+        is_of_the_pose = np.shape(self._file.get("Q", 0)) == (3, 3)
         return tuple(name for name in NOISES if name in used and not (name == "Q" and is_of_the_pose))
 
     def _require_values(self) -> None:
@@ -136,7 +136,7 @@ class StepSettings:
             Py = np.array(self._file.get("Py", given), float)
         except (TypeError, ValueError):
             Py = np.zeros(0)
-        if Py.ndim != 2 or len(Py) != Py.shape[1] or len(Py) < len(given):
+        if Py.ndim != 2 or len({*Py.shape}) != 1 or len(Py) < len(given):
             what = f"its Py must be a square matrix of at least {len(given)} rows, for the noise of an observation"
             raise UserCodeError(f"{what}; mend it, or take its own, --noise file")
         Py[-len(given) :, -len(given) :] = given

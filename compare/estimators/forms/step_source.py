@@ -46,14 +46,15 @@ def names_read(function: Callee) -> set[str]:
 def is_a_dict(function: Callee, name: str) -> bool:
     """Return whether a function uses one of its parameters as a dict."""
     for node in ast.walk(tree_of(function)):
-        is_stored = isinstance(node, ast.Subscript) and isinstance(node.ctx, ast.Store)
-        is_dict = is_stored or (isinstance(node, ast.Attribute) and node.attr in OF_DICTS)
+        if not isinstance(node, ast.Subscript | ast.Attribute):
+            continue
+        is_dict = isinstance(node.ctx, ast.Store) if isinstance(node, ast.Subscript) else node.attr in OF_DICTS
         if is_dict and isinstance(node.value, ast.Name) and node.value.id == name:
             return True
     return False
 
 
-def width_of_bearings(function: Callee, number: int, Py: object) -> int:
+def width_of_bearings(function: Callee, number: int, Py: Any) -> int:
     """Return the columns of y, the parameter `number`, for bearings.
 
     They follow from the highest column that the code reads, or else from the rows of Py.

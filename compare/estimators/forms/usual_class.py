@@ -174,7 +174,7 @@ class Run:
         """Set start pose and covariance where the constructor does not take them; bound variances of landmarks."""
         x, P = _real(getattr(self.slam, self._state_name)), _real(getattr(self.slam, self._cov_name))
         self._has_room = x.size > ROBOT and x.size >= ROBOT + 2 * count
-        if not {"mean", "x"} & {*roles.values()}:
+        if "mean" not in roles.values():
             x.reshape(-1)[:ROBOT] = self._recording.prior_mean
             setattr(self.slam, self._state_name, x)
         unseen = np.arange(ROBOT, len(P))

@@ -15,6 +15,7 @@ from slamgauge.compare.estimators.forms.probing import tiny_recording
 from slamgauge.compare.estimators.loading import load_estimators
 from slamgauge.compare.estimators.sources import sources_of
 from slamgauge.compare.estimators.user_code import Address
+from slamgauge.compare.grading.submissions import submissions_in
 from slamgauge.compare.scenarios.scenario import load_scenario
 from slamgauge.compare.scenarios.simulation import simulate
 from slamgauge.ekf import ekf_slam
@@ -63,7 +64,8 @@ def test_a_file_of_each_style_is_the_same_filter(name: str):
     assert len(estimate.landmark_ids) > 3
 
 
-def ate(poses: Float, truth: Float) -> float:
+def ate(poses: Float, truth: Float | None) -> float:
+    assert truth is not None
     return float(np.sqrt(np.mean(np.sum((poses[:, :2] - truth[:, :2]) ** 2, axis=1))))
 
 
@@ -75,6 +77,7 @@ def test_with_the_noise_of_the_course_a_right_file_equals_ekf_until_a_scan_has_o
     reference = ekf_slam(recording)
     assert np.allclose(mine.poses, reference.poses, rtol=0.0, atol=2e-3)
     assert np.allclose(np.asarray(mine.pose_covs), np.asarray(reference.pose_covs), rtol=0.0, atol=1e-3)
+    assert truth.poses is not None
     assert np.abs(reference.poses[4] - truth.poses[4]).max() > 0.02
 
 
@@ -129,6 +132,19 @@ def test_one_function_is_found_without_a_name_if_a_neighbour_has_the_other():
     }
     with pytest.raises(UserError, match="defines no callable of a form that is known"):
         found("prediction_step.py", strangers=("correction_step",))
+
+
+def test_a_folder_with_the_two_functions_is_one_submission(tmp_path: Path):
+    split(STYLES[REFERENCE])
+    Path("tools.py").write_text("def normalize(angle): ...\n")
+    folder = tmp_path / "all" / "ada"
+    folder.mkdir(parents=True)
+    for file in tmp_path.glob("*.py"):
+        file.rename(folder / file.name)
+    (submission,) = submissions_in(tmp_path / "all")
+    assert submission.reason == ""
+    assert submission.where is not None
+    assert found_in(submission.where).attribute == "correction_step"
 
 
 def test_of_two_neighbours_with_the_function_neither_is_taken():
