@@ -58,9 +58,14 @@ class Captured(io.TextIOBase):
         file = _files.get(self._name)
         return None if file is None else Path(file.name)
 
+    @property
+    def as_reason(self) -> str:
+        """The end of an error message: the first lines and the file; empty if nothing was printed."""
+        return f" (it printed first: {self.first_lines}; all in {self.place})" if self.first_lines else ""
+
 
 class _Stream:
-    """A stream in place of `sys.stdout` or `sys.stderr`, which writes to the target of the current thread."""
+    """A stream that replaces `sys.stdout` or `sys.stderr` and writes to the target of the current thread."""
 
     def __init__(self, original: Any) -> None:
         self.original = original

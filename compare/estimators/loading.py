@@ -17,6 +17,7 @@ from slamgauge.compare.estimators.forms.form import remarks_of
 from slamgauge.compare.estimators.isolated_process import Isolated, Spent
 from slamgauge.compare.estimators.registry import REGISTRY, UNDER, Entry, entry_of
 from slamgauge.compare.estimators.requests import Asked, Chosen, ask
+from slamgauge.compare.estimators.user_code import Address
 from slamgauge.compare.scenarios.schema import Association
 from slamgauge.ekf.settings import NEAREST_NEIGHBOUR, PLAIN, FilterSettings, Initialisation, Robustness
 from slamgauge.errors import UserError
@@ -110,8 +111,7 @@ def load(
         estimator = isolated(asked.where, asked.isolation.timeout)
         form = estimator.begin()
     elif asked.where is not None:
-        with captured(asked.label):
-            estimator, form = adapted(asked.where)
+        estimator, form = _adapted_quietly(asked.label, asked.where)
     else:
         assert asked.call is not None
         if (built_in := entry_behind(asked.call)) is not None:
@@ -121,6 +121,15 @@ def load(
         print(f"{asked.label}: {form}", file=sys.stderr)
         tell_first("form", f"forms follow from the code; --form NAME says otherwise ({', '.join(FORM_NAMES)})")
     return LoadedEstimator(entry, estimator)
+
+
+def _adapted_quietly(label: str, where: Address) -> tuple[Estimator, str]:
+    """Return `adapted(where)`; what the file prints is kept away, and an error shows its first lines."""
+    with captured(label) as output:
+        try:
+            return adapted(where)
+        except UserError as error:
+            raise UserError(f"{error}{output.as_reason}") from error
 
 
 def without(optimum: Estimator, informed: Recording, misleading: Marks | None) -> Estimator:

@@ -1,7 +1,7 @@
 """User code without its simulation: scripts often simulate and draw after they have defined their filter.
 
 Of a module stay imports, functions and classes, constants, and all statements that bind or change a global which these
-functions and classes read. Everything else at the level of the module is left out: calls such as `main()`, loops that
+functions and classes read. Nothing else at the level of the module is run: calls such as `main()`, loops that
 simulate, drawings, prints.
 """
 
@@ -27,7 +27,7 @@ def without_simulation(source: bytes, path: str, wanted: Collection[str]) -> tup
     Names that are `wanted` of it stay, too.
 
     Raises:
-        SyntaxError: the source is no Python.
+        SyntaxError: the source is not Python.
     """
     tree = ast.parse(source, path)
     kept = _kept(tree.body, _read_by_definitions(source, path, tree.body) | {*wanted})

@@ -75,7 +75,7 @@ def _close_figures(kept: set[int]) -> None:
 
 
 def _nothing(*_: object, **__: object) -> None:
-    """Do nothing, in place of a function that opens or waits for a window."""
+    """Replace a function that opens a window or waits for one."""
 
 
 def _figures() -> set[int]:

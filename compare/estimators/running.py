@@ -56,8 +56,7 @@ def run_estimator(name: str, estimator: Estimator, recording: Recording) -> tupl
         if is_built_in and not isinstance(error, UserError):
             raise
         reason = str(error) if is_built_in else reason_of(error)
-        if output is not None and output.first_lines:
-            reason += f" (it printed first: {output.first_lines}; all in {output.place})"
+        reason += "" if output is None else output.as_reason
         kind = OverdueError if isinstance(error, OverdueError) else UserError
         raise kind(f"estimator {name}: {reason}") from error
     if not is_built_in:

@@ -128,7 +128,7 @@ class _Stub(ModuleType):
 
 
 def stand_in(name: str) -> tuple[ModuleType, str] | None:
-    """Return a stand-in for a missing module and a sentence about it; None if there is none."""
+    """Return a stand-in for a missing module and a sentence about it; None for any other module."""
     top = name.partition(".")[0]
     if top in DRAWING | PROGRESS:
         return _Stub(top), f"{top} is not installed: what it would draw is left out"

@@ -280,7 +280,11 @@ def test_user_code_gets_a_row(stored: Path, tmp_path: Path, module: Module, caps
         ["Empty", "columns:"],
         ["One", "run:"],
     ]
-    assert printed.err.splitlines() == ["loading", "estimating", f"written to {tmp_path / 'out'}"]
+    form, *_, kept, written = printed.err.splitlines()
+    assert form == f"{own}: own_0.py: line 3 is not run: it only simulates, draws or prints"
+    assert kept.startswith(f"slamgauge: {own}: what it prints is kept in ")
+    assert Path(kept.rpartition(" in ")[2]).read_text() == "estimating\n"
+    assert written == f"written to {tmp_path / 'out'}"
     entries = metrics_of(tmp_path / "out")["estimators"]
     assert entries[own]["ate_m"] == pytest.approx(entries["dead-reckoning"]["ate_m"], rel=1e-9)
     assert entries[own]["ratio_to_optimum"] > 1

@@ -139,3 +139,11 @@ def test_a_print_survives_the_end_of_the_capture_of_another_thread(monkeypatch: 
     ended.set()
     printing.join(10)
     assert heard == ["a line", "\n"]
+
+
+def test_an_error_of_loading_shows_the_first_lines(tmp_path: Path):
+    (tmp_path / "mine.py").write_text("print('reading')\nX = print('log')\ndef estimate(r, x=1 / 0):\n    return X\n")
+    with pytest.raises(UserError, match=r"cannot be loaded, it raised ZeroDivisionError") as caught:
+        load_estimators([f"broken={tmp_path / 'mine.py'}:estimate"])
+    assert "(mine.py, line 3); mend it and run again (it printed first: " in str(caught.value)
+    assert "reading / log" in str(caught.value)

@@ -35,7 +35,7 @@ sys.path.append(str(pathlib.Path(__file__).parent.parent / "library"))
 
 
 def estimates(path: Path) -> list[Estimate]:
-    """Return the estimates of a file in process, and in a process of its own."""
+    """Return the estimates of a file in this process, then isolated."""
     where = address(f"mine={path}:estimate")
     isolated = Isolated(where, 60.0)
     try:
