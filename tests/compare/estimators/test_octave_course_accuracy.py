@@ -38,8 +38,9 @@ def with_noise_of_scenario(source: str) -> str:
 @cache
 def runs() -> list[tuple[Float, Recording, float]]:
     """Return true poses, recording and error of ekf [m] for seeds 0 to 2."""
-    pairs = [simulate(load_scenario("q1-short-dense"), seed) for seed in range(3)]
-    return [(truth.poses, recording, ate(ekf_slam(recording).poses, truth.poses)) for truth, recording in pairs]
+    simulated = [simulate(load_scenario("q1-short-dense"), seed) for seed in range(3)]
+    pairs = [(np.asarray(truth.poses, np.float64), recording) for truth, recording in simulated]
+    return [(poses, recording, ate(ekf_slam(recording).poses, poses)) for poses, recording in pairs]
 
 
 def ate(poses: Float, truth: Float) -> float:
