@@ -97,7 +97,7 @@ def _run(kind: Any, recording: Recording, is_flat: bool) -> Estimate:
     roles = roles_of(kind, KNOWN)
     Q = recording.odometry_cov[0] if recording.steps else np.zeros((3, 3))
     R = recording.observation_cov[0] if len(recording.observation_cov) else np.eye(2)
-    values = {
+    values: dict[str, Any] = {
         "motion": regular(Q),
         "measurement": R,
         "alphas": np.array(GATES),

@@ -102,6 +102,7 @@ def changed(source: str, changes: dict[str, str]) -> str:
 
 
 def ate(estimate: Estimate, truth: Truth) -> float:
+    assert truth.poses is not None
     return float(np.sqrt(((estimate.poses - truth.poses)[:, :2] ** 2).sum(axis=1).mean()))
 
 
