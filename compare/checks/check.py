@@ -50,12 +50,12 @@ class Subject:
             UserError: the estimator raised an error, or its result does not fit the recording.
         """
         self.ran.append(recording)
-        return run_estimator(self.name, self.estimator, recording)[0]
+        return run_estimator(self.name, self.estimator, recording, remarked=False)[0]  # they are about the recordings
 
     def cpu_seconds(self, recording: Recording) -> float:
         """Return the processor time [s] of one run, including the programs that it calls."""
         start = cpu_seconds()
-        run_estimator(self.name, self.estimator, recording)
+        run_estimator(self.name, self.estimator, recording, remarked=False)
         spent = spent_by(self.estimator)
         return cpu_seconds() - start if spent is None else spent.cpu_seconds
 

@@ -37,6 +37,8 @@ if TYPE_CHECKING:
     from slamgauge.compare.scoring.runs import Runs
     from slamgauge.compare.studies.summary import Summary
 
+MOST_RUNS = 3000  # of a claim
+
 
 @dataclass(frozen=True)
 class WorkAnywhere(Work):
@@ -217,8 +219,8 @@ class Claims(WithPage):
     runs: int = 20
     """First number of runs of each setting. Undecided claims continue, with half as many runs more each time."""
 
-    max_runs: int = 3000
-    """Largest number of runs, if that is more than --runs."""
+    max_runs: int | None = None
+    """Largest number of runs. If not given: 3000, or --runs if that is more."""
 
     seed: RootSeed = 0
 
@@ -228,7 +230,8 @@ class Claims(WithPage):
         from slamgauge.compare.studies.claims import claims_table, judge_claims, write_claims
 
         with continued_later(), self.work.executor() as executor:
-            claims = judge_claims(self.runs, self.seed, self.out, executor, self.max_runs)
+            most = max(self.runs, MOST_RUNS) if self.max_runs is None else self.max_runs
+            claims = judge_claims(self.runs, self.seed, self.out, executor, most)
         printed = self.output.show([each.to_json() for each in claims.judgements], claims_table(claims))
         write_claims(self.out, claims)
         return self.finish(self.out, CLAIMS, done=printed)

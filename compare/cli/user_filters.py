@@ -63,15 +63,6 @@ class Check:
         return 0 if printed and not any(verdict.is_failure for verdict in verdicts) else 1
 
 
-def random_seed() -> int:
-    """Return a random root seed, and print it."""
-    import secrets
-
-    seed = secrets.randbits(32)
-    print(f"slamgauge: root seed {seed} (random; --seed {seed} grades on the same runs)", file=sys.stderr)
-    return seed
-
-
 @dataclass
 class Grade(WithPage):
     """Grade a folder of submissions against a reference filter. Each runs in a separate process without the truth.
@@ -114,6 +105,8 @@ class Grade(WithPage):
     results/grades-FOLDER."""
 
     def __call__(self) -> int:
+        import secrets  # here: it is slow to start
+
         from slamgauge.compare.estimators.isolated_process import require_isolation
         from slamgauge.compare.estimators.requests import ask
         from slamgauge.compare.grading.grade_output import grade_table, write_grades, write_pages
@@ -132,12 +125,14 @@ class Grade(WithPage):
         outdated = [f"{PAGES}/*.md", f"{PAGES}/*.html", f"{GRADESCOPE}/*/{RESULTS}", RESULTS]
         with results_folder(out, writes, GRADES, outdated) as staged:
             with self.work.executor() as executor:
-                seed = random_seed() if self.seed is None else self.seed
+                seed = secrets.randbits(32) if self.seed is None else self.seed
                 settings = GradeSettings(scenario, self.runs, seed, reference, timeout, rubric)
                 grades = grade_folder(self.folder, submissions, settings, executor)
             if not any(each.is_graded for each in grades.grades):
                 first = grades.grades[0]
                 raise UserError(f"{self.folder}: nothing could be graded; {first.submission}: {first.reasons[0]}")
+            if self.seed is None:
+                print(f"slamgauge: root seed {seed} (random; --seed {seed} grades on the same runs)", file=sys.stderr)
             printed = self.output.show(grades.to_json(), grade_table(grades))
             if staged is not None:
                 write_grades(staged, grades)

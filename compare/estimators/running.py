@@ -38,8 +38,12 @@ class StoredEstimate:
         return self.estimate
 
 
-def run_estimator(name: str, estimator: Estimator, recording: Recording) -> tuple[Estimate, float]:
+def run_estimator(
+    name: str, estimator: Estimator, recording: Recording, *, remarked: bool = True
+) -> tuple[Estimate, float]:
     """Run an estimator; return its estimate and the elapsed time [s].
+
+    Remarks on user code are printed if `remarked`.
 
     Raises:
         UserError: the estimator raised an error, or its estimate does not fit the recording.
@@ -59,7 +63,7 @@ def run_estimator(name: str, estimator: Estimator, recording: Recording) -> tupl
         reason += "" if output is None else output.as_reason
         kind = OverdueError if isinstance(error, OverdueError) else UserError
         raise kind(f"estimator {name}: {reason}") from error
-    if not is_built_in:
+    if remarked and not is_built_in:
         for remark in remarks_of(estimator, recording):
             tell_first(f"{name}: {remark.partition(',')[0]}", f"{name}: {remark}")  # the values may differ between runs
     spent = spent_by(estimator)
