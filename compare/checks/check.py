@@ -50,7 +50,7 @@ class Subject:
             UserError: the estimator raised an error, or its result does not fit the recording.
         """
         self.ran.append(recording)
-        return run_estimator(self.name, self.estimator, recording, remarked=False)[0]  # they are about the recordings
+        return run_estimator(self.name, self.estimator, recording, remarked=False)[0]
 
     def cpu_seconds(self, recording: Recording) -> float:
         """Return the processor time [s] of one run, including the programs that it calls."""

@@ -76,9 +76,11 @@ def ignored_inputs(subject: Subject) -> frozenset[Need]:
 
 def mixes_landmarks(subject: Subject) -> bool:
     """Return whether its own association confused landmarks in its runs, or does not show its landmarks."""
-    ids = [each.landmark for each in subject.ran]
-    runs = [(each, ids) for each, ids in zip(subject.ran, ids, strict=True) if ids is not None and len(ids)]
-    return any(len(subject(replace(each, landmark=None)).landmarks) != len(np.unique(ids)) for each, ids in runs)
+    runs = [each for each in subject.ran if each.landmark is not None and len(each.landmark)]
+    return any(
+        len(subject(replace(each, landmark=None)).landmarks) != len(np.unique(np.asarray(each.landmark)))
+        for each in runs
+    )
 
 
 def _same(one: Estimate, other: Estimate) -> bool:

@@ -10,10 +10,13 @@ import io
 import sys
 import tempfile
 import threading
+import warnings
 from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any
+
+import numpy as np
 
 from slamgauge.compare.storage.safe_names import file_name, shown
 from slamgauge.notices import tell_once
@@ -96,6 +99,14 @@ def captured(name: str) -> Generator[Captured]:
     finally:
         if output is not outer and output.first_lines and output.place is not None:
             tell_once(f"{name}: what it prints is kept in {output.place}")
+
+
+@contextmanager
+def discarded() -> Generator[None]:
+    """Discard what this thread prints inside, warnings, and numpy's messages on overflow and division by zero."""
+    with _redirected(io.StringIO()), warnings.catch_warnings(), np.errstate(all="ignore"):
+        warnings.simplefilter("ignore")
+        yield
 
 
 @contextmanager

@@ -112,9 +112,7 @@ def _run(kind: Any, recording: Recording, is_flat: bool) -> Estimate:
     filter_.belief = [recording.prior_mean.copy(), recording.prior_cov.copy()]
     for step, scan in enumerate(recording.scans()):
         odometry = (recording.odometry[step - 1], recording.odometry_cov[step - 1]) if step else None
-        advance = partial(filter_.advanced, odometry, scan)
-        state_and_cov = advance()
-        log.step(step, filter_.checked_ids(scan), lambda it=state_and_cov: it)
+        log.step(step, partial(filter_.checked_ids, scan), partial(filter_.advanced, odometry, scan))
     return log.estimate()
 
 

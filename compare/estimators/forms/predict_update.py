@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.compare.estimators.forms.signatures import called, pair, required_of_pair
+from slamgauge.compare.estimators.forms.signatures import called, pair, required
 from slamgauge.compare.estimators.forms.state_log import StateLog
 from slamgauge.compare.estimators.fresh_modules import Code, Fresh
 from slamgauge.compare.estimators.user_code import UserCodeError
@@ -27,10 +27,11 @@ PREDICT, UPDATE = ("predict", "update")
 
 def description(given: Fresh) -> str | None:
     """Describe `predict` or `update` if its module has both; return None otherwise."""
-    found = required_of_pair(given, (PREDICT, UPDATE), (3, 3))
-    if found is None:
+    functions = [given.names.get(name) for name in (PREDICT, UPDATE)]
+    predict, update = (required(function) for function in functions)
+    if given.callee not in functions or (len(predict), len(update)) != (3, 3):
         return None
-    return f"functions {PREDICT} ({', '.join(found[0])}) and {UPDATE} ({', '.join(found[1])})"
+    return f"functions {PREDICT} ({', '.join(predict)}) and {UPDATE} ({', '.join(update)})"
 
 
 @dataclass(frozen=True)

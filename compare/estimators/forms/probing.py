@@ -5,15 +5,13 @@ The recording has no noise, so that a right filter returns the true state, whate
 
 from __future__ import annotations
 
-import io
-import warnings
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import redirect_stdout
 from typing import NamedTuple, TypeVar
 
 import numpy as np
 
 from slamgauge.arrays import Float
+from slamgauge.compare.estimators.captured_output import discarded
 from slamgauge.compare.estimators.user_code import UserCodeError, reason_of
 from slamgauge.recording import Recording
 from slamgauge.se2 import compose, wrap
@@ -81,8 +79,7 @@ def closest(candidates: Iterable[C], attempt: Callable[[C], Iterator[float]], tr
     for candidate in candidates:
         errors: list[float] = []
         try:
-            with redirect_stdout(io.StringIO()), warnings.catch_warnings(), np.errstate(all="ignore"):
-                warnings.simplefilter("ignore")
+            with discarded():
                 for error in attempt(candidate):
                     errors.append(error)  # noqa: PERF402 errors before an exception count
         except Exception as raised:  # noqa: BLE001 whatever user code raises

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 
-from slamgauge.compare.estimators.fresh_modules import Fresh
 from slamgauge.compare.estimators.user_code import Callee, UserCodeError, user_frames
 
 # what numpy writes if an array is given for a number
@@ -35,13 +34,6 @@ def parameters(given: object) -> list[inspect.Parameter]:
 def required(given: object) -> list[str]:
     """Return the names of the positional parameters without a default."""
     return [each.name for each in parameters(given) if each.default is each.empty]
-
-
-def required_of_pair(given: Fresh, names: tuple[str, str], counts: tuple[int, int]) -> list[list[str]] | None:
-    """Return the required parameters of both functions, if `given` is one of them and their counts are right."""
-    functions = [given.names.get(name) for name in names]
-    found = [required(function) for function in functions]
-    return found if given.callee in functions and [len(each) for each in found] == [*counts] else None
 
 
 def called(function: Callee, *arguments: object) -> object:

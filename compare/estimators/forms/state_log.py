@@ -35,12 +35,18 @@ class StateLog:
         self._seconds = [0.0]
         self._state, self._cov = self._poses[0], self._covs[0]
 
-    def step(self, number: int, observed: Int | None, advance: Callable[[], tuple[object, object]]) -> None:
+    def step(
+        self,
+        number: int,
+        observed: Int | Callable[[], Int | None] | None,
+        advance: Callable[[], tuple[object, object]],
+    ) -> None:
         """Call `advance` and log the state and covariance that it returns.
 
         Args:
             number: number of the step, one above that of the last call, or 0.
-            observed: (m,) ids of its observations; None if they are unknown.
+            observed: (m,) ids of its observations; None if they are unknown; or a function that returns this after
+                the step.
             advance: moves the filter one step on.
 
         Raises:
@@ -49,17 +55,18 @@ class StateLog:
         start = perf_counter()
         state, cov = advance()
         seconds = perf_counter() - start
+        ids = observed() if callable(observed) else observed
         self._state, self._cov = self._checked(number, state, cov)
         del self._poses[number:], self._covs[number:], self._seconds[number:]
         self._poses.append(self._state[:3])
         self._covs.append((self._cov[:3, :3] + self._cov[:3, :3].T) / 2)
         self._seconds.append(seconds)
         count = (len(self._state) - 3) // 2
-        if observed is None:
+        if ids is None:
             self._ids = [*range(count)]
             self._is_named = self._recording.landmark is None  # otherwise 0, 1, ... would be read as its ids
         else:
-            self._ids += [name for name in dict.fromkeys(observed.tolist()) if name not in self._ids]
+            self._ids += [name for name in dict.fromkeys(ids.tolist()) if name not in self._ids]
             self._is_named = self._is_named and len(self._ids) == count
 
     def estimate(self) -> Estimate:

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import io
-import warnings
 from collections.abc import Callable
-from contextlib import redirect_stdout
 from typing import TypeVar
 
 import numpy as np
 
 from slamgauge.arrays import Float
+from slamgauge.compare.estimators.captured_output import discarded
 from slamgauge.ekf import dead_reckoning
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
@@ -77,8 +75,7 @@ def best_of(ways: list[W], estimated: Callable[[W], Estimate], recording: Record
     first: Exception | None = None
     for way in ways:
         try:
-            with redirect_stdout(io.StringIO()), warnings.catch_warnings(), np.errstate(all="ignore"):
-                warnings.simplefilter("ignore")
+            with discarded():
                 estimate = estimated(way)
         except Exception as error:  # noqa: BLE001 whatever user code raises
             first = first or error
