@@ -148,6 +148,15 @@ def test_the_class_of_ntnu_associates_by_itself(tmp_path: Path, capsys: pytest.C
     assert "mine: class of NTNU's course EKFSLAM: predict(eta, P, z_odo)" in capsys.readouterr().err
 
 
+def test_the_computing_time_of_the_class_of_ntnu_is_that_of_its_methods(own: Own):
+    source = changed(NTNU, {"        NIS = 1.0\n": "        NIS = 1.0\n        import time; time.sleep(0.01)\n"})
+    recording = short()
+    scans = len(np.unique(recording.observation_step))
+    seconds = own(source, recording, "EKFSLAM").seconds
+    assert seconds is not None
+    assert 0.01 * scans < seconds.sum() < 0.01 * scans + 5.0
+
+
 def test_the_constructor_names_what_it_lacks(own: Own):
     source = changed(GROWING, {INIT: "def __init__(self, x0, P0, Q, R, wheel_radius, width=1.0):"})
     with pytest.raises(slamgauge.UserError, match="its constructor needs wheel_radius, which no recording has"):
