@@ -57,9 +57,9 @@ class OwnCode:
 
     def isolate(self, asked: list[Asked]) -> list[Asked]:
         """Set noise and form of user code among the requests; isolate it if it is strict or has a time limit."""
-        from slamgauge.compare.estimators.requests import Isolation, isolated, with_noise
+        from slamgauge.compare.estimators.requests import Isolation, isolated, with_noise_and_form
 
-        asked = with_noise(asked, self.noise, self.form)
+        asked = with_noise_and_form(asked, self.noise, self.form)
         if not self.strict and self.timeout is None:
             return asked
         seconds = PATIENCE if self.timeout is None else require_timeout(self.timeout)

@@ -51,12 +51,12 @@ class Check:
         from slamgauge.compare.checks.examination import check_estimator, verdicts_json, verdicts_table
         from slamgauge.compare.estimators.isolated_process import can_isolate
         from slamgauge.compare.estimators.loading import load
-        from slamgauge.compare.estimators.requests import Isolation, ask, isolated, with_noise
+        from slamgauge.compare.estimators.requests import Isolation, ask, isolated, with_noise_and_form
 
         if self.seed < 0:
             raise UserError(f"seed {self.seed}: a seed must not be negative; give one >= 0")
         isolation = Isolation(require_timeout(self.timeout), strict=False)  # the check no-future does that
-        requested = with_noise(ask([self.estimator]), "recording", self.form)
+        requested = with_noise_and_form(ask([self.estimator]), "recording", self.form)
         (asked,) = isolated(requested, isolation if can_isolate() else None)
         verdicts = check_estimator(asked.label, load(asked), self.seed)
         printed = self.output.show(verdicts_json(verdicts), verdicts_table(verdicts))

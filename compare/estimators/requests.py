@@ -116,7 +116,7 @@ def isolated(asked: Sequence[Asked], isolation: Isolation | None) -> list[Asked]
     return [each if each.where is None else replace(each, isolation=isolation) for each in asked]
 
 
-def with_noise(asked: Sequence[Asked], noise: Noise | Literal["both"], form: str = "") -> list[Asked]:
+def with_noise_and_form(asked: Sequence[Asked], noise: Noise | Literal["both"], form: str = "") -> list[Asked]:
     """Set the noise and the form of user code among the requests; `both` requests each with its own noise, too."""
     found: list[Asked] = []
     for each in asked:

@@ -11,7 +11,7 @@ import pytest
 import slamgauge
 from slamgauge.compare.checks.examination import check_estimator
 from slamgauge.compare.estimators.loading import LoadedEstimator, load, load_estimators
-from slamgauge.compare.estimators.requests import ask, with_noise
+from slamgauge.compare.estimators.requests import ask, with_noise_and_form
 from slamgauge.compare.estimators.running import run_side_by_side
 from slamgauge.compare.scenarios.scenario import load_scenario
 from slamgauge.compare.scenarios.simulation import simulate
@@ -98,7 +98,7 @@ def test_the_noise_of_the_file_is_used_and_named(mine: Loaded):
     """A missing square in the file changes the estimate of its own noise, not that of the recording's."""
     recording = short()
     mine(f"{wild_steps.COLUMNS}Q = 0.1 * np.eye(2)\n")
-    asked = with_noise(ask(["ekf", "mine=mine.py"]), "both")
+    asked = with_noise_and_form(ask(["ekf", "mine=mine.py"]), "both")
     assert [each.label for each in asked] == ["ekf", "mine", "mine (own noise)"]
     assert asked[1].key != asked[2].key
     given, own = (load(each) for each in asked[1:])
@@ -157,8 +157,8 @@ def test_a_requested_form_is_used_or_refused(mine: Loaded):
         ("octave", r"ekf_slam\(xEst, PEst, u, y\) has not the form octave; give prediction_step"),
         ("other", "no form is named 'other'; use one of ntnu-class, "),
     ):
-        (asked,) = with_noise(ask(["mine=mine.py"]), "recording", form)
+        (asked,) = with_noise_and_form(ask(["mine=mine.py"]), "recording", form)
         with pytest.raises(slamgauge.UserError, match=f"^estimator mine: {message}"):
             load(asked)
-    (asked,) = with_noise(ask(["mine=mine.py"]), "recording", "step")
+    (asked,) = with_noise_and_form(ask(["mine=mine.py"]), "recording", "step")
     assert load(asked)(short()).kind == "filtered"
