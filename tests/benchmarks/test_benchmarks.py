@@ -42,6 +42,12 @@ SMALLEST = {
         "7 files, 2 runs of q1-short-dense: ",
     ),
     "compile_times": ("--only=--version", "command first [s] kernels again [s]", "--version "),
+    "interruptions": (  # 20 s
+        "--only twin --moments 1",
+        "command time [s] bad cases of 5",
+        "twin ",
+        "0 of 5 cases are bad",
+    ),
     "large_maps": (  # 2 s
         "--landmarks 20",
         "landmarks filter median [ms] mean [ms] p95 [ms] worst [ms] difference memory/P",
