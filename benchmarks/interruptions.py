@@ -12,6 +12,7 @@ The exit status is 1 if a case is bad.
 from __future__ import annotations
 
 import atexit
+import csv
 import functools
 import json
 import os
@@ -27,6 +28,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import tyro
+
+from slamgauge.compare.storage.manifest import MANIFEST
 
 ROOT = Path(__file__).parents[1]
 SCENARIO = "q1-short-dense"
@@ -164,18 +167,18 @@ def run(words: tuple[str, ...], folder: Path, signals: tuple[int, ...] = (), mom
 
 def results(folder: Path) -> dict[str, Any]:
     """Return the contents of the JSON and CSV files of a folder, without values that depend on the clock."""
-    files = [each for each in folder.rglob("*") if each.suffix in (".json", ".csv")]
-    return {
-        str(each.relative_to(folder)): without_clock(json.loads(each.read_text()))
-        if each.suffix == ".json"
-        else each.read_text()
-        for each in files
-        if not each.name.startswith(".")
-    }
+    found: dict[str, Any] = {}
+    for file in folder.rglob("*"):
+        name = str(file.relative_to(folder))
+        if file.suffix == ".json" and file.name not in (MANIFEST, "bench.json"):
+            found[name] = without_clock(json.loads(file.read_text()))
+        elif file.suffix == ".csv":
+            found[name] = without_clock([*csv.DictReader(file.read_text().splitlines())])
+    return found
 
 
 def without_clock(content: Any) -> Any:
-    """Return JSON content without the keys whose values depend on the clock."""
+    """Return content without the keys whose values depend on the clock."""
     if isinstance(content, dict):
         return {key: without_clock(value) for key, value in content.items() if not any(each in key for each in CLOCK)}
     return [without_clock(each) for each in content] if isinstance(content, list) else content
