@@ -114,14 +114,14 @@ def message(fields: Mapping[str, object], record: Recording | Estimate | None = 
 
 
 class Incoming:
-    """A message that arrives in pieces."""
+    """Messages that arrive in pieces."""
 
     def __init__(self) -> None:
         self._fields: dict[str, Any] | None = None
         self._data = bytearray()
 
     def add(self, piece: bytes) -> Answer | None:
-        """Add a piece; return the message when it is whole.
+        """Add a piece; return the first message if it is whole, and keep what follows for the next call.
 
         Raises:
             UserCodeError: it is no message, or too long.
@@ -135,10 +135,13 @@ class Incoming:
                 return None
             self._fields = _fields(line)
             del self._data[: len(line) + 1]
-        lacking = _following(self._fields) - len(self._data)
-        if lacking < 0:
-            raise wrong("more than one message")
-        return None if lacking else Answer(self._fields, bytes(self._data))
+        size = _following(self._fields)
+        if len(self._data) < size:
+            return None
+        answer = Answer(self._fields, bytes(self._data[:size]))
+        self._fields = None
+        del self._data[:size]
+        return answer
 
 
 def address_fields(where: Address) -> dict[str, object]:

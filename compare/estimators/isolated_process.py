@@ -130,7 +130,8 @@ class Isolated:
             self._last_lines = process.last_lines
         if answer.reason:
             raise UserCodeError(answer.reason)
-        return answer.estimate(), answer.spent(monotonic() - start), answer.texts("remarks")
+        spent = answer.spent(monotonic() - start)
+        return answer.estimate(), spent, answer.texts("remarks")
 
     def remarks(self, _recording: Recording) -> list[str]:
         """Return the remarks on the last run (see `forms.form.remarks_of`)."""
@@ -204,7 +205,7 @@ class _Process:
             socket.send_fds(launcher.requests, [START], [theirs, answers, output])
         for each in (theirs, answers, output):
             os.close(each)
-        self._tail = b""
+        self._incoming, self._tail = Incoming(), b""
         self._status: int | None = None  # after its end
 
     def exchange(self, request: bytes, seconds: float) -> Answer:
@@ -214,7 +215,7 @@ class _Process:
             UserCodeError: it printed too much, has ended, or wrote a wrong answer.
             OverdueError: it did not answer in time.
         """
-        deadline, printed, incoming, answer = monotonic() + seconds, 0, Incoming(), None
+        deadline, printed, answer = monotonic() + seconds, 0, self._incoming.add(b"")
         with DefaultSelector() as selector:
             for each in (self._answers, self._output):
                 selector.register(each, EVENT_READ)
@@ -235,7 +236,7 @@ class _Process:
                     if key.fd == self._answers:
                         if not data:
                             raise UserCodeError(self._why_no_answer())
-                        answer = incoming.add(data)
+                        answer = self._incoming.add(data)
                     elif data:
                         printed += len(data)
                         self._tail = (self._tail + data)[-TAIL:]

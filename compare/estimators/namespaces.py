@@ -41,7 +41,7 @@ def control(option: int, *values: int) -> int:
 
 
 def mount(source: str | Path, target: str | Path, kind: str = "", flags: int = 0, data: str = "") -> None:
-    """Mount a file system, as mount(2) does.
+    """Mount a file system or, with `BIND`, a folder or file.
 
     Raises:
         OSError: the system refuses it.
