@@ -68,7 +68,7 @@ class Answer(NamedTuple):
         most = Spent(elapsed, elapsed * (os.cpu_count() or 1) + 1.0)
         for key, limit in most._asdict().items():
             value = self.fields.get(key)
-            if type(value) not in (int, float) or not 0.0 <= value <= limit:
+            if not isinstance(value, int | float) or isinstance(value, bool) or not 0.0 <= value <= limit:
                 raise wrong(f"{key} is not from 0 to {limit:.3g} s")
         return Spent(*(float(self.fields[key]) for key in Spent._fields))
 
@@ -156,12 +156,12 @@ def address_fields(where: Address) -> dict[str, object]:
 def read_address(requests: IO[bytes]) -> Address:
     """Read the address of user code from a pipe."""
     fields = _fields(requests.readline())
-    del fields[FOLLOWING]
-    sources = fields.pop("sources")
+    sources = fields["sources"]
     if sources is not None:
         files = tuple((path, text.encode("latin-1")) for path, text in sources["files"])
-        sources = Sources(sources["folder"], sources["module"], files)
-    return Address(**{**fields, "strangers": tuple(fields["strangers"])}, sources=sources)
+        fields["sources"] = Sources(sources["folder"], sources["module"], files)
+    fields["strangers"] = tuple(fields["strangers"])
+    return Address(*(fields[name] for name in Address._fields))
 
 
 def read_recording(requests: IO[bytes]) -> Recording | None:
