@@ -26,7 +26,7 @@ from slamgauge.recording import Recording
 LONGEST_HEADER = 100_000  # bytes
 LONGEST_TEXT = 1000  # characters
 MOST_REMARKS = 100
-MOST_BYTES = 500_000_000  # of an estimate
+MOST_BYTES = 500_000_000  # largest estimate
 FOLLOWING = "bytes"  # key of the size of what follows
 PIPES = "leave the pipes that it is given alone"
 
@@ -46,21 +46,21 @@ class Answer(NamedTuple):
 
     @property
     def reason(self) -> str:
-        """Why there is no result; empty if there is one."""
+        """Why a result is missing; empty if it exists."""
         return self.text("reason")
 
     def text(self, key: str) -> str:
         """Return a field as one printable line; empty if it is missing."""
         value = self.fields.get(key, "")
         if not isinstance(value, str):
-            raise wrong(f"{key} is no text")
+            raise wrong(f"{key} is not a text")
         return printable(value)
 
     def texts(self, key: str) -> list[str]:
         """Return a list of texts."""
         values = self.fields.get(key, [])
         if not isinstance(values, list) or len(values) > MOST_REMARKS or not all(isinstance(v, str) for v in values):
-            raise wrong(f"{key} is no short list of texts")
+            raise wrong(f"{key} is not a short list of texts")
         return [printable(each) for each in values]
 
     def spent(self, elapsed: float) -> Spent:
@@ -76,13 +76,13 @@ class Answer(NamedTuple):
         """Return the estimate that follows.
 
         Raises:
-            UserCodeError: it is none, or too large.
+            UserCodeError: it is not an estimate, or too large.
         """
         try:
             with zipfile.ZipFile(BytesIO(self.content)) as archive:
                 size = sum(each.file_size for each in archive.infolist())
         except (zipfile.BadZipFile, OSError, ValueError):  # numpy reads an npy file of whatever size its header states
-            raise wrong("its estimate is no npz file") from None
+            raise wrong("its estimate is not an npz file") from None
         if size > MOST_BYTES:
             raise UserCodeError(f"its estimate has {size / 1e6:.0f} MB; keep it below {MOST_BYTES / 1e6:.0f} MB")
         with tempfile.NamedTemporaryFile(prefix="slamgauge-", suffix=".npz") as file:
@@ -124,7 +124,7 @@ class Incoming:
         """Add a piece; return the first message if it is whole, and keep what follows for the next call.
 
         Raises:
-            UserCodeError: it is no message, or too long.
+            UserCodeError: it is not a message, or too long.
         """
         self._data += piece
         if self._fields is None:
@@ -180,16 +180,16 @@ def _fields(line: bytes | bytearray) -> dict[str, Any]:
     try:
         fields = json.loads(line)
     except (ValueError, RecursionError):
-        raise wrong("no line of JSON") from None
+        raise wrong("not a line of JSON") from None
     if not isinstance(fields, dict):
-        raise wrong("no JSON object")
+        raise wrong("not a JSON object")
     return fields
 
 
 def _following(fields: Mapping[str, Any]) -> int:
     size = fields.get(FOLLOWING)
     if type(size) is not int or size < 0:
-        raise wrong(f"{FOLLOWING} is no size")
+        raise wrong(f"{FOLLOWING} is not a size")
     if size > MOST_BYTES:
         raise UserCodeError(f"its estimate has {size / 1e6:.0f} MB; keep it below {MOST_BYTES / 1e6:.0f} MB")
     return size

@@ -44,7 +44,7 @@ def serve(requests: int, answers: int, home: str, *, walled: bool) -> None:
 
     Args:
         requests: open pipe of the address and of the recording.
-        answers: open pipe for what was found, and for the estimate.
+        answers: open pipe for the form of the code, and for the estimate.
         home: its current, home and temporary folder.
         walled: whether it is behind a wall, where it may count all processes of its user.
     """

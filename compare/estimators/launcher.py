@@ -33,7 +33,7 @@ FILES = 3  # open files that a request to start brings
 SOON = 0.2  # s: time for a process that has answered to end; the system adds its processor time to ours
 LATER = 5.0  # s: time for a process that has closed its answers to end
 LEAVING = 1.0  # s: time for a process without a wall to end the programs that it has started
-STILL_RUNS = 255  # status of a process that did not end by itself
+STILL_RUNS = 255  # status of a process that had to be ended
 
 
 def main(kind: wall.Kind, requests: socket.socket) -> None:
@@ -42,7 +42,8 @@ def main(kind: wall.Kind, requests: socket.socket) -> None:
     seen = wall.view(**settings["view"])
     with suppress(OSError):  # if the machine runs out of memory, the system ends processes with user code first
         Path("/proc/self/oom_score_adj").write_text("1000", encoding="ascii")
-    _import(settings["imports"])
+    if kind != "bwrap":  # which starts interpreters
+        _import(settings["imports"])
     gc.freeze()  # forked processes then copy fewer pages
     while True:
         _, files, _, _ = socket.recv_fds(requests, len(START), FILES)
@@ -105,7 +106,7 @@ def _end(pid: int, *, patient: bool) -> None:
     if patient:
         os.kill(pid, signal.SIGTERM)
         _ended(pid, LEAVING)
-    with suppress(ProcessLookupError, PermissionError):  # nobody is left in the group
+    with suppress(ProcessLookupError, PermissionError):  # the group is empty
         os.killpg(pid, signal.SIGKILL)
     os.waitpid(pid, 0)
 

@@ -83,7 +83,7 @@ def forked(work: Callable[[], None], output: int) -> int:
     It ends with this process, too, where the system can do that (Linux). Returns its number.
     """
     pid = os.fork()
-    with suppress(OSError):  # both do it, so that neither goes on before
+    with suppress(OSError):  # both do it, so that the group exists for both
         os.setpgid(pid, 0)
     if not pid:
         _follow_parent()
@@ -169,7 +169,7 @@ def _map_users(pid: int) -> None:
 
 
 def drop_privileges() -> None:
-    """Give up all capabilities, for good; root becomes nobody, who may read all files that it sees.
+    """Give up all capabilities, forever; root becomes the user `nobody`, who may read all files that it sees.
 
     Raises:
         OSError: the system refuses it.

@@ -29,11 +29,11 @@ Kind = Literal["namespaces", "bwrap", "none"]
 
 HOME = "/slamgauge"  # home, current and temporary folder behind the wall
 WRITABLE = ("/tmp", "/dev/shm", HOME)
-ROOM = "size=500m,nr_inodes=20k,mode=1777"  # of each
+ROOM = "size=500m,nr_inodes=20k,mode=1777"  # size of each
 SYSTEM = ("/usr", "/bin", "/sbin", "/lib", "/lib32", "/lib64", "/libx32", "/opt", "/nix", "/gnu")
-SETTINGS = ("alternatives", "fonts", "group", "ld.so.*", "localtime", "nsswitch.conf", "octave*", "passwd")  # of /etc
+SETTINGS = ("alternatives", "fonts", "group", "ld.so.*", "localtime", "nsswitch.conf", "octave*", "passwd")  # in /etc
 DEVICES = ("null", "zero", "full", "random", "urandom")
-TRUTHS = ("truth.npz", "*/truth.npz", "results")  # in the folder of the user's file; nobody behind the wall sees them
+TRUTHS = ("truth.npz", "*/truth.npz", "results")  # in the folder of the user's file: hidden
 CACHES = ("numba", "matplotlib", "fontconfig")  # folders of the user's cache folder
 BWRAP = ("--unshare-all", "--die-with-parent", "--new-session", "--cap-drop", "ALL", "--hostname", "wall")
 
@@ -87,7 +87,7 @@ def view(folder: str, neighbours: Iterable[str], added: Iterable[str], strangers
     """
     place = Path(folder) if folder else None
     if place == Path("/"):
-        raise UserError("user code in the folder / would see all files; move it to a folder of its own")
+        raise UserError("user code in the folder / would see all files; move it to another folder")
     hidden, helpers = [], list[str]()
     if place is not None:
         hidden = [str(path) for pattern in TRUTHS for path in place.glob(pattern)]
@@ -189,7 +189,7 @@ def _show(old: Path, new: Path, *, is_made: bool) -> None:
 
 
 def _hide(path: Path) -> None:
-    """Show an empty file or folder in its place."""
+    """Cover a file or folder by an empty one."""
     if path.is_dir():
         namespaces.mount("tmpfs", path, "tmpfs", namespaces.READ_ONLY)
     elif path.exists():

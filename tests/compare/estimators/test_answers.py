@@ -62,14 +62,14 @@ def test_times_that_no_run_takes_are_refused(key: str, value: str):
 @pytest.mark.parametrize(
     ("data", "expected"),
     [
-        (b"[]\n", "no JSON object"),
-        (b"{\n", "no line of JSON"),
-        (b"[" * 50_000 + b"\n", "no line of JSON"),
-        (b'{"bytes": 1' + b"0" * 5000 + b"}\n", "no line of JSON"),
-        (b'{"bytes": NaN}\n', "bytes is no size"),
-        (b'{"bytes": -1}\n', "bytes is no size"),
-        (b'{"bytes": true}\n', "bytes is no size"),
-        (b"{}\n", "bytes is no size"),
+        (b"[]\n", "not a JSON object"),
+        (b"{\n", "not a line of JSON"),
+        (b"[" * 50_000 + b"\n", "not a line of JSON"),
+        (b'{"bytes": 1' + b"0" * 5000 + b"}\n", "not a line of JSON"),
+        (b'{"bytes": NaN}\n', "bytes is not a size"),
+        (b'{"bytes": -1}\n', "bytes is not a size"),
+        (b'{"bytes": true}\n', "bytes is not a size"),
+        (b"{}\n", "bytes is not a size"),
         (b"x" * 200_000, "too long a line"),
         (b'{"bytes": 500000001}\n', "its estimate has 500 MB; keep it below 500 MB"),
     ],
@@ -83,18 +83,18 @@ def test_what_is_no_message_is_refused(data: bytes, expected: str):
 def test_texts_are_short_printable_lines():
     assert Answer({"form": "a\x1b[31m\n" + "x" * 5000}, b"").text("form") == "a [31m " + "x" * 993
     for remarks in ("one", ["one", 2], ["one"] * 101, {"one": 1}):
-        with pytest.raises(UserCodeError, match="remarks is no short list of texts"):
+        with pytest.raises(UserCodeError, match="remarks is not a short list of texts"):
             Answer({"remarks": remarks}, b"").texts("remarks")
-    with pytest.raises(UserCodeError, match="attribute is no text"):
+    with pytest.raises(UserCodeError, match="attribute is not a text"):
         Answer({"attribute": 1}, b"").text("attribute")
 
 
 @pytest.mark.parametrize(
     ("content", "expected"),
     [
-        (b"", "its estimate is no npz file"),
-        (b"junk", "its estimate is no npz file"),
-        (npy(), "its estimate is no npz file"),
+        (b"", "its estimate is not an npz file"),
+        (b"junk", "its estimate is not an npz file"),
+        (npy(), "its estimate is not an npz file"),
         (npz(kind=object()), "not a whole npz file of plain arrays"),
         (npz(kind="filtered", poses="x"), "poses"),
         (npz(kind="filtered", poses=np.zeros((2, 3)), more=1.0), "more"),

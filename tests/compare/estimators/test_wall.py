@@ -75,7 +75,7 @@ def states(folder: Path) -> dict[str, object]:
 
 
 def test_nothing_of_ours_can_be_changed_or_signalled(made: Made, tmp_path: Path):
-    """A1, A2 and A6: files of the teacher beside the submission, of slamgauge and of Python; modes, owners and times."""
+    """A1, A2, A6: files of the teacher beside the submission, of slamgauge and of Python; modes, owners, times."""
     (tmp_path / "thesis.txt").write_text("years of work")
     estimator = made(
         """
