@@ -22,7 +22,7 @@ def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (folder / "__pycache__" / "kernel.nbc").write_bytes(b"code")
     spec = spec_from_file_location("package", folder / "__init__.py", submodule_search_locations=[str(folder)])
     monkeypatch.setattr(installation, "PACKAGES", ("package",))
-    monkeypatch.setattr(installation, "find_spec", lambda _: spec)
+    monkeypatch.setattr(installation, "find_spec", {"package": spec}.get)
     return folder
 
 
