@@ -149,9 +149,3 @@ def test_a_new_landmark_observed_twice_in_a_step(correction: Correction) -> None
         slam.update(again)
     np.testing.assert_allclose(compressed.cov, full.cov, rtol=0, atol=1e-12)
     np.testing.assert_allclose(compressed.landmarks, full.landmarks, rtol=0, atol=1e-12)
-
-
-def test_unknown_association_is_refused() -> None:
-    slam = CompressedFilter("position", np.zeros(3), np.eye(3), 5.0)
-    with pytest.raises(ValueError, match="known association"):
-        slam.update(Observations(None, np.zeros((1, 2)), np.eye(2)[None]))

@@ -15,6 +15,7 @@ from slamgauge.ekf import (
     Association,
     BearingFilter,
     CompressedFilter,
+    MapManagement,
     OnlineFilter,
     SlamFilter,
     SlidingWindowFilter,
@@ -33,12 +34,13 @@ from slamgauge.validation import as_covariances
 from tests.reference.random_recordings import random_covariances
 
 START = (np.array([0.1, 0.2, 0.3]), 1e-4 * np.eye(3))
-JCBB = Association("jcbb")
+JCBB, MANAGED = Association("jcbb"), Association("jcbb", map_management=MapManagement())
 FILTERS: dict[str, Callable[[], OnlineFilter]] = {
     "SlamFilter": lambda: SlamFilter("range-bearing", *START),
     "CompressedFilter": lambda: CompressedFilter("range-bearing", *START, area_radius=5.0),
     "nearest neighbour": lambda: AssociatingFilter("range-bearing", *START),
     "jcbb": lambda: AssociatingFilter("range-bearing", *START, association=JCBB),
+    "managed": lambda: AssociatingFilter("range-bearing", *START, association=MANAGED),
     "riukf": lambda: NumpyFilter("range-bearing", InvariantBelief("range-bearing", *START)),
     "robocentric": lambda: NumpyFilter("range-bearing", RobocentricBelief("range-bearing", *START)),
     "SlidingWindowFilter": lambda: SlidingWindowFilter("range-bearing", *START, lag=3),
