@@ -59,11 +59,6 @@ SMALLEST = {
         "(none) - - -",
         "wrong sign in F prediction-jacobian 1/1 ",
     ),
-    "ukfm_slam2d": (  # 14 s
-        "--runs 1 --jobs 1 --out results",
-        "heading RMSE [deg] position RMSE [m] NEES heading NEES position last sigma / causal",
-        "riekf - - - - 0.9",
-    ),
 }
 
 
