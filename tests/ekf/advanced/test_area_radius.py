@@ -115,7 +115,7 @@ def beyond_the_covariance(landmarks: int) -> float:
 def test_the_compressed_filter_needs_little_beyond_the_covariance() -> None:
     """Twice the map, twice the memory: the filter makes no copy of the covariance."""
     beyond_the_covariance(20)  # loads kernels
-    few, more, most = (beyond_the_covariance(landmarks) for landmarks in (100, 200, 400))
+    few, more, most = (beyond_the_covariance(landmarks) for landmarks in (50, 100, 200))
     assert 0.0 < few < more < most < 2.5 * more
 
 
