@@ -62,7 +62,7 @@ SMALLEST = {
 }
 
 
-@pytest.fixture(scope="module", autouse=True)
+@pytest.fixture(scope="module")
 def compiled_kernels() -> None:
     """Compile before benchmarks that run at the same time would each do so."""
     compile_kernels()
@@ -72,6 +72,7 @@ def test_every_benchmark_is_run_here():
     assert {*SMALLEST} == {path.stem for path in BENCHMARKS.glob("*.py")}
 
 
+@pytest.mark.usefixtures("compiled_kernels")
 @pytest.mark.parametrize("name", SMALLEST)
 def test_a_benchmark_prints_its_table(name: str, tmp_path: Path):
     arguments, *expected = SMALLEST[name]
