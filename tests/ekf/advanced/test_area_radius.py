@@ -85,7 +85,7 @@ def test_large_scans_with_frequent_changes_of_area_use_the_full_filter() -> None
 
 @pytest.mark.parametrize(("name", "estimator"), [("ekf", estimators.ekf_slam), ("riekf", riekf)])
 def test_the_estimate_equals_the_full_filter(name: str, estimator: Estimator, monkeypatch: pytest.MonkeyPatch) -> None:
-    recording = along_a_road(60, 3.0, 0.1)
+    recording = along_a_road(60, 3.0, 0.3)
     full = estimator(recording)
 
     def always(recording: Recording, _: Correction) -> float:
