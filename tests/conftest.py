@@ -11,6 +11,7 @@ import pytest
 
 from slamgauge import compile_progress
 from slamgauge.compare.cli import terminal
+from slamgauge.notices import tell_once
 from tests.reference import fast_commands
 from tests.sizes import SIZES, size_of
 
@@ -72,6 +73,13 @@ def whole_lines(monkeypatch: pytest.MonkeyPatch):
 def silent_compiler(monkeypatch: pytest.MonkeyPatch):
     """Disable messages about loading of kernels, which `core/test_compile_progress.py` tests."""
     monkeypatch.setattr(compile_progress, "ANNOUNCE_AFTER", 3600.0)
+
+
+@pytest.fixture
+def no_notices_yet() -> Generator[None]:
+    tell_once.cache_clear()
+    yield
+    tell_once.cache_clear()
 
 
 @pytest.fixture

@@ -17,6 +17,14 @@ from slamgauge.compare.studies.study import load_runs, run_study
 from slamgauge.compare.studies.summary import Summary
 
 
+def figures_of(summary: Summary) -> dict[str, Any]:
+    """Return the content of summary.json without computing times."""
+    content = summary.to_json()
+    for entry in content["estimators"].values():
+        del entry["seconds_total"]
+    return content
+
+
 @pytest.fixture
 def scenario() -> Scenario:
     return load_scenario("q1-long-dense", ["start=sampled", "trajectory.duration=4"])

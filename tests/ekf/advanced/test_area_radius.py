@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import tracemalloc
-from collections.abc import Iterator
 
 import numpy as np
 import pytest
@@ -15,15 +14,9 @@ from slamgauge.ekf.maps.correction_table import CORRECTIONS, Correction
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimator
 from slamgauge.graph_baseline import batch, causal
-from slamgauge.notices import tell_once
 from slamgauge.recording import Recording
 
-
-@pytest.fixture(autouse=True)
-def notices_anew() -> Iterator[None]:
-    tell_once.cache_clear()
-    yield
-    tell_once.cache_clear()
+pytestmark = pytest.mark.usefixtures("no_notices_yet")
 
 
 def along_a_road(landmarks: int, near: float, stride: float) -> Recording:

@@ -51,7 +51,6 @@ EVERY = pytest.mark.parametrize("kind", FILTERS)
 IDS = pytest.mark.parametrize(
     "kind", ["SlamFilter", "CompressedFilter", "riukf", "robocentric", "SlidingWindowFilter", "BearingFilter"]
 )
-LINE = r"^[^\n]*[:;] [^\n]*$"
 
 
 def scan(kind: str, count: int = 3, first: int = 0) -> Observations:
