@@ -8,9 +8,11 @@ from collections.abc import Generator
 from pathlib import Path
 
 import pytest
+from matplotlib.figure import Figure
 
 from slamgauge import compile_progress
 from slamgauge.compare.cli import terminal
+from slamgauge.compare.figures import plot_style
 from slamgauge.notices import tell_once
 from tests.reference import fast_commands
 from tests.sizes import SIZES, size_of
@@ -80,6 +82,18 @@ def no_notices_yet() -> Generator[None]:
     tell_once.cache_clear()
     yield
     tell_once.cache_clear()
+
+
+@pytest.fixture
+def drawn(monkeypatch: pytest.MonkeyPatch) -> dict[str, Figure]:
+    """Saved figures by name; no files are written."""
+    found: dict[str, Figure] = {}
+
+    def keep(figure: Figure, path: Path) -> None:
+        found[path.name] = figure
+
+    monkeypatch.setattr(plot_style, "save_printed", keep)
+    return found
 
 
 @pytest.fixture
