@@ -79,6 +79,7 @@ FULL = {  # regular expression for the beginning of ids -> why only the full run
     "tests/ekf/advanced/test_numpy_filters.py::test_nees_of_sigma_points": "6 instead of 12 degrees are usual",
     r"tests/ekf/advanced/test_numpy_filters.py::test_equals_the_textbook\[1-": OTHER_SEED,
     r"tests/ekf/advanced/test_sliding_window.py::test_a_landmark_at_the_horizon_causes_no_error\[[12]\]": OTHER_SEED,
+    r"tests/ekf/advanced/test_sliding_window.py::\w+the_causal_optimum\[(q1-\S+True|q4-\S+False)": "others are usual",
     r"tests/ekf/advanced/test_sliding_window.py::test_equals_the_textbook\[(4|1-position)": "others are usual",
     r"tests/ekf/test_associating_filter.py::test_nearest_neighbour_equals_the_textbook\[1-": OTHER_SEED,
     "tests/ekf/test_associating_filter.py::test_nearest_neighbour_equals_the_textbook_on": "short loops are usual",
