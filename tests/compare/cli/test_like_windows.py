@@ -49,7 +49,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_the_main_commands_run(folder: Path):
-    """One process runs them in turn."""
+    """In one process, one after the other."""
     program = (
         "import sys\n"
         "from slamgauge.compare.cli.main import main\n"
