@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import warnings
 from collections.abc import Callable
+from functools import cache
 
 import numpy as np
 import pytest
@@ -73,13 +74,16 @@ def started(kind: str) -> OnlineFilter:
     return slam
 
 
+refusing = cache(started)  # one filter of each kind is enough, because refusals change nothing
+
+
 def belief_of(slam: OnlineFilter) -> list[Float | Int]:
     whole = slam.belief.cov if isinstance(slam, NumpyFilter) else getattr(slam, "cov", slam.pose_cov)
     return [slam.pose, slam.pose_cov, whole, slam.landmark_ids, slam.landmarks, slam.landmark_covs, slam.associated]
 
 
 def assert_refused(kind: str, act: Callable[[OnlineFilter], object], match: str) -> None:
-    slam = started(kind)
+    slam = refusing(kind)
     before = belief_of(slam)
     with warnings.catch_warnings(), pytest.raises(UserError, match=match) as refusal:
         warnings.simplefilter("error")
