@@ -57,6 +57,7 @@ FULL = {  # regular expression for the beginning of ids -> why only the full run
     "tests/benchmarks/test_drawn_recordings.py": "long recordings; tests/graph_baseline has scipy and GTSAM",
     r"tests/compare/checks/test_course_files.py::test_seeded_bugs\w+\[(?!dicts from 1)": "one style is usual",
     "tests/compare/checks/test_examination.py::test_a_right_textbook_filter_passes_for_20_seeds": "one seed is usual",
+    r"tests/compare/checks/test_examination.py::test_a_seeded_bug_fails_its_check_and_no_other\[[12]-": OTHER_SEED,
     r"tests/compare/checks/test_ignored_inputs.py::test_a_right_filter\w+\[(0.1|10.0)\]": "1.0 is usual",
     "tests/compare/checks/test_ignored_inputs.py::test_bugs_of_a_filter": "bugs of other filters are usual",
     "tests/compare/cli/test_cli.py::test_lost_in_the_woods": "a real recording of 12608 steps",
