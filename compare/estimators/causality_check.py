@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import closing
 
 import numpy as np
@@ -32,7 +33,9 @@ class Strict(Isolated):
         return estimate
 
 
-def require_causal(estimator: Isolated, recording: Recording, estimate: Estimate) -> None:
+def require_causal(
+    estimator: Isolated, recording: Recording, estimate: Estimate, parts: Sequence[float] = PARTS
+) -> None:
     """Refuse a filtered estimate that differs from the estimates of the recordings up to some steps.
 
     Another process estimates them, the shortest first, so that it has never received later measurements.
@@ -42,7 +45,7 @@ def require_causal(estimator: Isolated, recording: Recording, estimate: Estimate
     """
     if estimate.kind != "filtered" or len(estimate.poses) != recording.steps + 1:  # `run_estimator` refuses the latter
         return
-    steps = sorted({int(part * recording.steps) for part in PARTS} - {0})
+    steps = sorted({int(part * recording.steps) for part in parts} - {0})
     with closing(estimator.fresh()) as other:
         for step in steps:
             what = _difference(estimate, other(recording.first(step)), step)

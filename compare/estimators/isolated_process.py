@@ -84,6 +84,7 @@ class Isolated:
     def __init__(self, where: Address, timeout: float) -> None:
         self.where, self.timeout = where, timeout
         self.spent = Spent(0.0, 0.0)
+        self.replaces_noise = False  # in the last run (see `forms.form.replaces_noise`)
         self._remarks: list[str] = []
         self._child: _Child | None = None
 
@@ -130,6 +131,7 @@ class Isolated:
             raise UserCodeError(printable(answer["reason"]))
         self.spent = Spent(*(_number(answer.get(key)) for key in Spent._fields))
         self._remarks = [printable(each) for each in _list(answer.get("remarks"))]
+        self.replaces_noise = answer.get("replaces_noise") is True
         return _load_estimate(child.folder / MADE)
 
     def remarks(self, _recording: Recording) -> list[str]:

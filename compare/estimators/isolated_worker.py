@@ -26,7 +26,7 @@ from typing import Any, cast
 
 from slamgauge.compare.estimators.adapters import adapted, found_in
 from slamgauge.compare.estimators.cpu_time import cpu_seconds
-from slamgauge.compare.estimators.forms.form import remarks_of
+from slamgauge.compare.estimators.forms.form import remarks_of, replaces_noise
 from slamgauge.compare.estimators.isolated_process import FOLDERS, GIVEN, HERE, MADE
 from slamgauge.compare.estimators.landlock import write_only_in
 from slamgauge.compare.estimators.user_code import Address, reason_of
@@ -118,7 +118,7 @@ def _run(estimator: Estimator, folder: Path) -> Mapping[str, object]:
     spent = {"seconds": perf_counter() - start, "cpu_seconds": cpu_seconds() - cpu}
     remarks = remarks_of(estimator, recording)
     save(folder / MADE, estimate)
-    return {**spent, "remarks": remarks}
+    return {**spent, "remarks": remarks, "replaces_noise": replaces_noise(estimator)}
 
 
 def _answer(out: Any, answer: Mapping[str, object]) -> None:

@@ -29,7 +29,7 @@ def source_remarks(sources: Sources | None) -> list[str]:
     for _, content in () if sources is None else sources.files:
         try:
             tree = ast.parse(content)
-        except (SyntaxError, ValueError, RecursionError):  # loading the file reports the error
+        except (SyntaxError, ValueError, RecursionError, MemoryError):  # loading the file reports the error
             continue
         found += [name for name in _used(tree) if not _is_allowed(name)]
     names = ", ".join(dict.fromkeys(found))

@@ -113,7 +113,7 @@ def _defines_a_form(path: Path) -> bool:
     """
     try:
         body = ast.parse(path.read_bytes()).body
-    except (SyntaxError, ValueError, RecursionError):  # another file may be the main file
+    except (SyntaxError, ValueError, RecursionError, MemoryError):  # another file may be the main file
         return False
     classes = [each for each in body if isinstance(each, ast.ClassDef)]
     names = {each.name for each in body if isinstance(each, ast.FunctionDef | ast.ClassDef)}
