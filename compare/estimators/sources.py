@@ -15,6 +15,7 @@ from importlib.machinery import PathFinder
 from pathlib import Path
 
 from slamgauge.compare.estimators.pair_files import partner_file
+from slamgauge.compare.estimators.syntax_tree import parsed
 
 MOST_FILES = 1000  # no more imports are followed
 LEVELS = 4  # folders above a file in which helpers of its package may lie
@@ -74,11 +75,7 @@ def sources_of(folder: Path, module: str) -> Sources:
 
 def _imports(content: bytes) -> Iterator[str]:
     """Yield the names of modules that a source imports."""
-    try:
-        nodes = list(ast.walk(ast.parse(content)))
-    except (SyntaxError, ValueError):  # loading the module reports the error
-        return
-    for node in nodes:
+    for node in ast.walk(parsed(content)):
         if isinstance(node, ast.ImportFrom) and node.module:
             yield node.module
         elif isinstance(node, ast.Import | ast.ImportFrom):

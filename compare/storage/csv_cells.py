@@ -9,7 +9,7 @@ from typing import TextIO
 
 from slamgauge.compare.storage.files import explained
 
-FORMULA = ("=", "+", "-", "@")  # first characters of formulas in spreadsheets
+FORMULA = ("=", "+", "-", "@", "\t", "\r")  # first characters of formulas in spreadsheets
 
 
 def write_csv(file: TextIO, rows: Iterable[Iterable[object]]) -> None:

@@ -13,7 +13,7 @@ from slamgauge.errors import UserError
 @pytest.mark.parametrize(
     ("cell", "written"),
     [
-        ('=HYPERLINK("http://a")', "\"'=HYPERLINK(\"\"http://a\"\")\""),
+        ('=HYPERLINK("http://a")', '"\'=HYPERLINK(""http://a"")"'),
         ("+1+1", "'+1+1"),
         ("-x", "'-x"),
         ("@SUM(1)", "'@SUM(1)"),
