@@ -128,7 +128,7 @@ class StepSettings:
         """Return the covariance (2, 2) of speed [m/s] and yaw rate [rad/s] in a step."""
         if not self._recording.steps:
             return np.zeros((2, 2))
-        cov: Float = self._recording.odometry_cov[max(step, 1) - 1][np.ix_([0, 2], [0, 2])]
+        cov: Float = self._recording.odometry_cov[max(step, 1) - 1][::2, ::2]
         return cov / self.dt(step) ** 2
 
     def _checked_observation_cov(self, step: int, scan: Observations) -> Float:
