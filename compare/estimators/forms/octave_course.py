@@ -185,5 +185,5 @@ class _CourseBelief:
 
     def _unset(self) -> list[int]:
         """Return the mapped landmarks whose coordinates are still zero."""
-        mu = self._state()[0]
-        return [j for j in self._mapped if not np.any(mu[3 + 2 * j : 5 + 2 * j])]
+        is_set = self._state()[0][3:].reshape(-1, 2).any(axis=1)
+        return [j for j in self._mapped if not is_set[j]]

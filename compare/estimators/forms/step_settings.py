@@ -67,6 +67,11 @@ class StepSettings:
         return self._file.get("Py")
 
     @property
+    def replaces_noise(self) -> bool:
+        """Whether Q or Py of the recording replaces another one of the file."""
+        return any(self._noise_remark(name) for name in self._set if name in self._file)
+
+    @property
     def uses_matrices(self) -> bool:
         """Whether the function uses `numpy.matrix`, for which `*` is the product of matrices."""
         return "matrix" in self._read
@@ -123,7 +128,7 @@ class StepSettings:
         """Return the covariance (2, 2) of speed [m/s] and yaw rate [rad/s] in a step."""
         if not self._recording.steps:
             return np.zeros((2, 2))
-        cov: Float = self._recording.odometry_cov[max(step, 1) - 1][np.ix_([0, 2], [0, 2])]
+        cov: Float = self._recording.odometry_cov[max(step, 1) - 1][::2, ::2]
         return cov / self.dt(step) ** 2
 
     def _checked_observation_cov(self, step: int, scan: Observations) -> Float:
