@@ -51,7 +51,7 @@ class OwnCode:
     """Run your own code in a separate process, and end a run after this time [s]. With --strict the default is 600."""
 
     noise: Literal["recording", "file", "both"] = "recording"
-    """Noise that your own step functions assume: the recording's, Q and Py of their file, or one run with each."""
+    """Noise that your own code assumes: the recording's, that of its file, or one run with each."""
 
     form: Form = ""
 

@@ -9,27 +9,31 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float
+from slamgauge.compare.estimators.forms.names import Roles, role_of
 from slamgauge.compare.estimators.forms.octave_conventions import CourseObservation, turn
 from slamgauge.compare.estimators.forms.signatures import called, parameters
 from slamgauge.compare.estimators.user_code import UserCodeError
 from slamgauge.recording import Observations
 
-NAMES = {
-    "speed": "v vel velocity speed linear linear_velocity v_t lin_vel linear_mps",
-    "yaw rate": "w omega yaw_rate angular angular_velocity w_t om ang_vel angular_rps yawrate omega_t",
-    "time": "dt DT delta_t timestep time_step Ts delta_time",
-    "forward": "d dist distance delta_d ds dx delta_s delta_x",
-    "sideways": "dy delta_y",
-    "turn": "dtheta dth delta_theta dyaw dphi delta_yaw",
-    "increment": "increment odometry odom delta motion z_odo odo dpose d_pose delta_pose pose_change",
-    "cov": "cov Q R covariance noise covs Sigma_u Q_u motion_cov odometry_cov meas_cov",
-    "range": "r range rng distance dist z_r z_range range_ meas_range measured_range",
-    "bearing": "b bearing phi angle theta beta z_b z_bearing bearing_ meas_bearing measured_bearing",
-    "id": "id j lm_id landmark_id landmark idx index lid lm marker_id tag_id feature_id lm_idx landmark_index i c id_",
-    "ids": "ids landmark_ids lm_ids landmarks indices correspondences associations c_t id_list",
-    "many": "zs observations measurements scan y observed obs_list z_list detections",
+MOTION: Roles = {
+    "speed": ("v vel velocity speed linear", "t x lin m mps forward"),
+    "yaw rate": ("w omega angular yawrate rate ang om", "t vel velocity yaw rps speed"),
+    "time": ("dt ts dtime timestep step", "time"),
+    "forward": ("d dd ds dx s dist distance", "forward"),
+    "sideways": ("dy", ""),
+    "turn": ("dtheta dth dyaw dphi turn", ""),
+    "increment": ("increment odometry odom odo delta motion dpose change", "z pose"),
+    "cov": ("cov covs covariance noise Q R sigma", "u motion odometry"),
 }
-SETS = {role: frozenset(names.split()) for role, names in NAMES.items()}
+OBSERVATION: Roles = {
+    "range": ("r range rng dist distance", "z meas measured"),
+    "bearing": ("b bearing phi angle theta beta", "z meas measured"),
+    "id": (
+        "id ids j i c lid lm idx index indices correspondences associations landmark landmarks",
+        "t marker tag feature",
+    ),
+    "cov": ("cov covs covariance noise Q R", "meas measurement observation"),
+}
 
 Motion = tuple[Float, Float, float]  # increment (3,), its covariance (3, 3), length of the step [s]
 
@@ -70,6 +74,15 @@ class Way(NamedTuple):
     first_id: int = 0
 
 
+ARGUMENTS: dict[str | None, Callable[[Motion], Any]] = {
+    "speed": lambda m: float(m[0][0] / m[2]),
+    "yaw rate": lambda m: float(m[0][2] / m[2]),
+    "time": lambda m: m[2],
+    "forward": lambda m: float(m[0][0]),
+    "sideways": lambda m: float(m[0][1]),
+    "turn": lambda m: float(m[0][2]),
+    "cov": lambda m: m[1].copy(),
+}
 INPUTS: dict[str, tuple[str, Callable[[Motion], Any]]] = {
     "[v, w]": ("speed", lambda m: m[0][[0, 2]] / m[2]),
     "column [v, w]": ("speed", lambda m: (m[0][[0, 2]] / m[2]).reshape(2, 1)),
@@ -78,6 +91,7 @@ INPUTS: dict[str, tuple[str, Callable[[Motion], Any]]] = {
     "[distance, turn]": ("increment", lambda m: m[0][[0, 2]]),
     "column [distance, turn]": ("increment", lambda m: m[0][[0, 2]].reshape(2, 1)),
     "[r1, t, r2]": ("increment", lambda m: turn(m[0])),
+    "[v, w, dt]": ("speed", lambda m: np.array([*m[0][[0, 2]] / m[2], m[2]])),
 }
 
 
@@ -87,39 +101,26 @@ def predict_calls(method: object) -> list[Call]:
     Raises:
         UserCodeError: a required parameter has no known name.
     """
-    given = [each for each in parameters(method) if each.name != "self"]
     fixed: dict[str, Callable[[Motion], Any]] = {}
     open_, unit = "", "speed"
-    for each in given:
-        name = each.name
-        if (role := _motion_role(name)) is not None:
-            fixed[name], unit = role[1], role[0] or unit
+    for each in parameters(method):
+        role = role_of(each.name, MOTION)
+        if each.name == "self":
+            continue
+        if role in ARGUMENTS:
+            fixed[each.name] = ARGUMENTS[role]
+            unit = "increment" if role in ("forward", "sideways", "turn") else unit
         elif each.default is each.empty and not open_:
-            open_ = name
+            open_ = each.name
         elif each.default is each.empty:
-            raise UserCodeError(f"predict needs {open_} and {name}; use the names v, w, dt, or u, dt")
+            raise UserCodeError(f"predict needs {open_} and {each.name}; use the names v, w, dt, or u, dt")
     if not open_:
         return [Call(f"predict({', '.join(fixed)})", _motion_call(fixed), unit)]
-    order = list(INPUTS)
-    if open_ in SETS["increment"]:
-        order = sorted(order, key=lambda words: INPUTS[words][0] == "speed")
+    order = sorted(INPUTS, key=lambda words: role_of(open_, MOTION) == "increment" and INPUTS[words][0] == "speed")
     return [
         Call(f"predict with {open_} = {words}", _motion_call({**fixed, open_: INPUTS[words][1]}), INPUTS[words][0])
         for words in order
     ]
-
-
-def _motion_role(name: str) -> tuple[str, Callable[[Motion], Any]] | None:
-    roles: list[tuple[frozenset[str], str, Callable[[Motion], Any]]] = [
-        (SETS["speed"], "speed", lambda m: float(m[0][0] / m[2])),
-        (SETS["yaw rate"], "speed", lambda m: float(m[0][2] / m[2])),
-        (SETS["time"], "", lambda m: m[2]),
-        (SETS["forward"], "increment", lambda m: float(m[0][0])),
-        (SETS["sideways"], "increment", lambda m: float(m[0][1])),
-        (SETS["turn"], "increment", lambda m: float(m[0][2])),
-        (SETS["cov"], "", lambda m: m[1].copy()),
-    ]
-    return next(((unit, value) for names, unit, value in roles if name in names), None)
 
 
 def _motion_call(values: dict[str, Callable[[Motion], Any]]) -> Callable[[Any, Motion], object]:
@@ -132,24 +133,26 @@ def update_calls(method: object, *, has_ids: bool) -> list[Call]:
     Raises:
         UserCodeError: a required parameter has no known name, or the method needs ids that the recording lacks.
     """
-    given = [each for each in parameters(method) if each.name != "self"]
-    names = [
-        each.name for each in given if each.default is each.empty or each.name in SETS["cov"] | SETS["id"] | SETS["ids"]
-    ]
-    covs = [name for name in names if name in SETS["cov"]]
-    ids = [name for name in names if name in SETS["id"] | SETS["ids"] and name not in covs]
-    rest = [name for name in names if name not in covs and name not in ids]
+    roles = {
+        each.name: role
+        for each in parameters(method)
+        if (role := role_of(each.name, OBSERVATION)) in ("cov", "id")
+        or (each.default is each.empty and each.name != "self")
+    }
+    covs = [name for name, role in roles.items() if role == "cov"]
+    ids = [name for name, role in roles.items() if role == "id"]
+    rest = [name for name in roles if name not in (*covs, *ids)]
     if ids and not has_ids:
         raise UserCodeError(f"update needs {ids[0]}; give a recording with ids")
-    if len(rest) == 2 and rest[0] in SETS["range"] and rest[1] in SETS["bearing"]:
+    if [roles[name] for name in rest] == ["range", "bearing"]:
         return [_per_landmark(ids, covs, rest)]
     if len(rest) != 1 or len(ids) > 1:
-        raise UserCodeError(f"update needs {', '.join(names)}; use the names z, id, or r, b, id")
+        raise UserCodeError(f"update needs {', '.join(roles)}; use the names z, id, or r, b, id")
     if not ids:
         return [*(_of_rows(rest[0], covs) if has_ids else ()), _of_values(rest[0], covs)]
     each = [_per_landmark(ids, covs, rest), _per_landmark(ids, covs, rest, column=True)]
     whole = [_of_arrays(ids[0], rest[0], covs)]
-    return [*whole, *each] if ids[0] in SETS["ids"] or rest[0] in SETS["many"] else [*each, *whole]
+    return [*whole, *each] if ids[0].endswith("s") or rest[0].endswith("s") else [*each, *whole]
 
 
 def _ids_of(scan: Observations) -> list[int]:
