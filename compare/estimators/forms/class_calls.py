@@ -59,7 +59,7 @@ class Way(NamedTuple):
 
     Attributes:
         predict: call of `predict`.
-        motion_size: rows of the noise of the motion, 2 or 3.
+        motion: noise of the motion: `control` (2, 2), or that of the increment (3, 3) in the frame `body` or `world`.
         is_swapped: whether R is the noise of the motion, and Q that of observations.
         state_shape: `flat` or `column` (3,) or (3, 1), with `full` in front with room for all landmarks.
         update: call of `update`; None leaves it out.
@@ -67,7 +67,7 @@ class Way(NamedTuple):
     """
 
     predict: Call
-    motion_size: int
+    motion: str
     is_swapped: bool
     state_shape: str
     update: Call | None = None

@@ -55,7 +55,7 @@ class Turn(Column):
 
 
 class CourseObservation(NamedTuple):
-    """An observation: number of the landmark, range [m], bearing [rad]."""
+    """An observation: number of the landmark, range [m], bearing [rad]; `sid` and `landmark_id` are the number, too."""
 
     id: int
     range: float
@@ -64,6 +64,13 @@ class CourseObservation(NamedTuple):
     def __getitem__(self, key: Any) -> Any:
         """Return a field by its position or its name."""
         return getattr(self, key) if isinstance(key, str) else tuple.__getitem__(self, key)
+
+    def __getattr__(self, name: str) -> Any:
+        """Return the field whose name is part of another name."""
+        for field in () if name.startswith("_") else ("range", "bearing", "id"):
+            if field in name.lower():
+                return getattr(self, field)
+        raise AttributeError(f"no field {name!r}; an observation has id, range and bearing")
 
 
 class CourseScan(list[CourseObservation]):

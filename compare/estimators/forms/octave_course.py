@@ -37,7 +37,9 @@ from slamgauge.estimate import Estimate
 from slamgauge.recording import Observations, Recording
 from slamgauge.se2 import rotation
 
+ROBOT = 3
 UNSEEN = 1000.0  # variance [m^2] of a landmark that has not been observed
+GIVEN = "u is (r1, t, r2), z has id, range and bearing"
 OWN = "its own noise counts: its functions do not have the form G @ sigma @ G.T + R and H @ sigma @ H.T + Q"
 
 
@@ -78,8 +80,7 @@ class CourseSteps:
             raise UserCodeError("the course's functions need ids; give a recording that has them")
         if self._convention is None:
             with self.code.fresh() as fresh:
-                functions, tiny = _functions(fresh), tiny_recording(1.0)
-                self._convention = best_of(conventions(), lambda way: _CourseFilter(functions, way, tiny), tiny)
+                self._convention = _convention_of(_functions(fresh))
         with self.code.fresh() as fresh:
             filter_ = _CourseFilter(_functions(fresh), self._convention, recording)
             filter_.find_noise(is_replaced=self.noise == "recording")
@@ -90,6 +91,12 @@ class CourseSteps:
     def remarks(self, _recording: Recording) -> list[str]:
         """Return the convention that was found, and the noise that was replaced or kept in the last run."""
         return [*filter(None, self._remarks)]
+
+
+def _convention_of(functions: CoursePair) -> Convention:
+    """Return the convention by which the functions keep to the answer of the tiny recording best."""
+    tiny = tiny_recording(1.0)
+    return best_of(conventions(), lambda way: _CourseFilter(functions, way, tiny), tiny, given=GIVEN)
 
 
 def _functions(fresh: Fresh) -> CoursePair:
@@ -116,7 +123,8 @@ class _CourseFilter:
         self._mu: Any = convention.state(recording.prior_mean.copy())
         self._sigma: Any = recording.prior_cov.copy()
         self._observed = convention.marks(0)
-        self._step, self._covs, self._is_replaced = 0, {}, False
+        self._step, self._heading, self._scan_covs = 0, recording.prior_mean[2], recording.observation_cov
+        self._is_replaced = False
         self.noise_remarks: dict[str, str] = {}
         if convention.mu == "numbers":
             for each in functions:
@@ -136,13 +144,12 @@ class _CourseFilter:
         """Return state and covariance after a step."""
         self._step = step
         if step > 0:
-            turned = block_diagonal(rotation(self._state()[0][2]), np.eye(1))
-            self._covs["motion"] = turned @ increment_cov(self._recording, step) @ turned.T
+            self._heading = self._state()[0][2]  # the function may change mu before it adds its noise
             self._call(self._functions.predict, self._convention.increment(self._recording.odometry[step - 1]))
         if len(scan.value):
             self._make_room(np.asarray(scan.landmark).tolist())
             numbers = [self._numbers[name] for name in np.asarray(scan.landmark).tolist()]
-            self._covs["observation"] = scan.cov
+            self._scan_covs = scan.cov
             z = self._convention.scan(numbers, scan.value)
             marks = self._call(self._functions.correct, z, self._observed)
             self._observed = marks[0] if marks else self._observed
@@ -197,29 +204,26 @@ class _CourseFilter:
 
     def _motion_noise(self, own: Any) -> Float:
         """Return the noise (n, n) of the motion in the world frame: that of the recording, or that of the file."""
-        given = self._covs["motion"]
-        if np.ndim(own) != 2 or len(own) < len(given):
-            return self._kept("motion noise", own)
-        return self._chosen("motion noise", own, given, block_diagonal(given, np.zeros([len(own) - len(given)] * 2)))
+        increment = increment_cov(self._recording, self._step)
+        turned = block_diagonal(rotation(self._heading), np.eye(1))
+        rest = np.zeros([max(0, np.shape(own)[0] - ROBOT)] * 2) if np.ndim(own) == 2 else np.zeros((0, 0))
+        return self._chosen("motion noise", own, increment, block_diagonal(turned @ increment @ turned.T, rest))
 
     def _observation_noise(self, own: Any) -> Float:
         """Return the noise of ranges and bearings in turn: that of the recording, or that of the file.
 
         If the matrix of the file has other rows than the scan, all observations have the noise of its first one.
         """
-        covs = self._covs["observation"]
-        if np.ndim(own) != 2 or len(own) % 2:
-            return self._kept("observation noise", own)
-        whole = block_diagonal(*(covs if len(own) == 2 * len(covs) else [covs[0]] * (len(own) // 2)))
+        covs, pairs = self._scan_covs, (np.shape(own) or (0,))[0] // 2
+        whole = block_diagonal(*(covs if pairs == len(covs) else [covs[0]] * pairs))
         return self._chosen("observation noise", own, covs[0], whole)
 
     def _chosen(self, name: str, own: Any, given: Float, whole: Float) -> Float:
         """Return `whole` or the noise of the file, and remember both."""
-        first = np.asarray(own, np.float64)[: len(given), : len(given)]
+        if np.shape(own) != whole.shape:
+            self.noise_remarks[name] = f"its own {name} counts: it is no square matrix that can be replaced"
+            return own
         if name not in self.noise_remarks:
+            first = np.asarray(own, np.float64)[: len(given), : len(given)]
             self.noise_remarks[name] = noise_remark(name, first, given, is_replaced=self._is_replaced)
         return whole if self._is_replaced else own
-
-    def _kept(self, name: str, own: Any) -> Float:
-        self.noise_remarks[name] = f"its own {name} counts: it is no square matrix that can be replaced"
-        return own

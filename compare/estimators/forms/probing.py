@@ -20,7 +20,7 @@ from slamgauge.recording import Recording
 from slamgauge.se2 import chain, rotation, wrap
 from slamgauge.sensors import predict
 
-START = np.array([1.0, -0.5, 0.3])
+START = np.array([1.0, -0.5, 1.2])
 MOVES = np.array([[0.5, 0.0, 0.1], [0.4, 0.0, -0.2], [0.6, 0.0, 0.15], [0.3, 0.0, 0.05]])
 LANDMARKS = np.array([[5.0, 1.0], [4.0, 4.0], [7.0, -1.0], [2.0, 3.0]])
 OBSERVED = np.array([[1, 0], [1, 3], [2, 3], [2, 1], [2, 0], [2, 2], [3, 1], [4, 2], [4, 0]])  # steps and ids
@@ -36,7 +36,8 @@ W = TypeVar("W")
 def tiny_recording(step_s: float) -> Recording:
     """Return a recording of four steps with exact increments and observations of the ids 0 to 3.
 
-    Sigmas of observations are ten times smaller than those of speed and yaw rate, so that both cannot be mixed up.
+    The heading is far from both axes, so that noise in the world frame differs from noise in the body frame. Sigmas of
+    observations are ten times smaller than those of speed and yaw rate, so that these cannot be mixed up.
 
     Args:
         step_s: time between poses [s].
@@ -64,7 +65,9 @@ def right_poses() -> Float:
     return chain(START, MOVES)
 
 
-def best_of(ways: Iterable[W], started: Callable[[W], Steps], recording: Recording, *, is_blind: bool = False) -> W:
+def best_of(
+    ways: Iterable[W], started: Callable[[W], Steps], recording: Recording, *, is_blind: bool = False, given: str = ""
+) -> W:
     """Return the first way with a right estimate, else that with the smallest error.
 
     Args:
@@ -73,12 +76,13 @@ def best_of(ways: Iterable[W], started: Callable[[W], Steps], recording: Recordi
         recording: a tiny recording.
         is_blind: whether observations are not used; then all ways are tried, and sigmas are compared with those of dead
             reckoning, too.
+        given: what the code receives, for the error message.
 
     Raises:
         UserCodeError: all ways raise errors; its reason is that of the way that came farthest.
     """
     best: tuple[float, float, W] | None = None
-    farthest: tuple[tuple[int, int], Exception] | None = None
+    farthest: tuple[tuple[int, float], Exception] | None = None
     number = 0
     for number, way in enumerate(ways, 1):  # noqa: B007 counts them
         log = StateLog(recording)
@@ -86,7 +90,7 @@ def best_of(ways: Iterable[W], started: Callable[[W], Steps], recording: Recordi
             with discarded():
                 estimate = log.run(started(way))
         except Exception as raised:  # noqa: BLE001 whatever user code raises
-            reached = log.steps, max((each.lineno or 0 for each in user_frames(raised)[-1:]), default=0)
+            reached = log.steps, _last_line(raised)
             if farthest is None or reached > farthest[0]:
                 farthest = reached, raised
             continue
@@ -103,8 +107,13 @@ def best_of(ways: Iterable[W], started: Callable[[W], Steps], recording: Recordi
         raise UserCodeError("there is no way to call it; give a callable of a known form")
     if number == 1:
         raise farthest[1]
-    reason = reason_of(farthest[1])
+    reason = "; ".join([*filter(None, (reason_of(farthest[1]), given))])
     raise UserCodeError(f"fits none of {number} known ways to call it; nearest to one, {reason}") from farthest[1]
+
+
+def _last_line(error: Exception) -> float:
+    """Return the number of the last line of user code; infinite if the code returned and its results are refused."""
+    return max((each.lineno or 0 for each in user_frames(error.__cause__ or error)[-1:]), default=np.inf)
 
 
 def _pose_error(estimate: Estimate) -> float:

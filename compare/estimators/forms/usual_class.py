@@ -9,10 +9,10 @@ Constructor parameters are filled by name (`construction.ROLES`). What names lea
 with a known answer (`probing`): the way is kept whose poses, covariances and landmarks come out right.
 
 Conventions. A 2 x 2 noise of the motion is that of the control: speed and yaw rate, or distance and turn. A 3 x 3 noise
-is that of the increment in the body frame. Landmarks are numbered 0, 1, ... (or 1, 2, ...) in the order of first
-observation, so number j is at state[3+2j : 5+2j], whether the state grows or has room for all from the start; variances
-of landmarks that have not been observed are at most 1000 m^2. The start pose and the noise of the recording replace
-attributes and globals of the usual names if the constructor does not take them.
+is that of the increment in the body or world frame, whichever fits better. Landmarks are numbered 0, 1, ... (or 1, 2,
+...) in the order of first observation, so number j is at state[3+2j : 5+2j], whether the state grows or has room for
+all from the start; variances of landmarks that have not been observed are at most 1000 m^2. The start pose and the noise
+of the recording replace attributes and globals of the usual names if the constructor does not take them.
 """
 
 from __future__ import annotations
@@ -49,6 +49,7 @@ from slamgauge.compare.estimators.fresh_modules import Code, Fresh
 from slamgauge.compare.estimators.user_code import Noise, UserCodeError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Observations, Recording
+from slamgauge.se2 import rotation
 
 PREDICT = ("predict", "prediction", "motion_update", "prediction_step", "predict_step")
 UPDATE = ("update", "correct", "correction", "measurement_update", "correction_step", "update_step")
@@ -137,7 +138,7 @@ class _Run:
         self._recording, self._way = recording, way
         ids = [] if recording.landmark is None else [*dict.fromkeys(recording.landmark.tolist())]
         self._number = {name: j for j, name in enumerate(ids)}
-        self._seen = 0
+        self._seen, self._heading = 0, recording.prior_mean[2]
         roles = without_defaults(kind, roles_of(kind, KNOWN), COVS_OF_NOISE if noise == "file" else ())
         if recording.landmark is None:
             if any(roles.get(name) == "count" for name in required(kind)):
@@ -146,7 +147,8 @@ class _Run:
         covs = self._noise_covs(1, observation_cov(recording))
         self._slam = constructed(kind, roles, {**self._values(len(ids)), **covs})
         passed = {role: cov for role, cov in covs.items() if role in roles.values()}
-        shapes = {"motion": (way.motion_size, way.motion_size), "measurement": (2, 2)}
+        size = 2 if way.motion == "control" else ROBOT
+        shapes = {"motion": (size, size), "measurement": (2, 2)}
         self._noise = StoredNoise(methods_in(kind), self._slam, passed, shapes, noise)
         self.names = self._found_names()
         self._start(roles, len(ids))
@@ -158,6 +160,7 @@ class _Run:
 
     def advanced(self, step: int, scan: Observations) -> tuple[Any, Any]:
         """Run a step; return state and covariance of the landmarks observed so far."""
+        self._heading = _real(getattr(self._slam, self.names[0])).reshape(-1)[2]
         covs = self._noise_covs(step, scan.cov[0] if len(scan.value) else observation_cov(self._recording))
         for role, cov in covs.items():
             self._noise.set(role, cov)
@@ -192,12 +195,14 @@ class _Run:
         return dict(zip(COVS_OF_NOISE, reversed(covs) if self._way.is_swapped else covs, strict=True))
 
     def _motion_cov(self, step: int) -> Float:
-        """Return the noise of the motion of a step, in the size and unit of the class."""
-        if self._way.motion_size == ROBOT:
-            return increment_cov(self._recording, step)
-        if self._way.predict.unit == "speed":
+        """Return the noise of the motion of a step, in the size, unit and frame of the class."""
+        if self._way.motion == "control" and self._way.predict.unit == "speed":
             return control_cov(self._recording, step)
-        return increment_cov(self._recording, step)[np.ix_([0, 2], [0, 2])]
+        cov = increment_cov(self._recording, step)
+        if self._way.motion == "control":
+            return cov[np.ix_([0, 2], [0, 2])]
+        turned = block_diagonal(rotation(self._heading if self._way.motion == "world" else 0.0), np.eye(1))
+        return turned @ cov @ turned.T
 
     def _found_names(self) -> tuple[str, str]:
         """Return the names of the attributes with state and covariance."""
@@ -257,7 +262,7 @@ def way_of(kind: Any, has_ids: bool, step_s: float) -> Way:
     roles = roles_of(kind, KNOWN)
     swaps = (False, True) if {*roles} >= LETTERS else (False,)
     shapes = ("flat", "column", "full", "full column") if "mean" in roles.values() else ("flat", "full")
-    starts = product(predict_calls(predict), (2, 3), swaps, shapes)
+    starts = product(predict_calls(predict), ("control", "body", "world"), swaps, shapes)
 
     def started(way: Way) -> _Run:
         return _Run(kind, recording, way)
