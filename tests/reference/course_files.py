@@ -167,7 +167,11 @@ BUGS = {
         "difference[2 * i + 1] = (",
         {"innovation-wrap"},
     ),
-    "wrong sign of the heading in H": ("dy, -dx, -q, -dy, dx", "dy, -dx, q, -dy, dx", {"first-sight", "long-unseen"}),
+    "wrong sign of the heading in H": (
+        "dy, -dx, -q, -dy, dx",
+        "dy, -dx, q, -dy, dx",
+        {"first-sight", "long-unseen", "update-bearing"},
+    ),
 }
 
 

@@ -11,8 +11,8 @@ with a known answer (`probing`): the way is kept whose poses, covariances and la
 Conventions. A 2 x 2 noise of the motion is that of the control: speed and yaw rate, or distance and turn. A 3 x 3 noise
 is that of the increment in the body or world frame, whichever fits better. Landmarks are numbered 0, 1, ... (or 1, 2,
 ...) in the order of first observation, so number j is at state[3+2j : 5+2j], whether the state grows or has room for
-all from the start; variances of landmarks that have not been observed are at most 1000 m^2. The start pose and the noise
-of the recording replace attributes and globals of the usual names if the constructor does not take them.
+all from the start; variances of landmarks that have not been observed are at most 1000 m^2. The start pose and the
+noise of the recording replace attributes and globals of the usual names if the constructor does not take them.
 """
 
 from __future__ import annotations
