@@ -85,12 +85,13 @@ class CourseSteps:
             filter_ = _CourseFilter(_functions(fresh), self._convention, recording)
             filter_.find_noise(is_replaced=self.noise == "recording")
             estimate = StateLog(recording).run(filter_)
-        self._remarks = [f"the course's functions take {self._convention.words()}", *filter_.noise_remarks.values()]
+        found = [text for _, text in sorted(filter_.noise_remarks.items()) if text]
+        self._remarks = [f"the course's functions take {self._convention.words()}", *found]
         return estimate
 
     def remarks(self, _recording: Recording) -> list[str]:
         """Return the convention that was found, and the noise that was replaced or kept in the last run."""
-        return [*filter(None, self._remarks)]
+        return self._remarks
 
 
 def _convention_of(functions: CoursePair) -> Convention:
