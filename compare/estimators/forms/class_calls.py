@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -11,7 +11,7 @@ import numpy as np
 from slamgauge.arrays import Float
 from slamgauge.compare.estimators.forms.names import Roles, role_of
 from slamgauge.compare.estimators.forms.octave_conventions import CourseObservation, turn
-from slamgauge.compare.estimators.forms.signatures import called, parameters
+from slamgauge.compare.estimators.forms.signatures import called, parameters, required
 from slamgauge.compare.estimators.user_code import UserCodeError
 from slamgauge.recording import Observations
 
@@ -36,6 +36,7 @@ OBSERVATION: Roles = {
 }
 
 Motion = tuple[Float, Float, float]  # increment (3,), its covariance (3, 3), length of the step [s]
+Arguments = dict[str, Any]  # by name
 
 
 class Call(NamedTuple):
@@ -43,15 +44,20 @@ class Call(NamedTuple):
 
     Attributes:
         words: what the method receives.
-        run: calls the bound method, with a motion or with a scan.
+        arguments: makes the arguments of each call from a motion or a scan.
         unit: for `predict`: what a 2 x 2 noise belongs to: `speed` (and yaw rate) or `increment`.
         has_ids: for `update`: whether it receives ids.
     """
 
     words: str
-    run: Callable[[Any, Any], object]
+    arguments: Callable[[Any], Iterable[Arguments]]
     unit: str = "speed"
     has_ids: bool = True
+
+    def run(self, method: Callable[..., object], given: Motion | Observations) -> None:
+        """Call the bound method with copies of a motion or a scan."""
+        for each in self.arguments(given):
+            called(partial(method, **{name: v.copy() if isinstance(v, np.ndarray) else v for name, v in each.items()}))
 
 
 class Way(NamedTuple):
@@ -81,17 +87,24 @@ ARGUMENTS: dict[str | None, Callable[[Motion], Any]] = {
     "forward": lambda m: float(m[0][0]),
     "sideways": lambda m: float(m[0][1]),
     "turn": lambda m: float(m[0][2]),
-    "cov": lambda m: m[1].copy(),
+    "cov": lambda m: m[1],
 }
-INPUTS: dict[str, tuple[str, Callable[[Motion], Any]]] = {
+INPUTS: dict[str, tuple[str, Callable[[Motion], Float]]] = {
     "[v, w]": ("speed", lambda m: m[0][[0, 2]] / m[2]),
-    "column [v, w]": ("speed", lambda m: (m[0][[0, 2]] / m[2]).reshape(2, 1)),
-    "[dx, dy, dtheta]": ("increment", lambda m: m[0].copy()),
-    "column [dx, dy, dtheta]": ("increment", lambda m: m[0].reshape(3, 1).copy()),
+    "[dx, dy, dtheta]": ("increment", lambda m: m[0]),
     "[distance, turn]": ("increment", lambda m: m[0][[0, 2]]),
-    "column [distance, turn]": ("increment", lambda m: m[0][[0, 2]].reshape(2, 1)),
     "[r1, t, r2]": ("increment", lambda m: turn(m[0])),
     "[v, w, dt]": ("speed", lambda m: np.array([*m[0][[0, 2]] / m[2], m[2]])),
+}
+ROWS: dict[str, Callable[[list[int], Float], Any]] = {
+    "rows [range, bearing, id]": lambda ids, z: np.column_stack([z, ids]),
+    "tuples (range, bearing, id)": lambda ids, z: [(*each, j) for j, each in zip(ids, z.tolist(), strict=True)],
+    "observations (id, range, bearing)": lambda ids, z: [
+        CourseObservation(j, *each) for j, each in zip(ids, z.tolist(), strict=True)
+    ],
+    "rows [id, range, bearing]": lambda ids, z: np.column_stack([ids, z]),
+    "a dict from id to [range, bearing]": lambda ids, z: dict(zip(ids, z.copy(), strict=True)),
+    "tuples (id, [range, bearing])": lambda ids, z: [*zip(ids, z.copy(), strict=True)],
 }
 
 
@@ -101,30 +114,31 @@ def predict_calls(method: object) -> list[Call]:
     Raises:
         UserCodeError: a required parameter has no known name.
     """
-    fixed: dict[str, Callable[[Motion], Any]] = {}
-    open_, unit = "", "speed"
-    for each in parameters(method):
-        role = role_of(each.name, MOTION)
-        if each.name == "self":
-            continue
-        if role in ARGUMENTS:
-            fixed[each.name] = ARGUMENTS[role]
-            unit = "increment" if role in ("forward", "sideways", "turn") else unit
-        elif each.default is each.empty and not open_:
-            open_ = each.name
-        elif each.default is each.empty:
-            raise UserCodeError(f"predict needs {open_} and {each.name}; use the names v, w, dt, or u, dt")
-    if not open_:
-        return [Call(f"predict({', '.join(fixed)})", _motion_call(fixed), unit)]
-    order = sorted(INPUTS, key=lambda words: role_of(open_, MOTION) == "increment" and INPUTS[words][0] == "speed")
-    return [
-        Call(f"predict with {open_} = {words}", _motion_call({**fixed, open_: INPUTS[words][1]}), INPUTS[words][0])
-        for words in order
+    roles = {each.name: role_of(each.name, MOTION) for each in parameters(method) if each.name != "self"}
+    fixed = {name: ARGUMENTS[role] for name, role in roles.items() if role in ARGUMENTS}
+    unit = "increment" if {*roles.values()} & {"forward", "sideways", "turn"} else "speed"
+    unknown = [name for name in roles if name not in fixed and name in required(method)]
+    if len(unknown) > 1:
+        raise UserCodeError(f"predict needs {' and '.join(unknown)}; use the names v, w, dt, or u, dt")
+    if not unknown:
+        return [_motion_call(f"predict({', '.join(fixed)})", fixed, unit)]
+    calls = [
+        _motion_call(f"predict with {unknown[0]} = {shape}{words}", {**fixed, unknown[0]: value}, unit)
+        for words, (unit, u) in INPUTS.items()
+        for shape, value in (("", u), ("column ", _column(u)))
     ]
+    return sorted(calls, key=lambda call: roles[unknown[0]] == "increment" and call.unit == "speed")
 
 
-def _motion_call(values: dict[str, Callable[[Motion], Any]]) -> Callable[[Any, Motion], object]:
-    return lambda method, motion: called(lambda: method(**{name: value(motion) for name, value in values.items()}))
+def _column(u: Callable[[Motion], Float]) -> Callable[[Motion], Float]:
+    return lambda motion: u(motion).reshape(-1, 1)
+
+
+def _motion_call(words: str, values: dict[str, Callable[[Motion], Any]], unit: str) -> Call:
+    def arguments(motion: Motion) -> list[Arguments]:
+        return [{name: value(motion) for name, value in values.items()}]
+
+    return Call(words, arguments, unit)
 
 
 def update_calls(method: object, *, has_ids: bool) -> list[Call]:
@@ -133,12 +147,8 @@ def update_calls(method: object, *, has_ids: bool) -> list[Call]:
     Raises:
         UserCodeError: a required parameter has no known name, or the method needs ids that the recording lacks.
     """
-    roles = {
-        each.name: role
-        for each in parameters(method)
-        if (role := role_of(each.name, OBSERVATION)) in ("cov", "id")
-        or (each.default is each.empty and each.name != "self")
-    }
+    known = {each.name: role_of(each.name, OBSERVATION) for each in parameters(method) if each.name != "self"}
+    roles = {name: role for name, role in known.items() if role in ("cov", "id") or name in required(method)}
     covs = [name for name, role in roles.items() if role == "cov"]
     ids = [name for name, role in roles.items() if role == "id"]
     rest = [name for name in roles if name not in (*covs, *ids)]
@@ -149,76 +159,45 @@ def update_calls(method: object, *, has_ids: bool) -> list[Call]:
     if len(rest) != 1 or len(ids) > 1:
         raise UserCodeError(f"update needs {', '.join(roles)}; use the names z, id, or r, b, id")
     if not ids:
-        return [*(_of_rows(rest[0], covs) if has_ids else ()), _of_values(rest[0], covs)]
+        whole = [_rows(rest[0], covs, words) for words in ROWS] if has_ids else []
+        single = [_rows(rest[0], covs, words, is_single=True) for words in [*ROWS][:3]] if has_ids else []
+        return [*whole, *single, _whole("associates on its own", rest, covs)]
     each = [_per_landmark(ids, covs, rest), _per_landmark(ids, covs, rest, column=True)]
-    whole = [_of_arrays(ids[0], rest[0], covs)]
-    return [*whole, *each] if ids[0].endswith("s") or rest[0].endswith("s") else [*each, *whole]
+    whole = _whole(f"{ids[0]} (m,)", rest, covs, ids)
+    return [whole, *each] if ids[0].endswith("s") or rest[0].endswith("s") else [*each, whole]
 
 
 def _ids_of(scan: Observations) -> list[int]:
-    return [] if scan.landmark is None else scan.landmark.tolist()
+    return [-1] * len(scan.value) if scan.landmark is None else scan.landmark.tolist()
 
 
 def _per_landmark(ids: list[str], covs: list[str], rest: list[str], *, column: bool = False) -> Call:
-    def run(method: Any, scan: Observations) -> None:
-        numbers = _ids_of(scan) if ids else [-1] * len(scan.value)
-        for number, value, cov in zip(numbers, scan.value, scan.cov, strict=True):
-            z = [value.reshape(2, 1).copy() if column else value.copy()] if len(rest) == 1 else value.tolist()
-            arguments = {**dict(zip(rest, z, strict=True)), **dict.fromkeys(ids, number)}
-            called(partial(method, **arguments, **{name: cov.copy() for name in covs}))
+    """Return the call for each observation: with an array (2,) or (2, 1), or with two numbers."""
+
+    def arguments(scan: Observations) -> Iterator[Arguments]:
+        for number, value, cov in zip(_ids_of(scan), scan.value, scan.cov, strict=True):
+            z = value.tolist() if len(rest) == 2 else [value.reshape(2, 1) if column else value]
+            yield dict(zip(rest, z, strict=True)) | dict.fromkeys(ids, number) | dict.fromkeys(covs, cov)
 
     shape = " (2, 1)" if column else ""
-    return Call(f"update({', '.join([*ids, *rest])}{shape}) per landmark", run, has_ids=bool(ids))
+    return Call(f"update({', '.join([*ids, *rest])}{shape}) per landmark", arguments, has_ids=bool(ids))
 
 
-def _of_arrays(id_name: str, z_name: str, covs: list[str]) -> Call:
-    def run(method: Any, scan: Observations) -> None:
-        arguments = {id_name: np.array(_ids_of(scan)), z_name: scan.value.copy(), **_covs(covs, scan)}
-        called(lambda: method(**arguments))
+def _whole(words: str, rest: list[str], covs: list[str], ids: Sequence[str] = ()) -> Call:
+    """Return the call with all values of a scan (m, 2), and its ids (m,) if they have a parameter."""
 
-    return Call(f"update({id_name} (m,), {z_name} (m, 2))", run)
+    def arguments(scan: Observations) -> list[Arguments]:
+        named = dict.fromkeys(rest, scan.value) | dict.fromkeys(ids, np.array(_ids_of(scan)))
+        return [named | dict.fromkeys(covs, scan.cov[0])]
 
-
-def _of_values(name: str, covs: list[str]) -> Call:
-    def run(method: Any, scan: Observations) -> None:
-        called(lambda: method(**{name: scan.value.copy()}, **_covs(covs, scan)))
-
-    return Call(f"update({name} (m, 2)), associates by itself", run, has_ids=False)
+    return Call(f"update with {rest[0]} (m, 2), {words}", arguments, has_ids=bool(ids))
 
 
-def _of_rows(name: str, covs: list[str]) -> Iterator[Call]:
-    """Yield calls with rows that contain ids."""
-    ways: dict[str, Callable[[Observations], Any]] = {
-        "rows [range, bearing, id]": lambda s: np.column_stack([s.value, _ids_of(s)]),
-        "tuples (range, bearing, id)": lambda s: [
-            (r, b, j) for (r, b), j in zip(s.value.tolist(), _ids_of(s), strict=True)
-        ],
-        "observations (id, range, bearing)": lambda s: [
-            CourseObservation(j, r, b) for (r, b), j in zip(s.value.tolist(), _ids_of(s), strict=True)
-        ],
-        "rows [id, range, bearing]": lambda s: np.column_stack([_ids_of(s), s.value]),
-        "a dict from id to [range, bearing]": lambda s: dict(zip(_ids_of(s), s.value.copy(), strict=True)),
-        "tuples (id, [range, bearing])": lambda s: [*zip(_ids_of(s), s.value.copy(), strict=True)],
-    }
-    for words, made in ways.items():
-        yield Call(f"update with {name} = {words}", _whole(name, covs, made))
-    for words in list(ways)[:3]:
-        yield Call(f"update with {name} = one of {words}", _one_by_one(name, covs, ways[words]))
+def _rows(name: str, covs: list[str], words: str, *, is_single: bool = False) -> Call:
+    """Return the call with rows that contain ids: all of a scan, or one after the other."""
 
+    def arguments(scan: Observations) -> list[Arguments]:
+        rows = ROWS[words](_ids_of(scan), scan.value)
+        return [{name: each, **dict.fromkeys(covs, scan.cov[0])} for each in (rows if is_single else [rows])]
 
-def _whole(name: str, covs: list[str], made: Callable[[Observations], Any]) -> Callable[[Any, Observations], object]:
-    return lambda method, scan: called(lambda: method(**{name: made(scan)}, **_covs(covs, scan)))
-
-
-def _one_by_one(
-    name: str, covs: list[str], made: Callable[[Observations], Any]
-) -> Callable[[Any, Observations], object]:
-    def run(method: Any, scan: Observations) -> None:
-        for row in made(scan):
-            called(partial(method, **{name: row}, **_covs(covs, scan)))
-
-    return run
-
-
-def _covs(names: list[str], scan: Observations) -> dict[str, Float]:
-    return {name: scan.cov[0].copy() for name in names}
+    return Call(f"update with {name} = {'one of ' if is_single else ''}{words}", arguments)

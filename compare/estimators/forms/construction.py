@@ -132,11 +132,11 @@ class StoredNoise:
             space[name] = cov.copy()
 
     def remarks(self, given: dict[str, Float], ignored: Collection[str] = ()) -> list[str]:
-        """Return sentences on the noise of the file: what the recording's replaces, and what is kept.
+        """Return sentences on the noise of the file: replaced covariances, and others that the file keeps.
 
         Args:
             given: first covariances of the recording, by role.
-            ignored: names of attributes that are no noise.
+            ignored: names of attributes without noise.
         """
         found = {
             (role, name): noise_remark(f"{NAMES[role]} {name}", own, given[role], is_replaced=self._is_replaced)
@@ -153,7 +153,7 @@ class StoredNoise:
         if others:
             values = ", ".join(f"{name} = {value}" for name, value in others.items())
             has = " and ".join(f"{NAMES[role]} {shown(cov)}" for role, cov in given.items())
-            found["", ""] = f"noise of its own, {values}, is kept; the recording has {has}"
+            found["", ""] = f"its own noise, {values}, is kept; the recording has {has}"
         return [*filter(None, found.values())]
 
 

@@ -193,7 +193,7 @@ class _CourseFilter:
             raise UserCodeError(f"{what}; return ({size},) or ({size}, 1) and ({size}, {size})")
         with suppress(TypeError, ValueError):
             return np.array(self._mu, np.float64).reshape(-1), np.array(self._sigma, np.float64)
-        raise UserCodeError(f"step {self._step}: mu or sigma is no array of numbers; return arrays of floats")
+        raise UserCodeError(f"step {self._step}: mu or sigma is not an array of numbers; return arrays of floats")
 
     def _require_set(self) -> None:
         """Refuse a map with a landmark whose coordinates are still zero."""
@@ -222,7 +222,7 @@ class _CourseFilter:
     def _chosen(self, name: str, own: Any, given: Float, whole: Float) -> Float:
         """Return `whole` or the noise of the file, and remember both."""
         if np.shape(own) != whole.shape:
-            self.noise_remarks[name] = f"its own {name} counts: it is no square matrix that can be replaced"
+            self.noise_remarks[name] = f"its own {name} counts: it is not a matrix of this size"
             return own
         if name not in self.noise_remarks:
             first = np.asarray(own, np.float64)[: len(given), : len(given)]

@@ -66,7 +66,7 @@ def class_description(given: Fresh) -> str | None:
     if not all(len(each) == 3 and each[0] in STATE_NAMES and each[1] in COV_NAMES for each in found):
         return None
     calls = (f"{name}({', '.join(each)})" for name, each in zip(METHODS, found, strict=True))
-    return f"class of NTNU's course {kind.__name__}: {', '.join(calls)}, associates by itself"
+    return f"class of NTNU's course {kind.__name__}: {', '.join(calls)}, associates on its own"
 
 
 @dataclass

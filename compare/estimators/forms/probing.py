@@ -104,7 +104,7 @@ def best_of(
     if best is not None:
         return best[2]
     if farthest is None:
-        raise UserCodeError("there is no way to call it; give a callable of a known form")
+        raise UserCodeError("no way to call it is known; give a callable of a known form")
     if number == 1:
         raise farthest[1]
     reason = "; ".join([*filter(None, (reason_of(farthest[1]), given))])

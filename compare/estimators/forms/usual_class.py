@@ -6,7 +6,7 @@
     Sigma, sigma, P, PEst, cov, covariance                    (3+2n, 3+2n)
 
 Constructor parameters are filled by name (`construction.ROLES`). What names leave open is tried on a tiny recording
-with a known answer (`probing`): the way is kept whose poses, covariances and landmarks come out right.
+with a known answer (`probing`): the way is kept with the right poses, covariances and landmarks.
 
 Conventions. A 2 x 2 noise of the motion is that of the control: speed and yaw rate, or distance and turn. A 3 x 3 noise
 is that of the increment in the body or world frame, whichever fits better. Landmarks are numbered 0, 1, ... (or 1, 2,
@@ -119,7 +119,7 @@ class UsualClass:
             return StateLog(recording).run(run)
 
     def remarks(self, recording: Recording) -> list[str]:
-        """Return how the class is called, and which of its own settings the recording replaces."""
+        """Return how the class is called, and which noise of the file is replaced or kept."""
         way = self._ways.get(recording.landmark is not None)
         if way is None or way.update is None:
             return []
@@ -211,7 +211,7 @@ class _Run:
             if x.size >= ROBOT and x.size % 2 and P.shape == (x.size, x.size):
                 return state, cov
         given = ", ".join(f"{n} {np.shape(getattr(self._slam, n))}" for n in (*STATES, *COVS) if hasattr(self._slam, n))
-        what = f"its attributes are no state (3+2n,) and covariance (3+2n, 3+2n): {given}"
+        what = f"its attributes are not a state (3+2n,) and covariance (3+2n, 3+2n): {given}"
         raise UserCodeError(f"{what}; call them mu and Sigma, or x and P")
 
     def _start(self, roles: dict[str, str], count: int) -> None:

@@ -52,7 +52,7 @@ STYLES: dict[str, tuple[str, dict[str, str]]] = {
         },
     ),
     "R of the motion (3, 3), Q of observations": (
-        "u = [dx, dy, dtheta], update(ids (m,), z (m, 2))",
+        "u = [dx, dy, dtheta], update with z (m, 2), ids (m,)",
         {
             **WITH_LATERAL,
             INIT: "def __init__(self, R, Q, mu0, Sigma0):\n        x0, P0, Q, R = mu0, Sigma0, R, Q",

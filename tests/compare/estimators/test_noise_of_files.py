@@ -132,7 +132,7 @@ def test_noise_in_globals_of_a_class(tmp_path: Path, noise: Noise):
 def test_scalar_noise_of_a_class_is_kept_and_announced(tmp_path: Path):
     _, remarks = run(tmp_path, WITH_SCALARS, "EkfSlam")
     assert remarks[1:] == [
-        "noise of its own, sigma_range = 0.3, is kept; the recording has motion noise diag(0.09, 0.00274) "
+        "its own noise, sigma_range = 0.3, is kept; the recording has motion noise diag(0.09, 0.00274) "
         "and observation noise diag(0.01, 0.00762)"
     ]
 
