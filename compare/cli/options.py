@@ -54,7 +54,7 @@ class OwnCode:
     unconfined: Unconfined = False
 
     noise: Literal["recording", "file", "both"] = "recording"
-    """Noise that your own step functions assume: the recording's, Q and Py of their file, or one run with each."""
+    """Noise that your own code assumes: the recording's, that of its file, or one run with each."""
 
     form: Form = ""
 
