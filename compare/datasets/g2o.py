@@ -34,7 +34,7 @@ import numpy as np
 from slamgauge.arrays import Float
 from slamgauge.compare.datasets.imported_log import Imported, diagonal_covariances, of_file, require_covariances
 from slamgauge.compare.datasets.pose_chain import Edges, chained
-from slamgauge.compare.datasets.text_lines import Line, read_tagged
+from slamgauge.compare.datasets.text_lines import Line, read_tagged, require_bearings
 from slamgauge.compare.storage.covariance_columns import from_triangles
 from slamgauge.covariances import inverted
 from slamgauge.errors import UserError
@@ -223,9 +223,11 @@ def _measured(lines: list[Line], numbers: Float, *, isam: bool) -> tuple[Float, 
         case "position":
             return numbers[:, :2], _covariances(lines, numbers[:, 2:], 2, isam=isam)
         case "bearing":
+            require_bearings(lines, numbers[:, 0])
             return wrap(numbers[:, :1]), _inverse(lines, numbers[:, 1:, None])
         case _:
             bearing, distance, *sigmas = numbers.T
+            require_bearings(lines, bearing)
             if (wrong := (distance < 0.0) | (np.min(sigmas, axis=0) <= 0.0)).any():
                 raise lines[int(np.argmax(wrong))].refused("a range < 0, or a sigma not > 0", "correct it")
             return np.column_stack([distance, wrap(bearing)]), diagonal_covariances(np.column_stack(sigmas[::-1]))
