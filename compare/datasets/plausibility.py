@@ -30,13 +30,15 @@ from slamgauge.sensors import SENSORS, innovation, predict
 FEW, PASS = 20, 2000  # observations: fewer show no doubts; observations of a quick pass
 BOUND = 0.999  # probability of the largest normalised innovation that agrees
 DOUBTED = 0.95  # share of observations that agree, below which mistakes are tried; published logs have 0.97 or more
-CONVINCING = 0.9  # share with which a mistake is found
+CONVINCING = 0.9  # smallest share with which a mistake is found
 POOR = 0.8  # share below which a log without a known mistake is warned of
 NOISE = 20.0  # factor between residuals and stated noise
 FASTEST, QUICKEST, LONGEST = 50.0, 2.0 * np.pi, 10.0  # m/s, rad/s, s: typical speed and step, large yaw rate
+SMALL = 0.01  # median of NIS / dof, 1 if the noise is right
 MEDIAN = 0.6745  # of the absolute value of a standard normal number
 DEGREE = np.pi / 180
-SIGN, UNIT = "change their sign in the file", "correct the unit (in recording.toml: angle, length, time)"
+SIGN = "change the sign of those that are clockwise"
+UNIT = "correct the unit (in recording.toml: angle, length, time)"
 
 
 class Mistake(NamedTuple):
@@ -60,8 +62,7 @@ class Mistake(NamedTuple):
 
 
 MISTAKES = (
-    Mistake("the observations count angles clockwise", SIGN, bearing=-1.0),
-    Mistake("the odometry counts angles clockwise", SIGN, turn=-1.0),
+    Mistake("observations and odometry count angles in opposite directions", SIGN, bearing=-1.0),
     Mistake("bearings are in degrees, read as radians", UNIT, bearing=DEGREE),
     Mistake("turns are in degrees, read as radians", UNIT, turn=DEGREE),
     Mistake("bearings and turns are in degrees, read as radians", UNIT, bearing=DEGREE, turn=DEGREE),
@@ -162,15 +163,17 @@ def _agreement(recording: Recording) -> tuple[float, list[str]]:
     """
     compile_ekf()  # its messages are shown, those of the passes are not
     estimate = _pass(recording)
-    share = _share(recording, estimate)
+    share = _fit(recording, estimate).share
     if len(recording.observation) < FEW:
         return share, []
     if share < DOUBTED:
-        shares = {each: _share(recording, _pass(_without(recording, each))) for each in MISTAKES}
-        found = max(MISTAKES, key=lambda each: shares[each])
-        if shares[found] > CONVINCING and 1.0 - shares[found] < 0.5 * (1.0 - share):
-            what = f"{share:.1%} of the observations agree with one place per landmark, but {shares[found]:.1%} if"
-            raise UserError(f"{what} {found.what}; {found.remedy}")
+        fits = {each: _fit(recording, _pass(_without(recording, each))) for each in MISTAKES}
+        enough = max(CONVINCING, 0.5 + 0.5 * share)
+        found = {each: fit for each, fit in fits.items() if fit.share > enough and fit.nis > SMALL}
+        if found:
+            best = min(found, key=lambda each: abs(np.log(found[each].nis)))  # with tiny lengths anything agrees
+            what = f"{share:.1%} of the observations agree with one place per landmark, but {found[best].share:.1%} if"
+            raise UserError(f"{what} {best.what}; {best.remedy}")
     doubts = [] if estimate is None else [*_doubts_of_noise(recording, estimate)]
     if share < POOR:
         what = f"only {share:.1%} of the observations agree with one place per landmark"
@@ -187,14 +190,23 @@ def _pass(recording: Recording) -> Estimate | None:
             return None
 
 
-def _share(recording: Recording, estimate: Estimate | None) -> float:
-    """Return the share of observations at steps whose NIS agrees; those that add landmarks do not count."""
+class Fit(NamedTuple):
+    """Share of the observations that agree, and median of NIS / dof of the steps; 0 without an estimate."""
+
+    share: float
+    nis: float
+
+
+def _fit(recording: Recording, estimate: Estimate | None) -> Fit:
+    """Return how well an estimate fits the observations; those that add landmarks do not count."""
     if estimate is None or estimate.nis is None or estimate.nis_dof is None:
-        return 0.0
+        return Fit(0.0, 0.0)
     updated = estimate.nis_dof > 0
-    counts = np.bincount(recording.observation_step, minlength=recording.steps + 1) * updated
-    agree = updated & (estimate.nis < chi2.ppf(BOUND, np.maximum(estimate.nis_dof, 1)))
-    return float(np.sum(counts[agree]) / max(np.sum(counts), 1)) if updated.any() else 1.0
+    if not updated.any():
+        return Fit(1.0, 0.0)
+    nis, dof = estimate.nis[updated], estimate.nis_dof[updated]
+    counts = np.bincount(recording.observation_step, minlength=recording.steps + 1)[updated]
+    return Fit(float(np.average(nis < chi2.ppf(BOUND, dof), weights=counts)), float(np.median(nis / dof)))
 
 
 def _without(recording: Recording, mistake: Mistake) -> Recording:

@@ -45,7 +45,7 @@ def require_turns(lines: Sequence[Line], increments: Float) -> None:
     wild = np.abs(increments[:, 2]) > np.pi
     if wild.any():
         at = int(np.argmax(wild))
-        remedy = "check the unit of angles, or write lines in between"
+        remedy = "check the units of angles and stamps, or write lines in between"
         raise lines[at].refused(f"the robot turns by {increments[at, 2]:.3g} rad in one row", remedy)
 
 
