@@ -25,7 +25,8 @@ class UserError(ValueError):
 def refused_by_the_machine(error: BaseException) -> bool:
     """Return whether the error or its cause is a lack of memory, disk space or connection: a retry may succeed."""
     refused = isinstance(error, OSError) and errno.errorcode.get(error.errno or 0) in _REFUSALS
-    if refused or isinstance(error, MemoryError):
+    unmapped = isinstance(error, ImportError) and "failed to map segment" in str(error)  # a library, without memory
+    if refused or unmapped or isinstance(error, MemoryError):
         return True
     return error.__cause__ is not None and refused_by_the_machine(error.__cause__)
 

@@ -213,7 +213,6 @@ class Import:
     )
 
     def __call__(self) -> None:
-        from slamgauge.compare.datasets.plausibility import examine
         from slamgauge.compare.storage.files import save
         from slamgauge.compare.storage.manifest import require_free
         from slamgauge.compare.storage.staged_folder import staged_folder
@@ -223,6 +222,8 @@ class Import:
         require_free(out, IMPORTED)  # before long files are read
         log = self.format()
         recording, truth, mapping = log.recording, log.truth, log.mapping
+        from slamgauge.compare.datasets.plausibility import examine  # loads kernels, which a refusal need not wait for
+
         examination = examine(log, self.format.path)
         with staged_folder(out, IMPORTED, last=RECORDING) as folder:
             save(folder / RECORDING, recording)

@@ -34,8 +34,8 @@ from slamgauge.version import __version__
 DEFECT = 70  # exit status, EX_SOFTWARE of sysexits.h
 REFUSED = 71  # EX_OSERR
 INTERRUPTED = 128 + signal.SIGINT  # the exit status that shells use
-# further signals that end a command like an interrupt; Windows has no SIGHUP
-ENDS = tuple(getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name))
+# signals that end a command; Windows has no SIGHUP
+ENDS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 
 COMMANDS: dict[str, type[Command]] = {
     "scenarios": Scenarios,

@@ -17,7 +17,7 @@ import numpy as np
 from tqdm import tqdm
 
 from slamgauge.arrays import Float
-from slamgauge.compare.storage.files import explained
+from slamgauge.compare.storage.files import read_text
 from slamgauge.errors import UserError
 from slamgauge.suggestions import did_you_mean
 from slamgauge.validation import LARGEST
@@ -80,7 +80,7 @@ def read_lines(path: Path, *, comment: str = "#", separators: str = "") -> Itera
     Raises:
         UserError: the file cannot be read, or is not a text.
     """
-    text = io.StringIO(_read_text(path), newline=None)
+    text = io.StringIO(read_text(path), newline=None)
     first = next((line for line in text if line.strip() and line.lstrip()[0] not in REMARKS), "")
     named = EXCEL.fullmatch(first.strip()) if separators else None
     separator = named[1] if named else next((each for each in separators if each in first), None)
@@ -97,21 +97,6 @@ def _split(content: str, separator: str | None) -> list[str]:
     if separator is None:
         return content.split()
     return next(csv.reader([content], delimiter=separator, skipinitialspace=True))
-
-
-def _read_text(path: Path) -> str:
-    """Read a file in UTF-8, with or without a byte order mark; refuse it with the line that is not a text."""
-    with explained(path, "read"):
-        content = path.read_bytes()
-    broken = content.find(b"\0")
-    try:
-        text = content.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        text, broken = "", error.start
-    if broken >= 0:
-        line = content.count(b"\n", 0, broken) + 1
-        raise UserError(f"{path}, line {line}: not a text in UTF-8; give another file, or save it as such")
-    return text
 
 
 def read_table(path: Path, form: str) -> tuple[list[Line], Float]:

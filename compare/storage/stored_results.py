@@ -14,7 +14,7 @@ import numpy as np
 from slamgauge.arrays import Float
 from slamgauge.compare.storage.covariance_columns import from_triangles
 from slamgauge.compare.storage.csv_folder import read_estimate_csv
-from slamgauge.compare.storage.files import explained, load_estimate, load_recording, load_truth, read_json
+from slamgauge.compare.storage.files import load_estimate, load_recording, load_truth, read_json, read_text
 from slamgauge.compare.storage.safe_names import shown
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
@@ -84,8 +84,7 @@ def load_stored(path: Path, recording: Recording) -> Estimate:
 
 
 def _read_tum(path: Path, stamps: Float) -> Estimate:
-    with explained(path, "read"):
-        lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+    lines = read_text(path).splitlines()
     rows = [_numbers(path, n, line) for n, line in enumerate(lines, 1) if line.strip() and not line.startswith("#")]
     if len({len(row) for row in rows}) > 1:
         raise UserError(f"{path}: lines have different numbers of columns; write all with, or all without covariances")
