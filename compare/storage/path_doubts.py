@@ -11,6 +11,7 @@ from slamgauge.recording import Recording
 from slamgauge.se2 import between
 
 MOST = 2.0  # largest ratio, or inverse ratio, of motions that are the same but for errors
+START = np.array([1.0, 1.0, 0.5])  # m, m, rad: a start that is farther from the prior's mean than this and 6 sigmas
 SIGNAL = 4.0  # smallest ratio of the odometry's squares to its variances; below it the odometry is mostly noise
 
 
@@ -24,6 +25,10 @@ def path_doubts(poses: Float, recording: Recording) -> Iterator[str]:
         poses: (N+1, 3) x, y [m], heading [rad]; rows of NaN are not used.
         recording: its odometry is the reference.
     """
+    start = np.abs(between(recording.prior_mean, poses[0]))
+    if (start > START + 6.0 * np.sqrt(np.diag(recording.prior_cov).max())).any():
+        x, y, heading = poses[0]
+        yield f"starts at ({x:.4g} m, {y:.4g} m, {heading:.3g} rad), far from the prior; check its frame and headings"
     motions = between(poses[:-1], poses[1:])
     known = np.isfinite(motions).all(axis=1)
     variances = np.diagonal(recording.odometry_cov, axis1=1, axis2=2)
