@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 import sys
 from collections.abc import Sequence
@@ -38,6 +37,7 @@ Open = Annotated[bool, tyro.conf.arg(help=f"Open {REPORT} in the browser.")]
 Form = Annotated[str, tyro.conf.arg(help="Form of your own code, if it is not found: step, class, octave, ...")]
 Unconfined = Annotated[bool, tyro.conf.arg(help="Run your own code without a wall around it (docs/your_filter.md).")]
 PATIENCE = 600.0  # s
+LONGEST_TIMEOUT = 1e6  # s; `select` counts milliseconds in 31 bits
 MOST_JOBS = 1024
 
 
@@ -125,9 +125,9 @@ def sampled_scenario(scenario: str, overrides: Sequence[Sequence[str]]) -> Scena
 
 
 def require_timeout(seconds: float) -> float:
-    """Refuse a time limit that is not a finite number above 0."""
-    if not 0 < seconds < math.inf:
-        raise UserError(f"timeout: {seconds:g} s leaves no time, or sets no limit; give seconds > 0")
+    """Refuse a time limit that is not above 0, or above the longest one that systems can wait for."""
+    if not 0 < seconds <= LONGEST_TIMEOUT:
+        raise UserError(f"timeout: {seconds:g} s leaves no time, or sets no limit; give 0 to {LONGEST_TIMEOUT:g} s")
     return seconds
 
 
