@@ -11,7 +11,7 @@ of steps. A filter stops when its state has `--most` points.
 
 from __future__ import annotations
 
-from slamgauge.compare.studies.executors import pin_blas_threads
+from slamgauge.blas_threads import pin_blas_threads
 
 pin_blas_threads()
 

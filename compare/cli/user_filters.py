@@ -16,6 +16,7 @@ from slamgauge.compare.cli.options import (
     Overrides,
     WithPage,
     Work,
+    require_scenario,
     require_timeout,
     results_folder,
     sampled_scenario,
@@ -105,6 +106,7 @@ class Grade(WithPage):
     results/grades-FOLDER."""
 
     def __call__(self) -> int:
+        require_scenario(self.scenario)
         import secrets  # here: it is slow to start
 
         from slamgauge.compare.estimators.isolated_process import require_isolation
