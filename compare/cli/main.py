@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-from slamgauge.compare.studies.executors import pin_blas_threads
-
-pin_blas_threads()  # before numpy is imported
-
 import errno
 import signal
 import sys

@@ -117,6 +117,13 @@ Folder = Annotated[
 ]
 
 
+def require_scenario(scenario: str) -> None:
+    """Refuse a scenario that does not exist, before slow libraries are imported."""
+    from slamgauge.compare.scenarios.scenario_files import locate
+
+    locate(scenario)
+
+
 def sampled_scenario(scenario: str, overrides: Sequence[Sequence[str]]) -> Scenario:
     """Load a scenario; its true start is drawn from the prior, as statistics need it, unless overridden."""
     from slamgauge.compare.scenarios.scenario import load_scenario
