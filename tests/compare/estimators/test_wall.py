@@ -6,14 +6,18 @@ import os
 import socket
 import sys
 from collections.abc import Callable, Generator
+from contextlib import closing
 from pathlib import Path
 from textwrap import dedent, indent
 
 import pytest
 
+from slamgauge.compare.cli.main import main
+from slamgauge.compare.estimators import isolated_process, wall
 from slamgauge.compare.estimators.isolated_process import Isolated
 from slamgauge.compare.estimators.user_code import UserCodeError, address
-from slamgauge.compare.estimators.wall import kind_of_wall
+from slamgauge.compare.estimators.wall import has_bwrap, kind_of_wall
+from slamgauge.errors import UserError
 
 from .conftest import short
 
@@ -43,9 +47,13 @@ def estimate(recording):
 Made = Callable[[str], Isolated]
 
 
-@pytest.fixture
-def made(tmp_path: Path) -> Generator[Made]:
-    """Return a function that makes an isolated estimator of a file `mine.py` with that body."""
+@pytest.fixture(params=["", "bwrap"])
+def made(tmp_path: Path, request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Generator[Made]:
+    """Return a function that makes an isolated estimator of a file `mine.py`, behind the best wall and by bwrap."""
+    if request.param:
+        if not has_bwrap():
+            pytest.skip("bwrap is not installed, or this system does not permit it")
+        monkeypatch.setattr(isolated_process, "kind_of_wall", lambda: request.param)
     open_ones: list[Isolated] = []
 
     def make(body: str) -> Isolated:
@@ -222,3 +230,28 @@ def test_root_becomes_nobody_who_reads_the_files_of_the_submission(made: Made, t
         """
     )
     estimator(short())
+
+
+def test_without_a_wall_nothing_begins_unless_unconfined(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(wall, "kind_of_wall", lambda: "none")
+    (tmp_path / "mine.py").write_text(f"{HEAD}    return dead_reckoning(recording)\n")
+    where = address(f"{tmp_path / 'mine.py'}:estimate")
+    with pytest.raises(
+        UserError, match="permits neither user namespaces nor bwrap.*install bubblewrap, or.*--unconfined"
+    ):
+        Isolated(where, 20.0).begin()
+    with closing(Isolated(where, 20.0, unconfined=True)) as estimator:
+        assert len(estimator(short()).poses) == short().steps + 1
+
+
+@pytest.mark.parametrize("command", [["grade", "class", "--scenario", "q1-short-dense"], ["check", "class/mine.py"]])
+def test_the_commands_refuse_in_one_line(
+    command: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    monkeypatch.setattr(wall, "kind_of_wall", lambda: "none")
+    monkeypatch.chdir(tmp_path)
+    Path("class").mkdir()
+    Path("class/mine.py").write_text("def estimate(recording): raise AssertionError('it ran')")
+    assert main(command) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.endswith("install bubblewrap, or give --unconfined for code that you trust")
