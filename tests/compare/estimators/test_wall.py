@@ -193,6 +193,7 @@ def test_the_network_is_out_of_reach(made: Made):
         abstract.close()
 
 
+@pytest.mark.parametrize("made", [""], indirect=True)
 @pytest.mark.parametrize(
     ("body", "expected"),
     [
@@ -224,7 +225,7 @@ def test_root_becomes_nobody_who_reads_the_files_of_the_submission(made: Made, t
         assert Path(__file__).with_name("map.txt").read_text() == "data"
         status = dict(line.split(":", 1) for line in open("/proc/self/status"))
         capabilities = {name: int(status[name], 16) for name in ("CapPrm", "CapEff", "CapBnd", "CapAmb")}
-        assert set(capabilities.values()) == {1 << 2}, capabilities  # reading
+        assert {*capabilities.values()} <= {0, 1 << 2}, capabilities  # reading
         assert status["NoNewPrivs"].strip() == "1"
         assert libc.unshare(1 << 28) == -1  # no namespaces within these
         """
@@ -236,9 +237,7 @@ def test_without_a_wall_nothing_begins_unless_unconfined(tmp_path: Path, monkeyp
     monkeypatch.setattr(wall, "kind_of_wall", lambda: "none")
     (tmp_path / "mine.py").write_text(f"{HEAD}    return dead_reckoning(recording)\n")
     where = address(f"{tmp_path / 'mine.py'}:estimate")
-    with pytest.raises(
-        UserError, match="permits neither user namespaces nor bwrap.*install bubblewrap, or.*--unconfined"
-    ):
+    with pytest.raises(UserError, match=r"permits neither user namespaces nor bwrap.*or give --unconfined"):
         Isolated(where, 20.0).begin()
     with closing(Isolated(where, 20.0, unconfined=True)) as estimator:
         assert len(estimator(short()).poses) == short().steps + 1
