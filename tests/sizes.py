@@ -22,6 +22,7 @@ NOT_QUICK = (  # these start programs, simulate many runs, or take several secon
     "tests/compare/estimators/test_isolated_process.py",
     "tests/compare/estimators/test_octave_",
     "tests/compare/estimators/test_requests.py",
+    "tests/compare/estimators/test_wall.py",
     "tests/compare/estimators/test_wild_steps.py",
     "tests/compare/figures/test_animation.py",
     "tests/compare/figures/test_for_papers.py",

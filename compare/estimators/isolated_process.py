@@ -83,7 +83,8 @@ class Isolated:
         """Load the code in a process that waits for a recording; return the description of its form (see `adapters`).
 
         Raises:
-            UserError: the code cannot be loaded, or this system has no wall.
+            UserCodeError: the code cannot be loaded.
+            UserError: this system has no wall.
         """
         if self._loaded is not None:
             return self._form
@@ -91,18 +92,24 @@ class Isolated:
             self._launcher = _Launcher(self.where, unconfined=self.unconfined)
         process = _Process(self._launcher)
         try:
+            self._form = self._loaded_form(process)
+        except UserCodeError:
+            process.end()
+            raise
+        self._loaded = process
+        return self._form
+
+    def _loaded_form(self, process: _Process) -> str:
+        try:
             process.exchange(message(address_fields(self.where)), STARTING)
             answer = process.exchange(b"", self.timeout)
+            attribute, form = answer.text("attribute"), answer.text("form")
         except UserCodeError as error:
-            process.end()
-            raise UserError(f"estimator {self.where.text}: cannot be loaded, {error}") from error
-        self._loaded = process
+            raise type(error)(f"estimator {self.where.text}: cannot be loaded, {error}") from error
         if answer.reason:
-            self.close()
-            raise UserError(answer.reason)
-        self.where = self.where._replace(attribute=answer.text("attribute"))
-        self._form = answer.text("form")
-        return self._form
+            raise UserCodeError(answer.reason)
+        self.where = self.where._replace(attribute=attribute)
+        return form
 
     def __call__(self, recording: Recording) -> Estimate:
         """Run the estimator, and keep times and remarks of the run.
