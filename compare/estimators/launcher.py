@@ -25,15 +25,13 @@ from typing import cast
 
 from slamgauge.compare.estimators import isolated_worker, namespaces, wall
 from slamgauge.compare.estimators.isolated_worker import leave, serve
+from slamgauge.compare.estimators.launched_process import END, START, STILL_RUNS, WHY
 
-PROGRAM = "slamgauge.compare.estimators.launcher"
 FOLDERS = "slamgauge-own-"  # prefix of the temporary folders without a wall
-START, END, WHY = b"+", b"-", b"?"  # requests
 FILES = 3  # open files that a request to start brings
 SOON = 0.2  # s: time for a process that has answered to end; the system adds its processor time to ours
 LATER = 5.0  # s: time for a process that has closed its answers to end
 LEAVING = 1.0  # s: time for a process without a wall to end the programs that it has started
-STILL_RUNS = 255  # status of a process that had to be ended
 
 
 def main(kind: wall.Kind, requests: socket.socket) -> None:

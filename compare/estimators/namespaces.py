@@ -14,6 +14,7 @@ import sys
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 NEW_USER, NEW_MOUNTS, NEW_PIDS, NEW_IPC, NEW_NAMES, NEW_NETWORK = 1 << 28, 1 << 17, 1 << 29, 1 << 27, 1 << 26, 1 << 30
 ALL = NEW_USER | NEW_MOUNTS | NEW_PIDS | NEW_IPC | NEW_NAMES | NEW_NETWORK
@@ -26,7 +27,7 @@ CAPABILITIES_3 = 0x20080522
 NOBODY = 65534
 SIGNALLED = 128  # added to the number of the signal in the status of a process, as shells do
 
-_libc = ctypes.CDLL(None, use_errno=True)
+_libc: Any = ctypes.CDLL(None, use_errno=True) if sys.platform.startswith("linux") else None
 
 
 def _checked(result: int, what: str) -> None:

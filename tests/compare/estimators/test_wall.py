@@ -13,7 +13,7 @@ from textwrap import dedent, indent
 import pytest
 
 from slamgauge.compare.cli.main import main
-from slamgauge.compare.estimators import isolated_process, wall
+from slamgauge.compare.estimators import launched_process, wall
 from slamgauge.compare.estimators.isolated_process import Isolated
 from slamgauge.compare.estimators.user_code import UserCodeError, address
 from slamgauge.compare.estimators.wall import has_bwrap, kind_of_wall
@@ -53,7 +53,7 @@ def made(tmp_path: Path, request: pytest.FixtureRequest, monkeypatch: pytest.Mon
     if request.param:
         if not has_bwrap():
             pytest.skip("bwrap is not installed, or this system does not permit it")
-        monkeypatch.setattr(isolated_process, "kind_of_wall", lambda: request.param)
+        monkeypatch.setattr(launched_process, "kind_of_wall", lambda: request.param)
     open_ones: list[Isolated] = []
 
     def make(body: str) -> Isolated:
