@@ -19,6 +19,7 @@ import sys
 import tempfile
 from collections.abc import Sequence
 from contextlib import suppress
+from itertools import pairwise
 from pathlib import Path
 from time import monotonic, sleep
 from typing import cast
@@ -28,6 +29,7 @@ from slamgauge.compare.estimators.isolated_worker import leave, serve
 from slamgauge.compare.estimators.launched_process import END, START, STILL_RUNS, WHY
 
 FOLDERS = "slamgauge-own-"  # prefix of the temporary folders without a wall
+MOST_FILES = 4096
 FILES = 3  # open files that a request to start brings
 SOON = 0.2  # s: time for a process that has answered to end; the system adds its processor time to ours
 LATER = 5.0  # s: time for a process that has closed its answers to end
@@ -64,6 +66,7 @@ def _started(kind: wall.Kind, seen: wall.View, files: Sequence[int], home: str) 
     requests, answers, output = files
 
     def work() -> None:
+        _close_all_but(requests, answers)
         signal.signal(signal.SIGTERM, leave)
         with suppress(KeyboardInterrupt):
             serve(requests, answers, home, walled=kind != "none")
@@ -77,6 +80,7 @@ def _started(kind: wall.Kind, seen: wall.View, files: Sequence[int], home: str) 
         namespaces.end_with(user)
 
     def behind_bwrap() -> None:
+        _close_all_but(requests, answers)
         for each in (requests, answers):
             os.set_inheritable(each, True)
         program = [sys.executable, "-P", "-m", isolated_worker.__name__, str(requests), str(answers)]
@@ -86,6 +90,13 @@ def _started(kind: wall.Kind, seen: wall.View, files: Sequence[int], home: str) 
     if kind == "namespaces":
         return namespaces.forked_apart(behind_namespaces, output)
     return namespaces.forked(behind_bwrap if kind == "bwrap" else work, output)
+
+
+def _close_all_but(*files: int) -> None:
+    """Close all files but these and the standard ones, above all the socket of the launcher."""
+    kept = [2, *sorted(files), MOST_FILES]
+    for before, after in pairwise(kept):
+        os.closerange(before + 1, after)
 
 
 def _ended(pid: int, seconds: float) -> int:
