@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 from time import monotonic
+from typing import NamedTuple
 
 from slamgauge.compare.estimators.answers import Spent, address_fields, message
 from slamgauge.compare.estimators.launched_process import Launcher, Process
@@ -35,6 +36,22 @@ def can_isolate() -> bool:
     return hasattr(os, "killpg")
 
 
+class IsolatedRun(NamedTuple):
+    """A run of user code.
+
+    Attributes:
+        estimate: what it returned.
+        spent: its times.
+        remarks: see `forms.form.remarks_of`.
+        replaces_noise: see `forms.form.replaces_noise`.
+    """
+
+    estimate: Estimate
+    spent: Spent
+    remarks: list[str]
+    replaces_noise: bool
+
+
 class Isolated:
     """An estimator that runs in a new process each time.
 
@@ -47,6 +64,7 @@ class Isolated:
     def __init__(self, where: Address, timeout: float, *, unconfined: bool = False) -> None:
         self.where, self.timeout, self.unconfined = where, timeout, unconfined
         self.spent = Spent(0.0, 0.0)
+        self.replaces_noise = False  # in the last run (see `forms.form.replaces_noise`)
         self._remarks: list[str] = []
         self._launcher: Launcher | None = None
         self._form = ""
@@ -91,11 +109,12 @@ class Isolated:
         Raises:
             UserCodeError: the code raised an error, exceeded the timeout, or ended its process.
         """
-        estimate, self.spent, self._remarks = self.run(recording)
-        return estimate
+        run = self.run(recording)
+        self.spent, self._remarks, self.replaces_noise = run.spent, run.remarks, run.replaces_noise
+        return run.estimate
 
-    def run(self, recording: Recording) -> tuple[Estimate, Spent, list[str]]:
-        """Run the estimator; return its estimate, times and remarks.
+    def run(self, recording: Recording) -> IsolatedRun:
+        """Run the estimator.
 
         Raises:
             UserCodeError: as `__call__`.
@@ -112,7 +131,7 @@ class Isolated:
         if answer.reason:
             raise UserCodeError(answer.reason)
         spent = answer.spent(monotonic() - start)
-        return answer.estimate(), spent, answer.texts("remarks")
+        return IsolatedRun(answer.estimate(), spent, answer.texts("remarks"), answer.flag("replaces_noise"))
 
     def remarks(self, _recording: Recording) -> list[str]:
         """Return the remarks on the last run (see `forms.form.remarks_of`)."""
