@@ -42,7 +42,7 @@ def main(kind: wall.Kind, requests: socket.socket) -> None:
     seen = wall.view(**settings["view"])
     with suppress(OSError):  # if the machine runs out of memory, the system ends processes with user code first
         Path("/proc/self/oom_score_adj").write_text("1000", encoding="ascii")
-    if kind != "bwrap":  # which starts interpreters
+    if kind != "bwrap":  # bwrap starts interpreters
         _import(settings["imports"])
     gc.freeze()  # forked processes then copy fewer pages
     while True:
@@ -53,8 +53,8 @@ def main(kind: wall.Kind, requests: socket.socket) -> None:
         pid = _started(kind, seen, files, home)
         for each in files:
             os.close(each)
-        status = _ended(pid, LATER if requests.recv(len(END)) == WHY else SOON)
-        _end(pid, patient=kind == "none")
+        seconds = LATER if requests.recv(len(END)) == WHY else SOON
+        status = _end(pid, seconds, patient=kind == "none")
         if kind == "none":
             shutil.rmtree(home, ignore_errors=True)
         with suppress(OSError):  # slamgauge has ended
@@ -99,39 +99,43 @@ def _close_all_but(*files: int) -> None:
         os.closerange(before + 1, after)
 
 
-def _ended(pid: int, seconds: float) -> int:
-    """Wait for the end of a process; return its status, or that it still runs, without forgetting the process."""
-    deadline = monotonic() + seconds
-    while monotonic() < deadline:
-        ended = os.waitid(os.P_PID, pid, os.WEXITED | os.WNOHANG | os.WNOWAIT)
-        if ended is not None:
-            return ended.si_status + (0 if ended.si_code == os.CLD_EXITED else namespaces.SIGNALLED)
-        sleep(0.002)
-    return STILL_RUNS
+def _end(pid: int, seconds: float, *, patient: bool) -> int:
+    """End a process and its group; return its status if it ends without that in the time, else `STILL_RUNS`.
 
-
-def _end(pid: int, *, patient: bool) -> None:
-    """End a process and its group; a patient end gives it time for programs with groups of their own."""
-    if patient:
+    A patient end gives it time for programs with groups of their own.
+    """
+    status = own = _awaited(pid, seconds)
+    if status is None and patient:
         os.kill(pid, signal.SIGTERM)
-        _ended(pid, LEAVING)
+        status = _awaited(pid, LEAVING)
     with suppress(ProcessLookupError, PermissionError):  # the group is empty
         os.killpg(pid, signal.SIGKILL)
-    os.waitpid(pid, 0)
+    if status is None:
+        os.waitpid(pid, 0)
+    return STILL_RUNS if own is None else own
+
+
+def _awaited(pid: int, seconds: float) -> int | None:
+    """Return the status of a process that ends in the time, as shells do; None if it still runs."""
+    deadline = monotonic() + seconds
+    while monotonic() < deadline:
+        ended, status = os.waitpid(pid, os.WNOHANG)
+        if ended:
+            code = os.waitstatus_to_exitcode(status)
+            return code if code >= 0 else namespaces.SIGNALLED - code
+        sleep(0.002)
+    return None
 
 
 def _import(names: Sequence[str]) -> None:
     """Import installed modules, and attributes like `slamgauge.batch` that an import loads."""
     for name in names:
-        module, _, attribute = name.rpartition(".")
         with suppress(Exception):  # a name of the user's own modules, or an error that the user's import shows
-            if not module or attribute == "*":
-                importlib.import_module(module or name)
-            else:
-                getattr(importlib.import_module(module), attribute)
-                continue
-        with suppress(Exception):
             importlib.import_module(name)
+            continue
+        with suppress(Exception):
+            module, _, attribute = name.rpartition(".")
+            getattr(importlib.import_module(module), attribute, None)
 
 
 if __name__ == "__main__":
