@@ -20,6 +20,7 @@ from typing import IO, cast
 
 import numpy as np
 
+from slamgauge.compare.estimators import namespaces
 from slamgauge.compare.estimators.adapters import adapted, found_in
 from slamgauge.compare.estimators.answers import message, read_address, read_recording
 from slamgauge.compare.estimators.cpu_time import cpu_seconds
@@ -55,6 +56,7 @@ def serve(requests: int, answers: int, home: str, *, walled: bool) -> None:
         _limit(resource.RLIMIT_DATA, MOST_MEMORY)
     if walled:
         _limit(resource.RLIMIT_NPROC, MOST_PROCESSES)
+        namespaces.leave_keys()
     write_only_in([Path(home), Path(os.devnull), *(map(Path, WRITABLE) if walled else ())])
     np.random.seed()  # noqa: NPY002 a forked process has the state of its parent
     with os.fdopen(requests, "rb") as tasks, os.fdopen(answers, "wb") as out:

@@ -19,17 +19,17 @@ WRITE_FILE, REMOVE, MAKE = 1 << 1, 0b11 << 4, 0b1111111 << 6
 REFER, TRUNCATE = 1 << 13, 1 << 14  # since versions 2 and 3
 
 
-def write_only_in(places: Iterable[Path]) -> bool:
+def write_only_in(places: Iterable[Path]) -> None:
     """Allow writing, making and removing only these files, and those in these folders and below.
 
-    Returns whether the system can do that; where it cannot, nothing changes.
+    Where the system cannot do that, nothing changes.
     """
     if not sys.platform.startswith("linux"):
-        return False
+        return
     libc = ctypes.CDLL(None, use_errno=True)
     version = libc.syscall(CREATE_RULESET, None, 0, ASK_VERSION)
     if version < 1:
-        return False
+        return
     rights = WRITE_FILE | REMOVE | MAKE | (REFER if version > 1 else 0) | (TRUNCATE if version > 2 else 0)
     attributes = struct.pack("Q", rights)
     rules = libc.syscall(CREATE_RULESET, attributes, len(attributes), 0)
@@ -40,6 +40,5 @@ def write_only_in(places: Iterable[Path]) -> bool:
             libc.syscall(ADD_RULE, rules, PATH_BENEATH, struct.pack("=Qi", granted, opened), 0)
             os.close(opened)
     libc.prctl(NO_NEW_PRIVILEGES, 1, 0, 0, 0)
-    restricted = libc.syscall(RESTRICT_SELF, rules, 0) == 0
+    libc.syscall(RESTRICT_SELF, rules, 0)
     os.close(rules)
-    return restricted

@@ -19,21 +19,21 @@ import sys
 import tempfile
 from collections.abc import Sequence
 from contextlib import suppress
+from itertools import pairwise
 from pathlib import Path
 from time import monotonic, sleep
 from typing import cast
 
 from slamgauge.compare.estimators import isolated_worker, namespaces, wall
 from slamgauge.compare.estimators.isolated_worker import leave, serve
+from slamgauge.compare.estimators.launched_process import END, START, STILL_RUNS, WHY
 
-PROGRAM = "slamgauge.compare.estimators.launcher"
 FOLDERS = "slamgauge-own-"  # prefix of the temporary folders without a wall
-START, END, WHY = b"+", b"-", b"?"  # requests
+MOST_FILES = 4096
 FILES = 3  # open files that a request to start brings
 SOON = 0.2  # s: time for a process that has answered to end; the system adds its processor time to ours
 LATER = 5.0  # s: time for a process that has closed its answers to end
 LEAVING = 1.0  # s: time for a process without a wall to end the programs that it has started
-STILL_RUNS = 255  # status of a process that had to be ended
 
 
 def main(kind: wall.Kind, requests: socket.socket) -> None:
@@ -42,7 +42,7 @@ def main(kind: wall.Kind, requests: socket.socket) -> None:
     seen = wall.view(**settings["view"])
     with suppress(OSError):  # if the machine runs out of memory, the system ends processes with user code first
         Path("/proc/self/oom_score_adj").write_text("1000", encoding="ascii")
-    if kind != "bwrap":  # which starts interpreters
+    if kind != "bwrap":  # bwrap starts interpreters
         _import(settings["imports"])
     gc.freeze()  # forked processes then copy fewer pages
     while True:
@@ -53,8 +53,8 @@ def main(kind: wall.Kind, requests: socket.socket) -> None:
         pid = _started(kind, seen, files, home)
         for each in files:
             os.close(each)
-        status = _ended(pid, LATER if requests.recv(len(END)) == WHY else SOON)
-        _end(pid, patient=kind == "none")
+        seconds = LATER if requests.recv(len(END)) == WHY else SOON
+        status = _end(pid, seconds, patient=kind == "none")
         if kind == "none":
             shutil.rmtree(home, ignore_errors=True)
         with suppress(OSError):  # slamgauge has ended
@@ -66,6 +66,7 @@ def _started(kind: wall.Kind, seen: wall.View, files: Sequence[int], home: str) 
     requests, answers, output = files
 
     def work() -> None:
+        _close_all_but(requests, answers)
         signal.signal(signal.SIGTERM, leave)
         with suppress(KeyboardInterrupt):
             serve(requests, answers, home, walled=kind != "none")
@@ -79,6 +80,7 @@ def _started(kind: wall.Kind, seen: wall.View, files: Sequence[int], home: str) 
         namespaces.end_with(user)
 
     def behind_bwrap() -> None:
+        _close_all_but(requests, answers)
         for each in (requests, answers):
             os.set_inheritable(each, True)
         program = [sys.executable, "-P", "-m", isolated_worker.__name__, str(requests), str(answers)]
@@ -90,39 +92,50 @@ def _started(kind: wall.Kind, seen: wall.View, files: Sequence[int], home: str) 
     return namespaces.forked(behind_bwrap if kind == "bwrap" else work, output)
 
 
-def _ended(pid: int, seconds: float) -> int:
-    """Wait for the end of a process; return its status, or that it still runs, without forgetting the process."""
-    deadline = monotonic() + seconds
-    while monotonic() < deadline:
-        ended = os.waitid(os.P_PID, pid, os.WEXITED | os.WNOHANG | os.WNOWAIT)
-        if ended is not None:
-            return ended.si_status + (0 if ended.si_code == os.CLD_EXITED else namespaces.SIGNALLED)
-        sleep(0.002)
-    return STILL_RUNS
+def _close_all_but(*files: int) -> None:
+    """Close all files but these and the standard ones, above all the socket of the launcher."""
+    kept = [2, *sorted(files), MOST_FILES]
+    for before, after in pairwise(kept):
+        os.closerange(before + 1, after)
 
 
-def _end(pid: int, *, patient: bool) -> None:
-    """End a process and its group; a patient end gives it time for programs with groups of their own."""
-    if patient:
+def _end(pid: int, seconds: float, *, patient: bool) -> int:
+    """End a process and its group; return its status if it ends without that in the time, else `STILL_RUNS`.
+
+    A patient end gives it time for programs with groups of their own.
+    """
+    status = own = _awaited(pid, seconds)
+    if status is None and patient:
         os.kill(pid, signal.SIGTERM)
-        _ended(pid, LEAVING)
+        status = _awaited(pid, LEAVING)
     with suppress(ProcessLookupError, PermissionError):  # the group is empty
         os.killpg(pid, signal.SIGKILL)
-    os.waitpid(pid, 0)
+    if status is None:
+        os.waitpid(pid, 0)
+    return STILL_RUNS if own is None else own
+
+
+def _awaited(pid: int, seconds: float) -> int | None:
+    """Return the status of a process that ends in the time, as shells do; None if it still runs."""
+    deadline = monotonic() + seconds
+    while monotonic() < deadline:
+        ended, status = os.waitpid(pid, os.WNOHANG)
+        if ended:
+            code = os.waitstatus_to_exitcode(status)
+            return code if code >= 0 else namespaces.SIGNALLED - code
+        sleep(0.002)
+    return None
 
 
 def _import(names: Sequence[str]) -> None:
     """Import installed modules, and attributes like `slamgauge.batch` that an import loads."""
     for name in names:
-        module, _, attribute = name.rpartition(".")
         with suppress(Exception):  # a name of the user's own modules, or an error that the user's import shows
-            if not module or attribute == "*":
-                importlib.import_module(module or name)
-            else:
-                getattr(importlib.import_module(module), attribute)
-                continue
-        with suppress(Exception):
             importlib.import_module(name)
+            continue
+        with suppress(Exception):
+            module, _, attribute = name.rpartition(".")
+            getattr(importlib.import_module(module), attribute, None)
 
 
 if __name__ == "__main__":

@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import ctypes
 import os
+import platform
 import signal
 import struct
 import sys
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 NEW_USER, NEW_MOUNTS, NEW_PIDS, NEW_IPC, NEW_NAMES, NEW_NETWORK = 1 << 28, 1 << 17, 1 << 29, 1 << 27, 1 << 26, 1 << 30
 ALL = NEW_USER | NEW_MOUNTS | NEW_PIDS | NEW_IPC | NEW_NAMES | NEW_NETWORK
@@ -24,9 +26,11 @@ KEEP_CAPABILITIES, DEATH_SIGNAL, DROP_BOUND, NO_NEW_PRIVILEGES, AMBIENT = 8, 1, 
 READ_ALL = 2  # the capability CAP_DAC_READ_SEARCH
 CAPABILITIES_3 = 0x20080522
 NOBODY = 65534
+KEYCTL = {"x86_64": 250, "aarch64": 219, "riscv64": 219}  # numbers of the system call
+JOIN_SESSION = 1
 SIGNALLED = 128  # added to the number of the signal in the status of a process, as shells do
 
-_libc = ctypes.CDLL(None, use_errno=True)
+_libc: Any = ctypes.CDLL(None, use_errno=True) if sys.platform.startswith("linux") else None
 
 
 def _checked(result: int, what: str) -> None:
@@ -189,6 +193,13 @@ def drop_privileges() -> None:
     for each in kept:
         control(AMBIENT, 2, each)  # programs that it starts have it, too
     control(NO_NEW_PRIVILEGES, 1)
+
+
+def leave_keys() -> None:
+    """Begin a session without the keys of the user's: other processes of the session could read keys left in it."""
+    number = KEYCTL.get(platform.machine())
+    if number is not None:
+        _libc.syscall(number, JOIN_SESSION, None)
 
 
 def set_host_name(name: str) -> None:

@@ -14,10 +14,9 @@ import numpy as np
 from slamgauge.arrays import Marks
 from slamgauge.compare.estimators.captured_output import captured
 from slamgauge.compare.estimators.forms.form import remarks_of
-from slamgauge.compare.estimators.isolated_process import OverdueError
 from slamgauge.compare.estimators.loading import LoadedEstimator, entry_behind, spent_by, without
 from slamgauge.compare.estimators.registry import OPTIMA, UNDER, Entry
-from slamgauge.compare.estimators.user_code import reason_of
+from slamgauge.compare.estimators.user_code import OverdueError, reason_of
 from slamgauge.compare.storage.progress import counted
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, Estimator, Kind

@@ -98,6 +98,10 @@ class UserCodeError(UserError):
     """User code did what its form does not allow; the message is complete."""
 
 
+class OverdueError(UserCodeError):
+    """User code exceeded its timeout."""
+
+
 def load_callable_module(where: Address) -> ModuleType:
     """Load the module that defines the callable afresh. THIS RUNS USER CODE; its prints go to standard error.
 

@@ -15,7 +15,7 @@ import shutil
 import site
 import subprocess
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import suppress
 from functools import cache
 from importlib.util import find_spec
@@ -35,7 +35,8 @@ SETTINGS = ("alternatives", "fonts", "group", "ld.so.*", "localtime", "nsswitch.
 DEVICES = ("null", "zero", "full", "random", "urandom")
 TRUTHS = ("truth.npz", "*/truth.npz", "results")  # in the folder of the user's file: hidden
 CACHES = ("numba", "matplotlib", "fontconfig")  # folders of the user's cache folder
-BWRAP = ("--unshare-all", "--die-with-parent", "--new-session", "--cap-drop", "ALL", "--hostname", "wall")
+NAMES = ("--hostname", "wall", "--uid", str(namespaces.NOBODY), "--gid", str(namespaces.NOBODY))
+BWRAP = ("--unshare-all", "--die-with-parent", "--new-session", "--cap-drop", "ALL", *NAMES)
 
 
 class View(NamedTuple):
@@ -55,11 +56,14 @@ def kind_of_wall() -> Kind:
     """Return the best wall that this system permits."""
     if not sys.platform.startswith("linux"):
         return "none"
-    trial = [sys.executable, "-I", "-S", namespaces.__file__]
-    if _works(trial):
+    if _works([sys.executable, "-I", "-S", namespaces.__file__]):
         return "namespaces"
-    bwrap = shutil.which("bwrap")
-    return "bwrap" if bwrap and _works([bwrap, *BWRAP, "--ro-bind", "/", "/", "--proc", "/proc", "true"]) else "none"
+    return "bwrap" if has_bwrap() else "none"
+
+
+def has_bwrap() -> bool:
+    """Return whether this system has bwrap, and permits it."""
+    return _works(["bwrap", *BWRAP, "--ro-bind", "/", "/", "--proc", "/proc", "true"])
 
 
 def require_wall(*, unconfined: bool) -> None:
@@ -73,25 +77,22 @@ def require_wall(*, unconfined: bool) -> None:
         raise UserError(f"{why}; install bubblewrap, or give --unconfined for code that you trust")
 
 
-def view(folder: str, neighbours: Iterable[str], added: Iterable[str], strangers: Iterable[str]) -> View:
+def view(folder: str, neighbours: Collection[str], added: Iterable[str], strangers: Iterable[str]) -> View:
     """Return what user code sees.
 
     Args:
         folder: folder of the user's file; empty for an installed module.
         neighbours: paths of its helpers relative to the folder, which may begin with `../`.
         added: folders that the code adds to `sys.path`.
-        strangers: names of modules in the folder that belong to others.
-
-    Raises:
-        UserError: the folder is the root of the system, which contains everything.
+        strangers: names of modules and packages in the folder that belong to others.
     """
     place = Path(folder) if folder else None
-    if place == Path("/"):
-        raise UserError("user code in the folder / would see all files; move it to another folder")
     hidden, helpers = [], list[str]()
     if place is not None:
         hidden = [str(path) for pattern in TRUTHS for path in place.glob(pattern)]
-        hidden += [str(path) for name in strangers if (path := place / f"{name}.py").is_file()]
+        of_others = [*strangers, *(f"{name}.py" for name in strangers)]
+        used = {path.partition("/")[0] for path in neighbours}
+        hidden += [str(place / name) for name in of_others if name not in used and (place / name).exists()]
         helpers = [folder, *(_top(place, path) for path in neighbours if path.startswith("../")), *added]
     return View(_whole([*SYSTEM, *_settings(), *_python(), *helpers]), hidden)
 

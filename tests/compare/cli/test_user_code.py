@@ -13,8 +13,8 @@ from slamgauge import dead_reckoning, load_scenario, simulate
 from slamgauge.compare.checks import check as check_module
 from slamgauge.compare.checks.examination import CHECKS, OVERDUE, check_estimator
 from slamgauge.compare.cli.main import main
-from slamgauge.compare.estimators.isolated_process import Isolated, OverdueError
-from slamgauge.compare.estimators.user_code import address
+from slamgauge.compare.estimators.isolated_process import Isolated
+from slamgauge.compare.estimators.user_code import OverdueError, address
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from tests.reference.command_line import Module, Refuse, run

@@ -19,14 +19,15 @@ import numpy as np
 import pytest
 
 from slamgauge import dead_reckoning, simulate
-from slamgauge.compare.estimators import isolated_process
-from slamgauge.compare.estimators.isolated_process import Isolated, OverdueError, environment
+from slamgauge.compare.estimators import launched_process
+from slamgauge.compare.estimators.isolated_process import Isolated
+from slamgauge.compare.estimators.launched_process import environment
 from slamgauge.compare.estimators.launcher import FOLDERS
 from slamgauge.compare.estimators.loading import load, spent_by
 from slamgauge.compare.estimators.requests import Isolation, ask
 from slamgauge.compare.estimators.requests import isolated as kept_apart
 from slamgauge.compare.estimators.running import run_estimator
-from slamgauge.compare.estimators.user_code import UserCodeError, address
+from slamgauge.compare.estimators.user_code import OverdueError, UserCodeError, address
 from slamgauge.compare.scenarios.scenario import load_scenario
 from slamgauge.errors import UserError
 
@@ -222,7 +223,7 @@ def test_the_last_lines_of_output_are_kept(made: Made):
     estimator = made("for i in range(20_000):\n    print('line', i)\nreturn dead_reckoning(recording)")
     estimator(short())
     assert estimator.last_output.splitlines()[-2:] == ["line 19998", "line 19999"]
-    assert len(estimator.last_output) < isolated_process.TAIL
+    assert len(estimator.last_output) < launched_process.TAIL
 
 
 def test_the_size_of_files_is_limited(made: Made):
