@@ -98,15 +98,23 @@ def check_estimator(name: str, estimator: Estimator, seed: int = 0, checks: Sequ
 
 
 def _without_consequences(verdicts: list[Verdict]) -> list[Verdict]:
-    """Replace each failure of a check that presupposes another failed check."""
-    failed = [each.name for each in verdicts if each.is_failure]
-    causes = {name: [cause for cause in failed if cause in presupposed(name)] for name in failed}
-    roots = [name for name in failed if not causes[name]]
+    """Replace failures that may follow from others: of checks that presuppose a failed one, and errors.
+
+    An error may follow from any failure with a figure: a wrong covariance may make other estimates invalid.
+    """
+    failed = [each for each in verdicts if each.is_failure]
+    measured = [each for each in failed if each.figure is not None] or failed
+    roots = [each for each in measured if not presupposed(each.name) & {other.name for other in measured}]
     kept: list[Verdict] = []
     for each in verdicts:
-        cause = next((root for root in roots if root in causes.get(each.name, ())), None)
-        reason = f"not judged: {cause} fails, and this may follow from it"
-        kept.append(each if cause is None else replace(each, passed=None, figure=None, blame=reason))
+        is_error = each.is_failure and each not in measured
+        causes = [root.name for root in roots if is_error or root.name in presupposed(each.name)]
+        if each.is_failure and causes:
+            reason = f"not judged: {causes[0]} fails, and this may follow from it"
+            reason += f": {each.blame}" if is_error else ""
+            kept.append(replace(each, passed=None, figure=None, blame=reason))
+        else:
+            kept.append(each)
     return kept
 
 
