@@ -98,24 +98,28 @@ def check_estimator(name: str, estimator: Estimator, seed: int = 0, checks: Sequ
 
 
 def _without_consequences(verdicts: list[Verdict]) -> list[Verdict]:
-    """Replace failures that may follow from others: of checks that presuppose a failed one, and errors.
+    """Replace failures of checks that presuppose a failed check, and invalid covariances that another failure explains.
 
-    An error may follow from any failure with a figure: a wrong covariance may make other estimates invalid.
+    A wrong covariance may make the estimate of any recording invalid, also where only the mean is measured.
     """
     failed = [each for each in verdicts if each.is_failure]
-    measured = [each for each in failed if each.figure is not None] or failed
-    roots = [each for each in measured if not presupposed(each.name) & {other.name for other in measured}]
+    direct = [each for each in failed if not _has_invalid_covariance(each)] or failed
+    roots = [each for each in direct if not presupposed(each.name) & {other.name for other in direct}]
     kept: list[Verdict] = []
     for each in verdicts:
-        is_error = each.is_failure and each not in measured
-        causes = [root.name for root in roots if is_error or root.name in presupposed(each.name)]
+        is_invalid = each.is_failure and each not in direct
+        causes = [root.name for root in roots if is_invalid or root.name in presupposed(each.name)]
         if each.is_failure and causes:
             reason = f"not judged: {causes[0]} fails, and this may follow from it"
-            reason += f": {each.blame}" if is_error else ""
             kept.append(replace(each, passed=None, figure=None, blame=reason))
         else:
             kept.append(each)
     return kept
+
+
+def _has_invalid_covariance(failure: Verdict) -> bool:
+    """Return whether the estimate was refused for a covariance; another process returns only the text of an error."""
+    return failure.figure is None and "_covs[" in failure.blame
 
 
 def presupposed(name: str) -> set[str]:
