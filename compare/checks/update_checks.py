@@ -61,8 +61,8 @@ def first_sight(subject: Subject, rng: np.random.Generator) -> float:
 @check(
     figure="correction of the robot after it observed a new landmark: difference of their motions, relative",
     bound=0.05,
-    blame="the cross-covariance of a new landmark with the rest of the state, P_new,: = J_r P_r,:, or that of robot and "
-    "landmarks after the prediction, P_r,: = F P_r,:",
+    blame="the cross-covariance of a new landmark with the rest of the state, P_new,: = J_r P_r,:, or that of robot "
+    "and landmarks after the prediction, P_r,: = F P_r,:",
     after=("first-sight", "prediction-jacobian"),
 )
 def cross_covariance(subject: Subject, rng: np.random.Generator) -> float:
