@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from slamgauge.arrays import Float
@@ -30,7 +32,9 @@ class Strict(Isolated):
         return estimate
 
 
-def require_causal(estimator: Isolated, recording: Recording, estimate: Estimate) -> None:
+def require_causal(
+    estimator: Isolated, recording: Recording, estimate: Estimate, parts: Sequence[float] = PARTS
+) -> None:
     """Refuse a filtered estimate that differs from the estimates of the recordings up to some steps.
 
     Each is estimated in a new process, which has never received later measurements.
@@ -40,9 +44,9 @@ def require_causal(estimator: Isolated, recording: Recording, estimate: Estimate
     """
     if estimate.kind != "filtered" or len(estimate.poses) != recording.steps + 1:  # `run_estimator` refuses the latter
         return
-    steps = sorted({int(part * recording.steps) for part in PARTS} - {0})
+    steps = sorted({int(part * recording.steps) for part in parts} - {0})
     for step in steps:
-        what = _difference(estimate, estimator.run(recording.first(step))[0], step)
+        what = _difference(estimate, estimator.run(recording.first(step)).estimate, step)
         if what:
             _require_repeatable(estimator, recording.first(step))
             remedy = "store a pose before the next step begins, or say kind='smoothed'"
@@ -51,7 +55,7 @@ def require_causal(estimator: Isolated, recording: Recording, estimate: Estimate
 
 def _require_repeatable(estimator: Isolated, recording: Recording) -> None:
     """Refuse an estimator whose estimates of one recording differ: the check cannot judge it."""
-    answers = estimator.run(recording)[0], estimator.run(recording)[0]
+    answers = estimator.run(recording).estimate, estimator.run(recording).estimate
     if _difference(*answers, last=len(answers[0].poses) - 1):
         remedy = "seed its random numbers, and draw them step by step"
         raise UserCodeError(f"its answers to one recording differ from run to run; {remedy}")

@@ -21,6 +21,7 @@ from contextlib import suppress
 from pathlib import Path
 from selectors import EVENT_READ, EVENT_WRITE, DefaultSelector
 from time import monotonic
+from typing import NamedTuple
 
 from slamgauge.compare.estimators.answers import Answer, Incoming, Spent, address_fields, message, printable
 from slamgauge.compare.estimators.sources import Sources, added_folders, imported_names
@@ -61,6 +62,22 @@ class OverdueError(UserCodeError):
     """User code exceeded its timeout."""
 
 
+class IsolatedRun(NamedTuple):
+    """A run of user code.
+
+    Attributes:
+        estimate: what it returned.
+        spent: its times.
+        remarks: see `forms.form.remarks_of`.
+        replaces_noise: see `forms.form.replaces_noise`.
+    """
+
+    estimate: Estimate
+    spent: Spent
+    remarks: list[str]
+    replaces_noise: bool
+
+
 class Isolated:
     """An estimator that runs in a new process each time.
 
@@ -73,6 +90,7 @@ class Isolated:
     def __init__(self, where: Address, timeout: float, *, unconfined: bool = False) -> None:
         self.where, self.timeout, self.unconfined = where, timeout, unconfined
         self.spent = Spent(0.0, 0.0)
+        self.replaces_noise = False  # in the last run (see `forms.form.replaces_noise`)
         self._remarks: list[str] = []
         self._launcher: _Launcher | None = None
         self._form = ""
@@ -110,11 +128,12 @@ class Isolated:
         Raises:
             UserCodeError: the code raised an error, exceeded the timeout, or ended its process.
         """
-        estimate, self.spent, self._remarks = self.run(recording)
-        return estimate
+        run = self.run(recording)
+        self.spent, self._remarks, self.replaces_noise = run.spent, run.remarks, run.replaces_noise
+        return run.estimate
 
-    def run(self, recording: Recording) -> tuple[Estimate, Spent, list[str]]:
-        """Run the estimator; return its estimate, times and remarks.
+    def run(self, recording: Recording) -> IsolatedRun:
+        """Run the estimator.
 
         Raises:
             UserCodeError: as `__call__`.
@@ -131,7 +150,7 @@ class Isolated:
         if answer.reason:
             raise UserCodeError(answer.reason)
         spent = answer.spent(monotonic() - start)
-        return answer.estimate(), spent, answer.texts("remarks")
+        return IsolatedRun(answer.estimate(), spent, answer.texts("remarks"), answer.flag("replaces_noise"))
 
     def remarks(self, _recording: Recording) -> list[str]:
         """Return the remarks on the last run (see `forms.form.remarks_of`)."""

@@ -23,7 +23,7 @@ import numpy as np
 from slamgauge.compare.estimators.adapters import adapted, found_in
 from slamgauge.compare.estimators.answers import message, read_address, read_recording
 from slamgauge.compare.estimators.cpu_time import cpu_seconds
-from slamgauge.compare.estimators.forms.form import remarks_of
+from slamgauge.compare.estimators.forms.form import remarks_of, replaces_noise
 from slamgauge.compare.estimators.landlock import write_only_in
 from slamgauge.compare.estimators.user_code import reason_of
 from slamgauge.compare.estimators.wall import CACHES, HOME, WRITABLE, caches
@@ -103,7 +103,8 @@ def _run(estimator: Estimator, recording: Recording) -> tuple[Mapping[str, objec
         most = f"; its process may take {MOST_MEMORY / 1e9:g} GB" if isinstance(error, MemoryError) else ""
         return {"reason": f"{reason_of(error)}{most}"}, None
     spent = {"seconds": perf_counter() - start, "cpu_seconds": cpu_seconds() - cpu}
-    return {**spent, "remarks": remarks_of(estimator, recording)}, estimate
+    told = {"remarks": remarks_of(estimator, recording), "replaces_noise": replaces_noise(estimator)}
+    return {**spent, **told}, estimate
 
 
 def _answer(out: IO[bytes], fields: Mapping[str, object], estimate: Estimate | None = None) -> None:

@@ -16,6 +16,7 @@ from importlib.machinery import PathFinder
 from pathlib import Path
 
 from slamgauge.compare.estimators.pair_files import partner_file
+from slamgauge.compare.estimators.syntax_tree import parsed
 
 MOST_FILES = 1000  # no more imports are followed
 LEVELS = 4  # folders above a file in which helpers of its package may lie
@@ -75,11 +76,7 @@ def sources_of(folder: Path, module: str) -> Sources:
 
 def imported_names(content: bytes) -> Iterator[str]:
     """Yield the names that a source imports: `module`, or `module.name` for `from module import name`."""
-    try:
-        nodes = list(ast.walk(ast.parse(content)))
-    except (SyntaxError, ValueError):  # loading the module reports the error
-        return
-    for node in nodes:
+    for node in ast.walk(parsed(content)):
         if isinstance(node, ast.Import | ast.ImportFrom):
             module = getattr(node, "module", None)
             yield from (f"{module}.{alias.name}" if module else alias.name for alias in node.names)

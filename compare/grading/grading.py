@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import Executor, Future, as_completed
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -15,16 +15,14 @@ from slamgauge.compare.grading.installation import installed_files, require_same
 from slamgauge.compare.grading.remarks import figure_remarks, source_remarks
 from slamgauge.compare.grading.rubric import Rubric
 from slamgauge.compare.grading.submissions import Submission
-from slamgauge.compare.grading.trial import Trial, reference_run, run_trial
+from slamgauge.compare.grading.trial import Run, Trial, reference_run, run_trial
 from slamgauge.compare.scenarios.scenario import Scenario, scenario_text
-from slamgauge.compare.scoring.scores import Score
 from slamgauge.compare.storage.progress import counted
 from slamgauge.compare.storage.provenance import origin
 from slamgauge.compare.studies.executors import lost_worker
 from slamgauge.compare.studies.store import digest
 from slamgauge.compare.studies.study_run import run_seed
-from slamgauge.errors import UserError
-from slamgauge.estimate import Estimate
+from slamgauge.errors import UserError, failure_text
 
 T = TypeVar("T")
 
@@ -103,34 +101,40 @@ def grade_folder(
     seeds = [run_seed(seed, run) for run in range(runs)]
     arguments = [(scenario, each, reference) for each in seeds]
     measured = dict(_results(executor, reference_run, arguments, "run"))
-    scores: list[Score] = []
-    optima: list[Estimate | None] = []
+    references: list[Run] = []
     for run in range(runs):
         done = measured[run]
         if isinstance(done, Exception):
             raise UserError(f"reference {reference.label}: {done}")
-        scores.append(done[0])
-        optima.append(done[1])
+        references.append(done)
+    scores, rubric = [each.score for each in references], settings.rubric
+    arguments = [(each, settings, references) for each in submissions]
     before = installed_files()
-    runnable = [(place, each) for place, each in enumerate(submissions) if each.where is not None]
-    arguments = [(each.where, each.name, scenario, seeds, optima, settings.isolation) for _, each in runnable]
-    trials = {place: Trial(reason=each.reason) for place, each in enumerate(submissions)}
-    for number, trial in _results(executor, run_trial, arguments, "submission"):
-        trials[runnable[number][0]] = trial if isinstance(trial, Trial) else Trial(reason=LOST)
+    found = dict(_results(executor, _graded, arguments, "submission"))
     require_same(before)
-    rubric, theirs = settings.rubric, Trial(scores=scores)
-    runs = {each.name: trials[place].scores for place, each in enumerate(submissions)}
-    same = figure_remarks(runs | {f"({reference.label})": scores}, f"({reference.label})")
-    grades = tuple(
-        grade(each.name, trials[place], scores, rubric, [*_sources(each), *same.get(each.name, ())])
+    grades = [
+        done if isinstance(done := found[place], Grade) else grade(each.name, Trial(reason=LOST), scores, rubric)
         for place, each in enumerate(submissions)
-    )
-    return Grades(folder, settings, grade(reference.label, theirs, scores, rubric), grades)
+    ]
+    own = f"({reference.label})"
+    same = figure_remarks({each.submission: each.trial.scores for each in grades} | {own: scores}, own)
+    marked = [replace(each, remarks=(*each.remarks, *same.get(each.submission, ()))) for each in grades]
+    return Grades(folder, settings, grade(reference.label, Trial(scores=scores), scores, rubric), tuple(marked))
 
 
-def _sources(submission: Submission) -> list[str]:
-    """Return the remarks on the sources of a submission."""
-    return [] if submission.where is None else source_remarks(submission.where.sources)
+def _graded(submission: Submission, settings: GradeSettings, runs: Sequence[Run]) -> Grade:
+    """Run and grade a submission, and remark on its sources.
+
+    Any error is its reason, so that the others have their grades. Only this function and `main` catch all errors.
+    """
+    name, where, scores = submission.name, submission.where, [each.score for each in runs]
+    try:
+        if where is None:
+            return grade(name, Trial(reason=submission.reason), scores, settings.rubric)
+        trial = run_trial(where, name, settings.scenario, runs, settings.isolation)
+        return grade(name, trial, scores, settings.rubric, source_remarks(where.sources))
+    except Exception as error:  # noqa: BLE001 see above
+        return grade(name, Trial(reason=failure_text(error)), scores, settings.rubric)
 
 
 def _results(

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import csv
 import json
+import math
 import re
 import shutil
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -17,10 +19,13 @@ import pytest
 from slamgauge import simulate
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.cli.options import sampled_scenario
+from slamgauge.compare.estimators.user_code import Address
+from slamgauge.compare.grading import grading
 from slamgauge.compare.grading.grades import grade
 from slamgauge.compare.grading.rubric import load_rubric
 from slamgauge.compare.grading.submissions import submissions_in
-from slamgauge.compare.grading.trial import Trial
+from slamgauge.compare.grading.trial import Trial, run_trial
+from slamgauge.compare.scoring.intervals import Interval
 from slamgauge.compare.scoring.scores import Score
 from slamgauge.compare.studies.store import digest
 from slamgauge.compare.studies.study_run import run_seed
@@ -227,6 +232,43 @@ def test_errors_are_one_line_and_status_2(
     error = capsys.readouterr().err.splitlines()[-1]
     assert error.startswith("slamgauge: ") and said in error
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.usefixtures("studies_in_a_thread", "empty_pictures")
+def test_an_error_of_slamgauge_costs_one_submission_its_grade(
+    scenario: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    """Its name and the error are neither a formula in grades.csv nor HTML on its pages."""
+    (tmp_path / "class").mkdir()
+    for name in ("=anna", "bert"):
+        shutil.copy(EXAMPLES / "student_ekf.py", tmp_path / f"class/{name}.py")
+    (tmp_path / "class/deep.py").write_text(f"x = {'-' * 100_000}1")
+
+    def fails_for_anna(where: Address, name: str, *rest: Any) -> Trial:
+        if name == "=anna":
+            raise ZeroDivisionError("<b>zero</b>")
+        return run_trial(where, name, *rest)
+
+    monkeypatch.setattr(grading, "run_trial", fails_for_anna)
+    out = tmp_path / "out"
+    words = ["--scenario", str(scenario), "--runs", "2", "--seed", "0", "--jobs", "1", "--out", str(out)]
+    assert main(["grade", str(tmp_path / "class"), *words]) == 1
+    found = rows(out)
+    assert found["bert"]["passed"] == "true"
+    reason = found["'=anna"]["reason"]
+    assert re.fullmatch(r"ZeroDivisionError: <b>zero</b> \(test_grading.py, line \d+; a defect of .*\)", reason)
+    assert found["deep"]["reason"].startswith("cannot be loaded, it raised ")
+    for page in ("submissions/=anna.md", "submissions/=anna.html", "report.html"):
+        assert "&lt;b&gt;zero&lt;/b&gt;" in (out / page).read_text()
+        assert "<b>zero" not in (out / page).read_text()
+
+
+def test_figures_that_are_not_finite_are_missing():
+    theirs = scores(ate=1.0, spread=0.1)
+    found = grade("mine", Trial(scores=theirs), theirs, RUBRIC)
+    assert found.to_json()["ate_m"] == pytest.approx(1.0, abs=0.1)
+    row = replace(found, ate_m=Interval(math.inf, math.nan, None)).to_json()
+    assert (row["ate_m"], row["ate_m_low"], row["ate_m_high"]) == (None, None, None)
 
 
 def test_errors_below_those_of_the_optimum_do_not_pass():
