@@ -98,16 +98,28 @@ def check_estimator(name: str, estimator: Estimator, seed: int = 0, checks: Sequ
 
 
 def _without_consequences(verdicts: list[Verdict]) -> list[Verdict]:
-    """Replace each failure of a check that presupposes another failed check."""
-    failed = [each.name for each in verdicts if each.is_failure]
-    causes = {name: [cause for cause in failed if cause in presupposed(name)] for name in failed}
-    roots = [name for name in failed if not causes[name]]
+    """Replace failures of checks that presuppose a failed check, and invalid covariances that another failure explains.
+
+    A wrong covariance may make the estimate of any recording invalid, also where only the mean is measured.
+    """
+    failed = [each for each in verdicts if each.is_failure]
+    direct = [each for each in failed if not _has_invalid_covariance(each)] or failed
+    roots = [each for each in direct if not presupposed(each.name) & {other.name for other in direct}]
     kept: list[Verdict] = []
     for each in verdicts:
-        cause = next((root for root in roots if root in causes.get(each.name, ())), None)
-        reason = f"not judged: {cause} fails, and this may follow from it"
-        kept.append(each if cause is None else replace(each, passed=None, figure=None, blame=reason))
+        is_invalid = each.is_failure and each not in direct
+        causes = [root.name for root in roots if is_invalid or root.name in presupposed(each.name)]
+        if each.is_failure and causes:
+            reason = f"not judged: {causes[0]} fails, and this may follow from it"
+            kept.append(replace(each, passed=None, figure=None, blame=reason))
+        else:
+            kept.append(each)
     return kept
+
+
+def _has_invalid_covariance(failure: Verdict) -> bool:
+    """Return whether the estimate was refused for a covariance; another process returns only the text of an error."""
+    return failure.figure is None and "_covs[" in failure.blame
 
 
 def presupposed(name: str) -> set[str]:

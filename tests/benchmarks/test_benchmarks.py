@@ -59,11 +59,12 @@ SMALLEST = {
         "20 ",
         "from 20 to 37: batch landmarks^",
     ),
-    "seeded_bugs": (  # 5 s
-        "--seeds 1",
-        "bug named law caught others that it breaks",
+    "seeded_bugs": (  # 20 s
+        "--seeds 1 --forms 1",
+        "bug named check caught other checks that fail",
         "(none) - - -",
-        "wrong sign in F prediction-jacobian 1/1 ",
+        "wrong sign in F prediction-jacobian 1/1 - ",
+        "Octave course: R twice - - - ",
     ),
 }
 
