@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from slamgauge.compare.estimators.memory_check import require_room_for_runs
-from slamgauge.compare.estimators.requests import Asked
+from slamgauge.compare.estimators.requests import Asked, Isolation
 from slamgauge.compare.grading.grades import Grade, grade
+from slamgauge.compare.grading.installation import installed_files, require_same
 from slamgauge.compare.grading.remarks import figure_remarks, source_remarks
 from slamgauge.compare.grading.rubric import Rubric
 from slamgauge.compare.grading.submissions import Submission
@@ -37,7 +38,7 @@ class GradeSettings:
         runs: number of runs, at least 2.
         seed: root seed, a non-negative number.
         reference: estimator whose results submissions are compared with.
-        timeout: largest time of a run of a submission [s].
+        isolation: largest time of a run of a submission, and whether it runs without a wall.
         rubric: weights of the points.
     """
 
@@ -45,7 +46,7 @@ class GradeSettings:
     runs: int
     seed: int
     reference: Asked
-    timeout: float
+    isolation: Isolation
     rubric: Rubric
 
 
@@ -89,7 +90,7 @@ def grade_folder(
         executor: runs submissions, one at a time on each of its workers.
 
     Raises:
-        UserError: settings are out of range, or the reference fails.
+        UserError: settings are out of range, the reference fails, or files of slamgauge have changed.
     """
     scenario, runs, seed, reference = settings.scenario, settings.runs, settings.seed, settings.reference
     if runs < 2:
@@ -108,7 +109,9 @@ def grade_folder(
         references.append(done)
     scores, rubric = [each.score for each in references], settings.rubric
     arguments = [(each, settings, references) for each in submissions]
+    before = installed_files()
     found = dict(_results(executor, _graded, arguments, "submission"))
+    require_same(before)
     grades = [
         done if isinstance(done := found[place], Grade) else grade(each.name, Trial(reason=LOST), scores, rubric)
         for place, each in enumerate(submissions)
@@ -128,7 +131,7 @@ def _graded(submission: Submission, settings: GradeSettings, runs: Sequence[Run]
     try:
         if where is None:
             return grade(name, Trial(reason=submission.reason), scores, settings.rubric)
-        trial = run_trial(where, name, settings.scenario, runs, settings.timeout)
+        trial = run_trial(where, name, settings.scenario, runs, settings.isolation)
         return grade(name, trial, scores, settings.rubric, source_remarks(where.sources))
     except Exception as error:  # noqa: BLE001 see above
         return grade(name, Trial(reason=failure_text(error)), scores, settings.rubric)

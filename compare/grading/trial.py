@@ -19,7 +19,7 @@ from slamgauge.compare.estimators.causality_check import PARTS, require_causal
 from slamgauge.compare.estimators.isolated_process import Isolated
 from slamgauge.compare.estimators.loading import load, without
 from slamgauge.compare.estimators.registry import CAUSAL
-from slamgauge.compare.estimators.requests import Asked, ask
+from slamgauge.compare.estimators.requests import Asked, Isolation, ask
 from slamgauge.compare.estimators.running import run_estimator
 from slamgauge.compare.estimators.user_code import Address
 from slamgauge.compare.scenarios.scenario import Scenario
@@ -94,7 +94,7 @@ def reference_run(scenario: Scenario, seed: int, reference: Asked) -> Run:
     return Run(seed, _scored(truth, recording, estimate, optimum, seconds), optimum)
 
 
-def run_trial(where: Address, name: str, scenario: Scenario, runs: Sequence[Run], timeout: float) -> Trial:
+def run_trial(where: Address, name: str, scenario: Scenario, runs: Sequence[Run], isolation: Isolation) -> Trial:
     """Run a submission on all runs, then the checks if they apply to such recordings.
 
     Args:
@@ -102,10 +102,10 @@ def run_trial(where: Address, name: str, scenario: Scenario, runs: Sequence[Run]
         name: its name in error messages.
         scenario: scenario of the runs.
         runs: the same runs of the reference.
-        timeout: largest time of a run [s].
+        isolation: largest time of a run, and whether it runs without a wall.
     """
     trial = Trial()
-    with closing(Isolated(where, timeout)) as estimator:
+    with closing(Isolated(where, isolation.timeout, unconfined=isolation.unconfined)) as estimator:
         try:
             trial.form = estimator.begin() or "estimate(recording)"
             trial.callable = estimator.where.attribute
@@ -146,7 +146,8 @@ def _run_all(trial: Trial, estimator: Isolated, name: str, scenario: Scenario, r
 def _own_noise_scores(estimator: Isolated, name: str, scenario: Scenario, runs: Sequence[Run]) -> list[Score]:
     """Return the scores with the noise of the file; without scores if it fails with that noise."""
     scores: list[Score] = []
-    with closing(Isolated(estimator.where._replace(noise="file"), estimator.timeout)) as other:
+    where = estimator.where._replace(noise="file")
+    with closing(Isolated(where, estimator.timeout, unconfined=estimator.unconfined)) as other:
         for run in runs:
             truth, recording = simulate(scenario, run.seed)
             try:

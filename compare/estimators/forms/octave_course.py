@@ -185,5 +185,5 @@ class _CourseBelief:
 
     def _unset(self) -> list[int]:
         """Return the mapped landmarks whose coordinates are still zero."""
-        is_set = self._state()[0][3:].reshape(-1, 2).any(axis=1)
-        return [j for j in self._mapped if not is_set[j]]
+        places = self._state()[0][3:].reshape(-1, 2).tolist()
+        return [j for j in self._mapped if not any(places[j])]
