@@ -63,6 +63,13 @@ class Answer(NamedTuple):
             raise wrong(f"{key} is not a short list of texts")
         return [printable(each) for each in values]
 
+    def flag(self, key: str) -> bool:
+        """Return a field that is true or false; false if it is missing."""
+        value = self.fields.get(key, False)
+        if not isinstance(value, bool):
+            raise wrong(f"{key} is not true or false")
+        return value
+
     def spent(self, elapsed: float) -> Spent:
         """Return the times of a run that took at most `elapsed` seconds."""
         most = Spent(elapsed, elapsed * (os.cpu_count() or 1) + 1.0)

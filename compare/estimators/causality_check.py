@@ -46,7 +46,7 @@ def require_causal(
         return
     steps = sorted({int(part * recording.steps) for part in parts} - {0})
     for step in steps:
-        what = _difference(estimate, estimator.run(recording.first(step))[0], step)
+        what = _difference(estimate, estimator.run(recording.first(step)).estimate, step)
         if what:
             _require_repeatable(estimator, recording.first(step))
             remedy = "store a pose before the next step begins, or say kind='smoothed'"
@@ -55,7 +55,7 @@ def require_causal(
 
 def _require_repeatable(estimator: Isolated, recording: Recording) -> None:
     """Refuse an estimator whose estimates of one recording differ: the check cannot judge it."""
-    answers = estimator.run(recording)[0], estimator.run(recording)[0]
+    answers = estimator.run(recording).estimate, estimator.run(recording).estimate
     if _difference(*answers, last=len(answers[0].poses) - 1):
         remedy = "seed its random numbers, and draw them step by step"
         raise UserCodeError(f"its answers to one recording differ from run to run; {remedy}")

@@ -21,6 +21,7 @@ from contextlib import suppress
 from pathlib import Path
 from selectors import EVENT_READ, EVENT_WRITE, DefaultSelector
 from time import monotonic
+from typing import NamedTuple
 
 from slamgauge.compare.estimators.answers import Answer, Incoming, Spent, address_fields, message, printable
 from slamgauge.compare.estimators.sources import Sources, added_folders, imported_names
@@ -59,6 +60,22 @@ def can_isolate() -> bool:
 
 class OverdueError(UserCodeError):
     """User code exceeded its timeout."""
+
+
+class IsolatedRun(NamedTuple):
+    """A run of user code.
+
+    Attributes:
+        estimate: what it returned.
+        spent: its times.
+        remarks: see `forms.form.remarks_of`.
+        replaces_noise: see `forms.form.replaces_noise`.
+    """
+
+    estimate: Estimate
+    spent: Spent
+    remarks: list[str]
+    replaces_noise: bool
 
 
 class Isolated:
@@ -111,11 +128,12 @@ class Isolated:
         Raises:
             UserCodeError: the code raised an error, exceeded the timeout, or ended its process.
         """
-        estimate, self.spent, self._remarks, self.replaces_noise = self.run(recording)
-        return estimate
+        run = self.run(recording)
+        self.spent, self._remarks, self.replaces_noise = run.spent, run.remarks, run.replaces_noise
+        return run.estimate
 
-    def run(self, recording: Recording) -> tuple[Estimate, Spent, list[str], bool]:
-        """Run the estimator; return its estimate, times, remarks, and whether another noise of its file was replaced.
+    def run(self, recording: Recording) -> IsolatedRun:
+        """Run the estimator.
 
         Raises:
             UserCodeError: as `__call__`.
@@ -132,7 +150,7 @@ class Isolated:
         if answer.reason:
             raise UserCodeError(answer.reason)
         spent = answer.spent(monotonic() - start)
-        return answer.estimate(), spent, answer.texts("remarks"), answer.fields.get("replaces_noise") is True
+        return IsolatedRun(answer.estimate(), spent, answer.texts("remarks"), answer.flag("replaces_noise"))
 
     def remarks(self, _recording: Recording) -> list[str]:
         """Return the remarks on the last run (see `forms.form.remarks_of`)."""

@@ -103,8 +103,8 @@ def _run(estimator: Estimator, recording: Recording) -> tuple[Mapping[str, objec
         most = f"; its process may take {MOST_MEMORY / 1e9:g} GB" if isinstance(error, MemoryError) else ""
         return {"reason": f"{reason_of(error)}{most}"}, None
     spent = {"seconds": perf_counter() - start, "cpu_seconds": cpu_seconds() - cpu}
-    remarks = remarks_of(estimator, recording)
-    return {**spent, "remarks": remarks, "replaces_noise": replaces_noise(estimator)}, estimate
+    told = {"remarks": remarks_of(estimator, recording), "replaces_noise": replaces_noise(estimator)}
+    return {**spent, **told}, estimate
 
 
 def _answer(out: IO[bytes], fields: Mapping[str, object], estimate: Estimate | None = None) -> None:

@@ -146,8 +146,8 @@ def _run_all(trial: Trial, estimator: Isolated, name: str, scenario: Scenario, r
 def _own_noise_scores(estimator: Isolated, name: str, scenario: Scenario, runs: Sequence[Run]) -> list[Score]:
     """Return the scores with the noise of the file; without scores if it fails with that noise."""
     scores: list[Score] = []
-    where = estimator.where._replace(noise="file")
-    with closing(Isolated(where, estimator.timeout, unconfined=estimator.unconfined)) as other:
+    where, unconfined = estimator.where._replace(noise="file"), estimator.unconfined
+    with closing(Isolated(where, estimator.timeout, unconfined=unconfined)) as other:
         for run in runs:
             truth, recording = simulate(scenario, run.seed)
             try:
