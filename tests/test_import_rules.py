@@ -166,7 +166,14 @@ def loaded_by(statement: str) -> set[str]:
     return set(done.stdout.split())
 
 
-@pytest.mark.parametrize("statement", ["import slamgauge", "import slamgauge.compare.cli.main"])
+@pytest.mark.parametrize(
+    "statement",
+    [
+        "import slamgauge",
+        "import slamgauge.compare.cli.main",
+        "from slamgauge.compare.cli.main import main; main(['run', 'no-such-scenario'])",
+    ],
+)
 def test_the_command_and_the_package_start_without_the_slow_libraries(statement: str) -> None:
     loaded = loaded_by(statement)
     assert statement.split()[1] in loaded

@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-from slamgauge.compare.studies.executors import pin_blas_threads
-
-pin_blas_threads()  # before numpy is imported
-
 import errno
 import signal
 import sys
@@ -34,6 +30,7 @@ from slamgauge.version import __version__
 
 DEFECT = 70  # exit status, EX_SOFTWARE of sysexits.h
 REFUSED = 71  # EX_OSERR
+LONGEST = 200  # characters of the machine's own message
 INTERRUPTED = 128 + signal.SIGINT  # the exit status that shells use
 # signals that interrupt a command; Windows has no SIGHUP
 ENDS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
@@ -95,7 +92,7 @@ def _run(words: Sequence[str]) -> int:
         if isinstance(error, OSError) and error.errno == errno.ENAMETOOLONG:
             return _ended(2, f"{str(error.filename)[:60]} ...: this name is too long; check the path")
         if refused_by_the_machine(error):
-            what = " ".join(str(error).split()) or type(error).__name__
+            what = " ".join(str(error).split())[:LONGEST] or "too little memory"
             return _ended(REFUSED, f"the machine refused: {what}; make room and give the same command again")
         traceback.print_exception(error)
         return _ended(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 import sys
 from collections.abc import Sequence
@@ -38,6 +37,7 @@ Open = Annotated[bool, tyro.conf.arg(help=f"Open {REPORT} in the browser.")]
 Form = Annotated[str, tyro.conf.arg(help="Form of your own code, if it is not found: step, class, octave, ...")]
 Unconfined = Annotated[bool, tyro.conf.arg(help="Run your own code without a wall around it (docs/your_filter.md).")]
 PATIENCE = 600.0  # s
+LONGEST_TIMEOUT = 1e6  # s; `select` counts milliseconds in 31 bits
 MOST_JOBS = 1024
 
 
@@ -54,7 +54,7 @@ class OwnCode:
     unconfined: Unconfined = False
 
     noise: Literal["recording", "file", "both"] = "recording"
-    """Noise that your own step functions assume: the recording's, Q and Py of their file, or one run with each."""
+    """Noise that your own code assumes: the recording's, that of its file, or one run with each."""
 
     form: Form = ""
 
@@ -117,6 +117,13 @@ Folder = Annotated[
 ]
 
 
+def require_scenario(scenario: str) -> None:
+    """Refuse a scenario that does not exist, before slow libraries are imported."""
+    from slamgauge.compare.scenarios.scenario_files import locate
+
+    locate(scenario)
+
+
 def sampled_scenario(scenario: str, overrides: Sequence[Sequence[str]]) -> Scenario:
     """Load a scenario; its true start is drawn from the prior, as statistics need it, unless overridden."""
     from slamgauge.compare.scenarios.scenario import load_scenario
@@ -125,9 +132,9 @@ def sampled_scenario(scenario: str, overrides: Sequence[Sequence[str]]) -> Scena
 
 
 def require_timeout(seconds: float) -> float:
-    """Refuse a time limit that is not a finite number above 0."""
-    if not 0 < seconds < math.inf:
-        raise UserError(f"timeout: {seconds:g} s leaves no time, or sets no limit; give seconds > 0")
+    """Refuse a time limit that is not above 0, or above the longest one that systems can wait for."""
+    if not 0 < seconds <= LONGEST_TIMEOUT:
+        raise UserError(f"timeout: {seconds:g} s leaves no time, or sets no limit; give 0 to {LONGEST_TIMEOUT:g} s")
     return seconds
 
 

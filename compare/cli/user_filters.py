@@ -17,6 +17,7 @@ from slamgauge.compare.cli.options import (
     Unconfined,
     WithPage,
     Work,
+    require_scenario,
     require_timeout,
     results_folder,
     sampled_scenario,
@@ -112,6 +113,7 @@ class Grade(WithPage):
     results/grades-FOLDER."""
 
     def __call__(self) -> int:
+        require_scenario(self.scenario)
         import secrets  # here: it is slow to start
 
         from slamgauge.compare.estimators.isolated_process import require_isolation

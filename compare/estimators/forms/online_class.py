@@ -81,7 +81,8 @@ def _made(kind: Callee, recording: Recording) -> Any:
     lacking = [name for name in required(kind) if name not in names]
     if lacking:
         raise UserCodeError(
-            f"its constructor needs {', '.join(lacking)}; take {', '.join(START)}, some or none of them"
+            f"its constructor needs {', '.join(lacking)}; take {', '.join(START)}, some or none of them, "
+            "or store the state as mu and Sigma or as x and P and take x0, P0, Q, R"
         )
     return kind(**{name: getattr(recording, name) for name in names})
 

@@ -20,6 +20,7 @@ import numpy as np
 
 from slamgauge.arrays import Float
 from slamgauge.compare.estimators.forms.columns import column, use_columns
+from slamgauge.compare.estimators.forms.inputs import step_length
 from slamgauge.compare.estimators.forms.signatures import ArrayForNumberError, called, pair, parameters, required
 from slamgauge.compare.estimators.forms.state_log import StateLog
 from slamgauge.compare.estimators.forms.step_settings import SETTINGS, STATE_AND_INPUT, StepSettings, is_setting
@@ -138,7 +139,7 @@ class _Stepper:
         """Return the control u (2, 1): speed [m/s], yaw rate [rad/s]."""
         if step == 0:
             return np.zeros((2, 1))
-        return self._recording.odometry[step - 1, [0, 2]].reshape(2, 1) / self.settings.dt(step)
+        return self._recording.odometry[step - 1, [0, 2]].reshape(2, 1) / step_length(self._recording, step)
 
     def _observations(self, scan: Observations) -> Float:
         """Return the scan as y (m, 3) or (m, 2): unknown ranges are NaN, unknown ids in the last column are -1."""

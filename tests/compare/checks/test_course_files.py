@@ -18,7 +18,15 @@ QUICK = [
     check
     for check in TIMELESS
     if check.name
-    in ("truth-recovered", "prediction-jacobian", "first-sight", "update-bearing", "innovation-wrap", "long-unseen")
+    in (
+        "truth-recovered",
+        "prediction-jacobian",
+        "first-sight",
+        "cross-covariance",
+        "innovation-wrap",
+        "long-unseen",
+        "update-bearing",
+    )
 ]
 
 

@@ -52,7 +52,7 @@ STYLES: dict[str, tuple[str, dict[str, str]]] = {
         },
     ),
     "R of the motion (3, 3), Q of observations": (
-        "u = [dx, dy, dtheta], update(ids (m,), z (m, 2))",
+        "u = [dx, dy, dtheta], update with z (m, 2), ids (m,)",
         {
             **WITH_LATERAL,
             INIT: "def __init__(self, R, Q, mu0, Sigma0):\n        x0, P0, Q, R = mu0, Sigma0, R, Q",
@@ -132,7 +132,11 @@ def test_right_classes_agree_with_ekf(tmp_path: Path, capsys: pytest.CaptureFixt
     assert "mine: online class EkfSlam: " in capsys.readouterr().err
     remarks = " ".join(remarks_of(mine, recording))
     assert words in remarks
-    assert ("its own Q, R replaced" in remarks) == (style == "start and noise of its own")
+    is_own = style == "start and noise of its own"
+    assert (
+        "motion noise Q of the file, diag(0.1, 0.1), is replaced by the recording's, diag(0.09, " in remarks
+    ) == is_own
+    assert ("observation noise R of the file, diag(1, 1), is replaced by the recording's" in remarks) == is_own
 
 
 def test_a_class_with_room_for_all_landmarks_and_ids_from_1(tmp_path: Path):
