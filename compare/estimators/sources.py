@@ -103,8 +103,8 @@ def added_folders(folder: Path, content: bytes) -> Iterator[str]:
     """Yield folders beside or above a folder that a source adds to `sys.path` by a name, as `"../library"`."""
     if b"sys.path" not in content:
         return
-    with suppress(SyntaxError, ValueError):
-        calls = [node for node in ast.walk(ast.parse(content)) if isinstance(node, ast.Call)]
+    with suppress(ValueError, RecursionError):  # an impossible path, deep nesting
+        calls = [node for node in ast.walk(parsed(content)) if isinstance(node, ast.Call)]
         added = [each for each in calls if ast.unparse(each.func) in ("sys.path.append", "sys.path.insert")]
         words = [node.value for each in added for node in ast.walk(each) if isinstance(node, ast.Constant)]
         for place in (folder, *folders_above(folder)):
