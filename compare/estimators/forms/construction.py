@@ -21,10 +21,18 @@ from slamgauge.compare.estimators.forms.signatures import parameters
 from slamgauge.compare.estimators.forms.step_source import names_read
 from slamgauge.compare.estimators.user_code import Callee, Noise, UserCodeError
 
-NOISE: Roles = {
-    "motion": ("Q motion process control odometry", "u noise cov covariance matrix"),
-    "measurement": ("R measurement meas sensor observation obs", "z noise cov covariance matrix"),
-}
+LETTERS = ("Q", "R")  # courses disagree on which one is the noise of the motion
+
+
+def noise_roles(*, is_swapped: bool = False) -> Roles:
+    """Return the roles of noise by name, with Q or, if swapped, R as that of the motion."""
+    motion, measurement = reversed(LETTERS) if is_swapped else LETTERS
+    return {
+        "motion": (f"{motion} motion process control odometry", "u noise cov covariance matrix"),
+        "measurement": (f"{measurement} measurement meas sensor observation obs", "z noise cov covariance matrix"),
+    }
+
+
 ROLES: Roles = {
     "sensor": ("sensor", ""),
     "offset": ("offset", "sensor"),
@@ -34,23 +42,22 @@ ROLES: Roles = {
     "theta": ("theta yaw", "start init initial 0"),
     "mean": ("x X mu state pose mean start", "init initial prior est robot 0"),
     "cov": ("P sigma cov covariance", "init initial prior start state pose est robot 0"),
-    **NOISE,
+    **noise_roles(),
     "dt": ("dt ts dtime timestep step", "time"),
     "count": ("n N M L m num number max count", "landmark landmarks lm features of"),
 }
-LETTERS = {"Q", "R"}  # courses disagree on which one is the noise of the motion
 NOISE_WORDS = {"noise", "sigma", "std", "stddev", "var", "variance", "cov", "covariance", "Q", "R"}
 NAMES = {"motion": "motion noise", "measurement": "observation noise"}
 
 
-def roles_of(kind: Callee, known: Collection[str]) -> dict[str, str]:
-    """Return the role of each constructor parameter that is in `known`, by parameter name.
+def roles_of(kind: Callee, known: Collection[str], *, is_swapped: bool = False) -> dict[str, str]:
+    """Return the role of each constructor parameter that is in `known`, by parameter name; Q and R may be swapped.
 
     Raises:
         UserCodeError: a parameter without default has no known role.
     """
     given = parameters(kind)
-    found = {each.name: role_of(each.name, ROLES) for each in given}
+    found = {each.name: role_of(each.name, {**ROLES, **noise_roles(is_swapped=is_swapped)}) for each in given}
     if "y" in found.values():
         found |= {name: "x" for name in found if "x" in words_of(name)}
     roles = {name: role for name, role in found.items() if role is not None and role in known}
@@ -88,6 +95,7 @@ class StoredNoise:
         slam: the new object; None for functions of a module. It gets its own copies of arrays of its class.
         passed: covariances that its constructor received, by role (`motion`, `measurement`).
         shapes: sizes of the covariances by role.
+        names: roles of names (`noise_roles`).
         noise: assumed noise: that of the recording, or that of the file.
     """
 
@@ -97,6 +105,7 @@ class StoredNoise:
         slam: Any,
         passed: dict[str, Float],
         shapes: dict[str, tuple[int, int]],
+        names: Roles,
         noise: Noise,
     ) -> None:
         functions = [inspect.unwrap(each) for each in methods]
@@ -118,7 +127,7 @@ class StoredNoise:
                 (space, name, np.array(value, float))
                 for space in self._spaces
                 for name, value in space.items()
-                if _real(value).shape == shape and role_of(name, NOISE) == role
+                if _real(value).shape == shape and role_of(name, names) == role
             ]
             for role, shape in shapes.items()
             if role not in passed

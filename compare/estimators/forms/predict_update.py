@@ -27,6 +27,7 @@ from slamgauge.compare.estimators.forms.construction import (
     StoredNoise,
     constructed,
     methods_in,
+    noise_roles,
     roles_of,
     without_defaults,
 )
@@ -125,7 +126,7 @@ class _Filter:
             slam = constructed(kind, roles, {**passed, **others})
         self._predict, self._update = (fresh.names[name] if slam is None else getattr(slam, name) for name in METHODS)
         methods = (self._predict, self._update) if slam is None else methods_in(type(slam))
-        self.noise = StoredNoise(methods, slam, passed, SHAPES, noise)
+        self.noise = StoredNoise(methods, slam, passed, SHAPES, noise_roles(), noise)
 
     def advanced(self, step: int, scan: Observations) -> tuple[Any, Any]:
         """Run a step; return state and covariance."""
