@@ -29,12 +29,11 @@ from slamgauge.compare.estimators.forms.construction import (
     methods_in,
     noise_roles,
     roles_of,
-    without_defaults,
 )
 from slamgauge.compare.estimators.forms.inputs import increment_cov, observation_cov, require_ranges_and_bearings
 from slamgauge.compare.estimators.forms.probing import best_of, tiny_recording
 from slamgauge.compare.estimators.forms.signatures import called, pair, required
-from slamgauge.compare.estimators.forms.state_log import StateLog
+from slamgauge.compare.estimators.forms.state_log import StateLog, Steps
 from slamgauge.compare.estimators.fresh_modules import Code, Fresh
 from slamgauge.compare.estimators.user_code import Noise
 from slamgauge.estimate import Estimate
@@ -106,7 +105,7 @@ class PredictUpdate:
         return self._remarks
 
 
-class _Filter:
+class _Filter(Steps):
     """The functions or methods with their state, and the ids of the landmarks that they have mapped."""
 
     names = ("eta", "P")
@@ -120,7 +119,7 @@ class _Filter:
         slam: Any = None
         if inspect.isclass(kind := fresh.callee):
             optional = {"alphas", "offset", *(SHAPES if noise == "file" else ())}
-            roles = without_defaults(kind, roles_of(kind, KNOWN), optional)
+            roles = roles_of(kind, KNOWN, optional)
             passed = {role: cov for role, cov in _first_covs(recording).items() if role in roles.values()}
             others = {"alphas": np.array(GATES), "own association": True, "offset": np.zeros(2)}
             slam = constructed(kind, roles, {**passed, **others})

@@ -33,7 +33,6 @@ from slamgauge.compare.estimators.forms.construction import (
     methods_in,
     noise_roles,
     roles_of,
-    without_defaults,
 )
 from slamgauge.compare.estimators.forms.inputs import (
     block_diagonal,
@@ -45,7 +44,7 @@ from slamgauge.compare.estimators.forms.inputs import (
 )
 from slamgauge.compare.estimators.forms.probing import best_of, tiny_recording
 from slamgauge.compare.estimators.forms.signatures import required
-from slamgauge.compare.estimators.forms.state_log import StateLog
+from slamgauge.compare.estimators.forms.state_log import StateLog, Steps
 from slamgauge.compare.estimators.fresh_modules import Code, Fresh
 from slamgauge.compare.estimators.user_code import Noise, UserCodeError
 from slamgauge.estimate import Estimate
@@ -128,7 +127,7 @@ class UsualClass:
         return [words, *self._noise_remarks]
 
 
-class _Run:
+class _Run(Steps):
     """An object of the class on a recording.
 
     Raises:
@@ -140,12 +139,12 @@ class _Run:
         ids = [] if recording.landmark is None else [*dict.fromkeys(recording.landmark.tolist())]
         self._number = {name: j for j, name in enumerate(ids)}
         self._seen, self._heading = 0, recording.prior_mean[2]
-        roles = roles_of(kind, KNOWN, is_swapped=way.is_swapped)
-        roles = without_defaults(kind, roles, COVS_OF_NOISE if noise == "file" else ())
-        if recording.landmark is None:
-            if any(roles.get(name) == "count" for name in required(kind)):
-                raise UserCodeError("its constructor needs the number of landmarks; give a recording with ids")
-            roles = {name: role for name, role in roles.items() if role != "count"}
+        optional = {"count"} if recording.landmark is None else set[str]()
+        roles = roles_of(
+            kind, KNOWN, optional | {*(COVS_OF_NOISE if noise == "file" else ())}, is_swapped=way.is_swapped
+        )
+        if recording.landmark is None and "count" in roles.values():
+            raise UserCodeError("its constructor needs the number of landmarks; give a recording with ids")
         covs = self._noise_covs(1, observation_cov(recording))
         self._slam = constructed(kind, roles, {**self._values(len(ids)), **covs})
         passed = {role: cov for role, cov in covs.items() if role in roles.values()}
