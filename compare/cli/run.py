@@ -19,6 +19,7 @@ from slamgauge.compare.cli.options import (
     Repeated,
     WithPage,
     flattened,
+    require_scenario,
     results_folder,
     split_names,
     write_page,
@@ -64,26 +65,28 @@ class Run(WithPage):
     """Folder of the results. If not given: results/SCENARIO-seed-SEED."""
 
     def __call__(self) -> int:
-        from slamgauge.compare.scenarios.scenario import load_scenario
+        require_scenario(self.scenario)
+        from slamgauge.compare.estimators.requests import ask
         from slamgauge.compare.storage.safe_names import file_name
+
+        asked = self.own_code.isolate(ask(split_names(self.estimators)))
+        from slamgauge.compare.scenarios.scenario import load_scenario  # it is slow to start
 
         scenario = load_scenario(self.scenario, flattened(self.set))
         out = self.out or Path("results") / f"{file_name(scenario.name)}-seed-{self.seed}"
-        status = self._score(scenario, out)  # its memory is free again before the page is written
+        status = self._score(scenario, asked, out)  # its memory is free again before the page is written
         return status if write_page(out, METRICS, self.page) else 1
 
-    def _score(self, scenario: Scenario, out: Path) -> int:
+    def _score(self, scenario: Scenario, asked: list[Asked], out: Path) -> int:
         from slamgauge.compare.estimators.memory_check import require_room_for_estimates
-        from slamgauge.compare.estimators.requests import ask
         from slamgauge.compare.scenarios.scenario import scenario_text
         from slamgauge.compare.scenarios.simulation import simulate_informed
         from slamgauge.compare.storage.manifest import require_free
         from slamgauge.compare.storage.result_files import comparison_files
 
-        asked = self.own_code.isolate(ask(split_names(self.estimators)))
         require_free(out, comparison_files(each.label for each in asked))
         truth, recording, informed = simulate_informed(scenario, self.seed)
-        require_room_for_estimates(informed, len(asked))
+        require_room_for_estimates(informed, asked)
         settings = (scenario.association, scenario.initialisation_settings, scenario.robustness)
         origin = (scenario.name, self.seed, scenario_text(scenario))
         scoring = Scoring(asked, out, self.output, f"{scenario.name}, seed {self.seed}", *settings, *origin)
@@ -158,7 +161,7 @@ class Evaluate(WithPage):
         )
         stored = {label: _stored_estimator(path, recording) for label, path in self._stored().items()}
         named = self.own_code.isolate(ask(split_names(self.estimators)))
-        require_room_for_estimates(recording, len(named))
+        require_room_for_estimates(recording, named)
         title = shown(f"{self.recording.parent.resolve().name}/{self.recording.name}")
         scoring = Scoring(ask([*named, *ask(stored)]), self.out, self.output, title, *settings)
         return scoring.score(truth, recording)

@@ -135,6 +135,10 @@ class StoredNoise:
             if own_role == role and (own is None or self._is_replaced):
                 space[name] = cov.copy()
 
+    def is_replaced(self, given: dict[str, Float]) -> bool:
+        """Return whether the noise of the recording replaces another one of the file."""
+        return self._is_replaced and any(self._compared(given))
+
     def remarks(self, given: dict[str, Float], ignored: Collection[str] = ()) -> list[str]:
         """Return sentences on the noise of the file: replaced covariances, and others that the file keeps.
 
@@ -142,11 +146,7 @@ class StoredNoise:
             given: first covariances of the recording, by role.
             ignored: names of attributes without noise.
         """
-        found = [
-            noise_remark(f"{NAMES[role]} {name}", own, given[role], is_replaced=self._is_replaced)
-            for role, _, name, own in self._places
-            if own is not None
-        ]
+        found = self._compared(given)
         read = self._read - {*ignored, *(name for _, _, name, _ in self._places)}
         others = [
             f"{name} = {shown(value)}"
@@ -158,6 +158,14 @@ class StoredNoise:
             has = " and ".join(f"{NAMES[role]} {shown(cov)}" for role, cov in given.items())
             found.append(f"its own noise, {', '.join(others)}, is kept; the recording has {has}")
         return [*filter(None, found)]
+
+    def _compared(self, given: dict[str, Float]) -> list[str]:
+        """Return a sentence, or an empty text, for each covariance of the file."""
+        return [
+            noise_remark(f"{NAMES[role]} {name}", own, given[role], is_replaced=self._is_replaced)
+            for role, _, name, own in self._places
+            if own is not None
+        ]
 
 
 def _real(value: object) -> Float:

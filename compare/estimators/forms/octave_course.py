@@ -61,12 +61,14 @@ class CourseSteps:
     Attributes:
         code: source of one of them.
         noise: assumed noise: that of the recording, or that inside the functions.
+        replaces_noise: whether the noise of the recording replaced another one of the file in the last run.
     """
 
     code: Code
     noise: Noise = "recording"
     _convention: Convention | None = field(default=None, init=False)
     _remarks: list[str] = field(default_factory=list, init=False)
+    replaces_noise: bool = field(default=False, init=False)
 
     def __call__(self, recording: Recording) -> Estimate:
         """Run the functions over a recording.
@@ -85,6 +87,7 @@ class CourseSteps:
             filter_ = _CourseFilter(_functions(fresh), self._convention, recording)
             filter_.find_noise(is_replaced=self.noise == "recording")
             estimate = StateLog(recording).run(filter_)
+        self.replaces_noise = filter_.replaces_noise
         found = [text for _, text in sorted(filter_.noise_remarks.items()) if text]
         self._remarks = [f"the course's functions take {self._convention.words()}", *found]
         return estimate
@@ -114,6 +117,7 @@ class _CourseFilter(Steps):
 
     Attributes:
         noise_remarks: sentences on the noise of motion and observations, as far as it is known.
+        replaces_noise: whether the noise of the recording has replaced another one of the file.
     """
 
     names = ("mu", "sigma")
@@ -127,6 +131,7 @@ class _CourseFilter(Steps):
         self._step, self._heading, self._scan_covs = 0, recording.prior_mean[2], recording.observation_cov
         self._is_replaced = False
         self.noise_remarks: dict[str, str] = {}
+        self.replaces_noise = False
         if convention.mu == "numbers":
             for each in functions:
                 use_columns(each.function.__globals__)
@@ -223,4 +228,5 @@ class _CourseFilter(Steps):
         if name not in self.noise_remarks:
             first = np.asarray(own, np.float64)[: len(given), : len(given)]
             self.noise_remarks[name] = noise_remark(name, first, given, is_replaced=self._is_replaced)
+            self.replaces_noise |= self._is_replaced and bool(self.noise_remarks[name])
         return whole if self._is_replaced else own

@@ -76,12 +76,14 @@ class PredictUpdate:
     Attributes:
         code: source of one of the functions, or of the class.
         noise: assumed noise: that of the recording, or that of the file.
+        replaces_noise: whether the noise of the recording replaced another one of the file in the last run.
     """
 
     code: Code
     noise: Noise = "recording"
     _is_flat: bool | None = field(default=None, init=False)
     _remarks: list[str] = field(default_factory=list, init=False)
+    replaces_noise: bool = field(default=False, init=False)
 
     def __call__(self, recording: Recording) -> Estimate:
         """Run the functions, or a new object, over a recording, without its ids.
@@ -97,7 +99,8 @@ class PredictUpdate:
                 self._is_flat = best_of((False, True), lambda is_flat: _Filter(fresh, tiny, is_flat, self.noise), tiny)
         with self.code.fresh() as fresh:
             filter_ = _Filter(fresh, recording, self._is_flat, self.noise)
-            self._remarks = filter_.noise.remarks(_first_covs(recording))
+            given = _first_covs(recording)
+            self._remarks, self.replaces_noise = filter_.noise.remarks(given), filter_.noise.is_replaced(given)
             return StateLog(recording).run(filter_)
 
     def remarks(self, _recording: Recording) -> list[str]:

@@ -39,7 +39,7 @@ def description(given: Fresh) -> str | None:
     return f"step function of the exercise ({', '.join(each.name for each in parameters(given.callee))})"
 
 
-@dataclass(frozen=True)
+@dataclass
 class StepFunction:
     """A step function as an estimator.
 
@@ -47,11 +47,13 @@ class StepFunction:
         code: source of the function.
         noise: assumed noise: that of the recording, or Q and Py of its file.
         found: remarks on the last run.
+        replaces_noise: whether the noise of the recording replaced another one of the file in the last run.
     """
 
     code: Code
     noise: Noise = "recording"
     found: list[str] = field(default_factory=list, compare=False, repr=False)
+    replaces_noise: bool = field(default=False, init=False, compare=False, repr=False)
 
     def __call__(self, recording: Recording) -> Estimate:
         """Run the function over a recording; for a scan at step 0, u and Q are zero.
@@ -81,6 +83,7 @@ class StepFunction:
                 use_columns(getattr(fresh.callee, "__globals__", {}))
             stepper = _Stepper(fresh.callee, recording, self.noise, array)
             self.found[:] = stepper.settings.remarks()
+            self.replaces_noise = stepper.settings.replaces_noise
             for step, scan in enumerate(recording.scans()):
                 if step > 0 or len(scan.value):
                     ids = scan.landmark if stepper.settings.shows_ids else None

@@ -74,6 +74,11 @@ class StepSettings:
         return self._file.get("Py")
 
     @property
+    def replaces_noise(self) -> bool:
+        """Whether Q or Py of the recording replaces another one of the file."""
+        return any(self._noise_remark(name) for name in self._set if name in self._file)
+
+    @property
     def uses_matrices(self) -> bool:
         """Whether the function uses `numpy.matrix`, for which `*` is the product of matrices."""
         return "matrix" in self._read

@@ -94,12 +94,14 @@ class UsualClass:
     Attributes:
         code: loads the class again for each run.
         noise: assumed noise: that of the recording, or that of the file.
+        replaces_noise: whether the noise of the recording replaced another one of the file in the last run.
     """
 
     code: Code
     noise: Noise = "recording"
     _ways: dict[bool, Way] = field(default_factory=dict, init=False)
     _noise_remarks: list[str] = field(default_factory=list, init=False)
+    replaces_noise: bool = field(default=False, init=False)
 
     def __call__(self, recording: Recording) -> Estimate:
         """Run a new object over a recording.
@@ -115,7 +117,7 @@ class UsualClass:
                 self._ways[has_ids] = way_of(fresh.callee, has_ids, step_length(recording, 1))
         with self.code.fresh() as fresh:
             run = _Run(fresh.callee, recording, self._ways[has_ids], self.noise)
-            self._noise_remarks = run.noise_remarks()
+            self._noise_remarks, self.replaces_noise = run.noise_remarks(), run.replaces_noise()
             return StateLog(recording).run(run)
 
     def remarks(self, recording: Recording) -> list[str]:
@@ -159,7 +161,11 @@ class _Run(Steps):
 
     def noise_remarks(self) -> list[str]:
         """Return sentences on the noise of the file."""
-        return self._noise.remarks(self._noise_covs(1, observation_cov(self._recording)), self.names)
+        return self._noise.remarks(self._first_covs(), self.names)
+
+    def replaces_noise(self) -> bool:
+        """Return whether the noise of the recording replaces another one of the file."""
+        return self._noise.is_replaced(self._first_covs())
 
     def advanced(self, step: int, scan: Observations) -> tuple[Any, Any]:
         """Run a step; return state and covariance of the landmarks observed so far."""
@@ -179,6 +185,10 @@ class _Run(Steps):
     def ids(self, scan: Observations) -> Int | None:
         """Return the ids of a scan if the class receives them."""
         return scan.landmark if self._way.update is None or self._way.update.has_ids else None
+
+    def _first_covs(self) -> dict[str, Float]:
+        """Return the first covariances of the recording by role."""
+        return self._noise_covs(1, observation_cov(self._recording))
 
     def _values(self, count: int) -> dict[str, Any]:
         """Return the arguments of the constructor by role, without noise."""
