@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Collection, Iterable
+from itertools import product
 from types import FunctionType
 from typing import Any
 
@@ -17,14 +18,22 @@ import numpy as np
 from slamgauge.arrays import Float
 from slamgauge.compare.estimators.forms.inputs import noise_remark, shown
 from slamgauge.compare.estimators.forms.names import Roles, role_of, words_of
-from slamgauge.compare.estimators.forms.signatures import parameters
+from slamgauge.compare.estimators.forms.signatures import parameters, required
 from slamgauge.compare.estimators.forms.step_source import names_read
 from slamgauge.compare.estimators.user_code import Callee, Noise, UserCodeError
 
-NOISE: Roles = {
-    "motion": ("Q motion process control odometry", "u noise cov covariance matrix"),
-    "measurement": ("R measurement meas sensor observation obs", "z noise cov covariance matrix"),
-}
+LETTERS = ("Q", "R")  # courses disagree on which one is the noise of the motion
+
+
+def noise_roles(*, is_swapped: bool = False) -> Roles:
+    """Return the roles of noise by name, with Q or, if swapped, R as that of the motion."""
+    motion, measurement = reversed(LETTERS) if is_swapped else LETTERS
+    return {
+        "motion": (f"{motion} motion process control odometry", "u noise cov covariance matrix"),
+        "measurement": (f"{measurement} measurement meas sensor observation obs", "z noise cov covariance matrix"),
+    }
+
+
 ROLES: Roles = {
     "sensor": ("sensor", ""),
     "offset": ("offset", "sensor"),
@@ -34,37 +43,38 @@ ROLES: Roles = {
     "theta": ("theta yaw", "start init initial 0"),
     "mean": ("x X mu state pose mean start", "init initial prior est robot 0"),
     "cov": ("P sigma cov covariance", "init initial prior start state pose est robot 0"),
-    **NOISE,
+    **noise_roles(),
     "dt": ("dt ts dtime timestep step", "time"),
     "count": ("n N M L m num number max count", "landmark landmarks lm features of"),
 }
-LETTERS = {"Q", "R"}  # courses disagree on which one is the noise of the motion
 NOISE_WORDS = {"noise", "sigma", "std", "stddev", "var", "variance", "cov", "covariance", "Q", "R"}
 NAMES = {"motion": "motion noise", "measurement": "observation noise"}
 
 
-def roles_of(kind: Callee, known: Collection[str]) -> dict[str, str]:
-    """Return the role of each constructor parameter that is in `known`, by parameter name.
+def roles_of(
+    kind: Callee, known: Collection[str], optional: Collection[str] = (), *, is_swapped: bool = False
+) -> dict[str, str]:
+    """Return the role of each constructor parameter that is filled, by parameter name.
+
+    Args:
+        kind: the class.
+        known: roles that have values.
+        optional: roles whose parameters keep their defaults.
+        is_swapped: whether R is the noise of the motion, and Q that of observations.
 
     Raises:
         UserCodeError: a parameter without default has no known role.
     """
-    given = parameters(kind)
-    found = {each.name: role_of(each.name, ROLES) for each in given}
+    table = {**ROLES, **noise_roles(is_swapped=is_swapped)}
+    found = {each.name: role_of(each.name, table) or "" for each in parameters(kind)}
     if "y" in found.values():
         found |= {name: "x" for name in found if "x" in words_of(name)}
-    roles = {name: role for name, role in found.items() if role is not None and role in known}
-    lacking = [each.name for each in given if each.name not in roles and each.default is each.empty]
+    needed = required(kind)
+    lacking = [name for name in needed if found[name] not in known]
     if lacking:
         what = f"its constructor needs {', '.join(lacking)}, which no recording has under these names"
         raise UserCodeError(f"{what}; give defaults, or use the usual names, for example x0, P0, Q, R, n_landmarks, dt")
-    return roles
-
-
-def without_defaults(kind: Callee, roles: dict[str, str], optional: Collection[str]) -> dict[str, str]:
-    """Return the roles without parameters that have a default and an `optional` role."""
-    defaults = {each.name for each in parameters(kind) if each.default is not each.empty}
-    return {name: role for name, role in roles.items() if role not in optional or name not in defaults}
+    return {name: role for name, role in found.items() if role in known and (role not in optional or name in needed)}
 
 
 def constructed(kind: Callee, roles: dict[str, str], values: dict[str, Any]) -> Any:
@@ -88,6 +98,7 @@ class StoredNoise:
         slam: the new object; None for functions of a module. It gets its own copies of arrays of its class.
         passed: covariances that its constructor received, by role (`motion`, `measurement`).
         shapes: sizes of the covariances by role.
+        names: roles of names (`noise_roles`).
         noise: assumed noise: that of the recording, or that of the file.
     """
 
@@ -97,6 +108,7 @@ class StoredNoise:
         slam: Any,
         passed: dict[str, Float],
         shapes: dict[str, tuple[int, int]],
+        names: Roles,
         noise: Noise,
     ) -> None:
         functions = [inspect.unwrap(each) for each in methods]
@@ -109,31 +121,23 @@ class StoredNoise:
         self._spaces = [*{id(each): each for each in spaces}.values()]
         self._is_replaced = noise == "recording"
         self._read = {name for each in functions for name in names_read(each)}
-        self._stored = {  # attributes that have what the constructor received
-            role: [name for name, value in attributes.items() if np.array_equal(_real(value), cov)]
-            for role, cov in passed.items()
-        }
-        self._own = {  # noise of the file: spaces, names and values
-            role: [
-                (space, name, np.array(value, float))
-                for space in self._spaces
-                for name, value in space.items()
-                if _real(value).shape == shape and role_of(name, NOISE) == role
-            ]
-            for role, shape in shapes.items()
-            if role not in passed
-        }
+        self._places: list[tuple[str, dict[str, Any], str, Float | None]] = []  # role, space, name, value of the file
+        for space, role in product(self._spaces, shapes):
+            for name, value in space.items():
+                if role not in passed and _real(value).shape == shapes[role] and role_of(name, names) == role:
+                    self._places.append((role, space, name, np.array(value, float)))
+                elif role in passed and space is attributes and np.array_equal(_real(value), passed[role]):
+                    self._places.append((role, space, name, None))
 
     def set(self, role: str, cov: Float) -> None:
         """Set all covariances of a role to the recording's, as far as its noise is assumed."""
-        for name in self._stored.get(role, ()):
-            self._spaces[0][name] = cov.copy()
-        for space, name, _ in self._own.get(role, ()) if self._is_replaced else ():
-            space[name] = cov.copy()
+        for own_role, space, name, own in self._places:
+            if own_role == role and (own is None or self._is_replaced):
+                space[name] = cov.copy()
 
     def is_replaced(self, given: dict[str, Float]) -> bool:
         """Return whether the noise of the recording replaces another one of the file."""
-        return self._is_replaced and any(self._compared(given).values())
+        return self._is_replaced and any(self._compared(given))
 
     def remarks(self, given: dict[str, Float], ignored: Collection[str] = ()) -> list[str]:
         """Return sentences on the noise of the file: replaced covariances, and others that the file keeps.
@@ -143,26 +147,25 @@ class StoredNoise:
             ignored: names of attributes without noise.
         """
         found = self._compared(given)
-        known = {*ignored, *(name for _, name in found), *(name for names in self._stored.values() for name in names)}
-        others = {
-            name: shown(value)
+        read = self._read - {*ignored, *(name for _, _, name, _ in self._places)}
+        others = [
+            f"{name} = {shown(value)}"
             for space in self._spaces
             for name, value in space.items()
-            if name in self._read - known and words_of(name) & NOISE_WORDS and 0 < _real(value).size < 10
-        }
+            if name in read and words_of(name) & NOISE_WORDS and 0 < _real(value).size < 10
+        ]
         if others:
-            values = ", ".join(f"{name} = {value}" for name, value in others.items())
             has = " and ".join(f"{NAMES[role]} {shown(cov)}" for role, cov in given.items())
-            found["", ""] = f"its own noise, {values}, is kept; the recording has {has}"
-        return [*filter(None, found.values())]
+            found.append(f"its own noise, {', '.join(others)}, is kept; the recording has {has}")
+        return [*filter(None, found)]
 
-    def _compared(self, given: dict[str, Float]) -> dict[tuple[str, str], str]:
-        """Return a sentence, or an empty text, for each covariance of the file, by role and name."""
-        return {
-            (role, name): noise_remark(f"{NAMES[role]} {name}", own, given[role], is_replaced=self._is_replaced)
-            for role, places in self._own.items()
-            for _, name, own in places
-        }
+    def _compared(self, given: dict[str, Float]) -> list[str]:
+        """Return a sentence, or an empty text, for each covariance of the file."""
+        return [
+            noise_remark(f"{NAMES[role]} {name}", own, given[role], is_replaced=self._is_replaced)
+            for role, _, name, own in self._places
+            if own is not None
+        ]
 
 
 def _real(value: object) -> Float:

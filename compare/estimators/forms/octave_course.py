@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from slamgauge.arrays import Float, Int
+from slamgauge.arrays import Float
 from slamgauge.compare.estimators.forms.columns import use_columns
 from slamgauge.compare.estimators.forms.inner_noise import with_noise
 from slamgauge.compare.estimators.forms.inputs import (
@@ -30,7 +30,7 @@ from slamgauge.compare.estimators.forms.octave_conventions import Convention, co
 from slamgauge.compare.estimators.forms.octave_functions import CourseFunction, CoursePair, course_pair
 from slamgauge.compare.estimators.forms.probing import best_of, tiny_recording
 from slamgauge.compare.estimators.forms.signatures import pair
-from slamgauge.compare.estimators.forms.state_log import StateLog
+from slamgauge.compare.estimators.forms.state_log import StateLog, Steps
 from slamgauge.compare.estimators.fresh_modules import Code, Fresh
 from slamgauge.compare.estimators.user_code import Noise, UserCodeError
 from slamgauge.estimate import Estimate
@@ -112,7 +112,7 @@ def _functions(fresh: Fresh) -> CoursePair:
     return found
 
 
-class _CourseFilter:
+class _CourseFilter(Steps):
     """State, covariance and `observed`, as the course's functions pass them on.
 
     Attributes:
@@ -161,10 +161,6 @@ class _CourseFilter:
             self._observed = marks[0] if marks else self._observed
             self._require_set()
         return self._state()
-
-    def ids(self, scan: Observations) -> Int | None:
-        """Return the ids of a scan."""
-        return scan.landmark
 
     def _make_room(self, ids: list[int]) -> None:
         """Append landmarks that are observed for the first time."""

@@ -27,13 +27,13 @@ from slamgauge.compare.estimators.forms.construction import (
     StoredNoise,
     constructed,
     methods_in,
+    noise_roles,
     roles_of,
-    without_defaults,
 )
 from slamgauge.compare.estimators.forms.inputs import increment_cov, observation_cov, require_ranges_and_bearings
 from slamgauge.compare.estimators.forms.probing import best_of, tiny_recording
 from slamgauge.compare.estimators.forms.signatures import called, pair, required
-from slamgauge.compare.estimators.forms.state_log import StateLog
+from slamgauge.compare.estimators.forms.state_log import StateLog, Steps
 from slamgauge.compare.estimators.fresh_modules import Code, Fresh
 from slamgauge.compare.estimators.user_code import Noise
 from slamgauge.estimate import Estimate
@@ -108,7 +108,7 @@ class PredictUpdate:
         return self._remarks
 
 
-class _Filter:
+class _Filter(Steps):
     """The functions or methods with their state, and the ids of the landmarks that they have mapped."""
 
     names = ("eta", "P")
@@ -122,13 +122,13 @@ class _Filter:
         slam: Any = None
         if inspect.isclass(kind := fresh.callee):
             optional = {"alphas", "offset", *(SHAPES if noise == "file" else ())}
-            roles = without_defaults(kind, roles_of(kind, KNOWN), optional)
+            roles = roles_of(kind, KNOWN, optional)
             passed = {role: cov for role, cov in _first_covs(recording).items() if role in roles.values()}
             others = {"alphas": np.array(GATES), "own association": True, "offset": np.zeros(2)}
             slam = constructed(kind, roles, {**passed, **others})
         self._predict, self._update = (fresh.names[name] if slam is None else getattr(slam, name) for name in METHODS)
         methods = (self._predict, self._update) if slam is None else methods_in(type(slam))
-        self.noise = StoredNoise(methods, slam, passed, SHAPES, noise)
+        self.noise = StoredNoise(methods, slam, passed, SHAPES, noise_roles(), noise)
 
     def advanced(self, step: int, scan: Observations) -> tuple[Any, Any]:
         """Run a step; return state and covariance."""

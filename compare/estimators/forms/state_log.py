@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from functools import partial
 from time import perf_counter
-from typing import Protocol
 
 import numpy as np
 
@@ -16,21 +16,22 @@ from slamgauge.recording import Observations, Recording
 from slamgauge.validation import REAL
 
 
-class Steps(Protocol):
-    """A filter of a user with the recording that it runs over."""
+class Steps(ABC):
+    """A filter of a user with the recording that it runs over.
 
-    @property
-    def names(self) -> tuple[str, str]:
-        """Names of state and covariance, for error messages."""
-        ...
+    Attributes:
+        names: names of state and covariance, for error messages.
+    """
 
-    def advanced(self, step: int, scan: Observations, /) -> tuple[object, object]:
+    names: tuple[str, str] = ("xEst", "PEst")
+
+    @abstractmethod
+    def advanced(self, step: int, scan: Observations) -> tuple[object, object]:
         """Move one step on; return state and covariance."""
-        ...
 
-    def ids(self, scan: Observations, /) -> Int | None:
+    def ids(self, scan: Observations) -> Int | None:
         """Return the ids (m,) of a scan after its step; None if the associations are unknown."""
-        ...
+        return scan.landmark
 
 
 class StateLog:
@@ -45,7 +46,7 @@ class StateLog:
 
     def __init__(self, recording: Recording) -> None:
         self._recording = recording
-        self._names = ("xEst", "PEst")
+        self._names = Steps.names
         self._ids: list[int] = []
         self._is_named = True
         self._poses = [recording.prior_mean]

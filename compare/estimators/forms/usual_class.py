@@ -31,8 +31,8 @@ from slamgauge.compare.estimators.forms.construction import (
     StoredNoise,
     constructed,
     methods_in,
+    noise_roles,
     roles_of,
-    without_defaults,
 )
 from slamgauge.compare.estimators.forms.inputs import (
     block_diagonal,
@@ -44,7 +44,7 @@ from slamgauge.compare.estimators.forms.inputs import (
 )
 from slamgauge.compare.estimators.forms.probing import best_of, tiny_recording
 from slamgauge.compare.estimators.forms.signatures import required
-from slamgauge.compare.estimators.forms.state_log import StateLog
+from slamgauge.compare.estimators.forms.state_log import StateLog, Steps
 from slamgauge.compare.estimators.fresh_modules import Code, Fresh
 from slamgauge.compare.estimators.user_code import Noise, UserCodeError
 from slamgauge.estimate import Estimate
@@ -129,7 +129,7 @@ class UsualClass:
         return [words, *self._noise_remarks]
 
 
-class _Run:
+class _Run(Steps):
     """An object of the class on a recording.
 
     Raises:
@@ -141,17 +141,20 @@ class _Run:
         ids = [] if recording.landmark is None else [*dict.fromkeys(recording.landmark.tolist())]
         self._number = {name: j for j, name in enumerate(ids)}
         self._seen, self._heading = 0, recording.prior_mean[2]
-        roles = without_defaults(kind, roles_of(kind, KNOWN), COVS_OF_NOISE if noise == "file" else ())
-        if recording.landmark is None:
-            if any(roles.get(name) == "count" for name in required(kind)):
-                raise UserCodeError("its constructor needs the number of landmarks; give a recording with ids")
-            roles = {name: role for name, role in roles.items() if role != "count"}
+        optional = {"count"} if recording.landmark is None else set[str]()
+        roles = roles_of(
+            kind, KNOWN, optional | {*(COVS_OF_NOISE if noise == "file" else ())}, is_swapped=way.is_swapped
+        )
+        if recording.landmark is None and "count" in roles.values():
+            raise UserCodeError("its constructor needs the number of landmarks; give a recording with ids")
         covs = self._noise_covs(1, observation_cov(recording))
         self._slam = constructed(kind, roles, {**self._values(len(ids)), **covs})
         passed = {role: cov for role, cov in covs.items() if role in roles.values()}
         size = 2 if way.motion == "control" else ROBOT
         shapes = {"motion": (size, size), "measurement": (2, 2)}
-        self._noise = StoredNoise(methods_in(kind), self._slam, passed, shapes, noise)
+        self._noise = StoredNoise(
+            methods_in(kind), self._slam, passed, shapes, noise_roles(is_swapped=way.is_swapped), noise
+        )
         self.names = self._found_names()
         self._start(roles, len(ids))
         self._predict, self._update = (getattr(self._slam, name) for name in methods_of(kind) or ("predict", "update"))
@@ -200,9 +203,7 @@ class _Run:
         return {"mean": mean, "cov": cov, **start, **plain}
 
     def _noise_covs(self, step: int, observation: Float) -> dict[str, Float]:
-        """Return the noise of a step by role, exchanged if R is that of the motion."""
-        covs = self._motion_cov(step), observation
-        return dict(zip(COVS_OF_NOISE, reversed(covs) if self._way.is_swapped else covs, strict=True))
+        return dict(zip(COVS_OF_NOISE, (self._motion_cov(step), observation), strict=True))
 
     def _motion_cov(self, step: int) -> Float:
         """Return the noise of the motion of a step, in the size, unit and frame of the class."""
@@ -215,8 +216,11 @@ class _Run:
         return turned @ cov @ turned.T
 
     def _found_names(self) -> tuple[str, str]:
-        """Return the names of the attributes with state and covariance."""
+        """Return the names of the attributes with state and covariance; the start replaces None."""
         for state, cov in product(STATES, COVS):
+            if {state, cov} <= {name for name, value in vars(self._slam).items() if value is None}:
+                setattr(self._slam, state, self._recording.prior_mean.copy())
+                setattr(self._slam, cov, self._recording.prior_cov.copy())
             x, P = (_real(getattr(self._slam, name, None)) for name in (state, cov))
             if x.size >= ROBOT and x.size % 2 and P.shape == (x.size, x.size):
                 return state, cov
@@ -270,7 +274,7 @@ def way_of(kind: Any, has_ids: bool, step_s: float) -> Way:
     recording = tiny if has_ids else replace(tiny, landmark=None)
     predict, update = (getattr(kind, name) for name in methods_of(kind) or ("predict", "update"))
     roles = roles_of(kind, KNOWN)
-    swaps = (False, True) if {*roles} >= LETTERS else (False,)
+    swaps = (False, True) if {*roles, *_attribute_names(kind)} >= {*LETTERS} else (False,)
     shapes = ("flat", "column", "full", "full column") if "mean" in roles.values() else ("flat", "full")
     starts = product(predict_calls(predict), ("control", "body", "world"), swaps, shapes)
 

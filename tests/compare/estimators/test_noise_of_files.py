@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -148,6 +149,18 @@ def test_noise_of_a_class_in_the_world_frame(tmp_path: Path):
     ]
     assert 0.95 < errors[0] / errors[1] < 1.05
     assert "motion noise Q of the file, diag(0.1, 0.1, 0.01), is replaced" in " ".join(remarks_of(estimator, recording))
+
+
+def test_a_class_with_r_of_the_motion_and_a_start_of_none(tmp_path: Path):
+    source = IN_WORLD.replace("self.R", "OTHER").replace("self.Q", "self.R").replace("OTHER", "self.Q")
+    source = source.replace("    Q = np.diag([0.1, 0.1, 0.01])", "    Q, R = np.eye(2), np.diag([0.1, 0.1, 0.01])")
+    source = source.replace("(self, x0, P0, R)", "(self)").replace("        self.Q = R\n", "")
+    for name in ("mu", "Sigma"):
+        source = re.sub(rf"        self.{name} = np.array.*", f"        self.{name} = None", source, count=1)
+    estimate, remarks = run(tmp_path, source, "EkfSlam")
+    assert np.allclose(estimate.poses, run(tmp_path, IN_WORLD, "EkfSlam")[0].poses)
+    assert "motion noise R of the file, diag(0.1, 0.1, 0.01), is replaced" in remarks[1]
+    assert "observation noise Q of the file, diag(1, 1), is replaced" in remarks[2]
 
 
 def test_own_noise_of_the_class_of_ntnu(tmp_path: Path):
