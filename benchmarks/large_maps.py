@@ -12,7 +12,7 @@ with `--correction right-invariant`).
 
 from __future__ import annotations
 
-from slamgauge.compare.studies.executors import pin_blas_threads
+from slamgauge.blas_threads import pin_blas_threads
 
 pin_blas_threads()
 

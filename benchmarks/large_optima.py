@@ -11,7 +11,7 @@ give the growth of time and memory from size to size.
 
 from __future__ import annotations
 
-from slamgauge.compare.studies.executors import pin_blas_threads
+from slamgauge.blas_threads import pin_blas_threads
 
 pin_blas_threads()
 

@@ -3,8 +3,13 @@
 The public names of all packages, imported on first use, so that `import slamgauge` loads no library. The packages are
 `slamgauge.ekf`, `slamgauge.graph_baseline` and `slamgauge.compare`; no public name is both a package and a function
 (the estimator called `ekf` is the function `ekf_slam`).
+
+If numpy is not imported yet, the import limits BLAS to one thread, unless the environment sets a number.
 """
 
+import sys
+
+from slamgauge.blas_threads import pin_blas_threads
 from slamgauge.lazy_names import homes_of, importer
 
 TYPE_CHECKING = False  # `typing` is not imported: `python -m slamgauge` might find a user's file of that name first
@@ -94,6 +99,9 @@ _PACKAGES = ("compare", "ekf", "graph_baseline")
 _HOMES = homes_of(__loader__.get_data(__file__))
 _MODULES = [home.removeprefix("slamgauge.") for home in _HOMES.values() if home.count(".") == 1]
 __getattr__ = importer(__name__, _HOMES, *_PACKAGES, *_MODULES, "suggestions", "validation")
+
+if "numpy" not in sys.modules:  # later the number has no effect
+    pin_blas_threads()
 
 
 def __dir__() -> list[str]:

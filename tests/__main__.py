@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from slamgauge.compare.studies.executors import pin_blas_threads
+from slamgauge.blas_threads import pin_blas_threads
 from tests.sizes import SIZES, USUAL
 
 ROOT = Path(__file__).parents[1]

@@ -13,10 +13,10 @@ from functools import partial
 from pathlib import Path
 from time import perf_counter
 
+from slamgauge.blas_threads import VARIABLES
 from slamgauge.compare.cli.options import Estimators, Folder, results_folder, split_names
 from slamgauge.compare.cli.terminal import Output
 from slamgauge.compare.estimators.registry import BENCHED
-from slamgauge.compare.studies.executors import BLAS_VARIABLES
 from slamgauge.errors import UserError
 from slamgauge.version import __version__
 
@@ -111,7 +111,7 @@ def examine() -> dict[str, str]:
     found["gtsam"] = _version("gtsam", "not installed (gtsam-batch, isam2, fixed-lag and robust-batch need it)")
     found |= {name: _version(name, "not installed (an extra)") for name in EXTRAS}
     found["BLAS"] = _attempt(_blas)
-    found["threads"] = ", ".join(f"{name}={os.environ[name]}" for name in BLAS_VARIABLES if name in os.environ)
+    found["threads"] = ", ".join(f"{name}={os.environ[name]}" for name in VARIABLES if name in os.environ)
     found |= {f"{kernels} kernels": _attempt(partial(_warm, *warm_up)) for kernels, warm_up in WARM_UPS.items()}
     found["kept machine code"] = _attempt(_kept)
     found["browser"] = next(filter(None, map(shutil.which, BROWSERS)), "none found (pages open in any)")

@@ -35,6 +35,7 @@ Repeated = Annotated[list[tuple[str, ...]], tyro.conf.UseAppendAction]
 Overrides = Annotated[Repeated, tyro.conf.arg(help="Override keys of the scenario: dotted.key=value ...")]
 Open = Annotated[bool, tyro.conf.arg(help=f"Open {REPORT} in the browser.")]
 Form = Annotated[str, tyro.conf.arg(help="Form of your own code, if it is not found: step, class, octave, ...")]
+Unconfined = Annotated[bool, tyro.conf.arg(help="Run your own code without a wall around it (docs/your_filter.md).")]
 PATIENCE = 600.0  # s
 LONGEST_TIMEOUT = 1e6  # s; `select` counts milliseconds in 31 bits
 MOST_JOBS = 1024
@@ -50,8 +51,10 @@ class OwnCode:
     timeout: float | None = None
     """Run your own code in a separate process, and end a run after this time [s]. With --strict the default is 600."""
 
+    unconfined: Unconfined = False
+
     noise: Literal["recording", "file", "both"] = "recording"
-    """Noise that your own step functions assume: the recording's, Q and Py of their file, or one run with each."""
+    """Noise that your own code assumes: the recording's, that of its file, or one run with each."""
 
     form: Form = ""
 
@@ -63,7 +66,7 @@ class OwnCode:
         if not self.strict and self.timeout is None:
             return asked
         seconds = PATIENCE if self.timeout is None else require_timeout(self.timeout)
-        return isolated(asked, Isolation(seconds, self.strict))
+        return isolated(asked, Isolation(seconds, self.strict, self.unconfined))
 
 
 @dataclass(frozen=True)
@@ -112,6 +115,13 @@ Folder = Annotated[
         str_from_instance=lambda path: [str(path)],
     ),
 ]
+
+
+def require_scenario(scenario: str) -> None:
+    """Refuse a scenario that does not exist, before slow libraries are imported."""
+    from slamgauge.compare.scenarios.scenario_files import locate
+
+    locate(scenario)
 
 
 def sampled_scenario(scenario: str, overrides: Sequence[Sequence[str]]) -> Scenario:

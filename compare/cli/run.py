@@ -19,6 +19,7 @@ from slamgauge.compare.cli.options import (
     Repeated,
     WithPage,
     flattened,
+    require_scenario,
     results_folder,
     split_names,
     write_page,
@@ -64,23 +65,25 @@ class Run(WithPage):
     """Folder of the results. If not given: results/SCENARIO-seed-SEED."""
 
     def __call__(self) -> int:
-        from slamgauge.compare.scenarios.scenario import load_scenario
+        require_scenario(self.scenario)
+        from slamgauge.compare.estimators.requests import ask
         from slamgauge.compare.storage.safe_names import file_name
+
+        asked = self.own_code.isolate(ask(split_names(self.estimators)))
+        from slamgauge.compare.scenarios.scenario import load_scenario  # it is slow to start
 
         scenario = load_scenario(self.scenario, flattened(self.set))
         out = self.out or Path("results") / f"{file_name(scenario.name)}-seed-{self.seed}"
-        status = self._score(scenario, out)  # its memory is free again before the page is written
+        status = self._score(scenario, asked, out)  # its memory is free again before the page is written
         return status if write_page(out, METRICS, self.page) else 1
 
-    def _score(self, scenario: Scenario, out: Path) -> int:
+    def _score(self, scenario: Scenario, asked: list[Asked], out: Path) -> int:
         from slamgauge.compare.estimators.memory_check import require_room_for_estimates
-        from slamgauge.compare.estimators.requests import ask
         from slamgauge.compare.scenarios.scenario import scenario_text
         from slamgauge.compare.scenarios.simulation import simulate_informed
         from slamgauge.compare.storage.manifest import require_free
         from slamgauge.compare.storage.result_files import comparison_files
 
-        asked = self.own_code.isolate(ask(split_names(self.estimators)))
         require_free(out, comparison_files(each.label for each in asked))
         truth, recording, informed = simulate_informed(scenario, self.seed)
         require_room_for_estimates(informed, asked)

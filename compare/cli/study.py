@@ -21,6 +21,7 @@ from slamgauge.compare.cli.options import (
     Work,
     flattened,
     named_after,
+    require_scenario,
     results_folder,
     sampled_scenario,
     split_names,
@@ -104,6 +105,7 @@ class Study(WithPage):
         self.out = named_after(self.out, self.scenario)
 
     def __call__(self) -> int:
+        require_scenario(self.scenario)
         from slamgauge.compare.estimators.requests import ask
 
         asked = self.own_code.isolate(ask(split_names(self.estimators)))
@@ -188,6 +190,7 @@ class Budget(WithPage):
         self.out = named_after(self.out, self.scenario)
 
     def __call__(self) -> int:
+        require_scenario(self.scenario)
         from slamgauge.compare.figures.publishing import draw_stored
         from slamgauge.compare.storage.files import write_json
         from slamgauge.compare.studies.budget import budget_table, error_budget

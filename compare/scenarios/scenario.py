@@ -9,7 +9,6 @@ from __future__ import annotations
 import reprlib
 import tomllib
 from collections.abc import Sequence
-from importlib import resources
 from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any
@@ -19,6 +18,7 @@ from pydantic_core import ErrorDetails
 
 from slamgauge.compare.scenarios.csv_tables import FOLDER, TableText
 from slamgauge.compare.scenarios.landmarks import Landmarks, RandomLandmarks
+from slamgauge.compare.scenarios.scenario_files import ScenarioError, locate, shipped
 from slamgauge.compare.scenarios.schema import Scenario
 from slamgauge.compare.scenarios.section import Section
 from slamgauge.compare.scenarios.trajectory import KINDS, Segment, kind_of
@@ -37,13 +37,9 @@ LONGEST_KEY = 100  # characters of an unknown key or scenario name that a messag
 FORMS = {"kind", "segments", "random"}  # keys that change the form of a section: it then replaces the extended section
 
 
-class ScenarioError(UserError):
-    """Mistakes of a scenario, one line each."""
-
-
 def shipped_scenarios() -> list[tuple[str, str]]:
     """Return name and description of every shipped scenario, sorted by name."""
-    return [(name, load_scenario(name).description) for name in sorted(_shipped())]
+    return [(name, load_scenario(name).description) for name in sorted(shipped())]
 
 
 def load_scenario(name_or_path: str | Path, overrides: Sequence[str] = ()) -> Scenario:
@@ -58,7 +54,7 @@ def load_scenario(name_or_path: str | Path, overrides: Sequence[str] = ()) -> Sc
         ScenarioError: with one line `where: key: what; remedy` for each mistake.
     """
     where = str(name_or_path)
-    source = _locate(where)
+    source = locate(where)
     table = _extended(_parse(source, where), where)
     try:
         for override in overrides:
@@ -105,21 +101,6 @@ def _plain(value: object) -> Any:
     return [_plain(each) for each in value] if isinstance(value, list | tuple) else value
 
 
-def _shipped() -> dict[str, Traversable]:
-    folder = resources.files(__package__ or "")
-    return {file.name.removesuffix(".toml"): file for file in folder.iterdir() if file.name.endswith(".toml")}
-
-
-def _locate(where: str) -> Traversable:
-    shipped, path = _shipped(), Path(where)
-    if where in shipped:
-        return shipped[where]
-    if path.suffix == ".toml" or path.is_file():
-        return path
-    remedy = did_you_mean(where, shipped, f"use {', '.join(sorted(shipped))}, or a TOML file", most=3)
-    raise ScenarioError(f"{where}: no such scenario; {remedy}")
-
-
 def _parse(source: Traversable, where: str) -> Table:
     try:
         content = read_bytes(source) if isinstance(source, Path) else source.read_bytes()
@@ -139,12 +120,12 @@ def _extended(table: Table, where: str) -> Table:
     """Apply a table key by key to the shipped scenario that its key `extends` names."""
     if "extends" not in table:
         return table
-    name, shipped = table.pop("extends"), _shipped()
-    if not isinstance(name, str) or name not in shipped:
+    name, known = table.pop("extends"), shipped()
+    if not isinstance(name, str) or name not in known:
         given = str(name)[:LONGEST_KEY]
-        remedy = did_you_mean(given, sorted(shipped))
+        remedy = did_you_mean(given, sorted(known))
         raise ScenarioError(f"{where}: extends: {given!r} is not a shipped scenario; {remedy}")
-    base = _extended(_parse(shipped[name], name), name)
+    base = _extended(_parse(known[name], name), name)
     for key, value in table.items():
         merged = isinstance(value, dict) and isinstance(base.get(key), dict) and not FORMS & value.keys()
         base[key] = {**base[key], **value} if merged else value

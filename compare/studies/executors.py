@@ -21,6 +21,7 @@ from contextlib import contextmanager
 from importlib.metadata import version
 from typing import TYPE_CHECKING, ParamSpec, TypeVar, cast
 
+from slamgauge.blas_threads import pin_blas_threads
 from slamgauge.errors import UserError
 from slamgauge.version import __version__
 
@@ -33,17 +34,6 @@ T = TypeVar("T")
 CONNECT = 10.0  # s to wait for a Dask scheduler
 WORKERS = 5.0  # s to wait for its first worker
 TLS = "DASK_DISTRIBUTED__COMM__TLS_"
-
-BLAS_VARIABLES = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
-
-
-def pin_blas_threads() -> None:
-    """Limit BLAS to one thread in this process, if numpy is not imported yet, and in its child processes.
-
-    Two threads are slower than one on matrices of these sizes. A number that is already set is kept.
-    """
-    for variable in BLAS_VARIABLES:
-        os.environ.setdefault(variable, "1")
 
 
 class _Processes(Executor):
