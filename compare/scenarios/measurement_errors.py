@@ -15,7 +15,7 @@ from slamgauge.sensors import SENSORS, SensorModel
 from slamgauge.sensors import Sensor as SensorKind
 
 COV_HEADER = ("step", *POSE_COV)
-# limits of standard deviations: the optimum needs minutes beyond the largest, and squares of the smallest are not 0
+# limits of standard deviations: no robot exceeds the largest, and squares of the smallest are not 0
 SPEED, TURN = within(1e-12, 1e4, "m/s"), within(1e-12, 1e4, "deg/s")
 LENGTH, ANGLE = within(1e-12, 1e6, "m"), within(1e-12, 1e4, "deg")
 
