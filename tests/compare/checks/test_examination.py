@@ -57,9 +57,9 @@ def test_a_right_textbook_filter_passes_for_20_seeds():
 
 @pytest.mark.parametrize("bug", SEEDED)
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")  # bugs may overflow
-def test_a_seeded_bug_fails_its_check_and_no_other(bug: str):
-    for seed in range(3):
-        assert failed(verdicts_of(partial(seeded_ekf, bug=bug), seed)) == {SEEDED[bug]}
+@pytest.mark.parametrize("seed", range(3))
+def test_a_seeded_bug_fails_its_check_and_no_other(seed: int, bug: str):
+    assert failed(verdicts_of(partial(seeded_ekf, bug=bug), seed)) == {SEEDED[bug]}
 
 
 def test_nearly_every_check_has_a_bug_of_its_own():

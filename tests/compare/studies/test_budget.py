@@ -87,8 +87,8 @@ def test_wrong_associations_are_charged_to_the_associations(monkeypatch: pytest.
 
 def test_a_filter_without_ids_pays_only_for_its_associations() -> None:
     """At gate 100, on measurements that the optimum receives with true noise and associations."""
-    errors = rung_errors(short("q2-gate-100", duration=12), 2, "ekf")[0]
-    np.testing.assert_array_equal(errors[:3], rung_errors(short(duration=12), 2, "ekf")[0][:3])
+    errors = rung_errors(short("q2-gate-100", duration=6), 2, "ekf")[0]
+    np.testing.assert_array_equal(errors[:3], rung_errors(short(duration=6), 2, "ekf")[0][:3])
     assert errors[2] == errors[1]
     assert errors[3] > errors[2]
     assert errors[4] != errors[3]

@@ -206,11 +206,16 @@ def test_claims_continue_until_they_are_decided(tmp_path: Path, monkeypatch: pyt
 
 @pytest.mark.usefixtures("studies_in_a_thread", "empty_pictures")
 def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
-    """Two settings, three runs; a second call repeats no run and prints the same."""
+    """Two settings of 30 s, three runs; a second call repeats no run and prints the same."""
+
+    def shortened(names: tuple[str, ...]) -> dict[str, Scenario]:
+        return {name: load_scenario(name, ["start=sampled", "trajectory.duration=30"]) for name in names}
+
     few = [claim for claim in CLAIMS if claim.id in ("q1-sparse-error", "q1-sigma-grows")]
     settings = ("q1-long-dense", "q1-long-sparse")
     monkeypatch.setattr(module, "CLAIMS", few)
     monkeypatch.setattr(module, "SETTINGS", settings)
+    monkeypatch.setattr(module, "sampled_settings", shortened)
     arguments = ["claims", "--runs", "2", "--max-runs", "3", "--jobs", "1", "--out", str(tmp_path / "claims")]
     assert main(arguments) == 0
     table = capsys.readouterr().out
