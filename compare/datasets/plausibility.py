@@ -143,6 +143,11 @@ def _doubts_of_motion(recording: Recording) -> Iterator[str]:
     moving = speeds[speeds > 0.0]
     if len(moving) and np.median(moving) > FASTEST:
         yield f"the typical speed is {np.median(moving):.3g} m/s; check the units of lengths and stamps"
+    distance = float(np.quantile(speeds * seconds, 0.9))
+    sigma = float(np.median(np.sqrt(recording.odometry_cov[:, 0, 0])))
+    if sigma > NOISE * distance > 0.0:
+        what = f"the typical standard deviation of a step is {sigma:.3g} m, and its distance {distance:.3g} m"
+        yield f"{what}; correct the noise (variance, standard deviation or information?)"
     rate = float(np.quantile(np.abs(recording.odometry[:, 2]) / seconds, 0.9))
     if rate > QUICKEST:
         yield f"the robot often turns at {np.rad2deg(rate):.3g} deg/s; check the units of angles and stamps"

@@ -9,12 +9,15 @@ from pydantic import Field, ValidationInfo, field_validator
 
 from slamgauge.arrays import Float, Int
 from slamgauge.compare.scenarios.csv_tables import Table, TableText, covariances
-from slamgauge.compare.scenarios.section import NonNegative, Number, Positive, Probability, Section, invalid
+from slamgauge.compare.scenarios.section import NonNegative, Number, Positive, Probability, Section, invalid, within
 from slamgauge.compare.storage.csv_folder import OBSERVED, POSE_COV
 from slamgauge.sensors import SENSORS, SensorModel
 from slamgauge.sensors import Sensor as SensorKind
 
 COV_HEADER = ("step", *POSE_COV)
+# limits of standard deviations: no robot exceeds the largest, and squares of the smallest are not 0
+SPEED, TURN = within(1e-12, 1e4, "m/s"), within(1e-12, 1e4, "deg/s")
+LENGTH, ANGLE = within(1e-12, 1e6, "m"), within(1e-12, 1e4, "deg")
 
 
 class Motion(Section):
@@ -30,9 +33,9 @@ class Motion(Section):
     """
 
     covariances: Table | None = None
-    sigma_speed: NonNegative | None = Field(default=None, validate_default=True)
-    sigma_yaw_rate_deg: NonNegative | None = Field(default=None, validate_default=True)
-    sigma_lateral: NonNegative | None = None
+    sigma_speed: Annotated[NonNegative | None, SPEED] = Field(default=None, validate_default=True)
+    sigma_yaw_rate_deg: Annotated[NonNegative | None, TURN] = Field(default=None, validate_default=True)
+    sigma_lateral: Annotated[NonNegative | None, SPEED] = None
     slip_rate: Probability = 0.0
     scale_error: Number = 0.0
     turn_bias_per_metre: Number = 0.0
@@ -106,9 +109,9 @@ class Sensor(Section):
     min_range: NonNegative = 0.0
     first_step: Annotated[int, Field(ge=0, strict=True)] = 0
     sightings: Table | None = None
-    sigma_range: Positive | None = Field(default=None, validate_default=True)
-    sigma_bearing_deg: Positive | None = Field(default=None, validate_default=True)
-    sigma_position: Positive | None = Field(default=None, validate_default=True)
+    sigma_range: Annotated[Positive | None, LENGTH] = Field(default=None, validate_default=True)
+    sigma_bearing_deg: Annotated[Positive | None, ANGLE] = Field(default=None, validate_default=True)
+    sigma_position: Annotated[Positive | None, LENGTH] = Field(default=None, validate_default=True)
     field_of_view_deg: Annotated[Positive, Field(le=360)] = 360.0
     detection_probability: Probability = 1.0
     outlier_rate: Probability = 0.0

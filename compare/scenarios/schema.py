@@ -19,6 +19,7 @@ from slamgauge.compare.scenarios.section import (
     invalid,
     rule_of,
     section_of,
+    within,
 )
 from slamgauge.compare.scenarios.trajectory import Csv, Trajectory
 from slamgauge.ekf.setting_rules import fitted
@@ -32,6 +33,7 @@ from slamgauge.sensors import SENSORS
 from slamgauge.validation import as_covariances
 
 Row = tuple[Number, Number, Number]
+Place = Annotated[Number, within(0.0, 1e9, "m")]  # farther away, errors of centimetres are rounded
 
 _SAME_POSE = 1e-6  # m, rad: largest difference between a path's first pose and the prior's mean
 
@@ -42,7 +44,7 @@ class Prior(Section):
     A `covariance`, row by row, replaces the variances if they are not independent.
     """
 
-    mean: Row = (0.0, 0.0, 0.0)
+    mean: tuple[Place, Place, Number] = (0.0, 0.0, 0.0)
     variances: tuple[NonNegative, NonNegative, NonNegative] = (0.01, 0.01, 0.0001)
     covariance: tuple[Row, Row, Row] | None = None
 

@@ -37,6 +37,17 @@ class Section(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
+def within(least: float, most: float, unit: str) -> AfterValidator:
+    """Return a validator of numbers whose size is between two limits; 0 and None are valid."""
+
+    def check(number: float | None) -> float | None:
+        if number and not least <= abs(number) <= most:
+            raise invalid(f"must be from {least:g} to {most:g} {unit} in size, not {number:g}")
+        return number
+
+    return AfterValidator(check)
+
+
 def rule_of(settings: type, key: str) -> AfterValidator:
     """Return a validator that applies the rule of one field of a settings dataclass to a key of a file."""
     field = next(each for each in fields(settings) if each.name == key)

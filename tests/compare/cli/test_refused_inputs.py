@@ -1,0 +1,52 @@
+"""Inputs that would block, fill the memory or end in a traceback are refused in one line."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from slamgauge.compare.cli.main import main
+from slamgauge.errors import refused_by_the_machine
+
+POINTS = 'trajectory={kind="waypoints",points=[[0,0],[0,0]],speed=1,yaw_rate=1,step=0.1}'
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["import", "g2o", "/dev/zero"], "/dev/zero: is no regular file"),
+        (["import", "g2o", "pipe"], "pipe: is no regular file"),
+        (["evaluate", "pipe"], "pipe: is no regular file"),
+        (["run", "pipe.toml"], "pipe.toml: is no regular file"),
+        (["import", "csv", ""], "'' is an empty path"),
+        (["run", "tp4-handout", "--timeout", "2147484"], "leaves no time, or sets no limit"),
+        (["run", "tp4-handout", "--set", POINTS], "trajectory.points: all are at the start"),
+        (["run", "tp4-handout", "--set", "prior.mean=[1e15,0,0]"], "prior.mean[0]: must be from 0 to 1e+09 m"),
+        (["run", "tp4-handout", "--set", "sensor.sigma_range=1e-300"], "sensor.sigma_range: must be from 1e-12"),
+        (["run", "tp4-handout", "--set", "motion.sigma_speed=1e10"], "motion.sigma_speed: must be from 1e-12"),
+        (["run", "tp4-handout", "--estimators", "fixed-lag-1000000000"], "write fixed-lag-N with a number N"),
+    ],
+)
+def test_an_input_is_refused_in_one_line(
+    words: list[str], message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    monkeypatch.chdir(tmp_path)
+    for name in ("pipe", "pipe.toml"):
+        os.mkfifo(name)
+    assert main([*words, *(["--out", "o"] if words[0] != "evaluate" else [])]) == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert message in lines[-1]
+    assert not Path("o").exists()
+
+
+def test_a_scenario_may_begin_with_a_byte_order_mark(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    (tmp_path / "mark.toml").write_bytes(b"\xef\xbb\xbfextends = 'tp4-handout'\nmark = 1\n")
+    assert main(["run", str(tmp_path / "mark.toml"), "--out", str(tmp_path / "o")]) == 2
+    assert "mark.toml: mark: unknown key" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("text", ["x.so: failed to map segment from shared object", "no module named x"])
+def test_a_library_that_does_not_fit_into_memory_is_no_defect(text: str):
+    assert refused_by_the_machine(ImportError(text)) == ("map segment" in text)
