@@ -29,7 +29,11 @@ from slamgauge.recording import Recording
 from slamgauge.sensors import SENSORS
 from slamgauge.truth import Truth
 
-REPLACED = ("Q of the file", "Py of the file")  # beginnings of remarks on noise that the recording's replaces
+REPLACED = (
+    "Q of the file",
+    "Py of the file",
+    "Cx of the file",
+)  # beginnings of remarks on noise that the recording's replaces
 NO_IDS = "they need ranges and bearings with ids"
 
 
