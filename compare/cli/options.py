@@ -36,6 +36,7 @@ Repeated = Annotated[list[tuple[str, ...]], tyro.conf.UseAppendAction]
 Overrides = Annotated[Repeated, tyro.conf.arg(help="Override keys of the scenario: dotted.key=value ...")]
 Open = Annotated[bool, tyro.conf.arg(help=f"Open {REPORT} in the browser.")]
 Form = Annotated[str, tyro.conf.arg(help="Form of your own code, if it is not found: step, class, octave, ...")]
+Unconfined = Annotated[bool, tyro.conf.arg(help="Run your own code without a wall around it (docs/your_filter.md).")]
 PATIENCE = 600.0  # s
 MOST_JOBS = 1024
 
@@ -50,6 +51,8 @@ class OwnCode:
     timeout: float | None = None
     """Run your own code in a separate process, and end a run after this time [s]. With --strict the default is 600."""
 
+    unconfined: Unconfined = False
+
     noise: Literal["recording", "file", "both"] = "recording"
     """Noise that your own step functions assume: the recording's, Q and Py of their file, or one run with each."""
 
@@ -63,7 +66,7 @@ class OwnCode:
         if not self.strict and self.timeout is None:
             return asked
         seconds = PATIENCE if self.timeout is None else require_timeout(self.timeout)
-        return isolated(asked, Isolation(seconds, self.strict))
+        return isolated(asked, Isolation(seconds, self.strict, self.unconfined))
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from slamgauge.compare.estimators.isolated_process import printable
+from slamgauge.compare.estimators.answers import printable
 from slamgauge.compare.grading.rubric import Mark, Rubric
 from slamgauge.compare.grading.trial import Trial, optimum_ates
 from slamgauge.compare.scoring.error_bounds import AgainstReference, against_reference, ates, late_nees

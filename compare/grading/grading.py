@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from slamgauge.compare.estimators.memory_check import require_room_for_runs
-from slamgauge.compare.estimators.requests import Asked
+from slamgauge.compare.estimators.requests import Asked, Isolation
 from slamgauge.compare.grading.grades import Grade, grade
+from slamgauge.compare.grading.installation import installed_files, require_same
 from slamgauge.compare.grading.remarks import figure_remarks, source_remarks
 from slamgauge.compare.grading.rubric import Rubric
 from slamgauge.compare.grading.submissions import Submission
@@ -39,7 +40,7 @@ class GradeSettings:
         runs: number of runs, at least 2.
         seed: root seed, a non-negative number.
         reference: estimator whose results submissions are compared with.
-        timeout: largest time of a run of a submission [s].
+        isolation: largest time of a run of a submission, and whether it runs without a wall.
         rubric: weights of the points.
     """
 
@@ -47,7 +48,7 @@ class GradeSettings:
     runs: int
     seed: int
     reference: Asked
-    timeout: float
+    isolation: Isolation
     rubric: Rubric
 
 
@@ -91,7 +92,7 @@ def grade_folder(
         executor: runs submissions, one at a time on each of its workers.
 
     Raises:
-        UserError: settings are out of range, or the reference fails.
+        UserError: settings are out of range, the reference fails, or files of slamgauge have changed.
     """
     scenario, runs, seed, reference = settings.scenario, settings.runs, settings.seed, settings.reference
     if runs < 2:
@@ -110,11 +111,13 @@ def grade_folder(
             raise UserError(f"reference {reference.label}: {done}")
         scores.append(done[0])
         optima.append(done[1])
+    before = installed_files()
     runnable = [(place, each) for place, each in enumerate(submissions) if each.where is not None]
-    arguments = [(each.where, each.name, scenario, seeds, optima, settings.timeout) for _, each in runnable]
+    arguments = [(each.where, each.name, scenario, seeds, optima, settings.isolation) for _, each in runnable]
     trials = {place: Trial(reason=each.reason) for place, each in enumerate(submissions)}
     for number, trial in _results(executor, run_trial, arguments, "submission"):
         trials[runnable[number][0]] = trial if isinstance(trial, Trial) else Trial(reason=LOST)
+    require_same(before)
     rubric, theirs = settings.rubric, Trial(scores=scores)
     runs = {each.name: trials[place].scores for place, each in enumerate(submissions)}
     same = figure_remarks(runs | {f"({reference.label})": scores}, f"({reference.label})")

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from slamgauge.compare.estimators.adapters import NAMES
-from slamgauge.compare.estimators.isolated_process import printable
+from slamgauge.compare.estimators.answers import printable
 from slamgauge.compare.estimators.pair_files import partner_file
 from slamgauge.compare.estimators.sources import sources_of
 from slamgauge.compare.estimators.user_code import Address

@@ -17,7 +17,7 @@ from slamgauge.compare.estimators.causality_check import require_causal
 from slamgauge.compare.estimators.isolated_process import Isolated
 from slamgauge.compare.estimators.loading import load, without
 from slamgauge.compare.estimators.registry import CAUSAL
-from slamgauge.compare.estimators.requests import Asked, ask
+from slamgauge.compare.estimators.requests import Asked, Isolation, ask
 from slamgauge.compare.estimators.running import run_estimator
 from slamgauge.compare.estimators.user_code import Address
 from slamgauge.compare.scenarios.scenario import Scenario
@@ -89,7 +89,7 @@ def run_trial(
     scenario: Scenario,
     seeds: Sequence[int],
     optima: Sequence[Estimate | None],
-    timeout: float,
+    isolation: Isolation,
 ) -> Trial:
     """Run a submission on all runs, then the checks if they apply to such recordings.
 
@@ -99,10 +99,10 @@ def run_trial(
         scenario: scenario of the runs.
         seeds: seeds of the runs.
         optima: estimates of the causal optimum on the same runs.
-        timeout: largest time of a run [s].
+        isolation: largest time of a run, and whether it runs without a wall.
     """
     trial = Trial()
-    with closing(Isolated(where, timeout)) as estimator:
+    with closing(Isolated(where, isolation.timeout, unconfined=isolation.unconfined)) as estimator:
         try:
             trial = replace(trial, form=estimator.begin() or "estimate(recording)", callable=estimator.where.attribute)
             for run, (seed, optimum) in enumerate(zip(seeds, optima, strict=True)):
@@ -114,7 +114,7 @@ def run_trial(
                     trial.settings.extend(estimator.remarks(recording))
                 trial.scores.append(_scored(truth, recording, estimate, optimum, seconds))
             if any(each.startswith(REPLACED) for each in trial.settings):
-                trial.own_noise.extend(_own_noise_scores(estimator.where, name, scenario, seeds, timeout))
+                trial.own_noise.extend(_own_noise_scores(estimator.where, name, scenario, seeds, isolation))
             if not SENSORS[scenario.sensor.kind].has_range or scenario.association.method != "known":
                 trial = replace(trial, no_checks=NO_IDS)
             else:
@@ -130,11 +130,12 @@ def run_trial(
 
 
 def _own_noise_scores(
-    where: Address, name: str, scenario: Scenario, seeds: Sequence[int], timeout: float
+    where: Address, name: str, scenario: Scenario, seeds: Sequence[int], isolation: Isolation
 ) -> list[Score]:
     """Return the scores with the noise of the file; without scores if it fails with that noise."""
     scores: list[Score] = []
-    with closing(Isolated(where._replace(noise="file"), timeout)) as estimator:
+    where = where._replace(noise="file")
+    with closing(Isolated(where, isolation.timeout, unconfined=isolation.unconfined)) as estimator:
         for seed in seeds:
             truth, recording = simulate(scenario, seed)
             try:
