@@ -111,16 +111,14 @@ class StepNoise:
 
     def _observation_cov(self, step: int, scan: Observations) -> Float | None:
         """Return the covariance of an observation; a bearing-only recording keeps the file's variance of ranges."""
-        own = self._own.get(self.observation)
-        if self.observation == POSE and own is not None:
-            own = own[:2, :2]
+        corner = self._own[POSE][:2, :2] if self.observation == POSE else None
         if self.observation not in self.replaced or not len(scan.value):
-            return own if self.observation == POSE else None
+            return corner
         if not (scan.cov == scan.cov[0]).all():
             what = f"step {step}: observations of one scan have different noise"
             raise UserCodeError(f"{what}, which one {self.observation} cannot express; take its own, --noise file")
         given: Float = scan.cov[0]
-        cov = _numbers(given if own is None else own)
+        cov = _numbers(self._own.get(self.observation, given) if corner is None else corner)
         if cov.ndim != 2 or len({*cov.shape}) != 1 or len(cov) < len(given):
             what = f"its {self.observation} must be a square matrix of at least {len(given)} rows"
             raise UserCodeError(f"{what}, for the noise of an observation; mend it, or take its own, --noise file")
