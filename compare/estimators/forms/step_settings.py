@@ -110,7 +110,7 @@ class StepSettings:
 
     def _require_values(self) -> None:
         if "DT" not in self._used:
-            raise UserCodeError("has no global DT, the length of a step; let it read that")
+            raise UserCodeError("has neither a global nor a parameter DT, the length of a step [s]; use that name")
         known = {"DT", KNOWN, *self._noise.replaced, *self.space}
         for name, each in self._parameters.items():
             if name in SETTINGS and name not in known and each.default is each.empty:
