@@ -30,10 +30,11 @@ from slamgauge.truth import NOBODY
 
 @dataclass(frozen=True)
 class LoadedEstimator:
-    """An estimator with its entry of the registry."""
+    """An estimator with its entry of the registry; `form` describes user code and its loading."""
 
     entry: Entry
     estimate: Estimator
+    form: str = ""
 
     def __call__(self, recording: Recording) -> Estimate:
         """Run the estimator."""
@@ -121,7 +122,7 @@ def load(
     if announced and form:
         print(f"{asked.label}: {form}", file=sys.stderr)
         tell_first("form", f"forms follow from the code; --form NAME says otherwise ({', '.join(FORM_NAMES)})")
-    return LoadedEstimator(entry, estimator)
+    return LoadedEstimator(entry, estimator, form)
 
 
 def _adapted_quietly(label: str, where: Address) -> tuple[Estimator, str]:

@@ -63,11 +63,16 @@ def run_estimator(
         kind = OverdueError if isinstance(error, OverdueError) else UserError
         raise kind(f"estimator {name}: {reason}") from error
     if remarked and not is_built_in:
-        for remark in remarks_of(estimator, recording):
-            tell_first(f"{name}: {remark.partition(',')[0]}", f"{name}: {remark}")  # the values may differ between runs
+        tell_remarks(name, remarks_of(estimator, recording))
     spent = spent_by(estimator)
     seconds = perf_counter() - start if spent is None else spent.seconds
     return _checked(name, estimate, recording), seconds
+
+
+def tell_remarks(name: str, remarks: Iterable[str]) -> None:
+    """Print remarks on user code, each once: values in them, after the first comma, may differ between runs."""
+    for remark in remarks:
+        tell_first(f"{name}: {remark.partition(',')[0]}", f"{name}: {remark}")
 
 
 def _checked(name: str, estimate: object, recording: Recording) -> Estimate:

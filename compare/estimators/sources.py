@@ -1,4 +1,4 @@
-"""Source files of user code: what a module imports from its folder, their digest, and a copy on another machine."""
+"""Source files of user code: what a module imports or starts from its folder, their digest, and a copy elsewhere."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ LEVELS = 4  # folders above a file in which helpers of its package may lie
 
 @dataclass(frozen=True)
 class Sources:
-    """A module of user code and everything that it imports from its folder.
+    """A module of user code, everything that it imports from its folder, and programs of the folder that it starts.
 
     Attributes:
         folder: absolute path.
@@ -56,7 +56,7 @@ class Sources:
 def sources_of(folder: Path, module: str) -> Sources:
     """Read a module of a folder and follow its imports, wherever in the code they are written.
 
-    The neighbour with the second function of the Octave course belongs to it, too.
+    The neighbour with the second function of the Octave course belongs to it, too, and programs (`programs_in`).
 
     Raises:
         OSError: a file cannot be read.
@@ -71,7 +71,20 @@ def sources_of(folder: Path, module: str) -> Sources:
         if path not in found:
             found[path] = (folder / path).read_bytes()
             waiting += [file for name in {*imported_names(found[path])} for file in _files_of(folder, name)]
+            waiting += programs_in(folder, found[path])
     return Sources(str(folder), module, tuple(sorted(found.items())))
+
+
+def programs_in(folder: Path, content: bytes) -> list[str]:
+    """Return the files of a folder that a source starts with `adapters.external`: those that it names, and all `.m`."""
+    if b"external(" not in content:
+        return []
+    with suppress(SyntaxError, ValueError):
+        texts = [node.value for node in ast.walk(ast.parse(content)) if isinstance(node, ast.Constant)]
+        named = {Path(text).name for text in texts if isinstance(text, str)}
+        files = [each for each in folder.iterdir() if each.suffix == ".m" or each.name in named]
+        return [each.name for each in files if each.is_file()]
+    return []
 
 
 def imported_names(content: bytes) -> Iterator[str]:

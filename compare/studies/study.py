@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 from slamgauge.compare.estimators.memory_check import require_room_for_runs
 from slamgauge.compare.estimators.requests import Asked, Chosen, ask, labels_among
+from slamgauge.compare.estimators.running import tell_remarks
 from slamgauge.compare.scenarios.scenario import Scenario, sampled, scenario_text
 from slamgauge.compare.scoring.runs import Runs
 from slamgauge.compare.scoring.sequential import Look
@@ -165,15 +166,17 @@ def _carry_out(store: StudyStore, work: _Work, runs: int) -> list[Failure]:
     kills its worker.
     """
     stored = store.stored()
-    keys = {each.key for each in work.asked}
-    results = Counter(run for run, key in stored if run < runs and key in keys)
-    complete = sum(count == len(keys) for count in results.values())
+    labels = {each.key: each.label for each in work.asked}
+    results = Counter(run for run, key in stored if run < runs and key in labels)
+    complete = sum(count == len(labels) for count in results.values())
     missing = ((run, [each for each in work.asked if (run, each.key) not in stored]) for run in range(runs))
     refused: list[Failure] = []
     lost: list[_Task] = []
     in_a_row = 0
 
     def keep(run: int, outcomes: list[Outcome]) -> None:
+        for each in outcomes:
+            tell_remarks(labels[each.estimator], each.remarks)
         store.add(run, run_seed(work.seed, run), outcomes)
         refused.extend(Failure(run, each.estimator, f"{each.error} ({AGAIN})") for each in outcomes if each.transient)
         progress.update()

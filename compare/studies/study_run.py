@@ -8,6 +8,7 @@ from time import perf_counter
 import numpy as np
 
 from slamgauge.arrays import Float
+from slamgauge.compare.estimators.forms.form import remarks_of
 from slamgauge.compare.estimators.loading import load, without
 from slamgauge.compare.estimators.registry import entry_of
 from slamgauge.compare.estimators.requests import Asked, Chosen, ask
@@ -31,7 +32,7 @@ from slamgauge.truth import Truth
 
 @dataclass(frozen=True)
 class Outcome:
-    """Result of one estimator in one run: figures and series, or an error."""
+    """Result of one estimator in one run: figures and series, or an error; remarks are lines on user code."""
 
     estimator: str
     kind: str = ""
@@ -39,6 +40,7 @@ class Outcome:
     series: bytes = b""  # (len(SERIES), N+1) in single precision
     error: str | None = None
     transient: bool = False  # a failure of the machine, not of the input: the same run may succeed later
+    remarks: tuple[str, ...] = ()
 
 
 def run_seed(seed: int, run: int) -> int:
@@ -61,15 +63,18 @@ def run_once(scenario: Scenario, seed: int, estimators: Chosen) -> list[Outcome]
 
 
 def _outcome(scenario: Scenario, asked: Asked, truth: Truth, recording: Recording) -> Outcome:
+    remarks: tuple[str, ...] = ()
     try:
         if asked.is_bound:
             return _bound(asked, truth, recording)
         estimator = load(
             asked, scenario.association, scenario.initialisation_settings, robust=scenario.robustness, announced=False
         )
+        remarks = (estimator.form,) if estimator.form else ()
         if asked.is_optimum:
             estimator = without(estimator, recording, truth.misleading)
-        estimate, seconds = run_estimator(asked.label, estimator, recording)
+        estimate, seconds = run_estimator(asked.label, estimator, recording, remarked=False)
+        remarks = (*remarks, *remarks_of(estimator, recording))
         series = step_series(truth, estimate)
         distances = np.hypot(series[0], series[1])  # equal to the last bit to stores of earlier versions
         figures = map_figures(truth, recording, estimate, None) | filter_figures(estimate)
@@ -81,9 +86,9 @@ def _outcome(scenario: Scenario, asked: Asked, truth: Truth, recording: Recordin
         rays = figures["rays"]
         figures |= {f"rays_{name}": None if rays is None else getattr(rays, name) for name in RayFigures._fields}
         stored = {key: figures[key] for key in STORED}
-        return Outcome(asked.key, estimate.kind, stored, series.astype(np.float32).tobytes())
+        return Outcome(asked.key, estimate.kind, stored, series.astype(np.float32).tobytes(), remarks=remarks)
     except Exception as error:  # noqa: BLE001 the study continues and reports the error
-        return _failed(asked.key, error)
+        return replace(_failed(asked.key, error), remarks=remarks)
 
 
 def _bound(asked: Asked, truth: Truth, recording: Recording) -> Outcome:

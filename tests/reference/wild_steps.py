@@ -120,16 +120,20 @@ OWN_ASSOCIATION = COLUMNS.replace("KNOWN_DATA_ASSOCIATION = 1", "KNOWN_DATA_ASSO
     "M_DIST_TH = 9.0", "M_DIST_TH = 25.0"
 )
 
-# copies of PythonRobotics: covariance Cx of the motion in a step, R of an observation, own association, z for y
+# copies of PythonRobotics: covariance Cx of the motion in a step, R of an observation, own association, z for y; noise
+# and M_DIST_TH are those of its simulation
+_NOISE = "Cx = np.diag([0.5, 0.5, math.radians(30.0)]) ** 2\n"
 ROBOTICS = (
-    COLUMNS.replace(
-        _SETTINGS, "M_DIST_TH = 25.0\nCx, R = np.diag([0.03, 0.03, 0.006]) ** 2, np.diag([0.1, 0.09]) ** 2\n"
-    )
+    COLUMNS.replace(_SETTINGS, f"M_DIST_TH = 2.0\n{_NOISE}R = np.diag([0.5, 0.5]) ** 2\n")
     .replace("KNOWN_DATA_ASSOCIATION", "False")
     .replace("Py", "R")
     .replace("B @ Q @ B.T", "Cx")
     .replace("u, y):", "u, z):\n    y = z")
 )
+
+# its noise of an observation is a part of Cx
+ONE_NOISE = ROBOTICS.replace("R = np.diag([0.5, 0.5]) ** 2\n", "").replace("@ R @", "@ Cx[0:2, 0:2] @")
+ONE_NOISE = ONE_NOISE.replace("+ R,", "+ Cx[0:2, 0:2],")
 
 # the same file with matrices of numpy, for which * is the product
 MATRICES = (

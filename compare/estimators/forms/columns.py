@@ -39,6 +39,10 @@ class Column(np.ndarray):
         """
         return int(_only(self))
 
+    def __sub__(self, other: Any) -> Any:
+        """Subtract an array, or a list that may contain arrays of one element."""
+        return super().__sub__(_numbers(other))
+
 
 class ColumnMatrix(Column, np.matrix):
     """A matrix of numpy, for which `*` is the product of matrices, with the numbers of `Column`."""

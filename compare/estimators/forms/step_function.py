@@ -110,7 +110,7 @@ class _Stepper:
 
     def advance_by(self, step: int, scan: Observations) -> Any:
         """Set the globals and return a function that calls the step function, for `StateLog.step`."""
-        self.settings.set(step, scan)
+        self.settings.set(step, scan, heading=float(np.asarray(self._x).flat[2]))
         space, array = self.settings.space, self._array
         matrix = np.asmatrix if self.settings.uses_matrices else np.asarray
         named = {name: array(value) for name, value in self.settings.named().items()}

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from slamgauge.arrays import Float
 from slamgauge.compare.estimators.forms.signatures import parameters
 from slamgauge.compare.estimators.user_code import Callee
 
@@ -74,13 +73,3 @@ def _last_column(node: ast.AST, name: str) -> int:
     end = column.upper if isinstance(column, ast.Slice) else column
     value = end.value if isinstance(end, ast.Constant) else 0
     return value - isinstance(column, ast.Slice) if isinstance(value, int) else 0
-
-
-def covariances_in(space: dict[str, Any], names: set[str]) -> dict[str, Float]:
-    """Return the square matrices of 1 to 3 rows among global names."""
-    found: dict[str, Float] = {}
-    for name in sorted(names & {*space}):
-        value = space[name]
-        if isinstance(value, np.ndarray) and value.ndim == 2 and len(value) in (1, 2, 3) and len({*value.shape}) == 1:
-            found[name] = value
-    return found

@@ -276,7 +276,11 @@ OLD_NUMPY = r"mine.py, line 7: `v = float\(u\)` takes an array for a number, whi
         (spy("return xEst, PEst[:2]"), None, r"step 0: returned xEst \(3, 1\) and PEst \(2, 3\); return"),
         (spy("return 'a', PEst"), None, "step 0: returned xEst"),
         (spy("return xEst * np.nan, PEst"), None, "step 0: xEst is not finite from here on"),
-        (spy("pass").replace("DT", "dt"), None, "has no global DT; let it read them"),
+        (
+            spy("pass").replace("DT", "dt"),
+            None,
+            r"has neither a global nor a parameter DT, the length of a step \[s\]; use that name",
+        ),
         (spy("pass"), sideways, r"step 7 moves 0\.02 m sideways"),
         (spy("pass"), uneven, "step 0: observations of one scan have different noise"),
         (f"{spy('pass')}\nPy = None\n", None, "its Py must be a square matrix of at least 2 rows"),

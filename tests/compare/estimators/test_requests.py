@@ -22,6 +22,7 @@ from slamgauge.compare.studies.study import load_runs, run_study
 from slamgauge.compare.studies.study_run import run_once
 from slamgauge.ekf import dead_reckoning, ekf_slam
 from slamgauge.errors import UserError
+from tests.reference import wild_steps
 
 from .conftest import EXAMPLES, short
 
@@ -64,6 +65,30 @@ def test_edited_code_is_another_estimator(folder: Path) -> None:
     assert first["mine"].figure("ate_m") == first["ekf"].figure("ate_m") == again["mine"].figure("ate_m")
     assert edited["mine"].figure("ate_m") != first["mine"].figure("ate_m")
     assert edited["ekf"] == first["ekf"]
+
+
+def test_a_study_prints_once_what_loading_and_runs_replace(folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    (folder / "mine.py").write_text(f"{wild_steps.COLUMNS}\nprint('simulated')\n")
+    scenario = load_scenario("q1-short-dense", SHORT)
+    with ThreadPoolExecutor(1) as executor:
+        run_study(scenario, 3, 0, ["replaced=mine.py"], folder / "study", executor)
+    lines = [line for line in capfd.readouterr().err.splitlines() if line.startswith("slamgauge: replaced: ")]
+    assert "not run: it only simulates, draws or prints" in lines[0]
+    for text in ("Q of the file", "Py of the file", "its arrays of one element are converted"):
+        assert len([line for line in lines if text in line]) == 1
+    assert len(lines) == 4
+
+
+@pytest.mark.parametrize("program", ["step.m", "my_slam"])
+def test_an_edited_program_is_another_estimator(folder: Path, program: str) -> None:
+    command = 'adapters.external(["./my_slam", "{recording}", "{estimate}"])'
+    (folder / "mine.py").write_text(f"from slamgauge import adapters\n\nestimate = {command}\n")
+    (folder / program).write_text("first")
+    first = sources_of(folder, "mine").digest
+    (folder / "notes.txt").write_text("does not count")
+    assert sources_of(folder, "mine").digest == first
+    (folder / program).write_text("edited")
+    assert sources_of(folder, "mine").digest != first
 
 
 def test_a_pickled_request_keeps_its_sources(folder: Path) -> None:
