@@ -107,7 +107,7 @@ class Process:
                 selector.register(each, EVENT_READ)
             if request:
                 selector.register(self._requests, EVENT_WRITE)
-            while answer is None:
+            while answer is None or request:  # the process may answer before it has read the whole request
                 left = deadline - monotonic()
                 if left <= 0:
                     remedy = "make it faster, or give a longer --timeout"
