@@ -1,7 +1,7 @@
 """Compare each estimator with an independent reference on random recordings and print one table.
 
     python benchmarks/agreement.py [--recordings 200] [--seed 0] [--only 17] [--jobs 2] [--worst 3]
-                                   [--keep FILE] [--save FOLDER] [--check]
+                                   [--save FOLDER] [--check]
 
 `references/recordings.py` draws recordings of all kinds. The references are: textbook filters and extended precision
 for the filters, and for `iekf` also the gradient of its cost; a damped least-squares solver with several starts for
@@ -11,8 +11,7 @@ run without an error.
 A result is `undecided` if the reference has no answer either: double precision is exhausted, or no minimum exists.
 The program prints each worse or failed result on stderr at once, and at the end the worst cases with number, seed and
 tags. `--only` takes one recording, `--save` writes recordings and truths of the worst cases, and `--check` sets exit
-status 1 if an estimator misses a bar. `--keep` stores results in a file, and the next run with that file continues from
-there. After an interrupt the program prints the table of the results so far.
+status 1 if an estimator misses a bar. After an interrupt the program prints the table of the results so far.
 """
 
 from __future__ import annotations
@@ -36,7 +35,7 @@ from references.filters import judge_filters
 from references.optima import judge_optima
 from references.recordings import draw
 from references.table import bad_ones, bars_missed, describe, messages, table, worst_cases
-from references.verdicts import Judged, Outcome, keep_result, kept_results
+from references.verdicts import Judged, Outcome
 from tqdm import tqdm
 
 from slamgauge import local_processes
@@ -51,19 +50,15 @@ def main(
     only: int | None = None,
     jobs: int = 2,
     worst: int = 3,
-    keep: Path | None = None,
     save: Path | None = None,
     check: bool = False,
 ) -> int:
     numbers = range(recordings) if only is None else [only]
-    judged = [] if keep is None else [each for each in kept_results(keep, seed) if each.number in numbers]
-    left = [*{*numbers} - {each.number for each in judged}]
+    judged: list[Judged] = []
     status = 0
     try:
-        for each in tqdm(judge_all(seed, left, jobs), total=len(left), disable=None):
+        for each in tqdm(judge_all(seed, numbers, jobs), total=len(numbers), disable=None):
             judged.append(each)
-            if keep is not None:
-                keep_result(keep, each)
             for outcome in bad_ones(each):
                 tqdm.write(describe(each, outcome), file=sys.stderr)
     except KeyboardInterrupt:

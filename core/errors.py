@@ -13,6 +13,7 @@ _REFUSALS = frozenset(
         *("ECONNRESET", "ECONNREFUSED", "ECONNABORTED", "ENETDOWN", "ENETUNREACH", "EHOSTUNREACH", "ETIMEDOUT"),
     )
 )
+_NO_LIBRARY = ("failed to map segment", "Could not find/load shared object")  # of a library, for lack of memory
 
 
 class UserError(ValueError):
@@ -25,7 +26,8 @@ class UserError(ValueError):
 def refused_by_the_machine(error: BaseException) -> bool:
     """Return whether the error or its cause is a lack of memory, disk space or connection: a retry may succeed."""
     refused = isinstance(error, OSError) and errno.errorcode.get(error.errno or 0) in _REFUSALS
-    if refused or isinstance(error, MemoryError):
+    is_library = isinstance(error, ImportError | OSError) and any(text in str(error) for text in _NO_LIBRARY)
+    if refused or is_library or isinstance(error, MemoryError):
         return True
     return error.__cause__ is not None and refused_by_the_machine(error.__cause__)
 

@@ -51,7 +51,27 @@ class DamagedError(Exception):
     """A cached file is damaged, or was made from other sources."""
 
 
-class _InCheckout(InTreeCacheLocator):
+class _ReadOnly:
+    """Accepts a folder that cannot be written to if it contains machine code: processes with user code only read it."""
+
+    def ensure_cache_path(self) -> None:
+        """Make the folder; raise OSError if it cannot be used."""
+        try:
+            super().ensure_cache_path()  # pyright: ignore[reportAttributeAccessIssue] numba's locators have it
+        except OSError:
+            if not any(Path(self.get_cache_path()).glob("*.nbi")):  # pyright: ignore[reportAttributeAccessIssue]
+                raise
+
+
+class _Provided(_ReadOnly, UserProvidedCacheLocator):
+    """The folder NUMBA_CACHE_DIR."""
+
+
+class _UserWide(_ReadOnly, UserWideCacheLocator):
+    """The user's cache folder."""
+
+
+class _InCheckout(_ReadOnly, InTreeCacheLocator):
     """Stores machine code next to the sources, unless pip installed them."""
 
     @classmethod
@@ -63,7 +83,7 @@ class _InCheckout(InTreeCacheLocator):
 class _Sealed(CompileResultCacheImpl):
     """Writes and reads the machine code of a function, with its seal."""
 
-    _locator_classes = (UserProvidedCacheLocator, _InCheckout, UserWideCacheLocator, InTreeCacheLocator)
+    _locator_classes = (_Provided, _InCheckout, _UserWide, InTreeCacheLocator)
 
     def __init__(self, function: Callable[..., object]) -> None:
         super().__init__(function)

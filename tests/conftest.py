@@ -8,9 +8,12 @@ from collections.abc import Generator
 from pathlib import Path
 
 import pytest
+from matplotlib.figure import Figure
 
 from slamgauge import compile_progress
 from slamgauge.compare.cli import terminal
+from slamgauge.compare.figures import plot_style
+from slamgauge.notices import tell_once
 from tests.reference import fast_commands
 from tests.sizes import SIZES, size_of
 
@@ -72,6 +75,25 @@ def whole_lines(monkeypatch: pytest.MonkeyPatch):
 def silent_compiler(monkeypatch: pytest.MonkeyPatch):
     """Disable messages about loading of kernels, which `core/test_compile_progress.py` tests."""
     monkeypatch.setattr(compile_progress, "ANNOUNCE_AFTER", 3600.0)
+
+
+@pytest.fixture
+def no_notices_yet() -> Generator[None]:
+    tell_once.cache_clear()
+    yield
+    tell_once.cache_clear()
+
+
+@pytest.fixture
+def drawn(monkeypatch: pytest.MonkeyPatch) -> dict[str, Figure]:
+    """Saved figures by name; no files are written."""
+    found: dict[str, Figure] = {}
+
+    def keep(figure: Figure, path: Path) -> None:
+        found[path.name] = figure
+
+    monkeypatch.setattr(plot_style, "save_printed", keep)
+    return found
 
 
 @pytest.fixture

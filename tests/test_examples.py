@@ -13,10 +13,12 @@ import pytest
 from matplotlib.image import imread
 from scipy.stats import chi2
 
-from slamgauge.compare.storage.files import load_recording
+from slamgauge.compare.cli.main import main
+from slamgauge.compare.storage.files import load_recording, save
 from slamgauge.graph_baseline import batch
 from slamgauge.recording import Recording
 from tests.kernels import compile_kernels
+from tests.reference.random_recordings import random_recording
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 
@@ -27,10 +29,11 @@ def compiled_kernels() -> None:
     compile_kernels()
 
 
-@pytest.fixture
-def folder(tmp_path: Path) -> Path:
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Copy the examples to a temporary folder."""
-    return shutil.copytree(EXAMPLES, tmp_path / "examples", ignore=shutil.ignore_patterns("__pycache__", "results"))
+    there = tmp_path_factory.mktemp("copy") / "examples"
+    return shutil.copytree(EXAMPLES, there, ignore=shutil.ignore_patterns("__pycache__", "results"))
 
 
 def run(folder: Path, *arguments: str, status: int = 0) -> tuple[str, str]:
@@ -47,16 +50,24 @@ def rows(text: str) -> dict[str, dict[str, str]]:
     return {line[0]: dict(zip(titles, line, strict=True)) for line in lines}
 
 
-def test_own_estimator(folder: Path):
-    """On one fixed run the naive filter is worse than the optimum and very overconfident, but follows the robot."""
+@pytest.fixture(scope="module")
+def own_table(folder: Path) -> dict[str, dict[str, str]]:
+    """Run the example, and return the table that it prints."""
     printed, errors = run(folder, "own_estimator.py")
     assert errors == ""
-    table = rows(printed)
-    assert list(table) == ["own", "causal", "batch"]
-    assert 1.2 < float(table["own"]["x optimum"]) < 3.0
-    assert float(table["own"]["NEES"]) > 30.0
-    assert 0.0 < float(table["causal"]["NEES"]) < 5.0
+    return rows(printed)
 
+
+def test_own_estimator(own_table: dict[str, dict[str, str]]):
+    """On one fixed run the naive filter is worse than the optimum and very overconfident."""
+    assert list(own_table) == ["own", "causal", "batch"]
+    assert 1.2 < float(own_table["own"]["x optimum"]) < 3.0
+    assert float(own_table["own"]["NEES"]) > 30.0
+    assert 0.0 < float(own_table["causal"]["NEES"]) < 5.0
+
+
+def test_own_estimator_in_evaluate(folder: Path, own_table: dict[str, dict[str, str]]):
+    """`evaluate` prints the same figures; the naive filter follows the robot."""
     run(folder, "-m", "slamgauge", "run", "q1-long-dense", "--estimators", "dead-reckoning", "--out", "first-run")
     arguments = ("--estimators", "dead-reckoning,riekf,own_estimator:estimate")
     printed, _ = run(folder, "-m", "slamgauge", "evaluate", "first-run/recording.npz", *arguments)
@@ -64,22 +75,20 @@ def test_own_estimator(folder: Path):
     assert list(again) == ["dead-reckoning", "riekf", "own_estimator:estimate"]
     own = again["own_estimator:estimate"]
     columns = ("kind", "ATE [m]", "NEES", "in 95% ellipse")
-    assert [own[column] for column in columns] == [table["own"][column] for column in columns]
+    assert [own[column] for column in columns] == [own_table["own"][column] for column in columns]
     assert float(again["riekf"]["ATE [m]"]) < float(own["ATE [m]"]) < float(again["dead-reckoning"]["ATE [m]"]) / 5
 
 
-def test_own_estimator_refuses_other_sensors(folder: Path):
-    overrides = ["sensor.kind='position'", "sensor.sigma_position=0.1", "trajectory.duration=2"]
-    path = folder / "positions.toml"
-    shipped = EXAMPLES.parent / "compare/scenarios/q1-short-dense.toml"
-    lines = shipped.read_text(encoding="utf-8").splitlines(keepends=True)
-    path.write_text("".join(line for line in lines if not line.startswith(("sigma_range", "sigma_bearing"))))
-    simulated = ("run", "positions.toml", "--estimators", "dead-reckoning", "--out", "run", "--set", *overrides)
-    run(folder, "-m", "slamgauge", *simulated)
-    own = ("--estimators", "own_estimator:estimate")
-    printed, errors = run(folder, "-m", "slamgauge", "evaluate", "run/recording.npz", *own, status=2)
-    assert printed == ""
-    (line,) = errors.splitlines()
+def test_own_estimator_refuses_other_sensors(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    save(tmp_path / "recording.npz", random_recording(0, sensor="position", steps=5)[1])
+    monkeypatch.chdir(folder)
+    arguments = ("--estimators", "own_estimator:estimate", "--out", str(tmp_path / "out"))
+    assert main(["evaluate", str(tmp_path / "recording.npz"), *arguments]) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    (line,) = printed.err.splitlines()
     assert "this filter needs known association, ranges and bearings (own_estimator.py, line " in line
 
 
@@ -154,11 +163,11 @@ def test_compare_question_4(folder: Path):
             assert float(line[line.index("filtered") + 8 :].split()[0]) < 2.0  # ATE [m]
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def imported(folder: Path) -> Recording:
     """Write the log of the example robot and import it."""
     run(folder, "robot_log.py", "my-log")
-    run(folder, "-m", "slamgauge", "import", "csv", "my-log", "--out", "mine")
+    assert main(["import", "csv", str(folder / "my-log"), "--out", str(folder / "mine")]) == 0
     return load_recording(folder / "mine/recording.npz")
 
 

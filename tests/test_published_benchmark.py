@@ -1,7 +1,4 @@
-"""The 2D SLAM benchmark of UKF-M: its constants, and its figures at a size that a test can afford.
-
-`benchmarks/ukfm_slam2d.py` prints all columns at the published size.
-"""
+"""The 2D SLAM benchmark of UKF-M: its constants, and its figures in fewer runs than `docs/consistency.md` has."""
 
 from __future__ import annotations
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -11,12 +12,17 @@ from tests.sizes import FULL, NOT_QUICK, size_of
 ROOT = Path(__file__).parents[1]
 
 
+TESTS = [
+    f"{path.relative_to(ROOT).as_posix()}::{name}"
+    for path in (ROOT / "tests").rglob("test_*.py")
+    for name in ("", *re.findall(r"^def (test_\w+)", path.read_text(), re.MULTILINE))
+]
+
+
 @pytest.mark.parametrize("beginning", [*NOT_QUICK, *FULL])
 def test_every_beginning_is_that_of_a_test(beginning: str):
-    file, _, name = beginning.partition("::")
-    files = [path for path in (ROOT / "tests").rglob("test_*.py") if path.relative_to(ROOT).as_posix().startswith(file)]
-    assert files
-    assert f"def {name.partition('[')[0]}" in files[0].read_text() or not name
+    without_parameters = beginning.partition(r"\[")[0]
+    assert [test for test in TESTS if re.match(without_parameters, test)]
 
 
 @pytest.mark.parametrize(
@@ -25,6 +31,8 @@ def test_every_beginning_is_that_of_a_test(beginning: str):
         ("tests/core/test_se2.py::test_exp", "quick"),
         ("tests/compare/cli/test_cli.py::test_run", "usual"),
         ("tests/compare/cli/test_cli.py::test_victoria_park", "full"),
+        ("tests/ekf/test_filters_against_textbook.py::test_equals_the_textbook[oc-ekf-1-slip-position]", "usual"),
+        ("tests/ekf/test_filters_against_textbook.py::test_equals_the_textbook[oc-ekf-2-slip-position]", "full"),
     ],
 )
 def test_sizes_of_tests(test: str, size: str):

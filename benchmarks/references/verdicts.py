@@ -1,15 +1,10 @@
-"""Results of comparing an estimator with its reference, tolerances (bars), and the file that keeps results."""
+"""Results of comparing an estimator with its reference, and tolerances (bars)."""
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Callable
-from contextlib import suppress
-from dataclasses import asdict, dataclass
-from functools import cache
-from pathlib import Path
-from typing import Any, Literal
+from dataclasses import dataclass
+from typing import Literal
 
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
@@ -20,8 +15,6 @@ Verdict = Literal["agrees", "worse", "failed", "undecided", "not compared"]
 FILTER_BAR = 1e-6  # sigma
 COST_BAR = 1e-6  # relative, and absolute below a cost of 1
 STEP_BAR = 0.02  # sigma
-ROOT = Path(__file__).parents[2]
-CODE = ("core", "ekf", "graph_baseline", "benchmarks/references", "tests/reference")
 
 
 @dataclass(frozen=True)
@@ -67,36 +60,3 @@ def attempt(estimator: Callable[[Recording], Estimate], recording: Recording) ->
         return str(error)
     except (ArithmeticError, LookupError, RuntimeError, ValueError) as error:
         return f"{type(error).__name__}: {error}"
-
-
-# --- file of results: a line each, the digest of the code and JSON -----------------------------------
-
-
-def keep_result(path: Path, judged: Judged) -> None:
-    """Append the results of a recording to a file."""
-    with path.open("a") as file:  # the line may follow one that an interrupt cut short
-        file.write(f"\n{code_digest()} {json.dumps(asdict(judged))}")
-
-
-def kept_results(path: Path, seed: int) -> list[Judged]:
-    """Return the results in a file that the present code computed with this seed; incomplete lines are skipped."""
-    found: list[Judged] = []
-    for line in path.read_text().splitlines() if path.exists() else ():
-        digest, _, text = line.partition(" ")
-        with suppress(json.JSONDecodeError):
-            content: dict[str, Any] = json.loads(text)
-            if digest == code_digest() and content["seed"] == seed:
-                content["outcomes"] = [Outcome(**each) for each in content["outcomes"]]
-                content["tags"] = tuple(content["tags"])
-                found.append(Judged(**content))
-    return found
-
-
-@cache
-def code_digest() -> str:
-    """Return the digest of all code that the results depend on."""
-    digest = hashlib.sha256()
-    for folder in CODE:
-        for path in sorted((ROOT / folder).rglob("*.py")):
-            digest.update(path.read_bytes())
-    return digest.hexdigest()

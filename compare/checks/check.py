@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Set
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -23,7 +23,7 @@ class NotJudgedError(Exception):
     """The estimate lacks a field that the check needs. The message names the field."""
 
 
-@dataclass(frozen=True)
+@dataclass
 class Subject:
     """The estimator under test.
 
@@ -31,26 +31,40 @@ class Subject:
         name: name in error messages.
         estimator: any callable `Recording -> Estimate`.
         ignored: inputs that do not change its estimates (see `ignored_inputs`).
-        ran: recordings of its runs.
+        is_confused: whether its own association confused landmarks in a run, or it did not show its landmarks.
     """
 
     name: str
     estimator: Estimator
     ignored: Set[Need] = frozenset()
-    ran: list[Recording] = field(default_factory=list)
+    is_confused: bool = False
 
     def ignores(self, *needs: Need) -> bool:
         """Return whether it ignores any of these inputs."""
         return not self.ignored.isdisjoint(needs)
 
+    @property
+    def has_own_noise(self) -> bool:
+        """Whether it ignores noise of the recording."""
+        return self.ignores("odometry noise", "observation noise")
+
     def __call__(self, recording: Recording) -> Estimate:
         """Return the estimate of a recording.
+
+        If it ignores ids, it runs without them; its landmarks then have the ids in the order of first observations.
 
         Raises:
             UserError: the estimator raised an error, or its result does not fit the recording.
         """
-        self.ran.append(recording)
-        return run_estimator(self.name, self.estimator, recording, remarked=False)[0]
+        if not self.ignores("ids") or recording.landmark is None:
+            return run_estimator(self.name, self.estimator, recording, remarked=False)[0]
+        without_ids = replace(recording, landmark=None)
+        estimate = run_estimator(self.name, self.estimator, without_ids, remarked=False)[0]
+        names = np.array([*dict.fromkeys(recording.landmark.tolist())], dtype=np.int64)
+        if len(estimate.landmark_ids) == len(names):
+            return replace(estimate, landmark_ids=names)
+        self.is_confused = True
+        return Estimate(estimate.kind, estimate.poses, estimate.pose_covs)
 
     def cpu_seconds(self, recording: Recording) -> float:
         """Return the processor time [s] of one run, including the programs that it calls."""
@@ -114,6 +128,8 @@ class Check:
             default -inf excuses no figure.
         limit: printed instead of `blame` for such a figure: explanation of the limit.
         needs: inputs without which a right filter may fail the check; a filter that ignores one of them is not judged.
+        after: names of checks that it presupposes. If one of them fails, or one that these presuppose, the failure of
+            this check may follow from it and is not judged.
     """
 
     measure: Measure
@@ -123,6 +139,7 @@ class Check:
     excused_to: float
     limit: str
     needs: tuple[Need, ...]
+    after: tuple[str, ...]
 
     @property
     def name(self) -> str:
@@ -138,6 +155,7 @@ def check(
     excused_to: float = -np.inf,
     limit: str = "",
     needs: tuple[Need, ...] = (),
+    after: tuple[str, ...] = (),
 ) -> Callable[[Measure], Check]:
     """Return a decorator that turns the function `measure` into a `Check`; arguments as in `Check`."""
-    return lambda measure: Check(measure, figure, bound, blame, excused_to, limit, needs)
+    return lambda measure: Check(measure, figure, bound, blame, excused_to, limit, needs, after)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from slamgauge.compare.checks import (
     update_checks,
 )
 from slamgauge.compare.checks.check import Check, Need, NotJudgedError, Subject
-from slamgauge.compare.checks.ignored_inputs import ignored_inputs, mixes_landmarks, reason_not_judged
+from slamgauge.compare.checks.ignored_inputs import ignored_inputs, reason_not_judged
 from slamgauge.compare.estimators.isolated_process import OverdueError
 from slamgauge.compare.scoring.text_page import Grid, Page
 from slamgauge.compare.scoring.text_table import cell
@@ -64,7 +64,8 @@ def check_estimator(name: str, estimator: Estimator, seed: int = 0, checks: Sequ
     """Return the verdicts of the checks on an estimator.
 
     A run on a plain recording shows the inputs that it ignores (`ignored_inputs`); checks that need one of these do not
-    judge it. If it exceeds its time limit (`isolated`) in a check, the later checks are not judged.
+    judge it. If it exceeds its time limit (`isolated`) in a check, the later checks are not judged. A failure that may
+    follow from the failure of a check that it presupposes is not judged.
 
     Args:
         name: name of the estimator in error messages.
@@ -93,7 +94,26 @@ def check_estimator(name: str, estimator: Estimator, seed: int = 0, checks: Sequ
         except UserError as error:
             is_overdue = isinstance(error, OverdueError)
             found.append(Verdict(each.name, False, None, each.bound, f"{error}; {each.blame}"))
-    return found
+    return _without_consequences(found)
+
+
+def _without_consequences(verdicts: list[Verdict]) -> list[Verdict]:
+    """Replace each failure of a check that presupposes another failed check."""
+    failed = [each.name for each in verdicts if each.is_failure]
+    causes = {name: [cause for cause in failed if cause in presupposed(name)] for name in failed}
+    roots = [name for name in failed if not causes[name]]
+    kept: list[Verdict] = []
+    for each in verdicts:
+        cause = next((root for root in roots if root in causes.get(each.name, ())), None)
+        reason = f"not judged: {cause} fails, and this may follow from it"
+        kept.append(each if cause is None else replace(each, passed=None, figure=None, blame=reason))
+    return kept
+
+
+def presupposed(name: str) -> set[str]:
+    """Return the names of all checks that a check presupposes, directly or through others."""
+    direct = next((each.after for each in CHECKS if each.name == name), ())
+    return {*direct}.union(*map(presupposed, direct))
 
 
 def _verdict(check: Check, subject: Subject, rng: np.random.Generator) -> Verdict:
@@ -102,7 +122,7 @@ def _verdict(check: Check, subject: Subject, rng: np.random.Generator) -> Verdic
         return Verdict(check.name, True, figure, check.bound, check.blame)
     if figure <= check.excused_to:
         return Verdict(check.name, True, figure, check.bound, check.limit, limit_of_method=True)
-    if subject.ignores("ids") and mixes_landmarks(subject):
+    if subject.is_confused:
         return _not_judged(check, "its own association may have confused landmarks")
     return Verdict(check.name, False, figure if np.isfinite(figure) else None, check.bound, check.blame)
 

@@ -36,6 +36,7 @@ def _difference(one: Estimate, other: Estimate, names: tuple[int, ...] = (0, 1, 
     figure="scans of three landmarks in another order: largest difference of poses and landmarks [sigma]",
     bound=SAME,
     blame="the landmark of each observation in a scan: look up its place in the state for every observation",
+    after=("permuted-ids", "standing-robot"),
 )
 def scan_order(subject: Subject, rng: np.random.Generator) -> float:
     """Compare scans in the order of ids with scans in random order."""
@@ -63,6 +64,7 @@ def permuted_ids(subject: Subject, rng: np.random.Generator) -> float:
     figure="the same world, moved and rotated: largest difference of poses and landmarks [sigma]",
     bound=SAME,
     blame="a rotation between body and world frame that is missing or of another pose, in noise, Jacobians or the mean",
+    after=("prediction-jacobian", "odometry-noise-frame", "standing-robot"),
 )
 def rigid_motion(subject: Subject, rng: np.random.Generator) -> float:
     """Move and rotate start, prior and landmarks; poses and landmarks must move in the same way."""
@@ -91,6 +93,7 @@ def rigid_motion(subject: Subject, rng: np.random.Generator) -> float:
     bound=0.02,
     blame="landmarks that leave the map while they are not observed, or are initialised twice: correct with every id "
     "in the map",
+    after=("update-bearing",),
 )
 def long_unseen(subject: Subject, rng: np.random.Generator) -> float:
     """Turn away and back with imprecise odometry; the landmark at the start then corrects the heading.
@@ -100,7 +103,7 @@ def long_unseen(subject: Subject, rng: np.random.Generator) -> float:
     error = rng.choice([-1.0, 1.0]) * rng.uniform(0.5, 1.5) * 10.0 * SIGMA * np.sqrt(UNOBSERVED)
     distance = rng.uniform(6.0, 9.0)
     corrected = _corrected_heading(subject, distance, error, UNOBSERVED) / error
-    if subject.ignores("odometry noise", "observation noise"):
+    if subject.has_own_noise:
         soon = _corrected_heading(subject, distance, error, 2) / error
         return max(0.0, 1.0 - corrected / soon) if soon > 0.0 else 1.0
     return float(abs(corrected - 1.0))

@@ -17,6 +17,7 @@ from slamgauge.compare.checks.small_recordings import (
     pose_error,
     relative_error,
 )
+from slamgauge.se2 import rotation
 
 SIGMAS = (1e-2, 2e-3)  # forward motion [m] and turn [rad] of a move
 
@@ -39,6 +40,7 @@ def _path(rng: np.random.Generator, prior_cov: Float, steps: int, sigmas: tuple[
     bound=1e-3,
     blame="the Jacobian F of the prediction: its heading column is (-dy, dx), with the displacement in the world frame",
     needs=("prior",),
+    after=("truth-recovered", "prior-respected"),
 )
 def prediction_jacobian(subject: Subject, rng: np.random.Generator) -> float:
     """Propagate two uncertain starts: the difference of their covariances is F P0 F', whatever Q is."""
@@ -55,16 +57,24 @@ def prediction_jacobian(subject: Subject, rng: np.random.Generator) -> float:
 
 
 @check(
-    figure="angle between the position's error ellipse after a straight move and that move [rad]",
+    figure="angle between the position's error ellipse after a straight move and that move [rad]; for own noise: "
+    "difference of the ellipses after two moves in different directions, as seen from the robot [sigma^2]",
     bound=1e-3,
     blame="the frame of Q: odometry noise is in the body frame and must be rotated to the world frame by the heading",
-    needs=("odometry noise", "prior"),
+    needs=("prior",),
+    after=("prediction-jacobian", "odometry-noise-size"),
 )
 def odometry_noise_frame(subject: Subject, rng: np.random.Generator) -> float:
     """Make one noisy straight move from a known start: the position is uncertain along the heading."""
     world = _path(rng, KNOWN_START, steps=1)
     world = replace(world, moves=world.moves * [1.0, 0.0])
-    axis = np.linalg.eigh(pose_covs_of(subject(world.recording()))[-1, :2, :2])[1][:, -1]
+    ellipse = pose_covs_of(subject(world.recording()))[-1, :2, :2]
+    if subject.has_own_noise:
+        turn = np.array([0.0, 0.0, rng.uniform(0.5, 1.0)])
+        other = pose_covs_of(subject(replace(world, start=world.start + turn).recording()))[-1, :2, :2]
+        back = rotation(-turn[2])
+        return relative_error(back @ other @ back.T, ellipse)
+    axis = np.linalg.eigh(ellipse)[1][:, -1]
     along, across = np.cos(world.start[2]), np.sin(world.start[2])
     return float(np.arcsin(min(1.0, abs(axis[1] * along - axis[0] * across))))
 

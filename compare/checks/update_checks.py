@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.compare.checks.check import Subject, check, landmark_cov_of, landmark_of, pose_covs_of
+from slamgauge.compare.checks.check import Subject, check, landmark_cov_of, landmark_of
 from slamgauge.compare.checks.small_recordings import (
     KNOWN,
     KNOWN_START,
@@ -22,6 +22,8 @@ from slamgauge.compare.checks.small_recordings import (
 
 MOVES = 30  # with noise, between two observations
 LOOSE = 50.0 * SIGMA  # sigma of a move; observations are exact in comparison
+SHARE = 0.01  # largest relative difference of a motion; a move of 50 sigmas leaves 1/1250 of the innovation
+SAME_CORRECTION = 0.02  # largest relative difference of two corrections
 
 
 def _observation_jacobian(start: Float, landmark: Float) -> Float:
@@ -33,8 +35,10 @@ def _observation_jacobian(start: Float, landmark: Float) -> Float:
 @check(
     figure="covariance of a landmark observed once: largest difference from J_r P J_r' + J_z R J_z' [sigma^2]",
     bound=0.02,
-    blame="the Jacobians of a new landmark: J_r by the pose, heading included, and J_z by the observation",
+    blame="the Jacobians of a new landmark: J_r by the pose, heading included, and J_z by the observation; for a "
+    "landmark that is in the state from the start, P after its first update",
     needs=("prior",),
+    after=("prior-respected", "sound-covariances"),
 )
 def first_sight(subject: Subject, rng: np.random.Generator) -> float:
     """Observe a landmark once from an uncertain pose.
@@ -48,7 +52,7 @@ def first_sight(subject: Subject, rng: np.random.Generator) -> float:
     Jr, Jz = np.array([[1.0, 0.0, -dy], [0.0, 1.0, dx]]), _observation_jacobian(start, landmarks[0])
     from_pose, from_observation = Jr @ world.prior_cov @ Jr.T, SIGMA**2 * Jz @ Jz.T
     found = landmark_cov_of(subject(world.recording()), 0)
-    if not subject.ignores("odometry noise", "observation noise"):
+    if not subject.has_own_noise:
         return relative_error(found, from_pose + from_observation)
     twice = replace(world, prior_cov=2.0 * world.prior_cov)
     return relative_error(landmark_cov_of(subject(twice.recording()), 0) - found, from_pose)
@@ -58,6 +62,7 @@ def first_sight(subject: Subject, rng: np.random.Generator) -> float:
     figure="correction of the robot after it observed a new landmark: difference of their motions, relative",
     bound=0.05,
     blame="the cross-covariance of a new landmark with the rest of the state: P_new,: = J_r P_r,:",
+    after=("first-sight",),
 )
 def cross_covariance(subject: Subject, rng: np.random.Generator) -> float:
     """Correct the robot after it observed a new landmark from an uncertain pose; the landmark must move by the same.
@@ -82,81 +87,110 @@ def cross_covariance(subject: Subject, rng: np.random.Generator) -> float:
     return float(np.linalg.norm(landmark - robot) / max(np.linalg.norm(robot), 1e-3 * abs(shift)))
 
 
-def _imprecise_move(rng: np.random.Generator, forward_sigma: float, turn_sigma: float) -> World:
-    """Return a world with a landmark ahead, observed from a known start and after a move with the given noise."""
+def _imprecise_move(forward_sigma: float, turn_sigma: float, landmark: Float) -> World:
+    """Return a world with a landmark (2,) [m], observed from a known start and after a move with the given noise."""
     return World(
         moves=np.zeros((2, 2)),
         move_sigmas=np.array([[0.0, 0.0], [forward_sigma, turn_sigma]]),
-        landmarks=np.array([[rng.uniform(3.0, 6.0), 0.0]]),
+        landmarks=landmark[None],
         observed=((1, 0), (2, 0)),
     )
 
 
-def _error_of_landmark(subject: Subject, rng: np.random.Generator, channel: int) -> float:
-    """Return the relative error of a landmark and its variance after two observations from a known pose.
+def _wrong_share(subject: Subject, moved: float) -> float:
+    """Return by how much a robot that moved by `moved` of the innovation did not move by all of it.
 
-    The second observation moves the landmark by half of their difference, and halves its variance.
+    A filter with its own noise may move by any share with the right sign.
     """
-    start = any_start(rng)
-    landmarks = around(start, rng.uniform(3.0, 6.0, 1), rng.uniform(-1.0, 1.0, 1))
+    if subject.has_own_noise:
+        return 0.0 if 0.0 < moved <= 1.0 + SHARE else 1.0
+    return abs(moved - 1.0)
+
+
+def _wrong_direction(subject: Subject, rng: np.random.Generator, channel: int) -> float:
+    """Return the sine of the angle between the motion of a landmark at its second observation and the right motion.
+
+    The robot is at rest, and the landmark is 1 m ahead along x: there J_z is diag(1, 1), so that its errors do not
+    matter. An opposite motion, or none, gives 1.
+    """
+    start = np.append(rng.uniform(-3.0, 3.0, 2), 0.0)
+    landmark = around(start, np.ones(1), np.zeros(1))
     shift = np.zeros((2, 2))
     shift[1, channel] = rng.choice([-1.0, 1.0]) * rng.uniform(1.0, 3.0) * SIGMA
-    estimate = subject(at_rest(start, KNOWN_START, landmarks, ((1, 0), (2, 0))).recording(shift))
+    estimate = subject(at_rest(start, KNOWN_START, landmark, ((1, 0), (2, 0))).recording(shift))
     if not len(estimate.landmark_ids):
         return 0.0
-    H = np.linalg.inv(_observation_jacobian(start, landmarks[0]))
-    moved = H @ (landmark_of(estimate, 0) - landmarks[0]) / shift[1, channel]
-    worst = np.abs(moved - np.eye(2)[channel] / 2).max()
-    if estimate.landmark_covs is not None:
-        worst = max(worst, abs((H @ landmark_cov_of(estimate, 0) @ H.T)[channel, channel] / SIGMA**2 - 0.5))
-    return float(worst)
+    moved = (landmark_of(estimate, 0) - landmark[0]) / shift[1, channel]
+    along, across = moved[channel], moved[1 - channel]
+    return float(abs(across) / np.hypot(along, across)) if along > 0.0 else 1.0
 
 
 @check(
-    figure="update by one range: largest relative difference of landmark, its variance and robot from the exact one",
-    bound=0.01,
-    blame="the row of H for the range, the gain, or P after the update: dr = ((l - p)/r)'(dl - dp), P = P - K S K'",
-    needs=("odometry noise", "observation noise", "prior"),
+    figure="update by one range: relative difference of the robot's motion from the innovation, or sine of the angle "
+    "between the landmark's motion and the line of sight",
+    bound=SHARE,
+    blame="the row of H for the range, or the gain: dr = ((l - p)/r)'(dl - dp)",
+    needs=("prior",),
+    after=("landmarks-behind", "odometry-noise-size"),
 )
 def update_range(subject: Subject, rng: np.random.Generator) -> float:
     """Correct a robot whose position along x is uncertain: it moves by the whole innovation."""
     shift = rng.choice([-1.0, 1.0]) * LOOSE
-    recording = _imprecise_move(rng, LOOSE, 0.0).recording(np.array([[0.0, 0.0], [shift, 0.0]]))
-    robot = abs(subject(recording).poses[-1, 0] / shift + 1.0)
-    return max(float(robot), _error_of_landmark(subject, rng, 0))
+    recording = _imprecise_move(LOOSE, 0.0, np.array([rng.uniform(3.0, 6.0), 0.0])).recording(
+        np.array([[0.0, 0.0], [shift, 0.0]])
+    )
+    share = _wrong_share(subject, -subject(recording).poses[-1, 0] / shift)
+    return max(share, _wrong_direction(subject, rng, 0))
 
 
 @check(
-    figure="update by one bearing: largest relative difference of landmark, its variance and robot from the exact one",
-    bound=0.01,
+    figure="update by one bearing: relative difference of the robot's motion from the innovation, or sine of the angle "
+    "between the landmark's motion and the normal of the line of sight",
+    bound=SHARE,
     blame="the row of H for a bearing, or the gain: (-dy, dx)/r^2 for a landmark, its opposite and -1 for the pose",
-    needs=("odometry noise", "observation noise", "prior"),
+    needs=("prior",),
+    after=("update-range",),
 )
 def update_bearing(subject: Subject, rng: np.random.Generator) -> float:
-    """Correct a robot whose heading is uncertain: it turns by the whole innovation."""
+    """Correct a robot whose heading is uncertain: it turns by the whole innovation.
+
+    Then correct one whose position along x is uncertain, by a landmark abeam: it moves by the innovation times the
+    range.
+    """
     shift = rng.choice([-1.0, 1.0]) * LOOSE
-    recording = _imprecise_move(rng, 0.0, LOOSE).recording(np.array([[0.0, 0.0], [0.0, shift]]))
-    robot = abs(subject(recording).poses[-1, 2] / shift + 1.0)
-    return max(float(robot), _error_of_landmark(subject, rng, 1))
+    disturbance = np.array([[0.0, 0.0], [0.0, shift]])
+    distance = rng.uniform(3.0, 6.0)
+    ahead, abeam = distance * np.eye(2)
+    turned = subject(_imprecise_move(0.0, LOOSE, ahead).recording(disturbance)).poses[-1, 2]
+    moved = subject(_imprecise_move(distance * LOOSE, 0.0, abeam).recording(disturbance)).poses[-1, 0]
+    shares = _wrong_share(subject, -turned / shift), _wrong_share(subject, moved / (distance * shift))
+    return max(*shares, _wrong_direction(subject, rng, 1))
 
 
 @check(
-    figure="heading sigma after a correction by one bearing: relative difference from sqrt(2 R)",
+    figure="correction of a heading by one bearing, which is as uncertain as landmark and bearing: difference from 1/2",
     bound=0.01,
-    blame="R in the innovation covariance: S = H P H' + R, where observation_cov contains variances",
+    blame="R in the innovation covariance, S = H P H' + R, or in that of a new landmark: observation_cov contains "
+    "variances",
     needs=("odometry noise", "observation noise", "prior"),
+    after=("update-bearing",),
 )
 def measurement_noise(subject: Subject, rng: np.random.Generator) -> float:
-    """Correct an uncertain heading: its variance becomes that of the bearing plus that of the landmark, 2 R."""
-    cov = pose_covs_of(subject(_imprecise_move(rng, 0.0, LOOSE).recording()))[-1]
-    right = np.sqrt(1.0 / (1.0 / LOOSE**2 + 1.0 / (2.0 * SIGMA**2)))
-    return float(abs(np.sqrt(cov[2, 2]) / right - 1.0))
+    """Correct a heading with the variance 2 R: landmark and bearing have 2 R together, so that it turns by a half."""
+    shift = rng.choice([-1.0, 1.0]) * SIGMA
+    recording = _imprecise_move(0.0, np.sqrt(2.0) * SIGMA, np.array([1.0, 0.0])).recording(
+        np.array([[0.0, 0.0], [0.0, shift]])
+    )
+    return float(abs(subject(recording).poses[-1, 2] / shift + 0.5))
 
 
 @check(
-    figure="landmark observed on both sides of the bearing pi: motion of landmark and robot [sigma]",
+    figure="landmark observed on both sides of the bearing pi: motion of landmark and robot [sigma]; for own "
+    "association: difference of the corrections by landmarks behind and ahead [2 %]",
     bound=1.0,
-    blame="the innovation of a bearing: wrap z - h(x) to (-pi, pi] before the gain",
+    blame="the innovation of a bearing: wrap z - h(x) to (-pi, pi] before the gain, and before the distances of an "
+    "association",
+    after=("landmarks-behind",),
 )
 def innovation_wrap(subject: Subject, rng: np.random.Generator) -> float:
     """Observe a landmark straight behind, just left and just right of the bearing pi."""
@@ -164,13 +198,27 @@ def innovation_wrap(subject: Subject, rng: np.random.Generator) -> float:
     distance, side = rng.uniform(3.0, 6.0), rng.choice([-1.0, 1.0]) * 0.2 * SIGMA
     landmarks = around(start, np.array([distance]), np.array([np.pi]))
     world = at_rest(start, KNOWN_START, landmarks, ((1, 0), (2, 0)))
+    if subject.ignores("ids"):
+        return _lost_correction(subject, distance) / SAME_CORRECTION
     before, after = (subject(world.recording(np.array([[0.0, side], [0.0, last]]))) for last in (side, -side))
-    has_own_noise = subject.ignores("odometry noise", "observation noise", "prior")
-    unit = 10.0 * distance * SIGMA if has_own_noise else KNOWN  # the start may be uncertain for its own noise
+    unit = 10.0 * distance * SIGMA if subject.has_own_noise else KNOWN  # the start may be uncertain for its own noise
     moved = float(np.abs(after.poses[-1] - before.poses[-1]).max() / unit)
     if len(after.landmark_ids):
         moved = max(moved, float(np.linalg.norm(landmark_of(after, 0) - landmark_of(before, 0)) / (distance * SIGMA)))
     return moved
+
+
+def _lost_correction(subject: Subject, distance: float) -> float:
+    """Return the share of a correction that is lost if the landmark is behind and the bearing passes pi.
+
+    A wrong innovation is far from every landmark, so that the filter adds another one and corrects nothing.
+    """
+    side = LOOSE / 2.0
+    disturbance = np.array([[0.0, side], [0.0, -side]])
+    ahead = subject(_imprecise_move(0.0, LOOSE, np.array([distance, 0.0])).recording(disturbance)).poses[-1, 2]
+    behind_only = replace(subject)  # a confusion here is what is measured
+    behind = behind_only(_imprecise_move(0.0, LOOSE, np.array([-distance, 0.0])).recording(disturbance)).poses[-1, 2]
+    return float(abs(behind - ahead) / max(abs(ahead), KNOWN))
 
 
 CHECKS = (first_sight, cross_covariance, update_range, update_bearing, measurement_noise, innovation_wrap)

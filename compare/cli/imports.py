@@ -25,7 +25,7 @@ IMPORTED = (RECORDING, TRUTH, MAPPING)
 class Format(ABC):
     """A format, with its options."""
 
-    path: tyro.conf.Positional[Path]
+    path: tyro.conf.Positional[Folder]
     """The log, described above."""
 
     out: Folder = Path("results/import-NAME")
@@ -220,13 +220,19 @@ class Import:
 
         out = named_after(self.format.out, self.format.path)
         require_free(out, IMPORTED)  # before long files are read
-        recording, truth, notes, mapping = self.format()
+        log = self.format()
+        recording, truth, mapping = log.recording, log.truth, log.mapping
+        from slamgauge.compare.datasets.plausibility import examine  # loads kernels, which a refusal need not wait for
+
+        examination = examine(log, self.format.path)
         with staged_folder(out, IMPORTED, last=RECORDING) as folder:
             save(folder / RECORDING, recording)
             if truth is not None:
                 save(folder / TRUTH, truth)
             if mapping is not None:
                 write_toml(folder / MAPPING, mapping)
+        facts = [f"{name:<34}{value}" for name, value in examination.facts.items()]
+        warnings = [f"warning: {warning}" for warning in examination.warnings]
         counts = f"{recording.steps} steps, {len(recording.observation)} observations"
         written = f"{counts}, {'with' if truth is not None else 'no'} ground truth: written to {out}"
-        print(*notes, written, sep="\n", file=sys.stderr)
+        print(*log.notes, *facts, *warnings, written, sep="\n", file=sys.stderr)

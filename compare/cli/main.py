@@ -9,6 +9,7 @@ import threading
 import traceback
 from collections.abc import Generator, Sequence
 from contextlib import contextmanager
+from time import monotonic
 
 from slamgauge.compare.cli.export import Export
 from slamgauge.compare.cli.imports import Import
@@ -29,9 +30,11 @@ from slamgauge.version import __version__
 
 DEFECT = 70  # exit status, EX_SOFTWARE of sysexits.h
 REFUSED = 71  # EX_OSERR
+LONGEST = 200  # characters of the machine's own message
 INTERRUPTED = 128 + signal.SIGINT  # the exit status that shells use
-# further signals that end a command like an interrupt; Windows has no SIGHUP
-ENDS = tuple(getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name))
+# signals that interrupt a command; Windows has no SIGHUP
+ENDS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
+CLEANING_UP = 3.0  # s
 
 COMMANDS: dict[str, type[Command]] = {
     "scenarios": Scenarios,
@@ -89,7 +92,7 @@ def _run(words: Sequence[str]) -> int:
         if isinstance(error, OSError) and error.errno == errno.ENAMETOOLONG:
             return _ended(2, f"{str(error.filename)[:60]} ...: this name is too long; check the path")
         if refused_by_the_machine(error):
-            what = " ".join(str(error).split()) or type(error).__name__
+            what = " ".join(str(error).split())[:LONGEST] or "too little memory"
             return _ended(REFUSED, f"the machine refused: {what}; make room and give the same command again")
         traceback.print_exception(error)
         return _ended(
@@ -106,11 +109,18 @@ def _ended(status: int, message: str) -> int:
 
 @contextmanager
 def _terminations() -> Generator[list[int]]:
-    """Turn a termination into an interrupt, after which the command cleans up; yield the signals received."""
+    """Turn signals into interrupts, after which the command cleans up; yield the signals received.
+
+    Signals that follow within `CLEANING_UP` are ignored. Later ones interrupt again, because compilation may lose one.
+    """
     received: list[int] = []
+    last = -CLEANING_UP
 
     def interrupt(number: int, _: object) -> None:
-        signal.signal(number, signal.SIG_IGN)  # a second signal must not end the cleaning up
+        nonlocal last
+        if monotonic() < last + CLEANING_UP:
+            return
+        last = monotonic()
         received.append(number)
         raise KeyboardInterrupt
 
@@ -119,7 +129,7 @@ def _terminations() -> Generator[list[int]]:
         return
     before = {number: signal.getsignal(number) for number in ENDS}
     for number, handler in before.items():
-        if handler is not signal.SIG_IGN:  # `nohup` ignores them
+        if handler is not signal.SIG_IGN:  # `nohup` ignores SIGHUP, the shell SIGINT in the background
             signal.signal(number, interrupt)
     try:
         yield received

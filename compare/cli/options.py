@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 import sys
 from collections.abc import Sequence
@@ -36,7 +35,9 @@ Repeated = Annotated[list[tuple[str, ...]], tyro.conf.UseAppendAction]
 Overrides = Annotated[Repeated, tyro.conf.arg(help="Override keys of the scenario: dotted.key=value ...")]
 Open = Annotated[bool, tyro.conf.arg(help=f"Open {REPORT} in the browser.")]
 Form = Annotated[str, tyro.conf.arg(help="Form of your own code, if it is not found: step, class, octave, ...")]
+Unconfined = Annotated[bool, tyro.conf.arg(help="Run your own code without a wall around it (docs/your_filter.md).")]
 PATIENCE = 600.0  # s
+LONGEST_TIMEOUT = 1e6  # s; `select` counts milliseconds in 31 bits
 MOST_JOBS = 1024
 
 
@@ -50,8 +51,10 @@ class OwnCode:
     timeout: float | None = None
     """Run your own code in a separate process, and end a run after this time [s]. With --strict the default is 600."""
 
+    unconfined: Unconfined = False
+
     noise: Literal["recording", "file", "both"] = "recording"
-    """Noise that your own step functions assume: the recording's, Q and Py of their file, or one run with each."""
+    """Noise that your own code assumes: the recording's, that of its file, or one run with each."""
 
     form: Form = ""
 
@@ -63,7 +66,7 @@ class OwnCode:
         if not self.strict and self.timeout is None:
             return asked
         seconds = PATIENCE if self.timeout is None else require_timeout(self.timeout)
-        return isolated(asked, Isolation(seconds, self.strict))
+        return isolated(asked, Isolation(seconds, self.strict, self.unconfined))
 
 
 @dataclass(frozen=True)
@@ -129,9 +132,9 @@ def sampled_scenario(scenario: str, overrides: Sequence[Sequence[str]]) -> Scena
 
 
 def require_timeout(seconds: float) -> float:
-    """Refuse a time limit that is not a finite number above 0."""
-    if not 0 < seconds < math.inf:
-        raise UserError(f"timeout: {seconds:g} s leaves no time, or sets no limit; give seconds > 0")
+    """Refuse a time limit that is not above 0, or above the longest one that systems can wait for."""
+    if not 0 < seconds <= LONGEST_TIMEOUT:
+        raise UserError(f"timeout: {seconds:g} s leaves no time, or sets no limit; give 0 to {LONGEST_TIMEOUT:g} s")
     return seconds
 
 

@@ -86,7 +86,7 @@ class Run(WithPage):
 
         require_free(out, comparison_files(each.label for each in asked))
         truth, recording, informed = simulate_informed(scenario, self.seed)
-        require_room_for_estimates(informed, len(asked))
+        require_room_for_estimates(informed, asked)
         settings = (scenario.association, scenario.initialisation_settings, scenario.robustness)
         origin = (scenario.name, self.seed, scenario_text(scenario))
         scoring = Scoring(asked, out, self.output, f"{scenario.name}, seed {self.seed}", *settings, *origin)
@@ -161,7 +161,7 @@ class Evaluate(WithPage):
         )
         stored = {label: _stored_estimator(path, recording) for label, path in self._stored().items()}
         named = self.own_code.isolate(ask(split_names(self.estimators)))
-        require_room_for_estimates(recording, len(named))
+        require_room_for_estimates(recording, named)
         title = shown(f"{self.recording.parent.resolve().name}/{self.recording.name}")
         scoring = Scoring(ask([*named, *ask(stored)]), self.out, self.output, title, *settings)
         return scoring.score(truth, recording)

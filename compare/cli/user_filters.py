@@ -14,6 +14,7 @@ from slamgauge.compare.cli.options import (
     Folder,
     Form,
     Overrides,
+    Unconfined,
     WithPage,
     Work,
     require_scenario,
@@ -46,6 +47,8 @@ class Check:
     timeout: float = 60.0
     """Seconds that a check of your own code may take. If it takes longer, it fails and the others are not run."""
 
+    unconfined: Unconfined = False
+
     output: Output = field(default_factory=Output)
 
     def __call__(self) -> int:
@@ -56,7 +59,9 @@ class Check:
 
         if self.seed < 0:
             raise UserError(f"seed {self.seed}: a seed must not be negative; give one >= 0")
-        isolation = Isolation(require_timeout(self.timeout), strict=False)  # the check no-future does that
+        isolation = Isolation(
+            require_timeout(self.timeout), strict=False, unconfined=self.unconfined
+        )  # the check no-future does that
         requested = with_noise_and_form(ask([self.estimator]), "recording", self.form)
         (asked,) = isolated(requested, isolation if can_isolate() else None)
         verdicts = check_estimator(asked.label, load(asked), self.seed)
@@ -97,6 +102,8 @@ class Grade(WithPage):
     timeout: float = 60.0
     """Seconds that a submission may take for a run."""
 
+    unconfined: Unconfined = False
+
     form: Form = ""
 
     work: Work = field(default_factory=Work)
@@ -110,7 +117,7 @@ class Grade(WithPage):
         import secrets  # here: it is slow to start
 
         from slamgauge.compare.estimators.isolated_process import require_isolation
-        from slamgauge.compare.estimators.requests import ask
+        from slamgauge.compare.estimators.requests import Isolation, ask
         from slamgauge.compare.grading.grade_output import grade_table, write_grades, write_pages
         from slamgauge.compare.grading.grading import GradeSettings, grade_folder
         from slamgauge.compare.grading.rubric import load_rubric
@@ -118,17 +125,18 @@ class Grade(WithPage):
         from slamgauge.compare.storage.result_files import GRADES, GRADESCOPE, PAGES, RESULTS, grade_files
         from slamgauge.compare.storage.safe_names import file_name
 
-        require_isolation("grade on Linux or macOS")
+        require_isolation("grade on Linux or macOS", unconfined=self.unconfined)
         out = self.out or Path("results") / f"grades-{file_name(self.folder.resolve().name)}"
         scenario, (reference,) = sampled_scenario(self.scenario, self.set), ask([self.reference])
-        submissions, timeout = submissions_in(self.folder), require_timeout(self.timeout)
+        submissions = submissions_in(self.folder)
+        isolation = Isolation(require_timeout(self.timeout), strict=False, unconfined=self.unconfined)
         rubric, submissions = load_rubric(self.rubric), [each.of_form(self.form) for each in submissions]
         writes = grade_files(each.name for each in submissions)
         outdated = [f"{PAGES}/*.md", f"{PAGES}/*.html", f"{GRADESCOPE}/*/{RESULTS}", RESULTS]
         with results_folder(out, writes, GRADES, outdated) as staged:
             with self.work.executor() as executor:
                 seed = secrets.randbits(32) if self.seed is None else self.seed
-                settings = GradeSettings(scenario, self.runs, seed, reference, timeout, rubric)
+                settings = GradeSettings(scenario, self.runs, seed, reference, isolation, rubric)
                 grades = grade_folder(self.folder, submissions, settings, executor)
             if not any(each.is_graded for each in grades.grades):
                 first = grades.grades[0]

@@ -9,18 +9,21 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.compare.datasets.csv_mapping import KINDS, UNITS, FileTable
+from slamgauge.compare.datasets.csv_headers import (
+    Column,
+    columns_of,
+    factor_of,
+    is_row_of_units,
+    place_of,
+    require_distinct,
+)
+from slamgauge.compare.datasets.csv_mapping import KINDS, FileTable
 from slamgauge.compare.datasets.text_lines import REMARKS, Line, read_lines
 from slamgauge.errors import UserError
 from slamgauge.sensors import SENSORS
 
 OPTIONAL = {"increments": "dy", "velocities": "vy"} | dict.fromkeys(SENSORS, "landmark")
 WITHOUT = {"dy": 0.0, "vy": 0.0, "landmark": -1.0}  # values of an optional column that is missing
-DIMENSIONS = {
-    "time": ("stamp",),
-    "length": ("dx", "dy", "v", "vy", "x", "y", "range"),
-    "angle": ("dtheta", "omega", "theta", "bearing"),
-}
 
 
 class Rows(NamedTuple):
@@ -36,7 +39,7 @@ def read_columns(path: Path, table: FileTable, kinds: Sequence[str], section: st
 
     Args:
         path: The file.
-        table: Its columns and units.
+        table: Its columns and units. Units in the header are used instead of the default ones.
         kinds: Kinds that the file may be; the one whose columns it has is chosen.
         section: Section of recording.toml for the file (for messages).
         kind: The kind of the file, if it is stated there.
@@ -44,17 +47,18 @@ def read_columns(path: Path, table: FileTable, kinds: Sequence[str], section: st
     Raises:
         UserError: the file does not have the columns, or a row is wrong; with its line.
     """
-    lines = list(read_lines(path, comment="", separators=",;\t"))
+    lines = list(read_lines(path, comment="", separators=";\t,"))
     if not lines:
         raise UserError(f"{path}: no line in it; write a header and rows")
     header, rows = _header(lines)
-    names = [word.strip('"').lstrip("#%").strip() for word in header.words]
-    has_header = not all(map(_is_number, names))
+    has_header = not all(map(_is_number, header.words))
+    units = rows.pop(0) if has_header and rows and is_row_of_units(rows[0]) else None
+    columns = columns_of(header, units)
     if not has_header and kind is None:
         remedy = f"write one, or give the kind of its columns with {section}.kind"
         raise header.refused(f"no header, and {section}.kind is not given", remedy)
     candidates = [kind] if kind is not None else list(kinds)
-    found = {each: at for each in candidates if (at := _places(table, each, names, has_header)) is not None}
+    found = {each: at for each in candidates if (at := _places(table, each, columns, has_header)) is not None}
     found = {each: at for each, at in found.items() if not any({*KINDS[each]} < {*KINDS[other]} for other in found)}
     if len(found) > 1:
         raise header.refused(f"could be {' or '.join(found)}", f"give the kind with {section}.kind")
@@ -62,7 +66,11 @@ def read_columns(path: Path, table: FileTable, kinds: Sequence[str], section: st
         forms = " or ".join(",".join(KINDS[each]) for each in candidates)
         raise header.refused(f"does not have the columns {forms}", f"name its own in {section}.columns")
     ((kind, places),) = found.items()
-    return Rows(kind, rows, _values(table, rows, kind, places, len(names)))
+    used = {name: at for name, at in zip(KINDS[kind], places, strict=True) if at is not None}
+    require_distinct(header, used, columns if has_header else ())
+    units_of = {name: columns[at].unit for name, at in used.items()} if has_header else {}
+    factors = [factor_of(header, name, units_of.get(name), table) for name in KINDS[kind]]
+    return Rows(kind, rows, _values(rows, kind, places, len(columns)) * factors)
 
 
 def _header(lines: list[Line]) -> tuple[Line, list[Line]]:
@@ -80,40 +88,57 @@ def _header(lines: list[Line]) -> tuple[Line, list[Line]]:
     return (above if above is not None and len(above.words) == len(first.words) else first), content
 
 
-def _places(table: FileTable, kind: str, names: list[str], has_header: bool) -> list[int | None] | None:
+def _places(table: FileTable, kind: str, columns: list[Column], has_header: bool) -> list[int | None] | None:
     """Return the place of each column of a kind, None for an optional one that is missing; None if another is."""
     wanted, optional = KINDS[kind], OPTIONAL.get(kind)
     if not has_header:
-        in_order = wanted if len(names) >= len(wanted) else tuple(name for name in wanted if name != optional)
+        in_order = wanted if len(columns) >= len(wanted) else tuple(name for name in wanted if name != optional)
         numbers = {name: at for at, name in enumerate(in_order, 1)} | table.columns
-        places = [numbers.get(name) for name in wanted]
+        own = [numbers.get(name) for name in wanted]
     else:
-        own = [table.columns.get(name, name) for name in wanted]
-        places = [name if isinstance(name, int) else names.index(name) + 1 if name in names else None for name in own]
-    fits = all(isinstance(at, int) and 0 < at <= len(names) for at in places if at is not None)
+        own = [table.columns.get(name) for name in wanted]
+    places = [
+        each - 1 if isinstance(each, int) else place_of(name, each, columns)
+        for name, each in zip(wanted, own, strict=True)
+    ]
+    fits = all(0 <= at < len(columns) for at in places if at is not None)
     lacks = any(at is None and name != optional for name, at in zip(wanted, places, strict=True))
-    return [at - 1 if isinstance(at, int) else None for at in places] if fits and not lacks else None
+    return places if fits and not lacks else None
 
 
-def _values(table: FileTable, rows: list[Line], kind: str, places: list[int | None], width: int) -> Float:
+def _values(rows: list[Line], kind: str, places: list[int | None], width: int) -> Float:
+    """Return the numbers (n, k) of the columns at some places."""
     values = np.empty((len(rows), len(places)))
-    for at, line in enumerate(rows):
+    for line in rows:
         if len(line.words) != width:
             raise line.refused(f"has {len(line.words)} columns where the first line has {width}", "correct the line")
-        line.words[:] = [word.strip('"') for word in line.words]
-        for column, (name, place) in enumerate(zip(KINDS[kind], places, strict=True)):
-            if place is None:
-                values[at, column] = WITHOUT[name]
-            else:
-                values[at, column] = line.id_at(place, least=-1) if name == "landmark" else line.number_at(place)
-    for dimension, names in DIMENSIONS.items():
-        values[:, [name in names for name in KINDS[kind]]] *= UNITS[getattr(table, dimension)]
+    _write_points(rows, [at for at in places if at is not None])
+    for column, (name, place) in enumerate(zip(KINDS[kind], places, strict=True)):
+        if place is None:
+            values[:, column] = WITHOUT[name]
+        else:
+            values[:, column] = [
+                line.id_at(place, least=-1) if name == "landmark" else line.number_at(place) for line in rows
+            ]
     return values
+
+
+def _write_points(rows: list[Line], places: list[int]) -> None:
+    """Replace decimal commas by points; refuse a file that has both."""
+    with_commas = next((line for line in rows if any("," in line.words[at] for at in places)), None)
+    if with_commas is None:
+        return
+    for line in rows:
+        if any("." in line.words[at] for at in places):
+            what = f"has a decimal point, and line {with_commas.number} a decimal comma"
+            raise line.refused(what, "write decimal points in the whole file")
+        for at in places:
+            line.words[at] = line.words[at].replace(",", ".")
 
 
 def _is_number(word: str) -> bool:
     try:
-        float(word)
+        float(word.lstrip("#%").replace(",", "."))
     except ValueError:
         return False
     return True

@@ -18,7 +18,7 @@ from slamgauge.compare.datasets.csv_columns import Rows, read_columns
 from slamgauge.compare.datasets.csv_mapping import ODOMETRIES, LogMapping, load_mapping
 from slamgauge.compare.datasets.imported_log import Imported, diagonal_covariances, identified, of_file
 from slamgauge.compare.datasets.synchronisation import Odometry, constant_twist, interpolated, joined, require_turns
-from slamgauge.compare.datasets.text_lines import require_order, require_ranges
+from slamgauge.compare.datasets.text_lines import require_bearings, require_order, require_ranges
 from slamgauge.compare.storage.csv_folder import START, read_recording_csv
 from slamgauge.compare.storage.result_files import MAPPING
 from slamgauge.errors import UserError
@@ -49,7 +49,8 @@ def read_csv_log(path: Path, overrides: Sequence[str] = ()) -> Imported:
     odometry, kind = _odometry(mapping)
     seen = _observations(mapping)
     landmark, kept, notes = identified(seen.values[:, 1].astype(np.int64))
-    odometry, steps, inside, more = joined(odometry, seen.values[kept, 0])
+    with of_file(mapping.folder / mapping.observations.file):
+        odometry, steps, inside, more = joined(odometry, seen.values[kept, 0])
     values, landmark = seen.values[kept][inside], None if landmark is None else landmark[inside]
     truth = _truth(mapping, odometry.stamps, landmark)
     sensor = SENSORS[seen.kind].name
@@ -72,7 +73,7 @@ def read_csv_log(path: Path, overrides: Sequence[str] = ()) -> Imported:
         odometry=replace(mapping.odometry, kind=kind),
         observations=replace(mapping.observations, kind=sensor),
     )
-    return Imported(recording, truth, (*notes, *more), in_force.sections())
+    return Imported(recording, truth, (*notes, *more), in_force.sections(), int(np.sum(~inside)))
 
 
 def _odometry(mapping: LogMapping) -> tuple[Odometry, str]:
@@ -123,6 +124,8 @@ def _observations(mapping: LogMapping) -> Rows:
     require_order(table.lines, table.values[:, 0], strict=False)
     if SENSORS[table.kind].has_range:
         require_ranges(table.lines, table.values[:, 2])
+    if SENSORS[table.kind].has_bearing:
+        require_bearings(table.lines, table.values[:, -1])
     return table
 
 

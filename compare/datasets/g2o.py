@@ -21,7 +21,7 @@ matrix in the frame of pose i, which differs by the turn of one step. A prior is
 frame.
 
 Vertices are a first guess, not a truth. The start is that of EDGE_PRIOR_SE2; else the vertex, and fixed; else the
-origin. Graphs have no time stamps: step k is at k seconds.
+origin. Graphs have no time stamps: step k is at k seconds. `gtsam_keys` has the ids of graphs that GTSAM wrote.
 """
 
 from __future__ import annotations
@@ -32,9 +32,10 @@ from pathlib import Path
 import numpy as np
 
 from slamgauge.arrays import Float
+from slamgauge.compare.datasets.gtsam_keys import renumber
 from slamgauge.compare.datasets.imported_log import Imported, diagonal_covariances, of_file, require_covariances
 from slamgauge.compare.datasets.pose_chain import Edges, chained
-from slamgauge.compare.datasets.text_lines import Line, read_tagged
+from slamgauge.compare.datasets.text_lines import Line, read_tagged, require_bearings
 from slamgauge.compare.storage.covariance_columns import from_triangles
 from slamgauge.covariances import inverted
 from slamgauge.errors import UserError
@@ -80,7 +81,7 @@ def read_g2o(path: Path, *, drop_loop_edges: bool = False, isam: bool = False) -
     Raises:
         UserError: With the file, the line and the remedy.
     """
-    lines = _read(path)
+    lines, notes = _read(path)
     sensor = _sensor(path, lines)
     chain = chained(_motions(lines, isam=isam), drop_loop_edges=drop_loop_edges, start=_start(lines))
     step_of = {pose: step for step, pose in enumerate(chain.poses)}
@@ -93,7 +94,7 @@ def read_g2o(path: Path, *, drop_loop_edges: bool = False, isam: bool = False) -
     values, covs = _measured(observed, np.array([line.numbers(3) for line in observed]), isam=isam)
     order = np.argsort(step, kind="stable")
     prior_mean, prior_cov = _prior(lines, chain.poses[0])
-    notes = [f"{chain.dropped} edges between poses that are not on the path are dropped"] if chain.dropped else []
+    notes += [f"{chain.dropped} edges between poses that are not on the path are dropped"] if chain.dropped else []
     ignored = len(_of(lines, RAW))
     notes += [f"{ignored} lines {' and '.join(tag for tag in RAW if lines[tag])} are not used"] if ignored else []
     with of_file(path):
@@ -112,9 +113,20 @@ def read_g2o(path: Path, *, drop_loop_edges: bool = False, isam: bool = False) -
     return Imported(recording, notes=tuple(notes))
 
 
-def _read(path: Path) -> Lines:
-    """Read the lines by their tags; refuse repeated vertices, words that are not numbers and graphs without motions."""
+def _read(path: Path) -> tuple[Lines, list[str]]:
+    """Return the lines by their tags, and notes; GTSAM's keys are replaced.
+
+    Repeated vertices, words that are not numbers and graphs without motions are refused.
+    """
     lines = read_tagged(path, FORMS | dict.fromkeys(("FIX", *RAW), ""))
+    pairs = [(line, at) for line in _of(lines, (*MOTIONS, *OBSERVATIONS)) for at in (1, 2)]
+    notes = renumber(
+        [
+            *pairs,
+            *((line, 1) for line in _of(lines, (*VERTICES, PRIOR))),
+            *((line, at) for line in lines["FIX"] for at in range(1, len(line.words))),
+        ]
+    )
     for line in _of(lines, FORMS):
         line.numbers(1)
     for line in lines["FIX"]:
@@ -128,7 +140,7 @@ def _read(path: Path) -> Lines:
             met.add(line.id_at(1))
     if not _of(lines, MOTIONS):
         raise UserError(f"{path}: no edge between poses in it; give a graph with {', '.join(MOTIONS)}")
-    return lines
+    return lines, [*notes]
 
 
 def _of(lines: Lines, tags: Iterable[str]) -> list[Line]:
@@ -223,9 +235,11 @@ def _measured(lines: list[Line], numbers: Float, *, isam: bool) -> tuple[Float, 
         case "position":
             return numbers[:, :2], _covariances(lines, numbers[:, 2:], 2, isam=isam)
         case "bearing":
+            require_bearings(lines, numbers[:, 0])
             return wrap(numbers[:, :1]), _inverse(lines, numbers[:, 1:, None])
         case _:
             bearing, distance, *sigmas = numbers.T
+            require_bearings(lines, bearing)
             if (wrong := (distance < 0.0) | (np.min(sigmas, axis=0) <= 0.0)).any():
                 raise lines[int(np.argmax(wrong))].refused("a range < 0, or a sigma not > 0", "correct it")
             return np.column_stack([distance, wrap(bearing)]), diagonal_covariances(np.column_stack(sigmas[::-1]))

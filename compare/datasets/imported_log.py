@@ -25,12 +25,14 @@ class Imported(NamedTuple):
         truth: true path and map; None if the log has no truth.
         notes: sentences about dropped content.
         mapping: settings with which CSV files were read (`csv_mapping`); None for other files.
+        unmatched: number of observations that were dropped because they are outside the odometry's time.
     """
 
     recording: Recording
     truth: Truth | None = None
     notes: tuple[str, ...] = ()
     mapping: dict[str, dict[str, Any]] | None = None
+    unmatched: int = 0
 
 
 @contextmanager

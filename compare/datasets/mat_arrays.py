@@ -18,6 +18,7 @@ import numpy as np
 
 from slamgauge.arrays import Float
 from slamgauge.compare.storage.files import explained
+from slamgauge.compare.storage.regular_files import require_regular
 from slamgauge.errors import UserError
 
 BEGINNING = b"MATLAB 5.0 MAT-file"
@@ -32,8 +33,10 @@ def read_mat(path: Path, names: Collection[str]) -> dict[str, Float]:
     Raises:
         UserError: The file is missing, damaged or too large, or a matrix is not full and real.
     """
-    with explained(path, "read"), path.open("rb") as file:
-        beginning = file.read(len(BEGINNING))
+    with explained(path, "read"):
+        require_regular(path)
+        with path.open("rb") as file:
+            beginning = file.read(len(BEGINNING))
     if beginning != BEGINNING:
         raise UserError(f"{path}: not a MATLAB 5 file; save it with -v7")
     command = [sys.executable, "-P", "-m", __name__, str(path), *names]

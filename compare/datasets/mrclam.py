@@ -20,7 +20,7 @@ import numpy as np
 from slamgauge.arrays import Float, Int, Marks
 from slamgauge.compare.datasets.imported_log import Imported, diagonal_covariances, of_file, require_sigmas
 from slamgauge.compare.datasets.synchronisation import Odometry, constant_twist, interpolated, joined, require_turns
-from slamgauge.compare.datasets.text_lines import Line, read_table, require_order, require_ranges
+from slamgauge.compare.datasets.text_lines import Line, read_table, require_bearings, require_order, require_ranges
 from slamgauge.errors import UserError
 from slamgauge.recording import Recording
 from slamgauge.se2 import wrap
@@ -64,7 +64,8 @@ def read_mrclam(
     lines, commands, notes = _read_commands(folder / f"{prefix}Odometry.dat", ground)
     odometry = _odometry(lines, commands, np.array([forward, lateral, turn]))
     observed, landmark, more = _read_observations(folder, prefix)
-    odometry, steps, inside, outside = joined(odometry, observed[:, 0])
+    with of_file(folder):
+        odometry, steps, inside, outside = joined(odometry, observed[:, 0])
     observed, landmark = observed[inside], landmark[inside]
     poses = None if ground is None else interpolated(ground[:, 0], ground[:, 1:], odometry.stamps, MAX_GAP)
     truth = _truth(folder / "Landmark_Groundtruth.dat", poses, landmark)
@@ -81,7 +82,7 @@ def read_mrclam(
             observation_cov=diagonal_covariances(np.tile([range_sigma, bearing_sigma], (len(observed), 1))),
             landmark=landmark,
         )
-    return Imported(recording, truth, (*notes, *more, *outside))
+    return Imported(recording, truth, (*notes, *more, *outside), unmatched=int(np.sum(~inside)))
 
 
 def _prefix(folder: Path, robot: int | None) -> str:
@@ -137,6 +138,7 @@ def _read_observations(folder: Path, prefix: str) -> tuple[Float, Int, list[str]
     lines, observed = read_table(folder / f"{prefix}Measurement.dat", "time barcode range bearing")
     require_order(lines, observed[:, 0], strict=False)
     require_ranges(lines, observed[:, 2])
+    require_bearings(lines, observed[:, 3])
     subjects = np.array([subject_of.get(line.id_at(1), -1) for line in lines], dtype=np.int64)
     dropped: dict[str, Marks] = {
         "are of other robots": (subjects >= 1) & (subjects <= ROBOTS),

@@ -14,8 +14,10 @@ import numpy as np
 
 from slamgauge.arrays import Float, Int, Marks
 from slamgauge.compare.datasets.text_lines import Line
+from slamgauge.errors import UserError
 from slamgauge.se2 import exp, log, wrap
 
+FEW, SHORTEST = 20, 0.01  # observations; share of the odometry's time that they should cover
 SAME = 1e-6  # s: nearer stamps are the same; a float64 of today's time in seconds resolves 2e-7 s
 
 
@@ -43,7 +45,7 @@ def require_turns(lines: Sequence[Line], increments: Float) -> None:
     wild = np.abs(increments[:, 2]) > np.pi
     if wild.any():
         at = int(np.argmax(wild))
-        remedy = "check the unit of angles, or write lines in between"
+        remedy = "check the units of angles and stamps, or write lines in between"
         raise lines[at].refused(f"the robot turns by {increments[at, 2]:.3g} rad in one row", remedy)
 
 
@@ -53,9 +55,19 @@ def joined(odometry: Odometry, times: Float) -> tuple[Odometry, Int, Marks, tupl
     Returns:
         The odometry; the step of each observation within its span; which observations (M,) these are; and a note about
         the others, which are dropped.
+
+    Raises:
+        UserError: all observations, or more than half of many, are outside the span, or their own span is too short.
     """
-    inside = (times >= odometry.stamps[0] - SAME) & (times <= odometry.stamps[-1] + SAME)
-    notes = () if inside.all() else (f"{np.sum(~inside)} observations outside the odometry's time are dropped",)
+    first, last = odometry.stamps[0], odometry.stamps[-1]
+    inside = (times >= first - SAME) & (times <= last + SAME)
+    outside, many = int(np.sum(~inside)), len(times) > FEW
+    too_short = many and np.ptp(times) < SHORTEST * (last - first)
+    if too_short or outside > len(times) * (0.5 if many else 0.99):
+        spans = f"observations from {times.min():.9g} to {times.max():.9g} s, odometry from {first:.9g} to {last:.9g} s"
+        raise UserError(f"{spans}; give each file the unit of its stamps, and both the same clock")
+    share = f", {outside / len(times):.0%}: check units and clocks of the files" if outside > 0.1 * len(times) else ""
+    notes = (f"{outside} observations outside the odometry's time are dropped{share}",) if outside else ()
     return *split_at(odometry, times[inside]), inside, notes
 
 

@@ -5,8 +5,10 @@ Files are UTF-8 with any line ends. Text after a # and empty lines are ignored.
 
 from __future__ import annotations
 
+import csv
 import io
 import math
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,13 +17,14 @@ import numpy as np
 from tqdm import tqdm
 
 from slamgauge.arrays import Float
-from slamgauge.compare.storage.files import explained
+from slamgauge.compare.storage.files import read_text
 from slamgauge.errors import UserError
 from slamgauge.suggestions import did_you_mean
 from slamgauge.validation import LARGEST
 
 LARGEST_ID = 2**53  # not every larger whole number is a float64
 REMARKS = ("#", "%")  # first characters of lines of tables that are remarks, or names of columns
+EXCEL = re.compile(r"sep=(.)", re.IGNORECASE)
 PATIENCE = 2.0  # seconds of reading before a terminal shows progress
 
 
@@ -70,36 +73,30 @@ def read_lines(path: Path, *, comment: str = "#", separators: str = "") -> Itera
     Args:
         path: The file.
         comment: Begins a remark that ends with its line; "" for none.
-        separators: Characters that may separate words. The first of them in the first line that does not begin with #
-            or % is used; if it has none of them, white space is.
+        separators: Characters that may separate words, which may be quoted. The first of them in the first line that
+            does not begin with # or % is used; if it has none of them, white space is. A first line `sep=;` of Excel
+            names another one.
 
     Raises:
         UserError: the file cannot be read, or is not a text.
     """
-    text = io.StringIO(_read_text(path), newline=None)
+    text = io.StringIO(read_text(path), newline=None)
     first = next((line for line in text if line.strip() and line.lstrip()[0] not in REMARKS), "")
-    separator = next((each for each in separators if each in first), None)
+    named = EXCEL.fullmatch(first.strip()) if separators else None
+    separator = named[1] if named else next((each for each in separators if each in first), None)
     text.seek(0)
     shown = tqdm(text, desc=path.name, delay=PATIENCE, disable=None, leave=False, unit="line")
     for number, line in enumerate(shown, start=1):
         content = line.partition(comment)[0] if comment else line
-        if content.strip():
-            yield Line(path, number, [word.strip() for word in content.split(separator)])
+        if content.strip() and not (named and line == first):
+            yield Line(path, number, [word.strip() for word in _split(content, separator)])
 
 
-def _read_text(path: Path) -> str:
-    """Read a file in UTF-8, with or without a byte order mark; refuse it with the line that is not a text."""
-    with explained(path, "read"):
-        content = path.read_bytes()
-    broken = content.find(b"\0")
-    try:
-        text = content.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        text, broken = "", error.start
-    if broken >= 0:
-        line = content.count(b"\n", 0, broken) + 1
-        raise UserError(f"{path}, line {line}: not a text in UTF-8; give another file, or save it as such")
-    return text
+def _split(content: str, separator: str | None) -> list[str]:
+    """Return the words of a line; those between separators may be quoted."""
+    if separator is None:
+        return content.split()
+    return next(csv.reader([content], delimiter=separator, skipinitialspace=True))
 
 
 def read_table(path: Path, form: str) -> tuple[list[Line], Float]:
@@ -148,6 +145,8 @@ def require_order(lines: Sequence[Line], stamps: Float, *, strict: bool) -> None
     if wrong.any():
         at = int(np.argmax(wrong)) + 1
         last, here = stamps[at - 1], stamps[at]
+        if here == last:
+            raise lines[at].refused(f"stamp {here:.9f} is that of the line above", "keep one line for each stamp")
         raise lines[at].refused(f"stamp {here:.9f} comes after {last:.9f}", "sort the lines by time")
 
 
@@ -156,3 +155,12 @@ def require_ranges(lines: Sequence[Line], ranges: Float) -> None:
     negative = ranges < 0.0
     if negative.any():
         raise lines[int(np.argmax(negative))].refused("the range is negative", "remove the line")
+
+
+def require_bearings(lines: Sequence[Line], bearings: Float) -> None:
+    """Refuse the first line whose bearing [rad] is larger than a full turn: it may be in degrees."""
+    wrong = np.abs(bearings) > 2.0 * np.pi
+    if wrong.any():
+        at = int(np.argmax(wrong))
+        remedy = "correct the unit (in csv: bearing [deg] in the header, or observations.angle), or wrap it"
+        raise lines[at].refused(f"the bearing {bearings[at]:.6g} rad is more than a full turn", remedy)

@@ -10,7 +10,7 @@ from dataclasses import replace
 from types import ModuleType
 from typing import Any
 
-from slamgauge.compare.estimators.forms import ntnu_class, octave_course, online_class, predict_update, usual_class
+from slamgauge.compare.estimators.forms import octave_course, online_class, predict_update, usual_class
 from slamgauge.compare.estimators.forms import step_function as steps
 from slamgauge.compare.estimators.forms.external_program import ExternalProgram, external
 from slamgauge.compare.estimators.forms.form import Form
@@ -30,8 +30,8 @@ __all__ = ["adapt", "external", "step_function"]
 FORMS = (
     Form(
         "ntnu-class",
-        ntnu_class.description,
-        ntnu_class.NtnuClass,
+        predict_update.class_description,
+        predict_update.PredictUpdate,
         "a class with predict(eta, P, z_odo), update(eta, P, z)",
     ),
     Form(
@@ -52,6 +52,7 @@ FORMS = (
     ),
     Form("step", steps.description, StepFunction, "ekf_slam(xEst, PEst, u, y)"),
 )
+WITH_NOISE = (StepFunction, octave_course.CourseSteps, predict_update.PredictUpdate, usual_class.UsualClass)
 FORM_NAMES = tuple(form.name for form in FORMS)
 EXAMPLES = ("estimate(recording)", *(form.example for form in FORMS))
 NAMES = ("estimate", "ekf_slam", PREDICTIONS[0], predict_update.PREDICT)  # searched for in a module, in this order
@@ -206,7 +207,7 @@ def step_function(given: Callee, noise: Noise = "recording") -> StepFunction:
 
 def _with_noise(estimator: Estimator, where: Address) -> Estimator:
     """Set the field `noise` of an estimator, for forms that can use the noise of the file."""
-    if isinstance(estimator, StepFunction):
+    if isinstance(estimator, WITH_NOISE):
         return replace(estimator, noise=where.noise)
     if where.noise == "file":
         raise UserError(f"estimator {where.label}: its form has no noise to choose; leave out --noise")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from contextlib import closing
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -32,33 +32,33 @@ class Strict(Isolated):
         return estimate
 
 
-def require_causal(estimator: Isolated, recording: Recording, estimate: Estimate) -> None:
+def require_causal(
+    estimator: Isolated, recording: Recording, estimate: Estimate, parts: Sequence[float] = PARTS
+) -> None:
     """Refuse a filtered estimate that differs from the estimates of the recordings up to some steps.
 
-    Another process estimates them, the shortest first, so that it has never received later measurements.
+    Each is estimated in a new process, which has never received later measurements.
 
     Raises:
         UserCodeError: it uses the future, or its estimates differ from run to run.
     """
     if estimate.kind != "filtered" or len(estimate.poses) != recording.steps + 1:  # `run_estimator` refuses the latter
         return
-    steps = sorted({int(part * recording.steps) for part in PARTS} - {0})
-    with closing(estimator.fresh()) as other:
-        for step in steps:
-            what = _difference(estimate, other(recording.first(step)), step)
-            if what:
-                _require_repeatable(estimator, recording.first(step))
-                remedy = "store a pose before the next step begins, or say kind='smoothed'"
-                raise UserCodeError(f"uses the future: from the recording up to step {step} alone, {what}; {remedy}")
+    steps = sorted({int(part * recording.steps) for part in parts} - {0})
+    for step in steps:
+        what = _difference(estimate, estimator.run(recording.first(step)).estimate, step)
+        if what:
+            _require_repeatable(estimator, recording.first(step))
+            remedy = "store a pose before the next step begins, or say kind='smoothed'"
+            raise UserCodeError(f"uses the future: from the recording up to step {step} alone, {what}; {remedy}")
 
 
 def _require_repeatable(estimator: Isolated, recording: Recording) -> None:
     """Refuse an estimator whose estimates of one recording differ: the check cannot judge it."""
-    with closing(estimator.fresh()) as one, closing(estimator.fresh()) as another:
-        answers = one(recording), another(recording)
-        if _difference(*answers, last=len(answers[0].poses) - 1):
-            remedy = "seed its random numbers, and draw them step by step"
-            raise UserCodeError(f"its answers to one recording differ from run to run; {remedy}")
+    answers = estimator.run(recording).estimate, estimator.run(recording).estimate
+    if _difference(*answers, last=len(answers[0].poses) - 1):
+        remedy = "seed its random numbers, and draw them step by step"
+        raise UserCodeError(f"its answers to one recording differ from run to run; {remedy}")
 
 
 def _difference(estimate: Estimate, part: Estimate, last: int) -> str:

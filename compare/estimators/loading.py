@@ -10,10 +10,11 @@ from functools import partial
 import numpy as np
 
 from slamgauge.arrays import Marks
+from slamgauge.compare.estimators.answers import Spent
 from slamgauge.compare.estimators.captured_output import captured
 from slamgauge.compare.estimators.causality_check import Strict
 from slamgauge.compare.estimators.forms.form import remarks_of
-from slamgauge.compare.estimators.isolated_process import Isolated, Spent
+from slamgauge.compare.estimators.isolated_process import Isolated
 from slamgauge.compare.estimators.registry import REGISTRY, UNDER, Entry, entry_of
 from slamgauge.compare.estimators.requests import Asked, Chosen, ask
 from slamgauge.compare.estimators.user_code import Address
@@ -109,7 +110,7 @@ def load(
     form, entry = "", Entry(name=asked.label, kind=None, role="user")
     if asked.where is not None and asked.isolation is not None:
         isolated = Strict if asked.isolation.strict else Isolated
-        estimator = isolated(asked.where, asked.isolation.timeout)
+        estimator = isolated(asked.where, asked.isolation.timeout, unconfined=asked.isolation.unconfined)
         form = estimator.begin()
     elif asked.where is not None:
         estimator, form = _adapted_quietly(asked.label, asked.where)

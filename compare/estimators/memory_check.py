@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+from slamgauge.arrays import distinct
+from slamgauge.compare.estimators.registry import FILTERS
+from slamgauge.compare.estimators.requests import Asked
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.memory import require_memory
 from slamgauge.recording import Recording
@@ -22,12 +27,17 @@ def require_room_for_runs(runs: int, scenario: Scenario, estimators: int) -> Non
     require_memory(needed, what, "give fewer runs, or a shorter trajectory.duration")
 
 
-def require_room_for_estimates(recording: Recording, estimators: int) -> None:
-    """Refuse a number of estimators whose estimates do not fit into memory.
+def require_room_for_estimates(recording: Recording, asked: Sequence[Asked]) -> None:
+    """Refuse estimators whose estimates, or filters whose covariance, do not fit into memory.
 
     Raises:
         UserError: they do not fit.
     """
-    what = f"estimators: {estimators} of {recording.steps} steps: what they estimate"
-    needed = float(ESTIMATE_BYTES) * recording.steps * estimators
+    what = f"estimators: {len(asked)} of {recording.steps} steps: what they estimate"
+    needed = float(ESTIMATE_BYTES) * recording.steps * len(asked)
     require_memory(needed, what, "give fewer, or a shorter run")
+    landmarks = 0 if recording.landmark is None else len(distinct(recording.landmark))
+    for each in asked:
+        if each.name in FILTERS:
+            what = f"{each.label}: the covariance of {landmarks} landmarks"
+            require_memory(8.0 * (3 + 2 * landmarks) ** 2, what, "give fewer landmarks, or leave it out")

@@ -5,6 +5,8 @@ from __future__ import annotations
 import ast
 from pathlib import Path
 
+from slamgauge.compare.estimators.syntax_tree import parsed
+
 PREDICTIONS = ("prediction_step", "prediction", "predict_step", "predict", "predictionStep", "predictStep")
 CORRECTIONS = ("correction_step", "correction", "correct_step", "correct", "correctionStep", "correctStep")
 OTHER_FORM = "update"  # partner of a `predict` that belongs to another form
@@ -30,10 +32,7 @@ def partner_file(file: Path) -> Path | None:
 
 def _functions(file: Path) -> set[str]:
     """Return the names that a file defines as functions or imports."""
-    try:
-        body = ast.parse(file.read_bytes()).body
-    except (SyntaxError, ValueError):  # loading the file reports the error
-        return set()
+    body = parsed(file.read_bytes()).body
     defined = {node.name for node in body if isinstance(node, ast.FunctionDef)}
     imported = {alias.asname or alias.name for node in body if isinstance(node, ast.ImportFrom) for alias in node.names}
     return defined | imported

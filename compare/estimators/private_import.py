@@ -154,7 +154,7 @@ class PrivateFolder:
         """Search folders that the code added to `sys.path`, then the folders above; installed modules come first."""
         if top in sys.modules or PathFinder.find_spec(top, self._path_before) is not None:
             return False
-        added = [place for place in map(str, sys.path) if place not in self._path_before]
+        added = [str(self.folder / place) for place in map(str, sys.path) if place not in self._path_before]
         for place in [*self._added, *added, *map(str, folders_above(self.folder))]:
             found = PathFinder.find_spec(top, [place])
             if found is not None and found.loader is not None:

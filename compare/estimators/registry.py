@@ -208,6 +208,8 @@ def entry_of(name: str) -> Entry:
         return replace(entry, name=name, role="graph", note="", title="", look=None)
     if under and entry is not None:
         remedy = f"write GRAPH@FILTER with one of {', '.join(GRAPHS)} and one of {', '.join(FILTERS)}"
+    elif (stem := graph.rpartition("-")[0]) in LAGGING and graph[len(stem) + 1 :].isdecimal():
+        remedy = f"write {stem}-N with a number N of steps from 1 to 999999999"
     else:
         remedy = did_you_mean(graph, REGISTRY)
     raise UserError(f"estimator {name!r} is not known; {remedy}")

@@ -22,10 +22,12 @@ class Isolation:
     Attributes:
         timeout: largest time of a run [s].
         strict: whether filtered estimates are checked for use of the future (`causality_check`).
+        unconfined: whether it runs without a wall (`wall`).
     """
 
     timeout: float
     strict: bool
+    unconfined: bool = False
 
 
 @dataclass(frozen=True)
@@ -107,12 +109,13 @@ def isolated(asked: Sequence[Asked], isolation: Isolation | None) -> list[Asked]
     """Isolate user code among the requests; built-in estimators and callables of this process are unchanged.
 
     Raises:
-        UserError: this system cannot isolate user code.
+        UserError: this system cannot isolate user code, or not behind a wall.
     """
     from slamgauge.compare.estimators.isolated_process import require_isolation
 
     if isolation is not None and any(each.where is not None for each in asked):
-        require_isolation("leave out --strict and --timeout for code that you trust")
+        remedy = "leave out --strict and --timeout for code that you trust"
+        require_isolation(remedy, unconfined=isolation.unconfined)
     return [each if each.where is None else replace(each, isolation=isolation) for each in asked]
 
 

@@ -10,11 +10,13 @@ import shutil
 import sys
 import tempfile
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from importlib.machinery import PathFinder
 from pathlib import Path
 
 from slamgauge.compare.estimators.pair_files import partner_file
+from slamgauge.compare.estimators.syntax_tree import parsed
 
 MOST_FILES = 1000  # no more imports are followed
 LEVELS = 4  # folders above a file in which helpers of its package may lie
@@ -68,21 +70,16 @@ def sources_of(folder: Path, module: str) -> Sources:
         path = waiting.pop()
         if path not in found:
             found[path] = (folder / path).read_bytes()
-            waiting += [file for name in _imports(found[path]) for file in _files_of(folder, name)]
+            waiting += [file for name in {*imported_names(found[path])} for file in _files_of(folder, name)]
     return Sources(str(folder), module, tuple(sorted(found.items())))
 
 
-def _imports(content: bytes) -> Iterator[str]:
-    """Yield the names of modules that a source imports."""
-    try:
-        nodes = list(ast.walk(ast.parse(content)))
-    except (SyntaxError, ValueError):  # loading the module reports the error
-        return
-    for node in nodes:
-        if isinstance(node, ast.ImportFrom) and node.module:
-            yield node.module
-        elif isinstance(node, ast.Import | ast.ImportFrom):
-            yield from (alias.name for alias in node.names)
+def imported_names(content: bytes) -> Iterator[str]:
+    """Yield the names that a source imports: `module`, or `module.name` for `from module import name`."""
+    for node in ast.walk(parsed(content)):
+        if isinstance(node, ast.Import | ast.ImportFrom):
+            module = getattr(node, "module", None)
+            yield from (f"{module}.{alias.name}" if module else alias.name for alias in node.names)
 
 
 def _files_of(folder: Path, name: str) -> Iterator[str]:
@@ -100,6 +97,19 @@ def _files_of(folder: Path, name: str) -> Iterator[str]:
             for file in [module] if is_module else sorted(package.rglob("*.py")):
                 yield "../" * level + file.relative_to(place).as_posix()
         return
+
+
+def added_folders(folder: Path, content: bytes) -> Iterator[str]:
+    """Yield folders beside or above a folder that a source adds to `sys.path` by a name, as `"../library"`."""
+    if b"sys.path" not in content:
+        return
+    with suppress(SyntaxError, ValueError):
+        calls = [node for node in ast.walk(ast.parse(content)) if isinstance(node, ast.Call)]
+        added = [each for each in calls if ast.unparse(each.func) in ("sys.path.append", "sys.path.insert")]
+        words = [node.value for each in added for node in ast.walk(each) if isinstance(node, ast.Constant)]
+        for place in (folder, *folders_above(folder)):
+            found = [(place / word).resolve() for word in words if isinstance(word, str) and word.strip("./")]
+            yield from (str(each) for each in found if each.is_dir())
 
 
 def folders_above(folder: Path) -> list[Path]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import csv
+import html
 import json
 from pathlib import Path
 from xml.etree import ElementTree
@@ -15,6 +15,7 @@ from slamgauge.compare.grading.rubric import Mark
 from slamgauge.compare.scoring.text_page import Grid, Page
 from slamgauge.compare.scoring.text_table import cell, interval_cell
 from slamgauge.compare.storage.best_effort import Drawing, decorate
+from slamgauge.compare.storage.csv_cells import write_csv
 from slamgauge.compare.storage.files import explained
 from slamgauge.compare.storage.provenance import origin
 from slamgauge.compare.storage.result_files import GRADES, GRADES_XML, GRADESCOPE, PAGES, RESULTS, RUBRIC
@@ -67,10 +68,8 @@ def write_grades(folder: Path, grades: Grades) -> None:
     rows = [{key: value for key, value in row.items() if key != "scenario_text"} for row in grades.to_json()]
     with explained(folder, "written"):
         with (folder / GRADES).open("w", encoding="utf-8", newline="") as file:
-            table = csv.DictWriter(file, rows[0])
-            table.writeheader()
-            for row in rows:  # spreadsheets read true and false
-                table.writerow({key: str(it).lower() if isinstance(it, bool) else it for key, it in row.items()})
+            cells = ([str(it).lower() if isinstance(it, bool) else it for it in row.values()] for row in rows)
+            write_csv(file, [rows[0], *cells])  # spreadsheets read true and false
         ElementTree.ElementTree(_junit(grades)).write(folder / GRADES_XML, encoding="utf-8", xml_declaration=True)
         (folder / RUBRIC).write_text(grades.settings.rubric.text, encoding="utf-8")
         for each in grades.grades:
@@ -96,7 +95,7 @@ def write_pages(out: Path, grades: Grades) -> bool:
 
 
 def _page(grade: Grade, grades: Grades) -> str:
-    """Return the page for the author of a submission, in Markdown."""
+    """Return the page for the author of a submission: Markdown in which texts of the submission are no HTML."""
     trial, reference, runs = grade.trial, grades.reference_grade.submission, grades.settings.runs
     lines = [
         f"# {grade.submission}: {verdict(grade)}",
@@ -132,7 +131,7 @@ def _page(grade: Grade, grades: Grades) -> str:
         lines += ["", f"The checks (`slamgauge check`) do not apply: {trial.no_checks}."]
     if trial.output:
         lines += ["", "What it printed last:", "", *_verbatim(trial.output)]
-    return "\n".join(lines) + "\n"
+    return html.escape("\n".join(lines), quote=False) + "\n"
 
 
 def _points(mark: Mark) -> list[str]:

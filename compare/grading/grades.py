@@ -8,11 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from slamgauge.compare.estimators.isolated_process import printable
+from slamgauge.compare.estimators.answers import printable
 from slamgauge.compare.grading.rubric import Mark, Rubric
 from slamgauge.compare.grading.trial import Trial, optimum_ates
 from slamgauge.compare.scoring.error_bounds import AgainstReference, against_reference, ates, late_nees
 from slamgauge.compare.scoring.intervals import Interval, mean_interval, ratio_interval
+from slamgauge.compare.scoring.nan_stats import number
 from slamgauge.compare.scoring.optimum_figures import share_of_doubt
 from slamgauge.compare.scoring.optimum_notes import beats_the_optimum
 from slamgauge.compare.scoring.scores import Score
@@ -66,7 +67,7 @@ class Grade:
         return [verdict.name for verdict in self.trial.verdicts if verdict.is_failure]
 
     def to_json(self) -> dict[str, Any]:
-        """Return the row of grades.csv; missing values are None."""
+        """Return the row of grades.csv; values that are missing or not finite are None."""
         found, own = self.reference, self.own_noise
         figures = {
             "ate_m": self.ate_m,
@@ -96,7 +97,8 @@ class Grade:
             "seconds_per_run": self.seconds,
         }
         for key, interval in figures.items():
-            mean, low, high = (None, None, None) if interval is None else (interval.mean, interval.low, interval.high)
+            values = (None, None, None) if interval is None else interval
+            mean, low, high = (None if each is None else number(each) for each in values)
             row |= {key: mean, f"{key}_low": low, f"{key}_high": high}
         return row
 

@@ -4,26 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import Executor, Future, as_completed
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
 from slamgauge.compare.estimators.memory_check import require_room_for_runs
-from slamgauge.compare.estimators.requests import Asked
+from slamgauge.compare.estimators.requests import Asked, Isolation
 from slamgauge.compare.grading.grades import Grade, grade
+from slamgauge.compare.grading.installation import installed_files, require_same
 from slamgauge.compare.grading.remarks import figure_remarks, source_remarks
 from slamgauge.compare.grading.rubric import Rubric
 from slamgauge.compare.grading.submissions import Submission
-from slamgauge.compare.grading.trial import Trial, reference_run, run_trial
+from slamgauge.compare.grading.trial import Run, Trial, reference_run, run_trial
 from slamgauge.compare.scenarios.scenario import Scenario, scenario_text
-from slamgauge.compare.scoring.scores import Score
 from slamgauge.compare.storage.progress import counted
 from slamgauge.compare.storage.provenance import origin
 from slamgauge.compare.studies.executors import lost_worker
 from slamgauge.compare.studies.store import digest
 from slamgauge.compare.studies.study_run import run_seed
-from slamgauge.errors import UserError
-from slamgauge.estimate import Estimate
+from slamgauge.errors import UserError, failure_text
 
 T = TypeVar("T")
 
@@ -39,7 +38,7 @@ class GradeSettings:
         runs: number of runs, at least 2.
         seed: root seed, a non-negative number.
         reference: estimator whose results submissions are compared with.
-        timeout: largest time of a run of a submission [s].
+        isolation: largest time of a run of a submission, and whether it runs without a wall.
         rubric: weights of the points.
     """
 
@@ -47,7 +46,7 @@ class GradeSettings:
     runs: int
     seed: int
     reference: Asked
-    timeout: float
+    isolation: Isolation
     rubric: Rubric
 
 
@@ -91,7 +90,7 @@ def grade_folder(
         executor: runs submissions, one at a time on each of its workers.
 
     Raises:
-        UserError: settings are out of range, or the reference fails.
+        UserError: settings are out of range, the reference fails, or files of slamgauge have changed.
     """
     scenario, runs, seed, reference = settings.scenario, settings.runs, settings.seed, settings.reference
     if runs < 2:
@@ -102,32 +101,40 @@ def grade_folder(
     seeds = [run_seed(seed, run) for run in range(runs)]
     arguments = [(scenario, each, reference) for each in seeds]
     measured = dict(_results(executor, reference_run, arguments, "run"))
-    scores: list[Score] = []
-    optima: list[Estimate | None] = []
+    references: list[Run] = []
     for run in range(runs):
         done = measured[run]
         if isinstance(done, Exception):
             raise UserError(f"reference {reference.label}: {done}")
-        scores.append(done[0])
-        optima.append(done[1])
-    runnable = [(place, each) for place, each in enumerate(submissions) if each.where is not None]
-    arguments = [(each.where, each.name, scenario, seeds, optima, settings.timeout) for _, each in runnable]
-    trials = {place: Trial(reason=each.reason) for place, each in enumerate(submissions)}
-    for number, trial in _results(executor, run_trial, arguments, "submission"):
-        trials[runnable[number][0]] = trial if isinstance(trial, Trial) else Trial(reason=LOST)
-    rubric, theirs = settings.rubric, Trial(scores=scores)
-    runs = {each.name: trials[place].scores for place, each in enumerate(submissions)}
-    same = figure_remarks(runs | {f"({reference.label})": scores}, f"({reference.label})")
-    grades = tuple(
-        grade(each.name, trials[place], scores, rubric, [*_sources(each), *same.get(each.name, ())])
+        references.append(done)
+    scores, rubric = [each.score for each in references], settings.rubric
+    arguments = [(each, settings, references) for each in submissions]
+    before = installed_files()
+    found = dict(_results(executor, _graded, arguments, "submission"))
+    require_same(before)
+    grades = [
+        done if isinstance(done := found[place], Grade) else grade(each.name, Trial(reason=LOST), scores, rubric)
         for place, each in enumerate(submissions)
-    )
-    return Grades(folder, settings, grade(reference.label, theirs, scores, rubric), grades)
+    ]
+    own = f"({reference.label})"
+    same = figure_remarks({each.submission: each.trial.scores for each in grades} | {own: scores}, own)
+    marked = [replace(each, remarks=(*each.remarks, *same.get(each.submission, ()))) for each in grades]
+    return Grades(folder, settings, grade(reference.label, Trial(scores=scores), scores, rubric), tuple(marked))
 
 
-def _sources(submission: Submission) -> list[str]:
-    """Return the remarks on the sources of a submission."""
-    return [] if submission.where is None else source_remarks(submission.where.sources)
+def _graded(submission: Submission, settings: GradeSettings, runs: Sequence[Run]) -> Grade:
+    """Run and grade a submission, and remark on its sources.
+
+    Any error is its reason, so that the others have their grades. Only this function and `main` catch all errors.
+    """
+    name, where, scores = submission.name, submission.where, [each.score for each in runs]
+    try:
+        if where is None:
+            return grade(name, Trial(reason=submission.reason), scores, settings.rubric)
+        trial = run_trial(where, name, settings.scenario, runs, settings.isolation)
+        return grade(name, trial, scores, settings.rubric, source_remarks(where.sources))
+    except Exception as error:  # noqa: BLE001 see above
+        return grade(name, Trial(reason=failure_text(error)), scores, settings.rubric)
 
 
 def _results(

@@ -10,6 +10,7 @@ from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 
 from slamgauge.compare.estimators.sources import Sources
+from slamgauge.compare.estimators.syntax_tree import parsed
 from slamgauge.compare.scoring.scores import Score
 
 PACKAGE = "slamgauge"
@@ -27,11 +28,7 @@ def source_remarks(sources: Sources | None) -> list[str]:
     """Return a remark if the sources of a submission use estimators or the simulator of slamgauge. No code runs."""
     found: list[str] = []
     for _, content in () if sources is None else sources.files:
-        try:
-            tree = ast.parse(content)
-        except (SyntaxError, ValueError, RecursionError):  # loading the file reports the error
-            continue
-        found += [name for name in _used(tree) if not _is_allowed(name)]
+        found += [name for name in _used(parsed(content)) if not _is_allowed(name)]
     names = ", ".join(dict.fromkeys(found))
     return [f"uses {names}" if len(names) < 200 else f"uses {names[:200]} ..."] if names else []
 

@@ -8,9 +8,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from slamgauge.compare.estimators.adapters import NAMES
-from slamgauge.compare.estimators.isolated_process import printable
+from slamgauge.compare.estimators.answers import printable
 from slamgauge.compare.estimators.pair_files import partner_file
 from slamgauge.compare.estimators.sources import sources_of
+from slamgauge.compare.estimators.syntax_tree import parsed
 from slamgauge.compare.estimators.user_code import Address
 from slamgauge.compare.storage.files import explained
 from slamgauge.errors import UserError
@@ -111,10 +112,7 @@ def _defines_a_form(path: Path) -> bool:
     Raises:
         OSError: the file cannot be read.
     """
-    try:
-        body = ast.parse(path.read_bytes()).body
-    except (SyntaxError, ValueError, RecursionError):  # another file may be the main file
-        return False
+    body = parsed(path.read_bytes()).body
     classes = [each for each in body if isinstance(each, ast.ClassDef)]
     names = {each.name for each in body if isinstance(each, ast.FunctionDef | ast.ClassDef)}
     for each in body:

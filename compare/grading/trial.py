@@ -5,35 +5,36 @@ The truth stays in the worker; the submission runs in a child process.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from slamgauge.arrays import Float
 from slamgauge.compare.checks.examination import Verdict, check_estimator
-from slamgauge.compare.estimators.causality_check import require_causal
+from slamgauge.compare.estimators.causality_check import PARTS, require_causal
 from slamgauge.compare.estimators.isolated_process import Isolated
 from slamgauge.compare.estimators.loading import load, without
 from slamgauge.compare.estimators.registry import CAUSAL
-from slamgauge.compare.estimators.requests import Asked, ask
+from slamgauge.compare.estimators.requests import Asked, Isolation, ask
 from slamgauge.compare.estimators.running import run_estimator
 from slamgauge.compare.estimators.user_code import Address
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.scenarios.simulation import simulate, simulate_informed
 from slamgauge.compare.scoring.scores import Score, evaluate
-from slamgauge.errors import UserError, failure_text
+from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.sensors import SENSORS
 from slamgauge.truth import Truth
 
-REPLACED = ("Q of the file", "Py of the file")  # beginnings of remarks on noise that the recording's replaces
 NO_IDS = "they need ranges and bearings with ids"
 
 
-@dataclass(frozen=True)
+@dataclass
 class Trial:
     """Runs and checks of a submission.
 
@@ -60,8 +61,22 @@ class Trial:
     reason: str | None = None
 
 
-def reference_run(scenario: Scenario, seed: int, reference: Asked) -> tuple[Score, Estimate | None]:
-    """Return the score of the reference on a run, and the estimate of the causal optimum; None if it is undetermined.
+class Run(NamedTuple):
+    """A run of the reference.
+
+    Attributes:
+        seed: seed of the simulation.
+        score: score of the reference.
+        optimum: estimate of the causal optimum; None if it is undetermined.
+    """
+
+    seed: int
+    score: Score
+    optimum: Estimate | None
+
+
+def reference_run(scenario: Scenario, seed: int, reference: Asked) -> Run:
+    """Run the reference and the causal optimum.
 
     Raises:
         UserError: the reference fails.
@@ -76,65 +91,67 @@ def reference_run(scenario: Scenario, seed: int, reference: Asked) -> tuple[Scor
         optimum = run_estimator(CAUSAL, without(load(best), informed, truth.misleading), informed)[0]
     except UserError:  # the recording does not determine it
         optimum = None
-    return _scored(truth, recording, estimate, optimum, seconds), optimum
+    return Run(seed, _scored(truth, recording, estimate, optimum, seconds), optimum)
 
 
-def run_trial(
-    where: Address,
-    name: str,
-    scenario: Scenario,
-    seeds: Sequence[int],
-    optima: Sequence[Estimate | None],
-    timeout: float,
-) -> Trial:
+def run_trial(where: Address, name: str, scenario: Scenario, runs: Sequence[Run], isolation: Isolation) -> Trial:
     """Run a submission on all runs, then the checks if they apply to such recordings.
 
     Args:
         where: its file.
         name: its name in error messages.
         scenario: scenario of the runs.
-        seeds: seeds of the runs.
-        optima: estimates of the causal optimum on the same runs.
-        timeout: largest time of a run [s].
+        runs: the same runs of the reference.
+        isolation: largest time of a run, and whether it runs without a wall.
     """
     trial = Trial()
-    with closing(Isolated(where, timeout)) as estimator:
+    with closing(Isolated(where, isolation.timeout, unconfined=isolation.unconfined)) as estimator:
         try:
-            trial = replace(trial, form=estimator.begin() or "estimate(recording)", callable=estimator.where.attribute)
-            for run, (seed, optimum) in enumerate(zip(seeds, optima, strict=True)):
-                truth, recording = simulate(scenario, seed)
-                estimate, seconds = run_estimator(name, estimator, recording)
-                if run in (0, len(seeds) // 2, len(seeds) - 1):
-                    require_causal(estimator, recording, estimate)
-                if run == 0:
-                    trial.settings.extend(estimator.remarks(recording))
-                trial.scores.append(_scored(truth, recording, estimate, optimum, seconds))
-            if any(each.startswith(REPLACED) for each in trial.settings):
-                trial.own_noise.extend(_own_noise_scores(estimator.where, name, scenario, seeds, timeout))
+            trial.form = estimator.begin() or "estimate(recording)"
+            trial.callable = estimator.where.attribute
+            _run_all(trial, estimator, name, scenario, runs)
             if not SENSORS[scenario.sensor.kind].has_range or scenario.association.method != "known":
-                trial = replace(trial, no_checks=NO_IDS)
+                trial.no_checks = NO_IDS
             else:
-                trial = replace(trial, verdicts=check_estimator(name, estimator))
+                trial.verdicts = check_estimator(name, estimator)
         except UserError as error:
-            is_done = len(trial.scores) == len(seeds)
+            is_done = len(trial.scores) == len(runs)
             which = "small recording of the checks: " if is_done else f"run {len(trial.scores)}: " if trial.form else ""
             text = str(error).removeprefix(f"estimator {name}: ").removeprefix(f"estimator {where.text}: ")
-            trial = replace(trial, reason=f"{which}{text}")
-        except Exception as error:  # noqa: BLE001 other submissions are graded, and the page shows this error
-            trial = replace(trial, reason=failure_text(error))
-        return replace(trial, output=estimator.last_output)
+            trial.reason = f"{which}{text}"
+        trial.output = estimator.last_output
+    return trial
 
 
-def _own_noise_scores(
-    where: Address, name: str, scenario: Scenario, seeds: Sequence[int], timeout: float
-) -> list[Score]:
+def _run_all(trial: Trial, estimator: Isolated, name: str, scenario: Scenario, runs: Sequence[Run]) -> None:
+    """Add the scores of all runs to a trial.
+
+    Each part of a recording that the check of causality compares (`PARTS`) is taken from another run: the first, the
+    middle and the last one.
+    """
+    checked = [place * (len(runs) - 1) // (len(PARTS) - 1) for place in range(len(PARTS))]
+    has_own_noise = False
+    for number, run in enumerate(runs):
+        truth, recording = simulate(scenario, run.seed)
+        estimate, seconds = run_estimator(name, estimator, recording)
+        if number == 0:
+            trial.settings, has_own_noise = estimator.remarks(recording), estimator.replaces_noise
+        parts = [part for part, where in zip(PARTS, checked, strict=True) if where == number]
+        require_causal(estimator, recording, estimate, parts)
+        trial.scores.append(_scored(truth, recording, estimate, run.optimum, seconds))
+    if has_own_noise:
+        trial.own_noise = _own_noise_scores(estimator, name, scenario, runs)
+
+
+def _own_noise_scores(estimator: Isolated, name: str, scenario: Scenario, runs: Sequence[Run]) -> list[Score]:
     """Return the scores with the noise of the file; without scores if it fails with that noise."""
     scores: list[Score] = []
-    with closing(Isolated(where._replace(noise="file"), timeout)) as estimator:
-        for seed in seeds:
-            truth, recording = simulate(scenario, seed)
+    where, unconfined = estimator.where._replace(noise="file"), estimator.unconfined
+    with closing(Isolated(where, estimator.timeout, unconfined=unconfined)) as other:
+        for run in runs:
+            truth, recording = simulate(scenario, run.seed)
             try:
-                estimate, seconds = run_estimator(f"{name}, noise of the file", estimator, recording)
+                estimate, seconds = run_estimator(f"{name}, noise of the file", other, recording)
             except UserError:
                 return []
             scores.append(_scored(truth, recording, estimate, None, seconds))
@@ -144,7 +161,7 @@ def _own_noise_scores(
 def _scored(truth: Truth, recording: Recording, estimate: Estimate, optimum: Estimate | None, seconds: float) -> Score:
     """Score an estimate, a filtered one also relative to the causal optimum."""
     score = evaluate(truth, recording, estimate, optimum if estimate.kind == "filtered" else None)
-    return replace(score, seconds_total=seconds)
+    return replace(score, seconds_total=seconds if math.isfinite(seconds) else None)
 
 
 def optimum_ates(scores: Sequence[Score]) -> Float:

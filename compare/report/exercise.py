@@ -145,5 +145,5 @@ def question_page(folder: Path, name: str) -> str:
             for picture in pictures(folder / each, PICTURES)
         ],
         terms=TERMS["run"],
-        origin=origin(folder / first / METRICS, provenance, digests),
+        origin=origin(provenance, digests),
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import csv
+import html
 from pathlib import Path
 from urllib.parse import quote
 
@@ -10,7 +10,7 @@ from slamgauge.compare.checks.examination import CHECKS as ALL_CHECKS
 from slamgauge.compare.report.page import plain_page
 from slamgauge.compare.report.page_elements import origin
 from slamgauge.compare.report.tables import Cell, Head, Table, figure_cell, from_to
-from slamgauge.compare.storage.files import explained
+from slamgauge.compare.storage.csv_cells import read_csv
 from slamgauge.compare.storage.result_files import GRADES, PAGES, REPORT
 
 FIGURES = (
@@ -37,10 +37,9 @@ Row = dict[str, str]
 
 def grade_pages(folder: Path) -> dict[str, str]:
     """Return the pages of the results of `grade` in a folder: of all submissions and of each."""
-    with explained(folder / GRADES, "read"), (folder / GRADES).open(encoding="utf-8", newline="") as file:
-        rows = list(csv.DictReader(file))
+    rows = read_csv(folder / GRADES)
     graded, passed = (sum(row[key] == "true" for row in rows) for key in ("graded", "passed"))
-    where = origin(folder / GRADES, rows[0])
+    where = origin(rows[0])
     pages = {
         REPORT: plain_page(
             kind="grades",
@@ -125,5 +124,5 @@ def submission_page(folder: Path, row: Row, where: list[tuple[str, str, bool]]) 
         tables=[Table("figures", "Metrics", heads, figures if row["graded"] == "true" else []), check_table([row])],
         origin=where,
         back=f"../{REPORT}",
-        verbatim=record.read_text(encoding="utf-8").splitlines() if record.is_file() else (),
+        verbatim=html.unescape(record.read_text(encoding="utf-8")).splitlines() if record.is_file() else (),
     )

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Iterable, Mapping
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -47,9 +46,8 @@ def pictures(folder: Path, known: Mapping[str, tuple[str, str]]) -> list[Picture
     return [Picture(f"data:image/png;base64,{base64.b64encode(png).decode()}", *texts) for png, *texts in found]
 
 
-def origin(path: Path, content: Mapping[str, Any], more: Iterable[tuple[str, str]] = ()) -> list[tuple[str, str, bool]]:
-    """Return the provenance of the results in `path` with the JSON `content`: rows of term, text, is_code."""
-    written = datetime.fromtimestamp(path.stat().st_mtime, UTC)
+def origin(content: Mapping[str, Any], more: Iterable[tuple[str, str]] = ()) -> list[tuple[str, str, bool]]:
+    """Return the provenance of results with the JSON `content`: rows of term, text, is_code. They contain no date."""
     rows = [
         ("Command", content.get("command") or None, True),
         ("Scenario", content.get("scenario"), False),
@@ -57,6 +55,5 @@ def origin(path: Path, content: Mapping[str, Any], more: Iterable[tuple[str, str
         *((term, text, False) for term, text in more),
         ("Digest of the measurements", content.get("digest"), True),
         ("slamgauge", content.get("version") or __version__, False),
-        ("Written", f"{written:%Y-%m-%d %H:%M} UTC", False),
     ]
     return [(term, str(text), is_code) for term, text, is_code in rows if text is not None]

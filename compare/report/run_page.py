@@ -66,7 +66,7 @@ def run_page(folder: Path) -> dict[str, str]:
             pictures=pictures(folder, PICTURES),
             terms=TERMS["run"],
             tables=tables,
-            origin=origin(path, metrics, [("Steps", str(recording.steps)), ("Sensor", recording.sensor)]),
+            origin=origin(metrics, [("Steps", str(recording.steps)), ("Sensor", recording.sensor)]),
             data=data,
         )
 

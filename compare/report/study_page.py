@@ -27,7 +27,7 @@ from slamgauge.compare.scoring.catalogue import columns
 from slamgauge.compare.scoring.intervals import Interval
 from slamgauge.compare.scoring.ray_figures import describe
 from slamgauge.compare.scoring.runs import Runs
-from slamgauge.compare.storage.result_files import REPORT, SUMMARY
+from slamgauge.compare.storage.result_files import REPORT
 from slamgauge.compare.studies.stored_study import StoredStudy, load_study
 from slamgauge.compare.studies.study_run import run_seed
 from slamgauge.compare.studies.summary import (
@@ -87,7 +87,7 @@ def study_page(folder: Path) -> dict[str, str]:
         pictures=pictures(folder, PICTURES),
         terms=TERMS["study"],
         tables=(table, *comparisons, worst, every),
-        origin=origin(folder / SUMMARY, study.content, [("Runs", str(summary.runs))]),
+        origin=origin(study.content, [("Runs", str(summary.runs))]),
         data={"study": study_data(study, shown)},
     )
     return {REPORT: text}

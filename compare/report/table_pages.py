@@ -68,7 +68,7 @@ def budget_page(folder: Path) -> dict[str, str]:
         notes=content["notes"],
         tables=[Table("budget", "Rung by rung", BUDGET_HEADS, rows)],
         pictures=pictures(folder, BUDGET_PICTURES),
-        origin=origin(folder / BUDGET, content, [("Filter", content["filter"]), ("Runs", str(content["runs"]))]),
+        origin=origin(content, [("Filter", content["filter"]), ("Runs", str(content["runs"]))]),
     )
     return {REPORT: text}
 
@@ -112,7 +112,7 @@ def claims_page(folder: Path) -> dict[str, str]:
         lead=[(f"{counts[verdict]} of {len(found)}", verdict) for verdict in ("holds", "does not hold", "undecided")],
         notes=[in_doubt] if any(each["optimum_check_share"] for each in found) else [],
         tables=[Table("claims", "Claims and their evidence", CLAIM_HEADS, rows)],
-        origin=origin(folder / CLAIMS, {**found[0], "digest": None}, [*digests.items()]),
+        origin=origin({**found[0], "digest": None}, [*digests.items()]),
     )
     return {REPORT: text}
 
@@ -178,7 +178,7 @@ def noise_page(folder: Path) -> dict[str, str]:
             Table("nis", "Fit of the innovations", NIS_HEADS, nis),
         ],
         pictures=pictures(folder, NOISE_PICTURES),
-        origin=origin(folder / NOISE, content),
+        origin=origin(content),
     )
     return {REPORT: text}
 
@@ -213,7 +213,7 @@ def sweep_page(folder: Path) -> dict[str, str]:
         notes=["each value in the table links to the page of its study, with all runs", *content["notes"]],
         tables=[Table("sweep", "Means over runs, with half the width of their 95 % intervals", heads, rows)],
         pictures=pictures(folder, SWEEP_PICTURES),
-        origin=origin(folder / SWEEP, content, [("Runs at each value", str(content["runs"])), *digests]),
+        origin=origin(content, [("Runs at each value", str(content["runs"])), *digests]),
     )
     return {REPORT: text}
 

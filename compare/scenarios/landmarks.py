@@ -45,6 +45,10 @@ class RandomLandmarks(Section, frozen=True):  # pyright: ignore[reportGeneralTyp
 def _scattered(chosen: RandomLandmarks) -> Float:
     generator = np.random.default_rng(chosen.seed)
     low, high = np.array(chosen.box[:2]), np.array(chosen.box[2:])
+    if chosen.min_distance == 0.0:  # the same draws at once
+        positions = generator.uniform(low, high, (chosen.count, 2))
+        positions.setflags(write=False)
+        return positions
     positions = np.empty((chosen.count, 2))
     for placed in range(chosen.count):
         for _ in range(_TRIES):

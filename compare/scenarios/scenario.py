@@ -22,6 +22,7 @@ from slamgauge.compare.scenarios.scenario_files import ScenarioError, locate, sh
 from slamgauge.compare.scenarios.schema import Scenario
 from slamgauge.compare.scenarios.section import Section
 from slamgauge.compare.scenarios.trajectory import KINDS, Segment, kind_of
+from slamgauge.compare.storage.regular_files import read_bytes
 from slamgauge.compare.storage.safe_names import shown
 from slamgauge.compare.storage.toml_tables import Table, parse_toml, toml_text
 from slamgauge.compare.storage.toml_tables import override as set_key
@@ -102,7 +103,8 @@ def _plain(value: object) -> Any:
 
 def _parse(source: Traversable, where: str) -> Table:
     try:
-        text = source.read_text(encoding="utf-8")
+        content = read_bytes(source) if isinstance(source, Path) else source.read_bytes()
+        text = content.decode("utf-8-sig")
     except OSError as error:
         raise ScenarioError(f"{where}: cannot be read ({error.strerror}); check the path") from None
     except UnicodeDecodeError:

@@ -140,6 +140,8 @@ class Waypoints(Steady):
             if way:
                 yield self.even(way, 0.0, way / self.speed)
             x, y, heading = to_x, to_y, towards
+        if all(point == start[:2] for point in self.points):
+            raise UserError("trajectory.points: all are at the start, so that the robot does not move; add another one")
 
 
 class FigureEight(Steady):

@@ -18,7 +18,6 @@ An estimate is one file with a row for each of the steps 0..N in order. A map ma
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -26,7 +25,8 @@ import numpy as np
 
 from slamgauge.arrays import Float, Int
 from slamgauge.compare.storage.covariance_columns import from_triangles, upper_triangles
-from slamgauge.compare.storage.files import explained
+from slamgauge.compare.storage.csv_cells import write_csv
+from slamgauge.compare.storage.files import explained, read_text
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, Kind
 from slamgauge.notices import tell_once
@@ -174,7 +174,7 @@ def read_estimate_csv(path: Path, kind: Kind, steps: int) -> Estimate:
 def write_rows(path: Path, header: Sequence[str], rows: Iterable[Sequence[float]]) -> None:
     """Write a header and rows of numbers with all digits; raise `UserError` if the file cannot be written."""
     with explained(path, "written"), path.open("w", encoding="ascii", newline="") as file:
-        csv.writer(file, lineterminator="\n").writerows([header, *([repr(value) for value in row] for row in rows)])
+        write_csv(file, [header, *rows])
 
 
 def _write_numbered(
@@ -208,8 +208,7 @@ def _read(path: Path, needed: tuple[str, ...], optional: tuple[str, ...] = ()) -
 
 def read_lines(path: Path) -> list[str]:
     """Return the lines of a text file without blank lines at its end; raise `UserError` if it cannot be read."""
-    with explained(path, "read"):
-        return path.read_text(encoding="utf-8-sig", errors="replace").rstrip().splitlines()
+    return read_text(path).rstrip().splitlines()
 
 
 def parse_rows(name: str, lines: Sequence[str], *headers: tuple[str, ...]) -> Float:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from slamgauge.arrays import Float, chunks
 from slamgauge.compare.storage.covariance_columns import upper_triangles
 from slamgauge.compare.storage.npz_file import NONE_KNOWN, read_npz
+from slamgauge.compare.storage.regular_files import read_bytes
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, MapHistory, RayLog
 from slamgauge.recording import Recording
@@ -35,6 +36,25 @@ def explained(path: str | Path, verb: str) -> Generator[None]:
     except OSError as error:
         reason = error.strerror or str(error)
         raise UserError(f"{path}: cannot be {verb} ({reason}); check the path and its permissions") from None
+
+
+def read_text(path: Path) -> str:
+    """Return the text of a file in UTF-8, with or without a byte order mark.
+
+    Raises:
+        UserError: it cannot be read, or is no text; with the line.
+    """
+    with explained(path, "read"):
+        content = read_bytes(path)
+    broken = content.find(b"\0")
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        text, broken = "", error.start
+    if broken >= 0:
+        line = content.count(b"\n", 0, broken) + 1
+        raise UserError(f"{path}, line {line}: not a text in UTF-8; give another file, or save it as such")
+    return text
 
 
 @contextmanager
@@ -141,7 +161,7 @@ def read_json(path: Path, command: str) -> Any:
         UserError: If the file cannot be read or is not JSON.
     """
     with explained(path, "read"):
-        text = path.read_bytes()
+        text = read_bytes(path)
     try:
         return json.loads(text)
     except ValueError:

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slamgauge.arrays import freeze
+from slamgauge.compare.storage.regular_files import require_regular
 from slamgauge.errors import UserError
 from slamgauge.memory import require_memory
 
@@ -78,6 +79,7 @@ class _OddError(ValueError):
 
 def _require_whole(path: Path) -> None:
     """Check that the directory of the zip file is complete, and that its arrays fit into memory."""
+    require_regular(path)
     with zipfile.ZipFile(path) as archive:
         members = archive.infolist()
     with path.open("rb") as file:

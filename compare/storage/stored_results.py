@@ -14,7 +14,8 @@ import numpy as np
 from slamgauge.arrays import Float
 from slamgauge.compare.storage.covariance_columns import from_triangles
 from slamgauge.compare.storage.csv_folder import read_estimate_csv
-from slamgauge.compare.storage.files import explained, load_estimate, load_recording, load_truth, read_json
+from slamgauge.compare.storage.files import load_estimate, load_recording, load_truth, read_json, read_text
+from slamgauge.compare.storage.path_doubts import path_doubts
 from slamgauge.compare.storage.safe_names import shown
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
@@ -73,19 +74,22 @@ def load_results(folder: Path) -> Results:
 def load_stored(path: Path, recording: Recording) -> Estimate:
     """Read an estimate of `recording` from a file; estimates in CSV or TUM files count as filtered.
 
+    Doubts about units, signs and frames of their paths are printed.
+
     Raises:
         UserError: If the file is missing or does not fit the recording; the message names the line.
     """
     if path.suffix == ".npz":
         return load_estimate(path)
-    if path.suffix == ".csv":
-        return read_estimate_csv(path, "filtered", recording.steps)
-    return _read_tum(path, recording.stamps)
+    is_csv = path.suffix == ".csv"
+    estimate = read_estimate_csv(path, "filtered", recording.steps) if is_csv else _read_tum(path, recording.stamps)
+    for doubt in path_doubts(estimate.poses, recording):
+        tell_once(f"{path}: its path {doubt}")
+    return estimate
 
 
 def _read_tum(path: Path, stamps: Float) -> Estimate:
-    with explained(path, "read"):
-        lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+    lines = read_text(path).splitlines()
     rows = [_numbers(path, n, line) for n, line in enumerate(lines, 1) if line.strip() and not line.startswith("#")]
     if len({len(row) for row in rows}) > 1:
         raise UserError(f"{path}: lines have different numbers of columns; write all with, or all without covariances")
@@ -131,7 +135,7 @@ def _tolerance(stamps: Float) -> float:
 
 def _numbers(path: Path, number: int, line: str) -> list[float]:
     try:
-        numbers = [float(text) for text in line.split()]
+        numbers = [float(text) for text in line.replace(",", " ").split()]
     except ValueError:
         raise UserError(
             f"{path}, line {number}: {line[:60]!r} has a value that is not a number; write t x y z qx qy qz qw"

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from slamgauge.compare.storage.files import explained
+from slamgauge.compare.storage.files import explained, read_text
 from slamgauge.errors import UserError
 
 Table = dict[str, Any]
@@ -32,12 +32,8 @@ def parse_toml(text: str) -> Table:
 
 def read_toml(path: Path) -> Table:
     """Return the tables of a TOML file; raise `UserError` with the line if it is not valid."""
-    with explained(path, "read"):
-        content = path.read_bytes()
     try:
-        return parse_toml(content.decode("utf-8-sig"))
-    except UnicodeDecodeError:
-        raise UserError(f"{path}: not a UTF-8 text; save it as UTF-8") from None
+        return parse_toml(read_text(path))
     except tomllib.TOMLDecodeError as error:
         raise UserError(f"{path}: not valid TOML: {error}; correct that line") from None
 

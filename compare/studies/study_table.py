@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import csv
+import html
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -13,6 +13,7 @@ from typing import Any, Literal
 from slamgauge.compare.scoring.catalogue import CATALOGUE, columns
 from slamgauge.compare.scoring.intervals import Interval
 from slamgauge.compare.scoring.text_table import cell, interval_cell
+from slamgauge.compare.storage.csv_cells import write_csv
 from slamgauge.compare.storage.files import read_json
 from slamgauge.compare.storage.result_files import SUMMARY
 from slamgauge.compare.storage.safe_names import shown
@@ -62,12 +63,12 @@ class StudyTable:
         """Return full precision, with columns KEY, KEY_low and KEY_high."""
         ends = ("mean", "low", "high") if self.intervals else ("mean",)
         out = StringIO()
-        writer = csv.writer(out, lineterminator="\n")
         names = [key if end == "mean" else f"{key}_{end}" for key in self.keys for end in ends]
-        writer.writerow(["estimator", "runs", *names])
+        rows: list[list[object]] = [["estimator", "runs", *names]]
         for name in self.estimators:
             figures = [getattr(each, end, None) for each in self._figures(name) for end in ends]
-            writer.writerow([shown(name), self.content["estimators"][name]["runs"], *figures])
+            rows.append([shown(name), self.content["estimators"][name]["runs"], *figures])
+        write_csv(out, rows)
         return out.getvalue()
 
     def _rows(self) -> list[list[str]]:
@@ -82,7 +83,7 @@ class StudyTable:
         return rows
 
     def _markdown(self) -> str:
-        head, *body = [[text.replace("|", r"\|") for text in row] for row in self._rows()]
+        head, *body = [[html.escape(text, quote=False).replace("|", r"\|") for text in row] for row in self._rows()]
         rule = ["---", *("---:" for _ in head[1:])]
         return "\n".join(f"| {' | '.join(row)} |" for row in (head, rule, *body)) + "\n"
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import sys
 from collections.abc import Iterator
 from dataclasses import replace
@@ -18,7 +17,7 @@ from references.least_squares import Model, NoMinimumError
 from references.optima import judge_optima, lowest, own_starts, stated_check
 from references.recordings import MOTIONS, PRIORS, SENSORS, Drawn, draw
 from references.table import bars_missed, table, worst_cases
-from references.verdicts import Judged, Outcome, Verdict, keep_result, kept_results
+from references.verdicts import Judged, Outcome, Verdict
 from scipy.stats import chi2
 
 from slamgauge.arrays import Float
@@ -242,21 +241,6 @@ def test_a_wrong_optimum_is_detected(monkeypatch: pytest.MonkeyPatch):
     assert wrong["batch"].verdict == "worse"
     assert wrong["causal"].steps_off > 0.9 * each.recording.steps
     assert wrong["causal"].difference > 0.3
-
-
-def test_kept_results_are_not_computed_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """Incomplete lines, and results of other code or another seed, are not used."""
-    path = tmp_path / "kept.jsonl"
-    made = [Judged(3, number, 5, ("tag",), [Outcome("batch", "agrees", math.inf)], 0.5) for number in range(3)]
-    for each in made[:2]:
-        keep_result(path, each)
-    assert kept_results(path, 3) == made[:2]
-    assert not kept_results(path, 4)
-    path.write_text(path.read_text()[:-20])
-    keep_result(path, made[2])
-    assert kept_results(path, 3) == [made[0], made[2]]
-    monkeypatch.setattr("references.verdicts.code_digest", lambda: "other")
-    assert not kept_results(path, 3)
 
 
 def test_the_check_of_an_estimate_is_read():

@@ -20,8 +20,8 @@ BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 
 # arguments, and the beginnings of printed lines in their order; spaces stand for any white space
 SMALLEST = {
-    "agreement": (  # 8 s; the full run has more recordings, see below
-        "--recordings 5 --seed 1 --jobs 1",
+    "agreement": (  # 35 s
+        "--recordings 20 --seed 1 --jobs 1",
         "estimator agrees worse failed undecided not compared largest difference",
         "riekf ",
         "causal steps:",
@@ -42,6 +42,12 @@ SMALLEST = {
         "7 files, 2 runs of q1-short-dense: ",
     ),
     "compile_times": ("--only=--version", "command first [s] kernels again [s]", "--version "),
+    "interruptions": (  # 20 s
+        "--only twin --moments 1",
+        "command time [s] bad cases of 5",
+        "twin ",
+        "0 of 5 cases are bad",
+    ),
     "large_maps": (  # 2 s
         "--landmarks 20",
         "landmarks filter median [ms] mean [ms] p95 [ms] worst [ms] difference memory/P",
@@ -59,24 +65,10 @@ SMALLEST = {
         "(none) - - -",
         "wrong sign in F prediction-jacobian 1/1 ",
     ),
-    "soak": (  # 6 s
-        "--steps 200 --only riekf",
-        "filter us/step map eigenv. asymmetr. size % MB grown ..10% ..20%",
-        "riekf ranges ids ",
-        "riekf ranges nearest-neighbour ",
-        "riekf ranges managed neighbour ",
-        "riekf bearings delayed ",
-        "riekf bearings fis jcbb ",
-    ),
-    "ukfm_slam2d": (  # 14 s
-        "--runs 1 --jobs 1 --out results",
-        "heading RMSE [deg] position RMSE [m] NEES heading NEES position last sigma / causal",
-        "riekf - - - - 0.9",
-    ),
 }
 
 
-@pytest.fixture(scope="module", autouse=True)
+@pytest.fixture(scope="module")
 def compiled_kernels() -> None:
     """Compile before benchmarks that run at the same time would each do so."""
     compile_kernels()
@@ -86,18 +78,10 @@ def test_every_benchmark_is_run_here():
     assert {*SMALLEST} == {path.stem for path in BENCHMARKS.glob("*.py")}
 
 
+@pytest.mark.usefixtures("compiled_kernels")
 @pytest.mark.parametrize("name", SMALLEST)
 def test_a_benchmark_prints_its_table(name: str, tmp_path: Path):
     arguments, *expected = SMALLEST[name]
-    require_table(name, arguments, expected, tmp_path)
-
-
-def test_more_recordings_of_the_agreement(tmp_path: Path):
-    arguments, *expected = SMALLEST["agreement"]
-    require_table("agreement", arguments.replace("--recordings 5", "--recordings 20"), expected, tmp_path)
-
-
-def require_table(name: str, arguments: str, expected: list[str], tmp_path: Path) -> None:
     command = [sys.executable, BENCHMARKS / f"{name}.py", *arguments.split()]
     env = {**os.environ, "PYTHONSAFEPATH": "1"}  # as in the processes that studies start
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False, env=env)

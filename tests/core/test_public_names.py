@@ -13,9 +13,8 @@ ALL: list[str] = getattr(slamgauge, "__all__")  # noqa: B009 made on request
 PACKAGES = {"compare", "ekf", "graph_baseline"}
 
 
-@pytest.mark.parametrize("name", sorted({*ALL, *PACKAGES}))
-def test_every_public_name_can_be_imported(name: str) -> None:
-    assert getattr(slamgauge, name) is not None
+def test_every_public_name_can_be_imported() -> None:
+    assert not [name for name in (*ALL, *PACKAGES) if getattr(slamgauge, name) is None]
 
 
 def test_all_names_are_listed() -> None:
@@ -30,10 +29,11 @@ def test_other_names_raise_the_usual_attribute_error() -> None:
 def test_the_import_loads_no_numpy_and_takes_less_than_a_tenth_of_a_second() -> None:
     """Best of five fresh processes, measured by Python itself; numpy alone takes longer."""
     command = [sys.executable, "-X", "importtime", "-c", "import slamgauge, sys; print('numpy' in sys.modules)"]
-    microseconds: list[int] = []
     for _ in range(5):
         done = subprocess.run(command, check=True, capture_output=True, text=True)
         assert done.stdout == "False\n"
         (line,) = (line for line in done.stderr.splitlines() if line.rpartition("|")[2].strip() == "slamgauge")
-        microseconds.append(int(line.split("|")[1]))
-    assert min(microseconds) < 100_000
+        if int(line.split("|")[1]) < 100_000:
+            break
+    else:
+        pytest.fail("each of five imports took 0.1 s or more")

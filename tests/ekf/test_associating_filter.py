@@ -264,22 +264,3 @@ def test_an_ambiguous_observation_neither_corrects_nor_maps(gate: float) -> None
     for actual, expected in zip((slam.pose, slam.pose_cov, slam.landmarks), before, strict=True):
         np.testing.assert_array_equal(actual, expected)
     assert look(slam, [[2.0, 0.0], [0.0, 5.0]]).tolist() == [0, 2]  # the other landmark resolves the ambiguity
-
-
-@pytest.mark.parametrize(
-    "association",
-    [
-        pytest.param(Association(), id="nn"),
-        pytest.param(Association("jcbb"), id="jcbb"),
-        pytest.param(MANAGED, id="managed"),
-    ],
-)
-@pytest.mark.parametrize("broken", ["value", "cov"])
-def test_invalid_observations_change_nothing(association: Association, broken: str) -> None:
-    slam = before_landmarks([[2.0, 0.0]], association)
-    before = slam.pose, slam.pose_cov, slam.landmarks
-    value, cov = np.array([[np.nan if broken == "value" else 5.0, 0.0]]), -NOISE if broken == "cov" else NOISE
-    with pytest.raises(ValueError, match="a negative variance" if broken == "cov" else "must be finite"):
-        slam.update(Observations(None, value, cov[None]))
-    for actual, expected in zip((slam.pose, slam.pose_cov, slam.landmarks), before, strict=True):
-        np.testing.assert_array_equal(actual, expected)

@@ -40,7 +40,7 @@ from slamgauge.estimate import Estimate
 from slamgauge.recording import Observations, Recording
 from slamgauge.truth import Truth
 from tests.reference.random_recordings import random_recording
-from tests.reference.textbook_pairs import PAIRS
+from tests.reference.textbook import PAIRS
 
 STUDENT = Robustness("student-t", degrees_of_freedom=2.5)
 

@@ -6,6 +6,8 @@ On random recordings, with correlated noise and position sensors too, `test_filt
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -13,7 +15,6 @@ from slamgauge import (
     Association,
     Estimate,
     MapManagement,
-    Recording,
     UserError,
     ekf_slam,
     load_estimators,
@@ -141,17 +142,13 @@ def test_ekf_is_the_textbook_ekf_on_questions_1_and_2(name: str) -> None:
 def test_a_new_landmark_that_is_observed_twice_in_a_scan() -> None:
     _, recording = random_recording(2, steps=10)
     twice = np.repeat(np.arange(len(recording.observation)), 2)
-    repeated = Recording(
-        stamps=recording.stamps,
-        prior_mean=recording.prior_mean,
-        prior_cov=recording.prior_cov,
-        odometry=recording.odometry,
-        odometry_cov=recording.odometry_cov,
-        sensor=recording.sensor,
+    assert recording.landmark is not None
+    repeated = replace(
+        recording,
         observation_step=recording.observation_step[twice],
         observation=recording.observation[twice],
         observation_cov=recording.observation_cov[twice],
-        landmark=None if recording.landmark is None else recording.landmark[twice],
+        landmark=recording.landmark[twice],
     )
     assert_equal(ekf_slam(repeated), textbook_ekf(repeated))
 

@@ -24,10 +24,6 @@ def run(*arguments: object) -> int:
     return main([str(argument) for argument in arguments])
 
 
-def command(*arguments: object) -> list[str]:
-    return [sys.executable, "-m", "slamgauge", *map(str, arguments)]
-
-
 def command_after(preparation: str, *arguments: object) -> list[str]:
     """Return a command that runs some code before."""
     code = f"{preparation}; import sys; from slamgauge.compare.cli.main import main; sys.exit(main(sys.argv[1:]))"

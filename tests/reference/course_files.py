@@ -159,15 +159,15 @@ STYLES = {
     ),
 }
 
-# seeded bugs: the line of the right file, the wrong one, and the checks that fail
+# seeded bugs: the line of the right file, the wrong one, and the check that fails
 BUGS = {
-    "Jacobian of the motion forgotten": ("G @ sigma @ G.T + R", "sigma + R", {"prediction-jacobian"}),
+    "Jacobian of the motion forgotten": ("G @ sigma @ G.T + R", "sigma + R", "prediction-jacobian"),
     "bearing not normalised": (
         "difference[2 * i + 1] = normalize_angle(",
         "difference[2 * i + 1] = (",
-        {"innovation-wrap"},
+        "innovation-wrap",
     ),
-    "wrong sign of the heading in H": ("dy, -dx, -q, -dy, dx", "dy, -dx, q, -dy, dx", {"first-sight", "long-unseen"}),
+    "wrong sign of the heading in H": ("dy, -dx, -q, -dy, dx", "dy, -dx, q, -dy, dx", "update-bearing"),
 }
 
 

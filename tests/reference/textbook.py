@@ -20,10 +20,11 @@ from functools import partial
 from typing import Literal
 
 import numpy as np
+import pytest
 from scipy.linalg import block_diag
 
 from slamgauge.arrays import Float
-from slamgauge.ekf import textbook
+from slamgauge.ekf import ekf_slam, fej_ekf, iekf, oc_ekf, riekf, textbook, textbook_ekf
 from slamgauge.ekf.kernels.belief import AT_POINT, Belief
 from slamgauge.ekf.kernels.linearisation import PROJECTED
 from slamgauge.ekf.textbook import J, Linearised
@@ -101,6 +102,20 @@ textbook_fej_ekf = partial(_run, kind="first-estimates")
 textbook_oc_ekf = partial(_run, kind="observable")
 textbook_iekf = partial(_run, kind="iterated")
 textbook_riekf = partial(_run, kind="invariant")
+
+
+def ekf_of_textbook(recording: Recording, tails: float | None = None) -> Estimate:
+    """Run the textbook EKF, with `tails` the version that weighs observations."""
+    return textbook_ekf(recording) if tails is None else student_t_ekf(recording, tails)
+
+
+PAIRS = [  # filters of the fast family, each with its textbook version
+    pytest.param(ekf_slam, ekf_of_textbook, id="ekf"),
+    pytest.param(fej_ekf, textbook_fej_ekf, id="fej-ekf"),
+    pytest.param(oc_ekf, textbook_oc_ekf, id="oc-ekf"),
+    pytest.param(iekf, textbook_iekf, id="iekf"),
+    pytest.param(riekf, textbook_riekf, id="riekf"),
+]
 
 
 def belief_of(x: Float, P: Float, point: Float | None = None, *, observable: bool = False) -> Belief:

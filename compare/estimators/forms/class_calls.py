@@ -2,36 +2,41 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from slamgauge.arrays import Float
+from slamgauge.compare.estimators.forms.names import Roles, role_of
 from slamgauge.compare.estimators.forms.octave_conventions import CourseObservation, turn
-from slamgauge.compare.estimators.forms.signatures import called, parameters
+from slamgauge.compare.estimators.forms.signatures import called, parameters, required
 from slamgauge.compare.estimators.user_code import UserCodeError
 from slamgauge.recording import Observations
 
-NAMES = {
-    "speed": "v vel velocity speed linear linear_velocity v_t lin_vel linear_mps",
-    "yaw rate": "w omega yaw_rate angular angular_velocity w_t om ang_vel angular_rps yawrate omega_t",
-    "time": "dt DT delta_t timestep time_step Ts delta_time",
-    "forward": "d dist distance delta_d ds dx delta_s delta_x",
-    "sideways": "dy delta_y",
-    "turn": "dtheta dth delta_theta dyaw dphi delta_yaw",
-    "increment": "increment odometry odom delta motion z_odo odo dpose d_pose delta_pose pose_change",
-    "cov": "cov Q R covariance noise covs Sigma_u Q_u motion_cov odometry_cov meas_cov",
-    "range": "r range rng distance dist z_r z_range range_ meas_range measured_range",
-    "bearing": "b bearing phi angle theta beta z_b z_bearing bearing_ meas_bearing measured_bearing",
-    "id": "id j lm_id landmark_id landmark idx index lid lm marker_id tag_id feature_id lm_idx landmark_index i c id_",
-    "ids": "ids landmark_ids lm_ids landmarks indices correspondences associations c_t id_list",
-    "many": "zs observations measurements scan y observed obs_list z_list detections",
+MOTION: Roles = {
+    "speed": ("v vel velocity speed linear", "t x lin m mps forward"),
+    "yaw rate": ("w omega angular yawrate rate ang om", "t vel velocity yaw rps speed"),
+    "time": ("dt ts dtime timestep step", "time"),
+    "forward": ("d dd ds dx s dist distance", "forward"),
+    "sideways": ("dy", ""),
+    "turn": ("dtheta dth dyaw dphi turn", ""),
+    "increment": ("increment odometry odom odo delta motion dpose change", "z pose"),
+    "cov": ("cov covs covariance noise Q R sigma", "u motion odometry"),
 }
-SETS = {role: frozenset(names.split()) for role, names in NAMES.items()}
+OBSERVATION: Roles = {
+    "range": ("r range rng dist distance", "z meas measured"),
+    "bearing": ("b bearing phi angle theta beta", "z meas measured"),
+    "id": (
+        "id ids j i c lid lm idx index indices correspondences associations landmark landmarks",
+        "t marker tag feature",
+    ),
+    "cov": ("cov covs covariance noise Q R", "meas measurement observation"),
+}
 
 Motion = tuple[Float, Float, float]  # increment (3,), its covariance (3, 3), length of the step [s]
+Arguments = dict[str, Any]  # by name
 
 
 class Call(NamedTuple):
@@ -39,15 +44,20 @@ class Call(NamedTuple):
 
     Attributes:
         words: what the method receives.
-        run: calls the bound method, with a motion or with a scan.
+        arguments: makes the arguments of each call from a motion or a scan.
         unit: for `predict`: what a 2 x 2 noise belongs to: `speed` (and yaw rate) or `increment`.
         has_ids: for `update`: whether it receives ids.
     """
 
     words: str
-    run: Callable[[Any, Any], object]
+    arguments: Callable[[Any], Iterable[Arguments]]
     unit: str = "speed"
     has_ids: bool = True
+
+    def run(self, method: Callable[..., object], given: Motion | Observations) -> None:
+        """Call the bound method with copies of a motion or a scan."""
+        for each in self.arguments(given):
+            called(partial(method, **{name: v.copy() if isinstance(v, np.ndarray) else v for name, v in each.items()}))
 
 
 class Way(NamedTuple):
@@ -55,7 +65,7 @@ class Way(NamedTuple):
 
     Attributes:
         predict: call of `predict`.
-        motion_size: rows of the noise of the motion, 2 or 3.
+        motion: noise of the motion: `control` (2, 2), or that of the increment (3, 3) in the frame `body` or `world`.
         is_swapped: whether R is the noise of the motion, and Q that of observations.
         state_shape: `flat` or `column` (3,) or (3, 1), with `full` in front with room for all landmarks.
         update: call of `update`; None leaves it out.
@@ -63,21 +73,38 @@ class Way(NamedTuple):
     """
 
     predict: Call
-    motion_size: int
+    motion: str
     is_swapped: bool
     state_shape: str
     update: Call | None = None
     first_id: int = 0
 
 
-INPUTS: dict[str, tuple[str, Callable[[Motion], Any]]] = {
+ARGUMENTS: dict[str | None, Callable[[Motion], Any]] = {
+    "speed": lambda m: float(m[0][0] / m[2]),
+    "yaw rate": lambda m: float(m[0][2] / m[2]),
+    "time": lambda m: m[2],
+    "forward": lambda m: float(m[0][0]),
+    "sideways": lambda m: float(m[0][1]),
+    "turn": lambda m: float(m[0][2]),
+    "cov": lambda m: m[1],
+}
+INPUTS: dict[str, tuple[str, Callable[[Motion], Float]]] = {
     "[v, w]": ("speed", lambda m: m[0][[0, 2]] / m[2]),
-    "column [v, w]": ("speed", lambda m: (m[0][[0, 2]] / m[2]).reshape(2, 1)),
-    "[dx, dy, dtheta]": ("increment", lambda m: m[0].copy()),
-    "column [dx, dy, dtheta]": ("increment", lambda m: m[0].reshape(3, 1).copy()),
+    "[dx, dy, dtheta]": ("increment", lambda m: m[0]),
     "[distance, turn]": ("increment", lambda m: m[0][[0, 2]]),
-    "column [distance, turn]": ("increment", lambda m: m[0][[0, 2]].reshape(2, 1)),
     "[r1, t, r2]": ("increment", lambda m: turn(m[0])),
+    "[v, w, dt]": ("speed", lambda m: np.array([*m[0][[0, 2]] / m[2], m[2]])),
+}
+ROWS: dict[str, Callable[[list[int], Float], Any]] = {
+    "rows [range, bearing, id]": lambda ids, z: np.column_stack([z, ids]),
+    "tuples (range, bearing, id)": lambda ids, z: [(*each, j) for j, each in zip(ids, z.tolist(), strict=True)],
+    "observations (id, range, bearing)": lambda ids, z: [
+        CourseObservation(j, *each) for j, each in zip(ids, z.tolist(), strict=True)
+    ],
+    "rows [id, range, bearing]": lambda ids, z: np.column_stack([ids, z]),
+    "a dict from id to [range, bearing]": lambda ids, z: dict(zip(ids, z.copy(), strict=True)),
+    "tuples (id, [range, bearing])": lambda ids, z: [*zip(ids, z.copy(), strict=True)],
 }
 
 
@@ -87,43 +114,31 @@ def predict_calls(method: object) -> list[Call]:
     Raises:
         UserCodeError: a required parameter has no known name.
     """
-    given = [each for each in parameters(method) if each.name != "self"]
-    fixed: dict[str, Callable[[Motion], Any]] = {}
-    open_, unit = "", "speed"
-    for each in given:
-        name = each.name
-        if (role := _motion_role(name)) is not None:
-            fixed[name], unit = role[1], role[0] or unit
-        elif each.default is each.empty and not open_:
-            open_ = name
-        elif each.default is each.empty:
-            raise UserCodeError(f"predict needs {open_} and {name}; use the names v, w, dt, or u, dt")
-    if not open_:
-        return [Call(f"predict({', '.join(fixed)})", _motion_call(fixed), unit)]
-    order = list(INPUTS)
-    if open_ in SETS["increment"]:
-        order = sorted(order, key=lambda words: INPUTS[words][0] == "speed")
-    return [
-        Call(f"predict with {open_} = {words}", _motion_call({**fixed, open_: INPUTS[words][1]}), INPUTS[words][0])
-        for words in order
+    roles = {each.name: role_of(each.name, MOTION) for each in parameters(method) if each.name != "self"}
+    fixed = {name: ARGUMENTS[role] for name, role in roles.items() if role in ARGUMENTS}
+    unit = "increment" if {*roles.values()} & {"forward", "sideways", "turn"} else "speed"
+    unknown = [name for name in roles if name not in fixed and name in required(method)]
+    if len(unknown) > 1:
+        raise UserCodeError(f"predict needs {' and '.join(unknown)}; use the names v, w, dt, or u, dt")
+    if not unknown:
+        return [_motion_call(f"predict({', '.join(fixed)})", fixed, unit)]
+    calls = [
+        _motion_call(f"predict with {unknown[0]} = {shape}{words}", {**fixed, unknown[0]: value}, unit)
+        for words, (unit, u) in INPUTS.items()
+        for shape, value in (("", u), ("column ", _column(u)))
     ]
+    return sorted(calls, key=lambda call: roles[unknown[0]] == "increment" and call.unit == "speed")
 
 
-def _motion_role(name: str) -> tuple[str, Callable[[Motion], Any]] | None:
-    roles: list[tuple[frozenset[str], str, Callable[[Motion], Any]]] = [
-        (SETS["speed"], "speed", lambda m: float(m[0][0] / m[2])),
-        (SETS["yaw rate"], "speed", lambda m: float(m[0][2] / m[2])),
-        (SETS["time"], "", lambda m: m[2]),
-        (SETS["forward"], "increment", lambda m: float(m[0][0])),
-        (SETS["sideways"], "increment", lambda m: float(m[0][1])),
-        (SETS["turn"], "increment", lambda m: float(m[0][2])),
-        (SETS["cov"], "", lambda m: m[1].copy()),
-    ]
-    return next(((unit, value) for names, unit, value in roles if name in names), None)
+def _column(u: Callable[[Motion], Float]) -> Callable[[Motion], Float]:
+    return lambda motion: u(motion).reshape(-1, 1)
 
 
-def _motion_call(values: dict[str, Callable[[Motion], Any]]) -> Callable[[Any, Motion], object]:
-    return lambda method, motion: called(lambda: method(**{name: value(motion) for name, value in values.items()}))
+def _motion_call(words: str, values: dict[str, Callable[[Motion], Any]], unit: str) -> Call:
+    def arguments(motion: Motion) -> list[Arguments]:
+        return [{name: value(motion) for name, value in values.items()}]
+
+    return Call(words, arguments, unit)
 
 
 def update_calls(method: object, *, has_ids: bool) -> list[Call]:
@@ -132,90 +147,57 @@ def update_calls(method: object, *, has_ids: bool) -> list[Call]:
     Raises:
         UserCodeError: a required parameter has no known name, or the method needs ids that the recording lacks.
     """
-    given = [each for each in parameters(method) if each.name != "self"]
-    names = [
-        each.name for each in given if each.default is each.empty or each.name in SETS["cov"] | SETS["id"] | SETS["ids"]
-    ]
-    covs = [name for name in names if name in SETS["cov"]]
-    ids = [name for name in names if name in SETS["id"] | SETS["ids"] and name not in covs]
-    rest = [name for name in names if name not in covs and name not in ids]
+    known = {each.name: role_of(each.name, OBSERVATION) for each in parameters(method) if each.name != "self"}
+    roles = {name: role for name, role in known.items() if role in ("cov", "id") or name in required(method)}
+    covs = [name for name, role in roles.items() if role == "cov"]
+    ids = [name for name, role in roles.items() if role == "id"]
+    rest = [name for name in roles if name not in (*covs, *ids)]
     if ids and not has_ids:
         raise UserCodeError(f"update needs {ids[0]}; give a recording with ids")
-    if len(rest) == 2 and rest[0] in SETS["range"] and rest[1] in SETS["bearing"]:
+    if [roles[name] for name in rest] == ["range", "bearing"]:
         return [_per_landmark(ids, covs, rest)]
     if len(rest) != 1 or len(ids) > 1:
-        raise UserCodeError(f"update needs {', '.join(names)}; use the names z, id, or r, b, id")
+        raise UserCodeError(f"update needs {', '.join(roles)}; use the names z, id, or r, b, id")
     if not ids:
-        return [*(_of_rows(rest[0], covs) if has_ids else ()), _of_values(rest[0], covs)]
+        whole = [_rows(rest[0], covs, words) for words in ROWS] if has_ids else []
+        single = [_rows(rest[0], covs, words, is_single=True) for words in [*ROWS][:3]] if has_ids else []
+        return [*whole, *single, _whole("associates on its own", rest, covs)]
     each = [_per_landmark(ids, covs, rest), _per_landmark(ids, covs, rest, column=True)]
-    whole = [_of_arrays(ids[0], rest[0], covs)]
-    return [*whole, *each] if ids[0] in SETS["ids"] or rest[0] in SETS["many"] else [*each, *whole]
+    whole = _whole(f"{ids[0]} (m,)", rest, covs, ids)
+    return [whole, *each] if ids[0].endswith("s") or rest[0].endswith("s") else [*each, whole]
 
 
 def _ids_of(scan: Observations) -> list[int]:
-    return [] if scan.landmark is None else scan.landmark.tolist()
+    return [-1] * len(scan.value) if scan.landmark is None else scan.landmark.tolist()
 
 
 def _per_landmark(ids: list[str], covs: list[str], rest: list[str], *, column: bool = False) -> Call:
-    def run(method: Any, scan: Observations) -> None:
-        numbers = _ids_of(scan) if ids else [-1] * len(scan.value)
-        for number, value, cov in zip(numbers, scan.value, scan.cov, strict=True):
-            z = [value.reshape(2, 1).copy() if column else value.copy()] if len(rest) == 1 else value.tolist()
-            arguments = {**dict(zip(rest, z, strict=True)), **dict.fromkeys(ids, number)}
-            called(partial(method, **arguments, **{name: cov.copy() for name in covs}))
+    """Return the call for each observation: with an array (2,) or (2, 1), or with two numbers."""
+
+    def arguments(scan: Observations) -> Iterator[Arguments]:
+        for number, value, cov in zip(_ids_of(scan), scan.value, scan.cov, strict=True):
+            z = value.tolist() if len(rest) == 2 else [value.reshape(2, 1) if column else value]
+            yield dict(zip(rest, z, strict=True)) | dict.fromkeys(ids, number) | dict.fromkeys(covs, cov)
 
     shape = " (2, 1)" if column else ""
-    return Call(f"update({', '.join([*ids, *rest])}{shape}) per landmark", run, has_ids=bool(ids))
+    return Call(f"update({', '.join([*ids, *rest])}{shape}) per landmark", arguments, has_ids=bool(ids))
 
 
-def _of_arrays(id_name: str, z_name: str, covs: list[str]) -> Call:
-    def run(method: Any, scan: Observations) -> None:
-        arguments = {id_name: np.array(_ids_of(scan)), z_name: scan.value.copy(), **_covs(covs, scan)}
-        called(lambda: method(**arguments))
+def _whole(words: str, rest: list[str], covs: list[str], ids: Sequence[str] = ()) -> Call:
+    """Return the call with all values of a scan (m, 2), and its ids (m,) if they have a parameter."""
 
-    return Call(f"update({id_name} (m,), {z_name} (m, 2))", run)
+    def arguments(scan: Observations) -> list[Arguments]:
+        named = dict.fromkeys(rest, scan.value) | dict.fromkeys(ids, np.array(_ids_of(scan)))
+        return [named | dict.fromkeys(covs, scan.cov[0])]
 
-
-def _of_values(name: str, covs: list[str]) -> Call:
-    def run(method: Any, scan: Observations) -> None:
-        called(lambda: method(**{name: scan.value.copy()}, **_covs(covs, scan)))
-
-    return Call(f"update({name} (m, 2)), associates by itself", run, has_ids=False)
+    return Call(f"update with {rest[0]} (m, 2), {words}", arguments, has_ids=bool(ids))
 
 
-def _of_rows(name: str, covs: list[str]) -> Iterator[Call]:
-    """Yield calls with rows that contain ids."""
-    ways: dict[str, Callable[[Observations], Any]] = {
-        "rows [range, bearing, id]": lambda s: np.column_stack([s.value, _ids_of(s)]),
-        "tuples (range, bearing, id)": lambda s: [
-            (r, b, j) for (r, b), j in zip(s.value.tolist(), _ids_of(s), strict=True)
-        ],
-        "observations (id, range, bearing)": lambda s: [
-            CourseObservation(j, r, b) for (r, b), j in zip(s.value.tolist(), _ids_of(s), strict=True)
-        ],
-        "rows [id, range, bearing]": lambda s: np.column_stack([_ids_of(s), s.value]),
-        "a dict from id to [range, bearing]": lambda s: dict(zip(_ids_of(s), s.value.copy(), strict=True)),
-        "tuples (id, [range, bearing])": lambda s: [*zip(_ids_of(s), s.value.copy(), strict=True)],
-    }
-    for words, made in ways.items():
-        yield Call(f"update with {name} = {words}", _whole(name, covs, made))
-    for words in list(ways)[:3]:
-        yield Call(f"update with {name} = one of {words}", _one_by_one(name, covs, ways[words]))
+def _rows(name: str, covs: list[str], words: str, *, is_single: bool = False) -> Call:
+    """Return the call with rows that contain ids: all of a scan, or one after the other."""
 
+    def arguments(scan: Observations) -> list[Arguments]:
+        rows = ROWS[words](_ids_of(scan), scan.value)
+        return [{name: each, **dict.fromkeys(covs, scan.cov[0])} for each in (rows if is_single else [rows])]
 
-def _whole(name: str, covs: list[str], made: Callable[[Observations], Any]) -> Callable[[Any, Observations], object]:
-    return lambda method, scan: called(lambda: method(**{name: made(scan)}, **_covs(covs, scan)))
-
-
-def _one_by_one(
-    name: str, covs: list[str], made: Callable[[Observations], Any]
-) -> Callable[[Any, Observations], object]:
-    def run(method: Any, scan: Observations) -> None:
-        for row in made(scan):
-            called(partial(method, **{name: row}, **_covs(covs, scan)))
-
-    return run
-
-
-def _covs(names: list[str], scan: Observations) -> dict[str, Float]:
-    return {name: scan.cov[0].copy() for name in names}
+    return Call(f"update with {name} = {'one of ' if is_single else ''}{words}", arguments)

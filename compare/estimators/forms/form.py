@@ -33,3 +33,11 @@ def remarks_of(estimator: Estimator, recording: Recording) -> list[str]:
     """
     remarks: Callable[[Recording], list[str]] | None = getattr(estimator, "remarks", None)
     return [] if remarks is None else remarks(recording)
+
+
+def replaces_noise(estimator: Estimator) -> bool:
+    """Return whether the noise of the recording replaced another noise of the user's file in the last run.
+
+    The estimator of a form whose files may have noise has an attribute of this name.
+    """
+    return bool(getattr(estimator, "replaces_noise", False))

@@ -29,7 +29,6 @@ OBSERVATIONS = {
     "columns": "z (3, m) as an array",
 }
 U = {"vector": "u (3,)", "column": "u (3, 1)"}
-TRIED = "mu as vector or column; ids from 0 or 1; z as dicts, objects, tuples or array; observed as bools or ids"
 
 
 class Turn(Column):
@@ -56,7 +55,7 @@ class Turn(Column):
 
 
 class CourseObservation(NamedTuple):
-    """An observation: number of the landmark, range [m], bearing [rad]."""
+    """An observation: number of the landmark, range [m], bearing [rad]; `sid` and `landmark_id` are the number, too."""
 
     id: int
     range: float
@@ -65,6 +64,13 @@ class CourseObservation(NamedTuple):
     def __getitem__(self, key: Any) -> Any:
         """Return a field by its position or its name."""
         return getattr(self, key) if isinstance(key, str) else tuple.__getitem__(self, key)
+
+    def __getattr__(self, name: str) -> Any:
+        """Return the field whose name is part of another name."""
+        for field in () if name.startswith("_") else ("range", "bearing", "id"):
+            if field in name.lower():
+                return getattr(self, field)
+        raise AttributeError(f"no field {name!r}; an observation has id, range and bearing")
 
 
 class CourseScan(list[CourseObservation]):
@@ -114,19 +120,23 @@ class Convention(NamedTuple):
             return values
         return values.reshape(-1, 1) if self.mu == "column" else values.reshape(-1, 1).view(Column)
 
-    def marks(self, count: int) -> Any:
-        """Return the marks of `count` landmarks, none of them observed."""
-        ids = range(self.first_id, self.first_id + count)
-        makers: dict[str, Any] = {
-            "array": lambda: np.zeros(count, dtype=bool),
-            "list": lambda: [False] * count,
-            "ids": list,
-            "array from 1": lambda: np.zeros(count + 1, dtype=bool),
-            "set": set,
-            "dict": lambda: dict.fromkeys(ids, False),
-            "row": lambda: np.zeros((1, count), dtype=bool),
-        }
-        return makers[self.observed]()
+    def marks(self, count: int, before: Any = None) -> Any:
+        """Return the marks of `count` landmarks: those `before`, and further ones that are not observed.
+
+        Marks by id need no room; those of other kinds are followed by `False`.
+        """
+        if self.observed in ("ids", "set"):
+            return before if before is not None else [] if self.observed == "ids" else set()
+        if self.observed == "dict":
+            return dict.fromkeys(range(self.first_id, self.first_id + count), False) | (before or {})
+        if self.observed == "list":
+            before = [] if before is None else before
+            return [*before, *[False] * (count - len(before))]
+        shape = (1, count) if self.observed == "row" else (count + (self.observed == "array from 1"),)
+        marks = np.zeros(shape, dtype=bool if before is None else np.asarray(before).dtype)
+        if before is not None:
+            marks[..., : np.shape(before)[-1]] = before
+        return marks
 
     def scan(self, numbers: Sequence[int], values: Float) -> Any:
         """Return observations of the landmarks `numbers`, counted from 0, with ranges and bearings (m, 2)."""

@@ -3,37 +3,44 @@
     prediction_step(mu, sigma, u) -> mu, sigma                         u = (r1, t, r2)
     correction_step(mu, sigma, z, observed) -> mu, sigma, observed     z = [(id, range, bearing), ...]
 
-mu has room for all n landmarks from the start, number j (0, 1, ... in the order of ids) at mu[3+2j : 5+2j]; the
-variances of their coordinates begin at 1000 m^2. A step turns by r1, moves t [m] ahead and turns by r2. The functions
-contain their own noise. Shapes and kinds of the arguments are found by a tiny recording (`octave_conventions`).
+A step turns by r1, moves t [m] ahead and turns by r2. mu has room for all landmarks that have been observed so far,
+number j (0, 1, ... in the order of first observation) at mu[3+2j : 5+2j]: a new one is at zero with variances of
+1000 m^2. So nothing depends on later observations. The noise inside the functions is replaced by that of the recording
+(`inner_noise`). Shapes and kinds of the arguments are found by a tiny recording (`octave_conventions`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
-from functools import partial
 from typing import Any
 
 import numpy as np
 
-from slamgauge.arrays import Float
+from slamgauge.arrays import Float, Int
 from slamgauge.compare.estimators.forms.columns import use_columns
-from slamgauge.compare.estimators.forms.octave_conventions import TRIED, Convention, conventions
+from slamgauge.compare.estimators.forms.inner_noise import with_noise
+from slamgauge.compare.estimators.forms.inputs import (
+    block_diagonal,
+    increment_cov,
+    noise_remark,
+    require_ranges_and_bearings,
+)
+from slamgauge.compare.estimators.forms.octave_conventions import Convention, conventions
 from slamgauge.compare.estimators.forms.octave_functions import CourseFunction, CoursePair, course_pair
-from slamgauge.compare.estimators.forms.probing import TinyRecording, closest, tiny_recording
+from slamgauge.compare.estimators.forms.probing import best_of, tiny_recording
 from slamgauge.compare.estimators.forms.signatures import pair
 from slamgauge.compare.estimators.forms.state_log import StateLog
 from slamgauge.compare.estimators.fresh_modules import Code, Fresh
-from slamgauge.compare.estimators.user_code import UserCodeError
+from slamgauge.compare.estimators.user_code import Noise, UserCodeError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Observations, Recording
-from slamgauge.se2 import wrap
-from slamgauge.sensors import SENSORS
+from slamgauge.se2 import rotation
 
+ROBOT = 3
 UNSEEN = 1000.0  # variance [m^2] of a landmark that has not been observed
-UNSET = 1000.0  # error [m] in the tiny recording of an observed landmark that is still zero
+GIVEN = "u is (r1, t, r2), z has id, range and bearing"
+OWN = "its own noise counts: its functions do not have the form G @ sigma @ G.T + R and H @ sigma @ H.T + Q"
 
 
 def description(given: Fresh) -> str | None:
@@ -47,17 +54,21 @@ def description(given: Fresh) -> str | None:
     )
 
 
-@dataclass(frozen=True)
+@dataclass
 class CourseSteps:
     """The course's functions as an estimator.
 
     Attributes:
         code: source of one of them.
-        found: the convention that they follow, once it is known.
+        noise: assumed noise: that of the recording, or that inside the functions.
+        replaces_noise: whether the noise of the recording replaced another one of the file in the last run.
     """
 
     code: Code
-    found: list[Convention] = field(default_factory=list[Convention], compare=False)
+    noise: Noise = "recording"
+    _convention: Convention | None = field(default=None, init=False)
+    _remarks: list[str] = field(default_factory=list, init=False)
+    replaces_noise: bool = field(default=False, init=False)
 
     def __call__(self, recording: Recording) -> Estimate:
         """Run the functions over a recording.
@@ -66,21 +77,30 @@ class CourseSteps:
             UserCodeError: the recording lacks ranges, bearings or ids, the functions fit no convention, or a function
                 returns no state.
         """
-        if recording.landmark is None or not SENSORS[recording.sensor].has_range:
-            raise UserCodeError("the course's functions need ranges, bearings and ids; give a recording that has them")
-        if not self.found:
+        require_ranges_and_bearings(recording)
+        if recording.landmark is None:
+            raise UserCodeError("the course's functions need ids; give a recording that has them")
+        if self._convention is None:
             with self.code.fresh() as fresh:
-                self.found.append(_convention_of(_functions(fresh)))
-        log = StateLog(recording, ("mu", "sigma"))
+                self._convention = _convention_of(_functions(fresh))
         with self.code.fresh() as fresh:
-            belief = _CourseBelief(_functions(fresh), self.found[0], recording)
-            for step, scan in enumerate(recording.scans()):
-                log.step(step, scan.landmark, partial(belief.advanced, step, scan))
-        return log.estimate()
+            filter_ = _CourseFilter(_functions(fresh), self._convention, recording)
+            filter_.find_noise(is_replaced=self.noise == "recording")
+            estimate = StateLog(recording).run(filter_)
+        self.replaces_noise = filter_.replaces_noise
+        found = [text for _, text in sorted(filter_.noise_remarks.items()) if text]
+        self._remarks = [f"the course's functions take {self._convention.words()}", *found]
+        return estimate
 
-    def remarks(self, recording: Recording) -> list[str]:  # noqa: ARG002 the same for all recordings
-        """Return the convention that was found."""
-        return [f"the course's functions take {each.words()}; their own noise counts" for each in self.found]
+    def remarks(self, _recording: Recording) -> list[str]:
+        """Return the convention that was found, and the noise that was replaced or kept in the last run."""
+        return self._remarks
+
+
+def _convention_of(functions: CoursePair) -> Convention:
+    """Return the convention by which the functions keep to the answer of the tiny recording best."""
+    tiny = tiny_recording(1.0)
+    return best_of(conventions(), lambda way: _CourseFilter(functions, way, tiny), tiny, given=GIVEN)
 
 
 def _functions(fresh: Fresh) -> CoursePair:
@@ -92,73 +112,70 @@ def _functions(fresh: Fresh) -> CoursePair:
     return found
 
 
-def _convention_of(functions: CoursePair) -> Convention:
-    """Return the convention by which the functions keep to the answer of the tiny recording best."""
-    tiny = tiny_recording(sideways=0.1)
-    return closest(conventions(), lambda convention: _errors(functions, tiny, convention), TRIED)
+class _CourseFilter:
+    """State, covariance and `observed`, as the course's functions pass them on.
 
+    Attributes:
+        noise_remarks: sentences on the noise of motion and observations, as far as it is known.
+        replaces_noise: whether the noise of the recording has replaced another one of the file.
+    """
 
-def _errors(functions: CoursePair, tiny: TinyRecording, convention: Convention) -> Iterator[float]:
-    """Yield the largest error [m, rad] after each call."""
-    belief = _CourseBelief(functions, convention, tiny.recording)
-    for step, scan in enumerate(tiny.recording.scans()):
-        if step > 0:
-            belief.predict(step)
-            yield belief.error(tiny.poses[step], tiny.landmarks)
-            belief.correct(scan)
-            yield belief.error(tiny.poses[step], tiny.landmarks)
-
-
-class _CourseBelief:
-    """State, covariance and `observed`, as the course's functions pass them on."""
+    names = ("mu", "sigma")
 
     def __init__(self, functions: CoursePair, convention: Convention, recording: Recording) -> None:
         self._functions, self._convention, self._recording = functions, convention, recording
-        self._numbers = {name: j for j, name in enumerate(np.unique(np.asarray(recording.landmark)).tolist())}
-        self._count = len(self._numbers)
-        self._mu: Any = convention.state(np.concatenate([recording.prior_mean, np.zeros(2 * self._count)]))
-        self._sigma: Any = np.diag(np.full(3 + 2 * self._count, UNSEEN))
-        self._sigma[:3, :3] = recording.prior_cov
-        self._observed = convention.marks(self._count)
-        self._mapped: list[int] = []
-        self._step = 0
+        self._numbers: dict[int, int] = {}
+        self._mu: Any = convention.state(recording.prior_mean.copy())
+        self._sigma: Any = recording.prior_cov.copy()
+        self._observed = convention.marks(0)
+        self._step, self._heading, self._scan_covs = 0, recording.prior_mean[2], recording.observation_cov
+        self._is_replaced = False
+        self.noise_remarks: dict[str, str] = {}
+        self.replaces_noise = False
         if convention.mu == "numbers":
             for each in functions:
                 use_columns(each.function.__globals__)
 
-    def predict(self, step: int) -> None:
-        """Call the function for odometry."""
-        self._step = step
-        self._call(self._functions.predict, self._convention.increment(self._recording.odometry[step - 1]))
-
-    def correct(self, scan: Observations) -> None:
-        """Call the function for observations."""
-        numbers = [self._numbers[name] for name in np.asarray(scan.landmark).tolist()]
-        z = self._convention.scan(numbers, scan.value)
-        marks = self._call(self._functions.correct, z, self._observed)
-        self._observed = marks[0] if marks else self._observed
-        self._mapped += [j for j in dict.fromkeys(numbers) if j not in self._mapped]
+    def find_noise(self, *, is_replaced: bool) -> None:
+        """Find the noise inside the functions, and replace it by that of the recording if requested."""
+        self._is_replaced = is_replaced
+        hooks = (self._motion_noise, self._observation_noise)
+        found = [with_noise(f.function, f.name_of_cov, hook) for f, hook in zip(self._functions, hooks, strict=True)]
+        if None in found:
+            self.noise_remarks["all"] = OWN
+        else:
+            self._functions = CoursePair(*(f._replace(function=g) for f, g in zip(self._functions, found, strict=True)))
 
     def advanced(self, step: int, scan: Observations) -> tuple[Float, Float]:
-        """Return state and covariance after a step, with observed landmarks only, in the order of first observation."""
+        """Return state and covariance after a step."""
+        self._step = step
         if step > 0:
-            self.predict(step)
+            self._heading = self._state()[0][2]  # the function may change mu before it adds its noise
+            self._call(self._functions.predict, self._convention.increment(self._recording.odometry[step - 1]))
         if len(scan.value):
-            self.correct(scan)
-            for j in self._unset():
-                where = f"mu[{3 + 2 * j}:{5 + 2 * j}]"
-                remedy = "set it at the first observation; landmark j, counted from 0, begins at mu[3 + 2 * j]"
-                raise UserCodeError(f"step {step}: landmark {j} was seen, but {where} is still zero; {remedy}")
-        mu, sigma = self._state()
-        rows = np.r_[0:3, [3 + 2 * j + axis for j in self._mapped for axis in (0, 1)]].astype(np.int64)
-        return mu[rows], sigma[np.ix_(rows, rows)]
+            self._make_room(np.asarray(scan.landmark).tolist())
+            numbers = [self._numbers[name] for name in np.asarray(scan.landmark).tolist()]
+            self._scan_covs = scan.cov
+            z = self._convention.scan(numbers, scan.value)
+            marks = self._call(self._functions.correct, z, self._observed)
+            self._observed = marks[0] if marks else self._observed
+            self._require_set()
+        return self._state()
 
-    def error(self, pose: Float, landmarks: Float) -> float:
-        """Return the largest difference from a pose and the positions of mapped landmarks."""
-        mu, _ = self._state()
-        map_error = mu[3:].reshape(-1, 2)[self._mapped] - landmarks[self._mapped]
-        errors = [*np.abs(mu[:2] - pose[:2]), abs(wrap(mu[2] - pose[2])), *np.abs(map_error).reshape(-1)]
-        return float(np.max(errors)) + UNSET * len(self._unset())
+    def ids(self, scan: Observations) -> Int | None:
+        """Return the ids of a scan."""
+        return scan.landmark
+
+    def _make_room(self, ids: list[int]) -> None:
+        """Append landmarks that are observed for the first time."""
+        new = [name for name in dict.fromkeys(ids) if name not in self._numbers]
+        if not new:
+            return
+        mu, sigma = self._state()
+        self._mu = self._convention.state(np.append(mu, np.zeros(2 * len(new))))
+        self._sigma = block_diagonal(sigma, UNSEEN * np.eye(2 * len(new)))
+        self._numbers |= {name: len(self._numbers) + j for j, name in enumerate(new)}
+        self._observed = self._convention.marks(len(self._numbers), self._observed)
 
     def _call(self, function: CourseFunction, *arguments: object) -> list[object]:
         """Call a function, keep state and covariance, and return its further values.
@@ -166,7 +183,7 @@ class _CourseBelief:
         A function that returns nothing has changed its arguments.
         """
         values = (self._mu, self._sigma, *arguments)
-        returned = function(values, self._count, is_first=self._step <= 1)
+        returned = function(values, len(self._numbers), is_first=self._step <= 1)
         if returned is None:
             return []
         self._mu, self._sigma, *rest = pair(returned, function.name)
@@ -174,16 +191,46 @@ class _CourseBelief:
 
     def _state(self) -> tuple[Float, Float]:
         """Return the state (2N+3,) and its covariance."""
-        size = 3 + 2 * self._count
+        size = 3 + 2 * len(self._numbers)
         shapes = np.shape(self._mu), np.shape(self._sigma)
         if np.size(self._mu) != size or shapes[1] != (size, size):
             what = f"step {self._step}: mu has shape {shapes[0]} and sigma {shapes[1]}"
             raise UserCodeError(f"{what}; return ({size},) or ({size}, 1) and ({size}, {size})")
         with suppress(TypeError, ValueError):
             return np.array(self._mu, np.float64).reshape(-1), np.array(self._sigma, np.float64)
-        raise UserCodeError(f"step {self._step}: mu or sigma is no array of numbers; return arrays of floats")
+        raise UserCodeError(f"step {self._step}: mu or sigma is not an array of numbers; return arrays of floats")
 
-    def _unset(self) -> list[int]:
-        """Return the mapped landmarks whose coordinates are still zero."""
-        mu = self._state()[0]
-        return [j for j in self._mapped if not np.any(mu[3 + 2 * j : 5 + 2 * j])]
+    def _require_set(self) -> None:
+        """Refuse a map with a landmark whose coordinates are still zero."""
+        for j, position in enumerate(self._state()[0][3:].reshape(-1, 2)):
+            if not position.any():
+                where = f"mu[{3 + 2 * j}:{5 + 2 * j}]"
+                remedy = "set it at the first observation; landmark j, counted from 0, begins at mu[3 + 2 * j]"
+                raise UserCodeError(f"step {self._step}: landmark {j} was seen, but {where} is still zero; {remedy}")
+
+    def _motion_noise(self, own: Any) -> Float:
+        """Return the noise (n, n) of the motion in the world frame: that of the recording, or that of the file."""
+        increment = increment_cov(self._recording, self._step)
+        turned = block_diagonal(rotation(self._heading), np.eye(1))
+        rest = np.zeros([max(0, np.shape(own)[0] - ROBOT)] * 2) if np.ndim(own) == 2 else np.zeros((0, 0))
+        return self._chosen("motion noise", own, increment, block_diagonal(turned @ increment @ turned.T, rest))
+
+    def _observation_noise(self, own: Any) -> Float:
+        """Return the noise of ranges and bearings in turn: that of the recording, or that of the file.
+
+        If the matrix of the file has other rows than the scan, all observations have the noise of its first one.
+        """
+        covs, pairs = self._scan_covs, (np.shape(own) or (0,))[0] // 2
+        whole = block_diagonal(*(covs if pairs == len(covs) else [covs[0]] * pairs))
+        return self._chosen("observation noise", own, covs[0], whole)
+
+    def _chosen(self, name: str, own: Any, given: Float, whole: Float) -> Float:
+        """Return `whole` or the noise of the file, and remember both."""
+        if np.shape(own) != whole.shape:
+            self.noise_remarks[name] = f"its own {name} counts: it is not a matrix of this size"
+            return own
+        if name not in self.noise_remarks:
+            first = np.asarray(own, np.float64)[: len(given), : len(given)]
+            self.noise_remarks[name] = noise_remark(name, first, given, is_replaced=self._is_replaced)
+            self.replaces_noise |= self._is_replaced and bool(self.noise_remarks[name])
+        return whole if self._is_replaced else own

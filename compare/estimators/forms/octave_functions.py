@@ -34,6 +34,11 @@ class CourseFunction(NamedTuple):
     parameters: list[str]
     order: tuple[int, ...]
 
+    @property
+    def name_of_cov(self) -> str:
+        """Name of the parameter with the covariance."""
+        return self.parameters[self.order[1]]
+
     def __call__(self, values: tuple[object, ...], count: int, *, is_first: bool) -> object:
         """Call it with mu, sigma, and u or z with `observed`; further parameters receive `count` or `is_first`."""
         arguments = [is_first if FIRST in each.lower() else count for each in self.parameters]

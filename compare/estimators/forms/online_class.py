@@ -55,12 +55,13 @@ class OnlineClass:
         associated, has_nis = [np.zeros(0, np.int64)], True
         with self.code.fresh() as fresh:
             slam = _made(fresh.callee, recording)
+            takes_fields = len(required(slam.update)) == len(Observations._fields)
             for step, scan in enumerate(recording.scans()):
                 start = perf_counter()
                 if step > 0:
                     called(slam.predict, recording.odometry[step - 1].copy(), recording.odometry_cov[step - 1].copy())
                 if len(scan.value):
-                    returned = _update(slam, scan)
+                    returned = _update(slam, scan, takes_fields=takes_fields)
                     associated.append(np.array(getattr(slam, "associated", np.zeros(0)), np.int64))
                     has_nis = has_nis and isinstance(returned, tuple) and len(returned) == 2
                     nis[step], nis_dof[step] = returned if has_nis else (0.0, 0)
@@ -80,7 +81,8 @@ def _made(kind: Callee, recording: Recording) -> Any:
     lacking = [name for name in required(kind) if name not in names]
     if lacking:
         raise UserCodeError(
-            f"its constructor needs {', '.join(lacking)}; take {', '.join(START)}, some or none of them"
+            f"its constructor needs {', '.join(lacking)}; take {', '.join(START)}, some or none of them, "
+            "or store the state as mu and Sigma or as x and P and take x0, P0, Q, R"
         )
     return kind(**{name: getattr(recording, name) for name in names})
 
@@ -89,6 +91,6 @@ def _constructed_with(kind: object) -> list[str]:
     return [each.name for each in parameters(kind) if each.name in START]
 
 
-def _update(slam: Any, scan: Observations) -> Any:
+def _update(slam: Any, scan: Observations, *, takes_fields: bool) -> Any:
     scan = Observations(None if scan.landmark is None else scan.landmark.copy(), scan.value.copy(), scan.cov.copy())
-    return called(slam.update, *scan) if len(required(slam.update)) == len(scan) else called(slam.update, scan)
+    return called(slam.update, *scan) if takes_fields else called(slam.update, scan)

@@ -1,100 +1,135 @@
-"""Search for the convention that user code follows: a tiny recording with a known answer, tried with each candidate.
+"""Search for the way in which user code is called: a tiny recording with a known answer, tried with each way.
 
 The recording has no noise, so that a right filter returns the true state, whatever noise it assumes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
-from typing import NamedTuple, TypeVar
+from collections.abc import Callable, Iterable
+from typing import TypeVar
 
 import numpy as np
 
 from slamgauge.arrays import Float
 from slamgauge.compare.estimators.captured_output import discarded
-from slamgauge.compare.estimators.user_code import UserCodeError, reason_of
+from slamgauge.compare.estimators.forms.state_log import StateLog, Steps
+from slamgauge.compare.estimators.user_code import UserCodeError, reason_of, user_frames
+from slamgauge.ekf import dead_reckoning
+from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
-from slamgauge.se2 import compose, wrap
+from slamgauge.se2 import chain, rotation, wrap
+from slamgauge.sensors import predict
 
-C = TypeVar("C")
-EXACT = 1e-6  # errors up to this are rounding; the search ends there
+START = np.array([1.0, -0.5, 1.2])
+MOVES = np.array([[0.5, 0.0, 0.1], [0.4, 0.0, -0.2], [0.6, 0.0, 0.15], [0.3, 0.0, 0.05]])
+LANDMARKS = np.array([[5.0, 1.0], [4.0, 4.0], [7.0, -1.0], [2.0, 3.0]])
+OBSERVED = np.array([[1, 0], [1, 3], [2, 3], [2, 1], [2, 0], [2, 2], [3, 1], [4, 2], [4, 0]])  # steps and ids
+ORDER = [0, 3, 1, 2]  # ids in the order of first observation
+MOVE_SIGMA, TURN_SIGMA = 0.02, 0.01  # [m], [rad]
+RIGHT = 0.1  # largest error of a pose [m, rad] or a landmark [m] of a right way
+MARGIN = 0.7  # a later way is kept if its log sigma ratio is smaller by this
+UNMAPPED = 10.0  # error [m] of a map with a wrong number of landmarks
 
-
-class TinyRecording(NamedTuple):
-    """A recording of two steps and its answer.
-
-    Attributes:
-        recording: ranges, bearings and ids 0..3; scans of 2 and 4 observations.
-        poses: (3, 3) true poses of steps 0..2 [m, m, rad].
-        landmarks: (4, 2) true positions of the landmarks 0..3 [m].
-    """
-
-    recording: Recording
-    poses: Float
-    landmarks: Float
+W = TypeVar("W")
 
 
-def tiny_recording(sideways: float = 0.0) -> TinyRecording:
-    """Make the recording: step 1 observes landmarks 0 and 3, step 2 observes 3, 1, 0 and 2.
+def tiny_recording(step_s: float) -> Recording:
+    """Return a recording of four steps with exact increments and observations of the ids 0 to 3.
+
+    The heading is far from both axes, so that noise in the world frame differs from noise in the body frame. Sigmas of
+    observations are ten times smaller than those of speed and yaw rate, so that these cannot be mixed up.
 
     Args:
-        sideways: motion to the left in step 1, and half of it to the right in step 2 [m].
+        step_s: time between poses [s].
     """
-    odometry = np.array([[0.5, sideways, 0.3], [0.4, -sideways / 2, -0.2]])
-    poses = [np.array([0.3, -0.2, 0.4])]
-    for increment in odometry:
-        poses.append(compose(poses[-1], increment))
-    landmarks = np.array([[3.0, 1.0], [2.5, 2.5], [1.5, 3.5], [4.0, -0.5]])
-    steps, ids = np.array([1, 1, 2, 2, 2, 2]), np.array([0, 3, 3, 1, 0, 2])
-    ways = landmarks[ids] - np.array(poses)[steps, :2]
-    bearings = wrap(np.arctan2(ways[:, 1], ways[:, 0]) - np.array(poses)[steps, 2])
-    recording = Recording(
-        stamps=np.arange(3.0),
-        prior_mean=poses[0],
-        prior_cov=1e-4 * np.eye(3),
-        odometry=odometry,
-        odometry_cov=1e-2 * np.eye(3),
+    steps, ids = OBSERVED.T
+    poses = right_poses()[steps]
+    offset = np.einsum("mji,mj->mi", rotation(poses[:, 2]), LANDMARKS[ids] - poses[:, :2])
+    sigmas = np.array([MOVE_SIGMA, TURN_SIGMA]) / (10.0 * step_s)
+    return Recording(
+        stamps=step_s * np.arange(len(MOVES) + 1.0),
+        prior_mean=START,
+        prior_cov=np.diag([1e-4, 2e-4, 1e-4]),
+        odometry=MOVES,
+        odometry_cov=np.diag([MOVE_SIGMA**2, 0.0, TURN_SIGMA**2]),
         sensor="range-bearing",
         observation_step=steps,
-        observation=np.column_stack([np.hypot(*ways.T), bearings]),
-        observation_cov=1e-2 * np.eye(2),
+        observation=predict("range-bearing", offset),
+        observation_cov=np.diag(sigmas**2),
         landmark=ids,
     )
-    return TinyRecording(recording, np.array(poses), landmarks)
 
 
-def closest(candidates: Iterable[C], attempt: Callable[[C], Iterator[float]], tried: str) -> C:
-    """Return the first candidate without an error, or the candidate with the smallest error.
+def right_poses() -> Float:
+    """Return the true path (5, 3)."""
+    return chain(START, MOVES)
+
+
+def best_of(
+    ways: Iterable[W], started: Callable[[W], Steps], recording: Recording, *, is_blind: bool = False, given: str = ""
+) -> W:
+    """Return the first way with a right estimate, else that with the smallest error.
 
     Args:
-        candidates: conventions.
-        attempt: runs user code by a convention and yields its error after every call, the error that counts last.
-        tried: description of the candidates for the error message.
+        ways: ways to call user code, the most usual first.
+        started: starts user code in a way on the recording.
+        recording: a tiny recording.
+        is_blind: whether observations are not used; then all ways are tried, and sigmas are compared with those of dead
+            reckoning, too.
+        given: what the code receives, for the error message.
 
     Raises:
-        UserCodeError: all candidates raise errors; its reason is that of the candidate that came farthest.
+        UserCodeError: all ways raise errors; its reason is that of the way that came farthest.
     """
-    best: tuple[float, C] | None = None
-    farthest: tuple[int, Exception] | None = None
-    for candidate in candidates:
-        errors: list[float] = []
+    best: tuple[float, float, W] | None = None
+    farthest: tuple[tuple[int, float], Exception] | None = None
+    number = 0
+    for number, way in enumerate(ways, 1):  # noqa: B007 counts them
+        log = StateLog(recording)
         try:
             with discarded():
-                for error in attempt(candidate):
-                    errors.append(error)  # noqa: PERF402 errors before an exception count
+                estimate = log.run(started(way))
         except Exception as raised:  # noqa: BLE001 whatever user code raises
-            if farthest is None or len(errors) > farthest[0]:
-                farthest = (len(errors), raised)
+            reached = log.steps, _last_line(raised)
+            if farthest is None or reached > farthest[0]:
+                farthest = reached, raised
             continue
-        last = errors[-1] if errors and np.isfinite(errors[-1]) else np.inf
-        if best is None or last < best[0]:
-            best = (last, candidate)
-        if last <= EXACT:
+        error = max(_pose_error(estimate), 0.0 if is_blind else _map_error(estimate, recording))
+        error = 0.0 if error < RIGHT else error
+        ratio = _sigma_ratio(estimate, recording) if is_blind else 0.0
+        if best is None or error < best[0] or (error == best[0] and ratio + MARGIN < best[1]):
+            best = error, ratio, way
+        if error == 0.0 and not is_blind:
             break
     if best is not None:
-        return best[1]
+        return best[2]
     if farthest is None:
-        raise UserCodeError(f"nothing was tried ({tried})")
-    raise UserCodeError(f"fits no known convention ({tried}); nearest to one, {reason_of(farthest[1])}") from farthest[
-        1
-    ]
+        raise UserCodeError("no way to call it is known; give a callable of a known form")
+    if number == 1:
+        raise farthest[1]
+    reason = "; ".join([*filter(None, (reason_of(farthest[1]), given))])
+    raise UserCodeError(f"fits none of {number} known ways to call it; nearest to one, {reason}") from farthest[1]
+
+
+def _last_line(error: Exception) -> float:
+    """Return the number of the last line of user code; infinite if the code returned and its results are refused."""
+    return max((each.lineno or 0 for each in user_frames(error.__cause__ or error)[-1:]), default=np.inf)
+
+
+def _pose_error(estimate: Estimate) -> float:
+    error = estimate.poses - right_poses()
+    return float(np.abs([error[:, 0], error[:, 1], wrap(error[:, 2])]).max())
+
+
+def _map_error(estimate: Estimate, recording: Recording) -> float:
+    """Return the largest error of a coordinate [m]; without ids landmarks are in the order of first observation."""
+    if len(estimate.landmarks) != len(LANDMARKS):
+        return UNMAPPED
+    order = ORDER if recording.landmark is None else estimate.landmark_ids
+    return float(np.abs(estimate.landmarks - LANDMARKS[order]).max())
+
+
+def _sigma_ratio(estimate: Estimate, recording: Recording) -> float:
+    """Return the largest absolute logarithm of a last sigma over that of dead reckoning."""
+    mine, right = (np.diagonal(np.asarray(each.pose_covs)[-1]) for each in (estimate, dead_reckoning(recording)))
+    return float(np.abs(np.log(np.maximum(mine, 1e-18) / right)).max() / 2)

@@ -3,15 +3,34 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from time import perf_counter
+from typing import Protocol
 
 import numpy as np
 
 from slamgauge.arrays import Float, Int
 from slamgauge.compare.estimators.user_code import UserCodeError
 from slamgauge.estimate import Estimate
-from slamgauge.recording import Recording
+from slamgauge.recording import Observations, Recording
 from slamgauge.validation import REAL
+
+
+class Steps(Protocol):
+    """A filter of a user with the recording that it runs over."""
+
+    @property
+    def names(self) -> tuple[str, str]:
+        """Names of state and covariance, for error messages."""
+        ...
+
+    def advanced(self, step: int, scan: Observations, /) -> tuple[object, object]:
+        """Move one step on; return state and covariance."""
+        ...
+
+    def ids(self, scan: Observations, /) -> Int | None:
+        """Return the ids (m,) of a scan after its step; None if the associations are unknown."""
+        ...
 
 
 class StateLog:
@@ -22,18 +41,33 @@ class StateLog:
 
     Args:
         recording: the input of the filter.
-        names: names of state and covariance, for error messages.
     """
 
-    def __init__(self, recording: Recording, names: tuple[str, str] = ("xEst", "PEst")) -> None:
+    def __init__(self, recording: Recording) -> None:
         self._recording = recording
-        self._names = names
+        self._names = ("xEst", "PEst")
         self._ids: list[int] = []
         self._is_named = True
         self._poses = [recording.prior_mean]
         self._covs = [recording.prior_cov]
         self._seconds = [0.0]
         self._state, self._cov = self._poses[0], self._covs[0]
+
+    @property
+    def steps(self) -> int:
+        """Number of steps that are logged."""
+        return len(self._poses) - 1
+
+    def run(self, steps: Steps) -> Estimate:
+        """Log a filter over the whole recording; return its estimate.
+
+        Raises:
+            UserCodeError: state and covariance have wrong or different sizes, or are not finite.
+        """
+        self._names = steps.names
+        for step, scan in enumerate(self._recording.scans()):
+            self.step(step, partial(steps.ids, scan), partial(steps.advanced, step, scan))
+        return self.estimate()
 
     def step(
         self,

@@ -20,6 +20,7 @@ import numpy as np
 
 from slamgauge.arrays import Float
 from slamgauge.compare.estimators.forms.columns import column, use_columns
+from slamgauge.compare.estimators.forms.inputs import step_length
 from slamgauge.compare.estimators.forms.signatures import ArrayForNumberError, called, pair, parameters, required
 from slamgauge.compare.estimators.forms.state_log import StateLog
 from slamgauge.compare.estimators.forms.step_settings import SETTINGS, STATE_AND_INPUT, StepSettings, is_setting
@@ -38,7 +39,7 @@ def description(given: Fresh) -> str | None:
     return f"step function of the exercise ({', '.join(each.name for each in parameters(given.callee))})"
 
 
-@dataclass(frozen=True)
+@dataclass
 class StepFunction:
     """A step function as an estimator.
 
@@ -46,11 +47,13 @@ class StepFunction:
         code: source of the function.
         noise: assumed noise: that of the recording, or Q and Py of its file.
         found: remarks on the last run.
+        replaces_noise: whether the noise of the recording replaced another one of the file in the last run.
     """
 
     code: Code
     noise: Noise = "recording"
     found: list[str] = field(default_factory=list, compare=False, repr=False)
+    replaces_noise: bool = field(default=False, init=False, compare=False, repr=False)
 
     def __call__(self, recording: Recording) -> Estimate:
         """Run the function over a recording; for a scan at step 0, u and Q are zero.
@@ -80,6 +83,7 @@ class StepFunction:
                 use_columns(getattr(fresh.callee, "__globals__", {}))
             stepper = _Stepper(fresh.callee, recording, self.noise, array)
             self.found[:] = stepper.settings.remarks()
+            self.replaces_noise = stepper.settings.replaces_noise
             for step, scan in enumerate(recording.scans()):
                 if step > 0 or len(scan.value):
                     ids = scan.landmark if stepper.settings.shows_ids else None
@@ -135,7 +139,7 @@ class _Stepper:
         """Return the control u (2, 1): speed [m/s], yaw rate [rad/s]."""
         if step == 0:
             return np.zeros((2, 1))
-        return self._recording.odometry[step - 1, [0, 2]].reshape(2, 1) / self.settings.dt(step)
+        return self._recording.odometry[step - 1, [0, 2]].reshape(2, 1) / step_length(self._recording, step)
 
     def _observations(self, scan: Observations) -> Float:
         """Return the scan as y (m, 3) or (m, 2): unknown ranges are NaN, unknown ids in the last column are -1."""

@@ -18,6 +18,14 @@ from typing import Any
 import numpy as np
 
 from slamgauge.arrays import Float
+from slamgauge.compare.estimators.forms.inputs import (
+    CLOSE,
+    control_cov,
+    noise_remark,
+    observation_cov,
+    shown,
+    step_length,
+)
 from slamgauge.compare.estimators.forms.signatures import parameters
 from slamgauge.compare.estimators.forms.step_source import covariances_in, names_read
 from slamgauge.compare.estimators.user_code import Callee, Noise, UserCodeError
@@ -29,7 +37,6 @@ KNOWN = "KNOWN_DATA_ASSOCIATION"
 DISTANCE, USUAL_DISTANCE = "M_DIST_TH", 9.0  # squared Mahalanobis distance; value of the exercise
 SETTINGS = ("DT", *NOISES, KNOWN, DISTANCE)
 IDS = "trueLandmarkId"  # list of ids, empty at the start, in files of the exercise
-CLOSE = 1e-3  # largest relative difference of equal settings
 
 
 class StepSettings:
@@ -67,6 +74,11 @@ class StepSettings:
         return self._file.get("Py")
 
     @property
+    def replaces_noise(self) -> bool:
+        """Whether Q or Py of the recording replaces another one of the file."""
+        return any(self._noise_remark(name) for name in self._set if name in self._file)
+
+    @property
     def uses_matrices(self) -> bool:
         """Whether the function uses `numpy.matrix`, for which `*` is the product of matrices."""
         return "matrix" in self._read
@@ -77,21 +89,15 @@ class StepSettings:
 
     def set(self, step: int, scan: Observations) -> None:
         """Set the globals of a step; a scan at step 0 comes before any motion, so that Q is zero there."""
-        self.space["DT"] = self.dt(step)
+        self.space["DT"] = step_length(self._recording, step)
         if KNOWN in {*self.space, *self._parameters}:
             self.space[KNOWN] = int(self.shows_ids)
         if "Py" in self._set and len(scan.value):
             self.space["Py"] = self._checked_observation_cov(step, scan)
         if "Q" in self._set:
-            self.space["Q"] = self._input_cov(step) * (step > 0)
+            self.space["Q"] = control_cov(self._recording, step) * (step > 0)
         elif np.shape(self._file.get("Q", 0)) == (2, 2):
             self.space["Q"] = np.array(self._file["Q"]) * (step > 0)
-
-    def dt(self, step: int) -> float:
-        """Return the length of a step [s]; a scan at step 0 has that of step 1."""
-        stamps = self._recording.stamps
-        last = min(max(step, 1), len(stamps) - 1)
-        return float(stamps[last] - stamps[last - 1]) if last else 1.0
 
     def remarks(self) -> list[str]:
         """Return a sentence for each setting of the file that is replaced, or kept against the recording."""
@@ -119,13 +125,6 @@ class StepSettings:
             if name in SETTINGS and name not in known and each.default is each.empty:
                 raise UserCodeError(f"no global has the value of its parameter {name}; give it a default")
 
-    def _input_cov(self, step: int) -> Float:
-        """Return the covariance (2, 2) of speed [m/s] and yaw rate [rad/s] in a step."""
-        if not self._recording.steps:
-            return np.zeros((2, 2))
-        cov: Float = self._recording.odometry_cov[max(step, 1) - 1][np.ix_([0, 2], [0, 2])]
-        return cov / self.dt(step) ** 2
-
     def _checked_observation_cov(self, step: int, scan: Observations) -> Float:
         """Return the covariance of an observation; a bearing-only recording keeps the file's variance of ranges."""
         if not (scan.cov == scan.cov[0]).all():
@@ -143,7 +142,7 @@ class StepSettings:
         return Py
 
     def _dt_remark(self) -> str:
-        own, given = self._file.get("DT"), self.dt(1)
+        own, given = self._file.get("DT"), step_length(self._recording, 1)
         if not isinstance(own, int | float) or abs(own - given) <= CLOSE * given:
             return ""
         return f"DT of the file, {own:g} s, is replaced by the recording's, {given:.4g} s"
@@ -170,32 +169,8 @@ class StepSettings:
         """Compare a covariance of the file with that of the recording."""
         if not (self._recording.steps if name == "Q" else len(self._recording.observation_cov)):
             return ""
-        given = self._input_cov(1) if name == "Q" else self._recording.observation_cov[0]
-        own = self._file[name]
-        try:
-            values = np.array(own, float)
-        except (TypeError, ValueError):
-            values = np.zeros(0)
-        if values.shape[:1] == (2,) and values.ndim == 2 and len(given) == 1:
-            values = values[-1:, -1:]
-        if values.shape == given.shape and np.allclose(values, given, rtol=CLOSE, atol=0.0):
-            return ""
-        is_root = values.shape == given.shape and np.allclose(values, np.sqrt(abs(given)), rtol=CLOSE, atol=0.0)
-        hint = ": it has standard deviations, a square is missing" if is_root else ""
-        if name in self._set:
-            return f"{name} of the file, {shown(own)}, is replaced by the recording's, {shown(given)}{hint}"
-        return f"assumes {name} of the file, {shown(own)}, where the recording has {shown(given)}{hint}"
-
-
-def shown(value: object) -> str:
-    """Return a matrix in few characters, `diag(0.09, 0.0027)` if it is diagonal."""
-    try:
-        array = np.array(value, float)
-    except (TypeError, ValueError):
-        return repr(value)[:40]
-    if array.ndim == 2 and len({*array.shape}) == 1 and not (array - np.diag(np.diag(array))).any():
-        return f"diag({', '.join(f'{each:.3g}' for each in np.diag(array))})"
-    return np.array2string(array, precision=3, separator=", ").replace("\n", "")
+        given = control_cov(self._recording, 1) if name == "Q" else observation_cov(self._recording)
+        return noise_remark(name, self._file[name], given, is_replaced=name in self._set)
 
 
 def is_setting(parameter: inspect.Parameter, space: dict[str, Any]) -> bool:

@@ -19,7 +19,7 @@ from slamgauge.compare.cli import terminal
 from slamgauge.compare.estimators.registry import BOUNDS
 from slamgauge.compare.storage.files import load_estimate, load_recording, load_truth
 from slamgauge.compare.storage.manifest import MANIFEST
-from tests.reference.command_line import SHORT, Module, arrays, command, metrics_of, run
+from tests.reference.command_line import SHORT, Module, arrays, metrics_of, run
 
 ROOT = Path(__file__).parents[3]
 DATA = ROOT / "../shared/data"
@@ -107,14 +107,17 @@ def test_help_of_large_commands_is_in_groups(command: str, capsys: pytest.Captur
 )
 def test_help_version_and_mistakes_take_little_processor_time(words: str, status: int, tmp_path: Path):
     """Processor time does not depend on other programs as much as the time on the clock."""
-    script, seconds = Path(sys.executable).with_name("slamgauge"), []
-    for _ in range(3):
+    script = Path(sys.executable).with_name("slamgauge")
+    for _ in range(3):  # at most: the first one may load files from a cold disk
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
         done = subprocess.run([script, *words.split()], cwd=tmp_path, capture_output=True, text=True, check=False)
         after = resource.getrusage(resource.RUSAGE_CHILDREN)
-        seconds.append(after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime)
         assert (done.returncode, "slamgauge" in done.stdout + done.stderr) == (status, True)
-    assert min(seconds) < 0.3
+        seconds = after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime
+        if seconds < 0.3:
+            break
+    else:
+        pytest.fail("each of three starts took 0.3 s or more")
 
 
 @pytest.mark.parametrize("command", ["run", "evaluate", "bench"])
@@ -124,14 +127,6 @@ def test_help_offers_no_estimator_that_the_command_refuses(command: str, capsys:
     offered = capsys.readouterr().out
     assert "gtsam-batch" in offered
     assert not [name for name in BOUNDS if re.search(rf"(?<![\w-]){name}(?![\w-])", offered)]
-
-
-def test_the_module_is_the_command(tmp_path: Path):
-    done = subprocess.run(command("scenarios", "--json"), cwd=tmp_path, capture_output=True, text=True, check=True)
-    assert [entry["name"] for entry in json.loads(done.stdout)] == SCENARIOS
-    refused = subprocess.run(command("run", "q9"), cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert (refused.returncode, refused.stdout) == (2, "")
-    assert refused.stderr.startswith("slamgauge: q9: no such scenario")
 
 
 # --- run and evaluate --------------------------------------------------------------------------

@@ -6,30 +6,31 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from textwrap import indent
 
 import pytest
 
 BLOCKED = Path(__file__).parents[2] / "like_windows"
 SHORT = ["--set", "trajectory.duration=5"]
-COMMANDS = {
-    "scenarios": ["scenarios"],
-    "run": ["run", "q1-short-dense", *SHORT, "--estimators", "ekf,causal,batch", "--out", "new"],
-    "evaluate": ["evaluate", "run/recording.npz", "--truth", "run/truth.npz", "--estimators", "ekf,mine.py:estimate"],
-    "study": ["study", "q1-short-dense", *SHORT, "--runs", "3", "--jobs", "2", "--estimators", "ekf", "--out", "new"],
-    "check": ["check", "mine.py:estimate"],
-    "noise": ["noise", "run/recording.npz", "--out", "new"],
-    "export": ["export", "run", "--format", "csv", "--out", "new"],
-    "import": ["import", "csv", "log", "--out", "new"],
-    "bench": ["bench", "--landmarks", "5", "--estimators", "ekf"],
-    "doctor": ["doctor"],
-}
+COMMANDS = [
+    ["scenarios"],
+    ["run", "q1-short-dense", *SHORT, "--estimators", "ekf,causal,batch", "--out", "run"],
+    ["evaluate", "run/recording.npz", "--truth", "run/truth.npz", "--estimators", "ekf,mine.py:estimate"],
+    ["study", "q1-short-dense", *SHORT, "--runs", "3", "--jobs", "2", "--estimators", "ekf", "--out", "study"],
+    ["check", "mine.py:estimate"],
+    ["noise", "run/recording.npz", "--out", "noise"],
+    ["export", "run", "--format", "csv", "--out", "log"],
+    ["import", "csv", "log", "--out", "imported"],
+    ["bench", "--landmarks", "5", "--estimators", "ekf"],
+    ["doctor"],
+]
 MINE = "import slamgauge\n\n\ndef estimate(recording):\n    return slamgauge.ekf_slam(recording)\n"
 
 
-def slamgauge(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    """Run a command in `folder` with the modules blocked."""
+def python(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run Python in `folder` with the modules blocked."""
     return subprocess.run(
-        [sys.executable, "-m", "slamgauge", *arguments],
+        [sys.executable, *arguments],
         cwd=folder,
         env={**os.environ, "PYTHONPATH": str(BLOCKED), "PYTHONWARNINGS": "ignore"},  # filelock warns on Linux alone
         check=False,
@@ -41,25 +42,23 @@ def slamgauge(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with a user file, the results of a run and a CSV log."""
+    """A folder with a user file."""
     folder = tmp_path_factory.mktemp("windows")
     (folder / "mine.py").write_text(MINE)
-    for words in ([*COMMANDS["run"][:-1], "run"], ["export", "run", "--format", "csv", "--out", "log"]):
-        done = slamgauge(folder, *words)
-        assert done.returncode == 0, done.stderr
     return folder
 
 
-def test_the_modules_are_blocked(folder: Path):
-    program = "import importlib.util, sys; sys.exit(any(sys.modules.get(n, 0) is not None for n in ('fcntl', 'gtsam')))"
-    environment = {**os.environ, "PYTHONPATH": str(BLOCKED)}
-    assert subprocess.run([sys.executable, "-c", program], cwd=folder, env=environment, check=False).returncode == 0
-
-
-@pytest.mark.parametrize("command", [name for name in COMMANDS if name != "run"])
-def test_a_command_runs(folder: Path, tmp_path: Path, command: str):
-    words = [str(tmp_path / word) if word == "new" else word for word in COMMANDS[command]]
-    done = slamgauge(folder, *words)
+def test_the_main_commands_run(folder: Path):
+    """In one process, one after the other."""
+    program = (
+        "import sys\n"
+        "from slamgauge.compare.cli.main import main\n"
+        "assert sys.modules['fcntl'] is sys.modules['gtsam'] is None\n"
+        f"for words in {COMMANDS}:\n"
+        "    assert main(words) == 0, words\n"
+    )
+    (folder / "commands.py").write_text(f"if __name__ == '__main__':\n{indent(program, '    ')}")  # for `study`
+    done = python(folder, "commands.py")
     assert done.returncode == 0, done.stderr
 
 
@@ -71,7 +70,7 @@ def test_a_command_runs(folder: Path, tmp_path: Path, command: str):
     ],
 )
 def test_isolation_is_refused_in_one_line(folder: Path, words: list[str], remedy: str):
-    done = slamgauge(folder, *words)
+    done = python(folder, "-m", "slamgauge", *words)
     assert done.returncode == 2
     assert done.stderr.startswith("slamgauge: Windows cannot run user code in isolation")
     assert remedy in done.stderr

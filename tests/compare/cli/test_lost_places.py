@@ -55,7 +55,16 @@ def test_a_disk_that_fills_up_at_the_figure_costs_that_alone(stored: Path, refus
     }
 
 
-@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)])
+@pytest.mark.parametrize(
+    ("refuse", "number", "status"),
+    [
+        ("new folder", signal.SIGINT, 130),
+        ("older results", signal.SIGINT, 130),
+        ("new folder", signal.SIGTERM, 143),
+        ("older results", signal.SIGHUP, 129),
+    ],
+    indirect=["refuse"],
+)
 def test_a_run_that_is_interrupted_or_terminated_leaves_nothing_behind(refuse: Refuse, number: int, status: int):
     before = contents(refuse.out.parent)
     compile_graphs_once()  # compilation sometimes swallows an interrupt

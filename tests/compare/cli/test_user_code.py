@@ -189,23 +189,32 @@ MODULES = {
 }
 
 
-@pytest.mark.parametrize(
-    ("source", "message"), [*((ESTIMATE + body, message) for body, message in BODIES.items()), *MODULES.items()]
-)
-def test_estimators_that_fail(
-    stored: Path, refuse: Refuse, module: Module, source: str, message: str, capsys: pytest.CaptureFixture[str]
+SOURCES = [*((ESTIMATE + body, message) for body, message in BODIES.items()), *MODULES.items()]
+
+
+def test_estimators_that_fail_are_rows_with_their_reasons(
+    stored: Path, module: Module, capsys: pytest.CaptureFixture[str]
 ):
-    """Alone it is a mistake in one line; with others it is a row with that line as its reason."""
-    own = module(source)
-    reason = f"estimator {own}:estimate: {message.replace('OWN', own)}.*"
-    line = refuse.line("evaluate", stored / "recording.npz", "--estimators", f"{own}:estimate")
-    assert re.fullmatch(reason, line)
-    assert run("evaluate", stored / "recording.npz", "--estimators", f"dead-reckoning,{own}:estimate") == 1
-    head, ours, row, *notes = capsys.readouterr().out.splitlines()
+    names = [module(source) for source, _ in SOURCES]
+    estimators = ",".join(["dead-reckoning", *(f"{name}:estimate" for name in names)])
+    assert run("evaluate", stored / "recording.npz", "--estimators", estimators) == 1
+    head, ours, *lines = capsys.readouterr().out.splitlines()
     assert head.split()[0] == "estimator"
     assert ours.split()[:2] == ["dead-reckoning", "filtered"]
-    assert row.split()[:2] == [f"{own}:estimate", "failed"]
-    assert any(re.fullmatch(reason, note) for note in notes)
+    failed = [line.split()[0] for line in lines if line.split()[1:2] == ["failed"]]
+    assert sorted(failed) == sorted(f"{name}:estimate" for name in names)
+    for name, (_, message) in zip(names, SOURCES, strict=True):
+        reason = f"estimator {name}:estimate: {message.replace('OWN', name)}.*"
+        assert any(re.fullmatch(reason, line) for line in lines), reason
+
+
+@pytest.mark.parametrize(("source", "message"), [SOURCES[0], SOURCES[-1]], ids=["running", "loading"])
+def test_an_estimator_that_fails_alone_is_a_mistake_in_one_line(
+    stored: Path, refuse: Refuse, module: Module, source: str, message: str
+):
+    own = module(source)
+    line = refuse.line("evaluate", stored / "recording.npz", "--estimators", f"{own}:estimate")
+    assert re.fullmatch(f"estimator {own}:estimate: {message.replace('OWN', own)}.*", line)
 
 
 @pytest.mark.parametrize(

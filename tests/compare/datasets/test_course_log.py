@@ -43,7 +43,7 @@ def course_log(steps: int = 40, seed: int = 3) -> tuple[str, str]:
 def test_an_observation_with_a_range_that_is_not_positive_is_left_out(value: str, tmp_path: Path):
     whole = read_freiburg(written(tmp_path, FREIBURG["sensor_data.dat"])).recording
     text = FREIBURG["sensor_data.dat"].replace("SENSOR 2 3.0", f"SENSOR 2 {value}")
-    recording, truth, notes, _ = read_freiburg(written(tmp_path, text))
+    recording, truth, notes, _, _ = read_freiburg(written(tmp_path, text))
     assert notes == ("1 observation with a range that is not positive was left out (line 3)",)
     assert_array_equal(recording.observation_step, [1, 2])
     assert_array_equal(recording.landmark, [1, 1])

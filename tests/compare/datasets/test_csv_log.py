@@ -46,7 +46,7 @@ def observations(text: str) -> dict[str, str]:
 
 
 def test_the_whole_log(log: Log):
-    recording, truth, notes, _ = log(CSV)
+    recording, truth, notes, _, unmatched = log(CSV)
     assert_array_equal(recording.stamps, [0.0, 0.5, 1.0, 2.0, 3.0])
     assert_array_equal(recording.observation_step, [1, 1, 3])
     assert_array_equal(recording.landmark, [7, 3, 7])
@@ -65,6 +65,7 @@ def test_the_whole_log(log: Log):
     assert_allclose(truth.poses[1], [0.5, 0, np.pi])
     assert np.isnan(truth.poses[[3, 4]]).all()  # in a gap of 1.5 s, and beyond the end
     assert notes == ()
+    assert unmatched == 0
 
 
 def test_increments_poses_and_velocities_of_one_drive_agree(log: Log):
@@ -139,12 +140,13 @@ def test_positions_and_missing_ids(log: Log):
 
 def test_observations_without_an_id_or_outside_the_odometry_are_dropped(log: Log):
     text = "stamp,landmark,range,bearing\n-1,7,1,0\n0,-1,1,0\n1,7,1,0\n2,7,1,0\n5,7,1,0\n"
-    recording, _, notes, _ = log(observations(text), *NOISE)
+    recording, _, notes, _, unmatched = log(observations(text), *NOISE)
     assert_array_equal(recording.observation_step, [1, 2])
     assert notes == (
         "1 of 5 observations have no id and are dropped",
-        "2 observations outside the odometry's time are dropped",
+        "2 observations outside the odometry's time are dropped, 50%: check units and clocks of the files",
     )
+    assert unmatched == 2
 
 
 def test_the_start_can_be_stated(log: Log):
@@ -160,7 +162,11 @@ DRIVE = "stamp,v,omega\n0,1,0\n1,1,0\n"
 @pytest.mark.parametrize(
     ("files", "override", "message"),
     [
-        (odometry("stamp,v,omega\n0,1,0\n0,1,0\n"), "", "odometry.csv, line 3: stamp 0.000000000 comes after"),
+        (
+            odometry("stamp,v,omega\n0,1,0\n0,1,0\n"),
+            "",
+            "odometry.csv, line 3: stamp 0.000000000 is that of the line above",
+        ),
         (odometry("stamp,v,omega\n0,1,0\n1,nan,0\n"), "", "odometry.csv, line 3: 'nan' is not a finite number"),
         (odometry("stamp,v,omega\n0,1,0\n1,1\n"), "", "odometry.csv, line 3: has 2 columns where the first line has 3"),
         (
@@ -170,7 +176,7 @@ DRIVE = "stamp,v,omega\n0,1,0\n1,1,0\n"
         ),
         (odometry("stamp,v,omega\n0,1,0\n"), "", "odometry.csv: fewer than two stamps"),
         (
-            odometry("time,v,omega\n0,1,0\n"),
+            odometry("when,v,omega\n0,1,0\n"),
             "",
             "line 1: does not have the columns stamp,dx,dy,dtheta or stamp,v,vy,omega",
         ),

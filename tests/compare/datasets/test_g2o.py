@@ -42,7 +42,7 @@ def read(tmp_path: Path) -> Read:
 
 
 def test_graphs_of_g2o(read: Read):
-    recording, truth, notes, _ = read(GRAPH)
+    recording, truth, notes, _, _ = read(GRAPH)
     assert_array_equal(recording.odometry, [[1, 0, 0.1], [1, 0.1, 0.2]])
     information = np.array([[100, 10, 0], [10, 200, 0], [0, 0, 300]])
     assert_allclose(recording.odometry_cov[0] @ information, np.eye(3), atol=1e-14)
@@ -148,7 +148,7 @@ LOOP = "EDGE_SE2 10 15 2 0 0.3 1 0 0 1 0 1\n"
 def test_loop_edges_are_refused_or_dropped(read: Read):
     with pytest.raises(UserError, match=r"line 11: the edge between the poses 10 and 15 is not.*--drop-loop-edges"):
         read(GRAPH + LOOP)
-    recording, _, notes, _ = read(GRAPH + LOOP, drop_loop_edges=True)
+    recording, _, notes, _, _ = read(GRAPH + LOOP, drop_loop_edges=True)
     assert recording == read(GRAPH).recording
     assert notes == ("1 edges between poses that are not on the path are dropped",)
 

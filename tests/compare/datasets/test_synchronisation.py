@@ -69,7 +69,9 @@ def test_observations_outside_the_odometry_are_dropped():
     _, steps, inside, notes = joined(one_step(np.ones(3)), np.array([4.9, 5.0, 7.0, 7.1]))
     assert_array_equal(inside, [False, True, True, False])
     assert_array_equal(steps, [0, 1])
-    assert notes == ("2 observations outside the odometry's time are dropped",)
+    assert notes == (
+        "2 observations outside the odometry's time are dropped, 50%: check units and clocks of the files",
+    )
 
 
 def test_headings_take_the_shorter_arc():

@@ -1,4 +1,4 @@
-"""Figures kept instead of written, and files written twice."""
+"""Figures that are written twice."""
 
 from __future__ import annotations
 
@@ -6,23 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from matplotlib.figure import Figure
-
-from slamgauge.compare.figures import plot_style
 
 Written = Callable[[Callable[[Path], object], str], tuple[bytes, bytes]]
-
-
-@pytest.fixture
-def drawn(monkeypatch: pytest.MonkeyPatch) -> dict[str, Figure]:
-    """Saved figures by name; no files are written."""
-    found: dict[str, Figure] = {}
-
-    def keep(figure: Figure, path: Path) -> None:
-        found[path.name] = figure
-
-    monkeypatch.setattr(plot_style, "save_printed", keep)
-    return found
 
 
 @pytest.fixture

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import csv
 import json
+import math
 import re
 import shutil
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -17,12 +19,16 @@ import pytest
 from slamgauge import simulate
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.cli.options import sampled_scenario
+from slamgauge.compare.estimators.user_code import Address
+from slamgauge.compare.grading import grading
 from slamgauge.compare.grading.grades import grade
 from slamgauge.compare.grading.rubric import load_rubric
 from slamgauge.compare.grading.submissions import submissions_in
-from slamgauge.compare.grading.trial import Trial
+from slamgauge.compare.grading.trial import Trial, run_trial
+from slamgauge.compare.scoring.intervals import Interval
 from slamgauge.compare.scoring.scores import Score
 from slamgauge.compare.studies.store import digest
+from slamgauge.compare.studies.study_run import run_seed
 from slamgauge.errors import UserError
 from tests.reference.json_schemas import held
 
@@ -31,16 +37,13 @@ from ..scoring.test_error_bounds import scores
 RUBRIC = load_rubric()
 EXAMPLES = Path(__file__).parents[3] / "examples"
 SCENARIO = 'extends = "q1-short-dense"\n\n[trajectory]\nduration = 6.0\n'
-SHIFTED_IN_RUN_1 = """
+SHIFTED_IN_RUN = """
 import numpy as np
 from slamgauge import Estimate, chain
 
-whole = []
-
 def estimate(recording):
     poses = chain(recording.prior_mean, recording.odometry)
-    whole.extend([recording] * (recording.steps == 60))
-    if len(whole) == 2:
+    if recording.steps == 60 and recording.odometry[0, 0] == FIRST:
         poses = np.concatenate([poses[1:], poses[-1:]])
     return Estimate("filtered", poses)
 """
@@ -184,10 +187,12 @@ def test_the_middle_run_is_checked_and_too_much_memory_is_a_reason(
     scenario: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
     (tmp_path / "class").mkdir()
-    for name, source in {"greedy": GREEDY, "in_the_middle": SHIFTED_IN_RUN_1}.items():
+    _, middle = simulate(sampled_scenario(str(scenario), []), run_seed(0, 1))
+    shifted = SHIFTED_IN_RUN.replace("FIRST", repr(float(middle.odometry[0, 0])))
+    for name, source in {"greedy": GREEDY, "in_the_middle": shifted}.items():
         (tmp_path / f"class/{name}.py").write_text(source)
     shutil.copy(EXAMPLES / "student_ekf.py", tmp_path / "class/right.py")
-    words = ["--scenario", str(scenario), "--runs", "3", "--out", str(tmp_path / "out"), "--json"]
+    words = ["--scenario", str(scenario), "--runs", "3", "--seed", "0", "--out", str(tmp_path / "out"), "--json"]
     assert main(["grade", str(tmp_path / "class"), *words]) == 1
     reasons = {each["submission"]: each["reason"] for each in json.loads(capsys.readouterr().out)}
     assert reasons["right"] == ""
@@ -227,6 +232,43 @@ def test_errors_are_one_line_and_status_2(
     error = capsys.readouterr().err.splitlines()[-1]
     assert error.startswith("slamgauge: ") and said in error
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.usefixtures("studies_in_a_thread", "empty_pictures")
+def test_an_error_of_slamgauge_costs_one_submission_its_grade(
+    scenario: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    """Its name and the error are neither a formula in grades.csv nor HTML on its pages."""
+    (tmp_path / "class").mkdir()
+    for name in ("=anna", "bert"):
+        shutil.copy(EXAMPLES / "student_ekf.py", tmp_path / f"class/{name}.py")
+    (tmp_path / "class/deep.py").write_text(f"x = {'-' * 100_000}1")
+
+    def fails_for_anna(where: Address, name: str, *rest: Any) -> Trial:
+        if name == "=anna":
+            raise ZeroDivisionError("<b>zero</b>")
+        return run_trial(where, name, *rest)
+
+    monkeypatch.setattr(grading, "run_trial", fails_for_anna)
+    out = tmp_path / "out"
+    words = ["--scenario", str(scenario), "--runs", "2", "--seed", "0", "--jobs", "1", "--out", str(out)]
+    assert main(["grade", str(tmp_path / "class"), *words]) == 1
+    found = rows(out)
+    assert found["bert"]["passed"] == "true"
+    reason = found["'=anna"]["reason"]
+    assert re.fullmatch(r"ZeroDivisionError: <b>zero</b> \(test_grading.py, line \d+; a defect of .*\)", reason)
+    assert found["deep"]["reason"].startswith("cannot be loaded, it raised ")
+    for page in ("submissions/=anna.md", "submissions/=anna.html", "report.html"):
+        assert "&lt;b&gt;zero&lt;/b&gt;" in (out / page).read_text()
+        assert "<b>zero" not in (out / page).read_text()
+
+
+def test_figures_that_are_not_finite_are_missing():
+    theirs = scores(ate=1.0, spread=0.1)
+    found = grade("mine", Trial(scores=theirs), theirs, RUBRIC)
+    assert found.to_json()["ate_m"] == pytest.approx(1.0, abs=0.1)
+    row = replace(found, ate_m=Interval(math.inf, math.nan, None)).to_json()
+    assert (row["ate_m"], row["ate_m_low"], row["ate_m_high"]) == (None, None, None)
 
 
 def test_errors_below_those_of_the_optimum_do_not_pass():

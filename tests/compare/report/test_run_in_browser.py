@@ -49,12 +49,13 @@ def test_the_page_loads_nothing_else(opened: Reader, run_page: Path):
 
 
 def test_the_page_loads_within_a_second(reader: Reader, run_page: Path):
-    """The best of three, because other programs use the machine."""
-    times: list[float] = []
-    for _ in range(3):
+    """One of three times, because other programs use the machine."""
+
+    def loading_time() -> float:
         reader.open(run_page)
-        times.append(reader.run("return performance.getEntriesByType('navigation')[0].domContentLoadedEventEnd"))
-    assert min(times) < 1000
+        return reader.run("return performance.getEntriesByType('navigation')[0].domContentLoadedEventEnd")
+
+    assert any(loading_time() < 1000 for _ in range(3))
 
 
 def test_play_moves_the_robot_until_it_is_paused(opened: Reader):
@@ -71,12 +72,12 @@ def test_play_moves_the_robot_until_it_is_paused(opened: Reader):
 
 
 def test_twenty_frames_a_second_with_five_estimators(opened: Reader):
-    """The best of three seconds, because other programs use the machine."""
+    """In one of three seconds, because other programs use the machine."""
     opened.run("document.querySelector('.toggle[aria-pressed=false]').click()")
     assert opened.run("return document.querySelectorAll('.toggle[aria-pressed=true]').length") == 5
     opened.run(SCRUB, 700)
     opened.run("document.getElementById('play').click()")
-    assert max(opened.wait(FRAMES_IN_A_SECOND) for _ in range(3)) >= 20
+    assert any(opened.wait(FRAMES_IN_A_SECOND) >= 20 for _ in range(3))
 
 
 def test_scrubbing_shows_that_moment_and_rounding_errors_as_zero(opened: Reader):
@@ -86,22 +87,23 @@ def test_scrubbing_shows_that_moment_and_rounding_errors_as_zero(opened: Reader)
     assert opened.run(NOW).startswith("t = 90 s, step 900: ekf 0.433 m")
 
 
-@pytest.mark.parametrize("canvas", ["error-panel", "nees-panel", "nis-panel", "timeline"])
-def test_a_click_in_a_panel_or_on_the_time_line_jumps_there(opened: Reader, canvas: str):
-    opened.run(CLICK, canvas, 0.5)
-    assert opened.run(FRAME) == pytest.approx(0.5 * 1257, abs=60)
+def test_a_click_in_a_panel_or_on_the_time_line_jumps_there(opened: Reader):
+    for canvas in ("error-panel", "nees-panel", "nis-panel", "timeline"):
+        opened.run(SCRUB, 0)
+        opened.run(CLICK, canvas, 0.5)
+        assert (canvas, opened.run(FRAME)) == (canvas, pytest.approx(0.5 * 1257, abs=60))
 
 
-@pytest.mark.parametrize("button", ["estimator='1'", "layer=observations", "layer=innovations", "layer=ellipses"])
-def test_estimators_and_layers_are_hidden_and_shown(opened: Reader, button: str):
+def test_estimators_and_layers_are_hidden_and_shown(opened: Reader):
     opened.run(SCRUB, 600)
     shown = opened.run(PIXELS, "map-canvas")
-    click = f'document.querySelector("[data-{button}]").click()'
-    opened.run(click)
-    assert opened.run(PIXELS, "map-canvas") != shown
-    assert ("ekf" in opened.run(NOW)) == button.startswith("layer")
-    opened.run(click)
-    assert opened.run(PIXELS, "map-canvas") == shown
+    for button in ("estimator='1'", "layer=observations", "layer=innovations", "layer=ellipses"):
+        click = f'document.querySelector("[data-{button}]").click()'
+        opened.run(click)
+        assert opened.run(PIXELS, "map-canvas") != shown, button
+        assert ("ekf" in opened.run(NOW)) == button.startswith("layer")
+        opened.run(click)
+        assert opened.run(PIXELS, "map-canvas") == shown, button
 
 
 def test_keys_play_step_follow_zoom_and_toggle(opened: Reader):

@@ -15,7 +15,7 @@ from slamgauge import compare_estimators, find_noise, load_estimators, load_scen
 from slamgauge.compare.checks.examination import check_estimator, verdicts_json
 from slamgauge.compare.cli.listings import Kind
 from slamgauge.compare.cli.main import main
-from slamgauge.compare.estimators.requests import Asked
+from slamgauge.compare.estimators.requests import Asked, Isolation
 from slamgauge.compare.grading.grades import grade
 from slamgauge.compare.grading.grading import Grades, GradeSettings
 from slamgauge.compare.grading.rubric import load_rubric
@@ -110,7 +110,9 @@ def claims() -> Any:
 def grades() -> Any:
     rubric = load_rubric()
     failed = grade("one", Trial(reason="no file"), [], rubric)
-    settings = GradeSettings(load_scenario("q1-long-dense"), 2, 0, Asked("ekf", "ekf"), 60.0, rubric)
+    settings = GradeSettings(
+        load_scenario("q1-long-dense"), 2, 0, Asked("ekf", "ekf"), Isolation(60.0, strict=False), rubric
+    )
     return Grades(Path("class"), settings, failed, (failed,)).to_json()
 
 

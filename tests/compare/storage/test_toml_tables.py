@@ -31,7 +31,7 @@ def test_overrides_create_missing_sections():
     ("content", "message"),
     [
         (b"a = \n", "not valid TOML: .*line 1"),
-        (b"a = '\xff'", "not a UTF-8 text"),
+        (b"a = '\xff'", "not a text in UTF-8"),
         (b"a = " + b"[" * 3000 + b"]" * 3000, "not valid TOML: too many nested brackets for Python"),
         (b"a = " + b"{a=" * 3000 + b"1" + b"}" * 3000, "not valid TOML: too many nested brackets"),
         (b"a = " + b"1" * 5000, "not valid TOML: a number has too many digits for Python; correct that line"),

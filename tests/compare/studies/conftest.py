@@ -1,4 +1,4 @@
-"""A short study, a thread that runs it, and its figures."""
+"""A short study, a thread that runs it, and its results."""
 
 from __future__ import annotations
 
@@ -8,13 +8,20 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from matplotlib.figure import Figure
 
 from slamgauge.compare.estimators.requests import Chosen
 from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
 from slamgauge.compare.scoring.runs import Runs
 from slamgauge.compare.studies.study import load_runs, run_study
 from slamgauge.compare.studies.summary import Summary
+
+
+def figures_of(summary: Summary) -> dict[str, Any]:
+    """Return the content of summary.json without computing times."""
+    content = summary.to_json()
+    for entry in content["estimators"].values():
+        del entry["seconds_total"]
+    return content
 
 
 @pytest.fixture
@@ -49,15 +56,3 @@ def load(scenario: Scenario, tmp_path: Path) -> Callable[..., dict[str, Runs]]:
         return load_runs(scenario, runs, 0, names, tmp_path / where)
 
     return load
-
-
-@pytest.fixture
-def saved(monkeypatch: pytest.MonkeyPatch) -> dict[str, Figure]:
-    """The figures that are saved during a test, by name; they are not written."""
-    figures: dict[str, Figure] = {}
-
-    def keep(figure: Figure, path: Path) -> None:
-        figures[path.name] = figure
-
-    monkeypatch.setattr("slamgauge.compare.figures.plot_style.save_printed", keep)
-    return figures

@@ -159,7 +159,7 @@ def test_the_command_writes_table_json_and_figure(tmp_path: Path, capsys: pytest
     assert (tmp_path / "budget" / "budget.png").stat().st_size > 0
 
 
-def test_rungs_with_optima_in_doubt_are_marked_and_named(tmp_path: Path, saved: dict[str, Figure]) -> None:
+def test_rungs_with_optima_in_doubt_are_marked_and_named(tmp_path: Path, drawn: dict[str, Figure]) -> None:
     rows = [[1.0, 1.5, 1.5, 2.0, 4.0], [1.0, 2.0, 2.0, 2.5, 4.0]]
     sure = [np.nan, 0.01, 0.01, 0.05, np.nan]
     budget = of_table(rows, [[np.nan, 0.01, 0.01, np.inf, np.nan], sure])
@@ -175,13 +175,13 @@ def test_rungs_with_optima_in_doubt_are_marked_and_named(tmp_path: Path, saved: 
     shares = [rung["optimum_check_share"] for rung in budget.to_json()["rungs"]]
     assert shares == [None, 0.0, 0.0, 0.5, None]
     save_budget_figure(tmp_path, budget)
-    (axes,) = saved["budget"].axes
+    (axes,) = drawn["budget"].axes
     assert [text.get_text().count("?") for text in axes.texts] == [0, 0, 0, 1, 1, 0]
     assert note.replace(": ", ":\n", 1) in axes.get_title(loc="left")
 
 
 def test_optima_that_do_not_fit_the_stated_noise_are_marked(
-    thread: ThreadPoolExecutor, tmp_path: Path, saved: dict[str, Figure]
+    thread: ThreadPoolExecutor, tmp_path: Path, drawn: dict[str, Figure]
 ) -> None:
     """The odometry has an error that no estimator receives: residuals do not fit the stated noise."""
     scenario = short("q1-long-dense", "motion.scale_error=0.5", duration=20)
@@ -198,7 +198,7 @@ def test_optima_that_do_not_fit_the_stated_noise_are_marked(
     assert [line.count("?") for line in lines[:6]] == [0, 1, 1, 1, 1, 1]
     assert budget.to_json()["chi_square_per_dof"]["mean"] == budget.fit.mean
     save_budget_figure(tmp_path, budget)
-    assert "so they are not optimal" in saved["budget"].axes[0].get_title(loc="left")
+    assert "so they are not optimal" in drawn["budget"].axes[0].get_title(loc="left")
 
 
 def test_a_run_has_the_checks_of_its_optima(monkeypatch: pytest.MonkeyPatch) -> None:

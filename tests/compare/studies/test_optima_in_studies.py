@@ -59,7 +59,7 @@ def test_columns_rows_and_lines_of_bounds_exist_if_they_are_requested(
     scenario: Scenario,
     run: Callable[..., Summary],
     load: Callable[..., dict[str, Runs]],
-    saved: dict[str, Figure],
+    drawn: dict[str, Figure],
     tmp_path: Path,
 ) -> None:
     summary = run(2, NAMES)
@@ -67,11 +67,11 @@ def test_columns_rows_and_lines_of_bounds_exist_if_they_are_requested(
     assert "RMSE [m]" in text
     assert "x bound" in text
     write_study(tmp_path, summary, load(2, NAMES), 0.1)
-    lines = {str(line.get_label()): line for line in saved["rmse"].axes[0].lines}
+    lines = {str(line.get_label()): line for line in drawn["rmse"].axes[0].lines}
     assert {*lines} == {"ekf", "batch", "bound", "hindsight-bound"}
     first = np.sqrt(np.trace(causal_bound(*simulate(scenario, run_seed(0, 0)))[0, :2, :2]))
     assert np.asarray(lines["bound"].get_ydata())[0] == pytest.approx(first, rel=1e-6)
-    assert {axes.get_ylabel() for axes in saved["errors"].axes} - {""} == {"ekf", "batch"}
+    assert {axes.get_ylabel() for axes in drawn["errors"].axes} - {""} == {"ekf", "batch"}
     without = run(2, ("ekf", "batch"))
     assert "bound" not in without.to_json()
     assert "x bound" not in str(summary_table(without))
@@ -160,19 +160,19 @@ def test_the_share_of_runs_in_doubt_is_below_the_table(studied: Callable[..., Su
 
 
 def test_figures_have_the_same_marks_and_notes(
-    studied: Callable[..., Summary], load: Callable[..., dict[str, Runs]], tmp_path: Path, saved: dict[str, Figure]
+    studied: Callable[..., Summary], load: Callable[..., dict[str, Runs]], tmp_path: Path, drawn: dict[str, Figure]
 ) -> None:
     summaries = []
     for name, check in (("sure", 0.01), ("doubtful", 0.31)):
         summary = studied([0.01, check], name)
         for draw in study_drawings(summary, load(2, ("ekf", "causal"), name), 0.1).values():
             draw(tmp_path)
-        saved[name] = saved["ratios"]
+        drawn[name] = drawn["ratios"]
         summaries.append(summary)
-    labels = [[tick.get_text() for tick in saved[name].axes[0].get_yticklabels()] for name in ("sure", "doubtful")]
+    labels = [[tick.get_text() for tick in drawn[name].axes[0].get_yticklabels()] for name in ("sure", "doubtful")]
     assert labels == [["ekf / causal"], ["ekf / causal?"]]
-    assert [saved[name].get_suptitle().partition("\n")[2] for name in ("sure", "doubtful", "nees")] == ["", NOTE, ""]
+    assert [drawn[name].get_suptitle().partition("\n")[2] for name in ("sure", "doubtful", "nees")] == ["", NOTE, ""]
     for values, places in (((0, 0), ""), ((0, 1), "a.b=2: "), ((1, 1), "a.b=1, a.b=2: ")):
         save_sweep_figure(tmp_path, Sweep("x", "a.b", 2, 0, ("1", "2"), tuple(summaries[value] for value in values)))
         line = places and places + NOTE.rpartition(": ")[0]
-        assert saved["sweep"].get_suptitle().partition("\n")[2] == line
+        assert drawn["sweep"].get_suptitle().partition("\n")[2] == line

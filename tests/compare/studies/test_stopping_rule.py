@@ -28,6 +28,8 @@ from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from tests.reference.json_schemas import held
 
+from .conftest import figures_of
+
 Run = Callable[..., Summary]
 Load = Callable[..., dict[str, Runs]]
 
@@ -38,14 +40,6 @@ UNTIL = Until(precision=0.25, most=40)
 @pytest.fixture
 def scenario() -> Scenario:
     return load_scenario("q1-long-dense", ["start=sampled", "trajectory.duration=3"])
-
-
-def figures_of(summary: Summary) -> dict[str, Any]:
-    """Return the content of summary.json without computing times."""
-    content = summary.to_json()
-    for entry in content["estimators"].values():
-        del entry["seconds_total"]
-    return content
 
 
 def test_pairs_are_those_of_the_stored_runs(run: Run, load: Load):

@@ -34,19 +34,13 @@ from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 
+from .conftest import figures_of
+
 Run = Callable[..., Summary]
 Load = Callable[..., dict[str, Runs]]
 
 NAMES = ("ekf", "riekf", "causal")
 SHORT = ["start=sampled", "trajectory.duration=4"]  # same as the fixture `scenario`
-
-
-def figures_of(summary: Summary) -> dict[str, Any]:
-    """Return the content of summary.json without computing times."""
-    content = summary.to_json()
-    for entry in content["estimators"].values():
-        del entry["seconds_total"]
-    return content
 
 
 def test_seeds_are_different_and_independent_of_the_number_of_runs() -> None:

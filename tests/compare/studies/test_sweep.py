@@ -121,7 +121,7 @@ def test_mistakes_are_found_before_anything_is_run(
 
 
 def test_user_code_is_swept_and_drawn_with_the_built_in_estimators(
-    tmp_path: Path, saved: dict[str, Figure], capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, drawn: dict[str, Figure], capsys: pytest.CaptureFixture[str]
 ):
     own = Path(__file__).parents[3] / "examples/student_ekf.py"
     estimators = f"causal@ekf,mine={own}:ekf_slam,causal"
@@ -132,7 +132,7 @@ def test_user_code_is_swept_and_drawn_with_the_built_in_estimators(
     assert [line.split()[1] for line in lines[1:7]] == ["causal@ekf", "mine", "causal"] * 2
     for value, line in zip(("4", "9"), lines[-2:], strict=True):
         assert line.startswith(f"association.gate={value}, the ATE of mine is ")
-    titles = saved["sweep"].axes[0].get_legend_handles_labels()[1]
+    titles = drawn["sweep"].axes[0].get_legend_handles_labels()[1]
     assert titles == ["causal@ekf", "mine", "causal optimum"]
 
 

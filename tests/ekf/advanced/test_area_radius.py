@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import tracemalloc
-from collections.abc import Iterator
 
 import numpy as np
 import pytest
@@ -15,15 +14,9 @@ from slamgauge.ekf.maps.correction_table import CORRECTIONS, Correction
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimator
 from slamgauge.graph_baseline import batch, causal
-from slamgauge.notices import tell_once
 from slamgauge.recording import Recording
 
-
-@pytest.fixture(autouse=True)
-def notices_anew() -> Iterator[None]:
-    tell_once.cache_clear()
-    yield
-    tell_once.cache_clear()
+pytestmark = pytest.mark.usefixtures("no_notices_yet")
 
 
 def along_a_road(landmarks: int, near: float, stride: float) -> Recording:
@@ -85,7 +78,7 @@ def test_large_scans_with_frequent_changes_of_area_use_the_full_filter() -> None
 
 @pytest.mark.parametrize(("name", "estimator"), [("ekf", estimators.ekf_slam), ("riekf", riekf)])
 def test_the_estimate_equals_the_full_filter(name: str, estimator: Estimator, monkeypatch: pytest.MonkeyPatch) -> None:
-    recording = along_a_road(60, 3.0, 0.1)
+    recording = along_a_road(60, 3.0, 0.3)
     full = estimator(recording)
 
     def always(recording: Recording, _: Correction) -> float:
@@ -115,7 +108,7 @@ def beyond_the_covariance(landmarks: int) -> float:
 def test_the_compressed_filter_needs_little_beyond_the_covariance() -> None:
     """Twice the map, twice the memory: the filter makes no copy of the covariance."""
     beyond_the_covariance(20)  # loads kernels
-    few, more, most = (beyond_the_covariance(landmarks) for landmarks in (100, 200, 400))
+    few, more, most = (beyond_the_covariance(landmarks) for landmarks in (50, 100, 200))
     assert 0.0 < few < more < most < 2.5 * more
 
 

@@ -60,7 +60,7 @@ def test_equals_the_full_filter_on_random_recordings(sensor: str, area_radius: f
 @BOTH
 def test_equals_the_full_filter_on_the_bench_workload_across_many_areas(correction: Correction) -> None:
     _, recording = simulate(workload(60), 1)
-    assert assert_equal_all_along(recording.first(700), 8.0, correction) > 10
+    assert assert_equal_all_along(recording.first(300), 4.0, correction) > 10
 
 
 NORTH, SOUTH = np.array([[40.0, 8.0], [36.0, 9.0], [41.0, 13.0]]), np.array([[1.0, 2.0], [3.0, -1.0]])
@@ -149,9 +149,3 @@ def test_a_new_landmark_observed_twice_in_a_step(correction: Correction) -> None
         slam.update(again)
     np.testing.assert_allclose(compressed.cov, full.cov, rtol=0, atol=1e-12)
     np.testing.assert_allclose(compressed.landmarks, full.landmarks, rtol=0, atol=1e-12)
-
-
-def test_unknown_association_is_refused() -> None:
-    slam = CompressedFilter("position", np.zeros(3), np.eye(3), 5.0)
-    with pytest.raises(ValueError, match="known association"):
-        slam.update(Observations(None, np.zeros((1, 2)), np.eye(2)[None]))

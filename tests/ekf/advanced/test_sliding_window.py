@@ -21,7 +21,7 @@ from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline import batch, causal
 from slamgauge.recording import Observations, Recording
 from slamgauge.se2 import between, chain, wrap
-from tests.reference.circles import STEPS, additive_nees, back_and_forth, outside, run_all
+from tests.reference.circles import STEPS, additive_nees, back_and_forth, covs_of, outside, run_all
 from tests.reference.random_recordings import random_recording, recording_of
 from tests.reference.textbook_window import textbook_sliding_window
 
@@ -42,11 +42,6 @@ def off(estimate: Estimate, optimum: Estimate) -> tuple[Float, Float]:
     apart[:, 2] = wrap(apart[:, 2])
     with np.errstate(divide="ignore", invalid="ignore"):  # the start may be exact
         return np.abs(apart / sigmas).max(axis=1), np.abs(own / sigmas - 1.0).max(axis=1)
-
-
-def covs_of(estimate: Estimate) -> Float:
-    assert estimate.pose_covs is not None
-    return estimate.pose_covs
 
 
 # --- references ----------------------------------------------------------------------------------
@@ -252,10 +247,7 @@ def test_a_landmark_at_the_horizon_causes_no_error(seed: int) -> None:
 def test_a_failed_marginalisation_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     recording = recording_of("bearing", 3)
     slam = SlidingWindowFilter("bearing", recording.prior_mean, recording.prior_cov, lag=3)
-    for step, scan in enumerate(recording.first(6).scans()):
-        if step:
-            slam.predict(recording.odometry[step - 1], recording.odometry_cov[step - 1])
-        slam.update(scan)
+    assert len([*drive(slam, recording.first(6))]) == 7
     before = (slam.pose, slam.pose_cov, slam.landmarks, slam.kept_poses, slam.provisional)
 
     def exhausted(*_: object) -> None:
@@ -273,12 +265,9 @@ def test_a_failed_marginalisation_changes_nothing(monkeypatch: pytest.MonkeyPatc
 def test_steps_without_convergence_are_refused_while_landmarks_wait(monkeypatch: pytest.MonkeyPatch) -> None:
     recording = recording_of("bearing", 3)
     slam = SlidingWindowFilter("bearing", recording.prior_mean, recording.prior_cov, lag=6)
-    scans = list(recording.first(12).scans())
-    for step, scan in enumerate(scans[:-1]):
-        if step:
-            slam.predict(recording.odometry[step - 1], recording.odometry_cov[step - 1])
-        slam.update(scan)
-    slam.predict(recording.odometry[len(scans) - 2], recording.odometry_cov[len(scans) - 2])
+    assert len([*drive(slam, recording.first(11))]) == 12
+    *_, last = recording.first(12).scans()
+    slam.predict(recording.odometry[11], recording.odometry_cov[11])
     new = Observations(np.array([77]), np.array([[0.3]]), np.array([[[0.01]]]))
     slam.update(new)
     before = pickle.dumps(vars(slam))
@@ -286,9 +275,9 @@ def test_steps_without_convergence_are_refused_while_landmarks_wait(monkeypatch:
     with monkeypatch.context() as patch:
         patch.setattr(gauss_newton, "MAX_STEPS", 0)
         with pytest.raises(UserError, match=r"^observation: no update exists for this scan; [^\n]*$"):
-            slam.update(scans[-1])
+            slam.update(last)
     assert pickle.dumps(vars(slam)) == before
-    slam.update(scans[-1])
+    slam.update(last)
 
 
 @SENSORS

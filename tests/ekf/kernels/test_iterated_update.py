@@ -7,6 +7,7 @@ import pytest
 
 from slamgauge.arrays import Float
 from slamgauge.ekf import SlamFilter
+from slamgauge.ekf.estimators import drive
 from slamgauge.ekf.kernels.belief import Belief
 from slamgauge.ekf.kernels.iterated_update import iterate
 from slamgauge.ekf.kernels.workspace import Workspace
@@ -30,10 +31,7 @@ def test_one_iteration_is_the_ekf(sensor: str) -> None:
     finals = []
     for rule in ("standard", Rule(single_pass, block=WHOLE_SCAN), "iterated"):
         slam = SlamFilter(sensor, recording.prior_mean, recording.prior_cov, rule)
-        for k, scan in enumerate(recording.scans()):
-            if k:
-                slam.predict(recording.odometry[k - 1], recording.odometry_cov[k - 1])
-            slam.update(scan)
+        assert len([*drive(slam, recording)]) == recording.steps + 1
         finals.append((slam.pose, slam.landmarks, slam.cov))
     for actual, expected, iterated in zip(finals[1], finals[0], finals[2], strict=True):
         np.testing.assert_allclose(actual, expected, rtol=1e-12, atol=1e-13)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -12,8 +12,9 @@ from slamgauge.ekf import AssociatingFilter, BearingFilter, CompressedFilter, Sl
 from slamgauge.ekf.estimators import drive
 from slamgauge.ekf.online_filter import OnlineFilter
 from slamgauge.ekf.settings import Association, Rays
-from slamgauge.notices import tell_once
 from slamgauge.recording import Observations
+
+pytestmark = pytest.mark.usefixtures("no_notices_yet")
 
 START = np.zeros(3), np.eye(3) * 1e-12
 SIGMA = 1e-3  # m, noise of observations
@@ -22,13 +23,6 @@ MAKE: dict[str, Callable[[], OnlineFilter]] = {
     "riekf": lambda: AssociatingFilter("position", *START, "right-invariant", Association(gate=1e12)),
     "the filter": lambda: CompressedFilter("position", *START, 5.0),
 }
-
-
-@pytest.fixture(autouse=True)
-def forget_notices() -> Iterator[None]:
-    tell_once.cache_clear()
-    yield
-    tell_once.cache_clear()
 
 
 def said(capsys: pytest.CaptureFixture[str]) -> list[str]:

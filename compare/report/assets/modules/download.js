@@ -21,6 +21,6 @@ export function download(name, rows) {
  */
 function quoted(value) {
   if (typeof value === "number") return Number.isFinite(value) ? String(value) : "";
-  const text = /^[=+@\t\r]|^-\D/.test(value) ? `'${value}` : value;
+  const text = /^[=+@\t\r]|^-./.test(value) && Number.isNaN(Number(value)) ? `'${value}` : value;
   return /[",\r\n]/.test(text) ? `"${text.replaceAll('"', '""')}"` : text;
 }

@@ -1,0 +1,243 @@
+"""Doubts about an imported log: units, signs, ids and noise that its own measurements contradict.
+
+A quick pass of the right-invariant EKF over the beginning of a log with ids shows whether the observations agree with
+one place per landmark. If they do not, the pass is repeated for every mistake in `MISTAKES`; a log that agrees once a
+mistake is undone is refused. All other doubts are warnings.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator
+from contextlib import redirect_stderr
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from scipy.stats import chi2
+
+from slamgauge.compare.datasets.imported_log import Imported, of_file
+from slamgauge.compare.storage.path_doubts import path_doubts
+from slamgauge.ekf import riekf
+from slamgauge.ekf.kernels.warm_up import compile_ekf
+from slamgauge.errors import UserError
+from slamgauge.estimate import Estimate
+from slamgauge.recording import Recording
+from slamgauge.se2 import rotation
+from slamgauge.sensors import SENSORS, innovation, predict
+
+FEW, PASS = 20, 2000  # observations: fewer show no doubts; observations of a quick pass
+BOUND = 0.999  # probability of the largest normalised innovation that agrees
+DOUBTED = 0.95  # share of observations that agree, below which mistakes are tried; published logs have 0.97 or more
+CONVINCING = 0.9  # smallest share with which a mistake is found
+POOR = 0.8  # share below which a log without a known mistake is warned of
+NOISE = 20.0  # factor between residuals and stated noise
+FASTEST, QUICKEST, LONGEST = 50.0, 2.0 * np.pi, 10.0  # m/s, rad/s, s: typical speed and step, large yaw rate
+SMALL = 0.01  # median of NIS / dof, 1 if the noise is right
+MEDIAN = 0.6745  # of the absolute value of a standard normal number
+DEGREE = np.pi / 180
+SIGN = "change the sign of those that are clockwise"
+UNIT = "correct the unit (in recording.toml: angle, length, time)"
+
+
+class Mistake(NamedTuple):
+    """A mistake, the remedy, and the factors that undo it.
+
+    Attributes:
+        what: the mistake, as a sentence about the log.
+        remedy: end of the error text.
+        bearing: factor of bearings; -1 also mirrors positions in the body frame.
+        length: factor of observed lengths.
+        turn: factor of the turns of odometry.
+        way: factor of its distances.
+    """
+
+    what: str
+    remedy: str
+    bearing: float = 1.0
+    length: float = 1.0
+    turn: float = 1.0
+    way: float = 1.0
+
+
+MISTAKES = (
+    Mistake("observations and odometry count angles in opposite directions", SIGN, bearing=-1.0),
+    Mistake("bearings are in degrees, read as radians", UNIT, bearing=DEGREE),
+    Mistake("turns are in degrees, read as radians", UNIT, turn=DEGREE),
+    Mistake("bearings and turns are in degrees, read as radians", UNIT, bearing=DEGREE, turn=DEGREE),
+    Mistake("bearings are in radians, read as degrees", UNIT, bearing=1 / DEGREE),
+    Mistake("turns are in radians, read as degrees", UNIT, turn=1 / DEGREE),
+    Mistake("bearings and turns are in radians, read as degrees", UNIT, bearing=1 / DEGREE, turn=1 / DEGREE),
+    *(
+        Mistake(f"{what} are {factor:g} times too {size}", UNIT, **dict.fromkeys(names, undone))
+        for what, names in {
+            "observed lengths": ("length",),
+            "distances of the odometry": ("way",),
+            "all lengths": ("length", "way"),
+            "turns and distances of the odometry": ("turn", "way"),
+        }.items()
+        for factor in (1000, 100)
+        for size, undone in (("large", 1 / factor), ("small", float(factor)))
+    ),
+)
+
+
+class Examination(NamedTuple):
+    """What the measurements of a log show.
+
+    Attributes:
+        facts: values by their names.
+        warnings: sentences about doubts, each with a remedy.
+    """
+
+    facts: dict[str, str]
+    warnings: tuple[str, ...]
+
+
+def examine(log: Imported, path: Path) -> Examination:
+    """Return facts and doubts about the log of a path.
+
+    Raises:
+        UserError: the observations agree with one place per landmark only if a mistake of `MISTAKES` is undone.
+    """
+    recording = log.recording
+    doubled = _doubled(recording)
+    facts = {
+        "steps": f"{recording.steps} in {np.ptp(recording.stamps):.6g} s",
+        "largest turn in a step": f"{np.rad2deg(np.abs(recording.odometry[:, 2]).max(initial=0.0)):.3g} deg",
+        "observations": f"{len(recording.observation)} within the steps, {log.unmatched} outside",
+        "doubled observations": str(doubled),
+    }
+    if SENSORS[recording.sensor].has_bearing and len(recording.observation):
+        low, high = np.rad2deg([recording.observation[:, -1].min(), recording.observation[:, -1].max()])
+        facts["bearings"] = f"{low:.1f} to {high:.1f} deg"
+    warnings = [*_doubts_of_motion(recording)]
+    if doubled:
+        same = "the step, landmark and values of another one"
+        warnings.append(f"{doubled} observations have {same} and count twice; remove them")
+    if log.truth is not None and log.truth.poses is not None:
+        warnings += [f"the true path {doubt}" for doubt in path_doubts(log.truth.poses, recording)]
+    if recording.landmark is not None and len(recording.observation):
+        beginning = _beginning(recording)
+        with of_file(path):
+            share, more = _agreement(beginning)
+        facts["agree with one place per landmark"] = f"{share:.1%} of the first {len(beginning.observation)}"
+        warnings += more
+    return Examination(facts, tuple(warnings))
+
+
+def _doubled(recording: Recording) -> int:
+    """Return the number of observations that repeat another one of their step."""
+    ids = np.zeros(len(recording.observation)) if recording.landmark is None else recording.landmark
+    rows = np.column_stack([recording.observation_step, ids, recording.observation])
+    return len(rows) - len(np.unique(rows, axis=0))
+
+
+def _doubts_of_motion(recording: Recording) -> Iterator[str]:
+    """Yield doubts about the durations, speeds and turns of the steps."""
+    seconds = np.diff(recording.stamps)
+    if np.median(seconds) > LONGEST:
+        yield f"half of the steps take over {np.median(seconds):.3g} s; check the unit of stamps"
+    speeds = np.hypot(*recording.odometry[:, :2].T) / seconds
+    moving = speeds[speeds > 0.0]
+    if len(moving) and np.median(moving) > FASTEST:
+        yield f"the typical speed is {np.median(moving):.3g} m/s; check the units of lengths and stamps"
+    rate = float(np.quantile(np.abs(recording.odometry[:, 2]) / seconds, 0.9))
+    if rate > QUICKEST:
+        yield f"the robot often turns at {np.rad2deg(rate):.3g} deg/s; check the units of angles and stamps"
+
+
+def _beginning(recording: Recording) -> Recording:
+    """Return the steps with the first `PASS` observations."""
+    if len(recording.observation) <= PASS:
+        return recording
+    return recording.first(int(recording.observation_step[PASS]))
+
+
+def _agreement(recording: Recording) -> tuple[float, list[str]]:
+    """Return the share of observations that agree with one place per landmark, and doubts.
+
+    Raises:
+        UserError: they agree once a mistake is undone.
+    """
+    compile_ekf()  # its messages are shown, those of the passes are not
+    estimate = _pass(recording)
+    share = _fit(recording, estimate).share
+    if len(recording.observation) < FEW:
+        return share, []
+    if share < DOUBTED:
+        fits = {each: _fit(recording, _pass(_without(recording, each))) for each in MISTAKES}
+        enough = max(CONVINCING, 0.5 + 0.5 * share)
+        found = {each: fit for each, fit in fits.items() if fit.share > enough and fit.nis > SMALL}
+        if found:
+            best = min(found, key=lambda each: abs(np.log(found[each].nis)))  # with tiny lengths anything agrees
+            what = f"{share:.1%} of the observations agree with one place per landmark, but {found[best].share:.1%} if"
+            raise UserError(f"{what} {best.what}; {best.remedy}")
+    doubts = [] if estimate is None else [*_doubts_of_noise(recording, estimate)]
+    if share < POOR:
+        what = f"only {share:.1%} of the observations agree with one place per landmark"
+        doubts.append(f"{what}; check units, signs, stamps and ids, and the stated noise")
+    return share, doubts
+
+
+def _pass(recording: Recording) -> Estimate | None:
+    """Return the estimate of the right-invariant EKF; None if it has none in double precision."""
+    with redirect_stderr(io.StringIO()), np.errstate(all="ignore"):
+        try:
+            return riekf(recording)
+        except UserError:
+            return None
+
+
+class Fit(NamedTuple):
+    """Share of the observations that agree, and median of NIS / dof of the steps; 0 without an estimate."""
+
+    share: float
+    nis: float
+
+
+def _fit(recording: Recording, estimate: Estimate | None) -> Fit:
+    """Return how well an estimate fits the observations; those that add landmarks do not count."""
+    if estimate is None or estimate.nis is None or estimate.nis_dof is None:
+        return Fit(0.0, 0.0)
+    updated = estimate.nis_dof > 0
+    if not updated.any():
+        return Fit(1.0, 0.0)
+    nis, dof = estimate.nis[updated], estimate.nis_dof[updated]
+    counts = np.bincount(recording.observation_step, minlength=recording.steps + 1)[updated]
+    return Fit(float(np.average(nis < chi2.ppf(BOUND, dof), weights=counts)), float(np.median(nis / dof)))
+
+
+def _without(recording: Recording, mistake: Mistake) -> Recording:
+    """Return the recording without a mistake."""
+    columns = SENSORS[recording.sensor].columns
+    factors = dict.fromkeys(("range", "x", "y"), mistake.length) | {"bearing": mistake.bearing}
+    if mistake.bearing < 0.0:
+        factors["y"] *= mistake.bearing
+    return replace(
+        recording,
+        odometry=recording.odometry * np.array([mistake.way, mistake.way, mistake.turn]),
+        observation=recording.observation * np.array([factors[name] for name in columns]),
+    )
+
+
+def _doubts_of_noise(recording: Recording, estimate: Estimate) -> Iterator[str]:
+    """Yield the quantities whose residuals are far from the stated noise.
+
+    Residuals are those of the filtered poses and the last map.
+    """
+    model = SENSORS[recording.sensor]
+    places = dict(zip(estimate.landmark_ids.tolist(), estimate.landmarks, strict=True))
+    ids = [] if recording.landmark is None else recording.landmark.tolist()
+    rows = np.array([each in places for each in ids], dtype=bool)
+    if not rows.any():
+        return
+    poses = estimate.poses[recording.observation_step[rows]]
+    ahead = np.array([places[each] for each in ids if each in places]) - poses[:, :2]
+    delta = np.einsum("nji,nj->ni", rotation(poses[:, 2]), ahead)
+    residuals = innovation(model.name, recording.observation[rows], predict(model.name, delta))
+    sigmas = np.sqrt(np.diagonal(recording.observation_cov[rows], axis1=1, axis2=2))
+    for name, ratio in zip(model.columns, np.median(np.abs(residuals) / sigmas, axis=0) / MEDIAN, strict=True):
+        if not 1.0 / NOISE <= ratio <= NOISE:
+            yield f"the residuals of {name} are {ratio:.2g} times its stated noise; correct the noise or the unit"

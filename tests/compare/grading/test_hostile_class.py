@@ -1,0 +1,107 @@
+"""A class with hostile submissions: each has its reason in one line, and the honest one its grade as without them."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from slamgauge.compare.estimators.wall import kind_of_wall
+
+pytestmark = pytest.mark.skipif(kind_of_wall() == "none", reason="this system permits neither namespaces nor bwrap")
+
+EXAMPLES = Path(__file__).parents[3] / "examples"
+SCENARIO = 'extends = "q1-short-dense"\n\n[trajectory]\nduration = 3.0\n'
+HEAD = """
+import os, signal
+from pathlib import Path
+import slamgauge
+from slamgauge import Estimate, chain
+from slamgauge.compare.estimators import isolated_worker
+
+message = isolated_worker.message
+
+def forged(**changes):
+    def answer(fields, estimate=None):
+        return message({**fields, **changes} if "seconds" in fields else fields, estimate)
+    isolated_worker.message = answer
+
+def estimate(recording):
+    poses = chain(recording.prior_mean, recording.odometry)
+"""
+ATTACKS = {
+    "link": ("os.symlink(THESIS, '../given.npz')", "Read-only file system"),
+    "fifo": ("os.mkfifo('../given.npz')", "Read-only file system"),
+    "bytecode": (
+        "next(Path(slamgauge.__file__).parent.rglob('*.pyc')).write_bytes(b'evil')",
+        "Read-only file system",
+    ),
+    "stopped": (
+        "os.kill(os.getppid(), signal.SIGSTOP); os.kill(os.getpid(), signal.SIGSTOP)",
+        "it was not done after 5 s",
+    ),
+    "killed": ("os.kill(os.getpid(), signal.SIGKILL)", "its process was ended by SIGKILL"),
+    "nan": ("forged(seconds=float('nan'))", "wrong answer (seconds is not from 0 to"),
+    "huge": ("forged(cpu_seconds=10**400)", "wrong answer (cpu_seconds is not from 0 to"),
+    "left": (
+        """place = Path('/dev/shm/poses')
+    if recording.steps == 30:
+        poses[:-1] = poses[1:]
+        place.write_bytes(poses.tobytes())
+    elif place.exists():
+        poses = __import__('numpy').frombuffer(place.read_bytes()).reshape(-1, 3)[: recording.steps + 1]""",
+        "uses the future",
+    ),
+    "seed": (
+        """words = [path.read_bytes() for path in Path('/proc').glob('*/cmdline')]
+    assert any(b'--seed' in each for each in words), 'no seed'""",
+        "no seed",
+    ),
+}
+
+
+def graded(folder: Path, out: Path) -> dict[str, dict[str, object]]:
+    """Grade a class by the command; return its rows by submission."""
+    scenario = out.with_name("little.toml")
+    scenario.write_text(SCENARIO)
+    words = ["--scenario", str(scenario), "--runs", "2", "--seed", "7", "--timeout", "5", "--jobs", "2"]
+    command = [
+        sys.executable,
+        "-m",
+        "slamgauge",
+        "grade",
+        str(folder),
+        *words,
+        "--json",
+        "--no-report",
+        "--out",
+        str(out),
+    ]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=500)
+    assert done.stdout, done.stderr
+    return {each["submission"]: each for each in json.loads(done.stdout)}
+
+
+def test_each_attack_has_its_reason_and_the_honest_grade_is_the_same(tmp_path: Path):
+    folder = tmp_path / "class"
+    folder.mkdir()
+    thesis = tmp_path / "thesis.txt"
+    thesis.write_text("years of work")
+    shutil.copy(EXAMPLES / "student_ekf.py", folder / "honest.py")
+    alone = graded(folder, tmp_path / "alone")
+    for name, (body, _) in ATTACKS.items():
+        (folder / f"{name}.py").write_text(
+            f"THESIS = {str(thesis)!r}\n{HEAD}    {body}\n    return Estimate('filtered', poses)\n"
+        )
+    rows = graded(folder, tmp_path / "together")
+    for name, (_, expected) in ATTACKS.items():
+        reason = str(rows[name]["reason"])
+        assert expected in reason and "\n" not in reason, (name, reason)
+    measured = {key: value for key, value in rows["honest"].items() if "seconds" not in key and key != "command"}
+    assert measured == {key: value for key, value in alone["honest"].items() if key in measured}
+    assert rows["honest"]["passed"]
+    assert thesis.read_text() == "years of work"
