@@ -10,7 +10,6 @@ from functools import partial
 import numpy as np
 
 from slamgauge.arrays import Marks
-from slamgauge.compare.estimators.adapters import FORM_NAMES, adapted, adapted_callable
 from slamgauge.compare.estimators.answers import Spent
 from slamgauge.compare.estimators.captured_output import captured
 from slamgauge.compare.estimators.causality_check import Strict
@@ -107,6 +106,8 @@ def load(
         raise UserError(f"{asked.name}: is a bound, which estimates nothing; {remedy}")
     if asked.name:
         return _ours(entry_of(asked.name), _settings(association, initialisation, frames, robust))
+    from slamgauge.compare.estimators.adapters import FORM_NAMES, adapted_callable  # here: it loads the filters
+
     form, entry = "", Entry(name=asked.label, kind=None, role="user")
     if asked.where is not None and asked.isolation is not None:
         isolated = Strict if asked.isolation.strict else Isolated
@@ -127,6 +128,8 @@ def load(
 
 def _adapted_quietly(label: str, where: Address) -> tuple[Estimator, str]:
     """Return `adapted(where)`; what the file prints is kept away, and an error shows its first lines."""
+    from slamgauge.compare.estimators.adapters import adapted
+
     with captured(label) as output:
         try:
             return adapted(where)

@@ -101,7 +101,7 @@ def _strip(results: Results, shown: Mapping[str, Estimate], mapped: Mapping[str,
     low, high = limits(results, shown, mapped)
     rows = -(-len(steps) // columns)
     height = page.inches / columns * float(np.clip((high - low)[1] / (high - low)[0], *SHAPES))
-    strip = Figure(figsize=(page.inches, rows * height + FOOT[page.width]))
+    strip = Figure(figsize=(page.inches, rows * height + FOOT[page.width]), layout="constrained")
     panels = strip.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
     keys: list[Line2D] = []
     for place, panel in enumerate(panels.flat):

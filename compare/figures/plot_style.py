@@ -12,7 +12,6 @@ from typing import Any, Literal, NamedTuple
 import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from slamgauge import errors
 from slamgauge.compare.estimators.registry import BOUNDS, REGISTRY
@@ -31,7 +30,7 @@ MOST_AT_ONCE = 20_000  # points of a line that are drawn together; a path of a t
 STYLE = Path(errors.__file__).with_name("paper.mplstyle")  # users load it by the name slamgauge.paper
 PRINT: dict[Any, Any] = {
     **mpl.rc_params_from_file(STYLE, use_default_template=False),
-    "figure.constrained_layout.use": False,  # `save_printed` places the parts
+    "figure.constrained_layout.use": False,  # figures that need it set it themselves
     "text.parse_math": False,  # user-given names may contain dollars; numbers on axes are plain (`logarithmic`)
     "svg.hashsalt": "slamgauge",  # files are reproducible
     "agg.path.chunksize": MOST_AT_ONCE,
@@ -110,7 +109,7 @@ def printed_on(chosen: Sheet) -> Generator[None]:
 def printed(path: Path, height: float, title: str = "") -> Generator[Figure]:
     """Yield a new figure of a height [in] in the print style, and write it at the end (see `save_printed`)."""
     with mpl.rc_context(PRINT):
-        figure = Figure(figsize=(sheet().inches, height))
+        figure = Figure(figsize=(sheet().inches, height), layout="constrained")
         if title:
             figure.suptitle(math_text(title), **WRAPPED)
         yield figure
@@ -124,7 +123,9 @@ def math_text(text: str) -> str:
 
 def save_printed(figure: Figure, path: Path) -> None:
     """Write the figure in the formats of the sheet (png at 200 dpi); files contain no date."""
-    ConstrainedLayoutEngine().execute(figure)  # once for all formats; an engine of the figure draws each format twice
+    if (engine := figure.get_layout_engine()) is not None:
+        engine.execute(figure)  # it places the parts, once for all formats
+        figure.set_layout_engine(None)  # with "none" each format would be drawn twice
     for each in sheet().formats:
         if each == "svg":
             path.with_suffix(".svg").write_bytes(small_svg(figure))

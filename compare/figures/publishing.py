@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from slamgauge.compare.estimators.requests import labels_among
-from slamgauge.compare.figures.bench_figure import save_bench_figure
 from slamgauge.compare.figures.budget_figure import save_budget_figure
 from slamgauge.compare.figures.ray_frames import has_rays
 from slamgauge.compare.figures.ray_strip import save_ray_strip
@@ -163,6 +162,8 @@ def _of_noise(folder: Path, names: Sequence[str], _: str | None) -> Drawings:
 
 
 def _of_bench(folder: Path, names: Sequence[str], _: str | None) -> Drawings:
+    from slamgauge.compare.figures.bench_figure import save_bench_figure  # here: its libraries are slow to start
+
     content = read_json(folder / BENCH, "bench")
 
     def draw(out: Path) -> None:
