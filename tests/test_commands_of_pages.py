@@ -22,7 +22,7 @@ from pathlib import Path
 import pytest
 
 from slamgauge.compare.cli.main import COMMANDS, main
-from slamgauge.compare.scenarios import scenario
+from slamgauge.compare.scenarios import scenario_files
 from tests.reference.synthetic_logs import write_published_logs
 
 pytestmark = pytest.mark.usefixtures("studies_in_a_thread", "empty_pictures")
@@ -55,13 +55,13 @@ def blocks(page: Path) -> list[tuple[str, str, str]]:
 def small(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Make a folder for the commands of a page with the files that a reader has, and small scenarios."""
     (tmp_path / "scenarios").mkdir()
-    for name, file in scenario._shipped().items():  # pyright: ignore[reportPrivateUsage]
+    for name, file in scenario_files.shipped().items():
         text = re.sub(
             r"\bduration = ([\d.]+)", lambda found: f"duration = {min(float(found[1]), LASTS)}", file.read_text()
         )
         (tmp_path / "scenarios" / f"{name}.toml").write_text(text)
     shipped = {path.stem: path for path in (tmp_path / "scenarios").iterdir()}
-    monkeypatch.setattr(scenario, "_shipped", lambda: shipped)
+    monkeypatch.setattr(scenario_files, "shipped", lambda: shipped)
     work = tmp_path / "page"
     work.mkdir()
     write_published_logs(work)

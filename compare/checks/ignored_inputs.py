@@ -93,8 +93,8 @@ def _stays(estimate: Estimate, subject: Subject, changed: Recording) -> bool:
     """Return whether poses and covariances of the changed recording are those of this estimate."""
     other = _run(subject, changed)
     return other is not None and all(
-        np.array_equal(*(np.zeros(0) if each is None else each for each in pair))
-        for pair in (
+        np.array_equal(np.zeros(0) if ours is None else ours, np.zeros(0) if theirs is None else theirs)
+        for ours, theirs in (
             (estimate.poses, other.poses),
             (estimate.pose_covs, other.pose_covs),
             (estimate.landmark_covs, other.landmark_covs),

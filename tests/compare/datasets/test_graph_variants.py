@@ -115,7 +115,8 @@ def test_a_variant_is_read_or_refused_or_warned_of(name: str, good: tuple[str, I
     assert outcome in said if outcome != READ else said == ""
     if outcome == READ:
         assert log is not None
-        order = [np.lexsort((each.recording.landmark, each.recording.observation_step)) for each in (log, expected)]
+        recordings = [each.recording for each in (log, expected)]
+        order = [np.lexsort(np.array([each.landmark, each.observation_step])) for each in recordings]
         assert_allclose(log.recording.odometry, expected.recording.odometry)
         assert_allclose(log.recording.observation[order[0]], expected.recording.observation[order[1]])
         assert_array_equal(log.recording.observation_step, expected.recording.observation_step)

@@ -18,7 +18,7 @@ from slamgauge.se2 import chain
 STEPS, READ = 60, "read"
 MOVES = np.column_stack([np.full(STEPS, 0.5), np.zeros(STEPS), np.where(np.arange(STEPS) < 40, 0.12, -0.08)])
 RECORDING = Recording(
-    stamps=1e9 + 0.1 * np.arange(STEPS + 1),
+    stamps=1e9 + 0.1 * np.arange(STEPS + 1.0),
     prior_mean=np.zeros(3),
     prior_cov=np.zeros((3, 3)),
     odometry=MOVES,
@@ -47,7 +47,7 @@ def tum(stamps: Float, poses: Float) -> Float:
 
 
 def numbered(_: Float, poses: Float) -> Float:
-    return np.column_stack([np.arange(len(poses)), poses])
+    return np.column_stack([np.arange(len(poses), dtype=np.float64), poses])
 
 
 def scaled(form: Table, *factors: float) -> Table:
