@@ -47,7 +47,7 @@ OTHER_SEED = "another seed is in the usual run"
 PAGES = "bearings|consistency|grading|noise|paper|practical|verdicts"
 FULL = {  # regular expression for the beginning of ids -> why only the full run has these tests
     "tests/benchmarks/test_agreement.py": "references of a benchmark; tests/reference has those of the other tests",
-    "tests/benchmarks/test_benchmarks.py::test_a_benchmark_prints": "programs that measure; types are checked always",
+    r"tests/benchmarks/test_benchmarks.py::test_a_benchmark_prints\w+\[(class_of_forms|interruptions)": "many programs",
     "tests/benchmarks/test_drawn_recordings.py": "long recordings; tests/graph_baseline has scipy and GTSAM",
     r"tests/compare/checks/test_course_files.py::test_seeded_bugs\w+\[(?!dicts from 1)": "one style is usual",
     "tests/compare/checks/test_examination.py::test_a_right_textbook_filter_passes_for_20_seeds": "one seed is usual",

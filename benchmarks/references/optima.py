@@ -237,7 +237,7 @@ def _judge_causal(drawn: Drawn, model: Model, minimum: Minimum | None) -> Outcom
     said = stated_check(estimate)
     unflagged = steps.off if not said > STEP_BAR else 0
     note = f"worst at step {steps.at} of {drawn.recording.steps}, {steps.off} of {steps.compared} off"
-    note += ", nothing says so" * bool(unflagged)
+    note += ", without a flag" * bool(unflagged)
     return Outcome("causal", verdict, steps.worst, note, steps.compared, steps.off, unflagged)
 
 

@@ -13,7 +13,7 @@ from references.verdicts import FILTER_BAR, STEP_BAR, Judged, Outcome, Verdict
 SHARE_OF_RECORDINGS = 0.995  # a filter must agree on this share
 SHARE_OF_STEPS = 0.99  # at which `causal` must be within its bar
 VERDICTS: tuple[Verdict, ...] = ("agrees", "worse", "failed", "undecided", "not compared")
-UNITS = {"batch": "cost", "batch mapped": "landmarks"}  # of a difference; sigmas for all others
+UNITS = {"batch": "cost", "batch mapped": "landmarks"}  # units of differences; sigmas for all others
 
 
 def table(judged: Sequence[Judged]) -> str:
@@ -27,7 +27,7 @@ def table(judged: Sequence[Judged]) -> str:
     compared, off, unflagged = steps_of(judged)
     if compared:
         lines += ["", f"causal steps: {compared}, more than {STEP_BAR} sigma off: {off} ({off / compared:.2%})"]
-        lines[-1] += f", of these in estimates that do not say so: {unflagged}"
+        lines[-1] += f", of these in estimates without a flag: {unflagged}"
     return "\n".join(lines)
 
 
@@ -68,7 +68,7 @@ def bars_missed(judged: Sequence[Judged]) -> list[str]:
     if off > (1.0 - SHARE_OF_STEPS) * compared:
         missed.append(f"causal: {off} of {compared} steps more than {STEP_BAR} sigma off")
     if unflagged:
-        missed.append(f"causal: {unflagged} steps off in estimates that do not say so")
+        missed.append(f"causal: {unflagged} steps off in estimates without a flag")
     return missed
 
 

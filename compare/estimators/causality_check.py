@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from slamgauge.arrays import Float
@@ -32,9 +30,7 @@ class Strict(Isolated):
         return estimate
 
 
-def require_causal(
-    estimator: Isolated, recording: Recording, estimate: Estimate, parts: Sequence[float] = PARTS
-) -> None:
+def require_causal(estimator: Isolated, recording: Recording, estimate: Estimate) -> None:
     """Refuse a filtered estimate that differs from the estimates of the recordings up to some steps.
 
     Each is estimated in a new process, which has never received later measurements.
@@ -44,7 +40,7 @@ def require_causal(
     """
     if estimate.kind != "filtered" or len(estimate.poses) != recording.steps + 1:  # `run_estimator` refuses the latter
         return
-    steps = sorted({int(part * recording.steps) for part in parts} - {0})
+    steps = sorted({int(part * recording.steps) for part in PARTS} - {0})
     for step in steps:
         what = _difference(estimate, estimator.run(recording.first(step)).estimate, step)
         if what:

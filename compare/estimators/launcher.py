@@ -16,9 +16,11 @@ import shutil
 import signal
 import socket
 import sys
+import sysconfig
 import tempfile
 from collections.abc import Sequence
 from contextlib import suppress
+from importlib.util import find_spec
 from itertools import pairwise
 from pathlib import Path
 from time import monotonic, sleep
@@ -43,7 +45,7 @@ def main(kind: wall.Kind, requests: socket.socket) -> None:
     with suppress(OSError):  # if the machine runs out of memory, the system ends processes with user code first
         Path("/proc/self/oom_score_adj").write_text("1000", encoding="ascii")
     if kind != "bwrap":  # bwrap starts interpreters
-        _import(settings["imports"])
+        import_installed(settings["imports"])
     gc.freeze()  # forked processes then copy fewer pages
     while True:
         _, files, _, _ = socket.recv_fds(requests, len(START), FILES)
@@ -127,15 +129,28 @@ def _awaited(pid: int, seconds: float) -> int | None:
     return None
 
 
-def _import(names: Sequence[str]) -> None:
-    """Import installed modules, and attributes like `slamgauge.batch` that an import loads."""
-    for name in names:
-        with suppress(Exception):  # a name of the user's own modules, or an error that the user's import shows
+def import_installed(names: Sequence[str]) -> None:
+    """Import installed modules, and attributes like `slamgauge.batch` that an import loads.
+
+    A module outside the folders of Python and slamgauge may be user code (`PYTHONPATH`), which never runs here.
+    """
+    for name in filter(_is_installed, names):
+        with suppress(Exception):  # an error that the user's import shows
             importlib.import_module(name)
             continue
         with suppress(Exception):
             module, _, attribute = name.rpartition(".")
             getattr(importlib.import_module(module), attribute, None)
+
+
+def _is_installed(name: str) -> bool:
+    """Return whether a module belongs to slamgauge, or lies in a folder of Python's own modules or packages."""
+    top = name.partition(".")[0]
+    with suppress(ImportError, ValueError):
+        spec = find_spec(top)
+        folders = [sysconfig.get_path(each) for each in ("stdlib", "platstdlib", "purelib", "platlib")]
+        return spec is not None and (top == "slamgauge" or str(spec.origin).startswith(tuple(f"{f}/" for f in folders)))
+    return False
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 
 from slamgauge import dead_reckoning, simulate
-from slamgauge.compare.estimators import launched_process
+from slamgauge.compare.estimators import launched_process, launcher
 from slamgauge.compare.estimators.isolated_process import Isolated
 from slamgauge.compare.estimators.launched_process import environment
 from slamgauge.compare.estimators.launcher import FOLDERS
@@ -315,3 +315,12 @@ def test_stored_results_depend_on_the_isolation():
     assert len(keys | {within.key}) == 3
     (ours,) = kept_apart(ask(["ekf"]), Isolation(60.0, strict=True))
     assert ours.isolation is None
+
+
+def test_a_launcher_imports_installed_modules_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    (tmp_path / "helper_of_a_user.py").write_text("")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "colorsys", raising=False)
+    launcher.import_installed(["helper_of_a_user", "colorsys"])
+    assert "colorsys" in sys.modules
+    assert "helper_of_a_user" not in sys.modules
