@@ -138,10 +138,12 @@ def predict(eta, P, z_odo):
 def update(eta, P, z):
     for value in np.reshape(z, (-1, 2)):
         best, nearest = 9.0, None
-        for j in range((len(eta) - 3) // 2):
+        away = np.linalg.norm(np.reshape(eta[3:], (-1, 2)) - place(eta, value), axis=1)
+        for j in np.flatnonzero(away < 4.0):
             e, S, _ = innovation(eta, P, j, value, R)
-            if e @ np.linalg.solve(S, e) < best:
-                best, nearest = e @ np.linalg.solve(S, e), j
+            distance = e @ np.linalg.solve(S, e)
+            if distance < best:
+                best, nearest = distance, j
         eta, P = add(eta, P, value, R) if nearest is None else correct(eta, P, nearest, value, R)
     return eta, P
 """,
