@@ -182,9 +182,14 @@ def read_store(path: Path, digest: str, labels: Sequence[str], runs: int) -> tup
         if found.get("digest") != digest or found.get("schema") != str(SCHEMA):
             raise UserError(f"{path}: has another study than the summary in this folder; give the command again")
         latest = "SELECT estimator FROM outcome GROUP BY estimator ORDER BY max(rowid)"
-        keys = {key.partition(" ")[0]: key for (key,) in connection.execute(latest)}
+        keys = {_label_of(key, labels): key for (key,) in connection.execute(latest)}
         store, scenario = StudyStore(connection), Scenario.model_validate_json(found["scenario"])
         return scenario, {label: store.load(keys[label], runs) for label in labels if label in keys}
+
+
+def _label_of(key: str, labels: Sequence[str]) -> str:
+    """Return the longest label with which a key begins (`Asked.key`): labels may contain spaces."""
+    return max((label for label in labels if f"{key} ".startswith(f"{label} ")), key=len, default="")
 
 
 def _require_same(connection: sqlite3.Connection, path: Path, scenario: Scenario, seed: int) -> None:

@@ -36,6 +36,8 @@ from slamgauge.recording import Recording
 
 from .conftest import figures_of
 
+EXAMPLE = Path(__file__).parents[3] / "examples/student_ekf.py"
+
 Run = Callable[..., Summary]
 Load = Callable[..., dict[str, Runs]]
 
@@ -214,6 +216,15 @@ def test_the_command_prints_the_table_and_writes_summary_and_figures(
         assert (tmp_path / "study" / f"{name}.png").stat().st_size > 0
     assert main([*words, "--json"]) == 0
     assert json.loads(capsys.readouterr().out) | {"command": ""} == content | {"command": ""}  # the command has --json
+
+
+@pytest.mark.usefixtures("studies_in_a_thread")
+def test_user_code_with_and_without_its_noise_has_a_page(tmp_path: Path) -> None:
+    words = ["study", "q1-long-dense", "--set", "trajectory.duration=3", "--runs", "1", "--jobs", "1"]
+    words += ["--estimators", f"mine={EXAMPLE}:ekf_slam", "--noise", "both"]
+    assert main([*words, "--out", str(tmp_path)]) == 0
+    page = (tmp_path / "report.html").read_text()
+    assert "mine (own noise)" in page
 
 
 def test_figures_of_a_study_in_which_everything_failed(
