@@ -36,7 +36,10 @@ DEVICES = ("null", "zero", "full", "random", "urandom")
 TRUTHS = ("truth.npz", "*/truth.npz", "results")  # in the folder of the user's file: hidden
 CACHES = ("numba", "matplotlib", "fontconfig")  # folders of the user's cache folder
 NAMES = ("--hostname", "wall", "--uid", str(namespaces.NOBODY), "--gid", str(namespaces.NOBODY))
-BWRAP = ("--unshare-all", "--die-with-parent", "--new-session", "--cap-drop", "ALL", *NAMES)
+BWRAP = (
+    *"--unshare-all --unshare-user --disable-userns --die-with-parent --new-session --cap-drop ALL".split(),
+    *NAMES,
+)
 
 
 class View(NamedTuple):

@@ -104,7 +104,7 @@ class StepNoise:
             is_pose = self.motion == POSE
             given = increment_cov(self._recording, 1) if is_pose else control_cov(self._recording, 1)
             remark = self._remark(self.motion, self.motion, self._own[self.motion], given)
-            yield self.motion, f"{remark}; that of the recording is in the body frame" if is_pose and remark else remark
+            yield self.motion, f"{remark} (body frame)" if is_pose and remark else remark
         if len(self._recording.observation_cov) and self.observation in self._own:
             own, is_corner = self._own[self.observation], self.observation == self.motion
             text = f"{POSE}[0:2, 0:2]" if is_corner else self.observation
