@@ -36,10 +36,8 @@ DEVICES = ("null", "zero", "full", "random", "urandom")
 TRUTHS = ("truth.npz", "*/truth.npz", "results")  # in the folder of the user's file: hidden
 CACHES = ("numba", "matplotlib", "fontconfig")  # folders of the user's cache folder
 NAMES = ("--hostname", "wall", "--uid", str(namespaces.NOBODY), "--gid", str(namespaces.NOBODY))
-BWRAP = (
-    *"--unshare-all --unshare-user --disable-userns --die-with-parent --new-session --cap-drop ALL".split(),
-    *NAMES,
-)
+APART = ("--unshare-all", "--unshare-user", "--disable-userns")  # no namespaces within these
+BWRAP = (*APART, "--die-with-parent", "--new-session", "--cap-drop", "ALL", *NAMES)
 
 
 class View(NamedTuple):
