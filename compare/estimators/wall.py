@@ -35,6 +35,7 @@ SETTINGS = ("alternatives", "fonts", "group", "ld.so.*", "localtime", "nsswitch.
 DEVICES = ("null", "zero", "full", "random", "urandom")
 TRUTHS = ("truth.npz", "*/truth.npz", "results")  # in the folder of the user's file: hidden
 CACHES = ("numba", "matplotlib", "fontconfig")  # folders of the user's cache folder
+NO_WALL = "this system permits neither user namespaces nor bwrap"
 NAMES = ("--hostname", "wall", "--uid", str(namespaces.NOBODY), "--gid", str(namespaces.NOBODY))
 APART = ("--unshare-all", "--unshare-user", "--disable-userns")  # no namespaces within these
 BWRAP = (*APART, "--die-with-parent", "--new-session", "--cap-drop", "ALL", *NAMES)
@@ -74,8 +75,8 @@ def require_wall(*, unconfined: bool) -> None:
         UserError: with the remedy.
     """
     if not unconfined and kind_of_wall() == "none":
-        why = "this system permits neither user namespaces nor bwrap, so user code could read and change your files"
-        raise UserError(f"{why}; install bubblewrap, or give --unconfined for code that you trust")
+        why = "user code could read and change your files"
+        raise UserError(f"{NO_WALL}, so {why}; install bubblewrap, or give --unconfined for code that you trust")
 
 
 def view(folder: str, neighbours: Collection[str], added: Iterable[str], strangers: Iterable[str]) -> View:
