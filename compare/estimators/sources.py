@@ -79,12 +79,10 @@ def programs_in(folder: Path, content: bytes) -> list[str]:
     """Return the files of a folder that a source starts with `adapters.external`: those that it names, and all `.m`."""
     if b"external(" not in content:
         return []
-    with suppress(SyntaxError, ValueError):
-        texts = [node.value for node in ast.walk(ast.parse(content)) if isinstance(node, ast.Constant)]
-        named = {Path(text).name for text in texts if isinstance(text, str)}
-        files = [each for each in folder.iterdir() if each.suffix == ".m" or each.name in named]
-        return [each.name for each in files if each.is_file()]
-    return []
+    texts = [node.value for node in ast.walk(parsed(content)) if isinstance(node, ast.Constant)]
+    named = {Path(text).name for text in texts if isinstance(text, str)}
+    files = [each for each in folder.iterdir() if each.suffix == ".m" or each.name in named]
+    return [each.name for each in files if each.is_file()]
 
 
 def imported_names(content: bytes) -> Iterator[str]:

@@ -8,6 +8,7 @@ from scipy.linalg import block_diag
 from slamgauge.arrays import Float
 from slamgauge.compare.estimators.user_code import UserCodeError
 from slamgauge.recording import Recording
+from slamgauge.se2 import rotation
 from slamgauge.sensors import SENSORS
 
 CLOSE = 1e-3  # largest relative difference of equal settings
@@ -42,6 +43,12 @@ def increment_cov(recording: Recording, step: int) -> Float:
     return recording.odometry_cov[max(step, 1) - 1].copy() if recording.steps else np.zeros((3, 3))
 
 
+def world_cov(recording: Recording, step: int, heading: float) -> Float:
+    """Return the covariance (3, 3) of the motion of a step in the world frame, for the heading [rad] before it."""
+    turn = block_diagonal(rotation(heading), np.eye(1))
+    return turn @ increment_cov(recording, step) @ turn.T
+
+
 def observation_cov(recording: Recording) -> Float:
     """Return the covariance (d, d) of the first observation."""
     return recording.observation_cov[0] if len(recording.observation_cov) else np.eye(2)
@@ -50,6 +57,14 @@ def observation_cov(recording: Recording) -> Float:
 def block_diagonal(*blocks: Float) -> Float:
     """Return a matrix with square blocks on its diagonal."""
     return np.asarray(block_diag(*blocks), np.float64)
+
+
+def numbers(value: object) -> Float:
+    """Return a copy of a value as an array of numbers; an empty array if it is not one."""
+    try:
+        return np.array(value, np.float64)
+    except (TypeError, ValueError):
+        return np.zeros(0)
 
 
 def noise_remark(name: str, own: object, given: Float, *, is_replaced: bool) -> str:
@@ -61,10 +76,7 @@ def noise_remark(name: str, own: object, given: Float, *, is_replaced: bool) -> 
         given: that of the recording.
         is_replaced: whether the recording's is used.
     """
-    try:
-        values = np.array(own, float)
-    except (TypeError, ValueError):
-        values = np.zeros(0)
+    values = numbers(own)
     if values.shape[:1] == (2,) and values.ndim == 2 and len(given) == 1:
         values = values[-1:, -1:]
     if values.shape == given.shape and np.allclose(values, given, rtol=CLOSE, atol=1e-12 * abs(given).max()):
@@ -78,9 +90,8 @@ def noise_remark(name: str, own: object, given: Float, *, is_replaced: bool) -> 
 
 def shown(value: object) -> str:
     """Return a matrix in few characters, `diag(0.09, 0.0027)` if it is diagonal."""
-    try:
-        array = np.array(value, float)
-    except (TypeError, ValueError):
+    array = numbers(value)
+    if not array.size:
         return repr(value)[:40]
     if array.ndim == 2 and len({*array.shape}) == 1 and not (array - np.diag(np.diag(array))).any():
         return f"diag({', '.join(f'{each:.3g}' for each in np.diag(array))})"

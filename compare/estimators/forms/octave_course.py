@@ -25,6 +25,7 @@ from slamgauge.compare.estimators.forms.inputs import (
     increment_cov,
     noise_remark,
     require_ranges_and_bearings,
+    world_cov,
 )
 from slamgauge.compare.estimators.forms.octave_conventions import Convention, conventions
 from slamgauge.compare.estimators.forms.octave_functions import CourseFunction, CoursePair, course_pair
@@ -35,7 +36,6 @@ from slamgauge.compare.estimators.fresh_modules import Code, Fresh
 from slamgauge.compare.estimators.user_code import Noise, UserCodeError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Observations, Recording
-from slamgauge.se2 import rotation
 
 ROBOT = 3
 UNSEEN = 1000.0  # variance [m^2] of a landmark that has not been observed
@@ -198,18 +198,19 @@ class _CourseFilter(Steps):
 
     def _require_set(self) -> None:
         """Refuse a map with a landmark whose coordinates are still zero."""
-        for j, position in enumerate(self._state()[0][3:].reshape(-1, 2)):
-            if not position.any():
-                where = f"mu[{3 + 2 * j}:{5 + 2 * j}]"
-                remedy = "set it at the first observation; landmark j, counted from 0, begins at mu[3 + 2 * j]"
-                raise UserCodeError(f"step {self._step}: landmark {j} was seen, but {where} is still zero; {remedy}")
+        is_set = self._state()[0][3:].reshape(-1, 2).any(axis=1)
+        if not is_set.all():
+            j = int(is_set.argmin())
+            where = f"mu[{3 + 2 * j}:{5 + 2 * j}]"
+            remedy = "set it at the first observation; landmark j, counted from 0, begins at mu[3 + 2 * j]"
+            raise UserCodeError(f"step {self._step}: landmark {j} was seen, but {where} is still zero; {remedy}")
 
     def _motion_noise(self, own: Any) -> Float:
         """Return the noise (n, n) of the motion in the world frame: that of the recording, or that of the file."""
         increment = increment_cov(self._recording, self._step)
-        turned = block_diagonal(rotation(self._heading), np.eye(1))
+        whole = world_cov(self._recording, self._step, self._heading)
         rest = np.zeros([max(0, np.shape(own)[0] - ROBOT)] * 2) if np.ndim(own) == 2 else np.zeros((0, 0))
-        return self._chosen("motion noise", own, increment, block_diagonal(turned @ increment @ turned.T, rest))
+        return self._chosen("motion noise", own, increment, block_diagonal(whole, rest))
 
     def _observation_noise(self, own: Any) -> Float:
         """Return the noise of ranges and bearings in turn: that of the recording, or that of the file.

@@ -14,16 +14,16 @@ import numpy as np
 
 from slamgauge.arrays import Float
 from slamgauge.compare.estimators.forms.inputs import (
-    block_diagonal,
     control_cov,
     increment_cov,
     noise_remark,
+    numbers,
     observation_cov,
     shown,
+    world_cov,
 )
 from slamgauge.compare.estimators.user_code import Noise, UserCodeError
 from slamgauge.recording import Observations, Recording
-from slamgauge.se2 import rotation
 
 EXERCISE = ("Q", "Py")
 POSE = "Cx"
@@ -117,14 +117,13 @@ class StepNoise:
     def _motion_cov(self, step: int, heading: float) -> Float | None:
         shape = (3, 3) if self.motion == POSE else (2, 2)
         if self.motion not in self.replaced:
-            own = _numbers(self._own.get(self.motion, 0))
+            own = numbers(self._own.get(self.motion, 0))
             return own * (step > 0) if own.shape == shape else None
         if not step:
             return np.zeros(shape)
         if self.motion != POSE:
             return control_cov(self._recording, step)
-        turn = block_diagonal(rotation(heading), np.eye(1))
-        return turn @ increment_cov(self._recording, step) @ turn.T
+        return world_cov(self._recording, step, heading)
 
     def _observation_cov(self, step: int, scan: Observations) -> Float | None:
         """Return the covariance of an observation; a bearing-only recording keeps the file's variance of ranges."""
@@ -135,7 +134,7 @@ class StepNoise:
             what = f"step {step}: observations of one scan have different noise"
             raise UserCodeError(f"{what}, which one {self.observation} cannot express; take its own, --noise file")
         given: Float = scan.cov[0]
-        cov = _numbers(self._own.get(self.observation, given) if corner is None else corner)
+        cov = numbers(self._own.get(self.observation, given) if corner is None else corner)
         if cov.ndim != 2 or len({*cov.shape}) != 1 or len(cov) < len(given):
             what = f"its {self.observation} must be a square matrix of at least {len(given)} rows"
             raise UserCodeError(f"{what}, for the noise of an observation; mend it, or take its own, --noise file")
@@ -160,11 +159,3 @@ def _covariances(space: dict[str, Any], names: set[str]) -> dict[str, Float]:
         if isinstance(value, np.ndarray) and value.ndim == 2 and len(value) in (1, 2, 3) and len({*value.shape}) == 1:
             found[name] = value.copy()
     return found
-
-
-def _numbers(value: object) -> Float:
-    """Return a copy of a matrix; an empty array for anything else."""
-    try:
-        return np.array(value, float)
-    except (TypeError, ValueError):
-        return np.zeros(0)

@@ -38,9 +38,11 @@ from slamgauge.compare.estimators.forms.inputs import (
     block_diagonal,
     control_cov,
     increment_cov,
+    numbers,
     observation_cov,
     require_ranges_and_bearings,
     step_length,
+    world_cov,
 )
 from slamgauge.compare.estimators.forms.probing import best_of, tiny_recording
 from slamgauge.compare.estimators.forms.signatures import required
@@ -49,7 +51,6 @@ from slamgauge.compare.estimators.fresh_modules import Code, Fresh
 from slamgauge.compare.estimators.user_code import Noise, UserCodeError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Observations, Recording
-from slamgauge.se2 import rotation
 
 PREDICT = ("predict", "prediction", "motion_update", "prediction_step", "predict_step")
 UPDATE = ("update", "correct", "correction", "measurement_update", "correction_step", "update_step")
@@ -147,7 +148,7 @@ class _Run(Steps):
         )
         if recording.landmark is None and "count" in roles.values():
             raise UserCodeError("its constructor needs the number of landmarks; give a recording with ids")
-        covs = self._noise_covs(1, observation_cov(recording))
+        covs = self._first_covs()
         self._slam = constructed(kind, roles, {**self._values(len(ids)), **covs})
         passed = {role: cov for role, cov in covs.items() if role in roles.values()}
         size = 2 if way.motion == "control" else ROBOT
@@ -169,7 +170,7 @@ class _Run(Steps):
 
     def advanced(self, step: int, scan: Observations) -> tuple[Any, Any]:
         """Run a step; return state and covariance of the landmarks observed so far."""
-        self._heading = _real(getattr(self._slam, self.names[0])).reshape(-1)[2]
+        self._heading = numbers(getattr(self._slam, self.names[0])).reshape(-1)[2]
         covs = self._noise_covs(step, scan.cov[0] if len(scan.value) else observation_cov(self._recording))
         for role, cov in covs.items():
             self._noise.set(role, cov)
@@ -178,7 +179,7 @@ class _Run(Steps):
             self._way.predict.run(self._predict, motion)
         if len(scan.value) and self._way.update is not None:
             self._way.update.run(self._update, self._numbered(scan))
-        x, P = (_real(getattr(self._slam, name)) for name in self.names)
+        x, P = (numbers(getattr(self._slam, name)) for name in self.names)
         size = ROBOT + 2 * self._seen if self._has_room else x.size
         return x.reshape(-1)[:size], P[:size, :size]
 
@@ -212,8 +213,7 @@ class _Run(Steps):
         cov = increment_cov(self._recording, step)
         if self._way.motion == "control":
             return cov[np.ix_([0, 2], [0, 2])]
-        turned = block_diagonal(rotation(self._heading if self._way.motion == "world" else 0.0), np.eye(1))
-        return turned @ cov @ turned.T
+        return world_cov(self._recording, step, self._heading) if self._way.motion == "world" else cov
 
     def _found_names(self) -> tuple[str, str]:
         """Return the names of the attributes with state and covariance; the start replaces None."""
@@ -221,7 +221,7 @@ class _Run(Steps):
             if {state, cov} <= {name for name, value in vars(self._slam).items() if value is None}:
                 setattr(self._slam, state, self._recording.prior_mean.copy())
                 setattr(self._slam, cov, self._recording.prior_cov.copy())
-            x, P = (_real(getattr(self._slam, name, None)) for name in (state, cov))
+            x, P = (numbers(getattr(self._slam, name, None)) for name in (state, cov))
             if x.size >= ROBOT and x.size % 2 and P.shape == (x.size, x.size):
                 return state, cov
         given = ", ".join(f"{n} {np.shape(getattr(self._slam, n))}" for n in (*STATES, *COVS) if hasattr(self._slam, n))
@@ -230,7 +230,7 @@ class _Run(Steps):
 
     def _start(self, roles: dict[str, str], count: int) -> None:
         """Set start pose and covariance where the constructor does not take them; bound variances of landmarks."""
-        x, P = (_real(getattr(self._slam, name)) for name in self.names)
+        x, P = (numbers(getattr(self._slam, name)) for name in self.names)
         self._has_room = x.size > ROBOT and x.size >= ROBOT + 2 * count
         if "mean" not in roles.values():
             x.reshape(-1)[:ROBOT] = self._recording.prior_mean
@@ -248,14 +248,6 @@ class _Run(Steps):
         numbers = np.array([self._number[name] for name in scan.landmark.tolist()], dtype=np.int64)
         self._seen = max(self._seen, int(numbers.max()) + 1)
         return scan._replace(landmark=numbers + self._way.first_id)
-
-
-def _real(value: object) -> Float:
-    """Return a copy as an array of numbers; an empty one for anything else."""
-    try:
-        return np.array(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        return np.zeros(0)
 
 
 def way_of(kind: Any, has_ids: bool, step_s: float) -> Way:
