@@ -1,6 +1,6 @@
 """Inputs that a filter ignores: noise of the recording, its prior, and ids.
 
-A right filter may have its own noise in its file, and may associate observations by itself. A check that varies an
+A right filter may have its own noise in its file, and may associate observations on its own. A check that varies an
 ignored input does not judge such a filter. The test is a run with the input changed: the estimate must be the same.
 """
 
@@ -25,7 +25,7 @@ UNCERTAIN = 1e-11  # variance [m^2, rad^2]; those of a known start, and of a lan
 def reason_not_judged(need: Need) -> str:
     """Return why a check that needs this input does not judge a filter that ignores it."""
     if need == "ids":
-        return "it ignores the ids of the recording and associates by itself"
+        return "it ignores the ids of the recording and associates on its own"
     return "it ignores the prior of the recording" if need == "prior" else f"it ignores the {need} of the recording"
 
 

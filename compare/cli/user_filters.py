@@ -59,9 +59,8 @@ class Check:
 
         if self.seed < 0:
             raise UserError(f"seed {self.seed}: a seed must not be negative; give one >= 0")
-        isolation = Isolation(
-            require_timeout(self.timeout), strict=False, unconfined=self.unconfined
-        )  # the check no-future does that
+        # not strict: the check `no-future` compares estimates of beginnings
+        isolation = Isolation(require_timeout(self.timeout), strict=False, unconfined=self.unconfined)
         requested = with_noise_and_form(ask([self.estimator]), "recording", self.form)
         (asked,) = isolated(requested, isolation if can_isolate() else None)
         verdicts = check_estimator(asked.label, load(asked), self.seed)

@@ -1,4 +1,4 @@
-"""What runs in a process with user code: it limits itself, loads the code, and runs it once.
+"""Work of a process with user code: limit the process, load the code, and run it once.
 
     python -P -m slamgauge.compare.estimators.isolated_worker REQUESTS ANSWERS
 
@@ -105,8 +105,8 @@ def _run(estimator: Estimator, recording: Recording) -> tuple[Mapping[str, objec
         most = f"; its process may take {MOST_MEMORY / 1e9:g} GB" if isinstance(error, MemoryError) else ""
         return {"reason": f"{reason_of(error)}{most}"}, None
     spent = {"seconds": perf_counter() - start, "cpu_seconds": cpu_seconds() - cpu}
-    told = {"remarks": remarks_of(estimator, recording), "replaces_noise": replaces_noise(estimator)}
-    return {**spent, **told}, estimate
+    fields = {**spent, "remarks": remarks_of(estimator, recording), "replaces_noise": replaces_noise(estimator)}
+    return fields, estimate
 
 
 def _answer(out: IO[bytes], fields: Mapping[str, object], estimate: Estimate | None = None) -> None:

@@ -33,7 +33,6 @@ STILL_RUNS = 255  # status of a process that had to be ended
 MOST_PRINTED = 10_000_000  # bytes of output in a run
 TAIL = 4000  # bytes of output that are kept
 
-
 KEPT = ("PATH", "PYTHONPATH", "VIRTUAL_ENV", "CONDA_PREFIX", "LANG", "LANGUAGE", "TZ", "SSL_CERT_FILE")
 KEPT_BEGINNINGS = ("LC_", "LD_", "DYLD_", "NUMBA_", "OPENBLAS_", "MKL_", "OMP_", "KMP_", "VECLIB_")
 
@@ -58,7 +57,7 @@ class Launcher:
         theirs.close()
         self.end = weakref.finalize(self, _end, self._process, self.requests)
         assert self._process.stdin is not None
-        with suppress(BrokenPipeError), self._process.stdin as settings:  # `Process` tells that it has ended
+        with suppress(BrokenPipeError), self._process.stdin as settings:  # `Process` reports that it has ended
             settings.write(json.dumps(_settings(where)).encode() + b"\n")
 
 
@@ -87,7 +86,7 @@ class Process:
         (theirs, self._requests), (self._answers, answers), (self._output, output) = os.pipe(), os.pipe(), os.pipe()
         for each in (self._requests, self._output):
             os.set_blocking(each, False)
-        with suppress(BrokenPipeError):  # `exchange` tells that the launcher has ended
+        with suppress(BrokenPipeError):  # `exchange` reports that the launcher has ended
             socket.send_fds(launcher.requests, [START], [theirs, answers, output])
         for each in (theirs, answers, output):
             os.close(each)

@@ -4,8 +4,8 @@ Its root contains the system's programs, Python with its libraries, slamgauge an
 read-only. `/tmp`, `/dev/shm` and its home are empty, writable and removed with it. It sees no other process and no
 network.
 
-`kind_of_wall` chooses how: namespaces by system call, because forking a process takes milliseconds; `bwrap`, which some
-systems permit alone, starts an interpreter for every run.
+`kind_of_wall` chooses how: namespaces by system call, because forking a process takes milliseconds; else `bwrap`, which
+starts an interpreter for every run. Some systems permit only `bwrap`.
 """
 
 from __future__ import annotations

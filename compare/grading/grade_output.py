@@ -95,7 +95,7 @@ def write_pages(out: Path, grades: Grades) -> bool:
 
 
 def _page(grade: Grade, grades: Grades) -> str:
-    """Return the page for the author of a submission: Markdown in which texts of the submission are no HTML."""
+    """Return the page for the author of a submission: Markdown; HTML in texts of the submission is escaped."""
     trial, reference, runs = grade.trial, grades.reference_grade.submission, grades.settings.runs
     lines = [
         f"# {grade.submission}: {verdict(grade)}",

@@ -28,7 +28,7 @@ def read_csv(path: Path) -> list[dict[str, str]]:
 
 
 def _quoted(cell: object) -> object:
-    """Put an apostrophe in front of a text that begins like a formula and is no number."""
+    """Put an apostrophe in front of a text that begins like a formula and is not a number."""
     return f"'{cell}" if isinstance(cell, str) and _is_formula(cell) and not _is_number(cell) else cell
 
 

@@ -42,7 +42,7 @@ def read_text(path: Path) -> str:
     """Return the text of a file in UTF-8, with or without a byte order mark.
 
     Raises:
-        UserError: it cannot be read, or is no text; with the line.
+        UserError: it cannot be read, or is not a text; with the line.
     """
     with explained(path, "read"):
         content = read_bytes(path)

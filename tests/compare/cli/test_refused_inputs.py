@@ -16,10 +16,10 @@ POINTS = 'trajectory={kind="waypoints",points=[[0,0],[0,0]],speed=1,yaw_rate=1,s
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["import", "g2o", "/dev/zero"], "/dev/zero: is no regular file"),
-        (["import", "g2o", "pipe"], "pipe: is no regular file"),
-        (["evaluate", "pipe"], "pipe: is no regular file"),
-        (["run", "pipe.toml"], "pipe.toml: is no regular file"),
+        (["import", "g2o", "/dev/zero"], "/dev/zero: is not a regular file"),
+        (["import", "g2o", "pipe"], "pipe: is not a regular file"),
+        (["evaluate", "pipe"], "pipe: is not a regular file"),
+        (["run", "pipe.toml"], "pipe.toml: is not a regular file"),
         (["import", "csv", ""], "'' is an empty path"),
         (["run", "tp4-handout", "--timeout", "2147484"], "leaves no time, or sets no limit"),
         (["run", "tp4-handout", "--set", POINTS], "trajectory.points: all are at the start"),
