@@ -13,8 +13,10 @@ import sys
 from collections.abc import Iterable
 from pathlib import Path
 
+from slamgauge.compare.estimators import namespaces
+
 CREATE_RULESET, ADD_RULE, RESTRICT_SELF = 444, 445, 446  # numbers of the system calls, on every processor
-ASK_VERSION, PATH_BENEATH, NO_NEW_PRIVILEGES = 1, 1, 38
+ASK_VERSION, PATH_BENEATH = 1, 1
 WRITE_FILE, REMOVE, MAKE = 1 << 1, 0b11 << 4, 0b1111111 << 6
 REFER, TRUNCATE = 1 << 13, 1 << 14  # since versions 2 and 3
 
@@ -39,6 +41,6 @@ def write_only_in(places: Iterable[Path]) -> None:
             granted = rights if place.is_dir() else rights & (WRITE_FILE | TRUNCATE)
             libc.syscall(ADD_RULE, rules, PATH_BENEATH, struct.pack("=Qi", granted, opened), 0)
             os.close(opened)
-    libc.prctl(NO_NEW_PRIVILEGES, 1, 0, 0, 0)
+    namespaces.control(namespaces.NO_NEW_PRIVILEGES, 1)
     libc.syscall(RESTRICT_SELF, rules, 0)
     os.close(rules)
