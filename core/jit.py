@@ -13,6 +13,7 @@ from numba.extending import overload, register_jitable
 
 from slamgauge.arrays import select
 from slamgauge.kernel_cache import cache_of
+from slamgauge.linked_code import compile_for_kernels
 
 Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
@@ -77,6 +78,8 @@ def _dispatcher(function: Callable[..., object], *, callable_from_python: bool) 
         "no_cpython_wrapper": not callable_from_python,
     }
     dispatcher: Any = njit(**options)(function)
+    if not callable_from_python:
+        compile_for_kernels(dispatcher)
     dispatcher._cache = cache_of(function, callable_from_python=callable_from_python)  # in place of numba's own
     return dispatcher
 

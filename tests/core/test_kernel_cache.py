@@ -59,6 +59,14 @@ def kept(folder: Path, suffix: str) -> list[Path]:
     return [*(folder / "__pycache__").glob(f"*.{suffix}")]
 
 
+def test_a_kernel_that_a_kernel_calls_has_no_machine_code(folder: Path) -> None:
+    (folder / "callee.py").write_text(CALLEE.format(2), encoding="utf-8")
+    assert called(folder) == (3, False)
+    inside = sys.modules["made_kernels.callee"].inside.get_overload.__self__  # compiled for kernels
+    (code,) = inside.overloads.values()
+    assert code.library.get_pointer_to_function(code.fndesc.llvm_func_name) == 0
+
+
 def test_an_edit_of_a_module_that_is_not_imported_costs_no_compilation(folder: Path):
     (folder / "unrelated.py").write_text("answer = 42\n", encoding="utf-8")
     assert called(folder) == (2, True)
