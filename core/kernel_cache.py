@@ -55,7 +55,9 @@ class _ReadOnly:
     """Accepts a folder that cannot be written to if it contains machine code: processes with user code only read it."""
 
     def ensure_cache_path(self) -> None:
-        """Make the folder; raise OSError if it cannot be used."""
+        """Make the folder; raise OSError if it cannot be used. A folder is checked once per process."""
+        if Path(self.get_cache_path()) in _folders:  # pyright: ignore[reportAttributeAccessIssue] numba's locators have it
+            return
         try:
             super().ensure_cache_path()  # pyright: ignore[reportAttributeAccessIssue] numba's locators have it
         except OSError:

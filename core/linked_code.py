@@ -33,15 +33,18 @@ class _LinkedCode(JITCodeLibrary):
 
 def _target() -> Any:
     """Return numba's compiler for this processor, with `_LinkedCode` for the code of a kernel."""
-    context = cpu_target.target_context
-    codegen = copy(context.codegen())
-    codegen._library_class = _LinkedCode
-    codegen.set_env = lambda _name, _environment: None  # a part of the machine code
+    processor: Any = cpu_target
+    codegen = copy(processor.target_context.codegen())
+    codegen._library_class, codegen.set_env = _LinkedCode, _set_no_environment
     return SimpleNamespace(
-        options=cpu_target.options,
-        typing_context=cpu_target.typing_context,
-        target_context=context.subtarget(_internal_codegen=codegen),
+        options=processor.options,
+        typing_context=processor.typing_context,
+        target_context=processor.target_context.subtarget(_internal_codegen=codegen),
     )
+
+
+def _set_no_environment(name: str, environment: object) -> None:
+    """Ignore the Python objects that machine code refers to."""
 
 
 _TARGET = _target()
