@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import subprocess
 import sys
@@ -20,15 +21,15 @@ ROOT = Path(__file__).parents[1]
 PACKAGES = ("ekf", "graph_baseline", "compare")
 
 CHECKS = {
+    "kernels": ["tests.kernels"],
     "lint": ["ruff", "check", "."],
     "format": ["ruff", "format", "--check", "."],
     "types": ["basedpyright", "--pythonpath", sys.executable],
     "pages": ["sphinx", "--quiet", "--fail-on-warning", "--keep-going", "docs", "build/site"],
-    "kernels": ["tests.kernels"],
     "tests": ["pytest", "-n", "auto", "--dist", "loadfile", "--no-loadscope-reorder"],
 }
 ALL_CORES = "tests"  # the other checks use one core each
-QUICK = ("lint", "format", "kernels", "tests")  # checks of the size `quick`; the other sizes have all
+QUICK = ("kernels", "lint", "format", "tests")  # checks of the size `quick`; the other sizes have all
 
 
 def main(names: Sequence[str] = ()) -> int:
@@ -43,12 +44,15 @@ def main(names: Sequence[str] = ()) -> int:
         return 2
     link_packages()
     pin_blas_threads()  # the tests run on all cores already
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # each program that tests start would compile all its modules
     chosen = [name for name in names if name != size] or [*(QUICK if size == "quick" else CHECKS)]
     first = [name for name in chosen if name != ALL_CORES]
-    with ThreadPoolExecutor(2) as executor:
-        failed = [name for name, passed in zip(first, executor.map(passes, first), strict=True) if not passed]
-    if ALL_CORES in chosen and not passes(ALL_CORES, f"--size={size}"):
-        failed.append(ALL_CORES)
+    with ThreadPoolExecutor(2) as executor:  # they run on while tests wait for timeouts and child processes
+        running = {name: executor.submit(passes, name) for name in first}
+        if "kernels" in running:
+            running["kernels"].result()
+        tests_failed = ALL_CORES in chosen and not passes(ALL_CORES, f"--size={size}")
+    failed = [name for name, check in running.items() if not check.result()] + [ALL_CORES] * tests_failed
     print(f"failed: {', '.join(failed)}" if failed else "all checks passed")
     return 1 if failed else 0
 

@@ -22,7 +22,7 @@ from pathlib import Path
 import pytest
 
 from slamgauge.compare.cli.main import COMMANDS, main
-from slamgauge.compare.scenarios import scenario_files
+from slamgauge.compare.scenarios import scenario, scenario_files
 from tests.reference.synthetic_logs import write_published_logs
 
 pytestmark = pytest.mark.usefixtures("studies_in_a_thread", "empty_pictures")
@@ -61,7 +61,8 @@ def small(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         )
         (tmp_path / "scenarios" / f"{name}.toml").write_text(text)
     shipped = {path.stem: path for path in (tmp_path / "scenarios").iterdir()}
-    monkeypatch.setattr(scenario_files, "shipped", lambda: shipped)
+    for module in (scenario_files, scenario):  # `scenario` resolves `extends`
+        monkeypatch.setattr(module, "shipped", lambda: shipped)
     work = tmp_path / "page"
     work.mkdir()
     write_published_logs(work)

@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 
 from slamgauge.compare.cli.main import main
+from tests.reference.fast_commands import studies_in_a_thread
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
 SHORT = ("q1-short-dense", "--set", "trajectory.duration=3")
@@ -44,7 +45,7 @@ def twice(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     for folder in folders:
         (folder / "class").mkdir()
         shutil.copy(EXAMPLES / "student_ekf.py", folder / "class")
-        with pytest.MonkeyPatch.context() as patch:
+        with pytest.MonkeyPatch.context() as patch, studies_in_a_thread():
             patch.chdir(folder)
             assert [main([*words]) for words in COMMANDS] == [0] * len(COMMANDS)
     return folders

@@ -58,6 +58,7 @@ def test_the_autograder_explains_a_submission_that_cannot_run(tmp_path: Path):
     )
 
 
+@pytest.mark.usefixtures("studies_in_a_thread")
 def test_results_of_a_class_have_points_per_item_and_hide_remarks_from_students(tmp_path: Path):
     (tmp_path / "class").mkdir()
     (tmp_path / "short.toml").write_text(SCENARIO)

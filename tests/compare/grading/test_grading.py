@@ -30,6 +30,7 @@ from slamgauge.compare.scoring.scores import Score
 from slamgauge.compare.studies.store import digest
 from slamgauge.compare.studies.study_run import run_seed
 from slamgauge.errors import UserError
+from tests.reference.fast_commands import studies_in_a_thread
 from tests.reference.json_schemas import held
 
 from ..scoring.test_error_bounds import scores
@@ -95,7 +96,8 @@ def graded(scenario: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder, out = tmp_path_factory.mktemp("class"), tmp_path_factory.mktemp("out") / "grades"
     write_class(folder)
     words = ["--scenario", str(scenario), "--runs", "3", "--seed", "0", "--out", str(out)]
-    assert main(["grade", str(folder), *words]) == 1
+    with studies_in_a_thread():
+        assert main(["grade", str(folder), *words]) == 1
     return out
 
 

@@ -186,7 +186,7 @@ def test_processes_and_a_dask_cluster_give_the_same_figures_bit_for_bit(run: Run
     here = run(4, NAMES, "here")
     with local_processes(2) as executor:
         there = run(4, NAMES, "there", executor=executor)
-    cluster: Any = LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0")
+    cluster: Any = LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=":0")
     with cluster, dask_cluster(cluster.scheduler_address) as executor:
         far = run(4, NAMES, "far", executor=executor)
     assert figures_of(here) == figures_of(there) == figures_of(far)
