@@ -26,6 +26,8 @@ POINTS = 'trajectory={kind="waypoints",points=[[0,0],[0,0]],speed=1,yaw_rate=1,s
         (["run", "tp4-handout", "--set", "prior.mean=[1e15,0,0]"], "prior.mean[0]: must be from 0 to 1e+09 m"),
         (["run", "tp4-handout", "--set", "sensor.sigma_range=1e-300"], "sensor.sigma_range: must be from 1e-12"),
         (["run", "tp4-handout", "--set", "motion.sigma_speed=1e10"], "motion.sigma_speed: must be from 1e-12"),
+        (["run", "tp4-handout", "--set", "motion.sigma_speed=1e3"], "motion.sigma_speed: a step of 0.1 s has"),
+        (["run", "tp4-handout", "--set", "motion.sigma_lateral=101"], "motion.sigma_lateral: a step of 0.1 s has"),
         (["run", "tp4-handout", "--estimators", "fixed-lag-1000000000"], "write fixed-lag-N with a number N"),
     ],
 )
