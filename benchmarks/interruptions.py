@@ -59,7 +59,7 @@ WAYS: dict[str, tuple[int, ...]] = {
 BETWEEN = 0.2  # s from one signal to the next
 ENDING = 30.0  # s: longest time from the last signal to the end
 FOLLOWING = 5.0  # s: longest time in which the workers of a killed command end
-CLOCK = ("seconds", "created")  # parts of the keys whose values depend on the clock
+CLOCK = ("seconds", "created", "execution_time")  # parts of the keys whose values depend on the clock
 NOISE = ("Traceback", "Warning", "resource_tracker")  # no output may contain these
 
 
