@@ -114,13 +114,20 @@ def named_files(folder: Path, content: bytes) -> list[str]:
     """Return the files of a folder whose names are texts in a source, and all `.m` if it starts a program.
 
     Such files are data that the code reads, and programs that it starts with `adapters.external`. Data files of more
-    than `LARGEST` bytes do not belong to the sources.
+    than `LARGEST` bytes, and files that it opens for writing, do not belong to the sources.
     """
-    texts = [node.value for node in ast.walk(parsed(content)) if isinstance(node, ast.Constant)]
-    named = {Path(text).name for text in texts if isinstance(text, str)}
+    nodes = [*ast.walk(parsed(content))]
+    opened = [_texts(node) for node in nodes if isinstance(node, ast.Call) and ast.unparse(node.func) == "open"]
+    written = {Path(texts[0]).name for texts in opened if len(texts) > 1 and set(texts[1]) & set("wax+")}
+    named = {Path(text).name for node in nodes if isinstance(node, ast.Constant) for text in _texts(node)} - written
     octave = b"external(" in content
     files = [each for each in folder.iterdir() if each.name in named or (octave and each.suffix == ".m")]
     return [each.name for each in files if each.is_file() and each.stat().st_size <= LARGEST]
+
+
+def _texts(node: ast.AST) -> list[str]:
+    """Return the texts in a node, in their order."""
+    return [each.value for each in ast.walk(node) if isinstance(each, ast.Constant) and isinstance(each.value, str)]
 
 
 def imported_names(content: bytes) -> Iterator[str]:

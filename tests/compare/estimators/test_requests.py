@@ -92,8 +92,8 @@ def test_an_edited_program_is_another_estimator(folder: Path, program: str) -> N
 
 
 def test_a_data_file_that_the_code_names_counts_in_the_digest(tmp_path: Path):
-    (tmp_path / "mine.py").write_text("WEIGHTS = open('weights.txt').read()\n")
-    for name in ("weights.txt", "other.txt"):
+    (tmp_path / "mine.py").write_text("WEIGHTS = open('weights.txt', 'r').read()\nopen('log.txt', 'a').close()\n")
+    for name in ("weights.txt", "other.txt", "log.txt"):
         (tmp_path / name).write_text("1")
     first = sources_of(tmp_path, "mine")
     assert [path for path, _ in first.files] == ["mine.py", "weights.txt"]
