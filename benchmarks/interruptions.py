@@ -104,7 +104,9 @@ def tried(words: tuple[str, ...], signals: tuple[int, ...], moment: float, whole
         except subprocess.TimeoutExpired:
             return [f"it did not end within {ENDING:g} s"]
         faults += [
-            f"it printed {line!r}" for line in stopped.printed.splitlines() if any(each in line for each in NOISE)
+            f"it printed {line!r}, at the end {stopped.printed[-400:]!r}"
+            for line in stopped.printed.splitlines()
+            if any(each in line for each in NOISE)
         ]
         faults += [f"process {each} is left" for each in left_processes(folder)]
         if signal.SIGKILL not in signals:
