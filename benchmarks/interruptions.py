@@ -59,7 +59,7 @@ WAYS: dict[str, tuple[int, ...]] = {
 BETWEEN = 0.2  # s from one signal to the next
 ENDING = 30.0  # s: longest time from the last signal to the end
 FOLLOWING = 5.0  # s: longest time in which the workers of a killed command end
-CLOCK = ("seconds", "created")  # parts of the keys whose values depend on the clock
+CLOCK = ("seconds", "created", "execution_time")  # parts of the keys whose values depend on the clock
 NOISE = ("Traceback", "Warning", "resource_tracker")  # no output may contain these
 
 
@@ -104,7 +104,9 @@ def tried(words: tuple[str, ...], signals: tuple[int, ...], moment: float, whole
         except subprocess.TimeoutExpired:
             return [f"it did not end within {ENDING:g} s"]
         faults += [
-            f"it printed {line!r}" for line in stopped.printed.splitlines() if any(each in line for each in NOISE)
+            f"it printed {line!r}, at the end {stopped.printed[-400:]!r}"
+            for line in stopped.printed.splitlines()
+            if any(each in line for each in NOISE)
         ]
         faults += [f"process {each} is left" for each in left_processes(folder)]
         if signal.SIGKILL not in signals:

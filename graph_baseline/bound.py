@@ -65,7 +65,7 @@ def model_at_truth(truth: Truth, recording: Recording) -> tuple[LinearModel, int
     association = np.where(truth.misleading, -1, truth.association)
     is_associated = recording.landmark is not None and np.array_equal(association, recording.landmark)
     seen = prepare(recording if is_associated else recording.associated(association))
-    require_memory_for(seen, "bound", dense=True)
+    require_memory_for(seen, "bound")
     if not SENSORS[seen.sensor].places_landmarks:
         seen = seen.only(are_reobserved(seen))  # a single bearing has no information about the path
     ids, first, slot = np.unique(seen.landmark, return_index=True, return_inverse=True)

@@ -47,7 +47,7 @@ def causal(recording: Recording, association: Int | None = None) -> Estimate:
         UserError: the association is unknown, or the measurements leave a variable undetermined.
     """
     problem = prepare(recording, association)
-    require_memory_for(problem, "causal", dense=True)
+    require_memory_for(problem, "causal")
     incremental = IncrementalOptimum(problem)
     steps = problem.steps
     poses, pose_covs, seconds = np.empty((steps + 1, 3)), np.empty((steps + 1, 3, 3)), np.zeros(steps + 1)

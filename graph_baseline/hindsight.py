@@ -59,9 +59,8 @@ def batch(recording: Recording, association: Int | None = None) -> Estimate:
         UserError: the association is unknown, the measurements leave a variable undetermined, or no minimum was found.
     """
     problem = prepare(recording, association)
-    places_landmarks = SENSORS[recording.sensor].places_landmarks
-    require_memory_for(problem, "batch", dense=not places_landmarks)  # bearing-only may need the causal optimum
-    if places_landmarks:
+    require_memory_for(problem, "batch")
+    if SENSORS[recording.sensor].places_landmarks:
         found = optimum_from(problem, problem.dead_reckoning)
     else:
         found = bearing_only_optimum(problem, lambda: incremental_start(problem)[0])

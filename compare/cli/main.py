@@ -25,7 +25,7 @@ from slamgauge.compare.cli.terminal import drop_output, prepare_streams, put
 from slamgauge.compare.cli.user_filters import Check, Grade
 from slamgauge.compare.storage.provenance import commanded
 from slamgauge.compare.storage.safe_names import shown
-from slamgauge.errors import UserError, refused_by_the_machine
+from slamgauge.errors import UserError, no_room_for_library, refused_by_the_machine
 from slamgauge.version import __version__
 
 DEFECT = 70  # exit status, EX_SOFTWARE of sysexits.h
@@ -93,6 +93,10 @@ def _run(words: Sequence[str]) -> int:
             return _ended(2, f"{str(error.filename)[:60]} ...: this name is too long; check the path")
         if refused_by_the_machine(error):
             what = " ".join(str(error).split())[:LONGEST] or "too little memory"
+            if no_room_for_library(error):
+                what = (
+                    "the libraries do not fit into the memory that this process may use (`ulimit -v` prints the limit)"
+                )
             return _ended(REFUSED, f"the machine refused: {what}; make room and give the same command again")
         traceback.print_exception(error)
         return _ended(

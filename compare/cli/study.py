@@ -119,7 +119,7 @@ class Study(WithPage):
         from slamgauge.compare.storage.manifest import require_free
         from slamgauge.compare.storage.result_files import STUDY_FILES
         from slamgauge.compare.studies.stopping_rule import Until
-        from slamgauge.compare.studies.study import load_runs, run_study
+        from slamgauge.compare.studies.study import load_runs, require_kept, run_study
         from slamgauge.compare.studies.summary import summary_table
 
         scenario = sampled_scenario(self.scenario, self.set)
@@ -129,6 +129,7 @@ class Study(WithPage):
             arguments = (scenario, self.runs, self.seed, asked, self.out, executor)
             summary = run_study(*arguments, against=split_names(self.against), until=until)
         printed = self.output.show(summary.to_json(), summary_table(summary))
+        require_kept(self.out, summary.runs)
         runs = load_runs(scenario, summary.runs, self.seed, asked, self.out)
         return write_study(self.out, summary, runs, scenario.trajectory.step) and printed and not summary.failures
 

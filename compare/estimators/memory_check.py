@@ -28,7 +28,7 @@ def require_room_for_runs(runs: int, scenario: Scenario, estimators: int) -> Non
 
 
 def require_room_for_estimates(recording: Recording, asked: Sequence[Asked]) -> None:
-    """Refuse estimators whose estimates, or filters whose covariance, do not fit into memory.
+    """Refuse estimators whose estimates, filters whose covariance, or optima whose matrices do not fit into memory.
 
     Raises:
         UserError: they do not fit.
@@ -41,3 +41,8 @@ def require_room_for_estimates(recording: Recording, asked: Sequence[Asked]) -> 
         if each.name in FILTERS:
             what = f"{each.label}: the covariance of {landmarks} landmarks"
             require_memory(8.0 * (3 + 2 * landmarks) ** 2, what, "give fewer landmarks, or leave it out")
+        if each.is_optimum and landmarks:
+            from slamgauge.graph_baseline.problem.preparation import prepare  # slow libraries
+            from slamgauge.graph_baseline.solver.cost_estimate import require_memory_for
+
+            require_memory_for(prepare(recording), each.name)

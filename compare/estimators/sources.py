@@ -1,4 +1,4 @@
-"""Source files of user code: what a module imports or starts from its folder, their digest, and a copy elsewhere."""
+"""Files of user code: what a module imports, starts or reads from its folder, their digest, and a copy elsewhere."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import ast
 import atexit
 import functools
 import hashlib
+import itertools
+import os
 import shutil
 import sys
 import tempfile
@@ -19,30 +21,30 @@ from slamgauge.compare.estimators.pair_files import partner_file
 from slamgauge.compare.estimators.syntax_tree import parsed
 
 MOST_FILES = 1000  # no more imports are followed
+LARGEST = 10_000_000  # bytes of a data file that belongs to the sources
 LEVELS = 4  # folders above a file in which helpers of its package may lie
 
 
 @dataclass(frozen=True)
 class Sources:
-    """A module of user code, everything that it imports from its folder, and programs of the folder that it starts.
+    """A module of user code, what it imports from its folder, and programs and data files of the folder that it names.
 
     Attributes:
         folder: absolute path.
         module: dotted name, as code of the folder would import it.
         files: (path relative to the folder, content) of each file.
+        libraries: SHA-256 of modules that it imports from `PYTHONPATH` and from folders that it adds to `sys.path`.
     """
 
     folder: str
     module: str
     files: tuple[tuple[str, bytes], ...]
+    libraries: str = ""
 
     @property
     def digest(self) -> str:
-        """SHA-256 of all files and their names."""
-        total = hashlib.sha256()
-        for path, content in self.files:
-            total.update(f"{path} {len(content)} ".encode() + content)
-        return total.hexdigest()
+        """SHA-256 of all files and their names, and of the libraries."""
+        return _digest(self.files, self.libraries)
 
     def place(self) -> Path:
         """Return the folder if its files are unchanged; otherwise, for example on another machine, a copy."""
@@ -56,12 +58,18 @@ class Sources:
 def sources_of(folder: Path, module: str) -> Sources:
     """Read a module of a folder and follow its imports, wherever in the code they are written.
 
-    The neighbour with the second function of the Octave course belongs to it, too, and programs (`programs_in`).
+    The neighbour with the second function of the Octave course belongs to it, too, and `named_files`.
 
     Raises:
         OSError: a file cannot be read.
     """
     folder = folder.resolve()
+    files = _followed(folder, module)
+    return Sources(str(folder), module, files, _libraries(folder, files))
+
+
+def _followed(folder: Path, module: str) -> tuple[tuple[str, bytes], ...]:
+    """Return the files of `sources_of`."""
     found: dict[str, bytes] = {}
     waiting = list(_files_of(folder, module))
     partner = partner_file(folder / waiting[0]) if len(waiting) == 1 else None
@@ -71,18 +79,55 @@ def sources_of(folder: Path, module: str) -> Sources:
         if path not in found:
             found[path] = (folder / path).read_bytes()
             waiting += [file for name in {*imported_names(found[path])} for file in _files_of(folder, name)]
-            waiting += programs_in(folder, found[path])
-    return Sources(str(folder), module, tuple(sorted(found.items())))
+            waiting += named_files(folder, found[path]) if path.endswith(".py") else []
+    return tuple(sorted(found.items()))
 
 
-def programs_in(folder: Path, content: bytes) -> list[str]:
-    """Return the files of a folder that a source starts with `adapters.external`: those that it names, and all `.m`."""
-    if b"external(" not in content:
-        return []
-    texts = [node.value for node in ast.walk(parsed(content)) if isinstance(node, ast.Constant)]
-    named = {Path(text).name for text in texts if isinstance(text, str)}
-    files = [each for each in folder.iterdir() if each.suffix == ".m" or each.name in named]
-    return [each.name for each in files if each.is_file()]
+def _libraries(folder: Path, files: tuple[tuple[str, bytes], ...]) -> str:
+    """Return the SHA-256 of modules that files import from `PYTHONPATH` and `added_folders`; empty without any."""
+    contents = [content for path, content in files if path.endswith(".py")]
+    places = [Path(each) for each in os.environ.get("PYTHONPATH", "").split(os.pathsep) if each]
+    places += [Path(each) for content in contents for each in added_folders(folder, content)]
+    names = sorted({name for content in contents for name in imported_names(content)})
+    found: dict[str, bytes] = {}
+    for place, name in itertools.product(dict.fromkeys(places), names):
+        if place.resolve() != folder and any((place / top).exists() for top in _heads(name)):
+            found |= {f"{place}/{path}": content for path, content in _followed(place.resolve(), name)}
+    return _digest(tuple(sorted(found.items()))) if found else ""
+
+
+def _heads(name: str) -> tuple[str, str]:
+    """Return the files of which one exists where a module can be imported."""
+    top = name.partition(".")[0]
+    return f"{top}.py", f"{top}/__init__.py"
+
+
+def _digest(files: tuple[tuple[str, bytes], ...], more: str = "") -> str:
+    total = hashlib.sha256()
+    for path, content in files:
+        total.update(f"{path} {len(content)} ".encode() + content)
+    total.update(more.encode())
+    return total.hexdigest()
+
+
+def named_files(folder: Path, content: bytes) -> list[str]:
+    """Return the files of a folder whose names are texts in a source, and all `.m` if it starts a program.
+
+    Such files are data that the code reads, and programs that it starts with `adapters.external`. Data files of more
+    than `LARGEST` bytes, and files that it opens for writing, do not belong to the sources.
+    """
+    nodes = [*ast.walk(parsed(content))]
+    opened = [_texts(node) for node in nodes if isinstance(node, ast.Call) and ast.unparse(node.func) == "open"]
+    written = {Path(texts[0]).name for texts in opened if len(texts) > 1 and set(texts[1]) & set("wax+")}
+    named = {Path(text).name for node in nodes if isinstance(node, ast.Constant) for text in _texts(node)} - written
+    octave = b"external(" in content
+    files = [each for each in folder.iterdir() if each.name in named or (octave and each.suffix == ".m")]
+    return [each.name for each in files if each.is_file() and each.stat().st_size <= LARGEST]
+
+
+def _texts(node: ast.AST) -> list[str]:
+    """Return the texts in a node, in their order."""
+    return [each.value for each in ast.walk(node) if isinstance(each, ast.Constant) and isinstance(each.value, str)]
 
 
 def imported_names(content: bytes) -> Iterator[str]:

@@ -179,6 +179,22 @@ class Scenario(Section):
         return self
 
     @model_validator(mode="after")
+    def _odometry_predicts(self) -> Scenario:
+        """Refuse odometry that does not predict which landmarks are in view: optima then take minutes."""
+        speeds = [self.motion.sigma_speed or 0.0, self.motion.sigma_lateral or 0.0]
+        if self.motion.covariances is not None or self.sensor.sights is not None:
+            return self
+        lasts = float(self.trajectory.durations().max(initial=0.0))
+        sigma, reach = max(speeds) * lasts, self.sensor.max_range
+        if sigma > reach:
+            key = ("sigma_speed", "sigma_lateral")[int(np.argmax(speeds))]
+            what = (
+                f"a step of {lasts:g} s has a standard deviation of {sigma:g} m, above sensor.max_range ({reach:g} m)"
+            )
+            raise invalid(f"motion.{key}: {what}; give at most {reach / lasts:g} m/s")
+        return self
+
+    @model_validator(mode="after")
     def _tables_fit(self) -> Scenario:
         motion, sights = self.motion.covariances, self.sensor.sights
         if motion is None and sights is None:

@@ -143,6 +143,17 @@ def load_runs(
         return {each.label: store.load(each.key, runs) for each in ask(estimators)}
 
 
+def require_kept(out: Path, runs: int) -> None:
+    """Refuse to continue after `run_study` if the folder `out` was removed while the study ran.
+
+    Raises:
+        UserError: the store does not exist any more.
+    """
+    if not (out / STORE).exists():
+        what = f"was removed or renamed while the study ran; its {runs} runs are not stored there"
+        raise UserError(f"{out}: {what}; put the folder back, or give the same command again")
+
+
 def _run_looks(
     store: StudyStore, work: _Work, looks: Sequence[Look], pairs: Sequence[Pair], until: Until | None
 ) -> tuple[Look, Precision | None, list[Failure]]:

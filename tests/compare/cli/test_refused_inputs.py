@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import os
+import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
-from slamgauge.compare.cli.main import main
+from slamgauge.compare.cli.main import REFUSED, main
 from slamgauge.errors import refused_by_the_machine
+from tests.reference.command_line import command_after
 
 POINTS = 'trajectory={kind="waypoints",points=[[0,0],[0,0]],speed=1,yaw_rate=1,step=0.1}'
 
@@ -26,6 +30,8 @@ POINTS = 'trajectory={kind="waypoints",points=[[0,0],[0,0]],speed=1,yaw_rate=1,s
         (["run", "tp4-handout", "--set", "prior.mean=[1e15,0,0]"], "prior.mean[0]: must be from 0 to 1e+09 m"),
         (["run", "tp4-handout", "--set", "sensor.sigma_range=1e-300"], "sensor.sigma_range: must be from 1e-12"),
         (["run", "tp4-handout", "--set", "motion.sigma_speed=1e10"], "motion.sigma_speed: must be from 1e-12"),
+        (["run", "tp4-handout", "--set", "motion.sigma_speed=1e3"], "motion.sigma_speed: a step of 0.1 s has"),
+        (["run", "tp4-handout", "--set", "motion.sigma_lateral=101"], "motion.sigma_lateral: a step of 0.1 s has"),
         (["run", "tp4-handout", "--estimators", "fixed-lag-1000000000"], "write fixed-lag-N with a number N"),
     ],
 )
@@ -45,6 +51,15 @@ def test_a_scenario_may_begin_with_a_byte_order_mark(tmp_path: Path, capsys: pyt
     (tmp_path / "mark.toml").write_bytes(b"\xef\xbb\xbfextends = 'tp4-handout'\nmark = 1\n")
     assert main(["run", str(tmp_path / "mark.toml"), "--out", str(tmp_path / "o")]) == 2
     assert "mark.toml: mark: unknown key" in capsys.readouterr().err
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems do not limit the address space")
+def test_too_little_memory_for_the_libraries_is_one_line_that_names_the_limit():
+    limit = "import resource; resource.setrlimit(resource.RLIMIT_AS, (300_000_000, 300_000_000))"
+    words = command_after(limit, "run", "q1-short-dense", "--estimators", "dead-reckoning", "--out", "nowhere")
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert done.returncode == REFUSED
+    assert re.fullmatch(r"slamgauge: the machine refused: [^\n]*`ulimit -v`[^\n]*make room[^\n]*\n", done.stderr)
 
 
 @pytest.mark.parametrize("text", ["x.so: failed to map segment from shared object", "no module named x"])

@@ -91,6 +91,36 @@ def test_an_edited_program_is_another_estimator(folder: Path, program: str) -> N
     assert sources_of(folder, "mine").digest != first
 
 
+def test_a_data_file_that_the_code_names_counts_in_the_digest(tmp_path: Path):
+    (tmp_path / "mine.py").write_text("WEIGHTS = open('weights.txt', 'r').read()\nopen('log.txt', 'a').close()\n")
+    for name in ("weights.txt", "other.txt", "log.txt"):
+        (tmp_path / name).write_text("1")
+    first = sources_of(tmp_path, "mine")
+    assert [path for path, _ in first.files] == ["mine.py", "weights.txt"]
+    (tmp_path / "other.txt").write_text("2")
+    assert sources_of(tmp_path, "mine").digest == first.digest
+    (tmp_path / "weights.txt").write_text("2")
+    assert sources_of(tmp_path, "mine").digest != first.digest
+
+
+@pytest.mark.parametrize("way", ["PYTHONPATH", "sys.path"])
+def test_a_library_elsewhere_counts_in_the_digest(way: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    library, folder = tmp_path / "library", tmp_path / "mine"
+    for each in (library, folder):
+        each.mkdir()
+    adding = "import sys\nsys.path.insert(0, '../library')\n" if way == "sys.path" else ""
+    (folder / "mine.py").write_text(f"{adding}import tuned_library\n")
+    (library / "tuned_library.py").write_text("from tuned_numbers import SCALE\n")
+    (library / "tuned_numbers.py").write_text("SCALE = 1\n")
+    if way == "PYTHONPATH":
+        monkeypatch.setenv("PYTHONPATH", str(library))
+    first = sources_of(folder, "mine")
+    assert [path for path, _ in first.files] == ["mine.py"]
+    assert sources_of(folder, "mine").digest == first.digest
+    (library / "tuned_numbers.py").write_text("SCALE = 2\n")
+    assert sources_of(folder, "mine").digest != first.digest
+
+
 def test_a_pickled_request_keeps_its_sources(folder: Path) -> None:
     (asked,) = pickle.loads(pickle.dumps(ask(["mine.py:estimate"])))
     (folder / "helper.py").write_text("raise ImportError\n")

@@ -250,7 +250,7 @@ def test_a_map_that_fits_into_memory_only_in_pieces_is_accepted(monkeypatch: pyt
     monkeypatch.setattr("slamgauge.memory.free_memory", lambda: 3e7)
     cost_estimate.require_memory_for(prepare(recording), "batch")
     with pytest.raises(UserError, match=r"^causal of \d+ landmarks in \d+ scans needs 0\.2 GB of memory"):
-        cost_estimate.require_memory_for(prepare(recording), "causal", dense=True)
+        cost_estimate.require_memory_for(prepare(recording), "causal")
 
 
 # --- the optimum ---------------------------------------------------------------------------------
