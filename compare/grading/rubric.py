@@ -9,7 +9,8 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from slamgauge.compare.checks.examination import CHECKS, Verdict
+from slamgauge.compare.checks.check import Check
+from slamgauge.compare.checks.examination import CHECKS, Verdict, presupposed
 from slamgauge.compare.scoring.intervals import Interval
 from slamgauge.compare.storage.toml_tables import parse_toml, read_toml
 from slamgauge.errors import UserError
@@ -89,6 +90,13 @@ class Rubric:
     consistency: Scale
     checks: Mapping[str, float]
     text: str
+
+    @property
+    def needed_checks(self) -> list[Check]:
+        """Checks with a weight, and those that they presuppose."""
+        weighted = {name for name, weight in self.checks.items() if weight}
+        needed = weighted.union(*map(presupposed, weighted))
+        return [each for each in CHECKS if each.name in needed]
 
     def mark(
         self,

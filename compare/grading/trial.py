@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float
+from slamgauge.compare.checks.check import Check
 from slamgauge.compare.checks.examination import Verdict, check_estimator
 from slamgauge.compare.estimators.causality_check import require_causal
 from slamgauge.compare.estimators.isolated_process import Isolated
@@ -94,7 +95,9 @@ def reference_run(scenario: Scenario, seed: int, reference: Asked) -> Run:
     return Run(seed, _scored(truth, recording, estimate, optimum, seconds), optimum)
 
 
-def run_trial(where: Address, name: str, scenario: Scenario, runs: Sequence[Run], isolation: Isolation) -> Trial:
+def run_trial(
+    where: Address, name: str, scenario: Scenario, runs: Sequence[Run], isolation: Isolation, checks: Sequence[Check]
+) -> Trial:
     """Run a submission on all runs, then the checks if they apply to such recordings.
 
     Args:
@@ -103,6 +106,7 @@ def run_trial(where: Address, name: str, scenario: Scenario, runs: Sequence[Run]
         scenario: scenario of the runs.
         runs: the same runs of the reference.
         isolation: largest time of a run, and whether it runs without a wall.
+        checks: checks that it is judged by.
     """
     trial = Trial()
     with closing(Isolated(where, isolation.timeout, unconfined=isolation.unconfined)) as estimator:
@@ -113,7 +117,7 @@ def run_trial(where: Address, name: str, scenario: Scenario, runs: Sequence[Run]
             if not SENSORS[scenario.sensor.kind].has_range or scenario.association.method != "known":
                 trial.no_checks = NO_IDS
             else:
-                trial.verdicts = check_estimator(name, estimator)
+                trial.verdicts = check_estimator(name, estimator, checks=checks)
         except UserError as error:
             is_done = len(trial.scores) == len(runs)
             which = "small recording of the checks: " if is_done else f"run {len(trial.scores)}: " if trial.form else ""

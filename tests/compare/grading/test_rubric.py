@@ -35,6 +35,11 @@ def test_the_default_rubric_weighs_every_check_and_a_right_filter_has_all_points
     assert not {"step-time", "standing-robot"} & {*points_of(found)}
 
 
+def test_checks_without_weight_run_only_if_a_weighted_check_presupposes_them():
+    omitted = {each.name for each in CHECKS} - {each.name for each in RUBRIC.needed_checks}
+    assert omitted == {"step-time", "standing-robot-in-noise"}
+
+
 @pytest.mark.parametrize(
     ("ate", "points"), [(0.9, 25.0), (1.05, 25.0), (1.525, 12.5), (1.99, 0.263), (2.0, 0.0), (40.0, 0.0)]
 )
