@@ -122,9 +122,9 @@ def _largest_distance(
     """Return the largest distance (see `_distance`) of some poses from the optimum of the same measurements.
 
     The poses are the last pose, poses before a switch to another minimum, and in short bearing-only recordings poses
-    before a change of the map. If noise does not explain the cost of the whole recording, only the last pose is checked,
-    because minima switch often while no minimum is plausible. The distance is infinite if the optimum does not exist. Before a change of the map such
-    a pose is ignored, because an optimum need not exist just before a landmark is placed.
+    before a change of the map. Only the last pose is checked unless `is_plausible`: if noise does not explain the cost
+    of the recording, minima switch often. The distance is infinite if the optimum does not exist. Before a change of
+    the map such a pose is ignored, because an optimum need not exist just before a landmark is placed.
     """
     path, landmarks = incremental.path_and_map()
     if not SENSORS[recording.sensor].places_landmarks:
