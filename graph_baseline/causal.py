@@ -20,7 +20,7 @@ from slamgauge.graph_baseline.problem.preparation import Problem, prepare, relat
 from slamgauge.graph_baseline.problem.undetermined import UndeterminedError
 from slamgauge.graph_baseline.solver.cost_estimate import require_memory_for
 from slamgauge.graph_baseline.solver.incremental import SHORT, IncrementalOptimum
-from slamgauge.graph_baseline.solver.multistart import chi_square_of
+from slamgauge.graph_baseline.solver.multistart import chi_square_of, explained_by_noise
 from slamgauge.recording import Recording
 from slamgauge.se2 import wrap
 from slamgauge.sensors import SENSORS
@@ -96,6 +96,7 @@ def _with_map(
     ids = recording.landmark
     association = np.where(np.isin(ids, incremental.landmark_ids), ids, -1)
     chi_square, freedom = chi_square_of(recording.associated(association), path, landmarks)
+    is_plausible = recording.steps <= SHORT or explained_by_noise(chi_square, freedom)
     return replace(
         estimate,
         landmark_ids=incremental.landmark_ids,
@@ -106,24 +107,32 @@ def _with_map(
         chi_square_dof=freedom,
         optimum_check=np.inf
         if incremental.unconverged_steps
-        else _largest_distance(recording, estimate, incremental, map_changes),
+        else _largest_distance(recording, estimate, incremental, map_changes, is_plausible=is_plausible),
     )
 
 
 def _largest_distance(
-    recording: Problem, estimate: Estimate, incremental: IncrementalOptimum, map_changes: list[_PathAndMap]
+    recording: Problem,
+    estimate: Estimate,
+    incremental: IncrementalOptimum,
+    map_changes: list[_PathAndMap],
+    *,
+    is_plausible: bool,
 ) -> float:
     """Return the largest distance (see `_distance`) of some poses from the optimum of the same measurements.
 
     The poses are the last pose, poses before a switch to another minimum, and in short bearing-only recordings poses
-    before a change of the map. The distance is infinite if the optimum does not exist. Before a change of the map such
-    a pose is ignored, because an optimum need not exist just before a landmark is placed.
+    before a change of the map. Only the last pose is checked unless `is_plausible`: if noise does not explain the cost
+    of the recording, minima switch often. The distance is infinite if the optimum does not exist. Before a change of
+    the map such a pose is ignored, because an optimum need not exist just before a landmark is placed.
     """
     path, landmarks = incremental.path_and_map()
     if not SENSORS[recording.sensor].places_landmarks:
         farthest = _distance_if_any(estimate, lambda: optimum_from(recording, path))
     else:
         farthest = _distance_if_any(estimate, lambda: optimum_near(recording, path, landmarks))
+    if not is_plausible:
+        return farthest
     for path_after, landmark_ids in incremental.switches:
         if len(landmark_ids):
             part = recording.first(len(path_after) - 2)

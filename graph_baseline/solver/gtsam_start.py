@@ -15,7 +15,7 @@ from slamgauge.graph_baseline.problem.preparation import Problem
 from slamgauge.graph_baseline.problem.undetermined import explained
 
 
-def levenberg_marquardt(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, iterations: int = 100) -> gtsam.Values:
+def levenberg_marquardt(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, iterations: int = 40) -> gtsam.Values:
     """Return the result of GTSAM's Levenberg-Marquardt from `values`, with a relative tolerance of 1e-5."""
     parameters = gtsam.LevenbergMarquardtParams()
     parameters.setRelativeErrorTol(1e-5)
@@ -23,7 +23,7 @@ def levenberg_marquardt(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values,
     return gtsam.LevenbergMarquardtOptimizer(graph, values, parameters).optimize()
 
 
-def descend(recording: Problem, poses: Float, landmarks: Float, iterations: int = 100) -> tuple[Float, Float]:
+def descend(recording: Problem, poses: Float, landmarks: Float, iterations: int = 40) -> tuple[Float, Float]:
     """Return poses (N+1, 3) and landmarks (L, 2), ids increasing, after GTSAM's Levenberg-Marquardt."""
     values = make_values(poses, recording.landmark_ids, landmarks)
     with explained():

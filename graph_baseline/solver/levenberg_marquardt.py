@@ -24,7 +24,7 @@ from slamgauge.se2 import wrap
 from slamgauge.sensors import SENSORS
 
 MAX_STEPS = 200
-NEAR = 1e-6  # damped steps stop at this decrease of the cost, relative to its expected value
+NEAR = 1e-6  # damped steps stop at this decrease of the cost, relative to the cost and to its expected value
 TOO_NEAR = 1e-4  # smallest distance of a landmark and a pose that observes it [m]
 RISEN = 1e-3  # relative increase of the cost that shows that Gauss-Newton converged to another stationary point
 NEGLIGIBLE = 1e-8  # size of a step that ends the iteration [standard deviations]
@@ -81,7 +81,7 @@ def damped_descent(recording: Problem, poses: Float, landmarks: Float, most: int
     """
     merit = Merit(recording)
     poses = merit.noise.satisfying_constraints(poses)
-    cost, factor, near = merit(poses, landmarks), 0.0, NEAR * (1.0 + recording.observation.size / 2.0)
+    cost, factor, expected = merit(poses, landmarks), 0.0, 1.0 + recording.observation.size / 2.0
     for _ in range(most):
         model = linearise(recording, recording.slot, poses, landmarks)
         scale = _mean_information(model, len(landmarks))
@@ -94,12 +94,12 @@ def damped_descent(recording: Problem, poses: Float, landmarks: Float, most: int
             break
         decrease, cost, (poses, landmarks) = cost - found, found, tried
         factor = WEAKER * factor if factor > UNDAMPED else 0.0
-        if decrease <= near:
+        if decrease <= NEAR * max(cost, expected):
             break
     return NearMinimum(poses, landmarks, cost, merit)
 
 
-def descend(recording: Problem, poses: Float, landmarks: Float, iterations: int = 100) -> tuple[Float, Float]:
+def descend(recording: Problem, poses: Float, landmarks: Float, iterations: int = 40) -> tuple[Float, Float]:
     """Return path and map after damped steps; replaces GTSAM's optimiser (`gtsam_start`) if it is not installed."""
     require_placeable(recording)
     found = damped_descent(recording, poses, landmarks, iterations)

@@ -27,6 +27,7 @@ from slamgauge.graph_baseline.solver.levenberg_marquardt import (
     gauss_newton_minimum,
 )
 from slamgauge.graph_baseline.solver.motion_elimination import reduce_to_key_poses, restore_poses
+from slamgauge.graph_baseline.solver.robust_fit import RobustFit, robust_fit
 from slamgauge.se2 import chain
 from slamgauge.sensors import SENSORS
 
@@ -38,6 +39,10 @@ except ImportError:  # GTSAM has no wheels for Windows
 PORTIONS = 8  # number of portions in `growing_start`
 INFLATION = (100.0, 10.0)  # factors on the standard deviation of observations
 UNLIKELY = 5e-4  # probability of a cost that counts as too high, under the stated noise
+LONG = 100  # steps; shorter recordings are searched from all starts
+ROBUST_STEPS = 15  # damped steps from a robust fit; outliers with bearings near +-pi make the cost jump
+SAME = 1e-6  # largest relative difference of the costs of two starts that lead to the same minimum
+MOST_OUTLIERS = 0.2  # largest share of the observations that counts as few
 
 Start = Callable[[], tuple[Float, Float]]  # poses (N+1, 3), and landmarks (L, 2) in increasing id order
 Starts = Callable[[Problem, Float], Iterable[Start]]  # from a problem and a path (N+1, 3)
@@ -117,6 +122,9 @@ def of_most_observed(landmark: Int, among: Marks) -> Marks:
 def lowest_minimum(recording: Problem, starts: Iterable[Start]) -> Minimum:
     """Return the lowest minimum of several starts, or the first minimum whose cost noise explains.
 
+    The second start in a long recording is its robust fit. More starts are not tried if both lead to the same cost, or
+    if noise and few outliers explain the recording: then no minimum has a cost that noise alone explains.
+
     Raises:
         UndeterminedError: no start leads to a minimum; the message is that of the start with the lowest cost.
     """
@@ -128,6 +136,12 @@ def lowest_minimum(recording: Problem, starts: Iterable[Start]) -> Minimum:
             if is_low(recording, approached.cost):
                 return _gauss_newton_minimum(recording, approached)
             near.append(approached)
+            if len(near) == 1 and recording.steps >= LONG and SENSORS[recording.sensor].places_landmarks:
+                fit = robust_fit(recording)
+                near.append(damped_descent(recording, fit.poses, fit.landmarks, ROBUST_STEPS))
+                same = abs(near[1].cost - approached.cost) <= SAME * approached.cost
+                if same or few_outliers_explain(recording, fit):
+                    break
         except UndeterminedError as error:
             mistakes.append(error)
     near.sort(key=lambda approached: approached.cost)
@@ -152,6 +166,15 @@ def _gauss_newton_minimum(recording: Problem, near: NearMinimum) -> Minimum:
 def is_low(recording: Problem, cost: float) -> bool:
     """Return whether noise explains the cost (half the squared residuals), so that no lower minimum is expected."""
     return explained_by_noise(2.0 * cost, degrees_of_freedom(recording))
+
+
+def few_outliers_explain(recording: Problem, fit: RobustFit) -> bool:
+    """Return whether noise explains the cost of the inliers of a fit, and few observations are outliers."""
+    if np.mean(~fit.inliers) > MOST_OUTLIERS:
+        return False
+    rest = recording.only(fit.inliers)
+    known = np.isin(recording.landmark_ids, rest.landmark_ids)
+    return is_low(rest, damped_descent(rest, fit.poses, fit.landmarks[known]).cost)
 
 
 def explained_by_noise(chi_square: float, freedom: int) -> bool:

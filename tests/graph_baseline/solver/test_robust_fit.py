@@ -1,0 +1,83 @@
+"""`robust_fit` finds misread ids, and long recordings with misread ids are not searched from all starts."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from slamgauge import Recording, Truth, batch, load_scenario, simulate
+from slamgauge.graph_baseline import hindsight
+from slamgauge.graph_baseline.problem.preparation import in_frame_of_start, prepare
+from slamgauge.graph_baseline.solver.robust_fit import landmarks_at_median, robust_fit
+from slamgauge.se2 import rotation
+from slamgauge.sensors import predict
+
+STEPS = 300
+
+
+@pytest.fixture(scope="module")
+def run() -> tuple[Truth, Recording]:
+    truth, recording = simulate(load_scenario("q1-short-dense"), 3)
+    return truth, recording.first(STEPS)
+
+
+def misread(recording: Recording, share: float) -> Recording:
+    """Return the recording with a share of its ids replaced by random ids of its landmarks."""
+    assert recording.landmark is not None
+    rng, ids = np.random.default_rng(0), recording.landmark.copy()
+    rows = rng.random(len(ids)) < share
+    ids[rows] = rng.choice(np.unique(ids), int(rows.sum()))
+    return replace(recording, landmark=ids)
+
+
+def test_a_median_ignores_a_third_of_misread_ids(run: tuple[Truth, Recording]):
+    truth, recording = run
+    assert truth.poses is not None and truth.landmarks is not None and truth.landmark_ids is not None
+    seen_from = truth.poses[recording.observation_step]
+    seen = np.searchsorted(truth.landmark_ids, recording.landmark)
+    offset = truth.landmarks[seen] - seen_from[:, :2]
+    in_body = np.einsum("mji,mj->mi", rotation(seen_from[:, 2]), offset)
+    problem = prepare(misread(replace(recording, observation=predict(recording.sensor, in_body)), 0.33))
+    expected = truth.landmarks[np.searchsorted(truth.landmark_ids, problem.landmark_ids)]
+    np.testing.assert_allclose(landmarks_at_median(problem, truth.poses[: STEPS + 1]), expected, atol=1e-9)
+
+
+@pytest.mark.parametrize("share", [0.01, 0.1])
+def test_misread_ids_are_outliers_and_few_others_are(run: tuple[Truth, Recording], share: float):
+    wrong = misread(run[1], share)
+    assert wrong.landmark is not None and run[1].landmark is not None
+    bad = wrong.landmark != run[1].landmark
+    outlier = ~robust_fit(prepare(in_frame_of_start(wrong))).inliers
+    assert outlier[bad].mean() > 0.95
+    assert outlier[~bad].mean() < 0.004  # 0.001 of correct observations exceed the limit
+
+
+def test_a_long_recording_with_misread_ids_is_searched_from_two_starts(
+    run: tuple[Truth, Recording], monkeypatch: pytest.MonkeyPatch
+):
+    def refuse(*_: object) -> None:
+        raise AssertionError("a third start was tried")
+
+    for name in ("inflated_noise_start", "incremental_start", "growing_start"):
+        monkeypatch.setattr(hindsight, name, refuse)
+    found = batch(misread(run[1], 0.02))
+    assert found.chi_square is not None and found.chi_square_dof is not None
+    assert found.chi_square > 2.0 * found.chi_square_dof
+
+
+def test_understated_noise_is_searched_from_two_starts_with_the_same_minimum(
+    run: tuple[Truth, Recording], monkeypatch: pytest.MonkeyPatch
+):
+    recording = run[1]
+    scale = 3.0**2
+    stated = replace(
+        recording,
+        observation_cov=recording.observation_cov / scale,
+        odometry_cov=recording.odometry_cov / scale,
+        prior_cov=recording.prior_cov / scale,
+    )
+    expected = batch(recording)  # all covariances have the same factor, so the minimum is the same
+    monkeypatch.setattr(hindsight, "incremental_start", lambda *_: pytest.fail("a third start was tried"))
+    np.testing.assert_allclose(batch(stated).poses, expected.poses, atol=1e-6)
