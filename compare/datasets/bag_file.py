@@ -65,13 +65,17 @@ class Bag:
         if found.messages and found.type not in self.reader.typestore.fielddefs:
             what = f"{topic}: the bag has no definition of {found.type}"
             raise UserError(f"{self.path}: {what}; give the folder of its .msg files: --msgs FOLDER")
-        earlier = set[bytes]()
+        earlier, read = set[bytes](), 0
         for connection, received, raw in self.reader.messages(connections):
+            read += 1
             content = self.reader.deserialize(raw, connection.msgtype)
             if raw in earlier and header_stamp(content):
                 continue
             earlier.add(bytes(raw))
             yield received, content
+        if read != found.messages:
+            what = f"{read} of {found.messages} messages of {topic} are in it: it is cut"
+            raise UserError(f"{self.path}: {what}; copy it again, or write its metadata anew with `ros2 bag reindex`")
 
 
 def header_stamp(content: Any) -> int:
@@ -126,6 +130,7 @@ def opened(path: Path, msgs: Sequence[Path] = ()) -> Generator[Bag]:
         UserError: the file is missing, cut or of another kind, here and while its messages are read.
     """
     try:
+        from apsw import Error as DatabaseError
         from rosbags.highlevel import AnyReader, AnyReaderError
         from rosbags.interfaces import MessageDefinitionFormat
         from rosbags.rosbag1 import ReaderError as Ros1Error
@@ -134,7 +139,8 @@ def opened(path: Path, msgs: Sequence[Path] = ()) -> Generator[Bag]:
         from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
     except ImportError:
         raise UserError("import bag: needs rosbags; install it with pip install 'slamgauge[ros]'") from None
-    damaged = (AnyReaderError, Ros1Error, Ros2Error, SerdeError, TypesysError, sqlite3.Error, struct.error, OSError)
+    of_rosbags = (AnyReaderError, Ros1Error, Ros2Error, SerdeError, TypesysError)
+    damaged = (*of_rosbags, sqlite3.Error, DatabaseError, struct.error, OSError)
     try:
         own = {name: text for folder in msgs for name, text in _definitions(folder)}
         types = {key: value for name, text in own.items() for key, value in get_types_from_msg(text, name).items()}

@@ -22,7 +22,8 @@ from slamgauge.compare.datasets.bag_mapping import (
 )
 from slamgauge.compare.datasets.bag_observations import read_observations
 from slamgauge.compare.datasets.imported_log import Imported, identified, of_file
-from slamgauge.compare.datasets.synchronisation import Odometry, constant_twist, interpolated, joined
+from slamgauge.compare.datasets.synchronisation import Odometry, constant_twist, joined
+from slamgauge.compare.storage.interpolation import interpolated
 from slamgauge.compare.storage.toml_tables import toml_text
 from slamgauge.errors import UserError
 from slamgauge.recording import Recording

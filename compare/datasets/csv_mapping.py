@@ -184,6 +184,9 @@ def _section(kind: type[Section], table: Mapping[str, Any], where: str) -> Secti
 
 def _fits(value: object, hint: Any) -> tuple[bool, str]:
     """Return whether a value of a TOML file has the type of a field, and a description of the type."""
+    if hint == Paths | None:
+        texts = value if isinstance(value, list) else [value]
+        return texts != [] and all(map(_is_text, texts)), "a text or a list of texts"
     hint = next((each for each in get_args(hint) if each is not NoneType), hint) if NoneType in get_args(hint) else hint
     if get_origin(hint) is Literal:
         return value in get_args(hint), f"one of {', '.join(get_args(hint))}"
@@ -191,9 +194,6 @@ def _fits(value: object, hint: Any) -> tuple[bool, str]:
         return _is_number(value), "a number"
     if hint is str:
         return _is_text(value), "a text"
-    if hint == Paths:
-        texts = [value] if isinstance(value, str) else value
-        return isinstance(texts, list) and texts != [] and all(map(_is_text, texts)), "a text or a list of texts"
     if get_origin(hint) is tuple:
         return isinstance(value, list) and len(value) == 3 and all(map(_is_number, value)), "three numbers"
     is_mapping = isinstance(value, dict) and all(type(each) in (str, int) for each in value.values())

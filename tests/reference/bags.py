@@ -23,7 +23,8 @@ POSED = "geometry_msgs/PoseWithCovariance pose\n"
 MSGS = OWN_MSGS | {  # fields of types that rosbags does not have
     "vision_msgs/msg/Detection3DArray": "std_msgs/Header header\nvision_msgs/Detection3D[] detections\n",
     "vision_msgs/msg/Detection3D": (
-        "std_msgs/Header header\nvision_msgs/ObjectHypothesisWithPose[] results\nvision_msgs/BoundingBox3D bbox\nstring id\n"
+        "std_msgs/Header header\nvision_msgs/ObjectHypothesisWithPose[] results\nvision_msgs/BoundingBox3D bbox\n"
+        "string id\n"
     ),
     "vision_msgs/msg/ObjectHypothesisWithPose": "vision_msgs/ObjectHypothesis hypothesis\n" + POSED,
     "vision_msgs/msg/ObjectHypothesis": "string class_id\nfloat64 score\n",
