@@ -113,7 +113,7 @@ class Evaluate(WithPage):
     estimators: Estimators = DEFAULT_ESTIMATORS
 
     estimates: Repeated = field(default_factory=list)
-    """Stored estimates, LABEL=PATH ...: npz, CSV or TUM (docs/your_filter.md). No code of yours is run for them."""
+    """Stored estimates, LABEL=PATH ...: npz, CSV, TUM or BAG:/TOPIC (docs/trajectories.md). No code of yours runs."""
 
     own_code: OwnCode = field(default_factory=OwnCode)
 
@@ -176,7 +176,7 @@ class Evaluate(WithPage):
 
 
 def _stored_estimator(path: Path, recording: Recording) -> Estimator:
-    """Return an estimator that returns the estimate in a file, or raises the reason why it cannot be read."""
+    """Return an estimator of the estimate in a file or in BAG:/TOPIC, or one that raises why it cannot be read."""
     from slamgauge.compare.estimators.running import StoredEstimate
     from slamgauge.compare.estimators.user_code import UserCodeError
     from slamgauge.compare.storage.stored_results import load_stored
@@ -184,8 +184,13 @@ def _stored_estimator(path: Path, recording: Recording) -> Estimator:
     def unreadable(_: Recording) -> Estimate:
         raise UserCodeError(reason)
 
+    bag, colon, topic = str(path).partition(":/")
     try:
-        return StoredEstimate(load_stored(path, recording))
+        if not colon:
+            return StoredEstimate(load_stored(path, recording))
+        from slamgauge.compare.datasets.bag_log import read_bag_estimate
+
+        return StoredEstimate(read_bag_estimate(Path(bag), f"/{topic}", recording))
     except UserError as error:
         reason = str(error)
         return unreadable

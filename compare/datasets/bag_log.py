@@ -24,8 +24,10 @@ from slamgauge.compare.datasets.bag_observations import read_observations
 from slamgauge.compare.datasets.imported_log import Imported, identified, of_file
 from slamgauge.compare.datasets.synchronisation import Odometry, constant_twist, joined
 from slamgauge.compare.storage.interpolation import interpolated
+from slamgauge.compare.storage.stored_results import at_steps, tell_doubts
 from slamgauge.compare.storage.toml_tables import toml_text
 from slamgauge.errors import UserError
+from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.se2 import between
 from slamgauge.truth import Truth
@@ -109,6 +111,20 @@ def read_pose_topic(bag: Bag, topic: str, clock: str = "header") -> PoseTopic:
     stamps, kept, notes = _in_order(bag, topic, times, clock)
     poses = np.array(rows).reshape(-1, 3)[kept]
     return PoseTopic(seconds_of(stamps), poses, _planar_covariances(covs)[kept] if covs else None, notes)
+
+
+def read_bag_estimate(path: Path, topic: str, recording: Recording) -> Estimate:
+    """Read the poses of a topic as a filtered estimate of a recording, see `at_steps`.
+
+    Raises:
+        UserError: the bag or the topic cannot be read, or a step has no pose.
+    """
+    with opened(path) as bag:
+        found = read_pose_topic(bag, topic)
+    covs = found.covs if found.covs is not None and found.covs.any() else None  # zeros: not known
+    estimate = at_steps(f"{path}:{topic}", found.stamps, found.poses, covs, recording.stamps)
+    tell_doubts(f"{path}:{topic}", estimate, recording)
+    return estimate
 
 
 def topics_text(path: Path, msgs: Sequence[Path] = ()) -> str:

@@ -1,5 +1,7 @@
 """Read stored results: the folder of a run, and estimates in npz, CSV (see `csv_folder`) or TUM files.
 
+A CSV file may have a column `stamp` [s] instead of `step`; then it needs no row for each step.
+
 A TUM file has lines `t x y z qx qy qz qw`. The upper triangle of a covariance may follow: 6 numbers for (x, y,
 heading), or 21 for (x, y, z, roll, pitch, yaw). Only the planar parts are used. `at_steps` has the rule for stamps.
 """
@@ -13,7 +15,7 @@ import numpy as np
 
 from slamgauge.arrays import Float
 from slamgauge.compare.storage.covariance_columns import from_triangles
-from slamgauge.compare.storage.csv_folder import read_estimate_csv
+from slamgauge.compare.storage.csv_folder import POSE, POSE_COV, parse_rows, read_estimate_csv, read_lines
 from slamgauge.compare.storage.files import load_estimate, load_recording, load_truth, read_json, read_text
 from slamgauge.compare.storage.interpolation import interpolated, interpolated_covs
 from slamgauge.compare.storage.path_doubts import path_doubts
@@ -83,11 +85,23 @@ def load_stored(path: Path, recording: Recording) -> Estimate:
     """
     if path.suffix == ".npz":
         return load_estimate(path)
-    is_csv = path.suffix == ".csv"
-    estimate = read_estimate_csv(path, "filtered", recording.steps) if is_csv else _read_tum(path, recording.stamps)
-    for doubt in path_doubts(estimate.poses, recording):
-        tell_once(f"{path}: its path {doubt}")
+    if path.suffix != ".csv":
+        estimate = _read_tum(path, recording.stamps)
+    elif read_text(path).lstrip().startswith("stamp"):
+        rows = parse_rows(str(path), read_lines(path), ("stamp", *POSE), ("stamp", *POSE, *POSE_COV))
+        rows = rows[np.argsort(rows[:, 0], kind="stable")]
+        covs = from_triangles(rows[:, 4:], 3) if rows.shape[1] > 4 else None
+        estimate = at_steps(str(path), rows[:, 0], rows[:, 1:4], covs, recording.stamps)
+    else:
+        estimate = read_estimate_csv(path, "filtered", recording.steps)
+    tell_doubts(str(path), estimate, recording)
     return estimate
+
+
+def tell_doubts(where: str, estimate: Estimate, recording: Recording) -> None:
+    """Print what the path of an estimate contradicts, see `path_doubts`."""
+    for doubt in path_doubts(estimate.poses, recording):
+        tell_once(f"{where}: its path {doubt}")
 
 
 def _read_tum(path: Path, stamps: Float) -> Estimate:

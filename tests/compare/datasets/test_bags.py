@@ -13,8 +13,8 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from slamgauge.arrays import Float
-from slamgauge.compare.datasets.bag_log import read_bag
-from slamgauge.compare.storage.files import load_recording, load_truth
+from slamgauge.compare.datasets.bag_log import read_bag, read_bag_estimate
+from slamgauge.compare.storage.files import load_recording, load_truth, save
 from slamgauge.errors import UserError
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain, compose, rotation
@@ -306,3 +306,17 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     assert stored.poses is not None
     assert_allclose(stored.poses, chain(np.zeros(3), recording.odometry), atol=1e-9)
     assert "agree with one place per landmark" in capsys.readouterr().err
+
+
+def test_a_topic_as_an_estimate(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    recording = simulated()
+    bag = Bags("mcap").write(tmp_path / "run", odometry_messages(recording, "/ekf/odom"))
+    estimate = read_bag_estimate(bag, "/ekf/odom", recording)
+    assert_allclose(estimate.poses, chain(np.zeros(3), recording.odometry), atol=1e-9)
+    assert estimate.pose_covs is None  # they are 0 in the messages
+    save(tmp_path / "recording.npz", recording)
+    command = ("evaluate", tmp_path / "recording.npz", "--estimators", "causal", "--estimates", f"mine={bag}:/ekf/odom")
+    assert run(*command) == 0
+    assert "mine" in capsys.readouterr().out
+    assert run(*command[:-1], f"mine={bag}:/ekf/odo") == 1
+    assert "has no topic /ekf/odo; did you mean /ekf/odom?" in capsys.readouterr().out
