@@ -39,6 +39,7 @@ if TYPE_CHECKING:
 
 DEFAULT_ESTIMATORS = "ekf,riekf,causal,batch"
 FRAMES = 240  # maps that filters store for pictures
+MOST_TWINS = 10_000
 
 
 @dataclass
@@ -132,6 +133,9 @@ class Evaluate(WithPage):
     reach: float = 10.0
     """Largest range of the sensor of a bearing-only recording [m]. The initialisation is fitted to it."""
 
+    twins: int = 0
+    """Simulated twins of the consistency test without ground truth, for example 99 (docs/overconfident.md)."""
+
     out: Folder | None = None
     """Folder of the results. Without it the table is only printed."""
 
@@ -163,7 +167,9 @@ class Evaluate(WithPage):
         named = self.own_code.isolate(ask(split_names(self.estimators)))
         require_room_for_estimates(recording, named)
         title = shown(f"{self.recording.parent.resolve().name}/{self.recording.name}")
-        scoring = Scoring(ask([*named, *ask(stored)]), self.out, self.output, title, *settings)
+        if not 0 <= self.twins <= MOST_TWINS:
+            raise UserError(f"twins: {self.twins} is out of range; give 0 to {MOST_TWINS}")
+        scoring = Scoring(ask([*named, *ask(stored)]), self.out, self.output, title, *settings, twins=self.twins)
         return scoring.score(truth, recording)
 
     def _stored(self) -> dict[str, Path]:
@@ -210,12 +216,19 @@ class Scoring:
     scenario: str | None = None
     seed: int | None = None
     scenario_text: str | None = None
+    twins: int = 0
 
     def score(self, truth: Truth | None, recording: Recording, informed: Recording | None = None) -> int:
         """Run the estimators, print the table and write the folder; return 1 if an estimator failed, else 0."""
         from slamgauge.compare.estimators.loading import load_each
         from slamgauge.compare.estimators.running import with_stand_ins
-        from slamgauge.compare.scoring.comparison import compare_estimators, metrics, table, write_comparison
+        from slamgauge.compare.scoring.comparison import (
+            compare_estimators,
+            metrics,
+            table,
+            tested_without_truth,
+            write_comparison,
+        )
         from slamgauge.compare.storage.files import explained
         from slamgauge.compare.storage.result_files import OUTDATED, comparison_files
         from slamgauge.memory import give_back
@@ -230,6 +243,8 @@ class Scoring:
             comparison = compare_estimators(truth, recording, estimators, informed)
             give_back()
             comparison = replace(comparison, failures=failures | comparison.failures)
+            if self.twins:
+                comparison = tested_without_truth(comparison, self.twins)
             content = metrics(comparison, self.scenario, self.seed, self.scenario_text)
             done = self.output.show(content, table(comparison)) and not comparison.failures
             if folder is not None and self.out is not None:
