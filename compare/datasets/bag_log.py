@@ -21,7 +21,7 @@ from slamgauge.compare.datasets.bag_mapping import (
     shipped,
 )
 from slamgauge.compare.datasets.bag_observations import read_observations
-from slamgauge.compare.datasets.imported_log import Imported, identified, of_file
+from slamgauge.compare.datasets.imported_log import Imported, identified, of_file, with_variances
 from slamgauge.compare.datasets.synchronisation import Odometry, constant_twist, joined
 from slamgauge.compare.storage.interpolation import interpolated
 from slamgauge.compare.storage.stored_results import at_steps, tell_doubts
@@ -198,17 +198,14 @@ def _odometry(bag: Bag, mapping: BagMapping) -> tuple[Odometry, str, tuple[str, 
 
 def _with_stated(covs: Float, seconds: Float, mapping: BagMapping, topic: str) -> Float:
     """Return covariances (N, 3, 3) in which stated standard deviations replace variances and their correlations."""
-    covs, noise = covs.copy(), mapping.noise
+    noise = mapping.noise
     growth = {"step": np.ones_like(seconds), "second": np.sqrt(seconds), "speed": seconds}[noise.per]
-    for axis, (name, sigma) in enumerate(
-        {"forward": noise.forward, "lateral": noise.lateral, "turn": noise.turn}.items()
-    ):
-        if sigma is not None:
-            covs[:, axis, :], covs[:, :, axis] = 0.0, 0.0
-            covs[:, axis, axis] = (sigma * growth) ** 2
-        elif name != "lateral" and not (covs[:, axis, axis] > 0.0).any():
+    sigmas = {"forward": noise.forward, "lateral": noise.lateral, "turn": noise.turn}
+    for axis, (name, sigma) in enumerate(sigmas.items()):
+        if sigma is None and name != "lateral" and not (covs[:, axis, axis] > 0.0).any():
             raise UserError(f"{topic}: its messages have no variance of noise.{name}; give --set noise.{name}=SIGMA")
-    return covs
+    stated = enumerate(sigmas.values())
+    return with_variances(covs, {axis: (sigma * growth) ** 2 for axis, sigma in stated if sigma is not None})
 
 
 def _truth(bag: Bag, mapping: BagMapping, stamps: Float, landmark: Any) -> tuple[Truth | None, tuple[str, ...]]:

@@ -13,6 +13,7 @@ from slamgauge.arrays import Float, Int
 from slamgauge.compare.datasets.bag_file import Bag, clock_checked, frame_of, header_stamp, seconds_of
 from slamgauge.compare.datasets.bag_mapping import BagMapping, ObservationsTopic
 from slamgauge.compare.datasets.csv_mapping import Paths
+from slamgauge.compare.datasets.imported_log import with_variances
 from slamgauge.compare.datasets.static_transforms import StaticTransforms
 from slamgauge.errors import UserError
 from slamgauge.se2 import wrap
@@ -227,12 +228,8 @@ def _matrices(flat: list[Float], sensor: Sensor, where: str) -> Float:
 
 def _with_stated(covs: Float, sensor: Sensor, mapping: BagMapping, where: str) -> Float:
     """Return covariances (M, d, d) in which stated standard deviations replace variances and their correlations."""
-    covs = covs.copy()
-    for axis, name in enumerate(SENSORS[sensor].sigmas):
-        sigma = getattr(mapping.noise, name)
-        if sigma is not None:
-            covs[:, axis, :], covs[:, :, axis] = 0.0, 0.0
-            covs[:, axis, axis] = sigma**2
+    sigmas = [getattr(mapping.noise, name) for name in SENSORS[sensor].sigmas]
+    covs = with_variances(covs, {axis: sigma**2 for axis, sigma in enumerate(sigmas) if sigma is not None})
     missing = np.isnan(covs).any(axis=(1, 2))
     if missing.any():
         names = " ".join(f"noise.{name}=SIGMA" for name in dict.fromkeys(SENSORS[sensor].sigmas))

@@ -100,8 +100,8 @@ class ConsistencyTest:
         if self.p_value <= LEVEL:
             return f"without ground truth: overconfident, {size} (p = {self.p_value:.2g}){more}"
         if self.p_cautious <= LEVEL:
-            return f"without ground truth: too cautious, {size} (p = {self.p_cautious:.2g}){more}"
-        return f"without ground truth: consistent as far as this log shows, {size} (p = {self.p_value:.2g}){more}"
+            return f"without ground truth: too cautious, {size} (p = {self.p_cautious:.2g})"
+        return f"without ground truth: consistent as far as this log shows, {size} (p = {self.p_value:.2g})"
 
 
 def step_statistics(estimate: Estimate, optimum: Estimate) -> StepStatistics:

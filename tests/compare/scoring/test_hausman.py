@@ -110,7 +110,7 @@ def test_p_values_are_ranks_among_the_twins():
     assert ConsistencyTest(0.5, twins, 0.0).p_cautious == 0.01
     assert "overconfident, errors are about 1.41 times its sigmas" in ConsistencyTest(2.0, twins, 0.0).text()
     assert "too cautious" in ConsistencyTest(0.5, twins, 0.0).text()
-    assert "claims more than the optimum at 20% of the steps" in ConsistencyTest(1.0, twins, 0.2).text()
+    assert "claims more than the optimum at 20% of the steps" in ConsistencyTest(2.0, twins, 0.2).text()
 
 
 def test_right_invariant_filter_and_a_wrong_one_on_a_recording():
