@@ -40,7 +40,7 @@ def main(scenario: str = "q1-short-dense", runs: int = 100, twins: int = 99, bug
     consistent = [simulate(loaded, 100_000 + seed)[1] for seed in range(twins)]
     null = np.array([step_statistics(riekf(each), batch(each)).ratio for each in consistent])
     print(f"{scenario}, {twins} twins: ratio {null.mean():.3f}, standard deviation {null.std():.3f}")
-    print(f"{'estimator':42}{'runs':>5}{'ratio':>8}{'overconfident':>15}{'too cautious':>14}", flush=True)
+    print(f"{'estimator':42}{'runs':>5}{'ratio':>10}{'overconfident':>15}{'too cautious':>14}", flush=True)
     print_rows({"causal": causal, "riekf": riekf, "ekf": ekf_slam}, loaded, runs, null)
     for name, filter_ in {"riekf": riekf, "ekf": ekf_slam}.items():
         print_rows({f"{name}, Q {SCALE} times too small": filter_}, loaded, runs, null, 1.0 / SCALE)
@@ -72,7 +72,7 @@ def print_rows(filters: Mapping[str, Filter], scenario: Scenario, runs: int, nul
         over = np.mean([each.p_value <= LEVEL for each in valid])
         under = np.mean([each.p_cautious <= LEVEL for each in valid])
         ratio = np.median([each.ratio for each in valid])
-        print(f"{name:42}{len(valid):>5}{ratio:>8.3g}{over:>15.1%}{under:>14.1%}", flush=True)
+        print(f"{name:42}{len(valid):>5}{ratio:>10.3g}{over:>15.1%}{under:>14.1%}", flush=True)
 
 
 if __name__ == "__main__":
