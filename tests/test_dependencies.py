@@ -15,7 +15,7 @@ FLOORS = ("core", "ekf", "graph_baseline", "compare")
 def test_every_import_is_of_a_declared_dependency() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     extras = project["optional-dependencies"]
-    declared = [*project["dependencies"], *extras["cluster"], *extras["frames"]]
+    declared = [*project["dependencies"], *extras["cluster"], *extras["frames"], *extras["ros"]]
     names = {re.split(r"[^\w-]", each, maxsplit=1)[0].replace("-", "_") for each in declared}
     imported: set[str] = set()
     for path in (path for floor in FLOORS for path in (ROOT / floor).rglob("*.py")):

@@ -59,6 +59,7 @@ LIBRARIES = {
     "slamgauge.ekf.kernels.blas": {"numba", "llvmlite"},
     "slamgauge.graph_baseline": {"numpy", "scipy", "gtsam"},
     "slamgauge.compare": {"numpy", "scipy", "tqdm", "distributed", "filelock"},
+    "slamgauge.compare.datasets.bag_file": {"apsw", "rosbags"},
     "slamgauge.compare.scenarios": {"pydantic", "pydantic_core"},
     "slamgauge.compare.figures": {"matplotlib"},
     "slamgauge.compare.report": {"jinja2", "markupsafe"},

@@ -192,6 +192,44 @@ class LostInTheWoods(Format):
 
 
 @dataclass
+class Bag(Format):
+    """A ROS bag: odometry, observations of landmarks and, if you name its topic, ground truth (extra `ros`).
+
+    PATH is a .bag file of ROS 1, the folder of a ROS 2 bag, or a .mcap or .db3 file. --list prints its topics.
+
+    Odometry is nav_msgs/Odometry or geometry_msgs/TwistStamped. Types of observations with known paths are vision_msgs,
+    apriltag_ros, fiducial_msgs, visualization_msgs and eufs_msgs; other types need paths (docs/ros_bags.md).
+
+    State noise that the messages do not have, for example: --set noise.forward=0.05 noise.turn=0.02 [m/s, rad/s].
+    """
+
+    set: Repeated = field(default_factory=list)
+    """Settings: section.key=value ..., for example truth.topic=/ground_truth odometry.kind=poses."""
+
+    mapping: Folder | None = None
+    """A TOML file of settings; --set replaces single ones."""
+
+    msgs: list[Folder] = field(default_factory=list)
+    """Folders with .msg files of message types that the bag does not define."""
+
+    topics: Annotated[bool, tyro.conf.arg(name="list")] = False
+    """Print topics, types, numbers of messages and a proposed mapping, and import nothing."""
+
+    def __call__(self) -> Imported:
+        from slamgauge.compare.datasets.bag_log import read_bag
+
+        return read_bag(self.path, self.mapping, flattened(self.set), self.msgs)
+
+    def only_lists(self) -> bool:
+        """Print the topics if this is requested; return whether it is."""
+        if self.topics:
+            from slamgauge.compare.datasets.bag_log import topics_text
+
+            print(topics_text(self.path, self.msgs))
+        return self.topics
+
+
+@dataclass
 class Import:
     """Convert the log of a robot or a published recording to recording.npz (and truth.npz).
 
@@ -205,6 +243,7 @@ class Import:
     format: (
         Annotated[Csv, tyro.conf.subcommand(name="csv")]
         | Annotated[G2o, tyro.conf.subcommand(name="g2o")]
+        | Annotated[Bag, tyro.conf.subcommand(name="bag")]
         | Annotated[Mrclam, tyro.conf.subcommand(name="mrclam")]
         | Annotated[Dlr, tyro.conf.subcommand(name="dlr")]
         | Annotated[Freiburg, tyro.conf.subcommand(name="freiburg")]
@@ -218,6 +257,8 @@ class Import:
         from slamgauge.compare.storage.staged_folder import staged_folder
         from slamgauge.compare.storage.toml_tables import write_toml
 
+        if isinstance(self.format, Bag) and self.format.only_lists():
+            return
         out = named_after(self.format.out, self.format.path)
         require_free(out, IMPORTED)  # before long files are read
         log = self.format()

@@ -39,6 +39,7 @@ if TYPE_CHECKING:
 
 DEFAULT_ESTIMATORS = "ekf,riekf,causal,batch"
 FRAMES = 240  # maps that filters store for pictures
+MOST_TWINS = 10_000
 
 
 @dataclass
@@ -113,7 +114,7 @@ class Evaluate(WithPage):
     estimators: Estimators = DEFAULT_ESTIMATORS
 
     estimates: Repeated = field(default_factory=list)
-    """Stored estimates, LABEL=PATH ...: npz, CSV or TUM (docs/your_filter.md). No code of yours is run for them."""
+    """Stored estimates, LABEL=PATH ...: npz, CSV, TUM or BAG:/TOPIC (docs/trajectories.md). No code of yours runs."""
 
     own_code: OwnCode = field(default_factory=OwnCode)
 
@@ -131,6 +132,9 @@ class Evaluate(WithPage):
 
     reach: float = 10.0
     """Largest range of the sensor of a bearing-only recording [m]. The initialisation is fitted to it."""
+
+    twins: int = 0
+    """Simulated twins of the consistency test without ground truth, for example 99 (docs/overconfident.md)."""
 
     out: Folder | None = None
     """Folder of the results. Without it the table is only printed."""
@@ -163,7 +167,9 @@ class Evaluate(WithPage):
         named = self.own_code.isolate(ask(split_names(self.estimators)))
         require_room_for_estimates(recording, named)
         title = shown(f"{self.recording.parent.resolve().name}/{self.recording.name}")
-        scoring = Scoring(ask([*named, *ask(stored)]), self.out, self.output, title, *settings)
+        if not 0 <= self.twins <= MOST_TWINS:
+            raise UserError(f"twins: {self.twins} is out of range; give 0 to {MOST_TWINS}")
+        scoring = Scoring(ask([*named, *ask(stored)]), self.out, self.output, title, *settings, twins=self.twins)
         return scoring.score(truth, recording)
 
     def _stored(self) -> dict[str, Path]:
@@ -176,7 +182,7 @@ class Evaluate(WithPage):
 
 
 def _stored_estimator(path: Path, recording: Recording) -> Estimator:
-    """Return an estimator that returns the estimate in a file, or raises the reason why it cannot be read."""
+    """Return an estimator of the estimate in a file or in BAG:/TOPIC, or one that raises why it cannot be read."""
     from slamgauge.compare.estimators.running import StoredEstimate
     from slamgauge.compare.estimators.user_code import UserCodeError
     from slamgauge.compare.storage.stored_results import load_stored
@@ -184,8 +190,13 @@ def _stored_estimator(path: Path, recording: Recording) -> Estimator:
     def unreadable(_: Recording) -> Estimate:
         raise UserCodeError(reason)
 
+    bag, colon, topic = str(path).partition(":/")
     try:
-        return StoredEstimate(load_stored(path, recording))
+        if not colon:
+            return StoredEstimate(load_stored(path, recording))
+        from slamgauge.compare.datasets.bag_log import read_bag_estimate
+
+        return StoredEstimate(read_bag_estimate(Path(bag), f"/{topic}", recording))
     except UserError as error:
         reason = str(error)
         return unreadable
@@ -205,12 +216,19 @@ class Scoring:
     scenario: str | None = None
     seed: int | None = None
     scenario_text: str | None = None
+    twins: int = 0
 
     def score(self, truth: Truth | None, recording: Recording, informed: Recording | None = None) -> int:
         """Run the estimators, print the table and write the folder; return 1 if an estimator failed, else 0."""
         from slamgauge.compare.estimators.loading import load_each
         from slamgauge.compare.estimators.running import with_stand_ins
-        from slamgauge.compare.scoring.comparison import compare_estimators, metrics, table, write_comparison
+        from slamgauge.compare.scoring.comparison import (
+            compare_estimators,
+            metrics,
+            table,
+            tested_without_truth,
+            write_comparison,
+        )
         from slamgauge.compare.storage.files import explained
         from slamgauge.compare.storage.result_files import OUTDATED, comparison_files
         from slamgauge.memory import give_back
@@ -225,6 +243,8 @@ class Scoring:
             comparison = compare_estimators(truth, recording, estimators, informed)
             give_back()
             comparison = replace(comparison, failures=failures | comparison.failures)
+            if self.twins:
+                comparison = tested_without_truth(comparison, self.twins)
             content = metrics(comparison, self.scenario, self.seed, self.scenario_text)
             done = self.output.show(content, table(comparison)) and not comparison.failures
             if folder is not None and self.out is not None:

@@ -17,9 +17,10 @@ from slamgauge.arrays import Float, Int
 from slamgauge.compare.datasets.csv_columns import Rows, read_columns
 from slamgauge.compare.datasets.csv_mapping import ODOMETRIES, LogMapping, load_mapping
 from slamgauge.compare.datasets.imported_log import Imported, diagonal_covariances, identified, of_file
-from slamgauge.compare.datasets.synchronisation import Odometry, constant_twist, interpolated, joined, require_turns
+from slamgauge.compare.datasets.synchronisation import Odometry, constant_twist, joined, require_turns
 from slamgauge.compare.datasets.text_lines import require_bearings, require_order, require_ranges
 from slamgauge.compare.storage.csv_folder import START, read_recording_csv
+from slamgauge.compare.storage.interpolation import interpolated
 from slamgauge.compare.storage.result_files import MAPPING
 from slamgauge.errors import UserError
 from slamgauge.recording import Recording

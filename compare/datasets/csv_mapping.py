@@ -27,6 +27,7 @@ from slamgauge.suggestions import did_you_mean
 from slamgauge.validation import LARGEST
 
 Columns = dict[str, str | int]
+Paths = str | list[str]  # paths into a ROS message: one, or several
 LONGEST = 100  # characters of an unknown name in messages
 UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "m": 1.0, "cm": 1e-2, "mm": 1e-3, "rad": 1.0, "deg": pi / 180}
 ODOMETRIES = ("increments", "velocities", "poses")
@@ -153,15 +154,19 @@ def load_mapping(path: Path, overrides: Sequence[str] = ()) -> LogMapping:
     table: Table = read_toml(file) if file.exists() or not path.is_dir() else {}
     for text in overrides:
         override(table, text)
-    for name, section in table.items():
-        if name not in SECTIONS:
-            raise UserError(f"{file}: {name[:LONGEST]}: unknown section; {did_you_mean(name, SECTIONS)}")
-        if not isinstance(section, dict):
-            raise UserError(f"{file}: {name}: must be a section; write [{name}]")
-    made = {name: _section(kind, table.get(name, {}), f"{file}: {name}") for name, kind in SECTIONS.items()}
-    mapping = LogMapping(file.parent, str(file), **made)
+    mapping = LogMapping(file.parent, str(file), **sections_of(table, SECTIONS, str(file)))
     _require_values(mapping)
     return mapping
+
+
+def sections_of(table: Table, kinds: Mapping[str, type], where: str) -> dict[str, Any]:
+    """Make the sections of a mapping from tables; refuse unknown sections and keys, and values of other types."""
+    for name, section in table.items():
+        if name not in kinds:
+            raise UserError(f"{where}: {name[:LONGEST]}: unknown section; {did_you_mean(name, kinds)}")
+        if not isinstance(section, dict):
+            raise UserError(f"{where}: {name}: must be a section; write [{name}]")
+    return {name: _section(kind, table.get(name, {}), f"{where}: {name}") for name, kind in kinds.items()}
 
 
 def _section(kind: type[Section], table: Mapping[str, Any], where: str) -> Section:
@@ -179,17 +184,24 @@ def _section(kind: type[Section], table: Mapping[str, Any], where: str) -> Secti
 
 def _fits(value: object, hint: Any) -> tuple[bool, str]:
     """Return whether a value of a TOML file has the type of a field, and a description of the type."""
+    if hint == Paths | None:
+        texts = value if isinstance(value, list) else [value]
+        return texts != [] and all(map(_is_text, texts)), "a text or a list of texts"
     hint = next((each for each in get_args(hint) if each is not NoneType), hint) if NoneType in get_args(hint) else hint
     if get_origin(hint) is Literal:
         return value in get_args(hint), f"one of {', '.join(get_args(hint))}"
     if hint is float:
         return _is_number(value), "a number"
     if hint is str:
-        return isinstance(value, str) and value != "", "a text"
+        return _is_text(value), "a text"
     if get_origin(hint) is tuple:
         return isinstance(value, list) and len(value) == 3 and all(map(_is_number, value)), "three numbers"
     is_mapping = isinstance(value, dict) and all(type(each) in (str, int) for each in value.values())
     return is_mapping, "a table of columns' names or numbers"
+
+
+def _is_text(value: object) -> bool:
+    return isinstance(value, str) and value != ""
 
 
 def _is_number(value: object) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -90,6 +90,15 @@ def steps_of(moves: Sequence[Line], seen: Sequence[Line]) -> Int:
 def diagonal_covariances(sigmas: Float) -> Float:
     """Return diagonal covariances (n, d, d) with standard deviations (n, d)."""
     return sigmas[:, :, None] ** 2 * np.eye(sigmas.shape[1])
+
+
+def with_variances(covs: Float, variances: Mapping[int, Float | float]) -> Float:
+    """Return covariances (n, d, d) with other variances, (n,) or a number, of some axes, which have no correlations."""
+    covs = covs.copy()
+    for axis, variance in variances.items():
+        covs[:, axis, :], covs[:, :, axis] = 0.0, 0.0
+        covs[:, axis, axis] = variance
+    return covs
 
 
 def require_sigmas(**sigmas: float) -> None:

@@ -14,11 +14,11 @@ import numpy as np
 
 from slamgauge.arrays import Float, Int, Marks
 from slamgauge.compare.datasets.text_lines import Line
+from slamgauge.compare.storage.interpolation import SAME
 from slamgauge.errors import UserError
-from slamgauge.se2 import exp, log, wrap
+from slamgauge.se2 import exp, log
 
 FEW, SHORTEST = 20, 0.01  # observations; share of the odometry's time that they should cover
-SAME = 1e-6  # s: nearer stamps are the same; a float64 of today's time in seconds resolves 2e-7 s
 
 
 class Odometry(NamedTuple):
@@ -81,24 +81,6 @@ def split_at(odometry: Odometry, times: Float) -> tuple[Odometry, Int]:
     fraction = np.diff(finer) / np.diff(stamps)[whole]
     increments = _part(odometry.increments[whole], fraction)
     return Odometry(finer, increments, fraction[:, None, None] * odometry.covs[whole]), _nearest(finer, times)
-
-
-def interpolated(stamps: Float, poses: Float, times: Float, max_gap: float) -> Float:
-    """Interpolate poses (n, 3) at stamps (n,) to times (M,) [s], headings along the shorter arc.
-
-    A row is NaN if its time is outside the stamps, or between two that are more than `max_gap` [s] apart.
-    """
-    before = np.clip(np.searchsorted(stamps, times + SAME, side="right") - 1, 0, len(stamps) - 1)
-    after = np.minimum(before + 1, len(stamps) - 1)
-    gap = stamps[after] - stamps[before]
-    share = np.clip((times - stamps[before]) / np.where(gap > 0.0, gap, 1.0), 0.0, 1.0)
-    met = np.abs(times - stamps[before]) <= SAME
-    share[met] = 0.0
-    found = poses[before] + share[:, None] * (poses[after] - poses[before])
-    found[:, 2] = wrap(poses[before, 2] + share * wrap(poses[after, 2] - poses[before, 2]))
-    known = met | ((times > stamps[0]) & (times < stamps[-1]) & (gap <= max_gap))
-    found[~known] = np.nan
-    return found
 
 
 def _part(increments: Float, fraction: Float) -> Float:

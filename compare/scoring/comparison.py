@@ -47,7 +47,7 @@ class Comparison:
 
     `failures` has the reason, in a line, for each estimator without a score. `stand_ins` are optima with the
     associations of an estimator, if the true ones are unknown. `is_simulated`: the true noise is known. `remarks` are
-    those on user code, for example replaced settings.
+    those on user code, for example replaced settings. `without_truth` has the verdicts of `hausman` on filters.
     """
 
     truth: Truth | None
@@ -59,6 +59,7 @@ class Comparison:
     stand_ins: tuple[str, ...] = ()
     is_simulated: bool = False
     remarks: tuple[str, ...] = ()
+    without_truth: Mapping[str, str] = field(default_factory=dict[str, str])
 
     def __repr__(self) -> str:
         failed = f"; failed: {', '.join(self.failures)}" if self.failures else ""
@@ -134,7 +135,7 @@ def metrics(
         "truth": comparison.truth is not None and comparison.truth.poses is not None,
         "estimators": {name: score.to_json() for name, score in comparison.scores.items()},
         "failures": [{"estimator": name, "error": error} for name, error in comparison.failures.items()],
-        "notes": [*remarks(comparison), *comparison.remarks],
+        "notes": [*remarks(comparison), *comparison.remarks, *verdict_lines(comparison.without_truth)],
     }
 
 
@@ -169,7 +170,23 @@ def table(comparison: Comparison) -> Page:
     rows += [[name, "failed", *("-" for _ in found)] for name in comparison.failures]
     notes = [*optimum_notes(comparison), *remarks(comparison)]
     verdicts = verdict_lines({name: score.verdict for name, score in comparison.scores.items()})
+    verdicts += verdict_lines(comparison.without_truth)
     return Page((Grid(rows, words=2, names=FULL_NAMES), *notes, *verdicts, *comparison.failures.values()))
+
+
+def tested_without_truth(comparison: Comparison, twins: int) -> Comparison:
+    """Return the comparison with verdicts on its filters that need no ground truth.
+
+    Raises:
+        UserError: the hindsight optimum is not among the estimates.
+    """
+    from slamgauge.compare.scoring.hausman import tested_filters  # loads the optima
+
+    if "smoothed" not in comparison.optima:
+        raise UserError("twins: the test needs the optimum of all measurements; add batch to --estimators")
+    optimum = comparison.estimates[comparison.optima["smoothed"]]
+    tests = tested_filters(comparison.recording, comparison.estimates, optimum, twins)
+    return replace(comparison, without_truth={name: test.text() for name, test in tests.items()})
 
 
 def remarks(comparison: Comparison) -> list[str]:

@@ -1,7 +1,9 @@
 """Read stored results: the folder of a run, and estimates in npz, CSV (see `csv_folder`) or TUM files.
 
-A TUM file has a line `t x y z qx qy qz qw` for each step. The upper triangle of a covariance may follow: 6 numbers for
-(x, y, heading), or 21 for (x, y, z, roll, pitch, yaw). Only the planar parts are used.
+A CSV file may have a column `stamp` [s] instead of `step`; then it needs no row for each step.
+
+A TUM file has lines `t x y z qx qy qz qw`. The upper triangle of a covariance may follow: 6 numbers for (x, y,
+heading), or 21 for (x, y, z, roll, pitch, yaw). Only the planar parts are used. `at_steps` has the rule for stamps.
 """
 
 from __future__ import annotations
@@ -13,8 +15,9 @@ import numpy as np
 
 from slamgauge.arrays import Float
 from slamgauge.compare.storage.covariance_columns import from_triangles
-from slamgauge.compare.storage.csv_folder import read_estimate_csv
+from slamgauge.compare.storage.csv_folder import POSE, POSE_COV, parse_rows, read_estimate_csv, read_lines
 from slamgauge.compare.storage.files import load_estimate, load_recording, load_truth, read_json, read_text
+from slamgauge.compare.storage.interpolation import interpolated, interpolated_covs
 from slamgauge.compare.storage.path_doubts import path_doubts
 from slamgauge.compare.storage.safe_names import shown
 from slamgauge.errors import UserError
@@ -23,6 +26,7 @@ from slamgauge.notices import tell_once
 from slamgauge.recording import Recording
 from slamgauge.truth import Truth, require_same_run
 
+MATCH, MAX_GAP = 1e-3, 1.0  # s: see `at_steps`
 LARGEST = 1e150  # its square is still finite
 UNIT, TILTED = 1e-3, 0.1  # largest error of a quaternion's length, and qx or qy of a robot that stands level
 TUM = 8  # columns without covariances
@@ -81,11 +85,23 @@ def load_stored(path: Path, recording: Recording) -> Estimate:
     """
     if path.suffix == ".npz":
         return load_estimate(path)
-    is_csv = path.suffix == ".csv"
-    estimate = read_estimate_csv(path, "filtered", recording.steps) if is_csv else _read_tum(path, recording.stamps)
-    for doubt in path_doubts(estimate.poses, recording):
-        tell_once(f"{path}: its path {doubt}")
+    if path.suffix != ".csv":
+        estimate = _read_tum(path, recording.stamps)
+    elif read_text(path).lstrip().startswith("stamp"):
+        rows = parse_rows(str(path), read_lines(path), ("stamp", *POSE), ("stamp", *POSE, *POSE_COV))
+        rows = rows[np.argsort(rows[:, 0], kind="stable")]
+        covs = from_triangles(rows[:, 4:], 3) if rows.shape[1] > 4 else None
+        estimate = at_steps(str(path), rows[:, 0], rows[:, 1:4], covs, recording.stamps)
+    else:
+        estimate = read_estimate_csv(path, "filtered", recording.steps)
+    tell_doubts(str(path), estimate, recording)
     return estimate
+
+
+def tell_doubts(where: str, estimate: Estimate, recording: Recording) -> None:
+    """Print what the path of an estimate contradicts, see `path_doubts`."""
+    for doubt in path_doubts(estimate.poses, recording):
+        tell_once(f"{where}: its path {doubt}")
 
 
 def _read_tum(path: Path, stamps: Float) -> Estimate:
@@ -94,43 +110,68 @@ def _read_tum(path: Path, stamps: Float) -> Estimate:
     if len({len(row) for row in rows}) > 1:
         raise UserError(f"{path}: lines have different numbers of columns; write all with, or all without covariances")
     table = np.array(rows, dtype=np.float64).reshape(len(rows), -1 if rows else TUM)
-    order = np.argsort(table[:, 0], kind="stable")
-    at = np.searchsorted(table[order, 0], stamps - _tolerance(stamps))
-    at = order[np.minimum(at, max(len(rows) - 1, 0))] if rows else np.zeros(0, dtype=np.int64)
-    apart = np.abs(table[at, 0] - stamps) if rows else np.full(len(stamps), np.inf)
-    if not (apart <= _tolerance(stamps)).all():
-        step = int(np.argmax(apart > _tolerance(stamps)))
-        raise UserError(f"{path}: no line for step {step} at t = {stamps[step]:.9g}; write one for every step")
-    _, x, y, _, qx, qy, qz, qw = table[at, :TUM].T
-    _require_headings(path, table[at, 4:TUM])
+    table = table[np.argsort(table[:, 0], kind="stable")]
+    _, x, y, _, qx, qy, qz, qw = table[:, :TUM].T
+    _require_headings(path, table[:, 4:TUM])
     heading = np.arctan2(2.0 * (qw * qz + qx * qy), 1.0 - 2.0 * (qy**2 + qz**2))
-    covs = _planar_covariances(table[at, TUM:]) if table.shape[1] > TUM else None
+    covs = _planar_covariances(table[:, TUM:]) if table.shape[1] > TUM else None
+    return at_steps(str(path), table[:, 0], np.column_stack([x, y, heading]), covs, stamps)
+
+
+def at_steps(where: str, stamps: Float, poses: Float, covs: Float | None, steps: Float) -> Estimate:
+    """Return the filtered estimate of a recording from poses with stamps of their own.
+
+    A pose within `MATCH` [s] of a step, or half a step if that is shorter, is the pose of the step. Otherwise the poses
+    on both sides, at most `MAX_GAP` [s] apart, are interpolated, and their covariances too. Before the first and after
+    the last pose, the nearest one is used for half a step.
+
+    Args:
+        where: file or topic, for messages.
+        stamps: (n,) [s], sorted; of several poses with the same stamp the first is used.
+        poses: (n, 3).
+        covs: (n, 3, 3), or None.
+        steps: (N+1,) stamps of the recording [s].
+
+    Raises:
+        UserError: a step has no pose.
+    """
+    first = np.diff(stamps, prepend=-np.inf) > 0.0
+    stamps, poses, covs = stamps[first], poses[first], None if covs is None else covs[first]
+    half = 0.5 * float(np.diff(steps).min(initial=1.0))
+    times = steps
+    if len(stamps):
+        near = stamps[np.clip(np.searchsorted(stamps, steps - min(MATCH, half)), 0, len(stamps) - 1)]
+        outside = np.clip(steps, stamps[0], stamps[-1])
+        times = np.where(np.abs(outside - steps) <= half, outside, steps)
+        times = np.where(np.abs(near - steps) <= min(MATCH, half), near, times)
+        found = interpolated(stamps, poses, times, MAX_GAP)
+    else:
+        found = np.full((len(steps), 3), np.nan)
+    if np.isnan(found).any():
+        step = int(np.argmax(np.isnan(found).any(axis=1)))
+        what = f"no pose for step {step} at t = {steps[step]:.9g}"
+        raise UserError(f"{where}: {what}; give poses from the first step to the last, at most {MAX_GAP:g} s apart")
     try:
-        return Estimate("filtered", poses=np.column_stack([x, y, heading]), pose_covs=covs)
+        return Estimate("filtered", found, None if covs is None else interpolated_covs(stamps, covs, times))
     except UserError as error:
-        raise UserError(f"{path}: {error}") from None
+        raise UserError(f"{where}: {error}") from None
 
 
 def _require_headings(path: Path, quaternions: Float) -> None:
-    """Refuse quaternions (N+1, 4) in x, y, z, w that are not of unit length, and tell of poses that are tilted."""
+    """Refuse quaternions (n, 4) in x, y, z, w that are not of unit length, and tell of poses that are tilted."""
     norms = np.linalg.norm(quaternions, axis=1)
     wrong = np.abs(norms - 1.0) > UNIT
     if wrong.any():
         step = int(wrong.argmax())
-        what = f"step {step}: the quaternion qx qy qz qw has the length {norms[step]:.4g}"
+        what = f"pose {step}: the quaternion qx qy qz qw has the length {norms[step]:.4g}"
         raise UserError(f"{path}: {what}; write unit quaternions, 0 0 sin(heading/2) cos(heading/2) in the plane")
     tilts = np.abs(quaternions[:, :2]).max(axis=1)
     if tilts.max(initial=0.0) > TILTED:
         step = int(tilts.argmax())
         tell_once(
-            f"{path}: qx or qy is {tilts[step]:.2f} at step {step}: the robot is tilted, or the columns are not in the "
+            f"{path}: qx or qy is {tilts[step]:.2f} at pose {step}: the robot is tilted, or the columns are not in the "
             "order qx qy qz qw; only the heading is used"
         )
-
-
-def _tolerance(stamps: Float) -> float:
-    """Return half a step [s], the largest difference between the time of a line and that of its step."""
-    return 0.5 * float(np.diff(stamps).min(initial=1.0))
 
 
 def _numbers(path: Path, number: int, line: str) -> list[float]:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from slamgauge.compare.storage.csv_folder import write_rows
+from slamgauge.compare.storage.csv_folder import POSE, POSE_COV, write_rows
 from slamgauge.compare.storage.files import save, write_tum
 from slamgauge.compare.storage.stored_results import load_stored
 from slamgauge.ekf import ekf_slam
@@ -54,8 +54,8 @@ def test_npz_estimates_are_read_unchanged(estimate: Estimate, tmp_path: Path) ->
         ("0 0 0 0 0 0 0\n", "line 1: 7 columns; write 8, 14, 29 finite numbers"),
         ("0 0 0 0 0 0 0 one\n", "line 1: .* has a value that is not a number"),
         ("0 0 0 0 0 0 1e200 1\n", "line 1: 8 columns; write 8, 14, 29 finite numbers"),
-        ("0 0 0 0 0 0 0 1\n", "no line for step 1"),
-        ("", "no line for step 0"),
+        ("0 0 0 0 0 0 0 1\n", "no pose for step 1"),
+        ("", "no pose for step 0"),
     ],
 )
 def test_wrong_tum_files_are_an_error(tmp_path: Path, text: str, message: str) -> None:
@@ -68,9 +68,9 @@ def test_wrong_tum_files_are_an_error(tmp_path: Path, text: str, message: str) -
 @pytest.mark.parametrize(
     ("quaternion", "message"),
     [
-        ("0 0 0 2", r"step 3: the quaternion qx qy qz qw has the length 2; write unit quaternions"),
-        ("0 0 0 0", r"step 3: the quaternion qx qy qz qw has the length 0;"),
-        ("0 0 0.5 1", r"step 3: .* has the length 1\.118;"),
+        ("0 0 0 2", r"pose 3: the quaternion qx qy qz qw has the length 2; write unit quaternions"),
+        ("0 0 0 0", r"pose 3: the quaternion qx qy qz qw has the length 0;"),
+        ("0 0 0.5 1", r"pose 3: .* has the length 1\.118;"),
     ],
 )
 def test_quaternions_of_another_length_are_an_error(
@@ -94,7 +94,7 @@ def test_tilted_poses_are_reported(estimate: Estimate, tmp_path: Path, capsys: p
     rows = [line.split() for line in path.read_text().splitlines()]
     path.write_text("\n".join(" ".join([*row[:4], row[7], *row[4:7]]) for row in rows))
     load_stored(path, RECORDING)
-    assert "qx or qy is 0.98 at step 0: the robot is tilted, or the columns are not in the order" in (
+    assert "qx or qy is 0.98 at pose 0: the robot is tilted, or the columns are not in the order" in (
         capsys.readouterr().err
     )
 
@@ -110,3 +110,25 @@ def test_the_true_landmarks_of_a_log_are_not_the_map_of_an_estimate(
         (tmp_path / log).write_text("anything\n")
     found = load_stored(tmp_path / "estimate.csv", RECORDING)
     assert found.landmark_ids.tolist() == ([7] if log is None else [])
+
+
+def test_poses_with_other_stamps_are_interpolated(tmp_path: Path) -> None:
+    """Poses and covariances of a robot at constant speed are linear in time, up to half a step beyond the ends."""
+    half = 0.5 * np.diff(RECORDING.stamps).min()
+    stamps = np.linspace(RECORDING.stamps[0] + 0.4 * half, RECORDING.stamps[-1] - 0.4 * half, 15)
+    path = np.column_stack([2.0 * stamps, -stamps, np.mod(3.0 + stamps + np.pi, 2 * np.pi) - np.pi])
+    covs = (1.0 + stamps)[:, None] * np.eye(3)[np.triu_indices(3)]
+    write_rows(tmp_path / "mine.csv", ("stamp", *POSE, *POSE_COV), np.column_stack([stamps, path, covs]).tolist())
+    found = load_stored(tmp_path / "mine.csv", RECORDING)
+    times = np.clip(RECORDING.stamps, stamps[0], stamps[-1])
+    np.testing.assert_allclose(found.poses[:, :2], np.column_stack([2.0 * times, -times]), atol=1e-12)
+    np.testing.assert_allclose(np.cos(found.poses[:, 2] - 3.0 - times), 1.0, atol=1e-12)
+    assert found.pose_covs is not None
+    np.testing.assert_allclose(found.pose_covs, (1.0 + times)[:, None, None] * np.eye(3), atol=1e-12)
+
+
+def test_a_gap_of_more_than_a_second_has_no_pose(tmp_path: Path) -> None:
+    rows = [[stamp, 0.0, 0.0, 0.0] for stamp in (0.0, 0.2, 1.3)]
+    write_rows(tmp_path / "mine.csv", ("stamp", *POSE), rows)
+    with pytest.raises(UserError, match=r"no pose for step 3 at t = 0.3; .* at most 1 s apart"):
+        load_stored(tmp_path / "mine.csv", RECORDING)

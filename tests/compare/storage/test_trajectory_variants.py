@@ -89,9 +89,9 @@ VARIANTS: dict[str, tuple[str, Table, Text, str]] = {
     "tum, mirrored": ("tum", scaled(tum, 1, -1, -1), same, "times the turns of the odometry"),
     "tum, x and y exchanged": ("tum", columns(tum, 0, 2, 1, 3, 4, 5, 6, 7), same, "times the distances"),
     "tum, another frame": ("tum", lambda t, poses: tum(t, turned(poses)), same, "far from the prior"),
-    "tum, another clock": ("tum", lambda t, poses: tum(t - 1e9, poses), same, "no line for step 0"),
-    "tum, stamps in ms": ("tum", lambda t, poses: tum(1e3 * t, poses), same, "no line for step 0"),
-    "tum, one line missing": ("tum", changed(tum, lambda rows: np.delete(rows, 7, axis=0)), same, "no line for step 7"),
+    "tum, another clock": ("tum", lambda t, poses: tum(t - 1e9, poses), same, "no pose for step 0"),
+    "tum, stamps in ms": ("tum", lambda t, poses: tum(1e3 * t, poses), same, "no pose for step 0"),
+    "tum, one line missing": ("tum", changed(tum, lambda rows: np.delete(rows, 7, axis=0)), same, ""),
     "kitti": ("txt", lambda _, poses: np.zeros((len(poses), 12)), same, "12 columns"),
     "csv": ("csv", numbered, same, READ),
     "csv, headings not wrapped": (

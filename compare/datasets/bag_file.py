@@ -1,0 +1,173 @@
+"""ROS bags: topics and messages of ROS 1 files (.bag), ROS 2 folders, and single .mcap and .db3 files.
+
+`rosbags` reads them without ROS (extra `ros`). Every bag that it cannot read is a UserError of one line.
+"""
+
+from __future__ import annotations
+
+import sqlite3
+import struct
+from collections.abc import Generator, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from slamgauge.arrays import Float, Int
+from slamgauge.compare.storage.files import read_text
+from slamgauge.errors import UserError
+from slamgauge.suggestions import did_you_mean
+
+if TYPE_CHECKING:
+    from rosbags.highlevel import AnyReader
+
+JUMP = 10.0  # s: largest difference between the time of stamps and the time of recording, from message to message
+
+
+class Topic(NamedTuple):
+    """Type of a topic in the form `package/msg/Name`, and its number of messages."""
+
+    type: str
+    messages: int
+
+
+@dataclass(frozen=True)
+class Bag:
+    """An open bag."""
+
+    path: Path
+    reader: AnyReader
+
+    def topics(self) -> dict[str, Topic]:
+        """Return the topics by name; a topic with several types has the type `several`."""
+        return {
+            name: Topic(info.msgtype or "several", info.msgcount) for name, info in sorted(self.reader.topics.items())
+        }
+
+    def require(self, topic: str) -> Topic:
+        """Return a topic; raise UserError if the bag does not have it."""
+        topics = self.topics()
+        if topic not in topics:
+            remedy = did_you_mean(topic, topics, "`slamgauge import bag PATH --list` lists all topics")
+            raise UserError(f"{self.path}: has no topic {topic}; {remedy}")
+        return topics[topic]
+
+    def messages(self, topic: str) -> Iterator[tuple[int, Any]]:
+        """Yield time of recording [ns] and content of the messages of a topic, in the order of recording.
+
+        A message that repeats an earlier one byte by byte is dropped if it has a stamp: bags contain latched messages
+        once for each part of a recording.
+        """
+        found = self.require(topic)
+        connections = [each for each in self.reader.connections if each.topic == topic]
+        if found.messages and found.type not in self.reader.typestore.fielddefs:
+            what = f"{topic}: the bag has no definition of {found.type}"
+            raise UserError(f"{self.path}: {what}; give the folder of its .msg files: --msgs FOLDER")
+        earlier, read = set[bytes](), 0
+        for connection, received, raw in self.reader.messages(connections):
+            read += 1
+            content = self.reader.deserialize(raw, connection.msgtype)
+            if raw in earlier and header_stamp(content):
+                continue
+            earlier.add(bytes(raw))
+            yield received, content
+        if read != found.messages:
+            what = f"{read} of {found.messages} messages of {topic} are in it: it is cut"
+            raise UserError(f"{self.path}: {what}; copy it again, or write its metadata anew with `ros2 bag reindex`")
+
+
+def header_stamp(content: Any) -> int:
+    """Return the stamp [ns] in the header of a message, 0 without one."""
+    header = getattr(content, "header", None)
+    return 0 if header is None else 1_000_000_000 * header.stamp.sec + header.stamp.nanosec
+
+
+def seconds_of(nanoseconds: Int) -> Float:
+    """Return times [ns] in seconds."""
+    return nanoseconds.astype(np.float64) * 1e-9
+
+
+def frame_of(content: Any) -> str:
+    """Return the frame in the header of a message, "" without one. ROS 1 permits a slash in front, which is dropped."""
+    return getattr(getattr(content, "header", None), "frame_id", "").removeprefix("/")
+
+
+def clock_checked(where: str, stamps: Int, received: Int) -> tuple[Int, tuple[str, ...]]:
+    """Return stamps (n,) [ns] of a topic in the order of recording, and notes.
+
+    Topics without stamps have their time of recording. Smaller disorder is left: readers sort by stamps.
+
+    Args:
+        where: bag and topic, for messages.
+        stamps: (n,) stamps in headers [ns]; 0 without one.
+        received: (n,) times of recording [ns].
+
+    Raises:
+        UserError: the clock of the stamps jumps by more than `JUMP` between two messages, in either direction.
+    """
+    if not stamps.any():
+        notes = (f"{where}: no stamps in its headers; times of recording are used",) if len(stamps) else ()
+        return received, notes
+    jumps = 1e-9 * (np.diff(stamps) - np.diff(received))
+    if len(jumps) and np.abs(jumps).max() > JUMP:
+        at = int(np.argmax(np.abs(jumps))) + 1
+        what = f"the clock of the stamps jumps by {jumps[at - 1]:+.6g} s at stamp {1e-9 * stamps[at]:.9f} s"
+        raise UserError(f"{where}: {what}; cut the bag there, or use times of recording: --set frames.clock=recording")
+    return stamps, ()
+
+
+@contextmanager
+def opened(path: Path, msgs: Sequence[Path] = ()) -> Generator[Bag]:
+    """Open a bag.
+
+    Args:
+        path: a .bag, .mcap or .db3 file, or the folder of a ROS 2 bag.
+        msgs: folders with .msg files of types that the bag does not define.
+
+    Raises:
+        UserError: the file is missing, cut or of another kind, here and while its messages are read.
+    """
+    try:
+        from apsw import Error as DatabaseError
+        from rosbags.highlevel import AnyReader, AnyReaderError
+        from rosbags.interfaces import MessageDefinitionFormat
+        from rosbags.rosbag1 import ReaderError as Ros1Error
+        from rosbags.rosbag2 import ReaderError as Ros2Error
+        from rosbags.serde import SerdeError
+        from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
+    except ImportError:
+        raise UserError("import bag: needs rosbags; install it with pip install 'slamgauge[ros]'") from None
+    of_rosbags = (AnyReaderError, Ros1Error, Ros2Error, SerdeError, TypesysError)
+    damaged = (*of_rosbags, sqlite3.Error, DatabaseError, struct.error, OSError)
+    try:
+        own = {name: text for folder in msgs for name, text in _definitions(folder)}
+        types = {key: value for name, text in own.items() for key, value in get_types_from_msg(text, name).items()}
+        default = get_typestore(Stores.ROS1_NOETIC if path.suffix == ".bag" else Stores.ROS2_HUMBLE)
+        default.register({name: value for name, value in types.items() if name not in default.fielddefs})
+        with AnyReader([path], default_typestore=default) as reader:
+            if any(each.msgdef.format == MessageDefinitionFormat.NONE for each in reader.connections):
+                missing = {k: v for k, v in default.fielddefs.items() if k not in reader.typestore.fielddefs}
+                reader.typestore.register(missing)
+            yield Bag(path, reader)
+    except FileNotFoundError as error:
+        raise UserError(
+            f"{path}: not found, or not a bag ({error}); give a .bag, .mcap or .db3 file, or a ROS 2 folder"
+        ) from None
+    except damaged as error:
+        what = " ".join(str(error).split())[:200] or type(error).__name__
+        raise UserError(
+            f"{path}: cannot be read ({what}); repair it with `rosbag reindex`, `ros2 bag reindex` or `mcap recover`"
+        ) from None
+
+
+def _definitions(folder: Path) -> Iterator[tuple[str, str]]:
+    """Yield type and text of the .msg files below a folder: package/msg/Name.msg or package/Name.msg."""
+    files = sorted(folder.rglob("*.msg"))
+    if not files:
+        raise UserError(f"{folder}: no .msg files in it; give a folder of message definitions")
+    for file in files:
+        package = file.resolve().parent
+        package = package.parent if package.name == "msg" else package
+        yield f"{package.name}/msg/{file.stem}", read_text(file)

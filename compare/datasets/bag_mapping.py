@@ -1,0 +1,221 @@
+"""Settings for reading a ROS bag, from a TOML file and `--set`.
+
+    [odometry]      topic, kind (twist, poses), holds (since-last, until-next)
+    [observations]  topic, array, x, y, z or range, bearing, id, pattern, covariance
+    [noise]         forward, lateral, turn, per (step, second, speed); range, bearing, position: [m, rad]
+    [start]         pose, sigmas: [m, m, rad]
+    [truth]         topic, max_gap
+    [frames]        base, clock (header, recording)
+    [transforms]    SENSOR = [x, y, heading] of a sensor frame in the base frame [m, m, rad]
+    [ids]           NAME = number of a landmark whose id in the messages is a text
+
+Every key has a default. A topic that is not stated is the only one of a known type. Known types of observations have
+their paths in `bag_mappings.toml`. A stated standard deviation replaces the variance in the messages.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field, fields, replace
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, Literal
+
+from slamgauge.compare.datasets.bag_file import Bag
+from slamgauge.compare.datasets.csv_mapping import Paths, sections_of
+from slamgauge.compare.datasets.imported_log import require_sigmas
+from slamgauge.compare.storage.toml_tables import Table, override, parse_toml, read_toml
+from slamgauge.errors import UserError
+from slamgauge.suggestions import did_you_mean
+from slamgauge.validation import LARGEST
+
+ODOMETRIES = (
+    "nav_msgs/msg/Odometry",
+    "geometry_msgs/msg/TwistStamped",
+    "geometry_msgs/msg/TwistWithCovarianceStamped",
+)
+POSES = (
+    "nav_msgs/msg/Odometry",
+    "geometry_msgs/msg/PoseStamped",
+    "geometry_msgs/msg/PoseWithCovarianceStamped",
+    "geometry_msgs/msg/TransformStamped",
+)
+TREES = ("/tf", "/tf_static")  # read as observations only if they are named
+
+
+@dataclass(frozen=True)
+class OdometryTopic:
+    """Odometry: increments from twists, or from differences of poses. A twist is valid since the last message."""
+
+    topic: str | None = None
+    kind: Literal["twist", "poses"] = "twist"
+    holds: Literal["since-last", "until-next"] = "since-last"
+
+
+@dataclass(frozen=True)
+class ObservationsTopic:
+    """Observations of landmarks: paths into a message, and from there into an element of `array`.
+
+    Paths are names and indices with dots between them: results.0.pose.pose.position.x. Of several paths in `id`, the
+    first is used that leads to a number or a text. Elements whose id does not match `pattern` are dropped; its first
+    group is the id.
+    """
+
+    topic: str | None = None
+    array: Paths | None = None
+    x: str | None = None
+    y: str | None = None
+    z: str | None = None
+    range: str | None = None
+    bearing: str | None = None
+    id: Paths | None = None
+    pattern: str | None = None
+    covariance: str | None = None
+
+
+@dataclass(frozen=True)
+class BagNoise:
+    """Standard deviations [m, rad] of a step, of a second or of the speeds, and of the sensor."""
+
+    forward: float | None = None
+    lateral: float | None = None
+    turn: float | None = None
+    per: Literal["step", "second", "speed"] = "speed"
+    range: float | None = None
+    bearing: float | None = None
+    position: float | None = None
+
+
+@dataclass(frozen=True)
+class BagStart:
+    """Pose [m, m, rad] (by default the true one) and standard deviations of the start."""
+
+    pose: tuple[float, float, float] | None = None
+    sigmas: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class TruthTopic:
+    """Poses of the ground truth. They are not interpolated over gaps longer than `max_gap` [s]."""
+
+    topic: str | None = None
+    max_gap: float = 1.0
+
+
+@dataclass(frozen=True)
+class Frames:
+    """Frame of the robot (by default the child frame of the odometry, else base_link) and the source of stamps."""
+
+    base: str | None = None
+    clock: Literal["header", "recording"] = "header"
+
+
+@dataclass(frozen=True)
+class BagMapping:
+    """All sections, and a name of their file for messages."""
+
+    where: str
+    odometry: OdometryTopic
+    observations: ObservationsTopic
+    noise: BagNoise
+    start: BagStart
+    truth: TruthTopic
+    frames: Frames
+    transforms: dict[str, tuple[float, float, float]] = field(default_factory=dict[str, tuple[float, float, float]])
+    ids: dict[str, int] = field(default_factory=dict[str, int])
+
+    def sections(self) -> dict[str, dict[str, Any]]:
+        """Return the sections as tables."""
+        return {name: table for name, table in asdict(self).items() if name != "where" and table}
+
+
+KINDS = {
+    "odometry": OdometryTopic,
+    "observations": ObservationsTopic,
+    "noise": BagNoise,
+    "start": BagStart,
+    "truth": TruthTopic,
+    "frames": Frames,
+}
+
+
+@cache
+def shipped() -> dict[str, Table]:
+    """Return the section [observations] of each known type of message."""
+    return parse_toml((files("slamgauge.compare.datasets") / "bag_mappings.toml").read_text(encoding="utf-8"))
+
+
+def load_bag_mapping(bag: Bag, file: Path | None, overrides: Sequence[str]) -> BagMapping:
+    """Load the settings for a bag: those of a file, overrides on top, and defaults found in the bag.
+
+    Args:
+        bag: the bag, whose topics and types complete the settings.
+        file: TOML file of the sections; None for defaults only.
+        overrides: `section.key=value`, on top of the file.
+
+    Raises:
+        UserError: a key, a value or a topic is wrong, or a topic must be stated.
+    """
+    where = str(file or "--set")
+    table: Table = {} if file is None else read_toml(file)
+    for text in overrides:
+        override(table, text)
+    transforms, ids = table.pop("transforms", {}), table.pop("ids", {})
+    _require_tables(where, transforms, ids)
+    mapping = BagMapping(where, **sections_of(table, KINDS, where), transforms=transforms, ids=ids)
+    noise = {key: value for key, value in asdict(mapping.noise).items() if isinstance(value, float | int)}
+    require_sigmas(**noise)
+    if mapping.truth.topic is not None:
+        _require_type(bag, mapping.truth.topic, POSES, "truth.topic")
+    odometry = mapping.odometry.topic or only_topic(bag, ODOMETRIES, "odometry.topic")
+    _require_type(bag, odometry, ODOMETRIES, "odometry.topic")
+    return replace(
+        mapping,
+        odometry=replace(mapping.odometry, topic=odometry),
+        observations=_completed(bag, mapping.observations, where),
+    )
+
+
+def candidates(bag: Bag, types: Sequence[str]) -> list[str]:
+    """Return the topics of a bag that have one of the types and at least one message."""
+    topics = bag.topics().items()
+    return [name for name, topic in topics if topic.type in types and topic.messages and name not in TREES]
+
+
+def only_topic(bag: Bag, types: Sequence[str], key: str) -> str:
+    """Return the only topic with one of the types; raise UserError if several exist, or none."""
+    found = candidates(bag, types)
+    if len(found) == 1:
+        return found[0]
+    reason = f"several topics fit ({', '.join(found)})" if found else f"no topic has a known type ({', '.join(types)})"
+    raise UserError(f"{bag.path}: {reason}; give --set {key}=TOPIC, `--list` lists all topics")
+
+
+def _completed(bag: Bag, section: ObservationsTopic, where: str) -> ObservationsTopic:
+    """Return the section with its topic, and with the shipped paths of its type where none are stated."""
+    topic = section.topic or only_topic(bag, tuple(shipped()), "observations.topic")
+    kind = bag.require(topic).type
+    stated = {each.name: value for each in fields(section) if (value := getattr(section, each.name)) is not None}
+    known = ObservationsTopic(**(shipped().get(kind, {}) | stated | {"topic": topic}))
+    if (known.bearing is None) == (known.x is None) or (known.x is None) != (known.y is None):
+        paths = "observations.x and y, or observations.range and bearing, or observations.bearing"
+        raise UserError(f"{where}: observations: give paths of {topic} ({kind}): {paths}")
+    return known
+
+
+def _require_type(bag: Bag, topic: str, types: Sequence[str], key: str) -> None:
+    kind = bag.require(topic).type
+    if kind not in types:
+        raise UserError(f"{bag.path}: {key}: {topic} has the type {kind}; {did_you_mean(kind, types)}")
+
+
+def _require_tables(where: str, transforms: Any, ids: Any) -> None:
+    """Refuse transforms that are not three numbers, and ids that are not whole numbers from 0."""
+    for name, pose in transforms.items() if isinstance(transforms, dict) else [("", None)]:
+        numbers = pose if isinstance(pose, list) else []
+        if len(numbers) != 3 or not all(type(each) in (int, float) and abs(each) < LARGEST for each in numbers):
+            raise UserError(f"{where}: transforms.{name}: must be [x, y, heading] in metres and radians; correct it")
+    for name, number in ids.items() if isinstance(ids, dict) else [("", None)]:
+        if type(number) is not int or number < 0:
+            raise UserError(f"{where}: ids.{name}: must be a whole number from 0; correct it")

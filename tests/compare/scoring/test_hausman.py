@@ -1,0 +1,133 @@
+"""The consistency test without ground truth: its identities, its twins and its verdicts."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from slamgauge.compare.scoring.hausman import (
+    ConsistencyTest,
+    consistency_test,
+    simulated_twin,
+    step_statistics,
+    twin_ratios,
+)
+from slamgauge.compare.storage.files import save
+from slamgauge.ekf import riekf
+from slamgauge.errors import UserError
+from slamgauge.estimate import Estimate
+from slamgauge.graph_baseline import batch
+from slamgauge.sensors import innovation
+from tests.reference.command_line import run
+from tests.reference.random_recordings import random_covariances, random_recording
+
+
+def linear_filter_and_smoother(seed: int, steps: int = 40) -> tuple[Estimate, Estimate]:
+    """Return Kalman filter and smoother (Rauch, Tung and Striebel) of a random walk with position fixes."""
+    rng = np.random.default_rng(seed)
+    Q, R = 0.01 * np.eye(3), random_covariances(rng, 1, np.full(3, 0.2))[0]
+    x = np.cumsum(0.1 * rng.normal(size=(steps, 3)), axis=0)
+    z = x + rng.multivariate_normal(np.zeros(3), R, steps)
+    mean, cov = np.zeros(3), np.zeros((3, 3))
+    filtered, priors = list[tuple[np.ndarray, np.ndarray]](), list[np.ndarray]()
+    for each in z:
+        prior = cov + Q
+        gain = prior @ np.linalg.inv(prior + R)
+        mean, cov = mean + gain @ (each - mean), (np.eye(3) - gain) @ prior
+        filtered.append((mean, cov))
+        priors.append(prior)
+    smoothed = [filtered[-1]]
+    for (mean, cov), prior in zip(filtered[-2::-1], priors[:0:-1], strict=True):
+        gain = cov @ np.linalg.inv(prior)
+        last, last_cov = smoothed[-1]
+        smoothed.append((mean + gain @ (last - mean), cov + gain @ (last_cov - prior) @ gain.T))
+    smoothed.reverse()
+
+    def estimate(kind: str, rows: list[tuple[np.ndarray, np.ndarray]]) -> Estimate:
+        covs = np.array([(cov + cov.T) / 2 for _, cov in rows])
+        return Estimate(kind, np.array([mean for mean, _ in rows]), covs)  # pyright: ignore[reportArgumentType]
+
+    return estimate("filtered", filtered), estimate("smoothed", smoothed)
+
+
+def test_means_of_a_linear_filter():
+    """Means over 400 independent runs are within 4 standard deviations (false-alarm rate 1e-4) of their expectation."""
+    found = [step_statistics(*linear_filter_and_smoother(seed)) for seed in range(400)]
+    expected = np.array([each.ratio for each in found])
+    hausman = np.array([each.hausman.sum() / each.dof.sum() for each in found])
+    for ratios in (expected, hausman):
+        assert abs(ratios.mean() - 1.0) < 4.0 * ratios.std() / np.sqrt(len(ratios))
+    assert not any(each.claims_more.any() for each in found)
+    assert np.median([each.dof.max() for each in found]) == 3
+    assert all(each.dof[-1] == 0 for each in found)  # filter and smoother are the same there
+
+
+def test_a_filter_that_halves_its_sigmas_is_overconfident():
+    filtered, smoothed = linear_filter_and_smoother(0)
+    assert filtered.pose_covs is not None
+    whole = step_statistics(filtered, smoothed)
+    half = step_statistics(replace(filtered, pose_covs=filtered.pose_covs / 4.0), smoothed)
+    assert_allclose(half.ratio, 4.0 * whole.ratio)
+    assert half.claims_more.any()
+
+
+def test_singular_covariances_are_left_out():
+    filtered, smoothed = linear_filter_and_smoother(0)
+    assert filtered.pose_covs is not None
+    covs = filtered.pose_covs.copy()
+    covs[:2] = 0.0
+    found = step_statistics(replace(filtered, pose_covs=covs), smoothed)
+    assert_array_equal(np.isnan(found.expected_nees), np.arange(40) < 2)
+    with pytest.raises(UserError, match="needs covariances"):
+        step_statistics(replace(filtered, pose_covs=None), smoothed)
+
+
+@pytest.mark.parametrize("sensor", ["range-bearing", "position"])
+def test_a_twin_has_the_noise_that_the_log_states(sensor: str):
+    _, recording = random_recording(2, sensor=sensor, steps=30)
+    optimum = batch(recording)
+    twins = [simulated_twin(recording, optimum, np.random.default_rng(seed)) for seed in range(300)]
+    exact = simulated_twin(
+        replace(recording, odometry_cov=0 * recording.odometry_cov, observation_cov=1e-12 * recording.observation_cov),
+        optimum,
+        np.random.default_rng(0),
+    )
+    moved = np.array([twin.odometry - exact.odometry for twin in twins])
+    seen = np.array([innovation(sensor, twin.observation, exact.observation) for twin in twins])
+    for errors, covs in ((moved, recording.odometry_cov), (seen, recording.observation_cov)):
+        stated = np.array([np.diag(cov) for cov in covs])
+        ratio = np.mean(errors**2 / stated)
+        assert abs(ratio - 1.0) < 4.0 * np.sqrt(2.0 / errors.size) * 1.5  # entries of one error are correlated
+
+
+def test_p_values_are_ranks_among_the_twins():
+    twins = np.linspace(0.9, 1.1, 99)
+    assert ConsistencyTest(2.0, twins, 0.0).p_value == 0.01
+    assert ConsistencyTest(0.5, twins, 0.0).p_cautious == 0.01
+    assert "overconfident, errors are about 1.41 times its sigmas" in ConsistencyTest(2.0, twins, 0.0).text()
+    assert "too cautious" in ConsistencyTest(0.5, twins, 0.0).text()
+    assert "claims more than the optimum at 20% of the steps" in ConsistencyTest(2.0, twins, 0.2).text()
+
+
+def test_right_invariant_filter_and_a_wrong_one_on_a_recording():
+    _, recording = random_recording(5, steps=60)
+    optimum, estimate = batch(recording), riekf(recording)
+    assert estimate.pose_covs is not None
+    ratios = twin_ratios(recording, optimum, 39)
+    assert consistency_test(step_statistics(estimate, optimum), ratios).p_value > 0.05
+    wrong = replace(estimate, pose_covs=estimate.pose_covs / 4.0)
+    assert consistency_test(step_statistics(wrong, optimum), ratios).p_value <= 0.05
+
+
+def test_evaluate_prints_the_verdict(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    _, recording = random_recording(5, steps=30)
+    save(tmp_path / "recording.npz", recording)
+    command = ("evaluate", tmp_path / "recording.npz", "--twins", 19, "--estimators")
+    assert run(*command, "riekf,batch") == 0
+    assert "riekf: without ground truth: consistent as far as this log shows" in capsys.readouterr().out
+    assert run(*command, "riekf") == 2
+    assert "add batch to --estimators" in capsys.readouterr().err
