@@ -34,7 +34,8 @@ __all__ = ["Scenario", "ScenarioError", "load_scenario", "shipped_scenarios"]
 Place = tuple[str | int, ...]
 
 LONGEST_KEY = 100  # characters of an unknown key or scenario name that a message quotes
-ALTERNATIVES = {"landmarks.random": "positions", "landmarks.positions": "random"}  # an override of one removes the other
+# an override of one of these keys removes the other
+ALTERNATIVES = {"landmarks.random": "positions", "landmarks.positions": "random"}
 FORMS = {"kind", "segments", "random"}  # keys that change the form of a section: it then replaces the extended section
 
 

@@ -379,7 +379,10 @@ def test_pickling_keeps_a_scenario(name: str) -> None:
         ("sensor.outlier=cauchy", "sensor.outlier: must be 'uniform' or 'wide', not 'cauchy'"),
         ("motion.slip_rat=1", "motion.slip_rat: unknown key; did you mean slip_rate?"),
         ("prior.covariance=[[1,0,0],[0,-1,0],[0,0,1]]", "prior.covariance: covariance[0] = "),
-        ("landmarks={positions=[[1, 2]], random={count=3, box=[0,0,1,1]}}", "landmarks: has both forms; give positions, or random"),
+        (
+            "landmarks={positions=[[1, 2]], random={count=3, box=[0,0,1,1]}}",
+            "landmarks: has both forms; give positions, or random",
+        ),
         ("landmarks={}", "landmarks: has no landmarks; give positions ([] for none), or random"),
         ("landmarks={random={count=9, box=[0,0,1,0]}}", "landmarks.random: box is empty; give [x from, y from,"),
         (
