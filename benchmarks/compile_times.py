@@ -23,8 +23,10 @@ import tyro
 
 ROOT = Path(__file__).parents[1]
 RUN = ["run", "q1-long-dense", "--estimators", "dead-reckoning,ekf,riekf,causal,batch", "--out", "run"]
+STUDY = ["study", "q1-long-dense", "--runs", "100", "--estimators", "ekf,riekf,causal", "--out", "first-study"]
 COMMANDS = {
-    "run q1-long-dense (README)": RUN,
+    "study q1-long-dense (README)": STUDY,
+    "run q1-long-dense": RUN,
     "run, ekf only": [*RUN[:3], "ekf", "--out", "ekf"],
     "study q1-short-dense": ["study", "q1-short-dense", "--runs", "4", "--estimators", "ekf,riekf", "--out", "study"],
     "run q2-long-dense, ekf": ["run", "q2-long-dense", "--estimators", "ekf", "--out", "q2"],
@@ -40,13 +42,13 @@ def main(only: str = "", slowest: int = 0) -> None:
         sys.exit(f"--only {only}: no command has it in its title; use one of {', '.join(COMMANDS)}")
     for folder in ("core", "ekf", "graph_baseline", "compare"):
         compileall.compile_dir(ROOT / folder, quiet=1)
-    print(f"{'command':28}{'first [s]':>10}{'kernels':>9}{'again [s]':>11}")
+    print(f"{'command':30}{'first [s]':>10}{'kernels':>9}{'again [s]':>11}")
     for name, words in COMMANDS.items():
         if only in name:
             with tempfile.TemporaryDirectory() as folder:
                 first, again = user_seconds(words, folder), user_seconds(words, folder)
                 kernels = len(list(Path(folder, "kernels").rglob("*.nbc")))
-                print(f"{name:28}{first:10.1f}{kernels:9d}{again:11.2f}", flush=True)
+                print(f"{name:30}{first:10.1f}{kernels:9d}{again:11.2f}", flush=True)
             if slowest:
                 code = f"import runpy; runpy.run_path({__file__!r})['list_kernels']({words}, {slowest})"
                 with tempfile.TemporaryDirectory() as folder:

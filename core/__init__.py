@@ -1,4 +1,4 @@
-"""How far is your SLAM filter from the best that its measurements allow?
+"""Is your EKF-SLAM overconfident, and how much accuracy does it lose?
 
 The public names of all packages, imported on first use, so that `import slamgauge` loads no library. The packages are
 `slamgauge.ekf`, `slamgauge.graph_baseline` and `slamgauge.compare`; no public name is both a package and a function

@@ -26,5 +26,6 @@ html_show_search_summary = False  # it fetches the pages, which browsers refuse 
 html_show_copyright = False
 myst_heading_anchors = 3  # levels of headings that links may name
 autodoc_typehints = "description"
+add_module_names = False  # signatures read `ekf_slam(recording, ...)`
 autodoc_member_order = "bysource"
 napoleon_use_ivar = True  # dataclasses name their fields in their docstring and in their body

@@ -124,12 +124,13 @@ def lines_of(block: str) -> list[str]:
     return lines
 
 
-def test_the_first_two_commands_of_the_readme_make_the_page_of_a_user_filter(small: Path):
+def test_the_first_two_commands_of_the_readme_make_pages_with_a_verdict_of_each_filter(small: Path):
     first, second = [line for _, _, block in blocks(PAGES["README.md"]) for line in lines_of(block)][:2]
     assert main(shlex.split(first)[1:]) == 0
     assert main(shlex.split(second)[1:]) == 0
-    page = (small / "graded/report.html").read_text(encoding="utf-8")
-    assert "<strong>my_filter.py:estimate</strong>: RMS position error" in page
+    for folder, name in (("first-study", "riekf"), ("mine", "mine")):
+        page = (small / folder / "report.html").read_text(encoding="utf-8")
+        assert f"<strong>{name}</strong>: " in page
 
 
 @pytest.mark.parametrize("scheme", ["tcp", "tls"])

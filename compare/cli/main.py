@@ -11,6 +11,7 @@ from collections.abc import Generator, Sequence
 from contextlib import contextmanager
 from time import monotonic
 
+from slamgauge.compare.cli.explain import Explain
 from slamgauge.compare.cli.export import Export
 from slamgauge.compare.cli.imports import Import
 from slamgauge.compare.cli.listings import Completion, Scenarios, Schema
@@ -55,6 +56,7 @@ COMMANDS: dict[str, type[Command]] = {
     "doctor": Doctor,
     "completion": Completion,
     "schema": Schema,
+    "explain": Explain,
 }
 
 

@@ -2,25 +2,27 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Literal
 
 import tyro
 
 from slamgauge.compare.cli.options import (
-    NAMED,
     Estimators,
     Folder,
     Overrides,
     OwnCode,
     Repeated,
+    Sampled,
     WithPage,
     flattened,
     require_scenario,
     results_folder,
+    sampled_scenario,
     split_names,
     write_page,
 )
@@ -48,10 +50,10 @@ class Run(WithPage):
 
     For example:
       slamgauge run q1-long-dense --estimators ekf,riekf,causal,batch
-      slamgauge run q2-long-dense --seed 3 --set association.gate=25
+      slamgauge run q2-long-dense --seed 3 --set association.gate=25 start=mean
     """
 
-    scenario: Annotated[tyro.conf.Positional[str], tyro.conf.arg(help=f"{NAMED}.")]
+    scenario: Sampled
 
     seed: int = 0
     """Seed of all noise."""
@@ -71,9 +73,7 @@ class Run(WithPage):
         from slamgauge.compare.storage.safe_names import file_name
 
         asked = self.own_code.isolate(ask(split_names(self.estimators)))
-        from slamgauge.compare.scenarios.scenario import load_scenario  # it is slow to start
-
-        scenario = load_scenario(self.scenario, flattened(self.set))
+        scenario = sampled_scenario(self.scenario, self.set)
         out = self.out or Path("results") / f"{file_name(scenario.name)}-seed-{self.seed}"
         status = self._score(scenario, asked, out)  # its memory is free again before the page is written
         return status if write_page(out, METRICS, self.page) else 1
@@ -90,8 +90,16 @@ class Run(WithPage):
         require_room_for_estimates(informed, asked)
         settings = (scenario.association, scenario.initialisation_settings, scenario.robustness)
         origin = (scenario.name, self.seed, scenario_text(scenario))
-        scoring = Scoring(asked, out, self.output, f"{scenario.name}, seed {self.seed}", *settings, *origin)
+        title = f"{scenario.name}, seed {self.seed}"
+        scoring = Scoring(asked, out, self.output, title, *settings, *origin, study=self._study_command())
         return scoring.score(truth, recording, informed)
+
+    def _study_command(self) -> str:
+        """Return the command of many runs with the same scenario, settings and estimators."""
+        words = ["slamgauge", "study", self.scenario, "--runs", "100"]
+        words += ["--estimators", self.estimators] if self.estimators != DEFAULT_ESTIMATORS else []
+        words += ["--set", *flattened(self.set)] if self.set else []
+        return shlex.join(words)
 
 
 @dataclass
@@ -217,6 +225,7 @@ class Scoring:
     seed: int | None = None
     scenario_text: str | None = None
     twins: int = 0
+    study: str = ""  # command of many runs, if the recording is simulated
 
     def score(self, truth: Truth | None, recording: Recording, informed: Recording | None = None) -> int:
         """Run the estimators, print the table and write the folder; return 1 if an estimator failed, else 0."""
@@ -242,7 +251,7 @@ class Scoring:
         with results_folder(self.out, files, METRICS, OUTDATED) as folder:
             comparison = compare_estimators(truth, recording, estimators, informed)
             give_back()
-            comparison = replace(comparison, failures=failures | comparison.failures)
+            comparison = replace(comparison, failures=failures | comparison.failures, study=self.study)
             if self.twins:
                 comparison = tested_without_truth(comparison, self.twins)
             content = metrics(comparison, self.scenario, self.seed, self.scenario_text)

@@ -76,13 +76,17 @@ def _draw_against_band(
 
 
 def _draw_rmse(path: Path, title: str, runs: Mapping[str, Runs], step: float) -> None:
-    """Draw the RMS position error over runs against time; bounds are the smallest possible errors."""
+    """Draw the RMS position error over runs against time with its 95 % interval; bounds are the smallest errors."""
     if not runs:
         return
     with printed(path, 3.2, title) as figure:
         axes = figure.subplots()
-        height = _draw_curves(axes, {name: rmse_per_step(each) for name, each in runs.items()}, runs, step)
-        axes.set(ylabel="RMS position error over runs [m]", ylim=(0.0, None if height is None else 1.1 * height))
+        found = {name: rmse_per_step(each) for name, each in runs.items()}
+        height = _draw_curves(axes, {name: each.value for name, each in found.items()}, runs, step)
+        for name, style in styles(runs).items():
+            time = step * np.arange(len(found[name].value))
+            axes.fill_between(time, found[name].low, found[name].high, color=style.color, alpha=0.2, linewidth=0)
+        axes.set(ylabel="RMS position error, 95 % band [m]", ylim=(0.0, None if height is None else 1.1 * height))
         legend_below(figure, axes)
 
 

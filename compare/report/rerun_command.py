@@ -21,7 +21,8 @@ class Rerun(NamedTuple):
 def command_of_run(content: dict[str, Any], seed: int) -> str:
     """Return the `slamgauge run` command of a run; a comment at its end warns of settings that may be missing."""
     scenario, settings, estimators = run_of_study(content)
-    words = ("run", scenario, "--seed", str(seed), "--set", *settings, "--estimators", estimators)
+    overrides = ["--set", *settings] if settings else []
+    words = ("run", scenario, "--seed", str(seed), *overrides, "--estimators", estimators)
     known = "" if content.get("command") else "  # add the --set options of the study, if any"
     return f"{shlex.join(('slamgauge', *words))}{known}"
 
@@ -39,7 +40,7 @@ def run_of_study(content: dict[str, Any]) -> Rerun:
         chosen = words[words.index("--estimators") + 1]
     places = [place for place, word in enumerate(words) if word == "--set"]
     given = [each for at in places for each in takewhile(lambda word: not word.startswith("--"), words[at + 1 :])]
-    return Rerun(scenario, ["start=sampled", *given, *filter(None, [swept(content)])], chosen)
+    return Rerun(scenario, [*given, *filter(None, [swept(content)])], chosen)
 
 
 def swept(content: dict[str, Any]) -> str:

@@ -57,10 +57,10 @@ def run_page(folder: Path) -> dict[str, str]:
     def page(data: dict[str, Any]) -> str:
         return render(
             "run.html",
-            kind="a run",
+            kind="one run",
             title=title,
             lead=lead(metrics),
-            notes=[*optimum_notes(comparison), *metrics.get("notes", ()), *failures],
+            notes=[*metrics.get("notes", ()), *optimum_notes(comparison), *failures],
             looks=shown,
             legend=legend(results),
             pictures=pictures(folder, PICTURES),

@@ -42,9 +42,12 @@ from slamgauge.compare.studies.summary import (
 
 MOST_MOMENTS = 1500  # points of a curve
 PICTURES = {
+    "rmse.png": (
+        "RMS position error over runs against time with 95 % intervals, and the bounds",
+        "RMS position error over runs, with 95 % intervals.",
+    ),
     "nees.png": ("Mean pose NEES over runs against time, with its chi-square band", "Mean pose NEES over runs."),
     "nis.png": ("NIS over its degrees of freedom against time, with its band", "NIS of all runs together."),
-    "rmse.png": ("RMS position error over runs against time, and the bounds", "RMS position error over runs."),
     "errors.png": (
         "Errors of single runs within the mean 3-sigma bounds",
         "Errors of single runs, mean 3-sigma bounds.",

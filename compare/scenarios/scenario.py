@@ -34,6 +34,8 @@ __all__ = ["Scenario", "ScenarioError", "load_scenario", "shipped_scenarios"]
 Place = tuple[str | int, ...]
 
 LONGEST_KEY = 100  # characters of an unknown key or scenario name that a message quotes
+# an override of one of these keys removes the other
+ALTERNATIVES = {"landmarks.random": "positions", "landmarks.positions": "random"}
 FORMS = {"kind", "segments", "random"}  # keys that change the form of a section: it then replaces the extended section
 
 
@@ -58,6 +60,9 @@ def load_scenario(name_or_path: str | Path, overrides: Sequence[str] = ()) -> Sc
     table = _extended(_parse(source, where), where)
     try:
         for override in overrides:
+            other = ALTERNATIVES.get(override.partition("=")[0].strip())
+            if other is not None and isinstance(table.get("landmarks"), dict):
+                table["landmarks"].pop(other, None)
             set_key(table, override)
     except UserError as error:
         raise ScenarioError(str(error)) from None

@@ -10,7 +10,13 @@ import numpy as np
 from slamgauge.arrays import Float, Int
 from slamgauge.compare.estimators.registry import BOUND_OF, OPTIMA
 from slamgauge.compare.scoring.consistency import chi2_band, is_inside
-from slamgauge.compare.scoring.intervals import Interval, jackknife_interval, mean_interval, ratio_interval
+from slamgauge.compare.scoring.intervals import (
+    Interval,
+    half_widths,
+    jackknife_interval,
+    mean_interval,
+    ratio_interval,
+)
 from slamgauge.compare.scoring.nan_stats import mean
 from slamgauge.compare.scoring.optimum_figures import share_of_doubt
 from slamgauge.compare.scoring.ray_figures import RayFigures, mean_figures
@@ -43,9 +49,14 @@ def nis_per_step(runs: Runs) -> PerStep:
     return _per_step(np.nansum(runs.series["nis"], axis=0), dof, dof)
 
 
-def rmse_per_step(runs: Runs) -> Float:
-    """Return the RMS position error [m] over runs at every step (N+1,)."""
-    return np.sqrt(_squares(runs, "error_x", "error_y").mean(axis=0))
+def rmse_per_step(runs: Runs) -> PerStep:
+    """Return the RMS position error [m] over runs, and the root of Student's 95 % interval of the mean square.
+
+    The interval is NaN for a single run.
+    """
+    squares = _squares(runs, "error_x", "error_y")
+    mean, half = squares.mean(axis=0), half_widths(squares)
+    return PerStep(np.sqrt(mean), np.sqrt(np.maximum(mean - half, 0.0)), np.sqrt(mean + half))
 
 
 def _per_step(total: Float, dof: Int, unit: Int) -> PerStep:

@@ -46,8 +46,9 @@ class Comparison:
     """Estimates and scores by the name of the estimator, and the optimum of each kind.
 
     `failures` has the reason, in a line, for each estimator without a score. `stand_ins` are optima with the
-    associations of an estimator, if the true ones are unknown. `is_simulated`: the true noise is known. `remarks` are
-    those on user code, for example replaced settings. `without_truth` has the verdicts of `hausman` on filters.
+    associations of an estimator, if the true ones are unknown. `study` is a command of many runs, if the recording is
+    simulated. `remarks` are those on user code, for example replaced settings. `without_truth` has the verdicts of
+    `hausman` on filters.
     """
 
     truth: Truth | None
@@ -57,9 +58,9 @@ class Comparison:
     optima: dict[Kind, str] = field(default_factory=dict)
     failures: dict[str, str] = field(default_factory=dict)
     stand_ins: tuple[str, ...] = ()
-    is_simulated: bool = False
     remarks: tuple[str, ...] = ()
     without_truth: Mapping[str, str] = field(default_factory=dict[str, str])
+    study: str = ""
 
     def __repr__(self) -> str:
         failed = f"; failed: {', '.join(self.failures)}" if self.failures else ""
@@ -99,7 +100,6 @@ def compare_estimators(
     require_type("recording", recording, Recording)
     require_type("estimators", estimators, Mapping)
     require_same_run(truth, recording)
-    is_simulated = informed is not None
     if informed is None:
         informed = recording
         if recording.landmark is None and truth is not None and truth.association is not None:
@@ -120,7 +120,7 @@ def compare_estimators(
     estimates = {name: ran.estimates[name] for name in scores}
     found = tuple(f"{name}: {remark}" for name in scores for remark in ran.remarks.get(name, ()))
     stand_ins = tuple(ran.stand_ins)
-    return Comparison(truth, recording, estimates, scores, ran.optima, failures, stand_ins, is_simulated, found)
+    return Comparison(truth, recording, estimates, scores, ran.optima, failures, stand_ins, found)
 
 
 def metrics(
@@ -168,7 +168,7 @@ def table(comparison: Comparison) -> Page:
             ]
         rows.append([name, score.kind, *cells])
     rows += [[name, "failed", *("-" for _ in found)] for name in comparison.failures]
-    notes = [*optimum_notes(comparison), *remarks(comparison)]
+    notes = [*remarks(comparison), *optimum_notes(comparison)]
     verdicts = verdict_lines({name: score.verdict for name, score in comparison.scores.items()})
     verdicts += verdict_lines(comparison.without_truth)
     return Page((Grid(rows, words=2, names=FULL_NAMES), *notes, *verdicts, *comparison.failures.values()))
@@ -190,10 +190,12 @@ def tested_without_truth(comparison: Comparison, twins: int) -> Comparison:
 
 
 def remarks(comparison: Comparison) -> list[str]:
-    """Return notes on the run: the optima's associations, empty columns, and that it is one run."""
+    """Return notes on the run: first that it is one run, then the optima's associations and empty columns."""
     scores = comparison.scores.values()
     optima = sorted(comparison.optima.values())
-    found = [misfits([name for name in optima if is_misfit(comparison.estimates[name])])]
+    is_scored = any(score.ate_m is not None for score in scores)
+    found = [single_run(comparison.study) if is_scored else None]
+    found.append(misfits([name for name in optima if is_misfit(comparison.estimates[name])]))
     if not len(comparison.recording.observation):
         found.append("no landmark was observed: all estimates are dead reckoning")
     if comparison.stand_ins:
@@ -201,8 +203,6 @@ def remarks(comparison: Comparison) -> list[str]:
     else:
         found.append(without_misleading(optima, comparison.truth))
     found += empty_columns("run", lambda key: all(score.figure(key) is None for score in scores))
-    if any(score.ate_m is not None for score in scores):
-        found.append(single_run(is_simulated=comparison.is_simulated))
     return [line for line in found if line]
 
 

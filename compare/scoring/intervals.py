@@ -121,6 +121,16 @@ def bootstrap_interval(values: Float, seed: int = 0, resamples: int = 10_000) ->
     return Interval(float(values.mean()), None if single else float(low), None if single else float(high))
 
 
+def half_widths(values: Float, level: float = LEVEL) -> Float:
+    """Return half the width of Student's interval of the mean over runs, for values (R, n); NaN for a single run."""
+    from scipy.special import stdtrit  # here: scipy is slow to start
+
+    runs = len(values)
+    if runs < 2:
+        return np.full(values.shape[1], np.nan)
+    return stdtrit(runs - 1, (1 + level) / 2) * values.std(axis=0, ddof=1) / np.sqrt(runs)
+
+
 def _around(mean: float, spread: float, runs: int, level: float = LEVEL) -> Interval:
     """Return the mean and its Student interval for a standard deviation `spread` over `runs` runs."""
     from scipy.special import stdtrit  # here: scipy is slow to start

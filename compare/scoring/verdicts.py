@@ -105,18 +105,13 @@ def faults(evidence: Evidence) -> tuple[str, ...]:
     return tuple(found)
 
 
-def single_run(*, is_simulated: bool) -> str:
-    """Return how much the ATE varies from run to run, and for simulated runs how many are needed.
+def single_run(study: str) -> str:
+    """Return how much the ATE varies from run to run, and the command `study` of many runs, if it is not empty.
 
     One run cannot show this, because errors may last for all of it: SCATTER is the assumed spread between runs.
     """
     text = f"One run: from run to run the ATE varies by about {100 * SCATTER:.0f} % of its mean"
-    if not is_simulated:
-        return text
-    return (
-        f"{text}, so about {runs_to_resolve(SCATTER)} runs are needed to know it to {100 * WORTH:g} %, fewer for its "
-        f"ratio to an optimum (slamgauge study --precision {WORTH:g})"
-    )
+    return f"{text}. For conclusions use many runs: {study}" if study else text
 
 
 def runs_to_resolve(scatter: float) -> int:

@@ -114,7 +114,9 @@ def dask_cluster(address: str) -> Generator[Executor]:
     try:
         from distributed import Client, Security
     except ImportError:
-        raise UserError("scheduler: needs the extra 'cluster'; pip install 'slamgauge[cluster]'") from None
+        raise UserError(
+            "scheduler: needs the extra 'cluster'; in a clone of slamgauge run: pip install '.[cluster]'"
+        ) from None
     if not re.fullmatch(r"(tcp|tls)://\S+:\d+", address):
         raise UserError(f"scheduler {address!r} is not an address; give tcp://host:port or tls://host:port")
     if address.startswith("tls") and not Security().get_connection_args("client").get("ssl_context"):

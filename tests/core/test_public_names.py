@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import inspect
+import re
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -15,6 +18,14 @@ PACKAGES = {"compare", "ekf", "graph_baseline"}
 
 def test_every_public_name_can_be_imported() -> None:
     assert not [name for name in (*ALL, *PACKAGES) if getattr(slamgauge, name) is None]
+
+
+def test_the_python_page_documents_every_public_name() -> None:
+    page = (Path(__file__).parents[2] / "docs/python.md").read_text(encoding="utf-8")
+    documented = re.findall(r"^\.\. (?:data|auto\w+):: (\w+)$", page, re.MULTILINE)
+    assert sorted(documented) == sorted(ALL)
+    functions = [name for name in ALL if inspect.isroutine(getattr(slamgauge, name))]
+    assert not [name for name in functions if not inspect.getdoc(getattr(slamgauge, name))]
 
 
 def test_all_names_are_listed() -> None:

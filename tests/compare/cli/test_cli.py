@@ -197,9 +197,12 @@ def test_run_prints_a_table_and_writes_notes_on_standard_error(
     arguments = ("run", "q1-long-sparse", "--set", SHORT[0], "--set", *SHORT[1:], "--estimators", "dead-reckoning, ekf")
     assert run(*arguments) == 0
     printed = capsys.readouterr()
-    *lines, note = printed.out.splitlines()
-    assert [line.split()[0] for line in lines] == ["estimator", "dead-reckoning", "ekf", "Empty"]
-    assert note.startswith("One run: ")
+    lines = printed.out.splitlines()
+    begins = [line.split()[0] for line in lines if line[0] != " "]
+    assert begins == ["estimator", "dead-reckoning", "ekf", "One", "Empty"]
+    assert f"slamgauge study q1-long-sparse --runs 100 --estimators 'dead-reckoning, ekf' --set {' '.join(SHORT)}" in (
+        " ".join(line.strip() for line in lines)
+    )
     assert printed.err == "written to results/q1-long-sparse-seed-0\n"
     assert run(*arguments, "--json") == 0
     assert json.loads(capsys.readouterr().out) == metrics_of(tmp_path / "results/q1-long-sparse-seed-0")
@@ -271,9 +274,9 @@ def test_user_code_gets_a_row(stored: Path, tmp_path: Path, module: Module, caps
         ["dead-reckoning", "filtered"],
         ["causal", "filtered"],
         [own, "filtered"],
-        ["fit", "of"],
-        ["Empty", "columns:"],
         ["One", "run:"],
+        ["Empty", "columns:"],
+        ["fit", "of"],
     ]
     form, *_, kept, written = printed.err.splitlines()
     assert form == f"{own}: own_0.py: line 3 is not run: it only simulates, draws or prints"

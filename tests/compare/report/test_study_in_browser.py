@@ -133,7 +133,7 @@ def test_a_study_fits_a_narrow_screen(reader: Reader, folder: Path):
 def test_the_command_of_a_run_has_the_settings_of_the_study():
     words = "'my map.toml' --runs 9 --set a.b=1 'c=[1, 2]' --estimators ekf,mine.py:f --set d=x --out o"
     content = {"command": f"slamgauge study {words}", "scenario": "my map", "estimators": {"ekf": {}, "f": {}}}
-    expected = "'my map.toml' --seed 7 --set start=sampled a.b=1 'c=[1, 2]' d=x --estimators ekf,mine.py:f"
+    expected = "'my map.toml' --seed 7 --set a.b=1 'c=[1, 2]' d=x --estimators ekf,mine.py:f"
     assert command_of_run(content, 7) == f"slamgauge run {expected}"
     assert "add the --set options of the study" in command_of_run({**content, "command": None}, 7)
 
@@ -142,7 +142,7 @@ def test_the_command_of_a_run_of_a_sweep_has_its_value():
     command = "slamgauge study q2 --sweep=association.gate=4,9 --set=a.b=1 --estimators ekf --out o"
     text = 'start = "sampled"\n[association]\ngate = 4.0\nmethod = "jcbb"\n'
     content = {"command": command, "scenario": "q2", "scenario_text": text, "estimators": {"ekf": {}}}
-    expected = "slamgauge run q2 --seed 7 --set start=sampled a.b=1 association.gate=4.0 --estimators ekf"
+    expected = "slamgauge run q2 --seed 7 --set a.b=1 association.gate=4.0 --estimators ekf"
     assert command_of_run(content, 7) == expected
     worded = {**content, "command": "slamgauge study q2 --sweep association.method=jcbb,known"}
     assert swept(worded) == "association.method=jcbb"

@@ -112,6 +112,14 @@ def test_overrides_are_toml_values_or_strings_and_may_begin_or_replace_a_section
     assert scenario.sensor.sigma_range is None
 
 
+def test_overrides_replace_landmarks_by_random_ones_and_back():
+    fixed, drawn = "landmarks.positions=[[1, 2]]", "landmarks.random={count=7, box=[-5, -5, 13, 13], seed=1}"
+    random = load_scenario("q1-long-dense", [fixed, drawn]).landmarks.random
+    assert random is not None
+    assert random.count == 7
+    assert load_scenario("q1-long-dense", [drawn, fixed]).landmarks.positions == ((1.0, 2.0),)
+
+
 @pytest.mark.parametrize("override", ["start", "=1"])
 def test_an_override_without_key_and_value(override: str):
     with pytest.raises(ScenarioError, match=r"write dotted\.key=value"):
@@ -371,7 +379,10 @@ def test_pickling_keeps_a_scenario(name: str) -> None:
         ("sensor.outlier=cauchy", "sensor.outlier: must be 'uniform' or 'wide', not 'cauchy'"),
         ("motion.slip_rat=1", "motion.slip_rat: unknown key; did you mean slip_rate?"),
         ("prior.covariance=[[1,0,0],[0,-1,0],[0,0,1]]", "prior.covariance: covariance[0] = "),
-        ("landmarks.random={count=3, box=[0,0,1,1]}", "landmarks: has both forms; give positions, or random"),
+        (
+            "landmarks={positions=[[1, 2]], random={count=3, box=[0,0,1,1]}}",
+            "landmarks: has both forms; give positions, or random",
+        ),
         ("landmarks={}", "landmarks: has no landmarks; give positions ([] for none), or random"),
         ("landmarks={random={count=9, box=[0,0,1,0]}}", "landmarks.random: box is empty; give [x from, y from,"),
         (

@@ -130,8 +130,8 @@ def test_the_number_of_runs_for_five_percent():
     """Rayleigh-distributed errors, which last a whole run; bounds of a variance of 420 draws, twice 0.1 %."""
     assert runs_to_resolve(SCATTER) == 420
     assert runs_to_resolve(0.01) == 1
-    assert "about 420 runs are needed" in single_run(is_simulated=True)
-    assert single_run(is_simulated=False) == "One run: from run to run the ATE varies by about 52 % of its mean"
+    assert single_run("") == "One run: from run to run the ATE varies by about 52 % of its mean"
+    assert single_run("slamgauge study x").endswith(" of its mean. For conclusions use many runs: slamgauge study x")
     rng = np.random.default_rng(3)
     errors = np.hypot(*rng.standard_normal((2, 2000, 420)))
     half = 1.96 * errors.std(axis=1, ddof=1) / math.sqrt(420) / errors.mean(axis=1)
