@@ -138,7 +138,7 @@ def opened(path: Path, msgs: Sequence[Path] = ()) -> Generator[Bag]:
         from rosbags.serde import SerdeError
         from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
     except ImportError:
-        raise UserError("import bag: needs rosbags; install it with pip install 'slamgauge[ros]'") from None
+        raise UserError("import bag: needs rosbags; in a clone of slamgauge run: pip install '.[ros]'") from None
     of_rosbags = (AnyReaderError, Ros1Error, Ros2Error, SerdeError, TypesysError)
     damaged = (*of_rosbags, sqlite3.Error, DatabaseError, struct.error, OSError)
     try:
