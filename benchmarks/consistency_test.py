@@ -1,10 +1,10 @@
 """Level and power of the consistency test without ground truth, on simulated recordings.
 
-    python benchmarks/consistency_test.py [--scenario q1-short-dense] [--runs 100] [--twins 99] [--bug-runs 4]
+    python benchmarks/consistency_test.py [--scenario q1-short-dense] [--runs 100] [--twins 99] [--bugs 4]
 
 The distribution of a consistent filter comes from `--twins` other seeds of the scenario, not from twins of each
 recording, which would take 100 times as long. Rows are estimators: `causal` and `riekf` are consistent and show the
-level, all others the power. `--bug-runs` recordings are given to each seeded bug.
+level, all others the power. `--bugs` recordings are given to each seeded bug.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ Filter = Callable[[Recording], Estimate]
 SCALE = 1.5  # of the motion covariance: true over assumed
 
 
-def main(scenario: str = "q1-short-dense", runs: int = 100, twins: int = 99, bug_runs: int = 4) -> int:
+def main(scenario: str = "q1-short-dense", runs: int = 100, twins: int = 99, bugs: int = 4) -> int:
     loaded = load_scenario(scenario, ["start=sampled"])
     consistent = [simulate(loaded, 100_000 + seed)[1] for seed in range(twins)]
     null = np.array([step_statistics(riekf(each), batch(each)).ratio for each in consistent])
@@ -47,7 +47,7 @@ def main(scenario: str = "q1-short-dense", runs: int = 100, twins: int = 99, bug
         print_rows({f"{name}, Q {SCALE} times too large": filter_}, loaded, runs, null, SCALE)
     with np.errstate(all="ignore"):  # bugs may overflow
         for bug in SEEDED:
-            print_rows({f"bug: {bug}": partial(seeded_ekf, bug=bug)}, loaded, bug_runs, null)
+            print_rows({f"bug: {bug}": partial(seeded_ekf, bug=bug)}, loaded, bugs, null)
     return 0
 
 
@@ -76,4 +76,4 @@ def print_rows(filters: Mapping[str, Filter], scenario: Scenario, runs: int, nul
 
 
 if __name__ == "__main__":
-    sys.exit(tyro.cli(main))
+    sys.exit(tyro.cli(main, description=__doc__))

@@ -42,6 +42,12 @@ SMALLEST = {
         "7 files, 2 runs of q1-short-dense: ",
     ),
     "compile_times": ("--only=--version", "command first [s] kernels again [s]", "--version "),
+    "consistency_test": (  # 4 s
+        "--runs 1 --twins 1 --bugs 0",
+        "estimator runs ratio overconfident too cautious",
+        "causal 1 ",
+        "ekf, Q 1.5 times too large 1 ",
+    ),
     "interruptions": (  # 20 s
         "--only twin --moments 1",
         "command time [s] bad cases of 5",

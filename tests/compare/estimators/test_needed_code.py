@@ -93,7 +93,7 @@ def test_missing_drawing_libraries_old_numpy_and_helpers_are_supplied(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ):
     beginning = (
-        "import seaborn as sns\nfrom cv2 import imshow\nimport pygame.display\nfrom utils.angle import angle_mod\n"
+        "import vispy as sns\nfrom cv2 import imshow\nimport pygame.display\nfrom utils.angle import angle_mod\n"
         "from utils.plot import plot_covariance_ellipse\nsns.set_theme(style='dark')\n"
     )
     used = "\nFAR = np.Inf\nWHOLE = np.float(3)\ndef draw():\n    with imshow(1): sns.lineplot()[0].x = np.NaN\n"
@@ -104,7 +104,7 @@ def test_missing_drawing_libraries_old_numpy_and_helpers_are_supplied(
     (tmp_path / "mine.py").write_text(beginning + wrapped + used)
     printed = run_of(tmp_path / "mine.py", capfd)
     for text in (
-        "seaborn is not installed: what it would draw is left out",
+        "vispy is not installed: what it would draw is left out",
         "cv2 is not installed",
         "pygame is not installed",
         "utils.angle is not found: angle_mod and rot_mat_2d of slamgauge stand in for it",

@@ -81,7 +81,7 @@ def test_durations_between_whole_steps_are_rounded_with_a_notice(capsys: pytest.
     for name, _ in shipped_scenarios():
         load_scenario(name)
     assert not capsys.readouterr().err
-    load_scenario("q1-long-dense", ["trajectory.step=100", "trajectory.duration=3"])
+    load_scenario("q1-long-dense", ["trajectory.step=100", "trajectory.duration=3", "motion.sigma_speed=0.1"])
     load_scenario("q1-long-dense", ["trajectory.duration=3.04"])
     told = [line for line in capsys.readouterr().err.splitlines() if line]
     assert told == [
