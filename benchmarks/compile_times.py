@@ -23,9 +23,9 @@ import tyro
 
 ROOT = Path(__file__).parents[1]
 RUN = ["run", "q1-long-dense", "--estimators", "dead-reckoning,ekf,riekf,causal,batch", "--out", "run"]
-STUDY = ["study", "q1-long-dense", "--runs", "100", "--estimators", "ekf,riekf,causal", "--out", "first-study"]
+STUDY = ["study", "q1-short-dense", "--runs", "30", "--estimators", "ekf,riekf,causal", "--out", "first-study"]
 COMMANDS = {
-    "study q1-long-dense (README)": STUDY,
+    "first study (README)": STUDY,
     "run q1-long-dense": RUN,
     "run, ekf only": [*RUN[:3], "ekf", "--out", "ekf"],
     "study q1-short-dense": ["study", "q1-short-dense", "--runs", "4", "--estimators", "ekf,riekf", "--out", "study"],
