@@ -64,7 +64,7 @@ FULL = {  # regular expression for the beginning of ids -> why only the full run
     r"tests/compare/estimators/test_classes.py::test_the_class_of_ntnu_associates_by_itself\[z": "one shape is usual",
     r"tests/compare/estimators/test_octave_course_accuracy.py::\w+\[(?!dicts from 1)": "the styles are the same filter",
     "tests/compare/estimators/test_octave_programs.py": "hundreds of starts of Octave",
-    r"tests/compare/estimators/test_wild_steps.py::test_the_error\w+\[PythonRobotics,": "another file of it is usual",
+    r"tests/compare/estimators/test_wild_steps.py::test_the_error\w+\[(PythonRobotics,|own)": "PythonRobotics is usual",
     r"tests/compare/figures/test_for_papers.py::test_nothing_is_cropped\[page\]": "the narrow sheet is usual",
     "tests/compare/grading/test_gradescope.py::test_the_autograder_gives": "a submission with an error is usual",
     "tests/compare/grading/test_grading.py::test_no_file_of_the_folder": "tests/compare/estimators has this",

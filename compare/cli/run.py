@@ -96,10 +96,12 @@ class Run(WithPage):
 
     def _study_command(self) -> str:
         """Return the command of many runs with the same scenario, settings and estimators."""
+        from slamgauge.compare.storage.safe_names import shown
+
         words = ["slamgauge", "study", self.scenario, "--runs", "100"]
         words += ["--estimators", self.estimators] if self.estimators != DEFAULT_ESTIMATORS else []
         words += ["--set", *flattened(self.set)] if self.set else []
-        return shlex.join(words)
+        return shown(shlex.join(words))
 
 
 @dataclass
