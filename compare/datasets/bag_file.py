@@ -75,7 +75,7 @@ class Bag:
             yield received, content
         if read != found.messages:
             what = f"{read} of {found.messages} messages of {topic} are in it: it is cut"
-            raise UserError(f"{self.path}: {what}; copy it again, or write its metadata anew with `ros2 bag reindex`")
+            raise UserError(f"{self.path}: {what}; copy it again, or repair its metadata with `ros2 bag reindex`")
 
 
 def header_stamp(content: Any) -> int:

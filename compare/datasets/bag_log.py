@@ -150,21 +150,16 @@ def topics_text(path: Path, msgs: Sequence[Path] = ()) -> str:
 def _odometry(bag: Bag, mapping: BagMapping) -> tuple[Odometry, str, tuple[str, ...]]:
     """Return the odometry, the frame of the robot and notes.
 
-    The covariance of a step is that of the twist, times the squared duration. Poses have no other: their own
-    covariances grow along the path.
+    The covariance of a step is that of the twist, times the squared duration. Differences of poses use it too, because
+    the covariances of poses grow along the path.
     """
     section, topic = mapping.odometry, mapping.odometry.topic or ""
     where = f"{bag.path}: {topic}"
     stamped = bag.require(topic).type != ODOMETRIES[0]
     if stamped and section.kind == "poses":
         raise UserError(f"{where}: has twists only; leave odometry.kind out, or name a topic of {ODOMETRIES[0]}")
-    times, twists, covs, poses, child = (
-        list[tuple[int, int]](),
-        list[list[float]](),
-        list[Float](),
-        list[list[float]](),
-        "",
-    )
+    times, covs, child = list[tuple[int, int]](), list[Float](), ""
+    twists, poses = list[list[float]](), list[list[float]]()
     for received, content in bag.messages(topic):
         times.append((header_stamp(content), received))
         inner = content.twist.twist if hasattr(content.twist, "twist") else content.twist

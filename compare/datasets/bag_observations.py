@@ -163,7 +163,7 @@ def _numbered(rows: list[_Row], stated: dict[str, int], where: str) -> tuple[Int
         raise UserError(f"{where}: the id {missing[0]!r} has no number; add it to [ids], or leave [ids] out")
     found = [-1 if row.id is None else table[row.id] if row.id in table else int(row.id) for row in rows]
     if min(found, default=0) < -1:
-        raise UserError(f"{where}: the id {min(found)} is negative; ids start at 0, and -1 is no id")
+        raise UserError(f"{where}: the id {min(found)} is negative; ids start at 0, and -1 stands for a missing id")
     return np.array(found, dtype=np.int64), table if words else {}
 
 

@@ -122,8 +122,8 @@ def of_most_observed(landmark: Int, among: Marks) -> Marks:
 def lowest_minimum(recording: Problem, starts: Iterable[Start]) -> Minimum:
     """Return the lowest minimum of several starts, or the first minimum whose cost noise explains.
 
-    The second start in a long recording is its robust fit. More starts are not tried if both lead to the same cost, or
-    if noise and few outliers explain the recording: then no minimum has a cost that noise alone explains.
+    The second start in a long recording is its robust fit. More starts are not tried if both starts lead to the same
+    cost, or if noise explains the recording without a few outliers: a lower minimum is then not expected.
 
     Raises:
         UndeterminedError: no start leads to a minimum; the message is that of the start with the lowest cost.
