@@ -23,7 +23,7 @@ import tyro
 
 ROOT = Path(__file__).parents[1]
 RUN = ["run", "q1-long-dense", "--estimators", "dead-reckoning,ekf,riekf,causal,batch", "--out", "run"]
-STUDY = ["study", "q1-short-dense", "--runs", "30", "--estimators", "ekf,riekf,causal", "--out", "first-study"]
+STUDY = ["study", "freiburg-course", "--runs", "50", "--estimators", "ekf,riekf,causal", "--out", "first-study"]
 COMMANDS = {
     "first study (README)": STUDY,
     "run q1-long-dense": RUN,
