@@ -85,7 +85,7 @@ class _InCheckout(_ReadOnly, InTreeCacheLocator):
 class _Sealed(CompileResultCacheImpl):
     """Writes and reads the machine code of a function, with its seal."""
 
-    _locator_classes = (_Provided, _InCheckout, _UserWide, InTreeCacheLocator)
+    _locator_classes = [_Provided, _InCheckout, _UserWide, InTreeCacheLocator]  # noqa: RUF012 as in numba
 
     def __init__(self, function: Callable[..., object]) -> None:
         super().__init__(function)

@@ -87,10 +87,12 @@ class Truth:
 
 def require_same_run(truth: Truth | None, recording: Recording) -> None:
     """Refuse a truth of another length than the recording."""
+    if truth is None:
+        return
     for name, given, expected in (
-        ("poses", truth and truth.poses, recording.steps + 1),
-        ("association", truth and truth.association, len(recording.observation)),
-        ("outlier", truth and truth.outlier, len(recording.observation)),
+        ("poses", truth.poses, recording.steps + 1),
+        ("association", truth.association, len(recording.observation)),
+        ("outlier", truth.outlier, len(recording.observation)),
     ):
         if given is not None and len(given) != expected:
             raise UserError(f"truth.{name}: {len(given)} rows, but the recording needs {expected}; give its own truth")

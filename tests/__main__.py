@@ -24,7 +24,7 @@ CHECKS = {
     "kernels": ["tests.kernels"],
     "lint": ["ruff", "check", "."],
     "format": ["ruff", "format", "--check", "."],
-    "types": ["basedpyright", "--pythonpath", sys.executable],
+    "types": ["pyrefly", "check", "--output-format", "min-text", "--python-interpreter-path", sys.executable],
     "pages": ["sphinx", "--quiet", "--fail-on-warning", "--keep-going", "docs", "build/site"],
     "tests": ["pytest", "-n", "auto", "--dist", "loadfile", "--no-loadscope-reorder"],
 }

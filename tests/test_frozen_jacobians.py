@@ -105,7 +105,7 @@ def solve(recording: Recording, frozen: FrozenFactors) -> tuple[Float, Float]:
     newest = np.eye(3 + 2 * len(frozen.ids), size, k=noises - 3)
     newest[:3] = maps[-1]
     spread = np.linalg.solve(r.T, newest.T)
-    mean = spread.T @ (q.T @ np.concatenate(right))
+    mean = np.asarray(spread.T @ (q.T @ np.concatenate(right)), dtype=np.float64)
     mean[:3] += constants[-1]
     return mean, spread.T @ spread
 

@@ -43,8 +43,7 @@ def by_estimator(judged: Sequence[Judged]) -> dict[str, list[Outcome]]:
 def steps_of(judged: Sequence[Judged]) -> tuple[int, int, int]:
     """Return how many steps of `causal` were compared, are above the bar, and are so without a flag."""
     counts = [(each.steps, each.steps_off, each.unflagged) for each in by_estimator(judged).get("causal", [])]
-    compared, off, unflagged = map(sum, zip((0, 0, 0), *counts, strict=True))
-    return compared, off, unflagged
+    return sum(each[0] for each in counts), sum(each[1] for each in counts), sum(each[2] for each in counts)
 
 
 def bars_missed(judged: Sequence[Judged]) -> list[str]:

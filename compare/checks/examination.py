@@ -143,7 +143,7 @@ def _not_judged(check: Check, reason: str) -> Verdict:
     return Verdict(check.name, None, None, check.bound, f"not judged: {reason}")
 
 
-def verdicts_json(verdicts: Sequence[Verdict]) -> list[dict[str, object]]:
+def verdicts_json(verdicts: Sequence[Verdict]) -> list[dict[str, bool | float | str | None]]:
     """Return the verdicts as `slamgauge check --json` prints them."""
     return [asdict(verdict) for verdict in verdicts]
 

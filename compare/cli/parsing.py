@@ -55,7 +55,8 @@ def parse(words: Sequence[str], commands: Mapping[str, type[Command]]) -> Comman
         raise UserError(f"{name}: no option of `slamgauge`; {did_you_mean(name, ('--version', '--help'))}")
     lines = {name: (getdoc(each) or "").partition("\n")[0] for name, each in commands.items()}
     alternatives = [
-        Annotated[each, tyro.conf.subcommand(name=name, description=lines[name])] for name, each in commands.items()
+        Annotated[each, tyro.conf.subcommand(name=name, description=lines[name])]  # pyrefly: ignore[invalid-annotation]
+        for name, each in commands.items()
     ]
     return _parsed(Union[tuple(alternatives)], "slamgauge", words, ABOUT)  # noqa: UP007 types known at run time only
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 
@@ -71,7 +72,7 @@ def read_csv_log(path: Path, overrides: Sequence[str] = ()) -> Imported:
         )
     in_force = replace(
         mapping,
-        odometry=replace(mapping.odometry, kind=kind),
+        odometry=replace(mapping.odometry, kind=cast("Any", kind)),
         observations=replace(mapping.observations, kind=sensor),
     )
     return Imported(recording, truth, (*notes, *more), in_force.sections(), int(np.sum(~inside)))
@@ -133,9 +134,11 @@ def _observations(mapping: LogMapping) -> Rows:
 def _with_truth_beside(mapping: LogMapping) -> LogMapping:
     """Add the files of ground truth that are in the folder of the log and that the mapping does not name."""
     files = {"file": "truth.csv", "landmarks": "landmarks.csv"}
-    found = {key: name for key, name in files.items() if (mapping.folder / name).exists()}
-    named = {key: getattr(mapping.truth, key) for key in files if getattr(mapping.truth, key) is not None}
-    return replace(mapping, truth=replace(mapping.truth, **(found | named)))
+    found: dict[str, Any] = {key: name for key, name in files.items() if (mapping.folder / name).exists()}
+    named: dict[str, Any] = {
+        key: getattr(mapping.truth, key) for key in files if getattr(mapping.truth, key) is not None
+    }
+    return replace(mapping, truth=replace(mapping.truth, **{**found, **named}))
 
 
 def _truth(mapping: LogMapping, stamps: Float, landmark: Int | None) -> Truth | None:

@@ -97,9 +97,8 @@ class Grade:
             "seconds_per_run": self.seconds,
         }
         for key, interval in figures.items():
-            values = (None, None, None) if interval is None else interval
-            mean, low, high = (None if each is None else number(each) for each in values)
-            row |= {key: mean, f"{key}_low": low, f"{key}_high": high}
+            for part, end in (("mean", ""), ("low", "_low"), ("high", "_high")):
+                row[f"{key}{end}"] = None if interval is None else number(getattr(interval, part))
         return row
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Set as AbstractSet
 from pathlib import Path
 from typing import Any
 
@@ -94,7 +95,7 @@ def _sentence(name: str, entry: dict[str, Any]) -> str:
     return "; ".join(parts)
 
 
-def score_table(metrics: dict[str, Any], doubtful: set[str]) -> Table:
+def score_table(metrics: dict[str, Any], doubtful: AbstractSet[str]) -> Table:
     """Return the table of scores, filtered estimates before smoothed ones."""
     found = columns("run")
     rows: list[list[Cell]] = []

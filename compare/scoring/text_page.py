@@ -17,8 +17,12 @@ Paint = Callable[[str, Tone], str]
 LONGEST_NAME = 28  # characters of the first column if the width is limited; longer names lose their middle
 NARROWEST = 22  # characters: least width of a column of sentences
 TONES: dict[str, Tone] = {
-    **dict.fromkeys(("passed", "holds"), "good"),
-    **dict.fromkeys(("FAILED", "failed", "does not hold", "not graded"), "bad"),
+    "passed": "good",
+    "holds": "good",
+    "FAILED": "bad",
+    "failed": "bad",
+    "does not hold": "bad",
+    "not graded": "bad",
 }
 
 

@@ -107,7 +107,7 @@ def test_one_covariance_stands_for_all_rows(shown: dict[str, Any]):
     )
     assert short == long
     with pytest.raises(UserError, match=r"odometry_cov: not an array of numbers"):
-        replace(recording, odometry_cov=[[1.0], [2.0, 3.0]])
+        replace(recording, odometry_cov=[[1.0], [2.0, 3.0]])  # pyright: ignore
 
 
 def test_arguments_of_another_type_are_named(shown: dict[str, Any]):

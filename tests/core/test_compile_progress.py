@@ -54,7 +54,7 @@ def test_loading_is_reported(monkeypatch: pytest.MonkeyPatch):
 
 def test_lines_fit_a_terminal(monkeypatch: pytest.MonkeyPatch):
     sources = [path.read_text() for folder in ("ekf", "graph_baseline") for path in (ROOT / folder).rglob("*.py")]
-    names = [name for source in sources for name in re.findall(r'compiling\("(.*)", \d+\)', source)]
+    names: list[str] = [name for source in sources for name in re.findall(r'compiling\("(.*)", \d+\)', source)]
     for terminal, more in ((False, 0), (True, len("999" * 2) - len("1" + "0"))):
         line = told(monkeypatch, True, terminal=terminal).strip()
         assert len(line.replace("filter kernels", max(names, key=len))) + more <= 80

@@ -169,8 +169,10 @@ def test_the_log_agrees_with_the_maps(initialisation: Rays | InverseDepth, assoc
         assert steps.tolist() == [*range(int(log.birth[row]), last + 1)]
         distances = log.distances[row][np.isfinite(log.distances[row])]
         assert history.member[as_ray & (history.step == log.birth[row])].tolist() == [*range(len(distances))]
-        is_ray = isinstance(initialisation, Rays)
-        expected = distances_and_sigmas(initialisation)[0] if is_ray else [1.0 / initialisation.mean]
+        if isinstance(initialisation, Rays):
+            expected = distances_and_sigmas(initialisation)[0]
+        else:
+            expected = [1.0 / initialisation.mean]
         np.testing.assert_array_equal(distances, expected)
         if log.survivor[row] >= 0:
             assert log.survivor[row] in history.member[as_ray & (history.step == last)]

@@ -44,7 +44,7 @@ class Column(np.ndarray):
         return super().__sub__(_numbers(other))
 
 
-class ColumnMatrix(Column, np.matrix):
+class ColumnMatrix(Column, np.matrix):  # pyrefly: ignore[invalid-inheritance]
     """A matrix of numpy, for which `*` is the product of matrices, with the numbers of `Column`."""
 
     # above that of `numpy.matrix`, which comes before arrays

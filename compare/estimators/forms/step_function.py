@@ -145,7 +145,7 @@ class _Stepper:
         """Return the scan as y (m, 3) or (m, 2): unknown ranges are NaN, unknown ids in the last column are -1."""
         shown = scan.landmark if self.settings.shows_ids else None
         ids = np.full(len(scan.value), -1) if shown is None else shown
-        y = np.column_stack([scan.value, ids])
+        y = np.column_stack([scan.value, ids.astype(np.float64)])
         unknown = np.full((len(y), self._y_width - y.shape[1]), np.nan)
         return np.hstack([unknown, y])
 

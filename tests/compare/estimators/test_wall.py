@@ -71,7 +71,7 @@ def made(tmp_path: Path, request: pytest.FixtureRequest, monkeypatch: pytest.Mon
 
 def states(folder: Path) -> dict[str, object]:
     """Return content, mode, owner and times of the files in a folder."""
-    found = {}
+    found: dict[str, object] = {}
     for path in sorted(folder.rglob("*")):
         status = path.stat()
         found[str(path)] = (

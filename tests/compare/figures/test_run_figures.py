@@ -268,7 +268,7 @@ def test_only_some_of_many_loop_closures_are_marked() -> None:
     steps = np.arange(0, STEPS, 2)
     recording = dataclasses.replace(
         RECORDING,
-        stamps=10.0 * np.arange(STEPS + 1),
+        stamps=np.linspace(0.0, 10.0 * STEPS, STEPS + 1),
         observation_step=steps,
         observation=np.tile([1.0, 0.0], (len(steps), 1)),
         observation_cov=np.tile(0.01 * np.eye(2), (len(steps), 1, 1)),

@@ -58,8 +58,8 @@ def notes(comparison: Comparison) -> list[str]:
 
 
 def test_metrics_have_the_quality_of_an_optimum():
-    causal = replace(CAUSAL, chi_square=6.0, chi_square_dof=4, optimum_check=0.31, association=[4, -1, 9])
-    batch = replace(BATCH, chi_square=8.0, chi_square_dof=4, association=[-1, -1, 9])
+    causal = replace(CAUSAL, chi_square=6.0, chi_square_dof=4, optimum_check=0.31, association=np.array([4, -1, 9]))
+    batch = replace(BATCH, chi_square=8.0, chi_square_dof=4, association=np.array([-1, -1, 9]))
     found = metrics(compared(causal, batch), None, None)["estimators"]
     keys = ("optimum_check_sigma", "chi_square_per_dof", "observations_left_out", "observations_rejected")
     assert [found["causal"][key] for key in keys] == [0.31, 1.5, 1, 1]
@@ -126,13 +126,19 @@ def test_landmarks_and_observations_left_out_are_counted():
     bearings = examples.recording(
         sensor="bearing", observation=np.zeros((3, 1)), observation_cov=np.tile(np.eye(1), (3, 1, 1))
     )
-    less = replace(BATCH, landmark_ids=[9], landmarks=[[1.0, 2.0]], landmark_covs=None, association=[-1, -1, 9])
+    less = replace(
+        BATCH,
+        landmark_ids=np.array([9]),
+        landmarks=np.array([[1.0, 2.0]]),
+        landmark_covs=None,
+        association=np.array([-1, -1, 9]),
+    )
     said = "batch leaves out 1 landmark and 2 observations"
     assert notes(compared(CAUSAL, less, recording=bearings)) == [f"{said} that bearings do not determine"]
     assert left_out("batch", None, examples.recording(), less) == said
     assert left_out("batch", examples.truth(), examples.recording(landmark=None), less) == said
     assert left_out("batch", None, examples.recording(landmark=None), less) == "batch leaves out 2 observations"
-    assert left_out("batch", None, bearings, replace(CAUSAL, association=[4, -1, 9])) == (
+    assert left_out("batch", None, bearings, replace(CAUSAL, association=np.array([4, -1, 9]))) == (
         "batch leaves out 1 observation that bearings do not determine"
     )
 

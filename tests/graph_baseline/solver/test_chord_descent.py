@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -76,13 +77,9 @@ def test_scans_of_many_landmarks_give_the_covariances_of_the_hindsight_optimum(t
     recording = simulate(workload(100), 0)[1].first(40)
     assert np.bincount(recording.observation_step).min() > MANY
     if twice:
-        recording = replace(
-            recording,
-            **{
-                name: np.repeat(getattr(recording, name), 2, axis=0)
-                for name in ("observation_step", "observation", "observation_cov", "landmark")
-            },
-        )
+        names = ("observation_step", "observation", "observation_cov", "landmark")
+        doubled: dict[str, Any] = {name: np.repeat(getattr(recording, name), 2, axis=0) for name in names}
+        recording = replace(recording, **doubled)
     estimator = IncrementalOptimum(recording)
     for _ in range(recording.steps + 1):
         estimator.add_step()
