@@ -42,7 +42,7 @@ def replaced_in_kernels(function: Callable[..., object], by: Callable[..., objec
     def chosen(*_: object) -> Callable[..., object]:
         return by
 
-    chosen.__signature__ = template  # pyright: ignore[reportFunctionMemberAccess]
+    chosen.__signature__ = template  # pyrefly: ignore[missing-attribute]
     overload(function)(chosen)
 
 

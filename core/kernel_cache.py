@@ -56,12 +56,12 @@ class _ReadOnly:
 
     def ensure_cache_path(self) -> None:
         """Make the folder; raise OSError if it cannot be used. A folder is checked once per process."""
-        if Path(self.get_cache_path()) in _folders:  # pyright: ignore[reportAttributeAccessIssue] numba's locators have it
+        if Path(self.get_cache_path()) in _folders:  # numba's locators have it  # pyrefly: ignore[missing-attribute]
             return
         try:
-            super().ensure_cache_path()  # pyright: ignore[reportAttributeAccessIssue] numba's locators have it
+            super().ensure_cache_path()  # numba's locators have it  # pyrefly: ignore[missing-attribute]
         except OSError:
-            if not any(Path(self.get_cache_path()).glob("*.nbi")):  # pyright: ignore[reportAttributeAccessIssue]
+            if not any(Path(self.get_cache_path()).glob("*.nbi")):  # pyrefly: ignore[missing-attribute]
                 raise
 
 

@@ -7,7 +7,7 @@ import slamgauge
 project = "slamgauge"
 version = release = slamgauge.__version__
 extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.viewcode"]
-if tags.has("online"):  # noqa: F821  # pyright: ignore[reportUndefinedVariable]  Sphinx puts it here
+if tags.has("online"):  # noqa: F821  Sphinx puts it here
     extensions.append("sphinx.ext.intersphinx")  # it fetches lists of names, which a check must not depend on
 intersphinx_mapping = {
     "python": ("https://docs.python.org/3", None),

@@ -51,7 +51,7 @@ def setting(default: Value, fitted: Callable[[float], float] | None = None, **bo
         bounds: see `Bounds`.
     """
     metadata = {"bounds": Bounds(**bounds), "fitted": fitted}
-    return field(default=default, metadata=metadata)  # pyright: ignore[reportReturnType]
+    return field(default=default, metadata=metadata)
 
 
 def is_number(value: object) -> bool:
@@ -69,9 +69,9 @@ def mistake_of(each: Field[Any], owner: type, value: object) -> str:
         return ""
     bounds: Bounds = each.metadata["bounds"]
     if isinstance(each.default, float):
-        if not (is_number(value) and math.isfinite(value)):  # pyright: ignore[reportArgumentType]
+        if not (is_number(value) and math.isfinite(value)):  # pyrefly: ignore[bad-argument-type]
             return f"{value!r} is not a finite number; choose it {bounds}"
-        if abs(float(value)) > LARGEST:  # pyright: ignore[reportArgumentType]
+        if abs(float(value)) > LARGEST:  # pyrefly: ignore[bad-argument-type]
             return f"{value!r} is beyond {LARGEST:g}; choose a smaller one"
     elif not (is_number(value) and isinstance(value, Integral)):
         return f"{value!r} is not a whole number; choose it {bounds}"
@@ -124,5 +124,5 @@ def fitted(kind: type[Settings], reach: float, **chosen: object) -> Settings:
     if not (is_number(reach) and 0.0 < reach < math.inf):
         raise UserError(f"reach: {reach!r} is not a distance; give metres above 0, for example 10")
     given = {key: value for key, value in chosen.items() if value is not None}
-    suited = {each.name: each.metadata["fitted"](reach) for each in fields(kind) if is_fitted(each)}  # pyright: ignore[reportArgumentType]
+    suited = {each.name: each.metadata["fitted"](reach) for each in fields(kind) if is_fitted(each)}  # pyrefly: ignore[bad-argument-type]
     return kind(**{**suited, **given})

@@ -4,7 +4,6 @@ It subscribes to /odom (nav_msgs/Odometry) and /detections (vision_msgs/Detectio
 publishes /slam/pose and /slam/landmarks. A detection is used at the latest odometry message before its stamp.
 """
 
-# pyright: reportMissingImports=false, reportUntypedBaseClass=false
 from __future__ import annotations
 
 from typing import Any

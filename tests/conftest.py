@@ -24,7 +24,7 @@ HERE = Path(__file__).parent
 def gtsam_is_missing() -> bool:
     """Return whether GTSAM cannot be imported, for example with `PYTHONPATH=tests/without_gtsam`."""
     try:
-        import gtsam  # noqa: F401  # pyright: ignore[reportUnusedImport]
+        import gtsam  # noqa: F401
     except ImportError:
         return True
     return False

@@ -89,7 +89,7 @@ def changed_npz(content: bytes, rng: np.random.Generator) -> bytes:
     with np.load(io.BytesIO(content)) as archive:
         arrays = {name: archive[name] for name in archive}
     file = io.BytesIO()
-    np.savez_compressed(file, **_changed_arrays(arrays, rng))  # pyright: ignore[reportArgumentType]
+    np.savez_compressed(file, **_changed_arrays(arrays, rng))  # pyrefly: ignore[bad-argument-type]
     return file.getvalue()
 
 

@@ -142,7 +142,7 @@ def _blas() -> str:
     import scipy
 
     def named(library: object) -> str:
-        used = library.show_config(mode="dicts")["Build Dependencies"]["blas"]  # pyright: ignore[reportAttributeAccessIssue]
+        used = library.show_config(mode="dicts")["Build Dependencies"]["blas"]  # pyrefly: ignore[missing-attribute]
         return f"{used['name']} {used['version']}"
 
     return f"numpy: {named(np)}; scipy: {named(scipy)}"

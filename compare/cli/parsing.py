@@ -58,7 +58,7 @@ def parse(words: Sequence[str], commands: Mapping[str, type[Command]]) -> Comman
         Annotated[each, tyro.conf.subcommand(name=name, description=lines[name])]  # pyrefly: ignore[invalid-annotation]
         for name, each in commands.items()
     ]
-    return _parsed(Union[tuple(alternatives)], "slamgauge", words, ABOUT)  # noqa: UP007 types known at run time only
+    return _parsed(Union[tuple(alternatives)], "slamgauge", words, ABOUT)  # noqa: UP007 types known at run time only  # pyrefly: ignore[invalid-annotation]
 
 
 def _parsed(kind: Any, program: str, words: Sequence[str], about: str | None = None) -> Command:

@@ -174,7 +174,7 @@ def _section(kind: type[Section], table: Mapping[str, Any], where: str) -> Secti
     hints = get_type_hints(kind)
     for key, value in table.items():
         if key not in hints:
-            names = [each.name for each in fields(kind)]  # pyright: ignore[reportArgumentType]
+            names = [each.name for each in fields(kind)]  # pyrefly: ignore[bad-argument-type]
             raise UserError(f"{where}.{key[:LONGEST]}: unknown key; {did_you_mean(key, names)}")
         fits, expected = _fits(value, hints[key])
         if not fits:

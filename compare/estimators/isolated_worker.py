@@ -123,4 +123,4 @@ def leave(*_: object) -> None:
 
 if __name__ == "__main__":
     with suppress(KeyboardInterrupt):
-        serve(*map(int, sys.argv[1:3]), HOME, walled=True)  # pyright: ignore[reportCallIssue]
+        serve(*map(int, sys.argv[1:3]), HOME, walled=True)  # pyrefly: ignore[bad-argument-count, bad-argument-type]

@@ -79,7 +79,7 @@ def label_time(ax: Axes) -> str:
 
 def _count_from(axis: Axis, origin: float) -> str:
     """Show ticks relative to `origin`, and return the text for the label."""
-    formatter = _Relative(useOffset=origin)  # pyright: ignore[reportArgumentType] a number is the offset
+    formatter = _Relative(useOffset=origin)  # a number is the offset
     formatter.set_scientific(False)
     axis.set_major_formatter(formatter)
     return f" {MINUS if origin > 0 else '+'} {abs(origin):,.10g}".replace(",", THIN) if origin else ""

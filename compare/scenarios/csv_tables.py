@@ -24,7 +24,7 @@ FOLDER = "folder"  # key of the validation context: folder of the files that a s
 Header = tuple[str, ...]
 
 
-class TableText(Section, frozen=True):  # pyright: ignore[reportGeneralTypeIssues] (frozen: hashable)
+class TableText(Section, frozen=True):
     """A CSV file: its `name` in the scenario, and its `text`."""
 
     name: str

@@ -14,7 +14,7 @@ from slamgauge.compare.scenarios.section import NonNegative, Number, Section, Wh
 _TRIES = 1000  # random positions tried for a landmark
 
 
-class RandomLandmarks(Section, frozen=True):  # pyright: ignore[reportGeneralTypeIssues] (frozen: hashable)
+class RandomLandmarks(Section, frozen=True):
     """`count` landmarks, uniform in the `box` (x from, y from, x to, y to) [m], at least `min_distance` [m] apart.
 
     `seed` is the seed of the map: all runs have the same map.

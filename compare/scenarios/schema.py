@@ -120,11 +120,11 @@ class Scenario(Section):
     sensor: Sensor
     assumed: Assumed = Assumed()
     association: Association = Association()
-    update: Update = Update()  # pyright: ignore[reportInvalidTypeForm]
+    update: Update = Update()
     initialisation: Literal["fis", "inverse-depth", "delayed"] = "fis"
-    fis: Fis = Fis()  # pyright: ignore[reportInvalidTypeForm]
-    inverse_depth: InverseDepth = InverseDepth()  # pyright: ignore[reportInvalidTypeForm]
-    delayed: Delayed = Delayed()  # pyright: ignore[reportInvalidTypeForm]
+    fis: Fis = Fis()
+    inverse_depth: InverseDepth = InverseDepth()
+    delayed: Delayed = Delayed()
     landmarks: Landmarks
 
     @property

@@ -15,7 +15,7 @@ from slamgauge.validation import LARGEST
 
 def invalid(message: str, kind: str = "invalid") -> PydanticCustomError:
     """Return the error of a validator; `scenario` prints the message after the key."""
-    return PydanticCustomError(kind, "{message}", {"message": message})  # pyright: ignore[reportArgumentType]
+    return PydanticCustomError(kind, "{message}", {"message": message})  # pyrefly: ignore[bad-argument-type]
 
 
 def _limited(number: float) -> float:

@@ -69,7 +69,7 @@ class _Measured(NamedTuple):
 
 
 def _measure(scenario: Scenario, seed: int) -> _Measured:
-    if not isinstance(seed, int | np.integer):  # pyright: ignore[reportUnnecessaryIsInstance]
+    if not isinstance(seed, int | np.integer):
         raise UserError(f"seed: {seed!r} is not valid; use a whole number >= 0")
     if seed < 0:
         raise UserError(f"seed: {seed} is negative; use a whole number >= 0")

@@ -81,7 +81,7 @@ def save(path: str | Path, record: Recording | Truth | Estimate) -> None:
 def flat_fields(record: object) -> dict[str, Any]:
     """Return the fields of a record that have a value; fields of an inner record are prefixed with its name."""
     values: dict[str, Any] = {}
-    for field in fields(record):  # pyright: ignore[reportArgumentType]
+    for field in fields(record):  # pyrefly: ignore[bad-argument-type]
         value = getattr(record, field.name)
         if is_dataclass(value):
             values |= {f"{field.name}_{name}": inner for name, inner in flat_fields(value).items()}

@@ -48,7 +48,7 @@ def start_of(prior_mean: ArrayLike, prior_cov: ArrayLike) -> tuple[Float, Float,
 
 def require_sensor(sensor: str, known: tuple[str, ...]) -> None:
     """Refuse a sensor that is not one of `known`, the sensors of the filter."""
-    if not isinstance(sensor, str) or sensor not in known:  # pyright: ignore[reportUnnecessaryIsInstance]
+    if not isinstance(sensor, str) or sensor not in known:
         raise UserError(f"sensor: {sensor!r} does not fit this filter; use one of {', '.join(known)}")
 
 
@@ -132,7 +132,7 @@ def ids_of(observations: Observations, count: int) -> Int:
     ids = observations.landmark
     if ids is None:
         raise UserError("landmark: this filter needs known association; give the ids of the observations")
-    if not isinstance(ids, np.ndarray) or ids.ndim != 1 or ids.dtype != np.int64:  # pyright: ignore[reportUnnecessaryIsInstance]
+    if not isinstance(ids, np.ndarray) or ids.ndim != 1 or ids.dtype != np.int64:
         ids = as_ints("landmark", ids, (None,))
     if len(ids) != count:
         raise UserError(f"landmark: {len(ids)} ids for {count} observations; give one for each")
@@ -153,8 +153,8 @@ def rows_of(observations: Observations, dim: int) -> tuple[NDArray[np.generic], 
             f"observations: a {kind} is not a scan; give slamgauge.Observations(landmark, value, cov)"
         ) from None
     if (
-        isinstance(values, np.ndarray)  # pyright: ignore[reportUnnecessaryIsInstance]
-        and isinstance(covs, np.ndarray)  # pyright: ignore[reportUnnecessaryIsInstance]
+        isinstance(values, np.ndarray)
+        and isinstance(covs, np.ndarray)
         and values.dtype.kind in REAL
         and covs.dtype.kind in REAL
         and values.shape[1:] == (dim,)

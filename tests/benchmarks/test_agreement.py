@@ -232,7 +232,7 @@ def test_a_wrong_optimum_is_detected(monkeypatch: pytest.MonkeyPatch):
         theirs = getattr(sys.modules["references.optima"], name)
 
         def shifted(recording: object, theirs: object = theirs) -> Estimate:
-            estimate = theirs(recording)  # pyright: ignore[reportCallIssue]
+            estimate = theirs(recording)  # pyrefly: ignore[not-callable]
             sigma = np.sqrt(np.diagonal(estimate.pose_covs, axis1=1, axis2=2))
             return replace(estimate, poses=estimate.poses + 0.5 * sigma)
 

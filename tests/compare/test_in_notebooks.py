@@ -107,7 +107,7 @@ def test_one_covariance_stands_for_all_rows(shown: dict[str, Any]):
     )
     assert short == long
     with pytest.raises(UserError, match=r"odometry_cov: not an array of numbers"):
-        replace(recording, odometry_cov=[[1.0], [2.0, 3.0]])  # pyright: ignore
+        replace(recording, odometry_cov=[[1.0], [2.0, 3.0]])  # pyrefly: ignore[bad-argument-type]
 
 
 def test_arguments_of_another_type_are_named(shown: dict[str, Any]):
@@ -115,13 +115,13 @@ def test_arguments_of_another_type_are_named(shown: dict[str, Any]):
     with pytest.raises(UserError, match="truth: is a Recording; give a Truth"):
         evaluate(recording, recording, shown["Estimate"])
     with pytest.raises(UserError, match="seed: '0' is not valid; use a whole number"):
-        simulate(SHORT, "0")  # pyright: ignore[reportArgumentType]
+        simulate(SHORT, "0")  # pyrefly: ignore[bad-argument-type]
     with pytest.raises(UserError, match="estimate: is a str; give an Estimate"):
-        evaluate(None, simulate(SHORT, 0)[1], "ekf")  # pyright: ignore[reportArgumentType]
+        evaluate(None, simulate(SHORT, 0)[1], "ekf")  # pyrefly: ignore[bad-argument-type]
     with pytest.raises(UserError, match="recording: is a Truth; give a Recording"):
-        compare_estimators(None, Truth(), {})  # pyright: ignore[reportArgumentType]
+        compare_estimators(None, Truth(), {})  # pyrefly: ignore[bad-argument-type]
     with pytest.raises(UserError, match="estimators: is a list; give a Mapping"):
-        compare_estimators(None, recording, ["ekf"])  # pyright: ignore[reportArgumentType]
+        compare_estimators(None, recording, ["ekf"])  # pyrefly: ignore[bad-argument-type]
     with pytest.raises(UserError, match="estimators: 'ekf' is one text; give a list of names, or a dict by labels"):
         load_estimators("ekf")
 
@@ -130,14 +130,14 @@ def test_arguments_of_another_type_are_named(shown: dict[str, Any]):
 def test_a_recording_of_another_type_is_named(name: str):
     estimator = load_estimators([name])[name]
     with pytest.raises(UserError, match="recording: is a str; give a Recording"):
-        estimator("q1-long-dense")  # pyright: ignore[reportArgumentType]
+        estimator("q1-long-dense")  # pyrefly: ignore[bad-argument-type]
 
 
 def test_the_floor_of_comparisons_lists_its_names():
     names = dir(slamgauge.compare)
     assert {"Comparison", "run_study", "load_scenario"} <= {*names}
     assert "SlamFilter" not in names
-    assert slamgauge.compare.run_study is run_study  # pyright: ignore[reportAttributeAccessIssue]
+    assert slamgauge.compare.run_study is run_study
 
 
 def takes_a_path(out: object, *_: object) -> bool:

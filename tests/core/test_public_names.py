@@ -34,7 +34,7 @@ def test_all_names_are_listed() -> None:
 
 def test_other_names_raise_the_usual_attribute_error() -> None:
     with pytest.raises(AttributeError, match="module 'slamgauge' has no attribute 'slam'"):
-        _ = slamgauge.slam  # pyright: ignore[reportAttributeAccessIssue]
+        _ = slamgauge.slam
 
 
 def test_the_import_loads_no_numpy_and_takes_less_than_a_tenth_of_a_second() -> None:

@@ -45,7 +45,7 @@ MANAGED = Association("jcbb", map_management=MapManagement())
 
 
 def nameless(seed: int, sensor: str, **options: float) -> Recording:
-    _, recording = random_recording(seed, sensor=sensor, **options)  # pyright: ignore[reportArgumentType]
+    _, recording = random_recording(seed, sensor=sensor, **options)  # pyrefly: ignore[bad-argument-type]
     return replace(recording, landmark=None)
 
 
@@ -137,7 +137,7 @@ def test_both_methods_agree_if_scans_have_one_observation(estimator: Estimator, 
 @SENSORS
 @pytest.mark.parametrize("seed", range(3))
 def test_estimates_with_map_management_are_valid(estimator: Estimator, sensor: str, seed: int) -> None:
-    recording = nameless(seed, sensor, steps=60, prior_sigmas=(0.5, 0.5, 0.3))  # pyright: ignore[reportArgumentType]
+    recording = nameless(seed, sensor, steps=60, prior_sigmas=(0.5, 0.5, 0.3))  # pyrefly: ignore[bad-argument-type]
     clutter = np.random.default_rng(seed).random(len(recording.observation)) < 0.05
     recording = replace(recording, observation=recording.observation + 3.0 * clutter[:, None] * [1, 0])
     estimate = estimator(recording, FilterSettings(MANAGED))

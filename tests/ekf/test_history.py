@@ -65,7 +65,7 @@ def test_frames_are_spread_evenly_from_first_to_last(steps: int, frames: int) ->
 def test_no_frame_is_lost_by_rounding(steps: int) -> None:
     for frames in range(1, 15):
         history = History(steps, frames)
-        wanted = history._wanted  # pyright: ignore[reportPrivateUsage]
+        wanted = history._wanted
         assert len(wanted) == min(frames, steps + 1)
         assert wanted <= {*range(steps + 1)}
 

@@ -94,7 +94,7 @@ def beyond(name: str) -> dict[str, Observations]:
     if has_ids:
         scans["negative id"] = scan([0, 1, -5], SEEN[dim], NOISE[dim])
         scans["half an id"] = scans["negative id"]._replace(landmark=np.array([0.5, 1.0, 2.0]))
-        scans["vast id"] = scans["negative id"]._replace(landmark=np.array([2**63 + 5, 1, 2], dtype=np.uint64))  # pyright: ignore
+        scans["vast id"] = scans["negative id"]._replace(landmark=np.array([2**63 + 5, 1, 2], dtype=np.uint64))  # pyrefly: ignore[bad-argument-type]
     return scans
 
 

@@ -137,7 +137,7 @@ def test_the_gate_of_the_settings_equals_the_gate_of_update() -> None:
 
 def test_other_types_of_settings_are_refused() -> None:
     with pytest.raises(UserError, match="robust: 'gate' is not a Robustness; give Robustness"):
-        SlamFilter("position", np.zeros(3), np.eye(3), robust="gate")  # pyright: ignore[reportArgumentType]
+        SlamFilter("position", np.zeros(3), np.eye(3), robust="gate")  # pyrefly: ignore[bad-argument-type]
 
 
 # --- accuracy and consistency --------------------------------------------------------------------

@@ -90,7 +90,7 @@ def test_every_number_of_a_setting_is_checked(kind: type, value: object):
 
 def test_numpy_numbers_become_python_numbers():
     """Otherwise kernels would be compiled again for their types."""
-    chosen = Association(gate=np.float32(4.0), node_limit=np.int64(7))  # pyright: ignore[reportArgumentType]
+    chosen = Association(gate=np.float32(4.0), node_limit=np.int64(7))  # pyrefly: ignore[bad-argument-type]
     assert (type(chosen.gate), type(chosen.node_limit)) == (float, int)
     assert chosen == Association(gate=4, node_limit=7)
 
@@ -99,7 +99,7 @@ def test_numpy_numbers_become_python_numbers():
 @pytest.mark.parametrize("kind", [Rays, InverseDepth, Delayed])
 def test_invalid_reaches(kind: type, reach: object):
     with pytest.raises(UserError, match=r"^reach: \S+ is not a distance; give metres above 0, for example 10$"):
-        fitted(kind, reach)  # pyright: ignore[reportArgumentType]
+        fitted(kind, reach)  # pyrefly: ignore[bad-argument-type]
 
 
 def test_probation_may_equal_the_number_of_observations():

@@ -75,7 +75,7 @@ def test_the_name_of_the_estimator_contains_the_lag() -> None:
 def test_an_invalid_lag_is_refused_in_one_line(lag: object) -> None:
     _, recording = random_recording(0, steps=2)
     with pytest.raises(UserError, match=rf"^lag: {lag!r} steps leave no window; give a whole number, at least 1$"):
-        fixed_lag(recording, lag=lag)  # pyright: ignore[reportArgumentType]
+        fixed_lag(recording, lag=lag)  # pyrefly: ignore[bad-argument-type]
 
 
 @pytest.mark.parametrize("smoother", [fixed_lag, sliding_window])

@@ -100,7 +100,7 @@ class ExactProblem:
         unknowns = least_squares(
             self.residuals,
             start,
-            self.jacobian,  # pyright: ignore[reportArgumentType] a callable is documented
+            self.jacobian,  # a callable is documented
             method="lm",
         ).x
         for _ in range(50):

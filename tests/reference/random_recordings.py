@@ -80,7 +80,7 @@ def random_recording(
         prior_cov=prior_cov,
         odometry=odometry,
         odometry_cov=motion_cov,
-        sensor=sensor,  # pyright: ignore[reportArgumentType]
+        sensor=sensor,  # pyrefly: ignore[bad-argument-type]
         observation_step=step,
         observation=observation,
         observation_cov=observation_cov,

@@ -21,7 +21,7 @@ MAKERS += ("empty", "eye", "hstack", "identity", "matrix", "ones", "ones_like", 
 class Column(np.ndarray):
     """An array that is a number where one is needed, if it has one element."""
 
-    __array_priority__ = 1.0  # pyright: ignore[reportIncompatibleMethodOverride, reportAssignmentType]
+    __array_priority__ = 1.0
 
     def __float__(self) -> float:
         """Return the only element.
@@ -48,7 +48,7 @@ class ColumnMatrix(Column, np.matrix):  # pyrefly: ignore[invalid-inheritance]
     """A matrix of numpy, for which `*` is the product of matrices, with the numbers of `Column`."""
 
     # above that of `numpy.matrix`, which comes before arrays
-    __array_priority__ = 11.0  # pyright: ignore[reportIncompatibleMethodOverride, reportAssignmentType]
+    __array_priority__ = 11.0  # pyrefly: ignore[bad-override]
 
 
 def column(array: Any) -> Any:

@@ -39,7 +39,7 @@ def with_noise(function: Any, cov: str, replaced: Callable[[Any], Float]) -> Any
     ast.increment_lineno(definition, function.__code__.co_firstlineno - 1)
     maker = ast.parse(f"def made({HOOK}): return {function.__name__}")
     made = maker.body[0]
-    made.body.insert(0, definition)  # pyright: ignore[reportAttributeAccessIssue]
+    made.body.insert(0, definition)  # pyrefly: ignore[missing-attribute]
     names: dict[str, Any] = {}
     code = compile(ast.fix_missing_locations(maker), function.__code__.co_filename, "exec")
     exec(code, function.__globals__, names)

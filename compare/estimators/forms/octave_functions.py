@@ -43,7 +43,7 @@ class CourseFunction(NamedTuple):
         """Call it with mu, sigma, and u or z with `observed`; further parameters receive `count` or `is_first`."""
         arguments = [is_first if FIRST in each.lower() else count for each in self.parameters]
         for at, value in zip(self.order, values, strict=True):
-            arguments[at] = value  # pyright: ignore[reportArgumentType, reportCallIssue]
+            arguments[at] = value  # pyrefly: ignore[unsupported-operation]
         return called(self.function, *arguments)
 
 

@@ -25,7 +25,7 @@ class ArrayForNumberError(UserCodeError):
 def parameters(given: object) -> list[inspect.Parameter]:
     """Return the positional parameters; an empty list if Python cannot read the signature."""
     try:
-        found = inspect.signature(given).parameters.values()  # pyright: ignore[reportArgumentType]
+        found = inspect.signature(given).parameters.values()  # pyrefly: ignore[bad-argument-type]
     except (TypeError, ValueError):
         return []
     return [each for each in found if each.kind in (each.POSITIONAL_ONLY, each.POSITIONAL_OR_KEYWORD)]

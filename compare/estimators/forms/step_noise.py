@@ -32,7 +32,7 @@ POSE = "Cx"
 class PoseNoise(np.ndarray):
     """Cx (3, 3) of a file in which `Cx[0:2, 0:2]` is the noise of an observation: these slices return it."""
 
-    __array_priority__ = -1.0  # pyright: ignore[reportIncompatibleMethodOverride, reportAssignmentType]
+    __array_priority__ = -1.0
     of_observation: Float | None = None
 
     def __getitem__(self, key: Any) -> Any:

@@ -21,7 +21,7 @@ def test_the_plain_numpy_filter_is_the_same_filter() -> None:
     _, recording = simulate(workload(20), 3)
     plain, compiled = plain_numpy_ekf(recording.first(400)), ekf_slam(recording.first(400))
     np.testing.assert_allclose(plain.poses, compiled.poses, rtol=0, atol=1e-9)
-    np.testing.assert_allclose(plain.pose_covs, compiled.pose_covs, rtol=0, atol=1e-9)  # pyright: ignore[reportArgumentType, reportCallIssue]
+    np.testing.assert_allclose(plain.pose_covs, compiled.pose_covs, rtol=0, atol=1e-9)  # pyrefly: ignore[no-matching-overload]
 
 
 @pytest.mark.parametrize(("landmarks", "radius"), [(50, 10.0), (400, 20.0)])

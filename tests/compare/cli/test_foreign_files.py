@@ -141,7 +141,7 @@ def test_files_in_the_way_are_refused_before_any_work(
     before = contents(tmp_path)
     capsys.readouterr()
     for work in WORK:
-        monkeypatch.setattr(f"slamgauge.compare.{work}", lambda *_, **__: pytest.fail("work was begun"))  # pyright: ignore[reportUnknownLambdaType]
+        monkeypatch.setattr(f"slamgauge.compare.{work}", lambda *_, **__: pytest.fail("work was begun"))
     assert command(name, tmp_path) == 2
     remedy = "move it away" if name == "animate" else "move it away or give another --out"
     refusal = f"slamgauge: {path}: exists already, and slamgauge has not written it; {remedy}\n"

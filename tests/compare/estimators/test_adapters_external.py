@@ -167,4 +167,4 @@ def test_a_missing_program():
 )
 def test_wrong_arguments_are_refused(arguments: tuple[object, ...], message: str):
     with pytest.raises(slamgauge.UserError, match=message):
-        external(*arguments)  # pyright: ignore[reportArgumentType]
+        external(*arguments)  # pyrefly: ignore[bad-argument-type]

@@ -310,7 +310,7 @@ def test_the_noise_of_the_file_is_an_option(own: Own):
     wrapped += "\nfrom slamgauge import adapters\nmine = adapters.step_function(ekf_slam, noise='file')\n"
     assert len(own(wrapped, short(), "mine").poses) == 41
     with pytest.raises(slamgauge.UserError, match="noise: 'mine' is not known; use 'recording' or 'file'"):
-        step_function(ekf_slam, noise="mine")  # pyright: ignore[reportArgumentType]
+        step_function(ekf_slam, noise="mine")  # pyrefly: ignore[bad-argument-type]
     with pytest.raises(slamgauge.UserError, match=r"step_function: ekf_slam\(recording\) has another form"):
         step_function(ekf_slam)
 

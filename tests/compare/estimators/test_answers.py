@@ -20,7 +20,7 @@ ESTIMATE = Estimate("filtered", np.zeros((3, 3)))
 
 def npz(**arrays: object) -> bytes:
     file = BytesIO()
-    np.savez(file, **arrays)  # pyright: ignore[reportArgumentType]
+    np.savez(file, **arrays)  # pyrefly: ignore[bad-argument-type]
     return file.getvalue()
 
 

@@ -79,7 +79,7 @@ def test_names_that_combine_no_graph_with_a_filter(name: str):
 def test_only_the_optima_receive_the_true_associations():
     seen: dict[str, Recording] = {}
 
-    def spy(name: str, estimator):  # pyright: ignore[reportMissingParameterType]
+    def spy(name: str, estimator):
         def run(recording: Recording) -> Estimate:
             seen[name] = recording
             return estimator(recording)

@@ -187,7 +187,7 @@ def test_a_study_takes_callables_and_lists_failures_by_label(folder: Path) -> No
 
     chosen = {"ours": "ekf", "theirs": dead_reckoning, "broken": fails, "nothing": "mine.py:nothing"}
     with ThreadPoolExecutor(1) as executor:
-        summary = run_study(load_scenario("q1-short-dense", SHORT), 1, 0, chosen, folder / "study", executor)  # pyright: ignore[reportArgumentType]
+        summary = run_study(load_scenario("q1-short-dense", SHORT), 1, 0, chosen, folder / "study", executor)  # pyrefly: ignore[bad-argument-type]
     assert [*summary.estimators] == [*chosen]
     assert {failure.estimator for failure in summary.failures} == {"broken", "nothing"}
 
@@ -196,4 +196,4 @@ def test_a_study_takes_callables_and_lists_failures_by_label(folder: Path) -> No
 def test_labels_that_are_refused(folder: Path, chosen: object) -> None:
     assert folder.exists()
     with pytest.raises(UserError):
-        ask(chosen)  # pyright: ignore[reportArgumentType]
+        ask(chosen)  # pyrefly: ignore[bad-argument-type]

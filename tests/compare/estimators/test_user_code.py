@@ -42,7 +42,7 @@ def write(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Write:
 
 
 def value(text: str) -> object:
-    return own(text)(None)  # pyright: ignore[reportArgumentType]
+    return own(text)(None)  # pyrefly: ignore[bad-argument-type]
 
 
 def own(text: str) -> slamgauge.Estimator:
@@ -107,7 +107,7 @@ def test_neighbours_hide_libraries_in_user_code_only(write: Write):
 def test_a_folder_without_code_hides_no_library(write: Write):
     write({"own.py": "import json, data\ndef f(_): return json.dumps([1]), data.__name__\n", "json/a.txt": ""})
     Path("data").mkdir()
-    text, _ = value("own.py:f")  # pyright: ignore[reportGeneralTypeIssues]
+    text, _ = value("own.py:f")  # pyrefly: ignore[not-iterable]
     assert text == "[1]"
 
 
@@ -130,7 +130,7 @@ def test_every_loading_is_separate(write: Write):
         }
     )
     first, second = own("own.py:f"), own("own.py:f")
-    assert [first(None), first(None), second(None)] == [1, 2, 1]  # pyright: ignore[reportArgumentType]
+    assert [first(None), first(None), second(None)] == [1, 2, 1]  # pyrefly: ignore[bad-argument-type]
     write({"helper.py": "X = [0] * 5"})  # perhaps within the same second
     assert value("own.py:f") == 6
 
@@ -219,7 +219,7 @@ def test_threads_import_at_the_same_time(write: Write):
     write({"own.py": "def f(_):\n    import slow\n    return slow.X\n", "slow.py": source})
     estimator = own("own.py:f")
     with ThreadPoolExecutor(8) as pool:
-        assert len({id(each) for each in pool.map(estimator, [None] * 8)}) == 1  # pyright: ignore[reportArgumentType]
+        assert len({id(each) for each in pool.map(estimator, [None] * 8)}) == 1
 
 
 def test_user_classes_can_be_pickled_and_their_source_read(write: Write):
@@ -236,7 +236,7 @@ def test_user_classes_can_be_pickled_and_their_source_read(write: Write):
 def test_installed_modules_are_found_where_the_folder_has_none(write: Write):
     write({})
     assert load_callable_module(address("slamgauge.ekf:dead_reckoning")) is slamgauge.ekf
-    assert own("textwrap:dedent")(" a") == "a"  # pyright: ignore[reportArgumentType]
+    assert own("textwrap:dedent")(" a") == "a"  # pyrefly: ignore[bad-argument-type]
 
 
 @pytest.mark.parametrize(

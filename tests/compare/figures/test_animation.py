@@ -114,7 +114,7 @@ def test_estimators_shown_with_paths_and_maps(
 def test_the_gif_has_the_frames_the_length_and_the_size(folder: Path):
     assert animate(folder, "--seconds", "2", "--fps", "5") == 0
     with Image.open(folder / "animation.gif") as gif:
-        frames = [(gif.seek(i), gif.convert("RGB"), gif.info["duration"])[1:] for i in range(gif.n_frames)]  # pyright: ignore[reportAttributeAccessIssue]
+        frames = [(gif.seek(i), gif.convert("RGB"), gif.info["duration"])[1:] for i in range(gif.n_frames)]  # pyrefly: ignore[missing-attribute]
         assert gif.size[0] == 600
         assert gif.size[1] % 2 == 0
     assert len(frames) == 10
@@ -139,7 +139,7 @@ def test_a_short_run_has_fewer_frames(tmp_path: Path):
     assert load_results(tmp_path / "out").title == "out"
     assert animate(tmp_path / "out", "--seconds", "2") == 0
     with Image.open(tmp_path / "out/animation.gif") as gif:
-        assert gif.n_frames == 4  # pyright: ignore[reportAttributeAccessIssue]
+        assert gif.n_frames == 4  # pyrefly: ignore[missing-attribute]
 
 
 @pytest.mark.parametrize("reason", ["ffmpeg is not on the PATH", "ffmpeg failed"])

@@ -91,7 +91,7 @@ def test_a_new_metric_needs_only_its_entry(monkeypatch: pytest.MonkeyPatch):
     rows = np.moveaxis(series.reshape(2, len(SERIES), -1), 1, 0)
     runs = Runs(np.arange(2), "filtered", figures, dict(zip(SERIES, rows, strict=True)))
     entries = summarise({"dead-reckoning": runs})
-    assert entries["dead-reckoning"].to_json()["way_m"]["mean"] == pytest.approx(np.mean(ways))  # pyright: ignore[reportArgumentType, reportCallIssue]
+    assert entries["dead-reckoning"].to_json()["way_m"]["mean"] == pytest.approx(np.mean(ways))  # pyrefly: ignore[no-matching-overload]
     assert "way [m]" in str(summary_table(Summary("x", 2, 0, "", (), entries))).splitlines()[0]
 
 

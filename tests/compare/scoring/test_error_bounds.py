@@ -138,7 +138,7 @@ def test_right_runs_fail_as_often_as_the_levels_say() -> None:
         failures = 0
         for scores in groups:
             try:
-                assert_error_bounds(scores, **bound)  # pyright: ignore[reportArgumentType]
+                assert_error_bounds(scores, **bound)  # pyrefly: ignore[bad-argument-type]
             except AssertionError:
                 failures += 1
         assert abs(failures - 30) <= 3.29 * math.sqrt(300 * 0.1 * 0.9)
@@ -183,7 +183,7 @@ def test_pairing_removes_the_variation_that_runs_share():
 
 def test_insignificant_differences_pass():
     found = against_reference(scores(ate=1.1, spread=0.5), scores())
-    assert found.ate is not None and found.ate.mean > 1.05 > found.ate.low  # pyright: ignore[reportOperatorIssue]
+    assert found.ate is not None and found.ate.mean > 1.05 > found.ate.low  # pyrefly: ignore[unsupported-operation]
     assert found.broken == ()
 
 

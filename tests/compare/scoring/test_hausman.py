@@ -49,7 +49,7 @@ def linear_filter_and_smoother(seed: int, steps: int = 40) -> tuple[Estimate, Es
 
     def estimate(kind: str, rows: list[tuple[np.ndarray, np.ndarray]]) -> Estimate:
         covs = np.array([(cov + cov.T) / 2 for _, cov in rows])
-        return Estimate(kind, np.array([mean for mean, _ in rows]), covs)  # pyright: ignore[reportArgumentType]
+        return Estimate(kind, np.array([mean for mean, _ in rows]), covs)  # pyrefly: ignore[bad-argument-type]
 
     return estimate("filtered", filtered), estimate("smoothed", smoothed)
 

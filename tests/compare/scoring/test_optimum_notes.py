@@ -46,7 +46,7 @@ def compared(
         for name, each in estimates.items()
     }
     optima = {"filtered": "causal"} | ({} if batch is None else {"smoothed": "batch"})
-    return Comparison(truth, recording, estimates, scores, optima)  # pyright: ignore[reportArgumentType]
+    return Comparison(truth, recording, estimates, scores, optima)  # pyrefly: ignore[bad-argument-type]
 
 
 def notes(comparison: Comparison) -> list[str]:

@@ -25,7 +25,7 @@ def test_each_look_spends_the_same_share_of_the_error():
 def test_two_equal_looks_agree_with_the_bivariate_normal():
     first, second = boundaries((50, 100), 0.05)
     assert first == pytest.approx(-stats.norm.ppf(0.0125), abs=1e-8)
-    both = stats.multivariate_normal(cov=np.array([[1, np.sqrt(0.5)], [np.sqrt(0.5), 1]]))  # pyright: ignore[reportArgumentType]
+    both = stats.multivariate_normal(cov=np.array([[1, np.sqrt(0.5)], [np.sqrt(0.5), 1]]))
     inside = both.cdf([first, second], lower_limit=[-first, -second])
     assert inside == pytest.approx(0.95, abs=1e-5)
 

@@ -84,7 +84,7 @@ def test_a_right_filter():
     ],
 )
 def test_sentences_by_figures(changed: dict[str, object], said: str, unsaid: str):
-    sentence = verdict(replace(TEXTBOOK, **changed))  # pyright: ignore[reportArgumentType]
+    sentence = verdict(replace(TEXTBOOK, **changed))  # pyrefly: ignore[bad-argument-type]
     assert sentence is not None
     assert said in sentence
     assert not unsaid or unsaid not in sentence
@@ -105,7 +105,7 @@ def test_sentences_by_figures(changed: dict[str, object], said: str, unsaid: str
     ],
 )
 def test_faults_are_those_of_the_verdict_without_sizes(changed: dict[str, object], said: tuple[str, ...]):
-    assert faults(replace(TEXTBOOK, **changed)) == said  # pyright: ignore[reportArgumentType]
+    assert faults(replace(TEXTBOOK, **changed)) == said  # pyrefly: ignore[bad-argument-type]
     assert faults(RIGHT) == ()
 
 

@@ -42,7 +42,7 @@ def killed_at(monkeypatch: pytest.MonkeyPatch, count: int, action: Callable[[], 
     with monkeypatch.context() as patch:
         for name in MOVES:
             patch.setattr(Path, name, patched(name))
-        patch.setattr("shutil.rmtree", lambda *_, **__: None)  # pyright: ignore[reportUnknownLambdaType]
+        patch.setattr("shutil.rmtree", lambda *_, **__: None)
         try:
             action()
         except KeyboardInterrupt:

@@ -115,6 +115,6 @@ def test_the_log_of_distributed_is_silent():
 
     client = logging.getLogger("distributed.client")
     before = client.level
-    with cluster._quiet():  # pyright: ignore[reportPrivateUsage]
+    with cluster._quiet():
         assert not client.isEnabledFor(logging.CRITICAL)
     assert client.level == before

@@ -161,7 +161,7 @@ def test_a_worker_that_dies_while_another_starts_loses_only_its_own_run(monkeypa
 def test_only_errors_about_dead_workers_count_as_lost_workers() -> None:
     from distributed.scheduler import KilledWorker
 
-    assert lost_worker(KilledWorker("run", None, 4))  # pyright: ignore[reportArgumentType]
+    assert lost_worker(KilledWorker("run", None, 4))  # pyrefly: ignore[bad-argument-type]
     assert lost_worker(BrokenExecutor())
     assert not lost_worker(ValueError())
 

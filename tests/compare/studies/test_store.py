@@ -157,7 +157,7 @@ def test_a_full_disk_does_not_damage_the_store(scenario: Scenario, run: Run, tmp
         pytest.raises(UserError, match=r"cannot be written \(.*full\); make room, and give the same command again"),
         study_store.open_store(tmp_path / "study.sqlite", scenario, 0) as store,
     ):
-        store._connection.execute("PRAGMA max_page_count = 1")  # pyright: ignore[reportPrivateUsage]
+        store._connection.execute("PRAGMA max_page_count = 1")
         store.add(1, 0, [Outcome("ekf", series=bytes(1_000_000))])
     assert run(2, ("ekf",)).estimators["ekf"].runs == 2
 

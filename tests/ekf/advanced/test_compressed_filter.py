@@ -23,13 +23,13 @@ def assert_equal_all_along(recording: Recording, area_radius: float, correction:
     prior = recording.sensor, recording.prior_mean, recording.prior_cov
     full = SlamFilter(*prior, correction)
     compressed = CompressedFilter(*prior, area_radius, correction=correction)
-    areas = {id(compressed._local): compressed._local}  # pyright: ignore[reportPrivateUsage]
+    areas = {id(compressed._local): compressed._local}
     for k, scan in enumerate(recording.scans()):
         if k > 0:
             full.predict(recording.odometry[k - 1], recording.odometry_cov[k - 1])
             compressed.predict(recording.odometry[k - 1], recording.odometry_cov[k - 1])
         assert compressed.update(scan) == pytest.approx(full.update(scan))
-        areas[id(compressed._local)] = compressed._local  # pyright: ignore[reportPrivateUsage]
+        areas[id(compressed._local)] = compressed._local
         np.testing.assert_allclose(compressed.pose, full.pose, rtol=0, atol=1e-9)
         np.testing.assert_allclose(compressed.pose_cov, full.pose_cov, rtol=1e-9, atol=1e-12)
         if k % 50 == 0 or k == recording.steps:
@@ -98,7 +98,7 @@ def test_a_huge_turn_of_the_rest_of_the_map(turn: float, correction: Correction)
         for slam in (full, compressed):
             slam.predict([0.3, 0.1, 0.2], np.diag([0.05, 0.02, 0.5]))
     assert np.abs(full.landmarks[:3] - rest).max() > 1e-4
-    assert len(compressed._local.landmark_ids) == 2  # pyright: ignore[reportPrivateUsage]
+    assert len(compressed._local.landmark_ids) == 2
     assert_same_map(compressed, full)
 
 
@@ -112,7 +112,7 @@ def test_landmarks_that_are_new_to_an_area_between_turns(correction: Correction)
         assert compressed.update(scan) == pytest.approx(full.update(scan))
         for slam in (full, compressed):
             slam.predict([0.3, 0.1, -0.2], np.diag([0.05, 0.02, 0.1]))
-    assert not np.isin([7, 8, 9], compressed._local.landmark_ids).any()  # pyright: ignore[reportPrivateUsage]
+    assert not np.isin([7, 8, 9], compressed._local.landmark_ids).any()
     assert_same_map(compressed, full)
 
 

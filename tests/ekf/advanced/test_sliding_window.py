@@ -326,7 +326,7 @@ def test_unsuitable_input_is_refused() -> None:
         sliding_window(replace(recording, landmark=None))
     for lag in (0, -1, 2.5, True, None):
         with pytest.raises(UserError, match=rf"^lag: {lag} steps leave no window; give a whole number, at least 1"):
-            SlidingWindowFilter("position", np.zeros(3), np.eye(3), lag)  # pyright: ignore[reportArgumentType]
+            SlidingWindowFilter("position", np.zeros(3), np.eye(3), lag)  # pyrefly: ignore[bad-argument-type]
     with pytest.raises(UserError, match=r"^sensor: 'sonar' does not fit this filter"):
         SlidingWindowFilter("sonar", np.zeros(3), np.eye(3))
 

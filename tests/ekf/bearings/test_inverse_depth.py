@@ -215,7 +215,7 @@ def test_a_landmark_equals_the_dense_reference(correction: Correction, heading: 
 
 def omega_of(slam: BearingFilter, cov_entry: int = 6) -> tuple[float, float]:
     """Return the inverse depth of the only landmark, and its standard deviation."""
-    inner = slam._map  # pyright: ignore[reportPrivateUsage]
+    inner = slam._map
     return float(inner.state.entries(np.array([cov_entry]))[0]), math.sqrt(slam.cov[cov_entry, cov_entry])
 
 

@@ -55,14 +55,14 @@ def bearings(offset: Float) -> Float:
 
 def both(sensor: str, correction: str) -> tuple[SlamFilter, SlamFilter]:
     """Return a filter, and the same one without deferred downdates."""
-    rule = RULES[correction]  # pyright: ignore[reportArgumentType]
+    rule = RULES[correction]  # pyrefly: ignore[bad-index]
     start = (sensor, np.zeros(3), PRIOR_COV)
     return SlamFilter(*start, rule), SlamFilter(*start, rule._replace(deferred_rows=(1, 0)))
 
 
 def is_deferred(slam: SlamFilter | BearingFilter) -> bool:
     """Return whether downdates of covariances between landmarks are deferred."""
-    landmarks = slam.map if isinstance(slam, SlamFilter) else slam._map  # pyright: ignore[reportPrivateUsage]
+    landmarks = slam.map if isinstance(slam, SlamFilter) else slam._map
     return bool(landmarks.state.deferred.used[0] > 0)
 
 
@@ -194,7 +194,7 @@ def test_rows_deferred_by_a_refused_scan_are_removed(correction: str) -> None:
 @DEFERRING
 def test_bearing_filters_defer_too(correction: str) -> None:
     """Points are observed one at a time; a ray starts and ends in between."""
-    rule, rng = RULES[correction], np.random.default_rng(3)  # pyright: ignore[reportArgumentType]
+    rule, rng = RULES[correction], np.random.default_rng(3)  # pyrefly: ignore[bad-index]
     late, at_once = (
         BearingFilter(np.zeros(3), PRIOR_COV, each) for each in (rule, rule._replace(deferred_rows=(1, 0)))
     )

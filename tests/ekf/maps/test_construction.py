@@ -29,10 +29,10 @@ START = (np.array([0.1, 0.2, 0.3]), 1e-4 * np.eye(3))
 )
 def test_invalid_priors(mean: object, cov: object, match: str) -> None:
     for make in (
-        lambda: SlamFilter("position", mean, cov),  # pyright: ignore[reportArgumentType]
-        lambda: CompressedFilter("position", mean, cov, 5.0),  # pyright: ignore[reportArgumentType]
-        lambda: AssociatingFilter("position", mean, cov),  # pyright: ignore[reportArgumentType]
-        lambda: BearingFilter(mean, cov),  # pyright: ignore[reportArgumentType]
+        lambda: SlamFilter("position", mean, cov),  # pyrefly: ignore[bad-argument-type]
+        lambda: CompressedFilter("position", mean, cov, 5.0),  # pyrefly: ignore[bad-argument-type]
+        lambda: AssociatingFilter("position", mean, cov),  # pyrefly: ignore[bad-argument-type]
+        lambda: BearingFilter(mean, cov),  # pyrefly: ignore[bad-argument-type]
     ):
         with pytest.raises(UserError, match=match):
             make()
@@ -42,15 +42,15 @@ def test_invalid_priors(mean: object, cov: object, match: str) -> None:
 def test_invalid_numbers_of_landmarks(landmarks: object) -> None:
     refusal = r"^landmarks: \S+ is not a number of landmarks; give a whole number, at least 0$"
     with pytest.raises(UserError, match=refusal):
-        SlamFilter("position", *START, landmarks=landmarks)  # pyright: ignore[reportArgumentType]
+        SlamFilter("position", *START, landmarks=landmarks)  # pyrefly: ignore[bad-argument-type]
 
 
 @pytest.mark.parametrize("sensor", [None, ["position"], np.array(["position", "position"]), "sonar"], ids=str)
 def test_invalid_sensors(sensor: object) -> None:
     for make in (
-        lambda: SlamFilter(sensor, *START),  # pyright: ignore[reportArgumentType]
-        lambda: CompressedFilter(sensor, *START, 5.0),  # pyright: ignore[reportArgumentType]
-        lambda: AssociatingFilter(sensor, *START),  # pyright: ignore[reportArgumentType]
+        lambda: SlamFilter(sensor, *START),  # pyrefly: ignore[bad-argument-type]
+        lambda: CompressedFilter(sensor, *START, 5.0),  # pyrefly: ignore[bad-argument-type]
+        lambda: AssociatingFilter(sensor, *START),  # pyrefly: ignore[bad-argument-type]
     ):
         with pytest.raises(UserError, match=r"^sensor: .* does not fit this filter; use one of range-bearing, [^\n]*$"):
             make()
@@ -58,8 +58,8 @@ def test_invalid_sensors(sensor: object) -> None:
 
 def test_invalid_associations() -> None:
     for make in (
-        lambda: AssociatingFilter("position", *START, association="jcbb"),  # pyright: ignore[reportArgumentType]
-        lambda: BearingFilter(*START, association="jcbb"),  # pyright: ignore[reportArgumentType]
+        lambda: AssociatingFilter("position", *START, association="jcbb"),  # pyrefly: ignore[bad-argument-type]
+        lambda: BearingFilter(*START, association="jcbb"),  # pyrefly: ignore[bad-argument-type]
     ):
         with pytest.raises(UserError, match=r"^association: 'jcbb' is not an Association; give Association\("):
             make()
@@ -76,9 +76,9 @@ def test_invalid_associations() -> None:
 )
 def test_unknown_corrections(name: str, remedy: str) -> None:
     for make in (
-        lambda: SlamFilter("position", *START, name),  # pyright: ignore[reportArgumentType]
-        lambda: AssociatingFilter("position", *START, name),  # pyright: ignore[reportArgumentType]
-        lambda: BearingFilter(*START, name),  # pyright: ignore[reportArgumentType]
+        lambda: SlamFilter("position", *START, name),  # pyrefly: ignore[bad-argument-type]
+        lambda: AssociatingFilter("position", *START, name),  # pyrefly: ignore[bad-argument-type]
+        lambda: BearingFilter(*START, name),  # pyrefly: ignore[bad-argument-type]
     ):
         with pytest.raises(ValueError, match=rf"^correction: '{name}' is not known; {remedy}$"):
             make()
@@ -94,11 +94,11 @@ def test_every_correction_is_an_estimator() -> None:
 
 def test_other_unknown_names() -> None:
     with pytest.raises(ValueError, match=r"^method: 'jcb' is not known; did you mean jcbb\?$"):
-        Association("jcb")  # pyright: ignore[reportArgumentType]
+        Association("jcb")  # pyrefly: ignore[bad-argument-type]
     with pytest.raises(
         ValueError, match=r"^sensor: 'bearing' does not fit this filter; use one of range-bearing, position$"
     ):
         AssociatingFilter("bearing", *START)
     for radius in (-1.0, 0.0, np.nan, "5", None, True):
         with pytest.raises(UserError, match=r"^area_radius: \S+ m is not a distance; choose it above 0$"):
-            CompressedFilter("position", *START, area_radius=radius)  # pyright: ignore[reportArgumentType]
+            CompressedFilter("position", *START, area_radius=radius)  # pyrefly: ignore[bad-argument-type]

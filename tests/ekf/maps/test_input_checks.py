@@ -119,7 +119,7 @@ def assert_refused(kind: str, act: Callable[[OnlineFilter], object], match: str)
     ],
 )
 def test_invalid_increments(kind: str, increment: object, cov: object, match: str) -> None:
-    assert_refused(kind, lambda slam: slam.predict(increment, cov), match)  # pyright: ignore[reportArgumentType]
+    assert_refused(kind, lambda slam: slam.predict(increment, cov), match)  # pyrefly: ignore[bad-argument-type]
 
 
 # objects of every kind that numpy accepts; tests give them as increments (3,), covariances, values and ids
@@ -142,10 +142,10 @@ NO_NUMBERS: dict[str, object] = {
 @pytest.mark.parametrize("given", NO_NUMBERS.values(), ids=NO_NUMBERS)
 def test_increments_of_other_types(kind: str, given: object) -> None:
     refusal = r"^increment: (not an array of numbers|shape \(\) does not fit); give an increment \(dx, dy, dtheta\)"
-    assert_refused(kind, lambda slam: slam.predict(given, np.eye(3)), refusal)  # pyright: ignore[reportArgumentType]
+    assert_refused(kind, lambda slam: slam.predict(given, np.eye(3)), refusal)  # pyrefly: ignore[bad-argument-type]
     square = np.tile(given, (3, 1)) if isinstance(given, np.ndarray) else given
     refusal = r"^increment_cov: (not an array of numbers|shape \(\) does not fit); give shape \(3, 3\)"
-    assert_refused(kind, lambda slam: slam.predict(np.zeros(3), square), refusal)  # pyright: ignore[reportArgumentType]
+    assert_refused(kind, lambda slam: slam.predict(np.zeros(3), square), refusal)  # pyrefly: ignore[bad-argument-type]
 
 
 def spoiled(rng: np.random.Generator, dim: int) -> Float:
@@ -269,18 +269,18 @@ def test_observations_of_other_types(kind: str, given: object) -> None:
     dim = values.shape[1]
     rows = np.tile(given, (dim, 1)).T if isinstance(given, np.ndarray) else given
     refusal = r"^observation: (not an array of numbers; give|shape \(\) does not fit this sensor; give) shape"
-    broken = Observations(ids, rows, covs)  # pyright: ignore[reportArgumentType]
+    broken = Observations(ids, rows, covs)  # pyrefly: ignore[bad-argument-type]
     assert_refused(kind, lambda slam: slam.update(broken), refusal)
     squares = np.tile(given, (dim, dim, 1)).T if isinstance(given, np.ndarray) else given
     refusal = r"^observation_cov: (not an array of numbers|shape \(\) does not fit 3 observations); give shape \(3, "
-    broken_covs = Observations(ids, values, squares)  # pyright: ignore[reportArgumentType]
+    broken_covs = Observations(ids, values, squares)  # pyrefly: ignore[bad-argument-type]
     assert_refused(kind, lambda slam: slam.update(broken_covs), refusal)
 
 
 @IDS
 @pytest.mark.parametrize("given", [*NO_NUMBERS.values(), 7], ids=[*NO_NUMBERS, "one"])
 def test_ids_of_other_types(kind: str, given: object) -> None:
-    broken = scan(kind)._replace(landmark=given)  # pyright: ignore[reportArgumentType]
+    broken = scan(kind)._replace(landmark=given)  # pyrefly: ignore[bad-argument-type]
     refusal = r"^landmark: (not an array of numbers|shape \(\) does not fit|this filter needs known association); give"
     assert_refused(kind, lambda slam: slam.update(broken), refusal)
 
@@ -289,7 +289,7 @@ def test_ids_of_other_types(kind: str, given: object) -> None:
 @pytest.mark.parametrize("given", [None, 3, [[1.0, 2.0]], (np.arange(3), np.zeros((3, 2)))], ids=str)
 def test_other_objects_than_scans(kind: str, given: object) -> None:
     refusal = r"^observations: a \w+ is not a scan; give slamgauge.Observations\(landmark, value, cov\)$"
-    assert_refused(kind, lambda slam: slam.update(given), refusal)  # pyright: ignore[reportArgumentType]
+    assert_refused(kind, lambda slam: slam.update(given), refusal)  # pyrefly: ignore[bad-argument-type]
 
 
 @EVERY
@@ -297,7 +297,7 @@ def test_other_objects_than_scans(kind: str, given: object) -> None:
 def test_empty_lists_are_empty_scans(kind: str, empty: object) -> None:
     slam = started(kind)
     before = belief_of(slam)
-    assert slam.update(Observations(empty, empty, empty)) == (0.0, 0)  # pyright: ignore[reportArgumentType]
+    assert slam.update(Observations(empty, empty, empty)) == (0.0, 0)  # pyrefly: ignore[bad-argument-type]
     for now, then in zip(belief_of(slam)[:-1], before[:-1], strict=True):
         np.testing.assert_array_equal(now, then)
     assert len(slam.associated) == 0
@@ -335,7 +335,7 @@ def test_a_refused_scan_does_not_end_the_area_of_a_compressed_filter() -> None:
 )
 def test_invalid_ids(kind: str, ids: list[float] | None, match: str) -> None:
     given = None if ids is None else np.array(ids)
-    assert_refused(kind, lambda slam: slam.update(scan(kind)._replace(landmark=given)), match)  # pyright: ignore[reportArgumentType]
+    assert_refused(kind, lambda slam: slam.update(scan(kind)._replace(landmark=given)), match)
 
 
 @IDS
@@ -343,7 +343,7 @@ def test_lists_and_whole_numbers_of_any_type_are_accepted(kind: str) -> None:
     arrays, lists = started(kind), started(kind)
     ids, (_, values, covs) = np.arange(3), scan(kind)
     arrays.update(Observations(ids, values, covs))
-    lists.update(Observations(ids.astype(float).tolist(), values.tolist(), covs.tolist()))  # pyright: ignore[reportArgumentType]
+    lists.update(Observations(ids.astype(float).tolist(), values.tolist(), covs.tolist()))  # pyrefly: ignore[bad-argument-type]
     for one, other in zip(belief_of(arrays), belief_of(lists), strict=True):
         np.testing.assert_array_equal(one, other)
 
@@ -356,7 +356,7 @@ def test_a_user_rule_is_used_or_refused() -> None:
 
     def counted(*arguments: object) -> tuple[float, int]:
         calls.append(1)
-        return update_standard(*arguments)  # pyright: ignore[reportArgumentType]
+        return update_standard(*arguments)  # pyrefly: ignore[bad-argument-type]
 
     own = Rule(counted)
     with pytest.raises(ValueError, match=r"^correction: this rule cannot correct observation by observation; [^\n]*$"):
@@ -416,11 +416,11 @@ def test_bearings_of_points_beyond_the_gate_are_rejected() -> None:
 def test_invalid_gates(kind: str, gate: object) -> None:
     def act(slam: OnlineFilter) -> None:
         assert isinstance(slam, (SlamFilter, CompressedFilter, BearingFilter))
-        slam.update(scan(kind), gate=gate)  # pyright: ignore[reportArgumentType]
+        slam.update(scan(kind), gate=gate)  # pyrefly: ignore[bad-argument-type]
 
     assert_refused(kind, act, r"^gate: \S+ (is out of range|is not a finite number); choose it above 0$")
     with pytest.raises(UserError) as refusal:
-        Association(gate=gate)  # pyright: ignore[reportArgumentType]
+        Association(gate=gate)  # pyrefly: ignore[bad-argument-type]
     assert_refused(kind, act, f"^{re.escape(str(refusal.value))}$")  # the same rule
 
 

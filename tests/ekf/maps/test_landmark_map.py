@@ -35,7 +35,7 @@ def test_a_pickled_filter_continues_with_the_same_results(correction: Correction
 @pytest.mark.parametrize("kind", [np.uint8, np.uint64, np.int32])
 def test_ids_may_be_whole_numbers_of_any_kind(kind: type[np.generic]) -> None:
     slam = SlamFilter("range-bearing", np.zeros(3), np.eye(3) / 100)
-    ids: Int = np.array([4, 2], dtype=kind)  # pyright: ignore[reportAssignmentType]
+    ids: Int = np.array([4, 2], dtype=kind)  # pyrefly: ignore[bad-assignment]
     for values in (VALUES, VALUES, VALUES + 5.0):
         slam.update(Observations(ids, values, COVS), gate=9.0)
     assert slam.landmark_ids.tolist() == [4, 2]

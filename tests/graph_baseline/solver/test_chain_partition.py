@@ -53,7 +53,7 @@ def lanes(*, sensor: str = "range-bearing", slip: bool = True, lanes: int = 3, l
         prior_cov=np.diag([0.01, 0.01, 1e-4]),
         odometry=turns + rng.normal(size=turns.shape) * [0.02, 0.01 * slip, 0.005],
         odometry_cov=np.tile(np.diag([0.02, 0.01 * slip, 0.005]) ** 2, (len(turns), 1, 1)),
-        sensor=sensor,  # pyright: ignore[reportArgumentType]
+        sensor=sensor,  # pyrefly: ignore[bad-argument-type]
         observation_step=step,
         observation=exact + rng.normal(size=exact.shape) * sigma,
         observation_cov=np.tile(np.diag(sigma) ** 2, (len(step), 1, 1)),
