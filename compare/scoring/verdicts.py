@@ -158,11 +158,11 @@ def _ratio(evidence: Evidence) -> str:
     text = f"{figure} times the {evidence.optimum}'s error"
     if evidence.is_worse:
         return text
-    if ratio.high < 1:
+    if ratio.high < 1 - WORTH:
         return f"{text}, less than the optimum's: check whether it uses more than the measurements"
     needed = runs_to_resolve(half / NORMAL * math.sqrt(evidence.ratio_runs))
     more = f": about {needed} runs are needed to know it to {100 * WORTH:g} %" if needed > evidence.ratio_runs else ""
-    return f"{text}, not significant{more}"
+    return f"{text}{more}" if ratio.high < 1 else f"{text}, not significant{more}"
 
 
 def _cause(evidence: Evidence) -> str:

@@ -78,6 +78,7 @@ def test_a_right_filter():
         ({"ratio": None}, "claims", "times the"),
         ({"ratio": Interval(1.02, 1.01, 1.03)}, "as accurate as the causal optimum (1.02 ± 0.01)", "cause"),
         ({"ratio": Interval(0.8, 0.7, 0.9)}, f"0.80 ± 0.10 times {ERROR}, less than the optimum's", "cause"),
+        ({"ratio": Interval(0.96, 0.93, 0.99)}, f"0.96 ± 0.03 times {ERROR}", "less than"),
         ({"ratio": Interval(1.02, 0.92, 1.12)}, "error, not significant: about 400 runs are needed", "cause"),
         ({"ratio": Interval(1.02, 0.92, 1.12), "ratio_runs": 400}, "significant: about 1600 runs are needed", "cause"),
         ({"ratio": Interval(0.96, 0.91, 1.01)}, f"0.96 ± 0.05 times {ERROR}, not significant;", "runs"),
