@@ -8,7 +8,8 @@ from collections.abc import Generator
 from contextlib import contextmanager
 from time import monotonic
 
-ANNOUNCE_AFTER = 1.0  # s; loading kernels from disk is faster than this on most machines
+ANNOUNCE_AFTER = 1.0  # s of compilation
+ANNOUNCE_LOADING_AFTER = 5.0  # s; loading kernels from disk takes less than a second on an idle machine
 
 _loaded, _compiled = 0, 0  # kernels that this process has loaded and compiled
 
@@ -40,7 +41,7 @@ def _report(what: str, kernels: int, done: threading.Event, loaded: int, compile
     while not done.wait(ANNOUNCE_AFTER):
         if _compiled > compiled:
             line = f"slamgauge: compiling ~{kernels} {what} on first use ..."
-        elif _loaded > loaded:
+        elif _loaded > loaded and monotonic() - began > ANNOUNCE_LOADING_AFTER:
             line = f"slamgauge: loading {what} from disk ..."
         else:
             continue

@@ -35,6 +35,7 @@ def told(monkeypatch: pytest.MonkeyPatch, *compiled: bool, terminal: bool = Fals
     """Return the output for these kernels; each takes long."""
     stream = Terminal(terminal=terminal)
     monkeypatch.setattr(compile_progress, "ANNOUNCE_AFTER", 1e-3)
+    monkeypatch.setattr(compile_progress, "ANNOUNCE_LOADING_AFTER", 1e-3)
     monkeypatch.setattr(sys, "stderr", stream)
     with compile_progress.announced("filter kernels", 50):
         for each in compiled:
