@@ -15,7 +15,7 @@ intersphinx_mapping = {
     "scipy": ("https://docs.scipy.org/doc/scipy", None),
     "matplotlib": ("https://matplotlib.org/stable", None),
 }
-nb_execution_mode = "auto"  # the two notebooks, which hold no outputs
+nb_execution_mode = "auto"  # the notebook, which has no outputs
 nb_execution_raise_on_error = True
 nb_execution_timeout = 300  # s, a cell
 nb_output_stderr = "remove"  # progress

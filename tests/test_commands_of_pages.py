@@ -142,7 +142,7 @@ def test_the_cluster_of_a_page(scheme: str, tmp_path: Path):
         port = str(found.getsockname()[1])
     here = {"8786": port, "scheduler-host": "127.0.0.1", "0.0.0.0": "127.0.0.1", "--nworkers 2": "--nworkers 1"}
     here |= {"--runs 20": "--runs 2 --set trajectory.duration=3", "host 127.0.0.1 ": "host 127.0.0.1 --no-dashboard "}
-    shown = [block for mark, _, block in blocks(PAGES["cluster.md"]) if mark == "by hand"]
+    shown = [block for mark, _, block in blocks(PAGES["how_many_runs.md"]) if mark == "by hand"]
     of_tls = next(place for place, block in enumerate(shown) if "openssl" in block)
     env = {**os.environ, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
     waiting: list[subprocess.Popen[bytes]] = []

@@ -198,7 +198,7 @@ class Bag(Format):
     PATH is a .bag file of ROS 1, the folder of a ROS 2 bag, or a .mcap or .db3 file. --list prints its topics.
 
     Odometry is nav_msgs/Odometry or geometry_msgs/TwistStamped. Types of observations with known paths are vision_msgs,
-    apriltag_ros, fiducial_msgs, visualization_msgs and eufs_msgs; other types need paths (docs/ros_bags.md).
+    apriltag_ros, fiducial_msgs, visualization_msgs and eufs_msgs; other types need paths (docs/your_robot.md).
 
     State noise that the messages do not have, for example: --set noise.forward=0.05 noise.turn=0.02 [m/s, rad/s].
     """

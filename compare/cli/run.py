@@ -124,7 +124,7 @@ class Evaluate(WithPage):
     estimators: Estimators = DEFAULT_ESTIMATORS
 
     estimates: Repeated = field(default_factory=list)
-    """Stored estimates, LABEL=PATH ...: npz, CSV, TUM or BAG:/TOPIC (docs/trajectories.md). No code of yours runs."""
+    """Stored estimates, LABEL=PATH ...: npz, CSV, TUM or BAG:/TOPIC (docs/your_filter.md). No code of yours runs."""
 
     own_code: OwnCode = field(default_factory=OwnCode)
 
@@ -135,7 +135,7 @@ class Evaluate(WithPage):
     """Largest squared Mahalanobis distance of an association."""
 
     robust: Literal["none", "gate", "student-t"] = "none"
-    """How filters protect their updates from outliers (docs/outliers.md)."""
+    """How filters protect their updates from outliers (docs/association.md)."""
 
     initialisation: Literal["fis", "inverse-depth", "delayed"] = "fis"
     """How filters add landmarks if the recording is bearing-only."""
@@ -144,7 +144,7 @@ class Evaluate(WithPage):
     """Largest range of the sensor of a bearing-only recording [m]. The initialisation is fitted to it."""
 
     twins: int = 0
-    """Simulated twins of the consistency test without ground truth, for example 99 (docs/overconfident.md)."""
+    """Simulated twins of the consistency test without ground truth, for example 99 (docs/no_ground_truth.md)."""
 
     out: Folder | None = None
     """Folder of the results. Without it the table is only printed."""

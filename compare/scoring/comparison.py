@@ -43,12 +43,13 @@ from slamgauge.validation import require_type
 
 @dataclass(frozen=True)
 class Comparison:
-    """Estimates and scores by the name of the estimator, and the optimum of each kind.
+    """Comparison of estimators on one recording.
 
-    `failures` has the reason, in a line, for each estimator without a score. `stand_ins` are optima with the
-    associations of an estimator, if the true ones are unknown. `study` is a command of many runs, if the recording is
-    simulated. `remarks` are those on user code, for example replaced settings. `without_truth` has the verdicts of
-    `hausman` on filters.
+    `recording` is what estimators received; `truth` is None for a robot's log. `estimates` and `scores` are by the name
+    of the estimator, `optima` are the names of the optima by kind. `failures` has the reason, in a line, for each
+    estimator without a score. `stand_ins` are optima with the associations of an estimator, if the true ones are
+    unknown. `study` is a command of many runs, if the recording is simulated. `remarks` are those on user code, for
+    example replaced settings. `without_truth` has the verdicts of `hausman` on filters.
     """
 
     truth: Truth | None

@@ -28,11 +28,45 @@ from slamgauge.validation import require_type
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Score:
-    """Figures of an estimate; None if a figure does not apply.
+    """Figures of an estimate. A figure that does not apply is None.
 
-    `catalogue` defines the figures and their units. `kind` is `filtered` (compared with `causal`) or `smoothed`
-    (compared with `batch`), `nees` (N+1,) the pose NEES of each step, `sigmas` (N+1, 3) those of x, y [m] and heading
-    [rad], NaN where undefined, `others` the figures without a field.
+    Attributes:
+        kind: "filtered" (compared with `causal`) or "smoothed" (compared with `batch`).
+        ate_m: RMS position error over the poses with truth, without alignment [m].
+        ate_aligned_m: RMS position error after the best rigid motion of the plane [m].
+        heading_rmse_rad: RMS heading error [rad].
+        final_position_error_m: Position error of the last pose [m].
+        final_heading_error_rad: Absolute heading error of the last pose [rad].
+        rpe_m: RMS translation error of single steps, in the body frame [m].
+        nees_pose: Mean over time of the pose NEES: about 3 if the covariance is right.
+        nis_per_dof: NIS over its degrees of freedom: about 1 if the assumed noise is right.
+        landmark_rmse_m: RMS distance of the mapped landmarks from the true ones, at the end [m].
+        landmark_nees_per_dof: Mean NEES of the mapped landmarks over its 2 degrees of freedom.
+        landmarks_mapped: Number of landmarks in the map.
+        landmarks_true: Number of distinct landmarks that were observed.
+        landmarks_missed: Number of observed landmarks without a counterpart in the map.
+        landmarks_spurious: Number of mapped landmarks without a true counterpart, duplicates included.
+        wrong_associations: Number of observations assigned to another landmark than their own.
+        observations_rejected: Number of observations assigned to no landmark.
+        track_purity: Mean over tracks of the largest share of their observations from one landmark.
+        track_purity_min: Smallest such share of a track.
+        rays: Result of the rays of a bearing-only estimate.
+        ratio_to_optimum: ATE over that of the optimum of the same kind.
+        sigma_ratio_to_optimum: Mean over time of sigma over the optimum's, for x, y and heading.
+        mahalanobis_to_optimum: Mean over time of the squared Mahalanobis distance to the optimum, under its covariance.
+        log_score_to_optimum: Log score minus that of the optimum of the same kind [nats]: more is worse.
+        yardstick_check_sigma: Check of the optimum with which the estimate is compared, in its sigmas.
+        verdict: Conclusions from the figures, in words.
+        final_distance_to_batch_m: Distance of the last position from that of `batch` [m].
+        landmark_distance_to_batch_m: RMS distance of the landmarks from those of `batch` [m].
+        loop_closure: One entry per loop closure.
+        seconds_total: Computing time [s].
+        seconds_per_step_median: Median over the steps of the computing time [s].
+        nees: (N+1,) pose NEES of each step, NaN where undefined.
+        sigmas: (N+1, 3) standard deviations of x, y [m] and heading [rad], NaN where undefined.
+        nis_total: Sum of the NIS of all steps.
+        nis_dof_total: Degrees of freedom of `nis_total`.
+        others: Figures of the catalogue without an attribute here, by key.
     """
 
     kind: Kind

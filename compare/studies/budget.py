@@ -71,10 +71,12 @@ class Rung:
 
 @dataclass(frozen=True)
 class ErrorBudget:
-    """The budget of one filter on one scenario; `costliest` is the rung after the first that adds most.
+    """Error budget of a filter on a scenario.
 
-    `fit` is chi2/dof of the hindsight optimum, `rays` the figures of the rays of a bearing-only filter, both means
-    over runs; `scenario_text` is the scenario as a TOML file, `seed` the root seed, `digest` that of both.
+    `rungs` split the mean squared error of `filter` over the `runs` of `scenario` into its causes [m²]; `costliest` is
+    the rung after the first that adds most. `fit` is chi2/dof of the hindsight optimum, `rays` the figures of the
+    rays of a bearing-only filter, both means over runs; `scenario_text` is the scenario as a TOML file, `seed` the
+    root seed, `digest` that of both.
     """
 
     scenario: str

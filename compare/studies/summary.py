@@ -117,8 +117,10 @@ class Failure:
 class Summary:
     """Summary of a study: summary.json as an object.
 
-    `against` has the requested paired comparisons, `precision` the end of a study with a stopping rule,
-    `scenario_text` the scenario as a TOML file, `comparisons` the sentences on user code, which are only printed.
+    `scenario` is a name, `runs` the number of runs, `seed` the root seed, `digest` that of the measurements, `failures`
+    the failed runs of estimators, `estimators` the figures of each estimator by name, `against` the requested
+    paired comparisons, `precision` the end of a study with a stopping rule, `scenario_text` the scenario as a TOML
+    file, `comparisons` the sentences on user code, which are only printed.
     """
 
     scenario: str

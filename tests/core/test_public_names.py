@@ -6,6 +6,7 @@ import inspect
 import re
 import subprocess
 import sys
+from dataclasses import fields, is_dataclass
 from pathlib import Path
 
 import pytest
@@ -26,6 +27,17 @@ def test_the_python_page_documents_every_public_name() -> None:
     assert sorted(documented) == sorted(ALL)
     functions = [name for name in ALL if inspect.isroutine(getattr(slamgauge, name))]
     assert not [name for name in functions if not inspect.getdoc(getattr(slamgauge, name))]
+
+
+@pytest.mark.parametrize(
+    "name",
+    [name for name in ALL if inspect.isclass(getattr(slamgauge, name)) and is_dataclass(getattr(slamgauge, name))],
+)
+def test_the_docstring_of_a_public_dataclass_describes_each_field(name: str) -> None:
+    described = inspect.getdoc(getattr(slamgauge, name)) or ""
+    names = {*re.findall(r"`(\w+)`", described), *re.findall(r"^    (\w+): \S", described, re.MULTILINE)}
+    found = {each.name for each in fields(getattr(slamgauge, name)) if not each.name.startswith("_")}
+    assert found <= names, found - names
 
 
 def test_all_names_are_listed() -> None:
