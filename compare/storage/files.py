@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import codecs
+import errno
 import json
 from collections.abc import Generator, Mapping
 from contextlib import contextmanager
@@ -36,7 +37,9 @@ def explained(path: str | Path, verb: str) -> Generator[None]:
         yield
     except OSError as error:
         reason = error.strerror or str(error)
-        raise UserError(f"{path}: cannot be {verb} ({reason}); check the path and its permissions") from None
+        full = errno.errorcode.get(error.errno or 0) in ("ENOSPC", "EDQUOT")
+        remedy = "make room, and give the same command again" if full else "check the path and its permissions"
+        raise UserError(f"{path}: cannot be {verb} ({reason}); {remedy}") from None
 
 
 def read_text(path: Path) -> str:
