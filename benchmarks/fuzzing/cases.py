@@ -129,7 +129,9 @@ def run_cases(seed: int, cases: Iterable[int], seconds: float, memory: int) -> I
     left = [*cases]
     while left:
         ours, theirs = PROCESSES.Pipe()
-        process = PROCESSES.Process(target=_serve, args=(theirs, seed, left, seconds, memory))  # not a daemon: it has children
+        process = PROCESSES.Process(
+            target=_serve, args=(theirs, seed, left, seconds, memory)
+        )  # not a daemon: it has children
         process.start()
         theirs.close()
         try:
