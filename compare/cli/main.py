@@ -147,9 +147,17 @@ class _Signals:
         """Interrupt again after an interrupt in a destructor or a callback of C code, where Python drops exceptions."""
         if lost.exc_type is KeyboardInterrupt:
             self._last = -math.inf
-            threading.Timer(AGAIN, signal.raise_signal, (self.first,)).start()
+            threading.Timer(AGAIN, _send, (self.first,)).start()
         else:
             sys.__unraisablehook__(lost)
+
+
+def _send(number: int) -> None:
+    """Send a signal to the main thread, where it also ends a wait."""
+    if hasattr(signal, "pthread_kill"):
+        signal.pthread_kill(threading.main_thread().ident or 0, number)
+    else:  # Windows
+        signal.raise_signal(number)
 
 
 @contextmanager
