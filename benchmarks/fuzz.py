@@ -1,6 +1,6 @@
 """Damage every input of slamgauge at random and count what is refused, accepted, or ends as it should not.
 
-    python benchmarks/fuzz.py [--cases 2000] [--seed 0] [--only 17] [--seconds 20] [--memory 2.5] [--worst 20]
+    python benchmarks/fuzz.py [--cases 2000] [--first 0] [--seed 0] [--only 17] [--seconds 20] [--memory 2.5]
 
 Each case damages one input: npz, MATLAB, CSV, TOML, g2o, MRCLAM, DLR, Freiburg and Victoria Park files, estimates,
 stores of studies, `--set`, or arguments of a command. A warning counts as a traceback, and so does a refusal of several
@@ -8,9 +8,10 @@ lines, except refusals of scenarios (a line per mistake) and of the argument par
 recording. An input is `silently altered` if it was accepted and the result differs from the content of the file
 (`fuzzing/targets.py`).
 
-Cases run in a process with limited memory [GB], which is restarted when it crashes or exceeds the time [s] of a case.
-`--only` runs one case. The exit status is 1 after a traceback, a hang, a crash or an altered input. After an interrupt
-the program prints the table of the results so far.
+Cases run in a process with limited memory [GB], which is restarted when it crashes or when a case exceeds the limit of
+processor time [s]. `--first` continues an interrupted run, `--only` runs one case, and `--worst` limits the list of bad
+cases. The exit status is 1 after a traceback, a hang, a crash or an altered input. After an interrupt the program
+prints the table of the results so far.
 """
 
 from __future__ import annotations
@@ -36,13 +37,14 @@ INTERRUPTED = 130
 
 def main(
     cases: int = 2000,
+    first: int = 0,
     seed: int = 0,
     only: int | None = None,
     seconds: float = 20.0,
     memory: float = 2.5,
     worst: int = 20,
 ) -> int:
-    numbers = range(cases) if only is None else [only]
+    numbers = range(first, cases) if only is None else [only]
     counts: Counter[tuple[str, str]] = Counter()
     bad: list[str] = []
     all_names = names()  # made here, so that child processes do not make the inputs again

@@ -3,7 +3,8 @@
     python benchmarks/interruptions.py [--only NAME] [--moments 3] [--seed 0]
 
 Each command runs once to its end, which measures its time. Then it is started again for each way to end it and each
-moment: SIGINT, SIGINT twice, SIGTERM, SIGHUP, and SIGKILL. A case is bad if the command prints a traceback or a
+moment: SIGINT, SIGINT twice, SIGTERM, SIGHUP, and SIGKILL. The two SIGINT and SIGHUP reach the processes that the
+command has started too, as those of a terminal do. A case is bad if the command prints a traceback or a
 warning of Python, does not end within 30 s, leaves temporary files (except after SIGKILL) or processes, or if the same
 command, given again, ends with another status or other results. `--only` selects commands with NAME in their title.
 The exit status is 1 if a case is bad.
@@ -40,6 +41,7 @@ COMMANDS: dict[str, tuple[str, ...]] = {
     "sweep": ("study", SCENARIO, "--runs", "4", "--sweep", "assumed.scale=1,2", "--estimators", "ekf", "--out", "out"),
     "budget": ("budget", SCENARIO, "--runs", "4", "--out", "out"),
     "claims": ("claims", "--runs", "2", "--max-runs", "2", "--out", "out"),
+    "import": ("import", "csv", "given/csv", "--out", "out"),
     "noise": ("noise", "given/recording.npz", "--out", "out"),
     "twin": ("twin", "given/recording.npz", "--out", "out"),
     "check": ("check", "filter.py:ekf_slam"),
@@ -48,6 +50,11 @@ COMMANDS: dict[str, tuple[str, ...]] = {
     "animate": ("animate", "given"),
     "report": ("report", "given"),
     "bench": ("bench", "--landmarks", "20", "--estimators", "ekf", "--out", "out"),
+    "scenarios": ("scenarios",),
+    "doctor": ("doctor",),
+    "explain": ("explain", "nees"),
+    "schema": ("schema", "metrics"),
+    "completion": ("completion", "bash"),
 }
 WAYS: dict[str, tuple[int, ...]] = {
     "INT": (signal.SIGINT,),
@@ -56,6 +63,7 @@ WAYS: dict[str, tuple[int, ...]] = {
     "HUP": (signal.SIGHUP,),
     "KILL": (signal.SIGKILL,),
 }
+GROUP = ("INT twice", "HUP")  # ways that end the whole group of processes, as a terminal does
 BETWEEN = 0.2  # s from one signal to the next
 ENDING = 30.0  # s: longest time from the last signal to the end
 FOLLOWING = 5.0  # s: longest time in which the workers of a killed command end
@@ -83,24 +91,24 @@ def main(only: str = "", moments: int = 3, seed: int = 0) -> int:
             whole = run(words, Path(folder))
             lasts = time.monotonic() - began
         faults: list[str] = []
-        for way, signals in WAYS.items():
+        for way in WAYS:
             for _ in range(moments):
                 moment = draw.uniform(0.0, 1.0) * lasts
-                faults += [f"{way} after {moment:.1f} s: {each}" for each in tried(words, signals, moment, whole)[:1]]
+                faults += [f"{way} after {moment:.1f} s: {each}" for each in tried(words, way, moment, whole)[:1]]
         cases, bad = cases + len(WAYS) * moments, bad + len(faults)
         print(f"{name:10}{lasts:9.1f}  {len(faults)}", *faults, sep="\n    ", flush=True)
     print(f"{bad} of {cases} cases are bad")
     return 1 if bad else 0
 
 
-def tried(words: tuple[str, ...], signals: tuple[int, ...], moment: float, whole: Done) -> list[str]:
+def tried(words: tuple[str, ...], way: str, moment: float, whole: Done) -> list[str]:
     """Return the faults of one case: the command is ended at a moment [s], and given again."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         prepare(folder)
         faults: list[str] = []
         try:
-            stopped = run(words, folder, signals, moment)
+            stopped = run(words, folder, way, moment)
         except subprocess.TimeoutExpired:
             return [f"it did not end within {ENDING:g} s"]
         faults += [
@@ -109,7 +117,7 @@ def tried(words: tuple[str, ...], signals: tuple[int, ...], moment: float, whole
             if any(each in line for each in NOISE)
         ]
         faults += [f"process {each} is left" for each in left_processes(folder)]
-        if signal.SIGKILL not in signals:
+        if way != "KILL":
             faults += [f"{each.name} is left in the temporary folder" for each in (folder / "tmp").iterdir()]
         again = run(words, folder)
         if again.status != whole.status:
@@ -138,11 +146,12 @@ def given() -> Path:
     atexit.register(shutil.rmtree, folder)
     (folder / "tmp").mkdir()
     run(("run", SCENARIO, "--estimators", "ekf", "--out", "run"), folder)
+    run(("export", "run/recording.npz", "--format", "csv", "--out", "run/csv"), folder)
     return folder / "run"
 
 
-def run(words: tuple[str, ...], folder: Path, signals: tuple[int, ...] = (), moment: float = 0.0) -> Done:
-    """Run a command in a folder, with `signals` after `moment` [s].
+def run(words: tuple[str, ...], folder: Path, way: str = "", moment: float = 0.0) -> Done:
+    """Run a command in a folder, and end it in this way after `moment` [s].
 
     Raises:
         subprocess.TimeoutExpired: it did not end after the signals; it is killed then.
@@ -151,12 +160,20 @@ def run(words: tuple[str, ...], folder: Path, signals: tuple[int, ...] = (), mom
     output = folder / "tmp.log"
     with output.open("wb") as file:
         process = subprocess.Popen(
-            [sys.executable, "-m", "slamgauge", *words], cwd=folder, env=environment, stdout=file, stderr=file
+            [sys.executable, "-m", "slamgauge", *words],
+            cwd=folder,
+            env=environment,
+            stdout=file,
+            stderr=file,
+            start_new_session=True,
         )
         with suppress(subprocess.TimeoutExpired):
-            process.wait(moment if signals else None)
-        for number in signals:
-            process.send_signal(number)
+            process.wait(moment if way else None)
+        for number in WAYS.get(way, ()):
+            if way in GROUP and process.poll() is None:
+                os.killpg(process.pid, number)
+            else:
+                process.send_signal(number)
             with suppress(subprocess.TimeoutExpired):
                 process.wait(BETWEEN)
         try:

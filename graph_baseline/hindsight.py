@@ -45,6 +45,8 @@ from slamgauge.graph_baseline.solver.multistart import (
 from slamgauge.recording import Recording
 from slamgauge.sensors import SENSORS
 
+MOST_SWITCHES = 10  # each is a search from several starts; without a limit 1 m of odometry noise a step costs minutes
+
 
 @relative_to_start
 def batch(recording: Recording, association: Int | None = None) -> Estimate:
@@ -104,13 +106,19 @@ def _estimate(recording: Problem, taken: Int, found: Minimum) -> Estimate:
     )
 
 
-def incremental_start(recording: Problem) -> tuple[Float, Float]:
-    """Return poses and landmarks of the incremental optimum."""
+def incremental_start(recording: Problem, most_switches: float = np.inf) -> tuple[Float, Float]:
+    """Return poses and landmarks of the incremental optimum.
+
+    Raises:
+        UndeterminedError: some first steps have no minimum, or it has switched to other minima too often.
+    """
     incremental = IncrementalOptimum(recording)
     for _ in range(recording.steps + 1):
         incremental.add_step()
         if not incremental.converged:
             raise UndeterminedError("batch: the first steps alone have no minimum; check ids and covariances")
+        if len(incremental.switches) > most_switches:
+            raise UndeterminedError("batch: the first steps have many minima; check ids and covariances")
     return start_of(incremental, recording)
 
 
@@ -131,7 +139,7 @@ def _starts(recording: Problem, path: Float) -> Iterator[Start]:
     yield lambda: descent_start(recording, path)
     yield lambda: inflated_noise_start(recording, path)
     if np.array_equal(path, odometry):
-        yield lambda: incremental_start(recording)
+        yield lambda: incremental_start(recording, MOST_SWITCHES)
     else:
         yield lambda: descent_start(recording, odometry)
     yield lambda: growing_start(recording)

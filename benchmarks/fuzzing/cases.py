@@ -27,6 +27,7 @@ REFUSED, ACCEPTED = "refused in one line", "accepted"
 TRACEBACK, HANG, CRASH, ALTERED = "traceback", "hang", "crash", "silently altered"
 OUTCOMES = (REFUSED, ACCEPTED, TRACEBACK, HANG, CRASH, ALTERED)
 LONGEST = 1000  # characters of a line
+WAITING = 10  # clock time of a case without an answer, in units of the limit of processor time
 ARGUMENTS_OF = 50  # one case in 50 changes arguments, which takes a hundred times longer
 PROCESSES = multiprocessing.get_context("fork")  # the child has the loaded and compiled code of its parent
 
@@ -121,23 +122,28 @@ def _where(error: BaseException) -> str:
 
 
 def run_cases(seed: int, cases: Iterable[int], seconds: float, memory: int) -> Iterator[tuple[int, Result]]:
-    """Run the cases in a child process with a limit of `seconds` [s] per case and of `memory` [bytes]."""
+    """Run the cases in a child process with a limit of processor time [s] per case and of `memory` [bytes].
+
+    A case that waits, and so uses no processor time, ends after `WAITING` times the limit.
+    """
     left = [*cases]
     while left:
         ours, theirs = PROCESSES.Pipe()
-        process = PROCESSES.Process(target=_serve, args=(theirs, seed, left, memory))  # not a daemon: it has children
+        process = PROCESSES.Process(
+            target=_serve, args=(theirs, seed, left, seconds, memory)
+        )  # not a daemon: it has children
         process.start()
         theirs.close()
         try:
             while left:
                 try:
-                    result = ours.recv() if ours.poll(seconds) else None
+                    result = ours.recv() if ours.poll(WAITING * seconds) else None
                 except EOFError:  # the process has ended
                     result = None
                 if result is None:
                     process.kill()
                     process.join()
-                    is_hang = process.exitcode == -signal.SIGKILL
+                    is_hang = process.exitcode in (-signal.SIGKILL, -signal.SIGPROF)
                     detail = f"no answer after {seconds:g} s" if is_hang else f"exit code {process.exitcode}"
                     yield left[0], Result(_draw(seed, left.pop(0))[1], HANG if is_hang else CRASH, detail)
                     break
@@ -148,8 +154,9 @@ def run_cases(seed: int, cases: Iterable[int], seconds: float, memory: int) -> I
             ours.close()
 
 
-def _serve(answers: Any, seed: int, cases: list[int], memory: int) -> None:
+def _serve(answers: Any, seed: int, cases: list[int], seconds: float, memory: int) -> None:
     resource.setrlimit(resource.RLIMIT_DATA, (memory, memory))
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles interrupts
     for case in cases:
+        signal.setitimer(signal.ITIMER_PROF, seconds)  # it counts processor time, and its signal ends the process
         answers.send(run_case(seed, case))

@@ -5,7 +5,7 @@ The check of an accepted input does not use the reader's code:
 * files with checksums (npz, compressed MATLAB files) and changed bytes: the result is that of the undamaged file;
 * npz files that were written again with other arrays: every number is the one that numpy reads in the file;
 * text files and other MATLAB files have no checksums: every value of an observation, and of a motion and a pose if the
-  format has them without conversion, is in the file, angles up to whole turns;
+  format has them without conversion, is in the file, angles up to whole turns, except poses interpolated to a step;
 * scenarios: each key has the value of the TOML text;
 * stores of studies: every row is the stored one, and no row is missing without a message.
 """
@@ -39,6 +39,7 @@ from slamgauge.compare.datasets.mrclam import read_mrclam
 from slamgauge.compare.datasets.victoria_park import read_victoria_park
 from slamgauge.compare.storage.csv_folder import read_recording_csv, write_estimate_csv, write_recording_csv
 from slamgauge.compare.storage.files import load_estimate, load_recording, load_truth, save, write_tum
+from slamgauge.compare.storage.interpolation import SAME
 from slamgauge.compare.storage.result_files import STORE
 from slamgauge.compare.storage.stored_results import load_stored
 from slamgauge.compare.studies.study import load_runs, run_study
@@ -247,10 +248,11 @@ def _texts(folder: Path, recording: Recording, estimate: Estimate) -> list[Targe
 
     toml = {"short.toml": SCENARIO.encode()}
     both, path = partial(_compare, ("observation", "odometry")), partial(_compare, ("poses", "landmarks"))
+    positions = partial(_compare_positions, recording.stamps)
     texts = [
         Target("csv folder", _some(own, "start", "odometry", "observations"), read_recording_csv, check=both),
         Target("estimate csv", _some(own, "estimate.csv", "landmarks"), stored("estimate.csv"), check=path),
-        Target("estimate tum", _some(own, "estimate.tum"), stored("estimate.tum"), check=_compare_positions),
+        Target("estimate tum", _some(own, "estimate.tum"), stored("estimate.tum"), check=positions),
         Target(
             "victoria park", {"log.txt": PARK.encode()}, partial(_read_file, read_victoria_park, "log.txt"), check=both
         ),
@@ -312,8 +314,11 @@ def _compare_log(folder: Path, recording: Recording) -> str:
     return _compare(("observation",), folder, recording)
 
 
-def _compare_positions(folder: Path, estimate: Estimate) -> str:
-    return _not_in_files(folder, "poses", estimate.poses[:, :2])
+def _compare_positions(stamps: NDArray[np.float64], folder: Path, estimate: Estimate) -> str:
+    """Compare the positions of steps whose stamps are in the file; those of other steps are interpolated."""
+    written = _numbers_in(folder)
+    given = np.array([np.abs(written - stamp).min() <= SAME for stamp in stamps])
+    return _not_in_files(folder, "poses", estimate.poses[given, :2])
 
 
 # --- scenarios and stores ----------------------------------------------------------------------

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import math
 import signal
 import sys
 import threading
@@ -32,10 +33,10 @@ from slamgauge.version import __version__
 DEFECT = 70  # exit status, EX_SOFTWARE of sysexits.h
 REFUSED = 71  # EX_OSERR
 LONGEST = 200  # characters of the machine's own message
-INTERRUPTED = 128 + signal.SIGINT  # the exit status that shells use
 # signals that interrupt a command; Windows has no SIGHUP
 ENDS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 CLEANING_UP = 3.0  # s
+AGAIN = 0.1  # s: from an interrupt that Python has dropped to the next
 
 COMMANDS: dict[str, type[Command]] = {
     "scenarios": Scenarios,
@@ -69,13 +70,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
         130 interrupted, 143 terminated, 129 terminal closed (SIGHUP).
     """
     prepare_streams()
-    with _terminations() as received:
-        status = _run(sys.argv[1:] if arguments is None else arguments)
-    return 128 + received[0] if received and status == INTERRUPTED else status
+    with _signals() as signals:
+        try:
+            try:
+                signals.interrupts = True
+                return _run(sys.argv[1:] if arguments is None else arguments)
+            finally:
+                signals.interrupts = False
+        except KeyboardInterrupt as interrupt:  # those that follow soon are ignored, so that none ends this block
+            signals.interrupts = False
+            return _ended(128 + signals.first, f"interrupted; {str(interrupt) or 'nothing was written'}")
 
 
 def _run(words: Sequence[str]) -> int:
-    """Run one command and return its exit status; every signal counts as an interrupt."""
+    """Run one command and return its exit status, except after an interrupt."""
     if list(words) == ["--version"]:
         return 0 if put(f"slamgauge {__version__}") else 1
     try:
@@ -88,8 +96,6 @@ def _run(words: Sequence[str]) -> int:
     except BrokenPipeError:  # the reader of our help (`head`, a pager) closed the pipe
         drop_output()
         return 0
-    except KeyboardInterrupt as interrupt:
-        return _ended(INTERRUPTED, f"interrupted; {str(interrupt) or 'nothing was written'}")
     except Exception as error:  # noqa: BLE001 every other error is reported as a defect
         if isinstance(error, OSError) and error.errno == errno.ENAMETOOLONG:
             return _ended(2, f"{str(error.filename)[:60]} ...: this name is too long; check the path")
@@ -113,32 +119,62 @@ def _ended(status: int, message: str) -> int:
     return status
 
 
-@contextmanager
-def _terminations() -> Generator[list[int]]:
-    """Turn signals into interrupts, after which the command cleans up; yield the signals received.
+class _Signals:
+    """Turns signals into interrupts of a command, which then cleans up.
 
     Signals that follow within `CLEANING_UP` are ignored. Later ones interrupt again, because compilation may lose one.
-    """
-    received: list[int] = []
-    last = -CLEANING_UP
 
-    def interrupt(number: int, _: object) -> None:
-        nonlocal last
-        if monotonic() < last + CLEANING_UP:
+    Attributes:
+        interrupts: whether the command runs; other signals are ignored.
+        first: number of the first signal that has interrupted.
+    """
+
+    def __init__(self) -> None:
+        self.interrupts = False
+        self.first: int = signal.SIGINT
+        self._last = -math.inf  # time of the last interrupt [s]
+
+    def interrupt(self, number: int, _: object) -> None:
+        """Handle a signal."""
+        if not self.interrupts or monotonic() < self._last + CLEANING_UP:
             return
-        last = monotonic()
-        received.append(number)
+        if self._last == -math.inf:
+            self.first = number
+        self._last = monotonic()
         raise KeyboardInterrupt
 
+    def repeat(self, lost: sys.UnraisableHookArgs) -> None:
+        """Interrupt again after an interrupt in a destructor or a callback of C code, where Python drops exceptions."""
+        if lost.exc_type is KeyboardInterrupt:
+            self._last = -math.inf
+            threading.Timer(AGAIN, _send, (self.first,)).start()
+        else:
+            sys.__unraisablehook__(lost)
+
+
+def _send(number: int) -> None:
+    """Send a signal to the main thread, where it also ends a wait."""
+    if hasattr(signal, "pthread_kill"):
+        signal.pthread_kill(threading.main_thread().ident or 0, number)
+    else:  # Windows
+        signal.raise_signal(number)
+
+
+@contextmanager
+def _signals() -> Generator[_Signals]:
+    """Handle the signals that end a command."""
+    signals = _Signals()
     if threading.current_thread() is not threading.main_thread():  # Python handles signals there only
-        yield received
+        yield signals
         return
     before = {number: signal.getsignal(number) for number in ENDS}
+    hook, sys.unraisablehook = sys.unraisablehook, signals.repeat
     for number, handler in before.items():
         if handler is not signal.SIG_IGN:  # `nohup` ignores SIGHUP, the shell SIGINT in the background
-            signal.signal(number, interrupt)
+            signal.signal(number, signals.interrupt)
     try:
-        yield received
+        yield signals
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+        sys.unraisablehook = hook

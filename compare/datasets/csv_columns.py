@@ -27,11 +27,12 @@ WITHOUT = {"dy": 0.0, "vy": 0.0, "landmark": -1.0}  # values of an optional colu
 
 
 class Rows(NamedTuple):
-    """Values (n, k) of a CSV file, in the order of the columns of its kind, and the lines they are on."""
+    """Values (n, k) of a CSV file, in the order of the columns of its kind, their lines, and unused columns."""
 
     kind: str
     lines: Sequence[Line]
     values: Float
+    unused: tuple[str, ...]
 
 
 def read_columns(path: Path, table: FileTable, kinds: Sequence[str], section: str, kind: str | None = None) -> Rows:
@@ -70,7 +71,8 @@ def read_columns(path: Path, table: FileTable, kinds: Sequence[str], section: st
     require_distinct(header, used, columns if has_header else ())
     units_of = {name: columns[at].unit for name, at in used.items()} if has_header else {}
     factors = [factor_of(header, name, units_of.get(name), table) for name in KINDS[kind]]
-    return Rows(kind, rows, _values(rows, kind, places, len(columns)) * factors)
+    unused = tuple(each.text for at, each in enumerate(columns) if has_header and at not in used.values() and each.text)
+    return Rows(kind, rows, _values(rows, kind, places, len(columns)) * factors, unused)
 
 
 def _header(lines: list[Line]) -> tuple[Line, list[Line]]:

@@ -1,4 +1,4 @@
-"""Headers of CSV files: names of columns, other words for them, and units in brackets."""
+"""Headers of CSV files: names of columns, other words for them, and units in brackets or behind a _ (range_mm)."""
 
 from __future__ import annotations
 
@@ -22,6 +22,7 @@ DIMENSIONS = {
     "length": (("dx", "dy", "v", "vy", "x", "y", "range"), ("m", "cm", "mm")),
     "angle": (("dtheta", "omega", "theta", "bearing"), ("rad", "deg")),
 }
+QUANTITIES = {each for names, _ in DIMENSIONS.values() for name in names for each in (name, *SYNONYMS.get(name, ()))}
 RATES = ("v", "vy", "omega")  # their units are per second
 SPELLINGS = {"°": "deg", "degrees": "deg", "radians": "rad", "sec": "s", "seconds": "s", "µs": "us", "metres": "m"}
 NO_UNITS = ("", "-", "id")
@@ -49,7 +50,12 @@ def columns_of(header: Line, units: Line | None) -> list[Column]:
 
 def _column(text: str) -> Column:
     found = NAME_AND_UNIT.fullmatch(text)
-    return Column(text, *found.groups()) if found else Column(text, text, None)
+    if found:
+        return Column(text, *found.groups())
+    name, _, unit = text.rpartition("_")  # range_mm
+    return (
+        Column(text, name, unit) if name.lower() in QUANTITIES and _spelt(unit) in UNITS else Column(text, text, None)
+    )
 
 
 def is_row_of_units(line: Line) -> bool:

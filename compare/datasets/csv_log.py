@@ -53,6 +53,8 @@ def read_csv_log(path: Path, overrides: Sequence[str] = ()) -> Imported:
     landmark, kept, notes = identified(seen.values[:, 1].astype(np.int64))
     with of_file(mapping.folder / mapping.observations.file):
         odometry, steps, inside, more = joined(odometry, seen.values[kept, 0])
+    if seen.kind == "bearing" and seen.unused:
+        notes = (*notes, f"observations are bearings only: columns that are not used are {', '.join(seen.unused)}")
     values, landmark = seen.values[kept][inside], None if landmark is None else landmark[inside]
     truth = _truth(mapping, odometry.stamps, landmark)
     sensor = SENSORS[seen.kind].name

@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import chi2
 
+from slamgauge.arrays import Float, Int
 from slamgauge.compare.datasets.imported_log import Imported, of_file
 from slamgauge.compare.storage.path_doubts import path_doubts
 from slamgauge.ekf import riekf
@@ -26,6 +27,7 @@ from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.se2 import rotation
 from slamgauge.sensors import SENSORS, innovation, predict
+from slamgauge.truth import Truth
 
 FEW, PASS = 20, 2000  # observations: fewer show no doubts; observations of a quick pass
 BOUND = 0.999  # probability of the largest normalised innovation that agrees
@@ -34,7 +36,8 @@ CONVINCING = 0.9  # smallest share with which a mistake is found
 POOR = 0.8  # share below which a log without a known mistake is warned of
 NOISE = 20.0  # factor between residuals and stated noise
 FASTEST, QUICKEST, LONGEST = 50.0, 2.0 * np.pi, 10.0  # m/s, rad/s, s: typical speed and step, large yaw rate
-SMALL = 0.01  # median of NIS / dof, 1 if the noise is right
+SMALL = 0.4  # median of NIS / dof, about 0.8 if the noise is right; lower if lengths are so small that anything agrees
+COVERED = 0.5  # share of the steps with a true pose, below which a warning is printed
 MEDIAN = 0.6745  # of the absolute value of a standard normal number
 DEGREE = np.pi / 180
 SIGN = "change the sign of those that are clockwise"
@@ -116,9 +119,11 @@ def examine(log: Imported, path: Path) -> Examination:
     if doubled:
         same = "the step, landmark and values of another one"
         warnings.append(f"{doubled} observations have {same} and count twice; remove them")
-    if log.truth is not None and log.truth.poses is not None:
-        warnings += [f"the true path {doubt}" for doubt in path_doubts(log.truth.poses, recording)]
-    if recording.landmark is not None and len(recording.observation):
+    if log.truth is not None:
+        warnings += _doubts_of_truth(log.truth, recording)
+    if not len(recording.observation):
+        warnings.append("there are no observations: every filter then equals dead reckoning; check the file")
+    elif recording.landmark is not None:
         beginning = _beginning(recording)
         with of_file(path):
             share, more = _agreement(beginning)
@@ -153,6 +158,22 @@ def _doubts_of_motion(recording: Recording) -> Iterator[str]:
         yield f"the robot often turns at {np.rad2deg(rate):.3g} deg/s; check the units of angles and stamps"
 
 
+def _doubts_of_truth(truth: Truth, recording: Recording) -> Iterator[str]:
+    """Yield doubts about the true path and the true map."""
+    if truth.poses is None:
+        return
+    known = int(np.sum(np.isfinite(truth.poses).all(axis=1)))
+    if known < COVERED * len(truth.poses):
+        yield f"the true path has poses at {known} of {len(truth.poses)} steps; only these are scored"
+    yield from (f"the true path {doubt}" for doubt in path_doubts(truth.poses, recording))
+    if truth.landmarks is None or truth.landmark_ids is None:
+        return
+    for name, ratio in _residuals(recording, truth.poses, truth.landmark_ids, truth.landmarks).items():
+        if ratio > NOISE:
+            what = f"the residuals of {name} with the true path and map are {ratio:.2g} times its stated noise"
+            yield f"{what}; check ids, units, axes and stamps of the truth"
+
+
 def _beginning(recording: Recording) -> Recording:
     """Return the steps with the first `PASS` observations."""
     if len(recording.observation) <= PASS:
@@ -171,6 +192,8 @@ def _agreement(recording: Recording) -> tuple[float, list[str]]:
     share = _fit(recording, estimate).share
     if len(recording.observation) < FEW:
         return share, []
+    if estimate is not None and estimate.nis_dof is not None and not estimate.nis_dof.any():
+        return share, ["no landmark is observed at two steps: nothing corrects the path; check the ids"]
     if share < DOUBTED:
         fits = {each: _fit(recording, _pass(_without(recording, each))) for each in MISTAKES}
         enough = max(CONVINCING, 0.5 + 0.5 * share)
@@ -228,21 +251,33 @@ def _without(recording: Recording, mistake: Mistake) -> Recording:
 
 
 def _doubts_of_noise(recording: Recording, estimate: Estimate) -> Iterator[str]:
-    """Yield the quantities whose residuals are far from the stated noise.
-
-    Residuals are those of the filtered poses and the last map.
-    """
-    model = SENSORS[recording.sensor]
-    places = dict(zip(estimate.landmark_ids.tolist(), estimate.landmarks, strict=True))
-    ids = [] if recording.landmark is None else recording.landmark.tolist()
-    rows = np.array([each in places for each in ids], dtype=bool)
-    if not rows.any():
-        return
-    poses = estimate.poses[recording.observation_step[rows]]
-    ahead = np.array([places[each] for each in ids if each in places]) - poses[:, :2]
-    delta = np.einsum("nji,nj->ni", rotation(poses[:, 2]), ahead)
-    residuals = innovation(model.name, recording.observation[rows], predict(model.name, delta))
-    sigmas = np.sqrt(np.diagonal(recording.observation_cov[rows], axis1=1, axis2=2))
-    for name, ratio in zip(model.columns, np.median(np.abs(residuals) / sigmas, axis=0) / MEDIAN, strict=True):
+    """Yield the quantities whose residuals, with the filtered poses and the last map, are far from the stated noise."""
+    ratios = _residuals(recording, estimate.poses, estimate.landmark_ids, estimate.landmarks)
+    for name, ratio in ratios.items():
         if not 1.0 / NOISE <= ratio <= NOISE:
             yield f"the residuals of {name} are {ratio:.2g} times its stated noise; correct the noise or the unit"
+
+
+def _residuals(recording: Recording, poses: Float, ids: Int, landmarks: Float) -> dict[str, float]:
+    """Return the typical residual of each quantity, in standard deviations; nothing without a known landmark.
+
+    Args:
+        recording: observations with ids.
+        poses: (N+1, 3); rows of NaN are not used.
+        ids: (L,) of the landmarks.
+        landmarks: (L, 2) [m].
+    """
+    model = SENSORS[recording.sensor]
+    if recording.landmark is None or not len(ids):
+        return {}
+    order = np.argsort(ids)
+    at = order[np.searchsorted(ids, recording.landmark, sorter=order).clip(max=len(ids) - 1)]
+    seen_from = poses[recording.observation_step]
+    rows = (ids[at] == recording.landmark) & np.isfinite(seen_from).all(axis=1)
+    if not rows.any():
+        return {}
+    ahead = landmarks[at[rows]] - seen_from[rows, :2]
+    delta = np.einsum("nji,nj->ni", rotation(seen_from[rows, 2]), ahead)
+    residuals = innovation(model.name, recording.observation[rows], predict(model.name, delta))
+    sigmas = np.sqrt(np.diagonal(recording.observation_cov[rows], axis1=1, axis2=2))
+    return dict(zip(model.columns, np.median(np.abs(residuals) / sigmas, axis=0) / MEDIAN, strict=True))

@@ -18,6 +18,7 @@ from slamgauge.compare.storage.interpolation import SAME
 from slamgauge.errors import UserError
 from slamgauge.se2 import exp, log
 
+GAP, MANY_ROWS = 1.0, 10.0  # s, typical times between rows: the shortest gap that a note is printed about
 FEW, SHORTEST = 20, 0.01  # observations; share of the odometry's time that they should cover
 
 
@@ -53,8 +54,8 @@ def joined(odometry: Odometry, times: Float) -> tuple[Odometry, Int, Marks, tupl
     """Split odometry at the times (M,) [s] of observations.
 
     Returns:
-        The odometry; the step of each observation within its span; which observations (M,) these are; and a note about
-        the others, which are dropped.
+        The odometry; the step of each observation within its span; which observations (M,) these are; and notes about
+        the others, which are dropped, and about a gap of the odometry.
 
     Raises:
         UserError: all observations, or more than half of many, are outside the span, or their own span is too short.
@@ -68,7 +69,17 @@ def joined(odometry: Odometry, times: Float) -> tuple[Odometry, Int, Marks, tupl
         raise UserError(f"{spans}; give each file the unit of its stamps, and both the same clock")
     share = f", {outside / len(times):.0%}: check units and clocks of the files" if outside > 0.1 * len(times) else ""
     notes = (f"{outside} observations outside the odometry's time are dropped{share}",) if outside else ()
-    return *split_at(odometry, times[inside]), inside, notes
+    return *split_at(odometry, times[inside]), inside, (*notes, *_gap(odometry.stamps))
+
+
+def _gap(stamps: Float) -> tuple[str, ...]:
+    """Return a note about the longest time without odometry, if that is much longer than others."""
+    seconds = np.diff(stamps)
+    longest = int(np.argmax(seconds))
+    if seconds[longest] < max(GAP, MANY_ROWS * float(np.median(seconds))):
+        return ()
+    where = f"{seconds[longest]:.3g} s from {stamps[longest]:.9g} s on"
+    return (f"the odometry has no row for {where}: constant speeds are assumed there",)
 
 
 def split_at(odometry: Odometry, times: Float) -> tuple[Odometry, Int]:

@@ -1,6 +1,6 @@
 """Lines of users' text files with their places, so that each error names file and line.
 
-Files are UTF-8 with any line ends. Text after a # and empty lines are ignored.
+Files are UTF-8, or UTF-16 with a byte order mark, with any line ends. Text after a # and empty lines are ignored.
 """
 
 from __future__ import annotations
@@ -51,20 +51,25 @@ class Line:
 
     def number_at(self, at: int) -> float:
         """Return the word at a place as a number; refuse it if it is not finite or larger than `LARGEST`."""
-        try:
-            number = float(self.words[at])
-        except ValueError:
-            number = math.nan
+        number = _number(self.words[at])
         if not abs(number) < LARGEST:
             raise self.refused(f"{self.words[at][:40]!r} is not a finite number", "correct it, or remove the line")
         return number
 
     def id_at(self, at: int, least: int = 0) -> int:
         """Return the word at a place as a whole number, `least` or more; 3.0 is one, too."""
-        number = self.number_at(at)
+        number = _number(self.words[at])
         if not number.is_integer() or not least <= number < LARGEST_ID:
             raise self.refused(f"{self.words[at][:40]!r} is not an id", f"give a whole number from {least} below 2**53")
         return int(number)
+
+
+def _number(word: str) -> float:
+    """Return a word as a number, NaN if it is none; 1_0 may be a name, and is not 10."""
+    try:
+        return math.nan if "_" in word else float(word)
+    except ValueError:
+        return math.nan
 
 
 def read_lines(path: Path, *, comment: str = "#", separators: str = "") -> Iterator[Line]:

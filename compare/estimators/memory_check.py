@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from slamgauge.arrays import distinct
-from slamgauge.compare.estimators.registry import FILTERS
+from slamgauge.compare.estimators.registry import FILTERS, GRAPHS, UNDER
 from slamgauge.compare.estimators.requests import Asked
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.memory import require_memory
@@ -28,7 +28,7 @@ def require_room_for_runs(runs: int, scenario: Scenario, estimators: int) -> Non
 
 
 def require_room_for_estimates(recording: Recording, asked: Sequence[Asked]) -> None:
-    """Refuse estimators whose estimates, filters whose covariance, or optima whose matrices do not fit into memory.
+    """Refuse estimators whose estimates, filters whose covariance, or graphs whose matrices do not fit into memory.
 
     Raises:
         UserError: they do not fit.
@@ -41,7 +41,7 @@ def require_room_for_estimates(recording: Recording, asked: Sequence[Asked]) -> 
         if each.name in FILTERS:
             what = f"{each.label}: the covariance of {landmarks} landmarks"
             require_memory(8.0 * (3 + 2 * landmarks) ** 2, what, "give fewer landmarks, or leave it out")
-        if each.is_optimum and landmarks:
+        if landmarks and any(each.name.startswith(name) for name in GRAPHS) and UNDER not in each.name:
             from slamgauge.graph_baseline.problem.preparation import prepare  # slow libraries
             from slamgauge.graph_baseline.solver.cost_estimate import require_memory_for
 

@@ -11,7 +11,7 @@ import os
 import shutil
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from importlib.machinery import PathFinder
@@ -55,20 +55,25 @@ class Sources:
         return Path(self.folder) if same else _copied(self)
 
 
-def sources_of(folder: Path, module: str) -> Sources:
+def sources_of(folder: Path, module: str, strangers: Collection[str] = ()) -> Sources:
     """Read a module of a folder and follow its imports, wherever in the code they are written.
 
     The neighbour with the second function of the Octave course belongs to it, too, and `named_files`.
+
+    Args:
+        folder: the folder.
+        module: name of the module.
+        strangers: modules of the folder that count only if no installed module has their name.
 
     Raises:
         OSError: a file cannot be read.
     """
     folder = folder.resolve()
-    files = _followed(folder, module)
+    files = _followed(folder, module, strangers)
     return Sources(str(folder), module, files, _libraries(folder, files))
 
 
-def _followed(folder: Path, module: str) -> tuple[tuple[str, bytes], ...]:
+def _followed(folder: Path, module: str, strangers: Collection[str] = ()) -> tuple[tuple[str, bytes], ...]:
     """Return the files of `sources_of`."""
     found: dict[str, bytes] = {}
     waiting = list(_files_of(folder, module))
@@ -78,7 +83,7 @@ def _followed(folder: Path, module: str) -> tuple[tuple[str, bytes], ...]:
         path = waiting.pop()
         if path not in found:
             found[path] = (folder / path).read_bytes()
-            waiting += [file for name in {*imported_names(found[path])} for file in _files_of(folder, name)]
+            waiting += [file for name in {*imported_names(found[path])} for file in _files_of(folder, name, strangers)]
             waiting += named_files(folder, found[path]) if path.endswith(".py") else []
     return tuple(sorted(found.items()))
 
@@ -138,10 +143,10 @@ def imported_names(content: bytes) -> Iterator[str]:
             yield from (f"{module}.{alias.name}" if module else alias.name for alias in node.names)
 
 
-def _files_of(folder: Path, name: str) -> Iterator[str]:
+def _files_of(folder: Path, name: str, strangers: Collection[str] = ()) -> Iterator[str]:
     """Yield the file of a module, or all files of the package that contains it, relative to the folder.
 
-    A module of a folder above counts if no installed module has its name; its path begins with `../`.
+    One of `strangers`, or in a folder above, counts if no installed module has its name; its path begins with `../`.
     """
     top = name.partition(".")[0]
     for level, place in enumerate([folder, *folders_above(folder)]):
@@ -149,7 +154,7 @@ def _files_of(folder: Path, name: str) -> Iterator[str]:
         is_module = module.is_file()
         if not is_module and not (package / "__init__.py").is_file():
             continue
-        if not level or not _is_installed(top):
+        if (not level and top not in strangers) or not _is_installed(top):
             for file in [module] if is_module else sorted(package.rglob("*.py")):
                 yield "../" * level + file.relative_to(place).as_posix()
         return

@@ -26,6 +26,7 @@ Callee = Callable[..., Any]
 ESTIMATE = "estimate"  # name of the callable that is looked for first
 Noise = Literal["recording", "file"]
 
+MOST = 1000  # characters of an error's text
 FORM = "write FILE.py:callable or module:callable, for example my_filter.py:estimate"
 LIBRARIES = (*{sysconfig.get_path(name) for name in ("stdlib", "purelib", "platlib")},)  # folders
 SILENT = (
@@ -168,13 +169,22 @@ def reason_of(error: BaseException) -> str:
 
 def where_it_broke(error: BaseException) -> str:
     """Return the error in one line, with the last line of the user's files that it passed through."""
-    what = f"it raised {type(error).__name__}: {' '.join(public(str(error)).split()) or '(no message)'}"
+    what = f"it raised {type(error).__name__}: {_message_of(error)}"
     if not isinstance(error, SyntaxError):  # its message names the line
         frames = [frame for frame in user_frames(error) if frame.filename != importlib.__file__]
         frames = [frame for frame in frames if not frame.filename.startswith("<")]
         frames = [frame for frame in frames if not frame.filename.startswith(LIBRARIES)] or frames
         what += "".join(f" ({Path(frame.filename).name}, line {frame.lineno})" for frame in frames[-1:])
     return f"{what}; mend it and run again"
+
+
+def _message_of(error: BaseException) -> str:
+    """Return the text of an error in one line, at most `MOST` characters; user code may have written its `__str__`."""
+    try:
+        text = str(error)[:MOST]
+    except Exception as another:  # noqa: BLE001 user code may raise anything
+        return f"(no message: its text raised {type(another).__name__})"
+    return " ".join(public(text).split()) or "(no message)"
 
 
 def user_frames(error: BaseException) -> list[traceback.FrameSummary]:

@@ -79,7 +79,7 @@ def _submission(folder: Path, path: Path, name: str, stems: tuple[str, ...]) -> 
             return Submission(name, None, f"{file.name}: no Python module can have a dot in its name; rename the file")
         place = str(path if file is None else file)
         strangers = tuple(each for each in stems if each != path.name) if inside[0] == folder else ()
-        return Submission(name, Address(place, name, place, "", sources_of(*inside), strangers))
+        return Submission(name, Address(place, name, place, "", sources_of(*inside, strangers), strangers))
     except UserError as error:
         return Submission(name, None, str(error))
     except OSError as error:

@@ -63,8 +63,9 @@ class _Sights:
         small = self.landmark.astype(np.min_scalar_type(self.landmarks))  # numpy sorts small integers fast
         ends = np.cumsum(np.bincount(small, minlength=self.landmarks))
         of_each = np.split(np.argsort(small, kind="stable"), ends)[:-1]
-        for child, sights in zip(stream.spawn(self.landmarks), of_each, strict=True):
-            if len(sights):
+        for landmark, sights in enumerate(of_each):
+            if len(sights):  # the child that `stream.spawn` would return, which is slow for landmarks out of view
+                child = np.random.SeedSequence(stream.entropy, spawn_key=(*stream.spawn_key, landmark))
                 every = getattr(np.random.default_rng(child), kind)((self.steps, width))
                 drawn[sights] = every[self.step[sights]]
         return drawn

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import codecs
+import errno
 import json
 from collections.abc import Generator, Mapping
 from contextlib import contextmanager
@@ -35,25 +37,28 @@ def explained(path: str | Path, verb: str) -> Generator[None]:
         yield
     except OSError as error:
         reason = error.strerror or str(error)
-        raise UserError(f"{path}: cannot be {verb} ({reason}); check the path and its permissions") from None
+        full = errno.errorcode.get(error.errno or 0) in ("ENOSPC", "EDQUOT")
+        remedy = "make room, and give the same command again" if full else "check the path and its permissions"
+        raise UserError(f"{path}: cannot be {verb} ({reason}); {remedy}") from None
 
 
 def read_text(path: Path) -> str:
-    """Return the text of a file in UTF-8, with or without a byte order mark.
+    """Return the text of a file in UTF-8, with or without a byte order mark, or in UTF-16 with one.
 
     Raises:
         UserError: it cannot be read, or is not a text; with the line.
     """
     with explained(path, "read"):
         content = read_bytes(path)
-    broken = content.find(b"\0")
+    utf_16 = content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))  # "Unicode text" of spreadsheets
     try:
-        text = content.decode("utf-8-sig")
+        text = content.decode("utf-16" if utf_16 else "utf-8-sig")
+        broken = text.find("\0")
+        above = text.count("\n", 0, max(broken, 0))
     except UnicodeDecodeError as error:
-        text, broken = "", error.start
+        text, broken, above = "", error.start, content.count(b"\n", 0, error.start)
     if broken >= 0:
-        line = content.count(b"\n", 0, broken) + 1
-        raise UserError(f"{path}, line {line}: not a text in UTF-8; give another file, or save it as such")
+        raise UserError(f"{path}, line {above + 1}: not a text in UTF-8; give another file, or save it as such")
     return text
 
 

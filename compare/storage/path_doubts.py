@@ -12,6 +12,7 @@ from slamgauge.se2 import between
 
 MOST = 2.0  # largest ratio, or inverse ratio, of motions that are the same but for errors
 START = np.array([1.0, 1.0, 0.5])  # m, m, rad: a start that is farther from the prior's mean than this and 6 sigmas
+SHIFTS, CLEARLY, TURNING = 6, 4.0, 0.02  # delays that are tried; ratio of mean squares; rad that make a delay visible
 SIGNAL = 4.0  # smallest ratio of the odometry's squares to its variances; below it the odometry is mostly noise
 
 
@@ -32,6 +33,7 @@ def path_doubts(poses: Float, recording: Recording) -> Iterator[str]:
     motions = between(poses[:-1], poses[1:])
     known = np.isfinite(motions).all(axis=1)
     variances = np.diagonal(recording.odometry_cov, axis1=1, axis2=2)
+    agrees = True
     for what, columns, remedy in (
         ("distances", [0, 1], "check the unit of lengths, the directions of the axes and the stamps"),
         ("turns", [2], "check the unit and the sign of headings, and the stamps"),
@@ -43,3 +45,34 @@ def path_doubts(poses: Float, recording: Recording) -> Iterator[str]:
         ratio = float(np.sum(odometry * motions[known][:, columns])) / squares
         if not 1.0 / MOST <= ratio <= MOST:
             yield f"has {ratio:.3g} times the {what} of the odometry; {remedy}"
+            agrees = False
+    late = _delay(poses, recording) if agrees else 0.0
+    if late:
+        yield f"turns {abs(late):.3g} s {'after' if late > 0.0 else 'before'} the odometry; check its stamps"
+
+
+def _delay(poses: Float, recording: Recording) -> float:
+    """Return the time [s] by which the turns along a path are later than those of the odometry; 0 if that is not clear.
+
+    Turns in a second are compared at delays of up to `SHIFTS` half seconds; steps that take longer have longer delays.
+    """
+    known, stamps = np.isfinite(poses).all(axis=1), recording.stamps
+    if not known.any():
+        return 0.0
+    window = max(1.0, 2.0 * float(np.median(np.diff(stamps))))
+    shifts = 0.5 * window * np.arange(-SHIFTS, SHIFTS + 1)
+    times = np.arange(stamps[0] - shifts[0], stamps[-1] - shifts[-1] - window, 0.5 * window)
+    if len(times) < 4 * SHIFTS:
+        return 0.0
+    driven = np.concatenate([[0.0], np.cumsum(recording.odometry[:, 2])])
+
+    def turns(shift: float, headings: Float, at: Float) -> Float:
+        return np.interp(times + shift + window, at, headings) - np.interp(times + shift, at, headings)
+
+    headings = np.unwrap(poses[known, 2])
+    found = np.array(
+        [np.mean((turns(each, headings, stamps[known]) - turns(0.0, driven, stamps)) ** 2) for each in shifts]
+    )
+    best = int(np.argmin(found))
+    clear = found[SHIFTS] > CLEARLY * found[best] and found[SHIFTS] > TURNING**2
+    return float(shifts[best]) if clear else 0.0

@@ -15,25 +15,31 @@ from slamgauge.sensors import SENSORS
 # Largest number of arrays in memory at the same time.
 MAPS, KEPT_MAPS = 10.0, 2.0  # maps of one piece's poses, and of all poses
 MATRICES = 6.0  # information of one front, or of all landmarks
+SPARSE = (
+    "batch",
+    "robust-batch",
+    "gtsam-batch",
+    "isam2",
+)  # estimators that eliminate landmarks and poses in the order of least memory
 KEYS, ROWS = 150.0, 20.0  # numbers per pose with a scan, and per measured value
 
 
 def require_memory_for(recording: Problem, name: str) -> None:
-    """Require enough free memory for an optimum of a recording.
+    """Require enough free memory for the graph of a recording.
 
-    Only `batch` of landmarks that one observation places does without the dense information (2L, 2L) of all landmarks.
-    Of bearing-only recordings it may need the causal optimum.
+    Only the estimators in `SPARSE`, of landmarks that one observation places, do without the dense information (2L, 2L)
+    of all landmarks. Of bearing-only recordings `batch` may need the causal optimum.
 
     Args:
         recording: known association.
-        name: name of the optimum.
+        name: name of the estimator.
 
     Raises:
         UserError: there is not enough memory.
     """
     landmarks, scans = len(recording.landmark_ids), len(np.unique(recording.observation_step))
     needed = 8.0 * (MAPS * 3 * scans * 2 * landmarks + MATRICES * (2 * landmarks) ** 2)
-    dense = name != "batch" or not SENSORS[recording.sensor].places_landmarks
+    dense = name not in SPARSE or not SENSORS[recording.sensor].places_landmarks
     if not dense and needed > free_memory():
         path = recording.dead_reckoning
         model = linearise(recording, recording.slot, path, landmarks_at_first_observation(recording, path))

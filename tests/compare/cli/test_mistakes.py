@@ -229,16 +229,18 @@ def test_estimates_that_do_not_fit_into_memory_are_refused_before_the_first(
     assert run(*evaluate, "dead-reckoning") == 0
 
 
-def test_an_optimum_that_does_not_fit_into_memory_is_refused_before_the_first_estimator(
-    tmp_path: Path, mistake: Callable[..., str], monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("graph", ["causal", "fixed-lag-5"])
+def test_a_graph_that_does_not_fit_into_memory_is_refused_before_the_first_estimator(
+    graph: str, tmp_path: Path, mistake: Callable[..., str], monkeypatch: pytest.MonkeyPatch
 ):
     """Until 0.4 dead reckoning of 100 000 landmarks ran for minutes before the optimum was refused."""
     monkeypatch.setattr("slamgauge.compare.scoring.comparison.compare_estimators", pytest.fail)
     many = "landmarks={random={count=9000,box=[-5.0,-5.0,5.0,5.0]}}"
     words = ("run", "q1-short-dense", "--set", many, "trajectory.duration=0.2", "--out", tmp_path / "out")
     monkeypatch.setattr("slamgauge.memory.free_memory", lambda: 2e9)
-    line = mistake(*words, "--estimators", "dead-reckoning,causal")
-    assert re.fullmatch(r"causal of 9000 landmarks in 3 scans needs [\d.]+ GB of memory, and 2.0 GB are free; .*", line)
+    line = mistake(*words, "--estimators", f"dead-reckoning,{graph}")
+    what = f"{graph} of 9000 landmarks in 3 scans"
+    assert re.fullmatch(rf"{what} needs [\d.]+ GB of memory, and 2.0 GB are free; .*", line)
 
 
 def test_a_run_that_does_not_fit_is_refused_by_its_steps_or_observations(monkeypatch: pytest.MonkeyPatch):

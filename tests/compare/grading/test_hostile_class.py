@@ -17,7 +17,8 @@ pytestmark = pytest.mark.skipif(kind_of_wall() == "none", reason="this system pe
 EXAMPLES = Path(__file__).parents[3] / "examples"
 SCENARIO = 'extends = "q1-short-dense"\n\n[trajectory]\nduration = 3.0\n'
 HEAD = """
-import os, signal
+import ctypes, io, os, signal, sys, zipfile
+import numpy as np
 from pathlib import Path
 import slamgauge
 from slamgauge import Estimate, chain
@@ -53,7 +54,7 @@ ATTACKS = {
         poses[:-1] = poses[1:]
         place.write_bytes(poses.tobytes())
     elif place.exists():
-        poses = __import__('numpy').frombuffer(place.read_bytes()).reshape(-1, 3)[: recording.steps + 1]""",
+        poses = np.frombuffer(place.read_bytes()).reshape(-1, 3)[: recording.steps + 1]""",
         "uses the future",
     ),
     "seed": (
@@ -61,6 +62,78 @@ ATTACKS = {
     assert any(b'--seed' in each for each in words), 'no seed'""",
         "no seed",
     ),
+    "descriptors": (
+        """for each in map(int, os.listdir('/proc/self/fd')):
+        try:
+            os.write(each, b'x' * 1000)
+        except OSError:
+            pass""",
+        "wrong answer (not a line of JSON)",
+    ),
+    "nested": (
+        """for each in map(int, os.listdir('/proc/self/fd')):
+        try:
+            os.write(each, b'[' * 90000 + b'\\n')
+        except OSError:
+            pass
+    os._exit(0)""",
+        "wrong answer (not a line of JSON)",
+    ),
+    "traced": (
+        """libc = ctypes.CDLL(None, use_errno=True)
+    if libc.ptrace(16, os.getppid(), None, None) < 0:
+        raise OSError(ctypes.get_errno(), 'not traced')""",
+        "not traced",
+    ),
+    "everybody": ("os.kill(-1, signal.SIGKILL)", "No such process"),
+    "flood": ("for _ in range(100): print('x' * 1_000_000)", "it printed more than 10 MB in a run"),
+    "deaf": (
+        """for each in signal.SIGTERM, signal.SIGINT, signal.SIGHUP:
+        signal.signal(each, signal.SIG_IGN)
+    while True:
+        pass""",
+        "it was not done after 5 s",
+    ),
+    "closed": ("os.closerange(0, 100)", "its process ended with status 1 before the run was done"),
+    "inodes": ("for n in range(10**6): Path('/tmp', str(n)).touch()", "No space left on device"),
+    "objects": ("poses = np.array([[poses, 1, 2]] * len(poses), dtype=object)", "not an array of numbers"),
+    "endless": (
+        """class Endless:
+        def __array__(self, *_, **__): return np.asarray(self)
+        def __len__(self): return len(self)
+        def __float__(self): return float(self)
+    poses = Endless()""",
+        "maximum recursion depth exceeded",
+    ),
+    "altered": (
+        """answer = Estimate('filtered', poses)
+    object.__setattr__(answer, 'poses', np.full_like(poses, np.nan))
+    return answer""",
+        "every number must be finite",
+    ),
+    "pickled": (
+        """save = np.savez
+    np.savez = lambda file, **arrays: save(file, **{**arrays, 'poses': np.array([os.system], dtype=object)})""",
+        "not a whole npz file of plain arrays",
+    ),
+    "overstated": (
+        """def save(file, **_):
+        head = io.BytesIO()
+        shape = {'descr': '<f8', 'fortran_order': False, 'shape': (10**11, 3)}
+        np.lib.format.write_array_header_1_0(head, shape)
+        with zipfile.ZipFile(file, 'w') as archive:
+            archive.writestr('poses.npy', head.getvalue())
+    np.savez = save""",
+        "not a whole npz file of plain arrays",
+    ),
+    "long": ("raise ValueError('x' * 10**8)", "it raised ValueError: xxx"),
+    "mute": (
+        """class Mute(Exception):
+        def __str__(self): return str(self)
+    raise Mute""",
+        "it raised Mute: (no message: its text raised RecursionError)",
+    ),
+    "numpy": ("raise ValueError('not the numpy of others')", "not the numpy of others"),
 }
 
 

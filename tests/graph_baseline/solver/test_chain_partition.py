@@ -248,7 +248,8 @@ def test_a_map_that_fits_into_memory_only_in_pieces_is_accepted(monkeypatch: pyt
     recording = lanes(lanes=8, length=40)
     monkeypatch.setattr(cost_estimate, "free_memory", lambda: 3e7)
     monkeypatch.setattr("slamgauge.memory.free_memory", lambda: 3e7)
-    cost_estimate.require_memory_for(prepare(recording), "batch")
+    for name in ("batch", "gtsam-batch", "isam2"):
+        cost_estimate.require_memory_for(prepare(recording), name)
     with pytest.raises(UserError, match=r"^causal of \d+ landmarks in \d+ scans needs 0\.2 GB of memory"):
         cost_estimate.require_memory_for(prepare(recording), "causal")
 
