@@ -22,6 +22,7 @@ from importlib.metadata import version
 from typing import TYPE_CHECKING, ParamSpec, TypeVar, cast
 
 from slamgauge.blas_threads import pin_blas_threads
+from slamgauge.compare.estimators.captured_output import belong_to, command
 from slamgauge.errors import UserError
 from slamgauge.version import __version__
 
@@ -47,7 +48,7 @@ class _Processes(Executor):
     def _begin(self) -> ProcessPoolExecutor:
         os.environ.setdefault("PYTHONSAFEPATH", "1")  # workers must not import libraries from the current folder
         context = multiprocessing.get_context("spawn")  # a fork would inherit BLAS threads and locks
-        return ProcessPoolExecutor(self._jobs, mp_context=context, initializer=_follow_parent)
+        return ProcessPoolExecutor(self._jobs, mp_context=context, initializer=_begin_work, initargs=(command(),))
 
     def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
         """Submit a run, to new processes if the others have died."""
@@ -95,8 +96,9 @@ def local_processes(jobs: int) -> Generator[Executor]:
         pool.shutdown(cancel_futures=True)
 
 
-def _follow_parent() -> None:
-    """Ignore interrupts, which the parent handles, and exit when the parent has ended."""
+def _begin_work(command: str) -> None:
+    """Ignore interrupts, which the parent handles, exit when the parent has ended, and share its files of output."""
+    belong_to(command)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
     if parent is not None:

@@ -15,8 +15,7 @@ from slamgauge.estimate import Estimate
 from slamgauge.recording import Observations, Recording
 from slamgauge.validation import REAL
 
-
-LARGEST_MAP = 300  # landmarks of a state; more are refused if they are also
+LARGEST_MAP = 100  # landmarks of a state; more are refused if they are also
 DUPLICATES = 5  # times as many as the recording has
 
 
