@@ -162,7 +162,11 @@ def address_fields(where: Address) -> dict[str, object]:
 
 def read_address(requests: IO[bytes]) -> Address:
     """Read the address of user code from a pipe."""
-    fields = _fields(requests.readline())
+    return address_of(_fields(requests.readline()))
+
+
+def address_of(fields: dict[str, Any]) -> Address:
+    """Return the address with some `address_fields`."""
     sources = fields["sources"]
     if sources is not None:
         files = tuple((path, text.encode("latin-1")) for path, text in sources["files"])

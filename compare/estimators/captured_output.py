@@ -1,18 +1,21 @@
 """What user code prints is kept in a file, so that it hides no results and no messages.
 
-Every process has one file for each estimator that prints, in the system's temporary folder, of at most `LARGEST` bytes.
+A command with its worker processes has one file for each estimator that prints, in the system's temporary folder, of at
+most `LARGEST` bytes.
 Only the output of the current thread is redirected: other threads of a study print as before.
 """
 
 from __future__ import annotations
 
 import io
+import os
+import secrets
 import sys
 import tempfile
 import threading
 import warnings
 from collections.abc import Generator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, Any
 
@@ -29,7 +32,19 @@ _lock = threading.RLock()
 _thread = threading.local()  # .target: where the current thread prints
 _streams: list[_Stream] = []  # all that were made
 _users = 0  # threads and contexts whose output is redirected
-_files: dict[str, IO[str]] = {}  # estimator -> file of this process
+_files: dict[str, IO[str]] = {}  # estimator -> its open file
+_made: set[str] = set()  # estimators whose file this process has made
+_command = [secrets.token_hex(8)]  # part of the names of files; workers have that of their command
+
+
+def command() -> str:
+    """Return the part of the names of files that this process shares with its workers."""
+    return _command[0]
+
+
+def belong_to(command: str) -> None:
+    """Write to the files of the process whose `command()` this is."""
+    _command[:] = [command]
 
 
 class Captured(io.TextIOBase):
@@ -44,7 +59,7 @@ class Captured(io.TextIOBase):
         if len(self._beginning) < FIRST * WIDEST:
             self._beginning += text[: FIRST * WIDEST]
         file = _file_of(self._name)
-        if file is not None and file.tell() < LARGEST:
+        if file is not None and os.fstat(file.fileno()).st_size < LARGEST:
             file.write(text)
             file.flush()
         return len(text)
@@ -97,7 +112,7 @@ def captured(name: str) -> Generator[Captured]:
         with _redirected(output):
             yield output
     finally:
-        if output is not outer and output.first_lines and output.place is not None:
+        if output is not outer and output.first_lines and name in _made:
             tell_once(f"{name}: what it prints is kept in {output.place}")
 
 
@@ -154,12 +169,14 @@ def _unwrapped(stream: Any) -> Any:
 
 
 def _file_of(name: str) -> IO[str] | None:
+    """Return the open file of an estimator, which the first process of a command that prints makes."""
     if name not in _files:
+        path = Path(tempfile.gettempdir(), f"slamgauge-printed-{file_name(name)[:40]}-{command()}.txt")
         try:
-            beginning = f"slamgauge-printed-{file_name(name)[:40]}-"
-            _files[name] = tempfile.NamedTemporaryFile(  # noqa: SIM115 open until the process ends
-                "w", prefix=beginning, suffix=".txt", delete=False, encoding="utf-8", errors="replace"
-            )
+            with suppress(FileExistsError):
+                path.touch(mode=0o600, exist_ok=False)
+                _made.add(name)
+            _files[name] = path.open("a", encoding="utf-8", errors="replace")
         except OSError:  # no room: it is dropped
             return None
     return _files[name]

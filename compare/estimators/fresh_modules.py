@@ -4,15 +4,20 @@ from __future__ import annotations
 
 import ast
 import inspect
+import os
 from collections.abc import Generator, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from copy import deepcopy
+from functools import lru_cache
+from pathlib import Path
 from types import FunctionType, ModuleType
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from slamgauge.compare.estimators.needed_code import compiled
 from slamgauge.compare.estimators.private_import import in_use, present
+from slamgauge.compare.estimators.sources import Sources
 from slamgauge.compare.estimators.user_code import Address, Callee, load_callable_module
 
 CHANGING = ("add", "append", "clear", "extend", "insert", "pop", "remove", "update")  # methods of lists, sets, dicts
@@ -112,18 +117,35 @@ def _cleared(module: ModuleType, where: Address) -> ModuleType:
 def _first_values(function: FunctionType) -> dict[str, object]:
     """Return the literal values of globals that functions of the file change, by name."""
     try:
-        tree = ast.parse(inspect.getsource(inspect.getmodule(function) or function))
-    except (OSError, TypeError, SyntaxError):
+        source = inspect.getsource(inspect.getmodule(function) or function)
+    except (OSError, TypeError):
+        return {}
+    return {name: ast.literal_eval(value) for name, value in _literals(source).items()}
+
+
+def prepare(sources: Sources) -> None:
+    """Parse and compile files of user code, so that the processes that this one forks need not. Nothing of it runs."""
+    for path, content in sources.files:
+        with suppress(Exception):  # an error that loading shows
+            compiled(content, os.path.normpath(Path(sources.folder, path)), ())
+            _literals(content.decode())
+
+
+@lru_cache(maxsize=64)
+def _literals(source: str) -> dict[str, ast.expr]:
+    """Return the last literal that a module assigns to each of the globals that its functions change."""
+    try:
+        tree = ast.parse(source)
+    except SyntaxError:
         return {}
     inside = {name for node in tree.body if isinstance(node, ast.FunctionDef) for name in _changed(node)}
-    found: dict[str, object] = {}
+    found: dict[str, ast.expr] = {}
     for node in tree.body:
         target = node.targets[0] if isinstance(node, ast.Assign) else None
         if isinstance(node, ast.Assign) and isinstance(target, ast.Name) and target.id in inside:
-            try:
-                found[target.id] = ast.literal_eval(node.value)
-            except ValueError:  # not a literal
-                continue
+            with suppress(ValueError):  # not a literal
+                ast.literal_eval(node.value)
+                found[target.id] = node.value
     return found
 
 

@@ -18,7 +18,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import IO, cast
 
-import numpy as np
+from numpy import random  # imported here, since the import of numpy does not load it, and every run would
 
 from slamgauge.compare.estimators import namespaces
 from slamgauge.compare.estimators.adapters import adapted, found_in
@@ -58,7 +58,7 @@ def serve(requests: int, answers: int, home: str, *, walled: bool) -> None:
         _limit(resource.RLIMIT_NPROC, MOST_PROCESSES)
         namespaces.leave_keys()
     write_only_in([Path(home), Path(os.devnull), *(map(Path, WRITABLE) if walled else ())])
-    np.random.seed()  # noqa: NPY002 a forked process has the state of its parent
+    random.seed()  # noqa: NPY002 a forked process has the state of its parent
     with os.fdopen(requests, "rb") as tasks, os.fdopen(answers, "wb") as out:
         _answer(out, {})
         where = read_address(tasks)

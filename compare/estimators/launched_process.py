@@ -22,7 +22,7 @@ from selectors import EVENT_READ, EVENT_WRITE, DefaultSelector
 from time import monotonic
 
 from slamgauge.compare.estimators import namespaces
-from slamgauge.compare.estimators.answers import Answer, Incoming, printable
+from slamgauge.compare.estimators.answers import Answer, Incoming, address_fields, printable
 from slamgauge.compare.estimators.sources import Sources, added_folders, imported_names
 from slamgauge.compare.estimators.user_code import Address, OverdueError, UserCodeError
 from slamgauge.compare.estimators.wall import caches, kind_of_wall, require_wall
@@ -69,7 +69,7 @@ def _settings(where: Address) -> dict[str, object]:
     names = sorted({name for _, content in sources.files for name in imported_names(content)})
     neighbours = [path for path, _ in sources.files]
     shown = {"folder": sources.folder, "neighbours": neighbours, "added": sorted(added), "strangers": where.strangers}
-    return {"view": shown, "imports": names}
+    return {"view": shown, "imports": names, "address": address_fields(where)}
 
 
 def _end(process: subprocess.Popen[bytes], requests: socket.socket) -> None:

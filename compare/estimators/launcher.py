@@ -1,9 +1,9 @@
 """A process without user code that forks one with user code for every run: `python -P -m … KIND SOCKET`.
 
-It imports slamgauge and the libraries that the code imports once, so that a run starts within milliseconds, in a
-process that nothing has touched. Standard input is the settings: a line of JSON. Each request on the socket brings
-three open files (requests, answers, output) for a new process; the request after it ends the process, and is answered
-with its status. The end of the socket ends everything.
+It imports slamgauge and the libraries that the code imports, and compiles the code, once. So a run starts within
+milliseconds, in a process that nothing has touched. Standard input is the settings: a line of JSON. Each request on
+the socket brings three open files (requests, answers, output) for a new process; the request after it ends the
+process, and is answered with its status. The end of the socket ends everything.
 """
 
 from __future__ import annotations
@@ -27,6 +27,8 @@ from time import monotonic, sleep
 from typing import cast
 
 from slamgauge.compare.estimators import isolated_worker, namespaces, wall
+from slamgauge.compare.estimators.answers import address_of
+from slamgauge.compare.estimators.fresh_modules import prepare
 from slamgauge.compare.estimators.isolated_worker import leave, serve
 from slamgauge.compare.estimators.launched_process import END, START, STILL_RUNS, WHY
 
@@ -46,6 +48,8 @@ def main(kind: wall.Kind, requests: socket.socket) -> None:
         Path("/proc/self/oom_score_adj").write_text("1000", encoding="ascii")
     if kind != "bwrap":  # bwrap starts interpreters
         import_installed(settings["imports"])
+        if (sources := address_of(settings["address"]).sources) is not None:
+            prepare(sources)
     gc.freeze()  # forked processes then copy fewer pages
     while True:
         _, files, _, _ = socket.recv_fds(requests, len(START), FILES)

@@ -11,6 +11,11 @@ import ast
 import builtins
 import symtable
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from functools import lru_cache
+from types import CodeType
+from typing import NamedTuple
+
+from slamgauge.compare.estimators.stand_ins import old_numpy_names
 
 IMPORTS = (ast.Import, ast.ImportFrom)
 FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
@@ -19,6 +24,42 @@ ASSIGNMENTS = (ast.Assign, ast.AnnAssign)
 DRIVERS = {"main"}  # functions that simulate; what only they read is not needed
 IN_PLACE = ("np", "numpy", "random")  # modules whose functions may change their arguments: np.fill_diagonal(Q, 1.0)
 SETTINGS = ("sys.path.", "np.random.seed", "numpy.random.seed", "random.seed", "np.set_printoptions")  # kept calls
+
+
+class NeededCode(NamedTuple):
+    """A compiled module without its simulation.
+
+    Attributes:
+        code: what is left.
+        old_numpy: names of older numpy that it uses.
+        remark: sentence on the statements left out, or an empty text.
+        unbound: names that only these statements bind.
+    """
+
+    code: CodeType
+    old_numpy: tuple[str, ...]
+    remark: str
+    unbound: frozenset[str]
+
+
+def compiled(source: bytes, path: str, wanted: Collection[str]) -> NeededCode:
+    """Compile a module as `without_simulation` returns it.
+
+    The result is kept: a launcher compiles the files once, and the processes that it forks have the result.
+
+    Raises:
+        SyntaxError: the source is not Python.
+    """
+    plain = _compiled(source, path, frozenset())
+    return _compiled(source, path, frozenset(wanted)) if plain.unbound & {*wanted} else plain
+
+
+@lru_cache(maxsize=64)
+def _compiled(source: bytes, path: str, wanted: frozenset[str]) -> NeededCode:
+    tree, left_out = without_simulation(source, path, wanted)
+    functions = {node.name: node for node in tree.body if isinstance(node, FUNCTIONS)}
+    unbound = frozenset(name for node in left_out for name in _bound(node, functions))
+    return NeededCode(compile(tree, path, "exec"), tuple(old_numpy_names(tree)), lines_of(left_out), unbound)
 
 
 def without_simulation(source: bytes, path: str, wanted: Collection[str]) -> tuple[ast.Module, list[ast.stmt]]:

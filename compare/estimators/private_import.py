@@ -15,7 +15,6 @@ then in the folders above (`folders_above`).
 
 from __future__ import annotations
 
-import ast
 import builtins
 import importlib
 import importlib.util
@@ -31,10 +30,10 @@ from pathlib import Path
 from types import CodeType, ModuleType
 from weakref import WeakValueDictionary
 
-from slamgauge.compare.estimators.needed_code import lines_of, without_simulation
+from slamgauge.compare.estimators.needed_code import compiled
 from slamgauge.compare.estimators.no_windows import hold_windows, without_windows
 from slamgauge.compare.estimators.sources import folders_above
-from slamgauge.compare.estimators.stand_ins import old_numpy_names, stand_in, supplied
+from slamgauge.compare.estimators.stand_ins import stand_in, supplied
 
 PREFIX = "_slamgauge_own_"
 OURS = "slamgauge"  # user code that imports this name always gets this program
@@ -194,20 +193,19 @@ class PrivateFolder:
             found = getattr(found, part)
         return found
 
-    def parsed(self, source: bytes, path: str) -> ast.Module | None:
-        """Return a module without its simulation; None if it is loaded whole."""
+    def compiled(self, source: bytes, path: str) -> CodeType | None:
+        """Return the code of a module without its simulation; None if it is loaded whole."""
         if self._wanted is None:
             return None
-        tree, left_out = without_simulation(source, path, self._wanted)
-        names = old_numpy_names(tree)
-        self._supplies.enter_context(supplied(names))
-        self._old_numpy += names
+        needed = compiled(source, path, self._wanted)
+        self._supplies.enter_context(supplied(needed.old_numpy))
+        self._old_numpy += needed.old_numpy
         if self._old_numpy:
             used = ", ".join(f"np.{each}" for each in self._old_numpy)
             self.remarks[f"{used}: names of an older numpy are supplied"] = None
-        if text := lines_of(left_out):
-            self.remarks[f"{Path(path).name}: {text}"] = None
-        return tree
+        if needed.remark:
+            self.remarks[f"{Path(path).name}: {needed.remark}"] = None
+        return needed.code
 
     def _own_importlib(self) -> ModuleType:
         """Return a copy of `importlib` whose `import_module` searches the folder first."""
@@ -243,8 +241,7 @@ class _Loader(SourceFileLoader):
     def get_code(self, fullname: str) -> CodeType:
         path = self.get_filename(fullname)
         source = self.get_data(path)
-        tree = self._folder.parsed(source, path)
-        return self.source_to_code(source, path) if tree is None else compile(tree, path, "exec")
+        return self._folder.compiled(source, path) or self.source_to_code(source, path)
 
     def exec_module(self, module: ModuleType) -> None:
         self._folder.run(module, partial(super().exec_module, module))

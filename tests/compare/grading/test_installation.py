@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import compileall
+import os
 import shutil
 from importlib.util import spec_from_file_location
 from pathlib import Path
@@ -30,6 +32,14 @@ def test_files_that_slamgauge_writes_itself_are_no_change(package: Path):
     before = installed_files()
     assert any(path.suffix == ".pyc" for path in before)
     (package / "__pycache__" / "other.nbc").write_bytes(b"compiled meanwhile")
+    require_same(before)
+
+
+def test_a_touched_source_and_bytecode_of_another_python_are_no_change(package: Path):
+    before = installed_files()
+    os.utime(package / "grades.py", (1e9, 1e9))
+    compileall.compile_dir(package, quiet=2)
+    (package / "__pycache__" / "grades.cpython-399.pyc").write_bytes(b"code")
     require_same(before)
 
 
