@@ -1,18 +1,18 @@
 """Level and power of the consistency test without ground truth, on simulated recordings.
 
-    python benchmarks/consistency_test.py [--estimators causal,riekf,ekf] [--runs 200] [--twins 499] [--q 1.5]
+    python benchmarks/consistency_test.py [--estimators causal,riekf,ekf] [--runs 200] [--twins 199] [--q 1,1.5]
 
 The start and the noise of every recording are drawn anew. The distribution of a consistent filter comes from `--twins`
 other seeds of the scenario, shared by all recordings. With `--own` it comes from `--twins` simulated twins of each
-recording, as in `slamgauge evaluate --twins`, which takes much longer. `--q` is the true covariance of the odometry
-divided by the one that filters and optimum assume. The estimator `bugs` means all bugs of `references/seeded_bugs.py`
-and the same EKF without a bug.
+recording, as in `slamgauge evaluate --twins`, which takes much longer. `--q` has values of the true covariance of the
+odometry divided by the one that filters and optimum assume. The estimator `bugs` means all bugs of
+`references/seeded_bugs.py` and the same EKF without a bug.
 """
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -26,9 +26,15 @@ sys.path.insert(0, str(Path(__file__).parent))  # Python with PYTHONSAFEPATH doe
 from references.seeded_bugs import SEEDED, seeded_ekf
 
 from slamgauge import batch, causal, ekf_slam, riekf
-from slamgauge.compare.scenarios.scenario import load_scenario
+from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
 from slamgauge.compare.scenarios.simulation import simulate
-from slamgauge.compare.scoring.hausman import ConsistencyTest, consistency_test, consistent_figures, twin_figures
+from slamgauge.compare.scoring.hausman import (
+    ConsistencyTest,
+    Figures,
+    consistency_test,
+    consistent_figures,
+    twin_figures,
+)
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
@@ -44,46 +50,65 @@ def main(
     set: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = (),
     estimators: str = "causal,riekf,ekf",
     runs: int = 200,
-    twins: int = 499,
+    twins: int = 199,
     own: bool = False,
-    q: float = 1.0,
+    q: str = "1",
 ) -> int:
     filters = BUGS if estimators == "bugs" else {name: FILTERS[name] for name in estimators.split(",")}
     changed = ["start=sampled", *set]
-    motion = load_scenario(scenario, changed).motion
-    true_noise = [f"motion.{key}={np.sqrt(q) * getattr(motion, key)}" for key in ("sigma_speed", "sigma_yaw_rate_deg")]
-    drawn = load_scenario(scenario, [*changed, *true_noise])
+    assumed = load_scenario(scenario, changed)
     shared = None
     if not own:
-        assumed = load_scenario(scenario, changed)
         shared = consistent_figures(simulate(assumed, FIRST_TWIN + seed)[1] for seed in range(twins))
+    print(f"{'estimator':42}{'tested':>7}{'sigmas':>9}{'consistent':>12}{'overconfident':>15}{'too cautious':>14}")
+    for ratio in map(float, q.split(",")):
+        recordings = (recording_of(assumed, ratio, seed) for seed in range(runs))
+        tests = tests_of(filters, recordings, twins, shared)
+        for name, found in tests.items():
+            print_row(name if ratio == 1.0 else f"{name}, true Q {ratio:g} times as large", found)
+    return 0
+
+
+def recording_of(scenario: Scenario, ratio: float, seed: int) -> Recording:
+    """Simulate a recording whose odometry noise has `ratio` times the stated covariance, the scenario's."""
+    motion = scenario.motion
+    assert motion.sigma_speed is not None
+    assert motion.sigma_yaw_rate_deg is not None
+    larger = {
+        "sigma_speed": np.sqrt(ratio) * motion.sigma_speed,
+        "sigma_yaw_rate_deg": np.sqrt(ratio) * motion.sigma_yaw_rate_deg,
+    }
+    recording = simulate(scenario.model_copy(update={"motion": motion.model_copy(update=larger)}), seed)[1]
+    return replace(recording, odometry_cov=recording.odometry_cov / ratio)
+
+
+def tests_of(
+    filters: Mapping[str, Filter], recordings: Iterable[Recording], twins: int, shared: Figures | None
+) -> dict[str, list[ConsistencyTest]]:
+    """Test filters on recordings, with shared twins or with twins of each recording."""
     tests: dict[str, list[ConsistencyTest]] = {name: [] for name in filters}
-    for seed in range(runs):
-        recording = simulate(drawn, seed)[1]
-        recording = replace(recording, odometry_cov=recording.odometry_cov / q)
+    for recording in recordings:
         optimum = batch(recording)
-        null = shared or twin_figures(recording, optimum, twins)
+        found = shared or twin_figures(recording, optimum, twins)
         for name, filter_ in filters.items():
             try:
                 with np.errstate(all="ignore"):  # bugs may overflow
-                    tests[name].append(consistency_test(recording, filter_(recording), optimum, null))
+                    tests[name].append(consistency_test(recording, filter_(recording), optimum, found))
             except (UserError, np.linalg.LinAlgError, ValueError):
                 pass  # bugs may raise errors
-    print(f"{'estimator':35}{'tested':>7}{'sigmas':>9}{'consistent':>12}{'overconfident':>15}{'too cautious':>14}")
-    for name, found in tests.items():
-        print_row(name, [each for each in found if np.isfinite(each.ratio)])
-    return 0
+    return tests
 
 
 def print_row(name: str, tests: list[ConsistencyTest]) -> None:
     """Print the number of tests, the median of errors over sigmas, and the shares of the verdicts."""
+    tests = [each for each in tests if np.isfinite(each.ratio)]
     if not tests:
-        print(f"{name:35}{0:>7}")
+        print(f"{name:42}{0:>7}", flush=True)
         return
     times = np.sqrt(np.median([each.ratio for each in tests]))
     verdicts = [each.verdict for each in tests]
     shares = [verdicts.count(each) / len(tests) for each in ("consistent", "overconfident", "too cautious")]
-    print(f"{name:35}{len(tests):>7}{times:>9.3g}{shares[0]:>12.1%}{shares[1]:>15.1%}{shares[2]:>14.1%}")
+    print(f"{name:42}{len(tests):>7}{times:>9.3g}{shares[0]:>12.1%}{shares[1]:>15.1%}{shares[2]:>14.1%}", flush=True)
 
 
 if __name__ == "__main__":
