@@ -12,7 +12,7 @@ odometry divided by the one that filters and optimum assume. The estimator `bugs
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -32,16 +32,16 @@ from slamgauge.compare.scoring.hausman import (
     ConsistencyTest,
     Figures,
     consistency_test,
-    consistent_figures,
+    consistent_filter,
+    figures_of,
     twin_figures,
 )
 from slamgauge.errors import UserError
-from slamgauge.estimate import Estimate
+from slamgauge.estimate import Estimator
 from slamgauge.recording import Recording
 
-Filter = Callable[[Recording], Estimate]
-FILTERS: dict[str, Filter] = {"causal": causal, "riekf": riekf, "ekf": ekf_slam}
-BUGS: dict[str, Filter] = {bug or "no bug": partial(seeded_ekf, bug=bug) for bug in ("", *SEEDED)}
+FILTERS: dict[str, Estimator] = {"causal": causal, "riekf": riekf, "ekf": ekf_slam}
+BUGS: dict[str, Estimator] = {bug or "no bug": partial(seeded_ekf, bug=bug) for bug in ("", *SEEDED)}
 FIRST_TWIN = 100_000  # seed
 
 
@@ -57,15 +57,16 @@ def main(
     filters = BUGS if estimators == "bugs" else {name: FILTERS[name] for name in estimators.split(",")}
     changed = ["start=sampled", *set]
     assumed = load_scenario(scenario, changed)
-    shared = None
+    found: dict[Estimator, Figures] = {}
     if not own:
-        shared = consistent_figures(simulate(assumed, FIRST_TWIN + seed)[1] for seed in range(twins))
+        for each in {consistent_filter(name, recording_of(assumed, 1.0, 0)) for name in filters}:
+            found[each] = figures_of(each, (simulate(assumed, FIRST_TWIN + seed)[1] for seed in range(twins)))
     print(f"{'estimator':42}{'tested':>7}{'sigmas':>9}{'consistent':>12}{'overconfident':>15}{'too cautious':>14}")
     for ratio in map(float, q.split(",")):
         recordings = (recording_of(assumed, ratio, seed) for seed in range(runs))
-        tests = tests_of(filters, recordings, twins, shared)
-        for name, found in tests.items():
-            print_row(name if ratio == 1.0 else f"{name}, true Q {ratio:g} times as large", found)
+        tests = tests_of(filters, recordings, twins, found)
+        for name, tested in tests.items():
+            print_row(name if ratio == 1.0 else f"{name}, true Q {ratio:g} times as large", tested)
     return 0
 
 
@@ -83,17 +84,20 @@ def recording_of(scenario: Scenario, ratio: float, seed: int) -> Recording:
 
 
 def tests_of(
-    filters: Mapping[str, Filter], recordings: Iterable[Recording], twins: int, shared: Figures | None
+    filters: Mapping[str, Estimator], recordings: Iterable[Recording], twins: int, shared: Mapping[Estimator, Figures]
 ) -> dict[str, list[ConsistencyTest]]:
     """Test filters on recordings, with shared twins or with twins of each recording."""
     tests: dict[str, list[ConsistencyTest]] = {name: [] for name in filters}
     for recording in recordings:
         optimum = batch(recording)
-        found = shared or twin_figures(recording, optimum, twins)
+        consistent = {name: consistent_filter(name, recording) for name in filters}
+        found = shared or {each: twin_figures(recording, optimum, twins, each) for each in {*consistent.values()}}
         for name, filter_ in filters.items():
             try:
                 with np.errstate(all="ignore"):  # bugs may overflow
-                    tests[name].append(consistency_test(recording, filter_(recording), optimum, found))
+                    tests[name].append(
+                        consistency_test(recording, filter_(recording), optimum, found[consistent[name]])
+                    )
             except (UserError, np.linalg.LinAlgError, ValueError):
                 pass  # bugs may raise errors
     return tests
