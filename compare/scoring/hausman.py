@@ -33,13 +33,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from tqdm import tqdm
 
 from slamgauge.arrays import Float, Int, Marks
 from slamgauge.compare.estimators.registry import CAUSAL
+from slamgauge.compare.scoring.nan_stats import number
 from slamgauge.compare.scoring.trajectory_error import pose_errors
 from slamgauge.covariances import square_roots
 from slamgauge.ekf import riekf
@@ -53,6 +54,7 @@ from slamgauge.sensors import SENSORS, innovation, predict
 Verdict = Literal["consistent", "overconfident", "too cautious"]
 
 LEVEL = 0.05  # of the test
+BAND = 0.95  # share of the twins within a band over time
 FEWEST = 19  # twins: with fewer, no p-value is at most LEVEL
 SMALL = 0.01  # share of P_f: smaller eigenvalues of P_f - P_s count as 0
 NEAREST = 1e-3  # m: least range that a twin observes
@@ -148,6 +150,22 @@ class ConsistencyTest:
         if not len(rejected):
             return "consistent"
         return "overconfident" if self.deviations[0, rejected[0]] > 0.0 else "too cautious"
+
+    def to_json(self, time: Float) -> dict[str, Any]:
+        """Return the entry in metrics.json; `time` (B,) are the middles of the intervals of time [s]."""
+        courses = self.twins.course
+        ends = np.quantile(courses, [(1 - BAND) / 2, (1 + BAND) / 2], axis=0)
+        return {
+            "verdict": self.verdict,
+            "p_value": self.p_value,
+            "p_values": dict(zip(("difference", "odometry", "observations"), self.p_values.tolist(), strict=True)),
+            "ratio": number(self.ratio),
+            "claims_more": self.claims_more,
+            "time_s": time.tolist(),
+            "expected_nees_per_dof": [number(each) for each in self.log.course],
+            "twins_low": [number(each) for each in ends[0]],
+            "twins_high": [number(each) for each in ends[1]],
+        }
 
     def text(self) -> str:
         """Return the verdict without a full stop."""
