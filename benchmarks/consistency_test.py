@@ -1,19 +1,22 @@
 """Level and power of the consistency test without ground truth, on simulated recordings.
 
-    python benchmarks/consistency_test.py [--scenario q1-short-dense] [--runs 100] [--twins 99] [--bugs 4]
+    python benchmarks/consistency_test.py [--estimators causal,riekf,ekf] [--runs 200] [--twins 199] [--q 1,1.5]
 
-The distribution of a consistent filter comes from `--twins` other seeds of the scenario, not from twins of each
-recording, which would take 100 times as long. Rows are estimators: `causal` and `riekf` are consistent and show the
-level, all others the power. `--bugs` recordings are given to each seeded bug.
+The start and the noise of every recording are drawn anew. The distribution of a consistent filter comes from `--twins`
+other seeds of the scenario, shared by all recordings. With `--own` it comes from `--twins` simulated twins of each
+recording, as in `slamgauge evaluate --twins`, which takes much longer. `--q` has values of the true covariance of the
+odometry divided by the one that filters and optimum assume. The estimator `bugs` means all bugs of
+`references/seeded_bugs.py` and the same EKF without a bug.
 """
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 import tyro
@@ -23,56 +26,93 @@ sys.path.insert(0, str(Path(__file__).parent))  # Python with PYTHONSAFEPATH doe
 from references.seeded_bugs import SEEDED, seeded_ekf
 
 from slamgauge import batch, causal, ekf_slam, riekf
-from slamgauge.arrays import Float
 from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
 from slamgauge.compare.scenarios.simulation import simulate
-from slamgauge.compare.scoring.hausman import LEVEL, ConsistencyTest, consistency_test, step_statistics
+from slamgauge.compare.scoring.hausman import (
+    ConsistencyTest,
+    Figures,
+    consistency_test,
+    consistent_filter,
+    figures_of,
+    twin_figures,
+)
 from slamgauge.errors import UserError
-from slamgauge.estimate import Estimate
+from slamgauge.estimate import Estimator
 from slamgauge.recording import Recording
 
-Filter = Callable[[Recording], Estimate]
-SCALE = 1.5  # of the motion covariance: true over assumed
+FILTERS: dict[str, Estimator] = {"causal": causal, "riekf": riekf, "ekf": ekf_slam}
+BUGS: dict[str, Estimator] = {bug or "no bug": partial(seeded_ekf, bug=bug) for bug in ("", *SEEDED)}
+FIRST_TWIN = 100_000  # seed
 
 
-def main(scenario: str = "q1-short-dense", runs: int = 100, twins: int = 99, bugs: int = 4) -> int:
-    loaded = load_scenario(scenario, ["start=sampled"])
-    consistent = [simulate(loaded, 100_000 + seed)[1] for seed in range(twins)]
-    null = np.array([step_statistics(riekf(each), batch(each)).ratio for each in consistent])
-    print(f"{scenario}, {twins} twins: ratio {null.mean():.3f}, standard deviation {null.std():.3f}")
-    print(f"{'estimator':42}{'runs':>5}{'ratio':>10}{'overconfident':>15}{'too cautious':>14}", flush=True)
-    print_rows({"causal": causal, "riekf": riekf, "ekf": ekf_slam}, loaded, runs, null)
-    for name, filter_ in {"riekf": riekf, "ekf": ekf_slam}.items():
-        print_rows({f"{name}, Q {SCALE} times too small": filter_}, loaded, runs, null, 1.0 / SCALE)
-        print_rows({f"{name}, Q {SCALE} times too large": filter_}, loaded, runs, null, SCALE)
-    with np.errstate(all="ignore"):  # bugs may overflow
-        for bug in SEEDED:
-            print_rows({f"bug: {bug}": partial(seeded_ekf, bug=bug)}, loaded, bugs, null)
+def main(
+    scenario: str = "q1-short-dense",
+    set: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = (),
+    estimators: str = "causal,riekf,ekf",
+    runs: int = 200,
+    twins: int = 199,
+    own: bool = False,
+    q: str = "1",
+) -> int:
+    filters = BUGS if estimators == "bugs" else {name: FILTERS[name] for name in estimators.split(",")}
+    changed = ["start=sampled", *set]
+    assumed = load_scenario(scenario, changed)
+    found: dict[Estimator, Figures] = {}
+    if not own:
+        for each in {consistent_filter(name, recording_of(assumed, 1.0, 0)) for name in filters}:
+            found[each] = figures_of(each, (simulate(assumed, FIRST_TWIN + seed)[1] for seed in range(twins)))
+    print(f"{'estimator':42}{'tested':>7}{'sigmas':>9}{'consistent':>12}{'overconfident':>15}{'too cautious':>14}")
+    for ratio in map(float, q.split(",")):
+        recordings = (recording_of(assumed, ratio, seed) for seed in range(runs))
+        tests = tests_of(filters, recordings, twins, found)
+        for name, tested in tests.items():
+            print_row(name if ratio == 1.0 else f"{name}, true Q {ratio:g} times as large", tested)
     return 0
 
 
-def print_rows(filters: Mapping[str, Filter], scenario: Scenario, runs: int, null: Float, scale: float = 1.0) -> None:
-    """Print a row for each filter; all assume the motion covariance times `scale`, and so does the optimum."""
-    tests: dict[str, list[ConsistencyTest | None]] = {name: [] for name in filters}
-    for seed in range(runs):
-        drawn = simulate(scenario, seed)[1]
-        recording = replace(drawn, odometry_cov=scale * drawn.odometry_cov)
+def recording_of(scenario: Scenario, ratio: float, seed: int) -> Recording:
+    """Simulate a recording whose odometry noise has `ratio` times the stated covariance, the scenario's."""
+    motion = scenario.motion
+    assert motion.sigma_speed is not None
+    assert motion.sigma_yaw_rate_deg is not None
+    larger = {
+        "sigma_speed": np.sqrt(ratio) * motion.sigma_speed,
+        "sigma_yaw_rate_deg": np.sqrt(ratio) * motion.sigma_yaw_rate_deg,
+    }
+    recording = simulate(scenario.model_copy(update={"motion": motion.model_copy(update=larger)}), seed)[1]
+    return replace(recording, odometry_cov=recording.odometry_cov / ratio)
+
+
+def tests_of(
+    filters: Mapping[str, Estimator], recordings: Iterable[Recording], twins: int, shared: Mapping[Estimator, Figures]
+) -> dict[str, list[ConsistencyTest]]:
+    """Test filters on recordings, with shared twins or with twins of each recording."""
+    tests: dict[str, list[ConsistencyTest]] = {name: [] for name in filters}
+    for recording in recordings:
         optimum = batch(recording)
+        consistent = {name: consistent_filter(name, recording) for name in filters}
+        found = shared or {each: twin_figures(recording, optimum, twins, each) for each in {*consistent.values()}}
         for name, filter_ in filters.items():
             try:
-                statistics = step_statistics(filter_(recording), optimum)
-                tests[name].append(consistency_test(statistics, null))
-            except (UserError, np.linalg.LinAlgError, ValueError):  # bugs may raise errors
-                tests[name].append(None)
-    for name, found in tests.items():
-        valid = [each for each in found if each is not None and np.isfinite(each.ratio)]
-        if not valid:
-            print(f"{name:42}{len(found):>5}  no valid estimate", flush=True)
-            continue
-        over = np.mean([each.p_value <= LEVEL for each in valid])
-        under = np.mean([each.p_cautious <= LEVEL for each in valid])
-        ratio = np.median([each.ratio for each in valid])
-        print(f"{name:42}{len(valid):>5}{ratio:>10.3g}{over:>15.1%}{under:>14.1%}", flush=True)
+                with np.errstate(all="ignore"):  # bugs may overflow
+                    tests[name].append(
+                        consistency_test(recording, filter_(recording), optimum, found[consistent[name]])
+                    )
+            except (UserError, np.linalg.LinAlgError, ValueError):
+                pass  # bugs may raise errors
+    return tests
+
+
+def print_row(name: str, tests: list[ConsistencyTest]) -> None:
+    """Print the number of tests, the median of errors over sigmas, and the shares of the verdicts."""
+    tests = [each for each in tests if np.isfinite(each.ratio)]
+    if not tests:
+        print(f"{name:42}{0:>7}", flush=True)
+        return
+    times = np.sqrt(np.median([each.ratio for each in tests]))
+    verdicts = [each.verdict for each in tests]
+    shares = [verdicts.count(each) / len(tests) for each in ("consistent", "overconfident", "too cautious")]
+    print(f"{name:42}{len(tests):>7}{times:>9.3g}{shares[0]:>12.1%}{shares[1]:>15.1%}{shares[2]:>14.1%}", flush=True)
 
 
 if __name__ == "__main__":

@@ -37,6 +37,7 @@ if TYPE_CHECKING:
         load_truth as load_truth,
         save as save,
     )
+    from slamgauge.compare.studies.baseline import assert_not_worse as assert_not_worse
     from slamgauge.compare.studies.budget import ErrorBudget as ErrorBudget, error_budget as error_budget
     from slamgauge.compare.studies.claims import judge_claims as judge_claims
     from slamgauge.compare.studies.executors import dask_cluster as dask_cluster, local_processes as local_processes

@@ -24,7 +24,7 @@ NODE = Path(__file__).parents[1] / "examples/ros2_node.py"
 class Message:
     """A message whose fields exist when they are used."""
 
-    CYLINDER = 3
+    SPHERE_LIST = 7
 
     def __init__(self, **given: Any) -> None:
         self.__dict__.update(given)
@@ -53,10 +53,10 @@ def node(monkeypatch: pytest.MonkeyPatch) -> Any:
     names = {
         "rclpy": {},
         "rclpy.node": {"Node": StubNode},
-        "geometry_msgs.msg": {"PoseWithCovarianceStamped": Message},
+        "geometry_msgs.msg": {"Point": Message, "PoseWithCovarianceStamped": Message},
         "nav_msgs.msg": {"Odometry": Message},
         "vision_msgs.msg": {"Detection3DArray": Message},
-        "visualization_msgs.msg": {"Marker": Message, "MarkerArray": Message},
+        "visualization_msgs.msg": {"Marker": Message},
     }
     for name, content in names.items():
         module = ModuleType(name)
@@ -88,4 +88,10 @@ def test_the_node_gives_the_poses_of_its_filter(node: Any):
     heading = 2.0 * np.arctan2(last.pose.pose.orientation.z, last.pose.pose.orientation.w)
     assert_allclose(np.cos(heading - expected.poses[step, 2] + turn), 1.0, atol=1e-9)
     assert_allclose(np.reshape(last.pose.covariance, (6, 6))[5, 5], expected.pose_covs[step, 2, 2], rtol=1e-3)
-    assert len(node.published["/slam/landmarks"][-1].markers) == len(expected.landmark_ids)
+    assert len(node.published["/slam/landmarks"][-1].points) == len(expected.landmark_ids)
+
+
+def test_the_node_has_at_most_60_lines_and_accepts_a_scan_without_detections(node: Any):
+    assert len(NODE.read_text().splitlines()) <= 60
+    node.subscriptions_["/detections"](Message(header=Message(), detections=[]))
+    assert node.published["/slam/landmarks"][-1].points == []

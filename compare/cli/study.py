@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator
+import sys
+from collections.abc import Callable, Generator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
     from concurrent.futures import Executor
 
     from slamgauge.compare.estimators.requests import Asked
+    from slamgauge.compare.scenarios.scenario import Scenario
     from slamgauge.compare.scoring.runs import Runs
     from slamgauge.compare.studies.summary import Summary
 
@@ -96,6 +98,12 @@ class Study(WithPage):
     max_runs: int = 2000
     """Largest number of runs with --precision."""
 
+    baseline: Path | None = None
+    """summary.json of an earlier study with the same scenario and seed: exit status 1 if an estimator is worse."""
+
+    fail_if_worse: str = "5%"
+    """With --baseline: accepted increase of ATE and NEES. After --runs, runs are added up to those of the baseline."""
+
     sweep: str | None = None
     """Run a study at each value of a key, key=v1,v2,..., in a folder each, and write sweep.json and a figure."""
 
@@ -126,20 +134,44 @@ class Study(WithPage):
         require_free(self.out, STUDY_FILES)
         with self.work.executor() as executor:
             until = None if self.precision is None else Until(self.precision, self.max_runs)
-            arguments = (scenario, self.runs, self.seed, asked, self.out, executor)
-            summary = run_study(*arguments, against=split_names(self.against), until=until)
+
+            def run(runs: int) -> Summary:
+                arguments = (scenario, runs, self.seed, asked, self.out, executor)
+                return run_study(*arguments, against=split_names(self.against), until=until)
+
+            summary, worse = (run(self.runs), False) if self.baseline is None else self._gate(run, scenario, asked)
         printed = self.output.show(summary.to_json(), summary_table(summary))
         require_kept(self.out, summary.runs)
         runs = load_runs(scenario, summary.runs, self.seed, asked, self.out)
-        return write_study(self.out, summary, runs, scenario.trajectory.step) and printed and not summary.failures
+        done = write_study(self.out, summary, runs, scenario.trajectory.step) and printed
+        return done and not summary.failures and not worse
+
+    def _gate(self, run: Callable[[int], Summary], scenario: Scenario, asked: list[Asked]) -> tuple[Summary, bool]:
+        """Run a study until it is clear whether it is worse than the baseline; return it and whether it is worse."""
+        from slamgauge.compare.studies.baseline import comparisons, load_baseline, require_tolerance, run_gated
+        from slamgauge.compare.studies.store import digest
+
+        assert self.baseline is not None
+        if self.baseline.resolve() == (self.out / SUMMARY).resolve():
+            raise UserError(f"{self.baseline}: this study would replace its baseline; give another --out")
+        if self.precision is not None:
+            raise UserError("baseline: adds runs by a rule of its own; leave out --precision")
+        tolerance = require_tolerance(share(self.fail_if_worse))
+        baseline = load_baseline(self.baseline)
+        names = [each.label for each in asked]
+        compared = comparisons(names, baseline, digest(scenario, self.seed), str(self.baseline))
+        summary, result = run_gated(run, baseline, compared, tolerance, self.runs)
+        for line in [*result.lost, *(each.line() for each in result.changes)]:
+            print(line, file=sys.stderr)
+        return summary, bool(result.worse)
 
     def _sweep(self, sweep: str, asked: list[Asked]) -> bool:
         """Run a study at each value; return whether everything succeeded."""
         from slamgauge.compare.figures.publishing import write_study, write_sweep
         from slamgauge.compare.studies.sweep import run_sweep, sweep_table
 
-        if self.against or self.precision is not None:
-            raise UserError("sweep: takes no --against and no --precision; leave them out, or study a single value")
+        if self.against or self.precision is not None or self.baseline is not None:
+            raise UserError("sweep: takes no --against, --precision or --baseline; study a single value with them")
         drawn: list[bool] = []
 
         def finished(folder: Path, summary: Summary, runs: dict[str, Runs], step: float) -> None:
@@ -239,6 +271,14 @@ class Claims(WithPage):
         printed = self.output.show([each.to_json() for each in claims.judgements], claims_table(claims))
         write_claims(self.out, claims)
         return self.finish(self.out, CLAIMS, done=printed)
+
+
+def share(text: str) -> float:
+    """Return the number of a text like 5% or 0.05."""
+    try:
+        return float(text[:-1]) / 100.0 if text.endswith("%") else float(text)
+    except ValueError:
+        raise UserError(f"fail-if-worse: {text} is not a share; give for example 5% or 0.05") from None
 
 
 @contextmanager

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from slamgauge.compare.estimators.requests import labels_among
 from slamgauge.compare.figures.budget_figure import save_budget_figure
+from slamgauge.compare.figures.consistency_figure import save_consistency_figure
 from slamgauge.compare.figures.ray_frames import has_rays
 from slamgauge.compare.figures.ray_strip import save_ray_strip
 from slamgauge.compare.figures.run_figures import save_drift_figure, save_figure
 from slamgauge.compare.figures.study_figures import study_drawings
 from slamgauge.compare.figures.sweep_figure import save_sweep_figure
-from slamgauge.compare.scoring.comparison import Comparison
+from slamgauge.compare.scoring.comparison import Comparison, without_truth_entries
 from slamgauge.compare.scoring.runs import Runs
 from slamgauge.compare.storage.best_effort import Drawing, decorate
 from slamgauge.compare.storage.files import of_this_version, read_json, write_json
@@ -48,7 +50,14 @@ NO_RESULTS = "has no results in the folder"
 def draw_comparison(out: Path, comparison: Comparison, title: str) -> bool:
     """Draw the figures of the run in `out`; return whether all were written."""
     truth, recording, estimates = comparison.truth, comparison.recording, comparison.estimates
-    return decorate(out, METRICS, _drawings_of_run(truth, recording, estimates, title), RUN_PICTURES)
+    drawings = _drawings_of_run(truth, recording, estimates, title)
+    drawings |= _without_truth(without_truth_entries(comparison), title)
+    return decorate(out, METRICS, drawings, RUN_PICTURES)
+
+
+def _without_truth(entries: Mapping[str, Any], title: str) -> Drawings:
+    """Return the function that draws the test without ground truth, if any filter was tested."""
+    return {"consistency": lambda out: save_consistency_figure(out, entries, title)} if entries else {}
 
 
 def write_study(out: str | Path, summary: Summary, runs: dict[str, Runs], step: float) -> bool:
@@ -101,12 +110,13 @@ def _of_run(folder: Path, names: Sequence[str], band: str | None) -> Drawings:
     if band is not None:
         labels_among([band], chosen, "is not among the drawn estimators")
     estimates = {name: estimates[name] for name in chosen}
-    metrics = read_json(folder / METRICS, "run")["estimators"]
-    entries = {name: metrics[name] for name in chosen}
+    content = read_json(folder / METRICS, "run")
+    entries = {name: content["estimators"][name] for name in chosen}
     drawings = _drawings_of_run(truth, recording, estimates, title, band, drift=not names)
     if any(each.get("rpe_by_distance") for each in entries.values()):
         drawings["drift"] = lambda out: save_drift_figure(out, entries, title)
-    return drawings
+    tested = content.get("without_truth", {})
+    return drawings | _without_truth({name: tested[name] for name in chosen if name in tested}, title)
 
 
 def _drawings_of_run(

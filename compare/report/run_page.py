@@ -29,6 +29,10 @@ PICTURES = {
         "Map of the run with paths, landmarks and 3-sigma ellipses, and the errors in x, y and heading against time",
         "The map, and the errors within their 3-sigma bounds.",
     ),
+    "consistency.png": (
+        "Expected NEES over 3 of each filter against time, with the band of simulated twins",
+        "The test without ground truth: a filter above the band of simulated twins is overconfident there.",
+    ),
     "rays.png": (
         "Moments of a bearing-only map: rays begin, lose members and become landmarks",
         "How rays begin, lose members and become landmarks.",

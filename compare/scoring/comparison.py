@@ -6,7 +6,7 @@ import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -40,6 +40,9 @@ from slamgauge.recording import Recording
 from slamgauge.truth import Truth, require_same_run
 from slamgauge.validation import require_type
 
+if TYPE_CHECKING:
+    from slamgauge.compare.scoring.hausman import ConsistencyTest
+
 
 @dataclass(frozen=True)
 class Comparison:
@@ -49,7 +52,7 @@ class Comparison:
     of the estimator, `optima` are the names of the optima by kind. `failures` has the reason, in a line, for each
     estimator without a score. `stand_ins` are optima with the associations of an estimator, if the true ones are
     unknown. `study` is a command of many runs, if the recording is simulated. `remarks` are those on user code, for
-    example replaced settings. `without_truth` has the verdicts of `hausman` on filters.
+    example replaced settings. `without_truth` has the tests of `hausman` on filters.
     """
 
     truth: Truth | None
@@ -60,7 +63,7 @@ class Comparison:
     failures: dict[str, str] = field(default_factory=dict)
     stand_ins: tuple[str, ...] = ()
     remarks: tuple[str, ...] = ()
-    without_truth: Mapping[str, str] = field(default_factory=dict[str, str])
+    without_truth: Mapping[str, ConsistencyTest] = field(default_factory=dict[str, "ConsistencyTest"])
     study: str = ""
 
     def __repr__(self) -> str:
@@ -136,8 +139,22 @@ def metrics(
         "truth": comparison.truth is not None and comparison.truth.poses is not None,
         "estimators": {name: score.to_json() for name, score in comparison.scores.items()},
         "failures": [{"estimator": name, "error": error} for name, error in comparison.failures.items()],
-        "notes": [*remarks(comparison), *comparison.remarks, *verdict_lines(comparison.without_truth)],
+        "notes": [*remarks(comparison), *comparison.remarks, *_verdicts_without_truth(comparison)],
+        **({"without_truth": without_truth_entries(comparison)} if comparison.without_truth else {}),
     }
+
+
+def without_truth_entries(comparison: Comparison) -> dict[str, Any]:
+    """Return the entries of the tests without ground truth in metrics.json, by filter."""
+    entries: dict[str, Any] = {}
+    for name, test in comparison.without_truth.items():
+        intervals = np.array_split(comparison.recording.stamps, len(test.log.course))
+        entries[name] = test.to_json(np.array([np.mean(each) for each in intervals]))
+    return entries
+
+
+def _verdicts_without_truth(comparison: Comparison) -> list[str]:
+    return verdict_lines({name: test.text() for name, test in comparison.without_truth.items()})
 
 
 def digest(recording: Recording) -> str:
@@ -171,7 +188,7 @@ def table(comparison: Comparison) -> Page:
     rows += [[name, "failed", *("-" for _ in found)] for name in comparison.failures]
     notes = [*remarks(comparison), *optimum_notes(comparison)]
     verdicts = verdict_lines({name: score.verdict for name, score in comparison.scores.items()})
-    verdicts += verdict_lines(comparison.without_truth)
+    verdicts += _verdicts_without_truth(comparison)
     return Page((Grid(rows, words=2, names=FULL_NAMES), *notes, *verdicts, *comparison.failures.values()))
 
 
@@ -186,8 +203,7 @@ def tested_without_truth(comparison: Comparison, twins: int) -> Comparison:
     if "smoothed" not in comparison.optima:
         raise UserError("twins: the test needs the optimum of all measurements; add batch to --estimators")
     optimum = comparison.estimates[comparison.optima["smoothed"]]
-    tests = tested_filters(comparison.recording, comparison.estimates, optimum, twins)
-    return replace(comparison, without_truth={name: test.text() for name, test in tests.items()})
+    return replace(comparison, without_truth=tested_filters(comparison.recording, comparison.estimates, optimum, twins))
 
 
 def remarks(comparison: Comparison) -> list[str]:

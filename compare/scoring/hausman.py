@@ -16,34 +16,51 @@ statistics of a step follow:
 Where P_f - P_s has a negative eigenvalue, the filter claims to be more certain than the optimum. The Hausman statistic
 omits this direction; the expected NEES does not, so that the test uses the expected NEES.
 
-Errors at neighbouring steps are correlated. The mean over time is therefore compared with that of simulated twins of
+Wrong noise in filter and optimum alike hardly changes d. It changes the residuals of the optimum, so that two more
+figures are compared: the mean squared residuals of odometry and of observations, in units of the stated covariances.
+Except for a constant, they are the derivatives of the log-likelihood by the logarithms of the scales of Q and R.
+
+Errors at neighbouring steps are correlated. The three figures are therefore compared with those of simulated twins of
 the same log: its optimum is the true path and map, new noise is drawn from the stated covariances, and a consistent
-filter and the optimum are computed. The p-value is exact up to the difference between the filters' correlations.
+filter and the optimum are computed. The logarithm of each figure is standardised with mean and standard deviation of
+log and twins together, and the largest absolute value of the three is ranked (Westfall and Young, Resampling-Based
+Multiple Testing, 1993). The level is exact if log and twins are exchangeable. They differ in the path, which is the
+optimum instead of the true one, and in the correlations of the filter, which is not the tested one.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from functools import cached_property
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from tqdm import tqdm
 
 from slamgauge.arrays import Float, Int, Marks
+from slamgauge.compare.estimators.registry import CAUSAL
+from slamgauge.compare.scoring.nan_stats import number
 from slamgauge.compare.scoring.trajectory_error import pose_errors
 from slamgauge.covariances import square_roots
 from slamgauge.ekf import riekf
 from slamgauge.errors import UserError
-from slamgauge.estimate import Estimate
+from slamgauge.estimate import Estimate, Estimator
 from slamgauge.graph_baseline import batch, causal
 from slamgauge.recording import Recording
 from slamgauge.se2 import between, rotation, wrap
-from slamgauge.sensors import SENSORS, predict
+from slamgauge.sensors import SENSORS, innovation, predict
+
+Verdict = Literal["consistent", "overconfident", "too cautious"]
 
 LEVEL = 0.05  # of the test
+BAND = 0.95  # share of the twins within a band over time
+FEWEST = 19  # twins: with fewer, no p-value is at most LEVEL
 SMALL = 0.01  # share of P_f: smaller eigenvalues of P_f - P_s count as 0
 NEAREST = 1e-3  # m: least range that a twin observes
+LARGEST = 1e100  # limit of a figure of a diverged filter
+INTERVALS = 100  # of time, at most, in figures over time
+RESIDUALS = {1: ("odometry", "Q", ""), 2: ("observation", "R", " or observations are outliers")}
 
 
 class StepStatistics(NamedTuple):
@@ -67,41 +84,109 @@ class StepStatistics(NamedTuple):
         known = self.expected_nees[~np.isnan(self.expected_nees)]
         return float(np.mean(known)) / 3.0 if len(known) else np.nan
 
+    def course(self) -> Float:
+        """Return the mean of the expected NEES over 3 in at most `INTERVALS` intervals of time; NaN without a step."""
+        found = np.full(min(INTERVALS, len(self.expected_nees)), np.nan)
+        for at, part in enumerate(np.array_split(self.expected_nees, len(found))):
+            known = part[~np.isnan(part)]
+            found[at] = np.mean(known) / 3.0 if len(known) else np.nan
+        return found
+
+
+class Figures(NamedTuple):
+    """Figures of a filter on a log; those of T twins have a leading axis T.
+
+    Attributes:
+        means: (3,) ratio of the filter, then mean squared residuals of odometry and of observations at the optimum.
+        course: (B,) expected NEES over 3 in B intervals of time.
+    """
+
+    means: Float
+    course: Float
+
 
 @dataclass(frozen=True)
 class ConsistencyTest:
     """Result of the test of one filter.
 
     Attributes:
-        ratio: mean of the expected NEES over 3: squared ratio of the errors to the filter's sigmas.
-        twins: (T,) the same figure of a consistent filter on each twin.
+        log: figures of the filter on the log.
+        twins: figures of a consistent filter on T twins.
         claims_more: share of the steps at which the filter claims more than the optimum.
     """
 
-    ratio: float
-    twins: Float
-    claims_more: float
+    log: Figures
+    twins: Figures
+    claims_more: float = 0.0
+
+    @property
+    def ratio(self) -> float:
+        """Squared ratio of the errors to the filter's sigmas."""
+        return float(self.log.means[0])
+
+    @cached_property
+    def deviations(self) -> Float:
+        """(1+T, 3) standardised logarithms of the figures, the log first; 0 for a figure that is 0 or undefined."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            every = np.log(np.vstack([self.log.means.clip(max=LARGEST), self.twins.means]))
+            found = (every - every.mean(axis=0)) / every.std(axis=0)
+        return np.where(np.isfinite(found), found, 0.0)
+
+    @cached_property
+    def p_values(self) -> Float:
+        """(3,) probability that a consistent filter has any figure that deviates as much as this one."""
+        largest = np.abs(self.deviations[1:]).max(axis=1)
+        return (1 + np.sum(largest[:, None] >= np.abs(self.deviations[0]), axis=0)) / (1 + len(largest))
 
     @property
     def p_value(self) -> float:
-        """Probability that a consistent filter has at least this ratio."""
-        return (1 + int(np.sum(self.twins >= self.ratio))) / (1 + len(self.twins))
+        """Probability that a consistent filter has a figure that deviates as much as the one that deviates most."""
+        return float(self.p_values.min())
 
     @property
-    def p_cautious(self) -> float:
-        """Probability that a consistent filter has at most this ratio."""
-        return (1 + int(np.sum(self.twins <= self.ratio))) / (1 + len(self.twins))
+    def verdict(self) -> Verdict:
+        """Direction of the first figure that is rejected."""
+        rejected = np.flatnonzero(self.p_values <= LEVEL)
+        if not len(rejected):
+            return "consistent"
+        return "overconfident" if self.deviations[0, rejected[0]] > 0.0 else "too cautious"
+
+    def to_json(self, time: Float) -> dict[str, Any]:
+        """Return the entry in metrics.json; `time` (B,) are the middles of the intervals of time [s]."""
+        courses = self.twins.course
+        ends = np.quantile(courses, [(1 - BAND) / 2, (1 + BAND) / 2], axis=0)
+        return {
+            "verdict": self.verdict,
+            "p_value": self.p_value,
+            "p_values": dict(zip(("difference", "odometry", "observations"), self.p_values.tolist(), strict=True)),
+            "ratio": number(self.ratio),
+            "claims_more": self.claims_more,
+            "time_s": time.tolist(),
+            "expected_nees_per_dof": [number(each) for each in self.log.course],
+            "twins_low": [number(each) for each in ends[0]],
+            "twins_high": [number(each) for each in ends[1]],
+        }
 
     def text(self) -> str:
         """Return the verdict without a full stop."""
-        factor = np.sqrt(self.ratio)
-        more = f"; it claims more than the optimum at {self.claims_more:.0%} of the steps" if self.claims_more else ""
-        size = f"errors are about {factor:.2f} times its sigmas"
-        if self.p_value <= LEVEL:
-            return f"without ground truth: overconfident, {size} (p = {self.p_value:.2g}){more}"
-        if self.p_cautious <= LEVEL:
-            return f"without ground truth: too cautious, {size} (p = {self.p_cautious:.2g})"
-        return f"without ground truth: consistent as far as this log shows, {size} (p = {self.p_value:.2g})"
+        if np.isnan(self.ratio):
+            return "without ground truth: not tested, because no step has an invertible covariance"
+        size = f"errors are about {np.sqrt(self.ratio):.2f} times its sigmas"
+        if self.verdict == "consistent":
+            return f"without ground truth: consistent as far as this log shows, {size} (p = {self.p_value:.2g})"
+        found = [f"{size} (p = {self.p_values[0]:.2g})"] if self.p_values[0] <= LEVEL else []
+        which = 1 + int(np.argmax(np.abs(self.deviations[0, 1:])))
+        if self.p_values[which] <= LEVEL:
+            found.append(self._residual_text(which))
+        if self.claims_more:
+            found.append(f"it claims more than the optimum at {self.claims_more:.0%} of the steps")
+        return f"without ground truth: {self.verdict}, {'; '.join(found)}"
+
+    def _residual_text(self, which: int) -> str:
+        name, noise, other = RESIDUALS[which]
+        times = np.sqrt(self.log.means[which] / np.mean(self.twins.means[:, which]))
+        cause = f"{noise} is too small{other}" if self.deviations[0, which] > 0.0 else f"{noise} is too large"
+        return f"{name} residuals are {times:.2f} times those of twins (p = {self.p_values[which]:.2g}): {cause}"
 
 
 def step_statistics(estimate: Estimate, optimum: Estimate) -> StepStatistics:
@@ -132,9 +217,21 @@ def step_statistics(estimate: Estimate, optimum: Estimate) -> StepStatistics:
     return StepStatistics(expected, hausman, dof, claims_more)
 
 
-def consistency_test(statistics: StepStatistics, twins: Float) -> ConsistencyTest:
-    """Return the test of a filter from its steps and the ratios (T,) of twins."""
-    return ConsistencyTest(statistics.ratio, twins, float(np.mean(statistics.claims_more)))
+def figures(recording: Recording, statistics: StepStatistics, optimum: Estimate) -> Figures:
+    """Return the figures of a filter from its steps; landmarks that the optimum does not have are left out."""
+    moved = between(optimum.poses[:-1], optimum.poses[1:])
+    moving = recording.odometry - moved
+    moving[:, 2] = wrap(moving[:, 2])
+    log, seen = _observed(recording, optimum)
+    seeing = innovation(log.sensor, log.observation, seen)
+    residuals = [_mean_square(moving, recording.odometry_cov), _mean_square(seeing, log.observation_cov)]
+    return Figures(np.array([statistics.ratio, *residuals]), statistics.course())
+
+
+def consistency_test(recording: Recording, estimate: Estimate, optimum: Estimate, twins: Figures) -> ConsistencyTest:
+    """Return the test of a filter on a recording with ids, from the figures of twins."""
+    statistics = step_statistics(estimate, optimum)
+    return ConsistencyTest(figures(recording, statistics, optimum), twins, float(np.mean(statistics.claims_more)))
 
 
 def tested_filters(
@@ -147,31 +244,53 @@ def tested_filters(
         estimates: by name; smoothed ones are left out.
         optimum: the optimum of all measurements, with the associations that it used.
         twins: number of simulated twins.
+
+    Raises:
+        UserError: too few twins for the level of the test.
     """
+    if twins < FEWEST:
+        raise UserError(f"twins: {twins} are too few for a test of level {LEVEL:.0%}; give {FEWEST} or more")
     log = recording if optimum.association is None else recording.associated(optimum.association)
     filters = {name: each for name, each in estimates.items() if each.kind == "filtered" and each.pose_covs is not None}
-    ratios = twin_ratios(log, optimum, twins) if filters else np.zeros(0)
-    return {name: consistency_test(step_statistics(each, optimum), ratios) for name, each in filters.items()}
+    if not filters:
+        return {}
+    consistent = {name: consistent_filter(name, log) for name in filters}
+    found = {each: twin_figures(log, optimum, twins, each) for each in {*consistent.values()}}
+    return {name: consistency_test(log, each, optimum, found[consistent[name]]) for name, each in filters.items()}
 
 
-def twin_ratios(recording: Recording, optimum: Estimate, twins: int, seed: int = 0) -> Float:
-    """Return the ratio (T,) of a consistent filter on simulated twins of a recording.
+def consistent_filter(name: str, recording: Recording) -> Estimator:
+    """Return the filter whose figures on twins are compared with those of an estimator.
 
-    The filter is `riekf`, or `causal` if the recording is bearing-only.
+    It is `riekf`, but `causal` on bearing-only recordings, and for `causal` itself, whose errors scatter less.
+    """
+    return riekf if name != CAUSAL and SENSORS[recording.sensor].places_landmarks else causal
+
+
+def twin_figures(
+    recording: Recording, optimum: Estimate, twins: int, consistent: Estimator = riekf, seed: int = 0
+) -> Figures:
+    """Return the figures of a consistent filter on simulated twins of a recording.
 
     Args:
         recording: measurements with ids.
         optimum: the optimum of all of them.
         twins: number of twins.
+        consistent: a filter that is consistent if the noise is right.
         seed: root seed.
     """
-    consistent: Callable[[Recording], Estimate] = riekf if SENSORS[recording.sensor].places_landmarks else causal
-    found = np.empty(twins)
     streams = np.random.SeedSequence(seed).spawn(twins)
-    for at, stream in enumerate(tqdm(streams, desc="twins", delay=2.0, disable=None, leave=False)):
-        twin = simulated_twin(recording, optimum, np.random.default_rng(stream))
-        found[at] = step_statistics(consistent(twin), batch(twin)).ratio
-    return found
+    drawn = (simulated_twin(recording, optimum, np.random.default_rng(stream)) for stream in streams)
+    return figures_of(consistent, tqdm(drawn, "twins", twins, delay=2.0, disable=None, leave=False))
+
+
+def figures_of(filter_: Estimator, recordings: Iterable[Recording]) -> Figures:
+    """Return the figures of a filter on recordings."""
+    rows: list[Figures] = []
+    for each in recordings:
+        optimum = batch(each)
+        rows.append(figures(each, step_statistics(filter_(each), optimum), optimum))
+    return Figures(*map(np.array, zip(*rows, strict=True)))
 
 
 def simulated_twin(recording: Recording, optimum: Estimate, rng: np.random.Generator) -> Recording:
@@ -179,14 +298,8 @@ def simulated_twin(recording: Recording, optimum: Estimate, rng: np.random.Gener
 
     Observations of landmarks that the optimum does not have are left out.
     """
-    assert recording.landmark is not None
-    log = recording.only(np.isin(recording.landmark, optimum.landmark_ids))
-    assert log.landmark is not None
-    order = np.argsort(optimum.landmark_ids)
-    landmarks = optimum.landmarks[order][np.searchsorted(optimum.landmark_ids[order], log.landmark)]
-    poses = optimum.poses[log.observation_step]
-    delta = np.einsum("nji,nj->ni", rotation(poses[:, 2]), landmarks - poses[:, :2])
-    observation = predict(log.sensor, delta) + _noise(rng, log.observation_cov)
+    log, seen = _observed(recording, optimum)
+    observation = seen + _noise(rng, log.observation_cov)
     observation = np.where(SENSORS[log.sensor].is_angle, wrap(observation), observation)
     if SENSORS[log.sensor].has_range:
         observation[:, 0] = observation[:, 0].clip(min=NEAREST)
@@ -196,6 +309,23 @@ def simulated_twin(recording: Recording, optimum: Estimate, rng: np.random.Gener
         odometry=between(optimum.poses[:-1], optimum.poses[1:]) + _noise(rng, log.odometry_cov),
         observation=observation,
     )
+
+
+def _observed(recording: Recording, optimum: Estimate) -> tuple[Recording, Float]:
+    """Return the observations of landmarks of the optimum, and their values (M, d) at the optimum."""
+    assert recording.landmark is not None
+    log = recording.only(np.isin(recording.landmark, optimum.landmark_ids))
+    assert log.landmark is not None
+    order = np.argsort(optimum.landmark_ids)
+    landmarks = optimum.landmarks[order][np.searchsorted(optimum.landmark_ids[order], log.landmark)]
+    poses = optimum.poses[log.observation_step]
+    return log, predict(log.sensor, np.einsum("nji,nj->ni", rotation(poses[:, 2]), landmarks - poses[:, :2]))
+
+
+def _mean_square(residuals: Float, covs: Float) -> float:
+    """Return the mean of r' cov^+ r over residuals (n, d); 0 without a residual."""
+    weights = np.linalg.pinv(covs, hermitian=True)
+    return float(np.einsum("ni,nij,nj->", residuals, weights, residuals)) / max(len(residuals), 1)
 
 
 def _noise(rng: np.random.Generator, covs: Float) -> Float:

@@ -44,10 +44,13 @@ class Look(NamedTuple):
     level: float
 
 
-def plan_looks(first: int, most: int) -> tuple[Look, ...]:
-    """Return the looks of a study at the numbers of runs `growing(first, most)`."""
+def plan_looks(first: int, most: int, alpha: float = 1 - LEVEL) -> tuple[Look, ...]:
+    """Return the looks of a study at the numbers of runs `growing(first, most)`.
+
+    `alpha` is the probability that any of the intervals misses the true value.
+    """
     counts = growing(first, most)
-    levels = [1 - 2 * _tail(bound) for bound in boundaries(tuple(counts), 1 - LEVEL)]
+    levels = [1 - 2 * _tail(bound) for bound in boundaries(tuple(counts), alpha)]
     return tuple(
         Look(runs, number, len(counts), level)
         for number, (runs, level) in enumerate(zip(counts, levels, strict=True), start=1)

@@ -23,7 +23,7 @@ def pictures(*names: str) -> tuple[str, ...]:
 RECORDING, TRUTH = "recording.npz", "truth.npz"
 MAPPING = "recording.toml"  # how the files of a log were read
 METRICS = "metrics.json"
-RUN_PICTURES = pictures("figure", "rays")
+RUN_PICTURES = pictures("figure", "consistency", "rays")
 REPORT = "report.html"  # page that explains the results in its folder
 OUTDATED = ("estimates/*.npz", "trajectories/*.tum", "animation.*")  # files of an earlier run
 

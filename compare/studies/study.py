@@ -35,7 +35,7 @@ from slamgauge.compare.studies.stopping_rule import (
 from slamgauge.compare.studies.store import StudyStore, begin_store, digest, open_store
 from slamgauge.compare.studies.store_file import require_whole, sole_use
 from slamgauge.compare.studies.study_run import Outcome, run_once, run_seed
-from slamgauge.compare.studies.summary import Failure, Summary, summarise
+from slamgauge.compare.studies.summary import Failure, Summary, run_figures, summarise
 from slamgauge.errors import UserError
 
 IN_FLIGHT = 256  # runs submitted to the executor at a time, which limits the memory of waiting results
@@ -124,6 +124,7 @@ def run_study(
         precision=precision,
         scenario_text=scenario_text(scenario),
         comparisons=compare_user_code(asked, loaded, look),
+        per_run={label: run_figures(each) for label, each in loaded.items()},
     )
 
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
-from typing import Any
+from typing import Any, NamedTuple
 
 from slamgauge.compare.estimators.registry import BOUND_OF, BOUNDS, CAUSAL, HINDSIGHT, REGISTRY, is_ours
-from slamgauge.compare.scoring.aggregation import BAND_LEVEL
+from slamgauge.compare.scoring.aggregation import BAND_LEVEL, late_means
 from slamgauge.compare.scoring.catalogue import FULL_NAMES, RELATIVE, SUMMED_UP, columns, empty_columns
 from slamgauge.compare.scoring.intervals import Interval
 from slamgauge.compare.scoring.metric import Table
+from slamgauge.compare.scoring.nan_stats import number
 from slamgauge.compare.scoring.optimum_figures import is_misfit_in_runs
 from slamgauge.compare.scoring.optimum_notes import MARK, beats_the_optimum, doubt_in_runs, mean_fit, misfits
 from slamgauge.compare.scoring.ray_figures import RayFigures, describe
@@ -113,14 +114,34 @@ class Failure:
     error: str
 
 
+class RunFigures(NamedTuple):
+    """Figures of one estimator in each run without failure, which later studies are compared with.
+
+    Attributes:
+        run: (R,) numbers of the runs, increasing.
+        ate_m: (R,) ATE [m]; None where undefined.
+        nees_pose_per_dof: (R,) mean pose NEES over 3 from the 11th step on; None where undefined.
+    """
+
+    run: list[int]
+    ate_m: list[float | None]
+    nees_pose_per_dof: list[float | None]
+
+
+def run_figures(runs: Runs) -> RunFigures:
+    """Return the figures of each run of an estimator."""
+    ate, nees = runs.figures["ate_m"], late_means(runs.series["nees_pose"]) / 3
+    return RunFigures(runs.run.tolist(), *([number(each) for each in column] for column in (ate, nees)))
+
+
 @dataclass(frozen=True)
 class Summary:
     """Summary of a study: summary.json as an object.
 
     `scenario` is a name, `runs` the number of runs, `seed` the root seed, `digest` that of the measurements, `failures`
-    the failed runs of estimators, `estimators` the figures of each estimator by name, `against` the requested
-    paired comparisons, `precision` the end of a study with a stopping rule, `scenario_text` the scenario as a TOML
-    file, `comparisons` the sentences on user code, which are only printed.
+    the failed runs of estimators, `estimators` the figures of each estimator by name, `per_run` those of each run,
+    `against` the requested paired comparisons, `precision` the end of a study with a stopping rule, `scenario_text` the
+    scenario as a TOML file, `comparisons` the sentences on user code, which are only printed.
     """
 
     scenario: str
@@ -133,6 +154,7 @@ class Summary:
     precision: Precision | None = None
     scenario_text: str | None = None
     comparisons: tuple[str, ...] = ()
+    per_run: Mapping[str, RunFigures] = field(default_factory=dict[str, RunFigures])
 
     def __repr__(self) -> str:
         return f"Summary({self.scenario}, {self.runs} runs: {', '.join(self.estimators)})"
@@ -160,6 +182,7 @@ class Summary:
             "digest": self.digest,
             "failures": [asdict(failure) for failure in self.failures],
             "estimators": {name: entry.to_json() for name, entry in self.estimators.items()},
+            "per_run": {name: figures._asdict() for name, figures in self.per_run.items()},
             "against": {
                 name: {
                     label: {key: each.to_json() for key, each in figures.items()} for label, figures in others.items()

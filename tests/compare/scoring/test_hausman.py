@@ -11,10 +11,11 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from slamgauge.compare.scoring.hausman import (
     ConsistencyTest,
+    Figures,
     consistency_test,
     simulated_twin,
     step_statistics,
-    twin_ratios,
+    twin_figures,
 )
 from slamgauge.compare.storage.files import save
 from slamgauge.ekf import riekf
@@ -104,23 +105,51 @@ def test_a_twin_has_the_noise_that_the_log_states(sensor: str):
         assert abs(ratio - 1.0) < 4.0 * np.sqrt(2.0 / errors.size) * 1.5  # entries of one error are correlated
 
 
-def test_p_values_are_ranks_among_the_twins():
-    twins = np.linspace(0.9, 1.1, 99)
-    assert ConsistencyTest(2.0, twins, 0.0).p_value == 0.01
-    assert ConsistencyTest(0.5, twins, 0.0).p_cautious == 0.01
-    assert "overconfident, errors are about 1.41 times its sigmas" in ConsistencyTest(2.0, twins, 0.0).text()
-    assert "too cautious" in ConsistencyTest(0.5, twins, 0.0).text()
-    assert "claims more than the optimum at 20% of the steps" in ConsistencyTest(2.0, twins, 0.2).text()
+def judged(means: list[float], claims_more: float = 0.0) -> ConsistencyTest:
+    """Return a test against 99 twins whose three figures are drawn independently around 1, 0.4 and 0.9."""
+    means_of_twins = np.random.default_rng(0).normal([1.0, 0.4, 0.9], 0.03, (99, 3))
+    return ConsistencyTest(Figures(np.array(means), np.ones(1)), Figures(means_of_twins, np.ones((99, 1))), claims_more)
 
 
-def test_right_invariant_filter_and_a_wrong_one_on_a_recording():
+def test_verdicts():
+    assert judged([1.0, 0.4, 0.9]).verdict == "consistent"
+    over = judged([2.0, 0.4, 0.9], 0.2)
+    assert over.verdict == "overconfident"
+    assert over.p_value == 0.01
+    assert over.text().endswith(
+        "overconfident, errors are about 1.41 times its sigmas (p = 0.01); "
+        "it claims more than the optimum at 20% of the steps"
+    )
+    assert judged([0.5, 0.4, 0.9]).verdict == "too cautious"
+    assert (
+        "odometry residuals are 1.22 times those of twins (p = 0.01): Q is too small" in judged([1.0, 0.6, 0.9]).text()
+    )
+    assert "(p = 0.01): R is too large" in judged([1.0, 0.4, 0.7]).text()
+    assert judged([np.nan, 0.4, 0.9]).text().endswith("not tested, because no step has an invertible covariance")
+    assert judged([np.inf, 0.4, 0.9]).verdict == "overconfident"
+
+
+def test_level_of_three_exchangeable_figures():
+    """Share of rejections in 2000 tests with 39 twins: within 4 standard deviations (false-alarm rate 1e-4) of 5 %."""
+    draws = np.exp(np.random.default_rng(1).normal(size=(2000, 40, 3)))
+    course = np.ones((39, 1))
+    rejected = [ConsistencyTest(Figures(d[0], course[0]), Figures(d[1:], course)).p_value <= 0.05 for d in draws]
+    assert abs(np.mean(rejected) - 0.05) < 4.0 * np.sqrt(0.05 * 0.95 / 2000)
+
+
+def test_a_wrong_filter_and_wrong_noise_on_a_recording():
     _, recording = random_recording(5, steps=60)
     optimum, estimate = batch(recording), riekf(recording)
     assert estimate.pose_covs is not None
-    ratios = twin_ratios(recording, optimum, 39)
-    assert consistency_test(step_statistics(estimate, optimum), ratios).p_value > 0.05
+    twins = twin_figures(recording, optimum, 39)
+    assert consistency_test(recording, estimate, optimum, twins).verdict == "consistent"
     wrong = replace(estimate, pose_covs=estimate.pose_covs / 4.0)
-    assert consistency_test(step_statistics(wrong, optimum), ratios).p_value <= 0.05
+    assert consistency_test(recording, wrong, optimum, twins).verdict == "overconfident"
+    small = replace(recording, odometry_cov=recording.odometry_cov / 25.0)
+    optimum = batch(small)
+    found = consistency_test(small, riekf(small), optimum, twin_figures(small, optimum, 39))
+    assert found.verdict == "overconfident"
+    assert "Q is too small" in found.text()
 
 
 def test_evaluate_prints_the_verdict(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
@@ -131,3 +160,5 @@ def test_evaluate_prints_the_verdict(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert "riekf: without ground truth: consistent as far as this log shows" in capsys.readouterr().out
     assert run(*command, "riekf") == 2
     assert "add batch to --estimators" in capsys.readouterr().err
+    assert run("evaluate", tmp_path / "recording.npz", "--twins", 9, "--estimators", "riekf,batch") == 2
+    assert "9 are too few for a test of level 5%; give 19 or more" in capsys.readouterr().err

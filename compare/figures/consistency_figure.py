@@ -1,0 +1,29 @@
+"""Figure of the consistency test without ground truth: the expected NEES over time, and the band of simulated twins."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from slamgauge.compare.figures.axes import logarithmic
+from slamgauge.compare.figures.plot_style import MARK_COLOR, TRUTH_COLOR, legend_below, printed, styles
+from slamgauge.compare.scoring.hausman import BAND
+
+
+def save_consistency_figure(out: Path, entries: Mapping[str, Any], title: str) -> None:
+    """Write the figure `consistency` into `out`; `entries` are those of `without_truth` in metrics.json, by filter."""
+    with printed(out / "consistency", 3.0, title) as figure:
+        axes = figure.subplots()
+        first = next(iter(entries.values()))
+        low, high = ([value or float("nan") for value in first[key]] for key in ("twins_low", "twins_high"))
+        band = {"facecolor": MARK_COLOR, "alpha": 0.3, "linewidth": 0.0}
+        axes.fill_between(first["time_s"], low, high, label=f"{BAND:.0%} of twins", **band)
+        axes.axhline(1.0, color=TRUTH_COLOR, linewidth=0.6, linestyle=":")
+        for name, style in styles(entries).items():
+            entry = entries[name]
+            course = [value or float("nan") for value in entry["expected_nees_per_dof"]]
+            axes.plot(entry["time_s"], course, color=style.color, linestyle=style.dashes, label=name)
+        logarithmic(axes, "y")
+        axes.set(xlabel="time [s]", ylabel="expected NEES / 3")
+        legend_below(figure, axes)

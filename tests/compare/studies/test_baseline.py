@@ -1,0 +1,131 @@
+"""Gate of a study against an earlier one: rates on synthetic pairs, and the command."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from slamgauge import Summary, UserError, assert_not_worse
+from slamgauge.compare.studies.baseline import Baseline, compare, comparisons, looks
+from slamgauge.compare.studies.summary import RunFigures
+from tests.reference.command_line import run
+
+TRIALS = 1000
+
+
+def study(ate: list[float], nees: list[float] | None = None, runs: list[int] | None = None) -> Summary:
+    """Return a study of the estimator `mine` with these figures in runs 0, 1, ..."""
+    numbers = [*range(len(ate))] if runs is None else runs
+    figures = RunFigures(numbers, [*ate], [None] * len(ate) if nees is None else [*nees])
+    return Summary("any", len(ate), 0, "digest", (), {}, per_run={"mine": figures})
+
+
+def share_of_failures(true_ratio: float, plan: tuple[int, int], trials: int = TRIALS) -> float:
+    """Return the share of gates that fail, on pairs of ATEs with correlation 0.8 and a spread of 30 %."""
+    rng = np.random.default_rng(0)
+    failed = 0
+    for _ in range(trials):
+        shared = rng.normal(size=plan[1])
+        base, now = (np.exp(0.3 * (0.9 * shared + 0.44 * rng.normal(size=plan[1]))) for _ in range(2))
+        baseline = Baseline("digest", dict(study(base.tolist()).per_run))
+        compared = comparisons(["mine"], baseline, "digest", "")
+        for look in looks(compared, *plan):
+            current = study((true_ratio * now[: look.runs]).tolist())
+            result = compare(current.per_run, baseline, compared, 0.05, look)
+            if result.is_settled:
+                failed += bool(result.worse)
+                break
+    return failed / trials
+
+
+@pytest.mark.parametrize("plan", [(30, 30), (20, 60)])
+def test_false_alarms_at_the_tolerance(plan: tuple[int, int]):
+    """Share in 1000 gates whose true ratio is the tolerance: 5 %, less if the study stops early as not worse.
+
+    The bounds are more than 3.5 standard deviations (0.7 %) away.
+    """
+    assert 0.02 <= share_of_failures(1.05, plan) <= 0.075
+
+
+def test_no_change_hardly_ever_fails_and_a_large_one_is_found():
+    assert share_of_failures(1.0, (30, 30)) <= 0.02
+    assert share_of_failures(1.3, (30, 30)) >= 0.9
+
+
+def test_stated_number_of_runs_finds_twice_the_tolerance():
+    """Share of failures with the stated number of runs: 90 %, within 4 standard deviations (1 % each) on each side."""
+    rng = np.random.default_rng(1)
+    shared = rng.normal(size=4000)
+    base, now = (np.exp(0.3 * (0.9 * shared + 0.44 * rng.normal(size=4000))) for _ in range(2))
+    baseline = Baseline("digest", dict(study(base.tolist()).per_run))
+    compared = comparisons(["mine"], baseline, "digest", "")
+    result = compare(study(now.tolist()).per_run, baseline, compared, 0.05, looks(compared, 4000, 4000)[0])
+    needed = result.changes[0].needed_runs
+    assert needed is not None
+    assert 0.86 <= share_of_failures(1.1, (needed, needed)) <= 0.94
+
+
+def test_assert_not_worse():
+    rng = np.random.default_rng(0)
+    ate, nees = rng.uniform(0.9, 1.1, 20), rng.uniform(0.9, 1.1, 20)
+    baseline = study(ate.tolist(), nees.tolist())
+    assert_not_worse(baseline, baseline)
+    assert_not_worse(study((1.04 * ate).tolist(), nees.tolist()), baseline)
+    with pytest.raises(
+        AssertionError, match=r"mine: ATE is 1\.100 \(1\.100 to 1\.100\) times the baseline's on 20 runs"
+    ):
+        assert_not_worse(study((1.1 * ate).tolist(), nees.tolist()), baseline)
+    assert_not_worse(study((1.1 * ate).tolist(), nees.tolist()), baseline, tolerance=0.2)
+    with pytest.raises(AssertionError, match=r"mine: NEES is 2\.000"):
+        assert_not_worse(study(ate.tolist(), (2 * nees).tolist()), baseline)
+    with pytest.raises(AssertionError, match="mine: has no NEES, as the baseline has"):
+        assert_not_worse(study(ate.tolist()), baseline)
+    with pytest.raises(AssertionError, match="mine: fails in 1 run of the baseline, first in run 3"):
+        assert_not_worse(study(np.delete(ate, 3).tolist(), None, [*range(3), *range(4, 20)]), baseline)
+    with pytest.raises(UserError, match="tolerance = 50: not a share"):
+        assert_not_worse(baseline, baseline, tolerance=50)
+
+
+FILTER = """
+from dataclasses import replace
+from slamgauge import ekf_slam
+
+def estimate(recording):
+    found = ekf_slam(recording)
+    return replace(found, poses=found.poses + {shift})
+"""
+
+
+def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    mine = tmp_path / "mine.py"
+    mine.write_text(FILTER.format(shift=0.0))
+    command = ("study", "q1-short-dense", "--set", "trajectory.duration=2", "--jobs", 1, "--no-report")
+    command += ("--estimators", f"mine={mine}:estimate,causal")
+    assert run(*command, "--runs", 6, "--out", tmp_path / "before") == 0
+    baseline = tmp_path / "before" / "summary.json"
+    gate = ("--runs", 4, "--baseline", baseline)
+    assert run(*command, *gate, "--out", tmp_path / "same") == 0
+    assert "mine: ATE is 1.000 (1.000 to 1.000) times the baseline's on 4 runs: not worse" in capsys.readouterr().err
+    mine.write_text(FILTER.format(shift=1.0))
+    assert run(*command, *gate, "--fail-if-worse", "10%", "--out", tmp_path / "worse") == 1
+    assert "on 4 runs: worse by more than 10 %" in capsys.readouterr().err
+    for extra, message in (
+        (("--seed", 1), "summary.json: has other measurements (another scenario, seed or --set)"),
+        (("--fail-if-worse", "much"), "much is not a share; give for example 5% or 0.05"),
+        (("--precision", 0.1), "leave out --precision"),
+        (("--estimators", "ekf"), "has figures of none of these estimators; it has mine, causal"),
+        (("--out", tmp_path / "before"), "this study would replace its baseline"),
+    ):
+        assert run(*command, *gate, "--out", tmp_path / "other", *extra) == 2
+        assert message in capsys.readouterr().err
+    content = json.loads(baseline.read_text())
+    baseline.write_text(json.dumps(content | {"version": "0.1.0"}))
+    assert run(*command, *gate, "--out", tmp_path / "other") == 2
+    assert "summary.json: of slamgauge 0.1.0, this is" in capsys.readouterr().err
+    del content["per_run"]
+    baseline.write_text(json.dumps(content))
+    assert run(*command, *gate, "--out", tmp_path / "other") == 2
+    assert "not what `slamgauge study` writes" in capsys.readouterr().err
