@@ -52,7 +52,7 @@ IN_THE_WAY = [
     *(("study", name) for name in ("study.sqlite", "study.sqlite-wal", "summary.json", "ratios.svg", "nees.png/")),
     *(("sweep", name) for name in ("sweep.json", "sweep.png", "association.gate=9/study.sqlite", "association.gate=9")),
     *(("sweep", name) for name in ("association.gate=9/summary.json", "association.gate=4/nis.svg", "optimum")),
-    *(("claims", name) for name in ("claims.json", "studies", "studies/q1-long-sparse/study.sqlite")),
+    *(("claims", name) for name in ("claims.json", "studies", "studies/ekf-q1-long-sparse/study.sqlite")),
     *(("grade", name) for name in ("grades.csv", "grades.xml/", "submissions", "submissions/dead.md")),
     *(("noise", name) for name in ("noise.json", "noise.png", "noise.svg/")),
     *(("animate", name) for name in ("animation.gif", "animation.mp4", "animation.gif/")),
@@ -191,7 +191,7 @@ def test_no_store_is_written_through_a_link(
 ):
     out, elsewhere = tmp_path / "out", tmp_path / "elsewhere"
     elsewhere.mkdir()
-    place = {"study": "study.sqlite", "sweep": "association.gate=9", "claims": "studies/q1-long-dense"}[name]
+    place = {"study": "study.sqlite", "sweep": "association.gate=9", "claims": "studies/ekf-q1-long-dense"}[name]
     (out / place).parent.mkdir(parents=True)
     (out / place).symlink_to(elsewhere / "study.sqlite" if name == "study" else elsewhere)
     assert command(name, out) == 2
