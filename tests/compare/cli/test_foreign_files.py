@@ -10,7 +10,7 @@ import pytest
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.storage.manifest import MANIFEST, owned
 from slamgauge.compare.studies import claims
-from slamgauge.compare.studies.claim_list import CLAIMS
+from slamgauge.compare.studies.claim_list import CLAIMS, ClaimSet
 from tests.reference.command_line import contents
 from tests.reference.robot_logs import CSV
 
@@ -84,9 +84,9 @@ def given(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def command(given: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str, Path], int]:
     """Runs one of COMMANDS in a folder, without ffmpeg, and with two claims on two settings."""
-    few = [claim for claim in CLAIMS if claim.id in ("q1-sparse-error", "q1-sigma-grows")]
-    monkeypatch.setattr(claims, "CLAIMS", few)
-    monkeypatch.setattr(claims, "SETTINGS", ("q1-long-dense", "q1-long-sparse"))
+    few = tuple(claim for claim in CLAIMS if claim.id in ("q1-sparse-error", "q1-sigma-grows"))
+    settings = {name: (name,) for name in ("q1-long-dense", "q1-long-sparse")}
+    monkeypatch.setitem(claims.SETS, "exercise", ClaimSet(settings, few))
     monkeypatch.setenv("PATH", "")
 
     def call(name: str, out: Path) -> int:
