@@ -7,7 +7,7 @@ from collections.abc import Callable, Generator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
@@ -246,8 +246,12 @@ class Claims(WithPage):
 
     For example:
       slamgauge claims
+      slamgauge claims --of literature --max-runs 150 --out results/literature
       slamgauge claims --runs 20 --max-runs 20
     """
+
+    of: Literal["exercise", "literature"] = "exercise"
+    """Conclusions of the exercise, or claims that publications make about filters."""
 
     out: Folder = Path("results/claims")
     """Folder of claims.json and of the studies that it uses."""
@@ -267,7 +271,7 @@ class Claims(WithPage):
 
         with continued_later(), self.work.executor() as executor:
             most = max(self.runs, MOST_RUNS) if self.max_runs is None else self.max_runs
-            claims = judge_claims(self.runs, self.seed, self.out, executor, most)
+            claims = judge_claims(self.runs, self.seed, self.out, executor, most, self.of)
         printed = self.output.show([each.to_json() for each in claims.judgements], claims_table(claims))
         write_claims(self.out, claims)
         return self.finish(self.out, CLAIMS, done=printed)

@@ -75,8 +75,8 @@ def budget_page(folder: Path) -> dict[str, str]:
 
 CLAIM_HEADS = (
     Head("claim", "name of the claim in claims.json", words=True),
-    Head("section", "section of the exercise", words=True),
-    Head("conclusion", "short form of the conclusion of the exercise", words=True),
+    Head("section", "section of the exercise, or key of the publication", words=True),
+    Head("conclusion", "short form of the conclusion of the source", words=True),
     Head("hypothesis", "the conclusion as a statement about a ratio of two metrics of the same run", words=True),
     Head("verdict", f"holds, does not hold or undecided; all are right with probability {1 - ALPHA:.0%}", words=True),
     Head("ratio", "geometric mean over runs"),
@@ -108,7 +108,7 @@ def claims_page(folder: Path) -> dict[str, str]:
     ]
     text = plain_page(
         kind="claims",
-        title="Tests of the conclusions of the exercise",
+        title="Claims, tested",
         lead=[(f"{counts[verdict]} of {len(found)}", verdict) for verdict in ("holds", "does not hold", "undecided")],
         notes=[in_doubt] if any(each["optimum_check_share"] for each in found) else [],
         tables=[Table("claims", "Claims and their evidence", CLAIM_HEADS, rows)],

@@ -1,4 +1,7 @@
-"""The exercise's conclusions, each as a ratio of figures and the range that the exercise asserts."""
+"""The exercise's conclusions, each as a ratio of figures and the range that the exercise asserts.
+
+`literature_claims` has the claims of publications in the same form.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +18,7 @@ from slamgauge.compare.scoring.aggregation import reported_sigma
 from slamgauge.compare.scoring.runs import Runs
 
 FILTER, OPTIMUM = "ekf", CAUSAL  # the exercise's filter, and the causal optimum
-SETTINGS = (
+NAMES = (
     "q1-short-dense",
     "q1-long-dense",
     "q1-long-sparse",
@@ -29,6 +32,8 @@ SETTINGS = (
     "q3-scale-2",
     "q3-scale-10",
 )
+SETTINGS = {name: (name,) for name in NAMES}
+EXERCISE = "ENSTA, course ROB312, TP4"
 SECTIONS = {"q1": "2.1", "q2": "2.2", "q3": "3.1"}  # section of the exercise by the first part of a claim's id
 SAME = 1.1  # "like", "similar": within this factor
 MUCH = 2.0  # "much", "very", "multiplies": at least this factor
@@ -49,16 +54,17 @@ class Figure(NamedTuple):
 
 @dataclass(frozen=True)
 class Claim:
-    """A conclusion of the exercise: `figure` divided by each of `others` is in the range `asserted`.
+    """A conclusion of a source: `figure` divided by each of `others` is in the range `asserted`.
 
     Attributes:
-        id: short name.
-        claim: the exercise's sentence, shortened.
+        id: short name; its first part is the question of the exercise or the key of the publication.
+        claim: the sentence of the source, shortened.
         hypothesis: the claim as a statement about a ratio.
         figure: numerator of the ratio.
         others: denominators; of several, the least favourable decides.
         asserted: range of the ratio, both ends excluded.
         limit: largest factor by which the ratio of a run counts; near the largest difference of single runs.
+        source: publication.
     """
 
     id: str
@@ -68,11 +74,30 @@ class Claim:
     others: tuple[Figure, ...]
     asserted: tuple[float, float]
     limit: float = LIMIT
+    source: str = EXERCISE
 
     @property
     def section(self) -> str:
-        """Section of the exercise."""
-        return SECTIONS[self.id.partition("-")[0]]
+        """Section of the exercise, or key of the publication."""
+        key = self.id.partition("-")[0]
+        return SECTIONS.get(key, key)
+
+    @property
+    def compared(self) -> tuple[Figure, ...]:
+        """Numerator and denominators."""
+        return self.figure, *self.others
+
+
+class ClaimSet(NamedTuple):
+    """Claims, and the scenario of each setting: a shipped one and overrides, to which a sampled start is added."""
+
+    settings: dict[str, tuple[str, ...]]
+    claims: tuple[Claim, ...]
+
+    @property
+    def tests(self) -> int:
+        """Number of ratios that are tested."""
+        return sum(len(claim.others) for claim in self.claims)
 
 
 def ate(setting: str, estimator: str = FILTER) -> Figure:
@@ -268,5 +293,3 @@ CLAIMS = (
         LESS,
     ),
 )
-
-TESTS = sum(len(claim.others) for claim in CLAIMS)  # ratios that are looked at

@@ -1,4 +1,4 @@
-"""The exercise's conclusions as tests over Monte Carlo runs.
+"""Conclusions of the exercise and of the literature as tests over Monte Carlo runs.
 
 A claim asserts that a ratio of two figures of the same run is in a range. It holds if the interval of the ratio
 (`claim_evidence`) is inside the range, does not hold if it is outside, and is undecided otherwise: then its settings
@@ -38,7 +38,8 @@ from slamgauge.compare.storage.result_files import CLAIMS as CLAIMS_FILE
 from slamgauge.compare.storage.result_files import CLAIMS_FILES, STORE_FILES
 from slamgauge.compare.storage.staged_folder import staged_folder
 from slamgauge.compare.studies.claim_evidence import ALPHA, Evidence, weigh
-from slamgauge.compare.studies.claim_list import CLAIMS, FILTER, OPTIMUM, SETTINGS, TESTS, Claim, Figure, ate
+from slamgauge.compare.studies.claim_list import CLAIMS, EXERCISE, OPTIMUM, SETTINGS, Claim, ClaimSet, Figure, ate
+from slamgauge.compare.studies.literature_claims import LITERATURE
 from slamgauge.compare.studies.store import digest
 from slamgauge.compare.studies.study import load_runs, run_study
 from slamgauge.compare.studies.summary import failure_lines
@@ -46,6 +47,7 @@ from slamgauge.errors import UserError
 
 Load = Callable[[str, str, int], Runs]  # (setting, estimator, number of runs)
 
+SETS = {"exercise": ClaimSet(SETTINGS, CLAIMS), "literature": LITERATURE}
 TOGETHER = 2  # studies in memory at a time: those of one ratio
 CERTAINTY = f"with {1 - ALPHA:.0%} probability no verdict is wrong and all intervals hold, after any number of runs"
 
@@ -71,8 +73,7 @@ class Judgement:
     @property
     def is_in_doubt(self) -> bool:
         """Whether the verdict depends on an optimum in doubt."""
-        compared = (self.claim.figure, *self.claim.others)
-        return bool(self.optimum_check_share) and any(each.estimator == OPTIMUM for each in compared)
+        return bool(self.optimum_check_share) and any(each.estimator == OPTIMUM for each in self.claim.compared)
 
     def to_json(self) -> dict[str, Any]:
         """Return the claim's entry in claims.json."""
@@ -80,7 +81,7 @@ class Judgement:
         figures = evidence._asdict()
         del figures["support"]
         return {
-            **{key: getattr(claim, key) for key in ("id", "section", "claim", "hypothesis")},
+            **{key: getattr(claim, key) for key in ("id", "section", "source", "claim", "hypothesis")},
             **figures,
             "verdict": evidence.verdict,
             "optimum": self.optimum,
@@ -97,23 +98,37 @@ class Claims(NamedTuple):
 
     judgements: list[Judgement]
     failures: list[str]
+    origin: str = "exercise"
+
+
+class Look(NamedTuple):
+    """Number of runs that are looked at, largest number of runs, and number of ratios that are tested."""
+
+    runs: int
+    most: int
+    tests: int
 
 
 class _Studies:
-    """A study folder for filter and optimum of each setting; settings with the same measurements share the optimum."""
+    """A study folder for each setting and estimator; settings with the same measurements share the optimum."""
 
-    def __init__(self, settings: dict[str, Scenario], seed: int, out: Path, executor: Executor) -> None:
+    def __init__(
+        self, settings: dict[str, Scenario], claims: tuple[Claim, ...], seed: int, out: Path, executor: Executor
+    ) -> None:
         self._seed, self._executor = seed, executor
         self._studies: dict[tuple[str, str], tuple[Scenario, Path]] = {}
         self._done: dict[Path, int] = {}
         self._failures: dict[Path, list[str]] = {}
         inside = require_folder(out, "studies")
         optima: dict[str, tuple[Scenario, Path]] = {}
-        for name, scenario in settings.items():
-            exact = informed(scenario)
-            self._studies[name, FILTER] = scenario, require_folder(inside, name)
-            optimum = exact, require_folder(inside, f"optimum-of-{name}")
-            self._studies[name, OPTIMUM] = optima.setdefault(exact.model_dump_json(), optimum)
+        figures = [each for claim in claims for each in (*claim.compared, ate(claim.figure.setting, OPTIMUM))]
+        for name, _, estimator in figures:
+            if estimator == OPTIMUM:
+                exact = informed(settings[name])
+                optimum = exact, require_folder(inside, f"{OPTIMUM}-{name}")
+                self._studies[name, OPTIMUM] = optima.setdefault(exact.model_dump_json(), optimum)
+            else:
+                self._studies[name, estimator] = settings[name], require_folder(inside, f"{estimator}-{name}")
         for _, folder in self._studies.values():
             require_free(folder, STORE_FILES)
 
@@ -132,12 +147,14 @@ class _Studies:
         return load_runs(scenario, runs, self._seed, [estimator], folder)[estimator]
 
 
-def sampled_settings(settings: tuple[str, ...]) -> dict[str, Scenario]:
-    """Return the shipped scenarios of these names, with the true start drawn from the prior."""
-    return {name: load_scenario(name, ["start=sampled"]) for name in settings}
+def sampled_settings(settings: dict[str, tuple[str, ...]]) -> dict[str, Scenario]:
+    """Return the scenario of each setting, with the true start drawn from the prior."""
+    return {key: load_scenario(name, [*changes, "start=sampled"]) for key, (name, *changes) in settings.items()}
 
 
-def judge_claims(runs: int, seed: int, out: str | Path, executor: Executor, most: int | None = None) -> Claims:
+def judge_claims(
+    runs: int, seed: int, out: str | Path, executor: Executor, most: int | None = None, of: str = "exercise"
+) -> Claims:
     """Run what the claims need and `out` lacks, and judge every claim.
 
     Args:
@@ -146,6 +163,7 @@ def judge_claims(runs: int, seed: int, out: str | Path, executor: Executor, most
         out: folder of the studies.
         executor: see `run_study`.
         most: largest number of runs for claims that are undecided; None: `runs`.
+        of: `exercise` or `literature`.
 
     Raises:
         UserError: bad numbers, a store of another study in `out`, or a foreign file in the place of a result.
@@ -155,17 +173,22 @@ def judge_claims(runs: int, seed: int, out: str | Path, executor: Executor, most
     most, out = runs if most is None else most, Path(out)
     if most < runs:
         raise UserError(f"max-runs: {most} is less than the {runs} runs that it begins with; give at least {runs}")
+    if of not in SETS:
+        raise UserError(f"of: {of!r} has no claims; give one of {', '.join(SETS)}")
     require_free(out, CLAIMS_FILES)
-    settings = sampled_settings(SETTINGS)
-    studies = _Studies(settings, seed, out, executor)
+    claims, tests = SETS[of].claims, SETS[of].tests
+    settings = sampled_settings(SETS[of].settings)
+    studies = _Studies(settings, claims, seed, out, executor)
     for scenario in settings.values():
         require_room_for_runs(most, scenario, TOGETHER)
-    judged = [judge(claim, studies.load, runs, most, settings[claim.figure.setting], seed) for claim in CLAIMS]
+    first = Look(runs, most, tests)
+    judged = [judge(claim, studies.load, first, settings[claim.figure.setting], seed) for claim in claims]
     for count in growing(runs, most)[1:]:
+        look = Look(count, most, tests)
         for place, each in enumerate(judged):
             if each.evidence.verdict == "undecided":
-                judged[place] = replace(each, evidence=evidence_for(each.claim, studies.load, count, most))
-    return Claims(judged, studies.failures)
+                judged[place] = replace(each, evidence=evidence_for(each.claim, studies.load, look))
+    return Claims(judged, studies.failures, of)
 
 
 def write_claims(out: Path, claims: Claims) -> None:
@@ -174,20 +197,20 @@ def write_claims(out: Path, claims: Claims) -> None:
         write_json(stage / CLAIMS_FILE, [each.to_json() for each in claims.judgements])
 
 
-def judge(claim: Claim, load: Load, runs: int, most: int, scenario: Scenario, seed: int) -> Judgement:
-    """Judge a claim by the first `runs` runs of at most `most`; `scenario` is its setting."""
-    setting = claim.figure.setting
-    optimum = mean(log_ratios(ate(setting, OPTIMUM), ate(setting), load, runs))
+def judge(claim: Claim, load: Load, look: Look, scenario: Scenario, seed: int) -> Judgement:
+    """Judge a claim by the first runs; `scenario` is its setting."""
+    setting, estimator = claim.figure.setting, claim.figure.estimator
+    optimum = mean(log_ratios(ate(setting, OPTIMUM), ate(setting, estimator), load, look.runs))
     avoidable = None if optimum is None else 1.0 - math.exp(optimum)
-    share = share_in_doubt(load(setting, OPTIMUM, runs), {})
+    share = share_in_doubt(load(setting, OPTIMUM, look.runs), {})
     where = scenario_text(scenario), seed, digest(scenario, seed)
-    return Judgement(claim, evidence_for(claim, load, runs, most), avoidable, share, *where)
+    return Judgement(claim, evidence_for(claim, load, look), avoidable, share, *where)
 
 
-def evidence_for(claim: Claim, load: Load, runs: int, most: int) -> Evidence:
-    """Return the evidence of the first `runs` runs for a claim; of several ratios, that of the least favourable."""
-    ratios = [log_ratios(claim.figure, other, load, runs) for other in claim.others]
-    return min((weigh(each, claim, TESTS, most) for each in ratios), key=lambda each: each.support)
+def evidence_for(claim: Claim, load: Load, look: Look) -> Evidence:
+    """Return the evidence of the runs of a look; of several ratios, that of the least favourable."""
+    ratios = [log_ratios(claim.figure, other, load, look.runs) for other in claim.others]
+    return min((weigh(each, claim, look.tests, look.most) for each in ratios), key=lambda each: each.support)
 
 
 def log_ratios(above: Figure, below: Figure, load: Load, runs: int) -> Float:
@@ -203,7 +226,7 @@ def log_ratios(above: Figure, below: Figure, load: Load, runs: int) -> Float:
 def claims_table(claims: Claims) -> Page:
     """Return a table with a row for each claim: conclusion, verdict and ratio with interval; below it failures."""
     heads = ("ratio", "interval", "p", "avoidable", "runs", "decidable")
-    rows: list[tuple[str, ...]] = [("section", "the exercise", "verdict", *heads, "hypothesis")]
+    rows: list[tuple[str, ...]] = [("section", f"the {claims.origin}", "verdict", *heads, "hypothesis")]
     shares = {each.claim.figure.setting: each.optimum_check_share for each in claims.judgements}
     room_for_marks = any(shares.values())
     for each in claims.judgements:
@@ -221,4 +244,6 @@ def claims_table(claims: Claims) -> Page:
     tally = ", ".join(f"{counts[verdict]} {verdict}" for verdict in ("holds", "does not hold", "undecided"))
     doubts = at_places(OPTIMUM, shares)
     grid = Grid(rows, words=(0, 1, 2, 9), sentences=1)
-    return Page((grid, "", f"{len(rows) - 1} claims: {tally}", CERTAINTY, *doubts, *claims.failures))
+    cited = {each.claim.section: each.claim.source for each in claims.judgements if each.claim.source != EXERCISE}
+    sources = [f"{key}: {source}" for key, source in cited.items()]
+    return Page((grid, "", f"{len(rows) - 1} claims: {tally}", CERTAINTY, *sources, *doubts, *claims.failures))

@@ -10,7 +10,7 @@ import pytest
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.storage.manifest import MANIFEST, owned
 from slamgauge.compare.studies import claims
-from slamgauge.compare.studies.claim_list import CLAIMS
+from slamgauge.compare.studies.claim_list import CLAIMS, ClaimSet
 from tests.reference.command_line import contents
 from tests.reference.robot_logs import CSV
 
@@ -52,7 +52,7 @@ IN_THE_WAY = [
     *(("study", name) for name in ("study.sqlite", "study.sqlite-wal", "summary.json", "ratios.svg", "nees.png/")),
     *(("sweep", name) for name in ("sweep.json", "sweep.png", "association.gate=9/study.sqlite", "association.gate=9")),
     *(("sweep", name) for name in ("association.gate=9/summary.json", "association.gate=4/nis.svg", "optimum")),
-    *(("claims", name) for name in ("claims.json", "studies", "studies/q1-long-sparse/study.sqlite")),
+    *(("claims", name) for name in ("claims.json", "studies", "studies/ekf-q1-long-sparse/study.sqlite")),
     *(("grade", name) for name in ("grades.csv", "grades.xml/", "submissions", "submissions/dead.md")),
     *(("noise", name) for name in ("noise.json", "noise.png", "noise.svg/")),
     *(("animate", name) for name in ("animation.gif", "animation.mp4", "animation.gif/")),
@@ -84,9 +84,9 @@ def given(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def command(given: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str, Path], int]:
     """Runs one of COMMANDS in a folder, without ffmpeg, and with two claims on two settings."""
-    few = [claim for claim in CLAIMS if claim.id in ("q1-sparse-error", "q1-sigma-grows")]
-    monkeypatch.setattr(claims, "CLAIMS", few)
-    monkeypatch.setattr(claims, "SETTINGS", ("q1-long-dense", "q1-long-sparse"))
+    few = tuple(claim for claim in CLAIMS if claim.id in ("q1-sparse-error", "q1-sigma-grows"))
+    settings = {name: (name,) for name in ("q1-long-dense", "q1-long-sparse")}
+    monkeypatch.setitem(claims.SETS, "exercise", ClaimSet(settings, few))
     monkeypatch.setenv("PATH", "")
 
     def call(name: str, out: Path) -> int:
@@ -191,7 +191,7 @@ def test_no_store_is_written_through_a_link(
 ):
     out, elsewhere = tmp_path / "out", tmp_path / "elsewhere"
     elsewhere.mkdir()
-    place = {"study": "study.sqlite", "sweep": "association.gate=9", "claims": "studies/q1-long-dense"}[name]
+    place = {"study": "study.sqlite", "sweep": "association.gate=9", "claims": "studies/ekf-q1-long-dense"}[name]
     (out / place).parent.mkdir(parents=True)
     (out / place).symlink_to(elsewhere / "study.sqlite" if name == "study" else elsewhere)
     assert command(name, out) == 2

@@ -19,8 +19,17 @@ from slamgauge.compare.scoring.runs import Runs
 from slamgauge.compare.studies import claims as module
 from slamgauge.compare.studies.claim_evidence import ALPHA, Evidence
 from slamgauge.compare.studies.claim_evidence import weigh as weigh_for
-from slamgauge.compare.studies.claim_list import CLAIMS, SAME, SETTINGS, Claim, during, stored
-from slamgauge.compare.studies.claims import Claims, Judgement, claims_table, judge, judge_claims
+from slamgauge.compare.studies.claim_list import CLAIMS, SAME, SETTINGS, Claim, ClaimSet, during, stored
+from slamgauge.compare.studies.claims import (
+    Claims,
+    Judgement,
+    Look,
+    claims_table,
+    judge,
+    judge_claims,
+    sampled_settings,
+)
+from slamgauge.compare.studies.literature_claims import LITERATURE, SOURCES
 from slamgauge.compare.studies.summary import Summary
 from tests.reference.json_schemas import held
 
@@ -48,7 +57,7 @@ def judged(claim: Claim, studies: dict[tuple[str, str], Runs]) -> Judgement:
     def load(setting: str, estimator: str, _: int) -> Runs:
         return studies[setting, estimator]
 
-    return judge(claim, load, 50, 50, load_scenario("q1-short-dense"), 0)
+    return judge(claim, load, Look(50, 50, len(CLAIMS)), load_scenario("q1-short-dense"), 0)
 
 
 def table(judgements: list[Judgement], failures: list[str]) -> list[str]:
@@ -151,9 +160,34 @@ def test_stretches_of_the_first_loop():
 
 def test_every_claim_is_about_the_settings_and_named_once():
     assert len({claim.id for claim in CLAIMS}) == len(CLAIMS)
-    used = {figure.setting for claim in CLAIMS for figure in (claim.figure, *claim.others)}
+    used = {figure.setting for claim in CLAIMS for figure in claim.compared}
     assert used == set(SETTINGS)
     assert {claim.section for claim in CLAIMS} == {"2.1", "2.2", "3.1"}
+
+
+def test_claims_of_the_literature_have_sources_and_known_settings():
+    claims = LITERATURE.claims
+    assert len({claim.id for claim in claims}) == len(claims) >= 15
+    assert {figure.setting for claim in claims for figure in claim.compared} == set(LITERATURE.settings)
+    assert {claim.section for claim in claims} == set(SOURCES)
+    assert {claim.source for claim in claims} == set(SOURCES.values())
+    assert set(sampled_settings(LITERATURE.settings)) == set(LITERATURE.settings)
+
+
+@pytest.mark.usefixtures("studies_in_a_thread")
+def test_every_claim_of_the_literature_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Two runs of 20 steps: every figure is defined, and two runs decide nothing."""
+    scenarios = sampled_settings(LITERATURE.settings)
+    short = {name: [f"trajectory.duration={20 * each.trajectory.step}"] for name, each in scenarios.items()}
+    settings = {name: (*each, *short[name]) for name, each in LITERATURE.settings.items()}
+    monkeypatch.setitem(module.SETS, "literature", ClaimSet(settings, LITERATURE.claims))
+    with ThreadPoolExecutor(1) as executor:
+        claims = judge_claims(2, 0, tmp_path, executor, of="literature")
+    assert not claims.failures
+    assert {each.evidence.runs for each in claims.judgements} == {2}
+    assert {each.evidence.verdict for each in claims.judgements} == {"undecided"}
+    page = str(claims_table(claims))
+    assert all(source.split(",")[0] in page for source in SOURCES.values())
 
 
 def test_settings_that_are_compared_share_their_random_numbers():
@@ -187,9 +221,8 @@ def test_claims_continue_until_they_are_decided(tmp_path: Path, monkeypatch: pyt
     kept = load_scenario("q1-long-dense")
     scenarios = {name: kept.model_copy(update={"name": name}) for name in "abcd"}
     claims = [Claim(each, "", "", stored("a", "x"), (stored(each, "x"),), ABOVE_ONE) for each in "bcd"]
-    monkeypatch.setattr(module, "CLAIMS", claims)
-    monkeypatch.setattr(module, "TESTS", len(claims))
-    monkeypatch.setattr(module, "sampled_settings", {SETTINGS: scenarios}.__getitem__)
+    monkeypatch.setitem(module.SETS, "exercise", ClaimSet({}, tuple(claims)))
+    monkeypatch.setattr(module, "sampled_settings", lambda _: scenarios)
     monkeypatch.setattr("slamgauge.compare.studies.claims.run_study", run)
     monkeypatch.setattr("slamgauge.compare.studies.claims.load_runs", load)
     with ThreadPoolExecutor(1) as executor:
@@ -208,14 +241,9 @@ def test_claims_continue_until_they_are_decided(tmp_path: Path, monkeypatch: pyt
 def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
     """Two settings of 30 s, three runs; a second call repeats no run and prints the same."""
 
-    def shortened(names: tuple[str, ...]) -> dict[str, Scenario]:
-        return {name: load_scenario(name, ["start=sampled", "trajectory.duration=30"]) for name in names}
-
-    few = [claim for claim in CLAIMS if claim.id in ("q1-sparse-error", "q1-sigma-grows")]
-    settings = ("q1-long-dense", "q1-long-sparse")
-    monkeypatch.setattr(module, "CLAIMS", few)
-    monkeypatch.setattr(module, "SETTINGS", settings)
-    monkeypatch.setattr(module, "sampled_settings", shortened)
+    few = tuple(claim for claim in CLAIMS if claim.id in ("q1-sparse-error", "q1-sigma-grows"))
+    settings = {name: (name, "trajectory.duration=30") for name in ("q1-long-dense", "q1-long-sparse")}
+    monkeypatch.setitem(module.SETS, "exercise", ClaimSet(settings, few))
     arguments = ["claims", "--runs", "2", "--max-runs", "3", "--jobs", "1", "--out", str(tmp_path / "claims")]
     assert main(arguments) == 0
     table = capsys.readouterr().out

@@ -1,0 +1,104 @@
+"""Power of the verdicts: how often each is drawn, by the true deviation, on drawn figures of runs.
+
+    python benchmarks/verdict_power.py [--trials 1000]
+
+Errors last for the whole run, so the NEES of a run is chi-square with 3 degrees of freedom: the case in which sigmas
+are hardest to judge. ATEs of a run are Rayleigh (`verdicts.SCATTER`) and the ratio of two estimators in a run scatters
+by the given share. Claims are those of a set of 20 ratios, with the same scatter of the
+logarithm; of claims of equality a run counts at most 1.3 times, of others at most 3 times, as in `literature_claims`.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections import Counter
+
+import numpy as np
+import tyro
+
+from slamgauge.arrays import Float
+from slamgauge.compare.scoring.intervals import ratio_interval
+from slamgauge.compare.scoring.verdicts import Evidence, faults, verdict
+from slamgauge.compare.studies.claim_evidence import weigh
+from slamgauge.compare.studies.claim_list import SAME, Claim, stored
+from slamgauge.compare.studies.literature_claims import ALIKE, APART, CLOSE
+
+RUNS = (5, 20, 100)
+SIGMAS = (1.0, 1.05, 1.1, 1.2, 1.5, 2.0)  # errors over sigmas
+RATIOS = (1.0, 1.02, 1.05, 1.1, 1.2, 1.5)  # ATE over the optimum's
+SCATTER = 0.15  # of this ratio from run to run
+NIS = (1.0, 1.05, 1.1, 1.15, 1.2)  # NIS over its degrees of freedom
+STEPS = 1000  # of a run, each with 2 degrees of freedom of the NIS
+TESTS = 20  # ratios of the set of claims
+
+
+def main(trials: int = 1000) -> int:
+    rng = np.random.default_rng(0)
+    for title, values, draw in (
+        ("errors / sigmas", SIGMAS, _sigma),
+        ("ATE / optimum's", RATIOS, _ratio),
+        ("NIS / dof", NIS, _nis),
+        ("ratio claimed > 1", RATIOS, _claim_above),
+        (f"claimed within {1 / SAME:.3g} and {SAME:g}", RATIOS, _claim_alike),
+    ):
+        print(f"\n{title:28}{'runs':>6}  share of verdicts")
+        for value in values:
+            for runs in RUNS:
+                counts = Counter(draw(value, runs, rng) for _ in range(trials))
+                shares = ", ".join(f"{name} {count / trials:.1%}" for name, count in sorted(counts.items()))
+                print(f"{value:<28}{runs:>6}  {shares}", flush=True)
+    return 0
+
+
+def _sigma(factor: float, runs: int, rng: np.random.Generator) -> str:
+    nees = factor**2 * rng.chisquare(3, runs).mean() / 3
+    found = faults(Evidence(runs=runs, nees_per_dof=nees, coverage_95=None, nis_per_dof=None, nis_dof=0))
+    return found[0].replace("claims ", "") if found else "right as far as runs show"
+
+
+def _ratio(factor: float, runs: int, rng: np.random.Generator) -> str:
+    optimum = rng.rayleigh(size=runs)
+    ratio = ratio_interval(optimum * factor * np.exp(_scatter(runs, rng)), optimum)
+    evidence = Evidence(
+        runs=0, nees_per_dof=None, coverage_95=None, nis_per_dof=None, nis_dof=0, ratio=ratio, ratio_runs=runs
+    )
+    text = verdict(evidence) or ""
+    return next((each for each in ("as accurate", "not significant", "less than") if each in text), "larger error")
+
+
+def _nis(figure: float, runs: int, rng: np.random.Generator) -> str:
+    dof = 2 * STEPS * runs
+    found = faults(
+        Evidence(
+            runs=runs,
+            nees_per_dof=None,
+            coverage_95=None,
+            nis_per_dof=figure * rng.chisquare(dof) / dof,
+            nis_dof=dof,
+        )
+    )
+    return found[0] if found else "as expected"
+
+
+def _claim_above(factor: float, runs: int, rng: np.random.Generator) -> str:
+    return _claim(factor, runs, rng, (1.0, math.inf), APART)
+
+
+def _claim_alike(factor: float, runs: int, rng: np.random.Generator) -> str:
+    return _claim(factor, runs, rng, ALIKE, CLOSE)
+
+
+def _claim(factor: float, runs: int, rng: np.random.Generator, asserted: tuple[float, float], limit: float) -> str:
+    figure = stored("setting", "figure")
+    claim = Claim("claim", "", "", figure, (figure,), asserted, limit)
+    return weigh(math.log(factor) + _scatter(runs, rng), claim, TESTS, runs).verdict
+
+
+def _scatter(runs: int, rng: np.random.Generator) -> Float:
+    """Return logarithms (runs,) of ratios whose mean is 1."""
+    return rng.normal(-0.5 * SCATTER**2, SCATTER, runs)
+
+
+if __name__ == "__main__":
+    sys.exit(tyro.cli(main, description=__doc__))
