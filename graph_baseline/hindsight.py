@@ -2,8 +2,9 @@
 
 1. GTSAM's Levenberg-Marquardt starts from a path, by default dead reckoning, with regularising noise on zero variances.
 2. Damped steps (`levenberg_marquardt`) approach a minimum of the exact cost, in which zero variances are constraints.
-3. If the stated noise explains the cost (chi-square test), the search ends. Otherwise other starts are tried: inflated
-   observation noise, the path of the causal optimum, a start that adds the recording in portions, and dead reckoning.
+3. If the stated noise explains the cost (chi-square test), the search ends. Otherwise other starts are tried: the
+   minimum of a surrogate that needs no start (`isotropic_surrogate`), inflated observation noise, the path of the
+   causal optimum, a start that adds the recording in portions, and dead reckoning.
 4. Gauss-Newton steps converge to the lowest minimum.
 
 A bearing-only landmark is added if its bearings place it from the optimum without it, and removed if the optimum with
@@ -16,12 +17,14 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from dataclasses import replace
 
 import numpy as np
 
 from slamgauge.arrays import Float, Int
 from slamgauge.covariances import without_negative_eigenvalues
 from slamgauge.estimate import Estimate
+from slamgauge.graph_baseline.certified import certificate, require_certifiable
 from slamgauge.graph_baseline.problem.preparation import (
     Problem,
     landmarks_at_first_observation,
@@ -32,6 +35,7 @@ from slamgauge.graph_baseline.problem.preparation import (
 from slamgauge.graph_baseline.problem.undetermined import UndeterminedError
 from slamgauge.graph_baseline.solver.cost_estimate import require_memory_for
 from slamgauge.graph_baseline.solver.incremental import IncrementalOptimum
+from slamgauge.graph_baseline.solver.isotropic_surrogate import surrogate_start
 from slamgauge.graph_baseline.solver.levenberg_marquardt import Minimum
 from slamgauge.graph_baseline.solver.multistart import (
     Start,
@@ -49,23 +53,29 @@ MOST_SWITCHES = 10  # each is a search from several starts; without a limit 1 m 
 
 
 @relative_to_start
-def batch(recording: Recording, association: Int | None = None) -> Estimate:
+def batch(recording: Recording, association: Int | None = None, *, certify: bool = False) -> Estimate:
     """Return the maximum a posteriori path and map given all measurements.
 
     Args:
         recording: measurements.
         association: (M,) ids that replace those of the recording, for instance an `Estimate.association`; -1 excludes
             an observation.
+        certify: compute `Estimate.certificate`, which needs ranges or positions.
 
     Raises:
-        UserError: the association is unknown, the measurements leave a variable undetermined, or no minimum was found.
+        UserError: the association is unknown, the measurements leave a variable undetermined, no minimum was found, or
+            `certify` does not apply.
     """
     problem = prepare(recording, association)
     require_memory_for(problem, "batch")
+    if certify:
+        require_certifiable(problem)
     if SENSORS[recording.sensor].places_landmarks:
         found = optimum_from(problem, problem.dead_reckoning)
     else:
         found = bearing_only_optimum(problem, lambda: incremental_start(problem)[0])
+    if certify:
+        found = replace(found, certificate=certificate(problem, found))
     return with_association(found, association)
 
 
@@ -137,6 +147,8 @@ def _starts(recording: Problem, path: Float) -> Iterator[Start]:
     """Yield functions that return starting poses (N+1, 3) and landmarks (L, 2), the most promising first."""
     odometry = recording.dead_reckoning
     yield lambda: descent_start(recording, path)
+    if SENSORS[recording.sensor].places_landmarks:
+        yield lambda: surrogate_start(recording)
     yield lambda: inflated_noise_start(recording, path)
     if np.array_equal(path, odometry):
         yield lambda: incremental_start(recording, MOST_SWITCHES)

@@ -146,6 +146,9 @@ class Evaluate(WithPage):
     twins: int = 0
     """Simulated twins of the consistency test without ground truth, for example 99 (docs/no_ground_truth.md)."""
 
+    certify: bool = False
+    """Compare batch with the minimum from a certified start (docs/certified.md); not for bearing-only recordings."""
+
     out: Folder | None = None
     """Folder of the results. Without it the table is only printed."""
 
@@ -164,6 +167,10 @@ class Evaluate(WithPage):
         from slamgauge.ekf.settings import Robustness
 
         recording = load_recording(self.recording)
+        if self.certify:
+            from slamgauge.graph_baseline.certified import require_certifiable
+
+            require_certifiable(recording)
         beside = self.recording.with_name("truth.npz")
         path = self.truth or (beside if beside.exists() else None)
         truth = None if path is None else load_truth(path, recording)
@@ -179,7 +186,8 @@ class Evaluate(WithPage):
         title = shown(f"{self.recording.parent.resolve().name}/{self.recording.name}")
         if not 0 <= self.twins <= MOST_TWINS:
             raise UserError(f"twins: {self.twins} is out of range; give 0 to {MOST_TWINS}")
-        scoring = Scoring(ask([*named, *ask(stored)]), self.out, self.output, title, *settings, twins=self.twins)
+        asked = ask([*named, *ask(stored)])
+        scoring = Scoring(asked, self.out, self.output, title, *settings, twins=self.twins, certify=self.certify)
         return scoring.score(truth, recording)
 
     def _stored(self) -> dict[str, Path]:
@@ -227,6 +235,7 @@ class Scoring:
     seed: int | None = None
     scenario_text: str | None = None
     twins: int = 0
+    certify: bool = False
     study: str = ""  # command of many runs, if the recording is simulated
 
     def score(self, truth: Truth | None, recording: Recording, informed: Recording | None = None) -> int:
@@ -234,6 +243,7 @@ class Scoring:
         from slamgauge.compare.estimators.loading import load_each
         from slamgauge.compare.estimators.running import with_stand_ins
         from slamgauge.compare.scoring.comparison import (
+            certified,
             compare_estimators,
             metrics,
             table,
@@ -256,6 +266,8 @@ class Scoring:
             comparison = replace(comparison, failures=failures | comparison.failures, study=self.study)
             if self.twins:
                 comparison = tested_without_truth(comparison, self.twins)
+            if self.certify:
+                comparison = certified(comparison)
             content = metrics(comparison, self.scenario, self.seed, self.scenario_text)
             done = self.output.show(content, table(comparison)) and not comparison.failures
             if folder is not None and self.out is not None:

@@ -18,7 +18,7 @@ from slamgauge.compare.scoring.scores import pose_covs_of
 from slamgauge.compare.scoring.text_table import interval_cell
 from slamgauge.compare.scoring.trajectory_error import pose_errors
 from slamgauge.display import counted
-from slamgauge.estimate import Estimate
+from slamgauge.estimate import Certificate, Estimate
 from slamgauge.recording import Recording
 from slamgauge.sensors import SENSORS
 from slamgauge.truth import NOBODY, Truth
@@ -83,6 +83,19 @@ def misfits(names: Sequence[str]) -> str | None:
         return None
     which = f"the residuals of {' and '.join(names)} contradict the stated noise"
     return f"{which}, so they are not optimal: figures relative to them are marked {MARK}"
+
+
+def certified_minimum(name: str, found: Certificate | None) -> str | None:
+    """Return the gap of a certified start, and whether its minimum is the optimum; None without a certificate."""
+    if found is None:
+        return None
+    if found.is_same_minimum:
+        where = f"leads to the minimum of {name}"
+    else:
+        where = f"leads to cost {found.reached_cost:.8g}, {name} has {found.optimum_cost:.8g}"
+    start = "certified start" if found.is_tight else "start, not certified,"
+    text = f"{start} (surrogate cost {found.surrogate_cost:.6g}, relative gap {found.relative_gap:.1e}) {where}"
+    return f"{text}; no path and map costs less than {found.lower_bound:.6g}" if found.bounds_optimum else text
 
 
 def under_associations(names: Sequence[str]) -> str:

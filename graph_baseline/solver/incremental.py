@@ -27,6 +27,7 @@ from slamgauge.graph_baseline.problem.residuals import measured_of
 from slamgauge.graph_baseline.problem.undetermined import UndeterminedError
 from slamgauge.graph_baseline.solver.active_landmarks import ActiveLandmarks
 from slamgauge.graph_baseline.solver.chord_descent import ChordDescent
+from slamgauge.graph_baseline.solver.isotropic_surrogate import surrogate_start
 from slamgauge.graph_baseline.solver.levenberg_marquardt import Minimum
 from slamgauge.graph_baseline.solver.linear_problem import allocate_state
 from slamgauge.graph_baseline.solver.multistart import (
@@ -259,6 +260,8 @@ class IncrementalOptimum:
 
         def starts(part: Problem, path: Float) -> Iterator[Start]:
             yield lambda: descent_start(part, path)
+            if SENSORS[part.sensor].places_landmarks:
+                yield lambda: surrogate_start(part)
             yield lambda: inflated_noise_start(part, path)
             yield lambda: descent_start(part, here)
             yield lambda: growing_start(part)

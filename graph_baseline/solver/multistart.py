@@ -27,7 +27,7 @@ from slamgauge.graph_baseline.solver.levenberg_marquardt import (
     gauss_newton_minimum,
 )
 from slamgauge.graph_baseline.solver.motion_elimination import reduce_to_key_poses, restore_poses
-from slamgauge.graph_baseline.solver.robust_fit import RobustFit, robust_fit
+from slamgauge.graph_baseline.solver.robust_fit import robust_fit
 from slamgauge.se2 import chain
 from slamgauge.sensors import SENSORS
 
@@ -42,7 +42,6 @@ UNLIKELY = 5e-4  # probability of a cost that counts as too high, under the stat
 LONG = 100  # steps; shorter recordings are searched from all starts
 ROBUST_STEPS = 15  # damped steps from a robust fit; outliers with bearings near +-pi make the cost jump
 SAME = 1e-6  # largest relative difference of the costs of two starts that lead to the same minimum
-MOST_OUTLIERS = 0.2  # largest share of the observations that counts as few
 
 Start = Callable[[], tuple[Float, Float]]  # poses (N+1, 3), and landmarks (L, 2) in increasing id order
 Starts = Callable[[Problem, Float], Iterable[Start]]  # from a problem and a path (N+1, 3)
@@ -122,8 +121,9 @@ def of_most_observed(landmark: Int, among: Marks) -> Marks:
 def lowest_minimum(recording: Problem, starts: Iterable[Start]) -> Minimum:
     """Return the lowest minimum of several starts, or the first minimum whose cost noise explains.
 
-    The second start in a long recording is its robust fit. More starts are not tried if both starts lead to the same
-    cost, or if noise explains the recording without a few outliers: a lower minimum is then not expected.
+    If the first two starts lead to the same cost, a lower minimum is not expected. The third and last start in a long
+    recording is its robust fit: more starts cannot fit data that contradict the model. Both rules need a sensor that
+    places landmarks, for which the second start is independent of the first.
 
     Raises:
         UndeterminedError: no start leads to a minimum; the message is that of the start with the lowest cost.
@@ -136,14 +136,14 @@ def lowest_minimum(recording: Problem, starts: Iterable[Start]) -> Minimum:
             if is_low(recording, approached.cost):
                 return _gauss_newton_minimum(recording, approached)
             near.append(approached)
-            if len(near) == 1 and recording.steps >= LONG and SENSORS[recording.sensor].places_landmarks:
-                fit = robust_fit(recording)
-                near.append(damped_descent(recording, fit.poses, fit.landmarks, ROBUST_STEPS))
-                same = abs(near[1].cost - approached.cost) <= SAME * approached.cost
-                if same or few_outliers_explain(recording, fit):
-                    break
         except UndeterminedError as error:
             mistakes.append(error)
+        if len(near) == 2 and SENSORS[recording.sensor].places_landmarks:
+            if abs(near[0].cost - near[1].cost) <= SAME * near[0].cost:
+                break
+            if recording.steps >= LONG:
+                near.append(damped_descent(recording, *robust_fit(recording)[:2], ROBUST_STEPS))
+                break
     near.sort(key=lambda approached: approached.cost)
     unsettled: list[UndeterminedError] = []
     for each in near:
@@ -166,15 +166,6 @@ def _gauss_newton_minimum(recording: Problem, near: NearMinimum) -> Minimum:
 def is_low(recording: Problem, cost: float) -> bool:
     """Return whether noise explains the cost (half the squared residuals), so that no lower minimum is expected."""
     return explained_by_noise(2.0 * cost, degrees_of_freedom(recording))
-
-
-def few_outliers_explain(recording: Problem, fit: RobustFit) -> bool:
-    """Return whether noise explains the cost of the inliers of a fit, and few observations are outliers."""
-    if np.mean(~fit.inliers) > MOST_OUTLIERS:
-        return False
-    rest = recording.only(fit.inliers)
-    known = np.isin(recording.landmark_ids, rest.landmark_ids)
-    return is_low(rest, damped_descent(rest, fit.poses, fit.landmarks[known]).cost)
 
 
 def explained_by_noise(chi_square: float, freedom: int) -> bool:

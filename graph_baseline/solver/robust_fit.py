@@ -25,6 +25,7 @@ from slamgauge.sensors import inverse
 
 OUTLIER = 1e-3  # probability that a correct observation has a larger residual than the limit of outliers
 DECREASE = 4.0  # factor between successive c
+LARGEST = 1e12  # largest squared residual; larger ones also have no weight
 STEPS = 3  # damped steps for each c
 
 
@@ -66,5 +67,7 @@ def landmarks_at_median(recording: Problem, poses: Float) -> Float:
 
 
 def _squared_residuals(recording: Problem, poses: Float, landmarks: Float) -> Float:
-    """Return the squared Mahalanobis residuals (M,) of the observations."""
-    return np.square(whitened_residuals(recording, recording.slot, poses, landmarks)).sum(axis=1)
+    """Return the squared Mahalanobis residuals (M,) of the observations, LARGEST if they are larger or undefined."""
+    with np.errstate(all="ignore"):
+        squared = np.square(whitened_residuals(recording, recording.slot, poses, landmarks)).sum(axis=1)
+    return np.fmin(squared, LARGEST)

@@ -10,6 +10,10 @@ import pytest
 from slamgauge import Recording, Truth, batch, load_scenario, simulate
 from slamgauge.graph_baseline import hindsight
 from slamgauge.graph_baseline.problem.preparation import in_frame_of_start, prepare
+from slamgauge.graph_baseline.solver import multistart
+from slamgauge.graph_baseline.solver.isotropic_surrogate import surrogate_start
+from slamgauge.graph_baseline.solver.levenberg_marquardt import damped_descent
+from slamgauge.graph_baseline.solver.multistart import descent_start
 from slamgauge.graph_baseline.solver.robust_fit import landmarks_at_median, robust_fit
 from slamgauge.se2 import rotation
 from slamgauge.sensors import predict
@@ -33,7 +37,7 @@ def misread(recording: Recording, share: float) -> Recording:
 
 
 def refuse(*_: object) -> None:
-    raise AssertionError("a third start was tried")
+    raise AssertionError("a fourth start was tried")
 
 
 def test_a_median_ignores_a_third_of_misread_ids(run: tuple[Truth, Recording]):
@@ -58,14 +62,32 @@ def test_misread_ids_are_outliers_and_few_others_are(run: tuple[Truth, Recording
     assert outlier[~bad].mean() < 0.004  # 0.001 of correct observations exceed the limit
 
 
-def test_a_long_recording_with_misread_ids_is_searched_from_two_starts(
-    run: tuple[Truth, Recording], monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("share", [0.01, 0.1])
+def test_a_long_recording_with_misread_ids_is_searched_from_three_starts(
+    run: tuple[Truth, Recording], monkeypatch: pytest.MonkeyPatch, share: float
 ):
     for name in ("inflated_noise_start", "incremental_start", "growing_start"):
         monkeypatch.setattr(hindsight, name, refuse)
-    found = batch(misread(run[1], 0.02))
+    found = batch(misread(run[1], share))
     assert found.chi_square is not None and found.chi_square_dof is not None
     assert found.chi_square > 2.0 * found.chi_square_dof
+
+
+def test_the_start_without_dead_reckoning_finds_a_lower_minimum() -> None:
+    truth, recording = simulate(load_scenario("tp4-handout"), 0)
+    assert truth.association is not None
+    wrong = prepare(in_frame_of_start(misread(recording.associated(truth.association), 0.1)))
+    first = damped_descent(wrong, *descent_start(wrong, wrong.dead_reckoning)).cost
+    fitted = damped_descent(wrong, *robust_fit(wrong)[:2]).cost
+    assert damped_descent(wrong, *surrogate_start(wrong)).cost < 0.99 * min(first, fitted)
+
+
+def test_a_residual_whose_square_overflows_is_an_outlier(run: tuple[Truth, Recording]):
+    prepared = prepare(in_frame_of_start(run[1]))
+    observation = prepared.observation.copy()
+    observation[7, 0] = 1e200  # m
+    with np.errstate(all="ignore"):  # no step has a finite cost
+        assert not robust_fit(replace(prepared, observation=observation)).inliers[7]
 
 
 def test_understated_noise_is_searched_from_two_starts_with_the_same_minimum(
@@ -80,5 +102,5 @@ def test_understated_noise_is_searched_from_two_starts_with_the_same_minimum(
         prior_cov=recording.prior_cov / scale,
     )
     expected = batch(recording)  # all covariances have the same factor, so the minimum is the same
-    monkeypatch.setattr(hindsight, "incremental_start", refuse)
+    monkeypatch.setattr(multistart, "robust_fit", refuse)
     np.testing.assert_allclose(batch(stated).poses, expected.poses, atol=1e-6)
