@@ -32,7 +32,7 @@ NAMES = (
     "q3-scale-2",
     "q3-scale-10",
 )
-SETTINGS = {name: (name,) for name in NAMES}
+SETTINGS: dict[str, tuple[str, ...]] = {name: (name,) for name in NAMES}
 EXERCISE = "ENSTA, course ROB312, TP4"
 SECTIONS = {"q1": "2.1", "q2": "2.2", "q3": "3.1"}  # section of the exercise by the first part of a claim's id
 SAME = 1.1  # "like", "similar": within this factor

@@ -27,7 +27,7 @@ APART, CLOSE = 3.0, 1.3  # limits of the ratios of single runs: filters that dif
 ALIKE, ABOVE, BELOW = (1.0 / SAME, SAME), (SAME, math.inf), (0.0, 1.0 / SAME)
 RING = ("q4-ring", "trajectory.duration=63")  # one loop
 UNCERTAIN = ("bailey-2006", "prior.variances=[0, 0, 0.03046]")  # heading at the start to 10 degrees
-SETTINGS = {
+SETTINGS: dict[str, tuple[str, ...]] = {
     "heading-known": ("bailey-2006", "motion.sigma_yaw_rate_deg=0"),
     "heading-1deg": ("bailey-2006", "prior.variances=[0, 0, 0.0003046]"),
     "heading-10deg": UNCERTAIN,

@@ -242,7 +242,9 @@ def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: py
     """Two settings of 30 s, three runs; a second call repeats no run and prints the same."""
 
     few = tuple(claim for claim in CLAIMS if claim.id in ("q1-sparse-error", "q1-sigma-grows"))
-    settings = {name: (name, "trajectory.duration=30") for name in ("q1-long-dense", "q1-long-sparse")}
+    settings: dict[str, tuple[str, ...]] = {
+        name: (name, "trajectory.duration=30") for name in ("q1-long-dense", "q1-long-sparse")
+    }
     monkeypatch.setitem(module.SETS, "exercise", ClaimSet(settings, few))
     arguments = ["claims", "--runs", "2", "--max-runs", "3", "--jobs", "1", "--out", str(tmp_path / "claims")]
     assert main(arguments) == 0
