@@ -85,7 +85,7 @@ def given(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def command(given: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str, Path], int]:
     """Runs one of COMMANDS in a folder, without ffmpeg, and with two claims on two settings."""
     few = tuple(claim for claim in CLAIMS if claim.id in ("q1-sparse-error", "q1-sigma-grows"))
-    settings = {name: (name,) for name in ("q1-long-dense", "q1-long-sparse")}
+    settings: dict[str, tuple[str, ...]] = {name: (name,) for name in ("q1-long-dense", "q1-long-sparse")}
     monkeypatch.setitem(claims.SETS, "exercise", ClaimSet(settings, few))
     monkeypatch.setenv("PATH", "")
 
