@@ -39,7 +39,7 @@ NAMED = {  # bugs of `class_files.BUGS`
     "R twice": "measurement-noise",
     "half gain in P": "sound-covariances",
 }
-# the file has noise of its own: R twice as large is right for that R, and landmarks are in the state from the start
+# the file contains its noise: R twice as large is right for that R, and landmarks are in the state from the start
 NAMED_ELSEWHERE = {("Octave course", "R twice"): "", ("Octave course", "half gain in P"): "first-sight"}
 
 

@@ -103,7 +103,7 @@ LANDMARK 3 4 -2.0 0.4 0.1 0.01 0.5
 """
 
 
-RUNS, NAMES = 4, ("dead-reckoning", "ekf")  # of the stored study
+RUNS, NAMES = 4, ("dead-reckoning", "ekf")  # stored study
 
 
 @dataclass(frozen=True)
