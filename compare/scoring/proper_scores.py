@@ -99,7 +99,7 @@ def bootstrap_means(values: Float, length: float, seed: int = 0) -> Float:
 def mean_within_run(values: Float) -> tuple[float, float] | None:
     """Return the interval of the mean of a correlated series (n,) with gaps (NaN); None below SHORTEST values.
 
-    It only shows the variation within the run. Errors that last for the whole run do not show it: see docs/verdicts.md.
+    It only shows the variation within the run. Errors that last for the whole run do not show it: see docs/results.md.
     """
     values = values[np.isfinite(values)]
     if len(values) < SHORTEST:
