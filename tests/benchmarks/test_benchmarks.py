@@ -78,6 +78,14 @@ SMALLEST = {
         "wrong sign in F prediction-jacobian 1/1 - ",
         "Octave course: R twice - - - ",
     ),
+    "verdict_power": (  # 3 s
+        "--trials 20",
+        "20 trials",
+        "errors / sigmas runs share of verdicts",
+        "1.5 100 too small a sigma 100.0%",
+        "claimed within 0.909 and 1.1 runs share of verdicts",
+        "1.0 100 holds 100.0%",
+    ),
 }
 
 

@@ -17,7 +17,9 @@ from slamgauge.recording import Recording
 from tests.reference.random_recordings import recording_of
 from tests.reference.small_problems import Answer, answer, assert_same_covariances, pose_difference, sigmas_of
 
-RANGE_BEARING = [name for name, _ in shipped_scenarios() if load_scenario(name).sensor.kind == "range-bearing"]
+# without bailey-2006: after a known start, the sigmas of the first steps are those of GTSAM's regularising noise
+SHIPPED = [name for name, _ in shipped_scenarios() if name != "bailey-2006"]
+RANGE_BEARING = [name for name in SHIPPED if load_scenario(name).sensor.kind == "range-bearing"]
 
 
 def recording_of_scenario(name: str) -> Recording:

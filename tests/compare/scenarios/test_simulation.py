@@ -232,7 +232,7 @@ def before(scenario: Scenario, seed: int) -> tuple[Float, Float, Float, list[Int
     sigma = dt * np.array([scenario.motion.sigma_speed, lateral, np.deg2rad(scenario.motion.sigma_yaw_rate_deg)])
     odometry = command + sigma * np.random.default_rng(motion).standard_normal(command.shape)
 
-    poses, landmarks, sees = chain(mean, command), np.array(scenario.landmarks.positions), scenario.sensor
+    poses, landmarks, sees = chain(mean, command), scenario.landmarks.all(), scenario.sensor
     body = np.einsum("nji,nlj->nli", rotation(poses[:, 2]), landmarks - poses[:, None, :2])
     distance = np.linalg.norm(body, axis=2)
     in_view = (sees.min_range <= distance) & (distance <= sees.max_range)

@@ -44,7 +44,7 @@ def test_crps_is_its_integral(error: float, sigma: float):
     ends = (min(0.0, error) - 10 * sigma, max(0.0, error) + 10 * sigma)
 
     def square(x: float) -> float:
-        return (stats.norm.cdf(x, error, sigma) - (x >= 0.0)) ** 2
+        return (float(stats.norm.cdf(x, error, sigma)) - (x >= 0.0)) ** 2
 
     expected = sum(integrate.quad(square, *part, limit=400)[0] for part in ((ends[0], 0.0), (0.0, ends[1])))
     assert crps(np.array([error]), np.array([sigma]))[0] == pytest.approx(expected, rel=1e-7)

@@ -222,7 +222,11 @@ def test_claims_continue_until_they_are_decided(tmp_path: Path, monkeypatch: pyt
     scenarios = {name: kept.model_copy(update={"name": name}) for name in "abcd"}
     claims = [Claim(each, "", "", stored("a", "x"), (stored(each, "x"),), ABOVE_ONE) for each in "bcd"]
     monkeypatch.setitem(module.SETS, "exercise", ClaimSet({}, tuple(claims)))
-    monkeypatch.setattr(module, "sampled_settings", lambda _: scenarios)
+
+    def settings_of(_: object) -> dict[str, Scenario]:
+        return scenarios
+
+    monkeypatch.setattr(module, "sampled_settings", settings_of)
     monkeypatch.setattr("slamgauge.compare.studies.claims.run_study", run)
     monkeypatch.setattr("slamgauge.compare.studies.claims.load_runs", load)
     with ThreadPoolExecutor(1) as executor:
