@@ -148,7 +148,7 @@ def without_truth_entries(comparison: Comparison) -> dict[str, Any]:
     entries: dict[str, Any] = {}
     for name, test in comparison.without_truth.items():
         intervals = np.array_split(comparison.recording.stamps, len(test.log.course))
-        entries[name] = test.to_json(np.array([np.mean(each) for each in intervals]))
+        entries[name] = test.to_json(np.array([float(np.mean(each)) for each in intervals]))
     return entries
 
 
