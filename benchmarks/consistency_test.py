@@ -1,6 +1,7 @@
 """Level and power of the consistency test without ground truth, on simulated recordings.
 
-    python benchmarks/consistency_test.py [--estimators causal,riekf,ekf] [--runs 200] [--twins 199] [--q 1,1.5]
+    python benchmarks/consistency_test.py [--scenario q1-short-dense] [--set KEY=VALUE] [--estimators causal,riekf,ekf]
+        [--runs 200] [--twins 199] [--own] [--q 1,1.5]
 
 The start and the noise of every recording are drawn anew. The distribution of a consistent filter comes from `--twins`
 other seeds of the scenario, shared by all recordings. With `--own` it comes from `--twins` simulated twins of each

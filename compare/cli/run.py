@@ -134,6 +134,9 @@ class Evaluate(WithPage):
     gate: float = 9.0
     """Largest squared Mahalanobis distance of an association."""
 
+    set: Overrides = field(default_factory=list)
+    """The same as keys of a scenario: association.method=jcbb association.gate=16."""
+
     robust: Literal["none", "gate", "student-t"] = "none"
     """How filters protect their updates from outliers (docs/association.md)."""
 
@@ -156,6 +159,20 @@ class Evaluate(WithPage):
         status = self._score()  # its memory is free again before the page is written
         return status if write_page(self.out, METRICS, self.page) else 1
 
+    def _association(self) -> tuple[Literal["nearest-neighbour", "jcbb"], float]:
+        """Return method and gate of the options and of --set."""
+        method, gate = self.association, self.gate
+        for text in flattened(self.set):
+            match text.split("="):
+                case ["association.method", "nearest-neighbour" | "jcbb" as method]:
+                    pass
+                case ["association.gate", number] if number.replace(".", "", 1).isdecimal():
+                    gate = float(number)
+                case _:
+                    allowed = "association.method=nearest-neighbour, association.method=jcbb or association.gate=16"
+                    raise UserError(f"set: {text} is not possible; give {allowed}")
+        return method, gate
+
     def _score(self) -> int:
         from slamgauge.compare.estimators.memory_check import require_room_for_estimates
         from slamgauge.compare.estimators.requests import ask
@@ -174,9 +191,10 @@ class Evaluate(WithPage):
         beside = self.recording.with_name("truth.npz")
         path = self.truth or (beside if beside.exists() else None)
         truth = None if path is None else load_truth(path, recording)
-        require(FilterAssociation, "gate", self.gate)
+        method, gate = self._association()
+        require(FilterAssociation, "gate", gate)
         settings = (
-            Association(method=self.association, gate=self.gate),
+            Association(method=method, gate=gate),
             fitted(INITIALISATIONS[self.initialisation], self.reach),
             Robustness(self.robust),
         )

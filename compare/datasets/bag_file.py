@@ -152,6 +152,9 @@ def opened(path: Path, msgs: Sequence[Path] = ()) -> Generator[Bag]:
                 reader.typestore.register(missing)
             yield Bag(path, reader)
     except FileNotFoundError as error:
+        if path.is_dir():
+            remedy = "give its .mcap or .db3 file, or run `ros2 bag reindex`"
+            raise UserError(f"{path}: has no metadata.yaml, so it is no ROS 2 bag; {remedy}") from None
         raise UserError(
             f"{path}: not found, or not a bag ({error}); give a .bag, .mcap or .db3 file, or a ROS 2 folder"
         ) from None

@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from slamgauge.compare.datasets.bag_file import Bag
-from slamgauge.compare.datasets.csv_mapping import Paths, sections_of
+from slamgauge.compare.datasets.csv_mapping import Noise, Paths, sections_of
 from slamgauge.compare.datasets.imported_log import require_sigmas
 from slamgauge.compare.storage.toml_tables import Table, override, parse_toml, read_toml
 from slamgauge.errors import UserError
@@ -75,16 +75,11 @@ class ObservationsTopic:
 
 
 @dataclass(frozen=True)
-class BagNoise:
-    """Standard deviations [m, rad] of a step, of a second or of the speeds, and of the sensor."""
+class BagNoise(Noise):
+    """The same standard deviations; those that are not stated are those of the messages."""
 
-    forward: float | None = None
     lateral: float | None = None
-    turn: float | None = None
     per: Literal["step", "second", "speed"] = "speed"
-    range: float | None = None
-    bearing: float | None = None
-    position: float | None = None
 
 
 @dataclass(frozen=True)

@@ -96,7 +96,7 @@ def _odometry(mapping: LogMapping) -> tuple[Odometry, str]:
             increments = between(values[:-1], values[1:])
     looks_ahead = table.kind == "velocities" and not looks_back
     require_turns(table.lines if looks_ahead else table.lines[-len(increments) :], increments)
-    sigmas = np.array([mapping.sigma("forward"), noise.lateral, mapping.sigma("turn")])
+    sigmas = np.array([mapping.sigma("forward"), mapping.sigma("lateral"), mapping.sigma("turn")])
     growth = {"step": np.ones_like(seconds), "second": np.sqrt(seconds), "speed": seconds}[noise.per]
     return Odometry(stamps, increments, diagonal_covariances(sigmas * growth[:, None])), table.kind
 

@@ -78,7 +78,7 @@ class Noise:
     """Standard deviations [m, rad] of a row of odometry, of a second of it, or of its speeds, and of the sensor."""
 
     forward: float | None = None
-    lateral: float = 0.0
+    lateral: float | None = 0.0
     turn: float | None = None
     per: Literal["step", "second", "speed"] = "step"
     range: float | None = None

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from slamgauge.compare.figures.axes import logarithmic
 from slamgauge.compare.figures.plot_style import MARK_COLOR, TRUTH_COLOR, legend_below, printed, styles
 from slamgauge.compare.scoring.hausman import BAND
@@ -16,13 +18,13 @@ def save_consistency_figure(out: Path, entries: Mapping[str, Any], title: str) -
     with printed(out / "consistency", 3.0, title) as figure:
         axes = figure.subplots()
         first = next(iter(entries.values()))
-        low, high = ([value or float("nan") for value in first[key]] for key in ("twins_low", "twins_high"))
-        band = {"facecolor": MARK_COLOR, "alpha": 0.3, "linewidth": 0.0}
-        axes.fill_between(first["time_s"], low, high, label=f"{BAND:.0%} of twins", **band)
+        low, high = (np.array(first[key], dtype=np.float64) for key in ("twins_low", "twins_high"))
+        band = axes.fill_between(first["time_s"], low, high, label=f"{BAND:.0%} of twins")
+        band.set(facecolor=MARK_COLOR, alpha=0.3, linewidth=0.0)
         axes.axhline(1.0, color=TRUTH_COLOR, linewidth=0.6, linestyle=":")
         for name, style in styles(entries).items():
             entry = entries[name]
-            course = [value or float("nan") for value in entry["expected_nees_per_dof"]]
+            course = np.array(entry["expected_nees_per_dof"], dtype=np.float64)
             axes.plot(entry["time_s"], course, color=style.color, linestyle=style.dashes, label=name)
         logarithmic(axes, "y")
         axes.set(xlabel="time [s]", ylabel="expected NEES / 3")

@@ -49,10 +49,10 @@ SMALLEST = {
     ),
     "compile_times": ("--only=--version", "command first [s] kernels again [s]", "--version "),
     "consistency_test": (  # 4 s
-        "--runs 1 --twins 1 --bugs 0",
-        "estimator runs ratio overconfident too cautious",
-        "causal 1 ",
-        "ekf, Q 1.5 times too large 1 ",
+        "--runs 1 --twins 3 --set trajectory.duration=2 --estimators riekf --q 1,1.5",
+        "estimator tested sigmas consistent overconfident too cautious",
+        "riekf 1 ",
+        "riekf, true Q 1.5 times as large 1 ",
     ),
     "interruptions": (  # 20 s
         "--only twin --moments 1",

@@ -51,10 +51,10 @@ Message = tuple[str, int, str, dict[str, Any]]  # topic, time of recording [ns],
 
 
 class Bags:
-    """Writes bags of one kind."""
+    """Writes bags of one kind, compressed with bz2 (ROS 1), zstd (MCAP) or as a file (sqlite3) if `compressed`."""
 
-    def __init__(self, kind: str) -> None:
-        self.kind = kind
+    def __init__(self, kind: str, *, compressed: bool = False) -> None:
+        self.kind, self.compressed = kind, compressed
         self.store = get_typestore(Stores.ROS1_NOETIC if kind == "ros1" else Stores.ROS2_HUMBLE)
         types = {k: v for name, text in MSGS.items() for k, v in get_types_from_msg(text, name).items()}
         self.store.register({name: value for name, value in types.items() if name not in self.store.fielddefs})
@@ -69,6 +69,11 @@ class Bags:
             plugin = getattr(rosbag2.StoragePlugin, self.kind.upper())
             writer = rosbag2.Writer(path, version=9, storage_plugin=plugin)
             serialize = self.store.serialize_cdr
+        if self.compressed and self.kind == "ros1":
+            writer.set_compression(rosbag1.Writer.CompressionFormat.BZ2)
+        elif self.compressed:
+            mode = rosbag2.CompressionMode.STORAGE if self.kind == "mcap" else rosbag2.CompressionMode.FILE
+            writer.set_compression(mode, rosbag2.CompressionFormat.ZSTD)
         topics: dict[str, Any] = {}
         with writer:
             for topic, received, kind, fields in messages:

@@ -308,6 +308,26 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     assert "agree with one place per landmark" in capsys.readouterr().err
 
 
+def test_cones_without_ids_from_the_bag_to_the_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    """Filters associate cones; the optima have the associations of the first filter, which a note states."""
+    recording = replace(simulated(), landmark=None)
+    scans = scan_messages(recording, "/cones", "eufs_msgs/msg/ConeArrayWithCovariance", cone, "blue_cones")
+    for *_, fields in scans:  # the first cone of each message is yellow
+        fields["yellow_cones"] = [fields["blue_cones"].pop(0)]
+    path = Bags("mcap").write(tmp_path / "run", in_order(odometry_messages(recording), scans))
+    assert run("import", "bag", path, "--out", tmp_path / "out") == 0
+    assert f" blue_cones, {len(scans)} yellow_cones" in capsys.readouterr().err
+    stored = tmp_path / "out/recording.npz"
+    assert load_recording(stored).landmark is None
+    command = ("evaluate", stored, "--estimators", "ekf,batch", "--set")
+    assert run(*command, "association.method=jcbb", "association.gate=16") == 0
+    printed = capsys.readouterr().out
+    assert "batch@ekf" in printed
+    assert "no ids, and no true associations: compared with batch@ekf" in " ".join(printed.split())
+    assert run(*command, "association.method=guess") == 2
+    assert "set: association.method=guess is not possible; give association.method=nearest" in capsys.readouterr().err
+
+
 def test_a_topic_as_an_estimate(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     recording = simulated()
     bag = Bags("mcap").write(tmp_path / "run", odometry_messages(recording, "/ekf/odom"))

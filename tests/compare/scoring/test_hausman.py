@@ -17,13 +17,14 @@ from slamgauge.compare.scoring.hausman import (
     step_statistics,
     twin_figures,
 )
-from slamgauge.compare.storage.files import save
+from slamgauge.compare.storage.files import read_json, save
 from slamgauge.ekf import riekf
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline import batch
 from slamgauge.sensors import innovation
 from tests.reference.command_line import run
+from tests.reference.json_schemas import held
 from tests.reference.random_recordings import random_covariances, random_recording
 
 
@@ -156,8 +157,13 @@ def test_evaluate_prints_the_verdict(tmp_path: Path, capsys: pytest.CaptureFixtu
     _, recording = random_recording(5, steps=30)
     save(tmp_path / "recording.npz", recording)
     command = ("evaluate", tmp_path / "recording.npz", "--twins", 19, "--estimators")
-    assert run(*command, "riekf,batch") == 0
+    assert run(*command, "riekf,batch", "--no-report", "--out", tmp_path / "out") == 0
     assert "riekf: without ground truth: consistent as far as this log shows" in capsys.readouterr().out
+    entry = held("metrics", read_json(tmp_path / "out/metrics.json", "evaluate"))["without_truth"]["riekf"]
+    assert entry["verdict"] == "consistent"
+    assert len(entry["twins_high"]) == len(entry["time_s"]) == 31
+    assert np.all(np.array(entry["twins_low"]) <= entry["twins_high"])
+    assert (tmp_path / "out/consistency.png").exists()
     assert run(*command, "riekf") == 2
     assert "add batch to --estimators" in capsys.readouterr().err
     assert run("evaluate", tmp_path / "recording.npz", "--twins", 9, "--estimators", "riekf,batch") == 2
