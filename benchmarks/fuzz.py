@@ -1,6 +1,7 @@
-"""Damage every input of slamgauge at random and count what is refused, accepted, or ends as it should not.
+r"""Damage every input of slamgauge at random and count what is refused, accepted, or ends as it should not.
 
-    python benchmarks/fuzz.py [--cases 2000] [--first 0] [--seed 0] [--only 17] [--seconds 20] [--memory 2.5]
+    python benchmarks/fuzz.py [--cases 2000] [--first 0] [--seed 0] [--only 17] [--seconds 20] [--memory 2.5] \
+        [--worst 20]
 
 Each case damages one input: npz, MATLAB, CSV, TOML, g2o, MRCLAM, DLR, Freiburg and Victoria Park files, estimates,
 stores of studies, `--set`, or arguments of a command. A warning counts as a traceback, and so does a refusal of several
@@ -9,9 +10,8 @@ recording. An input is `silently altered` if it was accepted and the result diff
 (`fuzzing/targets.py`).
 
 Cases run in a process with limited memory [GB], which is restarted when it crashes or when a case exceeds the limit of
-processor time [s]. `--first` continues an interrupted run, `--only` runs one case, and `--worst` limits the list of bad
-cases. The exit status is 1 after a traceback, a hang, a crash or an altered input. After an interrupt the program
-prints the table of the results so far.
+processor time [s]. `--first` continues an interrupted run, and `--only` runs one case. The exit status is 1 after a
+traceback, a hang, a crash or an altered input. After an interrupt the program prints the table of the results so far.
 """
 
 from __future__ import annotations

@@ -136,6 +136,10 @@ def at_steps(where: str, stamps: Float, poses: Float, covs: Float | None, steps:
         UserError: a step has no pose.
     """
     first = np.diff(stamps, prepend=-np.inf) > 0.0
+    others = int(np.sum(~first[1:] & (np.diff(poses, axis=0) != 0.0).any(axis=1)))
+    if others:
+        what = f"{others} poses have the stamp of the pose before, and another position or heading"
+        tell_once(f"{where}: {what}; only the first of each stamp is used: write stamps with all digits")
     stamps, poses, covs = stamps[first], poses[first], None if covs is None else covs[first]
     half = 0.5 * float(np.diff(steps).min(initial=1.0))
     times = steps
@@ -149,7 +153,8 @@ def at_steps(where: str, stamps: Float, poses: Float, covs: Float | None, steps:
         found = np.full((len(steps), 3), np.nan)
     if np.isnan(found).any():
         step = int(np.argmax(np.isnan(found).any(axis=1)))
-        what = f"no pose for step {step} at t = {steps[step]:.9g}"
+        span = f", the poses are from {stamps[0]:.6f} to {stamps[-1]:.6f} s" if len(stamps) else ""
+        what = f"no pose for step {step} at t = {steps[step]:.6f} s{span}"
         raise UserError(f"{where}: {what}; give poses from the first step to the last, at most {MAX_GAP:g} s apart")
     try:
         return Estimate("filtered", found, None if covs is None else interpolated_covs(stamps, covs, times))
@@ -181,9 +186,11 @@ def _numbers(path: Path, number: int, line: str) -> list[float]:
         raise UserError(
             f"{path}, line {number}: {line[:60]!r} has a value that is not a number; write t x y z qx qy qz qw"
         ) from None
-    if len(numbers) - TUM not in (0, *PLANAR) or not (np.abs(numbers) < LARGEST).all():
+    if len(numbers) - TUM not in (0, *PLANAR):
         counts = ", ".join(str(TUM + more) for more in (0, *PLANAR))
-        raise UserError(f"{path}, line {number}: {len(numbers)} columns; write {counts} finite numbers")
+        raise UserError(f"{path}, line {number}: {len(numbers)} columns; write {counts} numbers")
+    if not (np.abs(numbers) < LARGEST).all():
+        raise UserError(f"{path}, line {number}: a number is not finite; correct it, or remove the line")
     return numbers
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -10,7 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from slamgauge.compare.storage.files import load_estimate, load_recording, load_truth, save, write_tum
+from slamgauge.compare.storage.files import explained, load_estimate, load_recording, load_truth, save, write_tum
+from slamgauge.errors import UserError
 from tests.reference import example_records as examples
 
 RECORDING, TRUTH, ESTIMATE = examples.recording(), examples.truth(), examples.estimate()
@@ -116,6 +118,9 @@ def test_paths_that_cannot_be_read_or_written_are_an_error(tmp_path: Path):
     assert "cannot be read (No such file or directory)" in error_message(load_recording, tmp_path / "none.npz")
     assert "cannot be read (Is a directory)" in error_message(load_recording, tmp_path)
     assert "cannot be written" in error_message(lambda path: save(path, RECORDING), tmp_path / "none" / "r.npz")
+    full = r"^r\.npz: cannot be written \(No space left on device\); make room, and give the same command again$"
+    with pytest.raises(UserError, match=full), explained("r.npz", "written"):
+        raise OSError(errno.ENOSPC, "No space left on device")
 
 
 # --- TUM ---------------------------------------------------------------------------------------

@@ -62,6 +62,10 @@ def changed(form: Table, change: Callable[[Float], Float]) -> Table:
     return lambda stamps, poses: change(form(stamps, poses))
 
 
+def rounded(digits: int) -> Table:
+    return changed(tum, lambda rows: np.column_stack([np.round(rows[:, 0], digits), rows[:, 1:]]))
+
+
 def turned(poses: Float) -> Float:
     return np.column_stack([poses[:, :2] @ TURN.T, poses[:, 2] + np.pi / 2])
 
@@ -91,6 +95,28 @@ VARIANTS: dict[str, tuple[str, Table, Text, str]] = {
     "tum, another frame": ("tum", lambda t, poses: tum(t, turned(poses)), same, "far from the prior"),
     "tum, another clock": ("tum", lambda t, poses: tum(t - 1e9, poses), same, "no pose for step 0"),
     "tum, stamps in ms": ("tum", lambda t, poses: tum(1e3 * t, poses), same, "no pose for step 0"),
+    "tum, CR only": ("tum", tum, lambda text: text.replace("\n", "\r"), READ),
+    "tum, stamps of 10 ms": ("tum", rounded(2), same, READ),
+    "tum, stamps in whole seconds": ("tum", rounded(0), same, "poses have the stamp of the pose before, and another"),
+    "tum, each line twice": ("tum", changed(tum, lambda rows: np.repeat(rows, 2, axis=0)), same, READ),
+    "tum, infinite": (
+        "tum",
+        changed(tum, lambda rows: np.where(np.arange(61)[:, None] == 9, np.inf, rows)),
+        same,
+        "line 10: a number",
+    ),
+    "tum, covariance nan": (
+        "tum",
+        lambda t, poses: np.column_stack([tum(t, poses), np.full((len(poses), 6), np.nan)]),
+        same,
+        "line 1: a number is not finite",
+    ),
+    "tum, two seconds missing": (
+        "tum",
+        changed(tum, lambda rows: np.delete(rows, slice(20, 40), axis=0)),
+        same,
+        "no pose for step 20 at t = 1000000002.0",
+    ),
     "tum, one line missing": ("tum", changed(tum, lambda rows: np.delete(rows, 7, axis=0)), same, ""),
     "kitti": ("txt", lambda _, poses: np.zeros((len(poses), 12)), same, "12 columns"),
     "csv": ("csv", numbered, same, READ),

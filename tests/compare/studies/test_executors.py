@@ -30,14 +30,15 @@ if __name__ == "__main__":
 """
 
 
-@pytest.mark.parametrize(
-    ("end", "status"),
-    [
-        (lambda pid: os.killpg(pid, signal.SIGHUP), 5),  # a closed terminal
-        (lambda pid: os.kill(pid, signal.SIGKILL), -signal.SIGKILL),
-    ],
-    ids=["closed terminal", "killed"],
-)
+def terminal_closed(pid: int) -> None:
+    os.killpg(pid, signal.SIGHUP)
+
+
+def killed(pid: int) -> None:
+    os.kill(pid, signal.SIGKILL)
+
+
+@pytest.mark.parametrize(("end", "status"), [(terminal_closed, 5), (killed, -9)])
 def test_processes_end_without_a_word(end: Callable[[int], None], status: int, tmp_path: Path):
     program = tmp_path / "program.py"
     program.write_text(PROGRAM)

@@ -11,6 +11,7 @@ from slamgauge import Recording, Truth, batch, load_scenario, simulate
 from slamgauge.graph_baseline import hindsight
 from slamgauge.graph_baseline.problem.preparation import in_frame_of_start, prepare
 from slamgauge.graph_baseline.solver import multistart
+from slamgauge.graph_baseline.solver.incremental import IncrementalOptimum
 from slamgauge.graph_baseline.solver.isotropic_surrogate import surrogate_start
 from slamgauge.graph_baseline.solver.levenberg_marquardt import damped_descent
 from slamgauge.graph_baseline.solver.multistart import descent_start
@@ -104,3 +105,19 @@ def test_understated_noise_is_searched_from_two_starts_with_the_same_minimum(
     expected = batch(recording)  # all covariances have the same factor, so the minimum is the same
     monkeypatch.setattr(multistart, "robust_fit", refuse)
     np.testing.assert_allclose(batch(stated).poses, expected.poses, atol=1e-6)
+
+
+def test_a_start_that_switches_between_minima_too_often_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Odometry has a noise of 1 m a step; without the limit the search takes two minutes and finds the same minimum."""
+    _, recording = simulate(load_scenario("q1-short-dense", ["motion.sigma_speed=10"]), 0)
+    steps: list[int] = []
+    add_step = IncrementalOptimum.add_step
+
+    def counted(optimum: IncrementalOptimum) -> None:
+        steps.append(1)
+        add_step(optimum)
+
+    monkeypatch.setattr(IncrementalOptimum, "add_step", counted)
+    found = batch(recording)
+    assert 0 < len(steps) < 0.25 * recording.steps
+    assert found.chi_square == pytest.approx(15077.8760774380, rel=1e-9)
