@@ -1,7 +1,7 @@
 """Compare each estimator with an independent reference on random recordings and print one table.
 
     python benchmarks/agreement.py [--recordings 200] [--seed 0] [--only 17] [--jobs 2] [--worst 3]
-                                   [--save FOLDER] [--check]
+                                   [--save FOLDER] [--check] [--misfits]
 
 `references/recordings.py` draws recordings of all kinds. The references are: textbook filters and extended precision
 for the filters, and for `iekf` also the gradient of its cost; a damped least-squares solver with several starts for
@@ -9,6 +9,9 @@ for the filters, and for `iekf` also the gradient of its cost; a damped least-sq
 run without an error.
 
 A result is `undecided` if the reference has no answer either: double precision is exhausted, or no minimum exists.
+`--misfits` compares the processor time of `batch` and `causal` on logs with misread ids, outliers and wrong noise with
+that on the same log without them (`references/misfits.py`), after the random recordings.
+
 The program prints each worse or failed result on stderr at once, and at the end the worst cases with number, seed and
 tags. `--only` takes one recording, `--save` writes recordings and truths of the worst cases, and `--check` sets exit
 status 1 if an estimator misses a bar. After an interrupt the program prints the table of the results so far.
@@ -32,6 +35,7 @@ sys.path.insert(0, str(Path(__file__).parent))  # Python with PYTHONSAFEPATH doe
 import numpy as np
 import tyro
 from references.filters import judge_filters
+from references.misfits import judge_misfits, misfit_bars, misfit_table
 from references.optima import judge_optima
 from references.recordings import draw
 from references.table import bad_ones, bars_missed, describe, messages, table, worst_cases
@@ -52,6 +56,7 @@ def main(
     worst: int = 3,
     save: Path | None = None,
     check: bool = False,
+    misfits: bool = False,
 ) -> int:
     numbers = range(recordings) if only is None else [only]
     judged: list[Judged] = []
@@ -68,6 +73,10 @@ def main(
     cases = worst_cases(judged, worst)
     print_all(judged, cases)
     missed = bars_missed(judged)
+    if misfits:
+        logs = list(judge_misfits())
+        print("", misfit_table(logs), sep="\n")
+        missed += misfit_bars(logs)
     print("\nbars missed:" if missed else "\nbars missed: none", *missed, sep="\n  ")
     if save is not None:
         save.mkdir(parents=True, exist_ok=True)

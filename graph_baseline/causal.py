@@ -96,7 +96,11 @@ def _with_map(
     ids = recording.landmark
     association = np.where(np.isin(ids, incremental.landmark_ids), ids, -1)
     chi_square, freedom = chi_square_of(recording.associated(association), path, landmarks)
-    is_plausible = recording.steps <= SHORT or explained_by_noise(chi_square, freedom)
+    farthest = np.inf
+    if not incremental.unconverged_steps:
+        farthest = _last_distance(recording, estimate, path, landmarks)
+        if recording.steps <= SHORT or explained_by_noise(chi_square, freedom):
+            farthest = max(farthest, _largest_earlier_distance(recording, estimate, incremental, map_changes))
     return replace(
         estimate,
         landmark_ids=incremental.landmark_ids,
@@ -105,34 +109,28 @@ def _with_map(
         association=association,
         chi_square=chi_square,
         chi_square_dof=freedom,
-        optimum_check=np.inf
-        if incremental.unconverged_steps
-        else _largest_distance(recording, estimate, incremental, map_changes, is_plausible=is_plausible),
+        optimum_check=farthest,
     )
 
 
-def _largest_distance(
-    recording: Problem,
-    estimate: Estimate,
-    incremental: IncrementalOptimum,
-    map_changes: list[_PathAndMap],
-    *,
-    is_plausible: bool,
+def _last_distance(recording: Problem, estimate: Estimate, path: Float, landmarks: Float) -> float:
+    """Return the distance (see `_distance`) of the last pose from the optimum, infinite if that does not exist."""
+    if not SENSORS[recording.sensor].places_landmarks:
+        return _distance_if_any(estimate, lambda: optimum_from(recording, path))
+    return _distance_if_any(estimate, lambda: optimum_near(recording, path, landmarks))
+
+
+def _largest_earlier_distance(
+    recording: Problem, estimate: Estimate, incremental: IncrementalOptimum, map_changes: list[_PathAndMap]
 ) -> float:
     """Return the largest distance (see `_distance`) of some poses from the optimum of the same measurements.
 
-    The poses are the last pose, poses before a switch to another minimum, and in short bearing-only recordings poses
-    before a change of the map. Only the last pose is checked unless `is_plausible`: if noise does not explain the cost
-    of the recording, minima switch often. The distance is infinite if the optimum does not exist. Before a change of
-    the map such a pose is ignored, because an optimum need not exist just before a landmark is placed.
+    The poses are those before a switch to another minimum, and in short bearing-only recordings those before a change
+    of the map. If noise does not explain the cost of a long recording, minima switch often, and these are not checked.
+    The distance is infinite if the optimum does not exist. Before a change of the map such a pose is ignored, because
+    an optimum need not exist just before a landmark is placed.
     """
-    path, landmarks = incremental.path_and_map()
-    if not SENSORS[recording.sensor].places_landmarks:
-        farthest = _distance_if_any(estimate, lambda: optimum_from(recording, path))
-    else:
-        farthest = _distance_if_any(estimate, lambda: optimum_near(recording, path, landmarks))
-    if not is_plausible:
-        return farthest
+    farthest = 0.0
     for path_after, landmark_ids in incremental.switches:
         if len(landmark_ids):
             part = recording.first(len(path_after) - 2)

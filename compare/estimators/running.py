@@ -17,7 +17,7 @@ from slamgauge.compare.estimators.forms.form import remarks_of
 from slamgauge.compare.estimators.loading import LoadedEstimator, entry_behind, spent_by, without
 from slamgauge.compare.estimators.registry import OPTIMA, UNDER, Entry
 from slamgauge.compare.estimators.user_code import OverdueError, reason_of
-from slamgauge.compare.storage.progress import counted
+from slamgauge.compare.storage.progress import counted, refreshed
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, Estimator, Kind
 from slamgauge.notices import tell_first
@@ -141,7 +141,7 @@ def run_side_by_side(
     optima = {name: entry for name, entry in entries.items() if entry is not None and entry.role == "optimum"}
     waiting = optima if informed.landmark is None else {}
     ran = SideBySide()
-    with counted(len(estimators), "estimator", alike=False) as progress:
+    with counted(len(estimators), "estimator", alike=False) as progress, refreshed(progress):
         for name, estimator in estimators.items():
             progress.set_description(name)
             if name in optima and name not in waiting:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterable, Iterator
+import threading
+from collections.abc import Callable, Generator, Iterable, Iterator
+from contextlib import contextmanager
 from time import monotonic
 from typing import Any, Self, TypeVar
 
@@ -11,6 +13,7 @@ from tqdm import tqdm
 
 T = TypeVar("T")
 
+REFRESH = 2.0  # s
 FIRST, FACTOR = 30.0, 1.5  # time [s] of the first line in a log file, and factor between the times of lines
 
 
@@ -35,6 +38,24 @@ def tracked(items: Iterable[T], total: int, unit: str, text: str = "", *, leave:
         for item in items:
             yield item
             progress.update()
+
+
+@contextmanager
+def refreshed(progress: tqdm[Any] | LogLines, every: float = REFRESH) -> Generator[None]:
+    """Refresh a progress display during an item, so that its elapsed time is not that of the last item."""
+    done = threading.Event()
+
+    def refresh() -> None:
+        while not done.wait(every):
+            progress.refresh()
+
+    thread = threading.Thread(target=refresh, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        done.set()
+        thread.join()
 
 
 def is_notebook() -> bool:
@@ -74,6 +95,14 @@ class LogLines:
             seconds = (gone - since) / (self._done - done) * (self._total - self._done)
             left = f", about {duration(seconds)} left"
         print(f"{what}{self._done} of {self._total} {self._unit}s{left}", file=sys.stderr)
+
+    def refresh(self) -> None:
+        """Print a line if it is time, while an item runs."""
+        gone = self._clock() - self._start
+        if gone >= self._wait:
+            self._wait = gone * FACTOR
+            what = f"{self._text}: " if self._text else ""
+            print(f"{what}{self._done} of {self._total} {self._unit}s, {duration(gone)}", file=sys.stderr)
 
     def set_description(self, text: str, /) -> None:
         """Set the text before the counts."""

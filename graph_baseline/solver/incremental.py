@@ -260,9 +260,8 @@ class IncrementalOptimum:
 
         def starts(part: Problem, path: Float) -> Iterator[Start]:
             yield lambda: descent_start(part, path)
-            if SENSORS[part.sensor].places_landmarks:
-                yield lambda: surrogate_start(part)
-            yield lambda: inflated_noise_start(part, path)
+            places_landmarks = SENSORS[part.sensor].places_landmarks
+            yield lambda: surrogate_start(part) if places_landmarks else inflated_noise_start(part, path)
             yield lambda: descent_start(part, here)
             yield lambda: growing_start(part)
 

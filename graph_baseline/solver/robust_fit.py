@@ -16,10 +16,11 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import chdtri
 
-from slamgauge.arrays import Float, Marks
+from slamgauge.arrays import Float, Int, Marks
 from slamgauge.graph_baseline.problem.linearisation import whitened_residuals
-from slamgauge.graph_baseline.problem.preparation import Problem
+from slamgauge.graph_baseline.problem.preparation import Problem, in_frame_of_start, prepare
 from slamgauge.graph_baseline.solver.levenberg_marquardt import damped_descent
+from slamgauge.recording import Recording
 from slamgauge.se2 import rotation
 from slamgauge.sensors import inverse
 
@@ -30,11 +31,17 @@ STEPS = 3  # damped steps for each c
 
 
 class RobustFit(NamedTuple):
-    """Poses (N+1, 3), landmarks (L, 2) in increasing id order, and a mask (M,) of the observations that fit them."""
+    """Poses (N+1, 3), landmarks (L, 2) in increasing id order, and squared Mahalanobis residuals (M,)."""
 
     poses: Float
     landmarks: Float
-    inliers: Marks
+    squared: Float
+    limit: float  # of the squared residuals of inliers
+
+    @property
+    def inliers(self) -> Marks:
+        """Return a mask (M,) of the observations that fit path and map."""
+        return self.squared < self.limit
 
 
 def robust_fit(recording: Problem) -> RobustFit:
@@ -50,7 +57,18 @@ def robust_fit(recording: Problem) -> RobustFit:
         weighted = replace(recording, observation_cov=recording.observation_cov / weight[:, None, None])
         poses, landmarks = damped_descent(weighted, poses, landmarks, STEPS)[:2]
         squared = _squared_residuals(recording, poses, landmarks)
-    return RobustFit(poses, landmarks, squared < limit)
+    return RobustFit(poses, landmarks, squared, limit)
+
+
+def rejected_observations(recording: Recording) -> Int:
+    """Return the rows (R,) of the observations that do not fit, the largest residuals first.
+
+    Args:
+        recording: known association, and a sensor that places landmarks.
+    """
+    fit = robust_fit(prepare(in_frame_of_start(recording)))
+    rows = np.flatnonzero(~fit.inliers)
+    return rows[np.argsort(-fit.squared[rows], kind="stable")]
 
 
 def landmarks_at_median(recording: Problem, poses: Float) -> Float:

@@ -139,15 +139,15 @@ def test_causal_accepts_few_observations_with_long_gaps(observed: tuple[int, ...
     assert (np.abs(off) < 0.02 * np.sqrt(np.diag(last.pose_covs[-1]))).all()
 
 
-def test_the_growing_start_is_used_only_if_noise_does_not_explain_the_cost(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_surrogate_is_a_start_only_if_noise_does_not_explain_the_cost(monkeypatch: pytest.MonkeyPatch) -> None:
     calls: list[int] = []
-    original = hindsight.growing_start
+    original = hindsight.surrogate_start
 
     def counted(recording: Problem) -> tuple[Float, Float]:
         calls.append(recording.steps)
         return original(recording)
 
-    monkeypatch.setattr(hindsight, "growing_start", counted)
+    monkeypatch.setattr(hindsight, "surrogate_start", counted)
     recording = problem(0, "range-bearing", True)[1]
     for factor in (1.0, 10.0):
         batch(replace(recording, observation_cov=recording.observation_cov * factor))

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slamgauge import compare_estimators, load_estimators, load_scenario, riekf, simulate
+from slamgauge import batch, compare_estimators, load_estimators, load_scenario, riekf, simulate
 from slamgauge.compare.scoring.comparison import Comparison, metrics, optimum_notes, remarks, table
 from slamgauge.compare.scoring.consistency import chi2_band
 from slamgauge.compare.scoring.intervals import Interval, ratio_interval
@@ -18,13 +18,15 @@ from slamgauge.compare.scoring.optimum_figures import CHECK_LIMIT
 from slamgauge.compare.scoring.optimum_notes import (
     MARK,
     beats_the_optimum,
+    certified_minimum,
+    contradicting,
     fit_of_the_model,
     is_too_near_the_truth,
     left_out,
     mean_fit,
 )
 from slamgauge.compare.scoring.scores import evaluate
-from slamgauge.estimate import Estimate
+from slamgauge.estimate import Certificate, Estimate
 from slamgauge.recording import Recording
 from slamgauge.truth import Truth
 from tests.reference import example_records as examples
@@ -256,3 +258,49 @@ def test_a_run_without_observations_is_told(max_range: float, is_told: bool) -> 
     truth, recording = simulate(scenario, 0)
     text = str(table(compare_estimators(truth, recording, load_estimators(["ekf"]))))
     assert ("no landmark was observed: all estimates are dead reckoning" in text) == is_told
+
+
+# --- misread ids and certificates ----------------------------------------------------------------
+
+
+def long_run() -> Recording:
+    truth, recording = simulate(load_scenario("q1-short-dense"), 3)
+    assert truth.association is not None
+    return recording.associated(truth.association).first(120)
+
+
+def test_misread_ids_are_named_worst_first():
+    recording = long_run()
+    assert recording.landmark is not None
+    ids = recording.landmark.copy()
+    often = np.argsort(-np.bincount(ids))[:2]  # the two landmarks with most observations
+    rows = [100, 500, 900]
+    ids[rows] = np.where(ids[rows] == often[0], often[1], often[0])
+    wrong = replace(recording, landmark=ids)
+    note = contradicting(wrong, batch(wrong))
+    assert note is not None and note.startswith("a robust fit rejects ")
+    for row in rows:
+        assert f"step {recording.observation_step[row]} landmark {ids[row]}" in note
+
+
+def test_understated_noise_is_not_blamed_on_observations():
+    recording = long_run()
+    stated = replace(
+        recording, odometry_cov=recording.odometry_cov / 9.0, observation_cov=recording.observation_cov / 9.0
+    )
+    note = contradicting(stated, batch(stated))
+    assert note is not None and note.endswith("of the observations: check the stated noise")
+    assert contradicting(recording, batch(recording)) is None
+
+
+def test_a_certificate_is_one_note():
+    same = Certificate(10.0, 9.9999, 30.0, 30.0, bounds_optimum=False)
+    start = "certified start (surrogate cost 10, relative gap 1.0e-05) leads to "
+    assert certified_minimum("batch", None) is None
+    assert certified_minimum("batch", same) == f"{start}the minimum of batch"
+    assert certified_minimum("batch", replace(same, reached_cost=29.0)) == f"{start}cost 29, batch has 30"
+    assert certified_minimum("batch", replace(same, bounds_optimum=True)) == (
+        f"{start}the minimum of batch; no path and map costs less than 9.9999"
+    )
+    loose = certified_minimum("batch", replace(same, lower_bound=5.0))
+    assert loose is not None and loose.startswith("start, not certified, (surrogate cost 10")

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import sys
+import threading
 from types import ModuleType
 
 import pytest
 from tqdm import tqdm
 
-from slamgauge.compare.storage.progress import LogLines, counted, duration, tracked
+from slamgauge.compare.storage.progress import LogLines, counted, duration, refreshed, tracked
 
 
 def test_log_files_get_lines_at_growing_intervals(capsys: pytest.CaptureFixture[str]):
@@ -28,6 +29,26 @@ def test_log_files_get_lines_at_growing_intervals(capsys: pytest.CaptureFixture[
         "q1: 162 of 200 runs, about 6 min left",
         "q1: 193 of 200 runs, about 70 s left",
     ]
+
+
+def test_a_long_item_gets_lines_at_growing_intervals(capsys: pytest.CaptureFixture[str]):
+    now = 0.0
+    lines = LogLines(2, "estimator", "batch", clock=lambda: now)
+    for _ in range(80):
+        now += 1.0
+        lines.refresh()
+    assert capsys.readouterr().err.splitlines() == [
+        "batch: 0 of 2 estimators, 30 s",
+        "batch: 0 of 2 estimators, 45 s",
+        "batch: 0 of 2 estimators, 68 s",
+    ]
+
+
+def test_a_display_is_refreshed_while_an_item_runs():
+    lines, called = LogLines(1, "estimator"), threading.Event()
+    lines.refresh = called.set
+    with refreshed(lines, every=0.01):
+        assert called.wait(60.0)
 
 
 def test_short_work_prints_nothing(capsys: pytest.CaptureFixture[str]):
