@@ -175,7 +175,11 @@ def where_it_broke(error: BaseException) -> str:
         frames = [frame for frame in frames if not frame.filename.startswith("<")]
         frames = [frame for frame in frames if not frame.filename.startswith(LIBRARIES)] or frames
         what += "".join(f" ({Path(frame.filename).name}, line {frame.lineno})" for frame in frames[-1:])
-    return f"{what}; mend it and run again"
+    remedy = "mend it and run again"
+    if isinstance(error, FileNotFoundError) and isinstance(error.filename, str):
+        name = Path(error.filename).name
+        remedy = f"read {name} below `if __name__ == '__main__':`, or open Path(__file__).parent / {name!r}"
+    return f"{what}; {remedy}"
 
 
 def _message_of(error: BaseException) -> str:

@@ -70,6 +70,7 @@ class Way(NamedTuple):
         state_shape: `flat` or `column` (3,) or (3, 1), with `full` in front with room for all landmarks.
         update: call of `update`; None leaves it out.
         first_id: number of the landmark that is observed first.
+        is_arc: whether `predict` moves on an arc.
     """
 
     predict: Call
@@ -78,6 +79,7 @@ class Way(NamedTuple):
     state_shape: str
     update: Call | None = None
     first_id: int = 0
+    is_arc: bool = False
 
 
 ARGUMENTS: dict[str | None, Callable[[Motion], Any]] = {

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from slamgauge.compare.estimators.captured_output import stdout_to_stderr
 from slamgauge.compare.estimators.forms.signatures import called, required
+from slamgauge.compare.estimators.forms.step_source import names_read
 from slamgauge.compare.estimators.no_windows import without_windows
 from slamgauge.compare.estimators.pair_files import CORRECTIONS, OTHER_FORM, PREDICTIONS, partner_file
 from slamgauge.compare.estimators.private_import import folder_of
@@ -40,7 +42,14 @@ class CourseFunction(NamedTuple):
         return self.parameters[self.order[1]]
 
     def __call__(self, values: tuple[object, ...], count: int, *, is_first: bool) -> object:
-        """Call it with mu, sigma, and u or z with `observed`; further parameters receive `count` or `is_first`."""
+        """Call it with mu, sigma, and u or z with `observed`; further parameters receive `count` or `is_first`.
+
+        Globals for the number of landmarks, N or num_landmarks, are set to `count`.
+        """
+        space: dict[str, Any] = getattr(self.function, "__globals__", {})
+        for name in _counts(names_read(self.function)):
+            if type(space.get(name)) is int:
+                space[name] = count
         arguments = [is_first if FIRST in each.lower() else count for each in self.parameters]
         for at, value in zip(self.order, values, strict=True):
             arguments[at] = value  # pyrefly: ignore[unsupported-operation]
@@ -98,7 +107,12 @@ def _position(parameters: list[str], beginnings: tuple[str, ...], otherwise: int
 
 def _are_extra(parameters: list[str]) -> bool:
     """Return whether values are known for further parameters."""
-    return all(FIRST in each.lower() or each.lower().replace("_", "") in COUNTS for each in parameters)
+    return all(FIRST in each.lower() for each in {*parameters} - {*_counts(parameters)})
+
+
+def _counts(names: Iterable[str]) -> list[str]:
+    """Return those of some names that mean the number of landmarks."""
+    return [each for each in names if each.lower().replace("_", "") in COUNTS]
 
 
 def _neighbour(names: dict[str, Any]) -> dict[str, Any]:

@@ -112,6 +112,15 @@ def best_of(
     raise UserCodeError(f"fits none of {number} known ways to call it; nearest to one, {reason}") from farthest[1]
 
 
+def follows_arc(steps: Steps, recording: Recording) -> bool:
+    """Return whether user code that uses no observations moves on an arc in each step, or on nearly one."""
+    move, turn = MOVES[:, 0], MOVES[:, 2]
+    arcs = np.column_stack([move * np.sin(turn) / turn, move * (1 - np.cos(turn)) / turn, turn])
+    with discarded():
+        poses = StateLog(recording).run(steps).poses
+    return bool(np.abs(poses - chain(START, arcs)).max() < np.abs(poses - right_poses()).max())
+
+
 def _last_line(error: Exception) -> float:
     """Return the number of the last line of user code; infinite if the code returned and its results are refused."""
     return max((each.lineno or 0 for each in user_frames(error.__cause__ or error)[-1:]), default=np.inf)

@@ -44,7 +44,7 @@ from slamgauge.compare.estimators.forms.inputs import (
     step_length,
     world_cov,
 )
-from slamgauge.compare.estimators.forms.probing import best_of, tiny_recording
+from slamgauge.compare.estimators.forms.probing import best_of, follows_arc, tiny_recording
 from slamgauge.compare.estimators.forms.signatures import required
 from slamgauge.compare.estimators.forms.state_log import StateLog, Steps
 from slamgauge.compare.estimators.fresh_modules import Code, Fresh
@@ -127,7 +127,7 @@ class UsualClass:
         if way is None or way.update is None:
             return []
         words = f"called as {way.predict.words}, {way.update.words}{', ids from 1' if way.first_id else ''}"
-        return [words, *self._noise_remarks]
+        return [words, *(_arc_remark(recording) if way.is_arc else ()), *self._noise_remarks]
 
 
 class _Run(Steps):
@@ -250,6 +250,13 @@ class _Run(Steps):
         return scan._replace(landmark=numbers + self._way.first_id)
 
 
+def _arc_remark(recording: Recording) -> list[str]:
+    """Return a sentence on a class that moves on arcs."""
+    bias = np.abs(recording.odometry[:, 0] * recording.odometry[:, 2]).max(initial=0.0) / 2
+    what = "it moves on an arc in each step, where the recording moves straight ahead and turns afterwards"
+    return [f"{what}: its prediction is biased by up to {bias:.2g} m a step"]
+
+
 def way_of(kind: Any, has_ids: bool, step_s: float) -> Way:
     """Return the way to construct and call a class whose results on a tiny recording are right, or nearly so.
 
@@ -275,5 +282,6 @@ def way_of(kind: Any, has_ids: bool, step_s: float) -> Way:
 
     ways = [Way(call, size, swap, shape) for call, size, swap, shape in starts]
     way = best_of(ways, started, recording, is_blind=True)
+    way = way._replace(is_arc=follows_arc(started(way), recording))
     calls = product((0, 1), update_calls(update, has_ids=has_ids))
     return best_of([way._replace(update=call, first_id=first) for first, call in calls], started, recording)

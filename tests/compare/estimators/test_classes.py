@@ -145,6 +145,19 @@ def test_a_class_with_room_for_all_landmarks_and_ids_from_1(tmp_path: Path):
     assert "ids from 1" in remarks_of(mine, short())[0]
 
 
+def test_a_class_that_moves_on_arcs_is_told_its_bias(tmp_path: Path):
+    straight = "self.mu[:3] += [v * dt * np.cos(th), v * dt * np.sin(th), w * dt]"
+    arc = straight.replace("(th)", "(th + w * dt / 2)")
+    recording, text = short(), "it moves on an arc in each step"
+    remarks = []
+    for change in (straight, arc):
+        mine = loaded(tmp_path, changed(GROWING, {straight: change}), "EkfSlam")
+        mine(recording)
+        remarks.append(" ".join(remarks_of(mine, recording)))
+    assert text not in remarks[0]
+    assert text in remarks[1]
+
+
 @pytest.mark.parametrize("shape", ["assert z.ndim == 1", "z = z[:, :2].ravel()"])
 def test_the_class_of_ntnu_associates_by_itself(tmp_path: Path, capsys: pytest.CaptureFixture[str], shape: str):
     source = changed(NTNU, {"        NIS = 1.0\n": f"        NIS = 1.0\n        {shape}\n"})

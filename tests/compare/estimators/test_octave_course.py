@@ -64,6 +64,15 @@ def test_a_file_of_each_style_is_the_same_filter(name: str):
     assert len(estimate.landmark_ids) > 3
 
 
+def test_a_global_number_of_landmarks_is_set_to_that_of_the_state():
+    """Files of the course have the nine landmarks of its log as a global."""
+    recording = short("freiburg-course", "trajectory.duration=12")
+    source = STYLES[REFERENCE].source
+    assert "np.eye(len(mu))" in source
+    mine = loaded("mine.py:prediction_step", "N = 9\n" + source.replace("np.eye(len(mu))", "np.eye(2 * N + 3)"))
+    agree(mine(recording), loaded("other.py:prediction_step", source)(recording), atol=1e-12)
+
+
 def ate(poses: Float, truth: Float | None) -> float:
     assert truth is not None
     return float(np.sqrt(np.mean(np.sum((poses[:, :2] - truth[:, :2]) ** 2, axis=1))))
