@@ -61,9 +61,10 @@ class Bags:
 
     def write(self, path: Path, messages: Iterable[Message]) -> Path:
         """Write messages in the order given; the suffix of a ROS 1 bag is added. Return the path of the bag."""
+        writer: Any
         if self.kind == "ros1":
             path = path.with_suffix(".bag")
-            writer: Any = rosbag1.Writer(path)
+            writer = rosbag1.Writer(path)
             serialize: Callable[[object, str], Any] = self.store.serialize_ros1
         else:
             plugin = getattr(rosbag2.StoragePlugin, self.kind.upper())
