@@ -64,17 +64,17 @@ class Bags:
         writer: Any
         if self.kind == "ros1":
             path = path.with_suffix(".bag")
-            writer = rosbag1.Writer(path)
-            serialize: Callable[[object, str], Any] = self.store.serialize_ros1
+            ros1 = rosbag1.Writer(path)
+            if self.compressed:
+                ros1.set_compression(rosbag1.Writer.CompressionFormat.BZ2)
+            writer, serialize = ros1, self.store.serialize_ros1
         else:
             plugin = getattr(rosbag2.StoragePlugin, self.kind.upper())
-            writer = rosbag2.Writer(path, version=9, storage_plugin=plugin)
-            serialize = self.store.serialize_cdr
-        if self.compressed and self.kind == "ros1":
-            writer.set_compression(rosbag1.Writer.CompressionFormat.BZ2)
-        elif self.compressed:
-            mode = rosbag2.CompressionMode.STORAGE if self.kind == "mcap" else rosbag2.CompressionMode.FILE
-            writer.set_compression(mode, rosbag2.CompressionFormat.ZSTD)
+            ros2 = rosbag2.Writer(path, version=9, storage_plugin=plugin)
+            if self.compressed:
+                mode = rosbag2.CompressionMode.STORAGE if self.kind == "mcap" else rosbag2.CompressionMode.FILE
+                ros2.set_compression(mode, rosbag2.CompressionFormat.ZSTD)
+            writer, serialize = ros2, self.store.serialize_cdr
         topics: dict[str, Any] = {}
         with writer:
             for topic, received, kind, fields in messages:
