@@ -329,6 +329,10 @@ def empty_columns(table: Table, is_empty: Callable[[str], bool], *, bounded: boo
     return [f"Empty columns: {', '.join(names)} (docs/your_filter.md lists what each needs)"] if names else []
 
 
-def measured(truth: Truth, recording: Recording, estimate: Estimate) -> dict[str, Any]:
-    """Return the metrics that have a `measure`."""
-    return {each.key: each.measure(truth, recording, estimate) for each in CATALOGUE if each.measure is not None}
+def measured(truth: Truth, recording: Recording, estimate: Estimate, *, in_study: bool = False) -> dict[str, Any]:
+    """Return the metrics that have a `measure`: those of a score, or of a run in a study, which has no others."""
+    return {
+        each.key: each.measure(truth, recording, estimate)
+        for each in CATALOGUE
+        if each.measure is not None and (each.stored if in_study else each.scored)
+    }

@@ -78,7 +78,7 @@ def _outcome(scenario: Scenario, asked: Asked, truth: Truth, recording: Recordin
         series = step_series(truth, estimate)
         distances = np.hypot(series[0], series[1])  # equal to the last bit to stores of earlier versions
         figures = map_figures(truth, recording, estimate, None) | filter_figures(estimate)
-        figures |= near_and_far(truth, recording, estimate) | measured(truth, recording, estimate)
+        figures |= near_and_far(truth, recording, estimate) | measured(truth, recording, estimate, in_study=True)
         figures |= {"ate_m": rms(distances), "final_position_error_m": number(distances[-1])}
         figures["observations"] = len(recording.observation)
         if estimate.seconds is None:
