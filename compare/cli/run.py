@@ -104,6 +104,17 @@ class Run(WithPage):
         return shown(shlex.join(words))
 
 
+@dataclass(frozen=True)
+class Tests:
+    """Tests that need no ground truth."""
+
+    twins: int = 0
+    """Simulated twins of the consistency test without ground truth, for example 99 (docs/no_ground_truth.md)."""
+
+    certify: bool = False
+    """Compare batch with the minimum from a certified start (docs/certified.md); not for bearing-only recordings."""
+
+
 @dataclass
 class Evaluate(WithPage):
     """Score estimators, your own among them, on a stored recording.
@@ -146,11 +157,7 @@ class Evaluate(WithPage):
     reach: float = 10.0
     """Largest range of the sensor of a bearing-only recording [m]. The initialisation is fitted to it."""
 
-    twins: int = 0
-    """Simulated twins of the consistency test without ground truth, for example 99 (docs/no_ground_truth.md)."""
-
-    certify: bool = False
-    """Compare batch with the minimum from a certified start (docs/certified.md); not for bearing-only recordings."""
+    test: Tests = field(default_factory=Tests)
 
     out: Folder | None = None
     """Folder of the results. Without it the table is only printed."""
@@ -184,7 +191,7 @@ class Evaluate(WithPage):
         from slamgauge.ekf.settings import Robustness
 
         recording = load_recording(self.recording)
-        if self.certify:
+        if self.test.certify:
             from slamgauge.graph_baseline.certified import require_certifiable
 
             require_certifiable(recording)
@@ -202,10 +209,10 @@ class Evaluate(WithPage):
         named = self.own_code.isolate(ask(split_names(self.estimators)))
         require_room_for_estimates(recording, named)
         title = shown(f"{self.recording.parent.resolve().name}/{self.recording.name}")
-        if not 0 <= self.twins <= MOST_TWINS:
-            raise UserError(f"twins: {self.twins} is out of range; give 0 to {MOST_TWINS}")
+        if not 0 <= self.test.twins <= MOST_TWINS:
+            raise UserError(f"twins: {self.test.twins} is out of range; give 0 to {MOST_TWINS}")
         asked = ask([*named, *ask(stored)])
-        scoring = Scoring(asked, self.out, self.output, title, *settings, twins=self.twins, certify=self.certify)
+        scoring = Scoring(asked, self.out, self.output, title, *settings, test=self.test)
         return scoring.score(truth, recording)
 
     def _stored(self) -> dict[str, Path]:
@@ -252,8 +259,7 @@ class Scoring:
     scenario: str | None = None
     seed: int | None = None
     scenario_text: str | None = None
-    twins: int = 0
-    certify: bool = False
+    test: Tests = field(default_factory=Tests)
     study: str = ""  # command of many runs, if the recording is simulated
 
     def score(self, truth: Truth | None, recording: Recording, informed: Recording | None = None) -> int:
@@ -282,9 +288,9 @@ class Scoring:
             comparison = compare_estimators(truth, recording, estimators, informed)
             give_back()
             comparison = replace(comparison, failures=failures | comparison.failures, study=self.study)
-            if self.twins:
-                comparison = tested_without_truth(comparison, self.twins)
-            if self.certify:
+            if self.test.twins:
+                comparison = tested_without_truth(comparison, self.test.twins)
+            if self.test.certify:
                 comparison = certified(comparison)
             content = metrics(comparison, self.scenario, self.seed, self.scenario_text)
             done = self.output.show(content, table(comparison)) and not comparison.failures

@@ -59,6 +59,17 @@ class WorkAnywhere(Work):
         return dask_cluster(self.scheduler)
 
 
+@dataclass(frozen=True)
+class Gate:
+    """A comparison with an earlier study, for continuous integration."""
+
+    baseline: Path | None = None
+    """summary.json of an earlier study with the same scenario and seed: exit status 1 if an estimator is worse."""
+
+    fail_if_worse: str = "5%"
+    """With --baseline: accepted increase of ATE and NEES. After --runs, runs are added up to those of the baseline."""
+
+
 @dataclass
 class Study(WithPage):
     """Monte Carlo: many independent runs, their statistics and figures. After an interruption, it continues.
@@ -98,11 +109,7 @@ class Study(WithPage):
     max_runs: int = 2000
     """Largest number of runs with --precision."""
 
-    baseline: Path | None = None
-    """summary.json of an earlier study with the same scenario and seed: exit status 1 if an estimator is worse."""
-
-    fail_if_worse: str = "5%"
-    """With --baseline: accepted increase of ATE and NEES. After --runs, runs are added up to those of the baseline."""
+    gate: Gate = field(default_factory=Gate)
 
     sweep: str | None = None
     """Run a study at each value of a key, key=v1,v2,..., in a folder each, and write sweep.json and a figure."""
@@ -139,27 +146,29 @@ class Study(WithPage):
                 arguments = (scenario, runs, self.seed, asked, self.out, executor)
                 return run_study(*arguments, against=split_names(self.against), until=until)
 
-            summary, worse = (run(self.runs), False) if self.baseline is None else self._gate(run, scenario, asked)
+            gated = self.gate.baseline is not None
+            summary, worse = self._gated(run, scenario, asked) if gated else (run(self.runs), False)
         printed = self.output.show(summary.to_json(), summary_table(summary))
         require_kept(self.out, summary.runs)
         runs = load_runs(scenario, summary.runs, self.seed, asked, self.out)
         done = write_study(self.out, summary, runs, scenario.trajectory.step) and printed
         return done and not summary.failures and not worse
 
-    def _gate(self, run: Callable[[int], Summary], scenario: Scenario, asked: list[Asked]) -> tuple[Summary, bool]:
+    def _gated(self, run: Callable[[int], Summary], scenario: Scenario, asked: list[Asked]) -> tuple[Summary, bool]:
         """Run a study until it is clear whether it is worse than the baseline; return it and whether it is worse."""
         from slamgauge.compare.studies.baseline import comparisons, load_baseline, require_tolerance, run_gated
         from slamgauge.compare.studies.store import digest
 
-        assert self.baseline is not None
-        if self.baseline.resolve() == (self.out / SUMMARY).resolve():
-            raise UserError(f"{self.baseline}: this study would replace its baseline; give another --out")
+        path = self.gate.baseline
+        assert path is not None
+        if path.resolve() == (self.out / SUMMARY).resolve():
+            raise UserError(f"{path}: this study would replace its baseline; give another --out")
         if self.precision is not None:
             raise UserError("baseline: adds runs by a rule of its own; leave out --precision")
-        tolerance = require_tolerance(share(self.fail_if_worse))
-        baseline = load_baseline(self.baseline)
+        tolerance = require_tolerance(share(self.gate.fail_if_worse))
+        baseline = load_baseline(path)
         names = [each.label for each in asked]
-        compared = comparisons(names, baseline, digest(scenario, self.seed), str(self.baseline))
+        compared = comparisons(names, baseline, digest(scenario, self.seed), str(path))
         summary, result = run_gated(run, baseline, compared, tolerance, self.runs)
         for line in [*result.lost, *(each.line() for each in result.changes)]:
             print(line, file=sys.stderr)
@@ -170,7 +179,7 @@ class Study(WithPage):
         from slamgauge.compare.figures.publishing import write_study, write_sweep
         from slamgauge.compare.studies.sweep import run_sweep, sweep_table
 
-        if self.against or self.precision is not None or self.baseline is not None:
+        if self.against or self.precision is not None or self.gate.baseline is not None:
             raise UserError("sweep: takes no --against, --precision or --baseline; study a single value with them")
         drawn: list[bool] = []
 

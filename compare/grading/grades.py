@@ -98,7 +98,8 @@ class Grade:
         }
         for key, interval in figures.items():
             for part, end in (("mean", ""), ("low", "_low"), ("high", "_high")):
-                row[f"{key}{end}"] = None if interval is None else number(getattr(interval, part))
+                value: float | None = getattr(interval, part, None)
+                row[f"{key}{end}"] = None if value is None else number(value)
         return row
 
 

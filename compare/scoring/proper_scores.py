@@ -46,12 +46,12 @@ def energy_scores(errors: Float, covs: Float) -> Float:
     is pi/2 times the mean CRPS of the projections.
     """
     angles = np.arange(DIRECTIONS) * (math.pi / DIRECTIONS)
-    u = np.stack([np.cos(angles), np.sin(angles)])  # (2, directions)
-    scores = np.empty(len(errors))
+    scores = np.zeros(len(errors))
     for rows in chunks(len(errors)):
-        variances = np.einsum("id,nij,jd->nd", u, covs[rows], u)
-        scores[rows] = math.pi / 2 * crps(errors[rows] @ u, np.sqrt(variances.clip(min=0))).mean(axis=1)
-    return scores
+        for u in np.column_stack([np.cos(angles), np.sin(angles)]):
+            variances = covs[rows] @ u @ u
+            scores[rows] += crps(errors[rows] @ u, np.sqrt(variances.clip(min=0)))
+    return scores * (math.pi / 2 / DIRECTIONS)
 
 
 def block_length(values: Float) -> float:
@@ -118,7 +118,10 @@ def mean_crps(truth: Truth, _recording: Recording, estimate: Estimate) -> float 
         return None
     errors = pose_errors(truth.poses, estimate.poses)[:, :2]
     variances = np.diagonal(estimate.pose_covs[:, :2, :2], axis1=1, axis2=2)
-    return mean(crps(errors, np.sqrt(variances.clip(min=0))).ravel())
+    scores = np.empty_like(errors)
+    for rows in chunks(len(errors)):
+        scores[rows] = crps(errors[rows], np.sqrt(variances[rows].clip(min=0)))
+    return mean(scores.ravel())
 
 
 def mean_energy_score(truth: Truth, _recording: Recording, estimate: Estimate) -> float | None:

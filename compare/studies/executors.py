@@ -48,7 +48,7 @@ class _Processes(Executor):
     def _begin(self) -> ProcessPoolExecutor:
         os.environ.setdefault("PYTHONSAFEPATH", "1")  # workers must not import libraries from the current folder
         context = multiprocessing.get_context("spawn")  # a fork would inherit BLAS threads and locks
-        if sys.platform != "win32":
+        if hasattr(signal, "SIGHUP"):  # not on Windows
             _start_tracker()
         return ProcessPoolExecutor(self._jobs, mp_context=context, initializer=_begin_work, initargs=(command(),))
 

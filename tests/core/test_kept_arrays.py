@@ -75,7 +75,8 @@ def test_memory_of_a_long_run_is_that_of_its_results(monkeypatch: pytest.MonkeyP
     """`docs/performance.md` states the bytes: 32 and 32 for a recording, 24 for the truth, 120 for an estimate."""
     monkeypatch.setattr(arrays, "CHUNK", 500)
     scenario = load_scenario("q1-long-dense", OVERRIDES)
-    ekf_slam(simulate(load_scenario("q1-long-dense", ["trajectory.duration=3"]), 0)[1])  # loads modules first
+    truth, recording = simulate(load_scenario("q1-long-dense", ["trajectory.duration=3"]), 0)
+    evaluate(truth, recording, ekf_slam(recording))  # loads modules first
     (truth, recording), kept, peak = _traced(lambda: simulate(scenario, 0))
     observations = len(recording.observation)
     assert kept == pytest.approx(STEPS * (32 + 24) + observations * 32, rel=0.05)

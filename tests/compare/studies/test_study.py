@@ -208,7 +208,7 @@ def test_the_command_prints_the_table_and_writes_summary_and_figures(
     below = ["fit", "ekf:", "causal:", "batch:"]
     assert [line.split()[0] for line in table.splitlines()] == ["estimator", "ekf", "causal", "batch", *below]
     content = json.loads((tmp_path / "study" / "summary.json").read_text())
-    keys = "version command scenario_text scenario runs seed digest failures estimators against precision"
+    keys = "version command scenario_text scenario runs seed digest failures estimators per_run against precision"
     assert set(content) == set(keys.split())
     assert set(content["estimators"]["ekf"]["ate_m"]) == {"mean", "low", "high"}
     assert content["estimators"]["ekf"]["nees_share_inside_band"]["level"] == 0.999

