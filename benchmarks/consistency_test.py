@@ -3,7 +3,7 @@
     python benchmarks/consistency_test.py [--scenario q1-short-dense] [--set KEY=VALUE] [--estimators causal,riekf,ekf]
         [--runs 200] [--twins 199] [--own] [--q 1,1.5]
 
-The start and the noise of every recording are drawn anew. The distribution of a consistent filter comes from `--twins`
+The start and the noise of every recording are random. The distribution of a consistent filter comes from `--twins`
 other seeds of the scenario, shared by all recordings. With `--own` it comes from `--twins` simulated twins of each
 recording, as in `slamgauge evaluate --twins`, which takes much longer. `--q` has values of the true covariance of the
 odometry divided by the one that filters and optimum assume. The estimator `bugs` means all bugs of

@@ -24,13 +24,13 @@ from slamgauge.compare.studies.claim_evidence import weigh
 from slamgauge.compare.studies.claim_list import SAME, Claim, stored
 from slamgauge.compare.studies.literature_claims import ALIKE, APART, CLOSE
 
-RUNS = (20, 100)  # of a study
+RUNS = (20, 100)  # runs in a study
 SIGMAS = (1.0, 1.1, 1.2, 1.5)  # errors over sigmas
 RATIOS = (1.0, 1.05, 1.1, 1.2)  # ATE over the optimum's
-SCATTER = 0.15  # of this ratio from run to run
-SCATTER_ALIKE = 0.04  # of the ratio of two consistent filters
+SCATTER = 0.15  # standard deviation of this ratio between runs
+SCATTER_ALIKE = 0.04  # the same for the ratio of two consistent filters
 NIS = (1.0, 1.1, 1.2)  # NIS over its degrees of freedom
-STEPS = 1000  # of a run, each with 2 degrees of freedom of the NIS
+STEPS = 1000  # steps in a run, each with 2 degrees of freedom of the NIS
 TESTS = 20  # ratios of the set of claims
 
 

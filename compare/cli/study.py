@@ -164,7 +164,7 @@ class Study(WithPage):
         if path.resolve() == (self.out / SUMMARY).resolve():
             raise UserError(f"{path}: this study would replace its baseline; give another --out")
         if self.precision is not None:
-            raise UserError("baseline: adds runs by a rule of its own; leave out --precision")
+            raise UserError("baseline: has another rule to add runs; leave out --precision")
         tolerance = require_tolerance(share(self.gate.fail_if_worse))
         baseline = load_baseline(path)
         names = [each.label for each in asked]
