@@ -99,6 +99,7 @@ def estimate(recording):
 """
 
 
+@pytest.mark.usefixtures("studies_in_a_thread", "empty_pictures")
 def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     mine = tmp_path / "mine.py"
     mine.write_text(FILTER.format(shift=0.0))
