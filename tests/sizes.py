@@ -44,7 +44,7 @@ NOT_QUICK = (  # these start programs, simulate many runs, or take several secon
 )
 
 OTHER_SEED = "another seed is in the usual run"
-PAGES = "bearings|consistency|grading|noise|paper|practical|verdicts"
+PAGES = "bearings|consistency|grading|how_many_runs|noise|practical|results"
 FULL = {  # regular expression for the beginning of ids -> why only the full run has these tests
     "tests/benchmarks/test_agreement.py": "references of a benchmark; tests/reference has those of the other tests",
     r"tests/benchmarks/test_benchmarks.py::test_a_benchmark_prints\w+\[(class_of_forms|interruptions)": "many programs",
@@ -63,6 +63,7 @@ FULL = {  # regular expression for the beginning of ids -> why only the full run
     r"tests/compare/estimators/test_classes.py::test_right_classes\w+\[(u|R|dist|incr)": "three other styles are usual",
     r"tests/compare/estimators/test_classes.py::test_the_class_of_ntnu_associates_by_itself\[z": "one shape is usual",
     r"tests/compare/estimators/test_octave_course_accuracy.py::\w+\[(?!dicts from 1)": "the styles are the same filter",
+    r"tests/compare/estimators/test_isolated_process.py::test_an_endless_external\w+\[True": "with a wall is usual",
     "tests/compare/estimators/test_octave_programs.py": "hundreds of starts of Octave",
     r"tests/compare/estimators/test_wild_steps.py::test_the_error\w+\[(PythonRobotics,|own)": "PythonRobotics is usual",
     r"tests/compare/figures/test_for_papers.py::test_nothing_is_cropped\[page\]": "the narrow sheet is usual",
