@@ -66,7 +66,8 @@ def _ratio(factor: float, runs: int, rng: np.random.Generator) -> str:
         runs=0, nees_per_dof=None, coverage_95=None, nis_per_dof=None, nis_dof=0, ratio=ratio, ratio_runs=runs
     )
     text = verdict(evidence) or ""
-    return next((each for each in ("as accurate", "not significant", "less than") if each in text), "larger error")
+    other = "larger error" if evidence.is_worse else "smaller error"
+    return next((each for each in ("as accurate", "not significant", "less than") if each in text), other)
 
 
 def _nis(figure: float, runs: int, rng: np.random.Generator) -> str:
