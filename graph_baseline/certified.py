@@ -1,8 +1,8 @@
 """A certificate of an optimum: the proven global minimum of a surrogate, and the minimum that it leads to.
 
-The surrogate (`isotropic_surrogate`) has isotropic noise and chordal differences of headings. Its minimum shares
-nothing with the search of `batch`: it does not start from dead reckoning, and a lower bound of all paths and maps
-proves that it is the global one. A descent on the exact cost starts there.
+The surrogate (`isotropic_surrogate`) has isotropic noise and chordal differences of headings. Its minimum does not
+depend on dead reckoning, and a lower bound of all paths and maps proves that it is the global one. A descent on
+the exact cost starts there. `batch` starts there, too, if the cost of its first minimum is larger than noise explains.
 
 The lower bound holds for the exact cost, too, if positions are observed. The surrogate's variances are not smaller than
 the stated ones, the translation of the SE(2) logarithm is not shorter than the difference of translations, and
