@@ -79,7 +79,7 @@ def test_without_stamps_in_headers_the_times_of_recording_are_used(kind: str, tm
 
 
 def test_odometry_at_100_hz_and_detections_at_5_hz(tmp_path: Path):
-    """Each detection is between two odometry messages, which then has a step of its own."""
+    """Each detection is between two odometry messages, which then has another step."""
     drawn = simulated(400)
     recording = replace(drawn, stamps=np.linspace(1000.0, 1004.0, 401)).only(drawn.observation_step % 20 == 10)
     seen = detections(recording)
