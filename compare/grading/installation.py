@@ -11,11 +11,8 @@ from pathlib import Path
 from slamgauge.errors import UserError
 
 PACKAGES = ("slamgauge", "slamgauge.ekf", "slamgauge.graph_baseline", "slamgauge.compare")
-SOURCE, BYTECODE, KERNEL = (
-    ".py",
-    f".{sys.implementation.cache_tag}.pyc",
-    ".nbc",
-)  # new kernels may be compiled meanwhile
+SOURCE, BYTECODE = ".py", f".{sys.implementation.cache_tag}.pyc"
+KERNEL = ".nbc"  # new ones may be compiled meanwhile
 HEAD = 16  # bytes of a bytecode file before its code: size and time of the source
 
 

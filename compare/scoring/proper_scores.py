@@ -20,7 +20,7 @@ from slamgauge.recording import Recording
 from slamgauge.truth import Truth
 
 BINS = 10  # of the PIT histogram
-DIRECTIONS = 32  # in half a turn, for the energy score: error below 1e-6 for axes up to 1:10, 0.2 % for a line
+DIRECTIONS = 32  # in half a turn, for the energy score: relative error below 1e-4 for axes up to 1:10, 0.2 % for a line
 RESAMPLES = 400  # of the bootstrap
 LEVEL = 0.95  # of its interval
 SHORTEST = 8  # values of a series; shorter ones have no interval

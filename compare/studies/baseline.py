@@ -78,12 +78,9 @@ class Change(NamedTuple):
         limit = f"worse by more than {100 * self.tolerance:g} %"
         if self.is_worse:
             return text + limit
-        needed = (
-            ""
-            if self.needed_runs is None
-            else f"; {1 + 2 * self.tolerance:g} would be found in {self.needed_runs} runs"
-        )
-        return f"{text}not {'' if self.is_settled else 'significantly '}{limit}{needed}"
+        text += f"not {limit}" if self.is_settled else f"not significantly {limit}"
+        needed = self.needed_runs
+        return text if needed is None else f"{text}; {1 + 2 * self.tolerance:g} would be found in {needed} runs"
 
 
 class Result(NamedTuple):
