@@ -8,7 +8,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
-from slamgauge.compare.scoring.text_table import aligned
+from slamgauge.compare.scoring.text_table import NO_FIGURE, aligned
 from slamgauge.display import html_table
 
 Tone = Literal["plain", "head", "good", "bad", "faint"]
@@ -102,7 +102,7 @@ def _painted(line: str, row: Sequence[str], paint: Paint) -> str:
 
 
 def _fitted_lines(grid: Grid, width: int, paint: Paint) -> list[str]:
-    """Return the columns that fit, and below them the names of the others."""
+    """Return the columns that fit, and below them the names of the others that have figures."""
     rows = [[_shortened(row[0]), *row[1:]] for row in grid.rows]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     least = list(widths)
@@ -117,10 +117,12 @@ def _fitted_lines(grid: Grid, width: int, paint: Paint) -> list[str]:
     else:
         room = width - sum(least[:kept]) - 2 * (kept - 1) + least[grid.sentences]
         lines = _with_sentences(shown, grid.words, grid.sentences, room, paint)
-    if kept == len(widths):
+    names = enumerate(grid.full_names(kept), kept)
+    hidden = [name for place, name in names if any(row[place] != NO_FIGURE for row in grid.rows[1:])]
+    if not hidden:
         return lines
-    hidden = f"Hidden columns (show with --wide): {', '.join(grid.full_names(kept))}"
-    return lines + [paint(line, "faint") for line in _wrapped(hidden, width)]
+    note = f"Hidden columns (show with --wide): {', '.join(hidden)}"
+    return lines + [paint(line, "faint") for line in _wrapped(note, width)]
 
 
 def _with_sentences(

@@ -7,6 +7,7 @@ from collections.abc import Collection, Sequence
 from slamgauge.compare.scoring.intervals import Interval
 
 VAST = 1e9  # figures from here on are written with an exponent, to keep columns narrow
+NO_FIGURE = "-"  # text of None
 
 
 def aligned(rows: Sequence[Sequence[str]], words: int | Collection[int]) -> list[str]:
@@ -25,7 +26,7 @@ def aligned(rows: Sequence[Sequence[str]], words: int | Collection[int]) -> list
 def cell(value: float | None, form: str) -> str:
     """Return a figure formatted by `form`, `-` for None; a figure that is rounded to 0 has no minus."""
     if value is None:
-        return "-"
+        return NO_FIGURE
     text = form.format(value) if abs(value) < VAST else f"{value:.3g}"
     return form.format(0.0) if text.startswith("-") and not set(text) & set("123456789") else text
 

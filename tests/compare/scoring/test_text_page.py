@@ -34,6 +34,8 @@ def test_columns_from_the_right_are_hidden_and_named():
     assert " ".join(line.strip() for line in lines[3:-1]) == "Hidden columns (show with --wide): pose NEES"
     assert lines[-1] == "further words"
     assert max(map(len, lines)) <= 24
+    without_figures = Page((Grid([[*ROWS[0], "NIS"], *([*row, "-"] for row in ROWS[1:])]),)).text(24)
+    assert without_figures.splitlines()[3:] == ["Hidden columns (show", "  with --wide): NEES"]
 
 
 def test_heads_are_full_names_if_the_table_then_fits():
