@@ -255,15 +255,15 @@ class Claims(WithPage):
 
     For example:
       slamgauge claims
-      slamgauge claims --of literature --max-runs 150 --out results/literature
+      slamgauge claims --of literature --max-runs 150
       slamgauge claims --runs 20 --max-runs 20
     """
 
     of: Literal["exercise", "literature"] = "exercise"
     """Conclusions of the exercise, or claims that publications make about filters."""
 
-    out: Folder = Path("results/claims")
-    """Folder of claims.json and of the studies that it uses."""
+    out: Folder | None = None
+    """Folder of claims.json and of the studies that it uses. If not given: results/claims, or results/literature."""
 
     runs: int = 20
     """First number of runs of each setting. Undecided claims continue, with half as many runs more each time."""
@@ -278,12 +278,13 @@ class Claims(WithPage):
     def __call__(self) -> int:
         from slamgauge.compare.studies.claims import claims_table, judge_claims, write_claims
 
+        out = self.out or Path("results/literature" if self.of == "literature" else "results/claims")
         with continued_later(), self.work.executor() as executor:
             most = max(self.runs, MOST_RUNS) if self.max_runs is None else self.max_runs
-            claims = judge_claims(self.runs, self.seed, self.out, executor, most, self.of)
+            claims = judge_claims(self.runs, self.seed, out, executor, most, self.of)
         printed = self.output.show([each.to_json() for each in claims.judgements], claims_table(claims))
-        write_claims(self.out, claims)
-        return self.finish(self.out, CLAIMS, done=printed)
+        write_claims(out, claims)
+        return self.finish(out, CLAIMS, done=printed)
 
 
 def share(text: str) -> float:
