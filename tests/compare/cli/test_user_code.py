@@ -33,9 +33,14 @@ def estimate(recording):
     poses = chain(recording.prior_mean, recording.odometry)
     return Estimate("filtered", np.concatenate([poses[1:], poses[-1:]]))
 """,
-    "endless": "def estimate(recording):\n    while True:\n        pass\n",
-    "blocked": f"{RIGHT}\n\nright = estimate\n\n"
-    "def estimate(recording):\n    while not len(recording.observation):\n        pass\n    return right(recording)\n",
+    "endless": "import time\ndef estimate(recording):\n    time.sleep(1000.0)\n",
+    "blocked": f"""{RIGHT}
+import time
+right = estimate
+def estimate(recording):
+    time.sleep(0.0 if len(recording.observation) else 1000.0)
+    return right(recording)
+""",
     "right": RIGHT,
 }
 SHORT = ("--set", "trajectory.duration=4", "start=sampled")
