@@ -20,13 +20,15 @@ from tests.sizes import SIZES, USUAL
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("ekf", "graph_baseline", "compare")
 
+WORKERS = str((os.cpu_count() or 1) + 1)  # one more than cores, because some tests wait for programs and timeouts
+
 CHECKS = {
     "kernels": ["tests.kernels"],
     "lint": ["ruff", "check", "."],
     "format": ["ruff", "format", "--check", "."],
     "types": ["pyrefly", "check", "--output-format", "min-text", "--python-interpreter-path", sys.executable],
     "pages": ["sphinx", "--quiet", "--fail-on-warning", "--keep-going", "docs", "build/site"],
-    "tests": ["pytest", "-n", "auto", "--dist", "loadfile", "--no-loadscope-reorder"],
+    "tests": ["pytest", "-n", WORKERS, "--dist", "loadfile", "--no-loadscope-reorder"],
 }
 ALL_CORES = "tests"  # the other checks use one core each
 QUICK = ("kernels", "lint", "format", "tests")  # checks of the size `quick`; the other sizes have all

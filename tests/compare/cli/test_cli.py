@@ -108,7 +108,7 @@ def test_help_of_large_commands_is_in_groups(command: str, capsys: pytest.Captur
 def test_help_version_and_mistakes_take_little_processor_time(words: str, status: int, tmp_path: Path):
     """Processor time does not depend on other programs as much as the time on the clock."""
     script = Path(sys.executable).with_name("slamgauge")
-    for _ in range(3):  # at most: the first one may load files from a cold disk
+    for _ in range(10):  # at most: a start may load files from a cold disk, or share its core with other tests
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
         done = subprocess.run([script, *words.split()], cwd=tmp_path, capture_output=True, text=True, check=False)
         after = resource.getrusage(resource.RUSAGE_CHILDREN)
@@ -117,7 +117,7 @@ def test_help_version_and_mistakes_take_little_processor_time(words: str, status
         if seconds < 0.3:
             break
     else:
-        pytest.fail("each of three starts took 0.3 s or more")
+        pytest.fail("each of ten starts took 0.3 s or more")
 
 
 @pytest.mark.parametrize("command", ["run", "evaluate", "bench"])
