@@ -59,7 +59,7 @@ FULL = {  # regular expression for the beginning of ids -> why only the full run
     "tests/compare/cli/test_cli.py::test_victoria_park": "a real recording of 6968 steps",
     r"tests/compare/cli/test_terminal.py::test_closed\w+\[(2>|>/dev/full 2)": "all streams at once are usual",
     "tests/compare/cli/test_file_names.py": "a program start for each name",
-    r"tests/compare/cli/test_lost_places.py::test_a_disk\w+\[older": "interrupted runs keep older results in the usual run",
+    r"tests/compare/cli/test_lost_places.py::test_a_disk\w+\[older": "interrupted runs keep them in the usual run",
     r"tests/compare/cli/test_lost_places.py::\w+\[new folder-15-143": "SIGINT and SIGHUP are usual",
     "tests/compare/cli/test_foreign_files.py::test_files_with_unlucky_names": "many program starts",
     r"tests/compare/estimators/test_classes.py::test_right_classes\w+\[(u|R|dist|incr)": "three other styles are usual",
