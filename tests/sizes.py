@@ -13,6 +13,7 @@ USUAL = "usual"
 
 NOT_QUICK = (  # these start programs, simulate many runs, or take several seconds
     "tests/benchmarks/",
+    "tests/compare/bench/",
     "tests/compare/checks/",
     "tests/compare/cli/",
     "tests/compare/datasets/test_mat_arrays.py",
@@ -23,8 +24,10 @@ NOT_QUICK = (  # these start programs, simulate many runs, or take several secon
     "tests/compare/grading/",
     "tests/compare/noise/",
     "tests/compare/report/",
+    "tests/compare/scoring/test_hausman.py",
     "tests/compare/scoring/test_misleading.py",
     "tests/compare/studies/",
+    "tests/core/test_kernel_cache.py::test_processes",
     "tests/ekf/advanced/",
     "tests/ekf/bearings/",
     "tests/ekf/kernels/test_compilation.py",
@@ -36,6 +39,7 @@ NOT_QUICK = (  # these start programs, simulate many runs, or take several secon
     "tests/graph_baseline/solver/",
     "tests/graph_baseline/test_bearings.py",
     "tests/graph_baseline/test_given_associations.py",
+    "tests/graph_baseline/test_gtsam_isam2.py",
     "tests/graph_baseline/test_hard_recordings.py",
     "tests/graph_baseline/test_no_minimum.py",
     "tests/graph_baseline/test_optimum.py",
