@@ -48,6 +48,8 @@ def explanations(word: str) -> list[str]:
         if meaning not in found:
             found.append(meaning)
     wanted = word.strip().lower()
+    if wanted not in known:  # a verdict has its numbers where its row has N
+        wanted = re.sub(r"\d[\d.]*", "n", wanted)
     if wanted not in known:
         otherwise = "see docs/glossary.md for columns and terms"
         raise UserError(f"{word!r} is not known; {did_you_mean(wanted, known, otherwise, most=3)}")
@@ -59,12 +61,13 @@ def _meanings() -> Iterator[tuple[str, str]]:
     from slamgauge.compare.checks.examination import CHECKS
     from slamgauge.compare.estimators.registry import BOUNDS, REGISTRY
     from slamgauge.compare.report.tables import ESTIMATOR, KIND
+    from slamgauge.compare.scenarios.scenario import shipped_scenarios
     from slamgauge.compare.scenarios.schema import Scenario
     from slamgauge.compare.scoring.catalogue import CATALOGUE
 
     for section, terms in TERMS.items():
         for names, meaning in terms.items():
-            for name in names.split(", "):
+            for name in dict.fromkeys((names, *names.split(", "))):
                 yield name, f"{names} ({section.lower()}): {meaning}"
     for head in (ESTIMATOR, KIND):
         yield head.title, f"{head.title} (column): {head.help}"
@@ -81,6 +84,7 @@ def _meanings() -> Iterator[tuple[str, str]]:
         yield name, f"{name} (estimator): {' '.join(summary.split())}"
     for check in CHECKS:
         yield check.name, f"{check.name} (check): {check.figure}, at most {check.bound:g}. If it fails: {check.blame}"
+    yield from ((name, f"{name} (scenario): {description}") for name, description in shipped_scenarios())
     yield from _keys(Scenario)
 
 

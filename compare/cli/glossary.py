@@ -62,18 +62,31 @@ TERMS = {
     "Scores": {
         "ATE": "Absolute trajectory error: RMS position error over a run, without alignment [m].",
         "NEES": "Normalised estimation error squared of the pose: its mean is 3 if the covariance is right.",
-        "NIS": "Normalised innovation squared: its mean is the number of observed values if the filter is right.",
-        "consistent": (
-            "The errors are as large as the covariance says. *Overconfident*: larger. *Conservative*: smaller."
+        "NIS": (
+            "Normalised innovation squared: its mean is the number of observed values if innovations are as large as "
+            "the filter expects. It does not show the inconsistency of SLAM."
         ),
+        "chi2/dof, fit of the model": (
+            "Weighted squared residuals of an optimum over degrees of freedom: about 1 if the stated noise is right."
+        ),
+        "NEES in 99.9% band": "Share of the steps whose mean NEES over runs is in the band of a right covariance.",
+        "final sigma / optimum": (
+            "The last sigma of x, y and heading over that of the optimum of the same kind: about 1 if both are right."
+        ),
+        "consistent": "The errors are as large as the covariance says.",
+        "overconfident": "The errors are larger than the covariance says: NEES/3 is above 1.",
+        "conservative": "The errors are smaller than the covariance says: NEES/3 is below 1.",
         "95 % ellipse": "The region that holds the true position with probability 0.95 if the covariance is right.",
         "filtered, smoothed": "From the measurements up to the step, and from all measurements.",
         "Mahalanobis distance": "The length of an error in standard deviations: its square is eᵀP⁻¹e.",
         "duplicate landmark": "A second landmark in the map for the same true landmark.",
-        "error budget": (
+        "error budget, budget": (
             "A filter's squared error split into the parts that optimum, noise, association and linearisation cause."
         ),
+        "rung": "One part of an error budget.",
+        "twin": "A simulation with the path, map and noise of a log, whose truth is known (`slamgauge twin`).",
         "check": "A property that every right filter has, tested by `slamgauge check`.",
+        "not judged": "A check or an item of a grade that the estimate or the filter's form does not allow.",
     },
     "Verdicts": {
         "claims N times too small a sigma": (
@@ -83,7 +96,12 @@ TERMS = {
             "NEES/3 is significantly below 1: errors are smaller than the covariance says (conservative)."
         ),
         "its sigmas are right as far as N runs show": "NEES/3 does not differ significantly from 1 in these runs.",
-        "as accurate as the optimum": "The 95 % interval of the ratio of the ATEs is between 0.95 and 1.05.",
+        "as accurate as the optimum, as accurate as the causal optimum": (
+            "The 95 % interval of the ratio of the ATEs is between 0.95 and 1.05."
+        ),
+        "N ± N times the causal optimum's error": (
+            "The ratio of the ATEs with its 95 % interval: if this is above 1, the error is significantly larger."
+        ),
         "not significant": "The 95 % interval of the ratio contains 1: more runs are needed.",
         "less than the optimum's": (
             "The ratio is significantly below 1: the estimator may use more than the measurements."

@@ -142,28 +142,29 @@ def compare_against(
     }
 
 
-def compare_user_code(asked: Sequence[Asked], loaded: Mapping[str, Runs], look: Look) -> tuple[str, ...]:
-    """Return sentences with the ratio of ATEs of user code and built-in filters.
+def compare_user_code(asked: Sequence[Asked], loaded: Mapping[str, Runs], look: Look) -> tuple[tuple[str, str], ...]:
+    """Return pairs of a user estimator and a sentence with the ratio of its ATE and that of a built-in filter.
 
     Each user estimator is compared with each built-in filter of the same kind, filtered or smoothed.
     """
     built_in = [each for each in asked if each.name and not each.is_told and each.name != DEAD_RECKONING]
-    sentences: list[str] = []
+    sentences: list[tuple[str, str]] = []
     for mine in (each.label for each in asked if not each.name):
         for other in (each.label for each in built_in if loaded[each.label].kind == loaded[mine].kind):
             found = _compared(loaded[mine], loaded[other], (look,), look).get("ate_m")
             if found is None or found.ratio is None:
                 continue
             opening = f"the ATE of {mine} is {interval_cell(found.ratio, '{:.3f}')} times that of {other} "
-            sentences.append(f"{opening}on the same {counted(found.runs, 'run')}{_significance(found.ratio)}")
+            runs = counted(found.runs, "run")
+            sentences.append((mine, f"{opening}on the same {runs}{_significance(found.ratio)}"))
     return tuple(sentences)
 
 
 def _significance(ratio: Interval) -> str:
-    """Return the end of a sentence, which states whether the interval of a ratio excludes 1."""
+    """Return the end of a sentence, which states whether the interval of a ratio excludes 1 to the printed digits."""
     if ratio.low is None or ratio.high is None:
         return "; an interval needs 2 runs"
-    is_significant = ratio.low > 1 or ratio.high < 1
+    is_significant = round(ratio.low, 3) > 1 or round(ratio.high, 3) < 1
     return f" (95 % interval): the difference is {'' if is_significant else 'not '}significant"
 
 

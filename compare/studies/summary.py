@@ -141,7 +141,7 @@ class Summary:
     `scenario` is a name, `runs` the number of runs, `seed` the root seed, `digest` that of the measurements, `failures`
     the failed runs of estimators, `estimators` the figures of each estimator by name, `per_run` those of each run,
     `against` the requested paired comparisons, `precision` the end of a study with a stopping rule, `scenario_text` the
-    scenario as a TOML file, `comparisons` the sentences on user code, which are only printed.
+    scenario as a TOML file, `comparisons` pairs of a user estimator and a sentence, which are only printed.
     """
 
     scenario: str
@@ -153,7 +153,7 @@ class Summary:
     against: Against = field(default_factory=dict)
     precision: Precision | None = None
     scenario_text: str | None = None
-    comparisons: tuple[str, ...] = ()
+    comparisons: tuple[tuple[str, str], ...] = ()
     per_run: Mapping[str, RunFigures] = field(default_factory=dict[str, RunFigures])
 
     def __repr__(self) -> str:
@@ -243,7 +243,8 @@ def summary_table(summary: Summary) -> Page:
         *too_good_lines(summary),
         *failure_lines(summary),
     ]
-    return Page((Grid(rows, names=FULL_NAMES), *below, *against_parts(summary.against), *summary.comparisons))
+    below += [*against_parts(summary.against), *(text for _, text in summary.comparisons)]
+    return Page((Grid(rows, names=FULL_NAMES), *below))
 
 
 def share_in_doubt(summary: Summary) -> float:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from slamgauge.compare.estimators.registry import BOUNDS, CAUSAL, HINDSIGHT
+from slamgauge.compare.estimators.registry import BOUNDS, CAUSAL, HINDSIGHT, is_optimum
 from slamgauge.compare.estimators.requests import Asked, Chosen, ask
 from slamgauge.compare.scenarios.scenario import Scenario, load_scenario, scenario_text
 from slamgauge.compare.scenarios.simulation import informed
@@ -179,7 +179,7 @@ def _run_parts(
     scenario: Scenario, parts: Iterable[Part], runs: int, seed: int, executor: Executor
 ) -> tuple[Summary, dict[str, Runs]]:
     """Run the studies of one value, of filters and optima; return their common summary, and their runs."""
-    failures, comparisons, loaded = tuple[Failure, ...](), tuple[str, ...](), dict[str, Runs]()
+    failures, comparisons, loaded = tuple[Failure, ...](), tuple[tuple[str, str], ...](), dict[str, Runs]()
     for simulated, asked, where in parts:
         if asked:
             part = run_study(simulated, runs, seed, asked, where, executor)
@@ -208,7 +208,8 @@ def sweep_table(sweep: Sweep) -> Page:
     for value, summary in zip(sweep.values, sweep.summaries, strict=True):
         for name, entry in summary.estimators.items():
             rows.append([value, name, *figure_cells(summary, entry, found, room_for_marks=any_doubt)])
-        below += [f"{sweep.key}={value}, {line}" for line in (*failure_lines(summary), *summary.comparisons)]
+        compared = [text for name, text in summary.comparisons if name not in unaffected(sweep)]
+        below += [f"{sweep.key}={value}, {line}" for line in (*failure_lines(summary), *compared)]
     return Page((Grid(rows, words=2, names=FULL_NAMES), *below))
 
 
@@ -218,15 +219,23 @@ def notes(sweep: Sweep) -> list[str]:
 
 
 def no_effect(sweep: Sweep) -> list[str]:
-    """Return a line if all values of the key give the same figures, computing times excepted."""
-    first, *others = (
-        {name: entry.to_json() | {"seconds_total": None} for name, entry in summary.estimators.items()}
-        for summary in sweep.summaries
-    )
-    has_runs = any(entry.runs for entry in sweep.summaries[0].estimators.values())
-    if not others or not has_runs or any(each != first for each in others):
-        return []
-    return [f"{sweep.key} has no effect here: all figures of all estimators are the same at every value"]
+    """Return a line on the estimators with the same figures at all values of the key."""
+    found = ", ".join(unaffected(sweep))
+    return [f"{sweep.key} has no effect on {found}: its figures are the same at every value"] if found else []
+
+
+def unaffected(sweep: Sweep) -> list[str]:
+    """Return the names of the estimators with the same figures at all values, computing times excepted.
+
+    Optima are omitted: most keys do not change the noise and associations that they receive.
+    """
+    names = [name for name, entry in sweep.summaries[0].estimators.items() if entry.runs and not is_optimum(name)]
+    figures = {
+        name: [each.estimators[name].to_json() | {"seconds_total": None} for each in sweep.summaries]
+        for name in names
+        if name not in BOUNDS
+    }
+    return [name for name, each in figures.items() if len(each) > 1 and all(one == each[0] for one in each)]
 
 
 def faults(sweep: Sweep) -> dict[str, str]:

@@ -16,8 +16,10 @@ from slamgauge.compare.scoring.catalogue import CATALOGUE, FULL_NAMES
 
 PAGE = (Path(__file__).parents[3] / "docs/glossary.md").read_text(encoding="utf-8")
 
+STUDY = dict.fromkeys(("NEES in 99.9% band", "final sigma / optimum", "chi2/dof", "fit of the model", "Q, R"))
 
-@pytest.mark.parametrize("words", [FULL_NAMES, FULL_NAMES.values(), REGISTRY, BOUNDS, Scenario.model_fields])
+
+@pytest.mark.parametrize("words", [FULL_NAMES, FULL_NAMES.values(), REGISTRY, BOUNDS, Scenario.model_fields, STUDY])
 def test_every_word_has_a_meaning(words: dict[str, object]):
     for word in words:
         assert ": " in " ".join(explanations(word))
@@ -27,6 +29,12 @@ def test_checks_and_keys_in_sections_have_a_meaning():
     for word in (*(check.name for check in CHECKS), "association.gate", "landmarks.random.count", "fis.gate"):
         assert " ".join(explanations(word)).startswith(f"{word} (")
     assert "probation" not in " ".join(explanations("fis.gate"))
+    assert " ".join(explanations("freiburg-course")).startswith("freiburg-course (scenario): ")
+
+
+def test_a_verdict_is_explained_as_it_was_printed():
+    assert explanations("claims 1.6 times too small a sigma") == explanations("claims N times too small a sigma")
+    assert explanations("1.13 ± 0.11 times the causal optimum's error")[0].startswith("N ± N times ")
 
 
 @pytest.mark.parametrize(("word", "near"), [("NESS", "nees"), ("x optimun", "x optimum"), ("asociation.gate", "gate")])

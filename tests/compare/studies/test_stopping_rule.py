@@ -80,7 +80,7 @@ def test_a_study_ends_with_a_comparison_of_user_code_with_built_in_filters(run: 
         "(95 % interval): the difference is significant",
     ]
     assert run(1, {"ekf": "ekf", "same": ekf}).comparisons == (
-        "the ATE of same is 1.000 times that of ekf on the same 1 run; an interval needs 2 runs",
+        ("same", "the ATE of same is 1.000 times that of ekf on the same 1 run; an interval needs 2 runs"),
     )
 
 
