@@ -81,7 +81,7 @@ def verdicts(found: Certificate) -> list[str]:
 def main(recordings: int = 300, seed: int = 0, scenarios: bool = False) -> None:
     table = Table()
     for name, _ in shipped_scenarios() if scenarios else []:
-        truth, recording = simulate(load_scenario(name), 0)
+        truth, recording = simulate(load_scenario(name, ["start=mean"]), 0)
         assert truth.association is not None and truth.misleading is not None
         table.add(name, recording.associated(np.where(truth.misleading, -1, truth.association)))
     for number in range(recordings):

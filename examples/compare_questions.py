@@ -63,7 +63,7 @@ def main() -> None:
     figure = Figure(figsize=(15, 5 if question == 3 else 7), layout="constrained")
     names = SCENARIOS[question]
     for ax, name in zip(figure.subplots(1, len(names), sharey=question == 3), names, strict=True):
-        scenario = load_scenario(name, ["start=sampled"] if question == 4 else [])
+        scenario = load_scenario(name, [] if question == 4 else ["start=mean"])
         truth, recording = simulate(scenario, options.seed)
         true_noise = simulate(informed(scenario), options.seed)[1] if question == 3 else None
         comparison = compare_estimators(truth, recording, estimators_of(question, scenario), true_noise)

@@ -33,7 +33,7 @@ class Misfit(NamedTuple):
 
 def clean_log() -> Recording:
     """Return the first steps of a run of `q1-short-dense` with the true ids."""
-    truth, recording = simulate(load_scenario("q1-short-dense"), 3)
+    truth, recording = simulate(load_scenario("q1-short-dense", ["start=mean"]), 3)
     assert truth.association is not None
     return recording.associated(truth.association).first(STEPS)
 

@@ -124,11 +124,11 @@ def require_scenario(scenario: str) -> None:
     locate(scenario)
 
 
-def sampled_scenario(scenario: str, overrides: Sequence[Sequence[str]]) -> Scenario:
-    """Load a scenario; its true start is drawn from the prior, as statistics need it, unless overridden."""
+def overridden_scenario(scenario: str, overrides: Sequence[Sequence[str]]) -> Scenario:
+    """Load a scenario with the values of --set."""
     from slamgauge.compare.scenarios.scenario import load_scenario
 
-    return load_scenario(scenario, ["start=sampled", *flattened(overrides)])
+    return load_scenario(scenario, flattened(overrides))
 
 
 def require_timeout(seconds: float) -> float:

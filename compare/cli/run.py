@@ -22,7 +22,7 @@ from slamgauge.compare.cli.options import (
     flattened,
     require_scenario,
     results_folder,
-    sampled_scenario,
+    overridden_scenario,
     split_names,
     write_page,
 )
@@ -73,7 +73,7 @@ class Run(WithPage):
         from slamgauge.compare.storage.safe_names import file_name
 
         asked = self.own_code.isolate(ask(split_names(self.estimators)))
-        scenario = sampled_scenario(self.scenario, self.set)
+        scenario = overridden_scenario(self.scenario, self.set)
         out = self.out or Path("results") / f"{file_name(scenario.name)}-seed-{self.seed}"
         status = self._score(scenario, asked, out)  # its memory is free again before the page is written
         return status if write_page(out, METRICS, self.page) else 1

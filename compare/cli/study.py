@@ -24,7 +24,7 @@ from slamgauge.compare.cli.options import (
     named_after,
     require_scenario,
     results_folder,
-    sampled_scenario,
+    overridden_scenario,
     split_names,
     write_page,
 )
@@ -137,7 +137,7 @@ class Study(WithPage):
         from slamgauge.compare.studies.study import load_runs, require_kept, run_study
         from slamgauge.compare.studies.summary import summary_table
 
-        scenario = sampled_scenario(self.scenario, self.set)
+        scenario = overridden_scenario(self.scenario, self.set)
         require_free(self.out, STUDY_FILES)
         with self.work.executor() as executor:
             until = None if self.precision is None else Until(self.precision, self.max_runs)
@@ -188,8 +188,7 @@ class Study(WithPage):
             drawn.append(write_page(folder, SUMMARY, replace(self.page, open=False)))
 
         with self.work.executor() as executor:
-            overrides = ["start=sampled", *flattened(self.set)]
-            arguments = (self.scenario, overrides, sweep, self.runs, self.seed, asked, self.out, executor)
+            arguments = (self.scenario, flattened(self.set), sweep, self.runs, self.seed, asked, self.out, executor)
             result = run_sweep(*arguments, finished=finished)
         printed = self.output.show(result.to_json(), sweep_table(result))
         failed = any(each.failures for each in result.summaries)
@@ -237,7 +236,7 @@ class Budget(WithPage):
         from slamgauge.compare.storage.files import write_json
         from slamgauge.compare.studies.budget import budget_table, error_budget
 
-        scenario = sampled_scenario(self.scenario, self.set)
+        scenario = overridden_scenario(self.scenario, self.set)
         staged = results_folder(self.out, BUDGET_FILES, last=BUDGET)
         with staged as folder, self.work.executor() as executor:
             budget = error_budget(scenario, self.filter, self.runs, self.seed, executor, self.lag)

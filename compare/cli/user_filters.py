@@ -20,7 +20,7 @@ from slamgauge.compare.cli.options import (
     require_scenario,
     require_timeout,
     results_folder,
-    sampled_scenario,
+    overridden_scenario,
 )
 from slamgauge.compare.cli.terminal import Output
 from slamgauge.errors import UserError
@@ -126,7 +126,7 @@ class Grade(WithPage):
 
         require_isolation("grade on Linux or macOS", unconfined=self.unconfined)
         out = self.out or Path("results") / f"grades-{file_name(self.folder.resolve().name)}"
-        scenario, (reference,) = sampled_scenario(self.scenario, self.set), ask([self.reference])
+        scenario, (reference,) = overridden_scenario(self.scenario, self.set), ask([self.reference])
         submissions = submissions_in(self.folder)
         isolation = Isolation(require_timeout(self.timeout), strict=False, unconfined=self.unconfined)
         rubric, submissions = load_rubric(self.rubric), [each.of_form(self.form) for each in submissions]

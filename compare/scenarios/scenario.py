@@ -78,14 +78,9 @@ def load_scenario(name_or_path: str | Path, overrides: Sequence[str] = ()) -> Sc
     raise ScenarioError("\n".join(f"{where}: {mistake}" for mistake in mistakes))
 
 
-def as_scenario(scenario: Scenario | str | Path, overrides: Sequence[str] = ()) -> Scenario:
-    """Return a scenario unchanged, or load a name or path with these overrides."""
-    return scenario if isinstance(scenario, Scenario) else load_scenario(scenario, overrides)
-
-
-def sampled(scenario: Scenario | str | Path) -> Scenario:
-    """Return a scenario unchanged, or load a name or path with the true start drawn from the prior."""
-    return as_scenario(scenario, ["start=sampled"])
+def as_scenario(scenario: Scenario | str | Path) -> Scenario:
+    """Return a scenario unchanged, or load a name or path."""
+    return scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
 
 
 def scenario_text(scenario: Scenario) -> str:

@@ -108,12 +108,12 @@ class Scenario(Section):
     Attributes:
         name: the file's name without its ending.
         description: one line for users.
-        start: true start pose: the prior's mean, or sampled from the prior.
+        start: true start pose: sampled from the prior, or the prior's mean.
     """
 
     name: str
     description: str
-    start: Literal["mean", "sampled"] = "mean"
+    start: Literal["mean", "sampled"] = "sampled"
     prior: Prior = Prior()
     trajectory: Trajectory
     motion: Motion

@@ -20,7 +20,7 @@ from slamgauge.compare.estimators.loading import load
 from slamgauge.compare.estimators.registry import CAUSAL, FILTERS, FIXED_LAG, HINDSIGHT
 from slamgauge.compare.estimators.requests import Asked, ask
 from slamgauge.compare.estimators.running import run_estimator
-from slamgauge.compare.scenarios.scenario import Scenario, sampled, scenario_text
+from slamgauge.compare.scenarios.scenario import Scenario, as_scenario, scenario_text
 from slamgauge.compare.scenarios.schema import Assumed
 from slamgauge.compare.scenarios.simulation import simulate_informed
 from slamgauge.compare.scoring.intervals import Interval, bootstrap_interval, mean_interval
@@ -177,7 +177,7 @@ def error_budget(
     Raises:
         UserError: bad names or numbers, or an estimator that failed, with the run.
     """
-    scenario = sampled(scenario)
+    scenario = as_scenario(scenario)
     (asked,) = ask([filter_name])
     _smoother(lag)  # a bad lag is refused before any run
     if asked.name and asked.name not in FILTERS:

@@ -147,9 +147,9 @@ class _Studies:
         return load_runs(scenario, runs, self._seed, [estimator], folder)[estimator]
 
 
-def sampled_settings(settings: dict[str, tuple[str, ...]]) -> dict[str, Scenario]:
-    """Return the scenario of each setting, with the true start drawn from the prior."""
-    return {key: load_scenario(name, [*changes, "start=sampled"]) for key, (name, *changes) in settings.items()}
+def scenarios_of_settings(settings: dict[str, tuple[str, ...]]) -> dict[str, Scenario]:
+    """Return the scenario of each setting."""
+    return {key: load_scenario(name, changes) for key, (name, *changes) in settings.items()}
 
 
 def judge_claims(
@@ -177,7 +177,7 @@ def judge_claims(
         raise UserError(f"of: {of!r} has no claims; give one of {', '.join(SETS)}")
     require_free(out, CLAIMS_FILES)
     claims, tests = SETS[of].claims, SETS[of].tests
-    settings = sampled_settings(SETS[of].settings)
+    settings = scenarios_of_settings(SETS[of].settings)
     studies = _Studies(settings, claims, seed, out, executor)
     for scenario in settings.values():
         require_room_for_runs(most, scenario, TOGETHER)

@@ -14,7 +14,7 @@ from typing import NamedTuple
 from slamgauge.compare.estimators.memory_check import require_room_for_runs
 from slamgauge.compare.estimators.requests import Asked, Chosen, ask, labels_among
 from slamgauge.compare.estimators.running import tell_remarks
-from slamgauge.compare.scenarios.scenario import Scenario, sampled, scenario_text
+from slamgauge.compare.scenarios.scenario import Scenario, as_scenario, scenario_text
 from slamgauge.compare.scoring.runs import Runs
 from slamgauge.compare.scoring.sequential import Look
 from slamgauge.compare.storage.manifest import require_free
@@ -90,7 +90,7 @@ def run_study(
         UserError: bad names or numbers, a store of another study, a store in use by another command, a foreign file in
             its place, or workers that die at every run.
     """
-    scenario, out = sampled(scenario), Path(out)
+    scenario, out = as_scenario(scenario), Path(out)
     asked = ask(estimators)  # misspelt names are refused before anything is written
     if not asked:
         raise UserError("estimators: none given; name at least one, for example --estimators ekf,causal")
@@ -136,7 +136,7 @@ def load_runs(
     Raises:
         UserError: the store does not exist, has another study, or is damaged.
     """
-    scenario, out = sampled(scenario), Path(out)
+    scenario, out = as_scenario(scenario), Path(out)
     if not (out / STORE).exists():
         raise UserError(f"{out / STORE}: no study is there; make one with run_study")
     with open_store(out / STORE, scenario, seed) as store:

@@ -61,7 +61,7 @@ def mistakes(path: str, *overrides: str) -> list[str]:
 def test_file_with_segments_and_defaults(write: Write):
     scenario = load_scenario(write(GOOD))
     assert scenario.name == "my"
-    assert scenario.start == "mean"
+    assert scenario.start == "sampled"
     assert scenario.prior.variances == (0.01, 0.01, 0.0001)
     assert scenario.assumed.motion_scale == scenario.assumed.sensor_scale == 1.0
     assert segmented(scenario).steps == (20, 10)

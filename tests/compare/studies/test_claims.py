@@ -27,7 +27,7 @@ from slamgauge.compare.studies.claims import (
     claims_table,
     judge,
     judge_claims,
-    sampled_settings,
+    scenarios_of_settings,
 )
 from slamgauge.compare.studies.literature_claims import LITERATURE, SOURCES
 from slamgauge.compare.studies.summary import Summary
@@ -171,13 +171,13 @@ def test_claims_of_the_literature_have_sources_and_known_settings():
     assert {figure.setting for claim in claims for figure in claim.compared} == set(LITERATURE.settings)
     assert {claim.section for claim in claims} == set(SOURCES)
     assert {claim.source for claim in claims} == set(SOURCES.values())
-    assert set(sampled_settings(LITERATURE.settings)) == set(LITERATURE.settings)
+    assert set(scenarios_of_settings(LITERATURE.settings)) == set(LITERATURE.settings)
 
 
 @pytest.mark.usefixtures("studies_in_a_thread")
 def test_every_claim_of_the_literature_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """Two runs of 20 steps: every figure is defined, and two runs decide nothing."""
-    scenarios = sampled_settings(LITERATURE.settings)
+    scenarios = scenarios_of_settings(LITERATURE.settings)
     short = {name: [f"trajectory.duration={20 * each.trajectory.step}"] for name, each in scenarios.items()}
     settings = {name: (*each, *short[name]) for name, each in LITERATURE.settings.items()}
     monkeypatch.setitem(module.SETS, "literature", ClaimSet(settings, LITERATURE.claims))
@@ -226,7 +226,7 @@ def test_claims_continue_until_they_are_decided(tmp_path: Path, monkeypatch: pyt
     def settings_of(_: object) -> dict[str, Scenario]:
         return scenarios
 
-    monkeypatch.setattr(module, "sampled_settings", settings_of)
+    monkeypatch.setattr(module, "scenarios_of_settings", settings_of)
     monkeypatch.setattr("slamgauge.compare.studies.claims.run_study", run)
     monkeypatch.setattr("slamgauge.compare.studies.claims.load_runs", load)
     with ThreadPoolExecutor(1) as executor:

@@ -43,7 +43,7 @@ def test_a_twin_has_the_logs_stamps_sightings_and_noise_on_the_path_of_its_optim
     recording = log(sensor)
     twin = make_twin(recording)
     write_twin(tmp_path, twin, "a log")
-    truth, simulated = simulate(load_scenario(tmp_path / "twin.toml"), 0)
+    truth, simulated = simulate(load_scenario(tmp_path / "twin.toml", ["start=mean"]), 0)
     known = twin.recording
     np.testing.assert_array_equal(simulated.stamps, recording.stamps)
     np.testing.assert_allclose(simulated.odometry_cov, recording.odometry_cov, rtol=1e-12)
@@ -120,7 +120,7 @@ def test_the_twin_of_lost_in_the_woods_predicts_its_error(tmp_path: Path) -> Non
     """The position RMSE of the right-invariant filter, mean of thirty runs, within a quarter of the real one."""
     recording, truth = read_lost_in_the_woods(WOODS)
     write_twin(tmp_path, make_twin(recording), "woods")
-    scenario = load_scenario(tmp_path / "twin.toml", ["start=sampled"])
+    scenario = load_scenario(tmp_path / "twin.toml")
     assert truth.poses is not None
     known = ~np.isnan(truth.poses[:, 0])
     actual = np.sqrt(((riekf(recording).poses - truth.poses)[known, :2] ** 2).sum(axis=1).mean())

@@ -48,7 +48,7 @@ def test_the_notice_is_printed_at_the_step_that_shows_divergence(name: str, caps
 def test_a_bearing_filter_prints_the_notice_only_if_it_diverges(
     sigma: float, notices: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    changed = [f"sensor.sigma_bearing_deg={sigma}", "trajectory.duration=30"]
+    changed = ["start=mean", f"sensor.sigma_bearing_deg={sigma}", "trajectory.duration=30"]
     truth, recording = simulate(load_scenario("q4-three-landmarks", changed), 0)
     rays = Rays(alpha=0.3, beta=2.0, s_min=1.0)  # four members, the first nearby
     slam = BearingFilter(recording.prior_mean, recording.prior_cov, initialisation=rays)

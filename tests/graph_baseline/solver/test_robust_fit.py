@@ -76,7 +76,7 @@ def test_a_long_recording_with_misread_ids_is_searched_from_three_starts(
 
 
 def test_the_start_without_dead_reckoning_finds_a_lower_minimum() -> None:
-    truth, recording = simulate(load_scenario("tp4-handout"), 0)
+    truth, recording = simulate(load_scenario("tp4-handout", ["start=mean"]), 0)
     assert truth.association is not None
     wrong = prepare(in_frame_of_start(misread(recording.associated(truth.association), 0.1)))
     first = damped_descent(wrong, *descent_start(wrong, wrong.dead_reckoning)).cost
@@ -110,7 +110,7 @@ def test_understated_noise_is_searched_from_two_starts_with_the_same_minimum(
 
 def test_an_incremental_start_that_switches_minima_too_often_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
     """Odometry has a noise of 1 m a step: without the limit the start alone takes two minutes; `batch` needs none."""
-    _, recording = simulate(load_scenario("q1-short-dense", ["motion.sigma_speed=10"]), 0)
+    _, recording = simulate(load_scenario("q1-short-dense", ["start=mean", "motion.sigma_speed=10"]), 0)
     steps: list[int] = []
     add_step = IncrementalOptimum.add_step
 
