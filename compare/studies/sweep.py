@@ -221,7 +221,7 @@ def notes(sweep: Sweep) -> list[str]:
 def no_effect(sweep: Sweep) -> list[str]:
     """Return a line on the estimators with the same figures at all values of the key."""
     found = ", ".join(unaffected(sweep))
-    return [f"{sweep.key} has no effect on {found}: its figures are the same at every value"] if found else []
+    return [f"{sweep.key} has no effect on {found}: the same figures at every value"] if found else []
 
 
 def unaffected(sweep: Sweep) -> list[str]:

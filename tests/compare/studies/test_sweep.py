@@ -83,7 +83,7 @@ def test_a_key_that_changes_the_measurements_has_an_optimum_at_each_value(swept:
 def test_a_sweep_names_a_key_without_effect(swept: Callable[..., Sweep], scenario: str, has_effect: bool):
     """A gate has no effect with known association."""
     sweep = swept(scenario, "association.gate=1,9", 2)
-    line = "association.gate has no effect on ekf: its figures are the same at every value"
+    line = "association.gate has no effect on ekf: the same figures at every value"
     assert str(sweep_table(sweep)).splitlines().count(line) == sweep.to_json()["notes"].count(line) == (not has_effect)
 
 
@@ -130,7 +130,7 @@ def test_user_code_is_swept_and_drawn_with_the_built_in_estimators(
     assert main([*arguments, *sweep]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert [line.split()[1] for line in lines[1:7]] == ["causal@ekf", "mine", "causal"] * 2
-    assert "association.gate has no effect on mine: its figures are the same at every value" in lines
+    assert "association.gate has no effect on mine: the same figures at every value" in lines
     assert not any("the ATE of mine is" in line for line in lines)
     titles = drawn["sweep"].axes[0].get_legend_handles_labels()[1]
     assert titles == ["causal@ekf", "mine", "causal optimum"]
