@@ -95,8 +95,10 @@ def odometry_noise_size(subject: Subject, rng: np.random.Generator) -> float:
 @check(
     figure="the same increments 1 s and 0.1 s apart: largest difference of poses [m, rad] and covariances [sigma^2]",
     bound=1e-6,
-    blame="an extra factor of the time step in Q or in the motion: increments and odometry_cov are of whole steps",
+    blame="a factor of the time step too many or too few in Q, F, or the motion: increments and odometry_cov are of whole "
+    "steps",
     needs=("odometry noise",),
+    after=("odometry-noise-size",),
 )
 def time_step(subject: Subject, rng: np.random.Generator) -> float:
     """Compare two recordings that differ only in their time steps."""

@@ -55,8 +55,11 @@ class World:
         """(N+1, 3) true path."""
         return chain(self.start, self.increments)
 
-    def recording(self, disturbance: Float | None = None, sigma: float = SIGMA) -> Recording:
-        """Return exact ranges and bearings plus `disturbance` (M, 2); estimators assume `sigma` [m], [rad]."""
+    def recording(self, disturbance: Float | None = None, sigma: float | Float = SIGMA) -> Recording:
+        """Return exact ranges and bearings plus `disturbance` (M, 2).
+
+        Estimators assume `sigma` [m], [rad], one number or (M, 2).
+        """
         steps, names = np.array(self.observed, dtype=np.int64).reshape(-1, 2).T
         poses, covs = self.poses[steps], np.zeros((len(self.moves), 3, 3))
         offset = np.einsum("mji,mj->mi", rotation(poses[:, 2]), self.landmarks[names] - poses[:, :2])
@@ -73,7 +76,7 @@ class World:
             sensor="range-bearing",
             observation_step=steps,
             observation=seen,
-            observation_cov=np.tile(sigma**2 * np.eye(2), (len(names), 1, 1)),
+            observation_cov=np.broadcast_to(sigma, (len(names), 2))[:, :, None] ** 2 * np.eye(2),
             landmark=names,
         )
 
