@@ -23,6 +23,10 @@ class NotJudgedError(Exception):
     """The estimate lacks a field that the check needs. The message names the field."""
 
 
+class OtherModelError(Exception):
+    """The estimate is that of a right filter with another motion model. The message describes it."""
+
+
 @dataclass
 class Subject:
     """The estimator under test.

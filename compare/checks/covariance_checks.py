@@ -16,6 +16,7 @@ from slamgauge.compare.checks.small_recordings import (
     relative_error,
 )
 
+RESTS = 100  # observations that make the sigma of a landmark small, whatever it was at first
 ALTERNATING = tuple((step, (step - 1) % 2) for step in range(1, 7))
 
 
@@ -78,22 +79,23 @@ def sound_covariances(subject: Subject, rng: np.random.Generator) -> float:
 
 
 def _error_of_corrected_headings(subject: Subject, rng: np.random.Generator) -> float:
-    """Return the largest relative difference of the heading's sigma from sqrt(2 R) after its error of half a radian.
+    """Return the largest relative difference of the heading's sigma from that of one bearing, after a large error.
 
-    The heading is lost four times, and one bearing corrects it each time. Then its variance is that of this bearing
-    plus that of the landmark, 2 R, with a relative error below a millionth. Five ranges from a known position leave a
-    fifth of R. The landmark is 1 m ahead, as in `_wrong_direction` of `update_checks`.
+    The robot observes a landmark RESTS times from the known start, so that the landmark's first covariance does not
+    matter. Then the heading is lost four times, and one bearing corrects it each time. Its variance is that of this
+    bearing plus that of the landmark, R (1 + 1 / RESTS). The landmark is 1 m ahead, as in `_wrong_direction` of
+    `update_checks`.
     """
     start = np.append(rng.uniform(-3.0, 3.0, 2), 0.0)
     lost = World(
         start=start,
-        moves=np.zeros((5, 2)),
-        move_sigmas=np.column_stack([np.zeros(5), np.append(0.0, rng.uniform(0.5, 1.0, 4))]),
+        moves=np.zeros((RESTS + 4, 2)),
+        move_sigmas=np.column_stack([np.zeros(RESTS + 4), np.append(np.zeros(RESTS), rng.uniform(0.5, 1.0, 4))]),
         landmarks=around(start, np.ones(1), np.zeros(1)),
-        observed=tuple((step, 0) for step in range(1, 6)),
+        observed=tuple((step, 0) for step in range(1, RESTS + 5)),
     )
     estimate = subject(lost.recording())
-    relative = np.sqrt(pose_covs_of(estimate)[2:, 2, 2] / (2.0 * SIGMA**2))
+    relative = np.sqrt(pose_covs_of(estimate)[RESTS + 1 :, 2, 2] / (1.0 + 1.0 / RESTS)) / SIGMA
     if estimate.landmark_covs is not None and len(estimate.landmark_covs):
         relative = np.append(relative, np.sqrt(landmark_cov_of(estimate, 0)[0, 0] * len(lost.observed)) / SIGMA)
     return float(np.abs(relative - 1.0).max())

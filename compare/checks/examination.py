@@ -15,7 +15,7 @@ from slamgauge.compare.checks import (
     step_time_check,
     update_checks,
 )
-from slamgauge.compare.checks.check import Check, Need, NotJudgedError, Subject
+from slamgauge.compare.checks.check import Check, Need, NotJudgedError, OtherModelError, Subject
 from slamgauge.compare.checks.ignored_inputs import ignored_inputs, reason_not_judged
 from slamgauge.compare.estimators.user_code import OverdueError
 from slamgauge.compare.scoring.text_page import Grid, Page
@@ -91,6 +91,8 @@ def check_estimator(name: str, estimator: Estimator, seed: int = 0, checks: Sequ
             found.append(_verdict(each, subject, np.random.default_rng([seed, *each.name.encode()])))
         except NotJudgedError as reason:
             found.append(_not_judged(each, str(reason)))
+        except OtherModelError as model:
+            found.append(Verdict(each.name, True, None, each.bound, str(model), limit_of_method=True))
         except UserError as error:
             is_overdue = isinstance(error, OverdueError)
             found.append(Verdict(each.name, False, None, each.bound, f"{error}; {each.blame}"))

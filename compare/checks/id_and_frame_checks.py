@@ -93,7 +93,7 @@ def rigid_motion(subject: Subject, rng: np.random.Generator) -> float:
     bound=0.02,
     blame="landmarks that leave the map while they are not observed, or are initialised twice: correct with every id "
     "in the map",
-    after=("update-bearing",),
+    after=("update-bearing", "first-sight"),
 )
 def long_unseen(subject: Subject, rng: np.random.Generator) -> float:
     """Turn away and back with imprecise odometry; the landmark at the start then corrects the heading.

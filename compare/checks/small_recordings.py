@@ -35,6 +35,7 @@ class World:
         start: (3,) true start pose, the mean of the prior.
         prior_cov: (3, 3).
         step_s: time between poses [s].
+        is_arc: whether the robot turns while it moves, on an arc; by default it turns afterwards.
     """
 
     moves: Float
@@ -44,6 +45,7 @@ class World:
     start: Float = field(default_factory=lambda: np.zeros(3))
     prior_cov: Float = field(default_factory=lambda: KNOWN_START)
     step_s: float = 1.0
+    is_arc: bool = False
 
     @property
     def increments(self) -> Float:
@@ -53,10 +55,17 @@ class World:
     @property
     def poses(self) -> Float:
         """(N+1, 3) true path."""
-        return chain(self.start, self.increments)
+        if not self.is_arc:
+            return chain(self.start, self.increments)
+        length, turn = self.moves.T
+        along, across = length * np.sinc(turn / np.pi), length * np.sin(turn / 2) * np.sinc(turn / 2 / np.pi)
+        return chain(self.start, np.column_stack([along, across, turn]))
 
-    def recording(self, disturbance: Float | None = None, sigma: float = SIGMA) -> Recording:
-        """Return exact ranges and bearings plus `disturbance` (M, 2); estimators assume `sigma` [m], [rad]."""
+    def recording(self, disturbance: Float | None = None, sigma: float | Float = SIGMA) -> Recording:
+        """Return exact ranges and bearings plus `disturbance` (M, 2).
+
+        Estimators assume `sigma` [m], [rad], one number or (M, 2).
+        """
         steps, names = np.array(self.observed, dtype=np.int64).reshape(-1, 2).T
         poses, covs = self.poses[steps], np.zeros((len(self.moves), 3, 3))
         offset = np.einsum("mji,mj->mi", rotation(poses[:, 2]), self.landmarks[names] - poses[:, :2])
@@ -73,7 +82,7 @@ class World:
             sensor="range-bearing",
             observation_step=steps,
             observation=seen,
-            observation_cov=np.tile(sigma**2 * np.eye(2), (len(names), 1, 1)),
+            observation_cov=np.broadcast_to(sigma, (len(names), 2))[:, :, None] ** 2 * np.eye(2),
             landmark=names,
         )
 

@@ -19,10 +19,13 @@ from slamgauge.compare.checks.small_recordings import (
     correlated,
     relative_error,
 )
+from slamgauge.recording import Recording
+from slamgauge.se2 import rotation
 
 MOVES = 30  # with noise, between two observations
+COARSE = 1.0  # sigma of ranges [m] or bearings [rad] that correct nothing, even by a wrong row of H
 LOOSE = 50.0 * SIGMA  # sigma of a move; observations are exact in comparison
-SHARE = 0.01  # largest relative difference of a motion; a move of 50 sigmas leaves 1/1250 of the innovation
+SHARE = 0.01  # largest relative difference of a motion; second order is less
 SAME_CORRECTION = 0.02  # largest relative difference of two corrections
 
 
@@ -119,32 +122,53 @@ def _imprecise_move(forward_sigma: float, turn_sigma: float, landmark: Float) ->
     )
 
 
-def _wrong_share(subject: Subject, moved: float) -> float:
-    """Return by how much a robot that moved by `moved` of the innovation did not move by all of it.
+def _shifted(world: World, channel: int, shift: float) -> Recording:
+    """Return a recording whose last range (channel 0) [m] or bearing (1) [rad] is larger by `shift`.
 
-    A filter with its own noise may move by any share with the right sign.
+    The other value of the last observation is coarse.
+    """
+    disturbance, sigma = np.zeros((len(world.observed), 2)), np.full((len(world.observed), 2), SIGMA)
+    disturbance[-1, channel], sigma[-1, 1 - channel] = shift, COARSE
+    return world.recording(disturbance, sigma)
+
+
+def _wrong_share(subject: Subject, recording: Recording, channel: int, variance: float, moved: float) -> float:
+    """Return by how much a robot that moved by `moved` of the last innovation did not move by the right share of it.
+
+    The share follows from the variance of the innovation due to the robot, and from the filter's own covariance of the
+    landmark, which `first_sight` judges. A filter with its own noise may move by any share with the right sign.
     """
     if subject.has_own_noise:
         return 0.0 if 0.0 < moved <= 1.0 + SHARE else 1.0
-    return abs(moved - 1.0)
+    first = subject(recording.first(1))
+    of_landmark = SIGMA**2
+    if first.landmark_covs is not None and len(first.landmark_covs):
+        dx, dy = landmark_of(first, 0) - first.poses[-1, :2]
+        row = (np.array([dx, dy]) / np.hypot(dx, dy), np.array([-dy, dx]) / (dx**2 + dy**2))[channel]
+        of_landmark = row @ landmark_cov_of(first, 0) @ row
+    share = variance / (variance + of_landmark + SIGMA**2)
+    return float(abs(moved - share) / share)
 
 
 def _wrong_direction(subject: Subject, rng: np.random.Generator, channel: int) -> float:
     """Return the sine of the angle between the motion of a landmark at its second observation and the right motion.
 
-    The robot is at rest, and the landmark is 1 m ahead along x: there J_z is diag(1, 1), so that its errors do not
-    matter. An opposite motion, or none, gives 1.
+    The robot is at rest, and the landmark is 1 m ahead along x, then along y. There J_z is diag(1, 1) or a quarter
+    turn, so that its errors do not matter. An opposite motion, or none, gives 1.
     """
-    start = np.append(rng.uniform(-3.0, 3.0, 2), 0.0)
-    landmark = around(start, np.ones(1), np.zeros(1))
-    shift = np.zeros((2, 2))
-    shift[1, channel] = rng.choice([-1.0, 1.0]) * rng.uniform(1.0, 3.0) * SIGMA
-    estimate = subject(at_rest(start, KNOWN_START, landmark, ((1, 0), (2, 0))).recording(shift))
-    if not len(estimate.landmark_ids):
-        return 0.0
-    moved = (landmark_of(estimate, 0) - landmark[0]) / shift[1, channel]
-    along, across = moved[channel], moved[1 - channel]
-    return float(abs(across) / np.hypot(along, across)) if along > 0.0 else 1.0
+    shift = rng.choice([-1.0, 1.0]) * rng.uniform(1.0, 3.0) * SIGMA
+    worst = 0.0
+    for heading in (0.0, np.pi / 2):
+        start = np.append(rng.uniform(-3.0, 3.0, 2), heading)
+        landmark = around(start, np.ones(1), np.zeros(1))
+        world = at_rest(start, KNOWN_START, landmark, ((1, 0), (2, 0)))
+        estimate = subject(_shifted(world, channel, shift))
+        if not len(estimate.landmark_ids):
+            return 0.0
+        moved = rotation(heading).T @ (landmark_of(estimate, 0) - landmark[0]) / shift
+        along, across = moved[channel], moved[1 - channel]
+        worst = max(worst, abs(across) / np.hypot(along, across) if along > 0.0 else 1.0)
+    return float(worst)
 
 
 @check(
@@ -158,10 +182,8 @@ def _wrong_direction(subject: Subject, rng: np.random.Generator, channel: int) -
 def update_range(subject: Subject, rng: np.random.Generator) -> float:
     """Correct a robot whose position along x is uncertain: it moves by the whole innovation."""
     shift = rng.choice([-1.0, 1.0]) * LOOSE
-    recording = _imprecise_move(LOOSE, 0.0, np.array([rng.uniform(3.0, 6.0), 0.0])).recording(
-        np.array([[0.0, 0.0], [shift, 0.0]])
-    )
-    share = _wrong_share(subject, -subject(recording).poses[-1, 0] / shift)
+    recording = _shifted(_imprecise_move(LOOSE, 0.0, np.array([rng.uniform(3.0, 6.0), 0.0])), 0, shift)
+    share = _wrong_share(subject, recording, 0, LOOSE**2, -subject(recording).poses[-1, 0] / shift)
     return max(share, _wrong_direction(subject, rng, 0))
 
 
@@ -171,7 +193,7 @@ def update_range(subject: Subject, rng: np.random.Generator) -> float:
     bound=SHARE,
     blame="the row of H for a bearing, or the gain: (-dy, dx)/r^2 for a landmark, its opposite and -1 for the pose",
     needs=("prior",),
-    after=("update-range",),
+    after=("landmarks-behind", "odometry-noise-size"),
 )
 def update_bearing(subject: Subject, rng: np.random.Generator) -> float:
     """Correct a robot whose heading is uncertain: it turns by the whole innovation.
@@ -180,12 +202,12 @@ def update_bearing(subject: Subject, rng: np.random.Generator) -> float:
     range.
     """
     shift = rng.choice([-1.0, 1.0]) * LOOSE
-    disturbance = np.array([[0.0, 0.0], [0.0, shift]])
     distance = rng.uniform(3.0, 6.0)
     ahead, abeam = distance * np.eye(2)
-    turned = subject(_imprecise_move(0.0, LOOSE, ahead).recording(disturbance)).poses[-1, 2]
-    moved = subject(_imprecise_move(distance * LOOSE, 0.0, abeam).recording(disturbance)).poses[-1, 0]
-    shares = _wrong_share(subject, -turned / shift), _wrong_share(subject, moved / (distance * shift))
+    turning = _shifted(_imprecise_move(0.0, LOOSE, ahead), 1, shift)
+    moving = _shifted(_imprecise_move(distance * LOOSE, 0.0, abeam), 1, shift)
+    turned, moved = -subject(turning).poses[-1, 2] / shift, subject(moving).poses[-1, 0] / (distance * shift)
+    shares = (_wrong_share(subject, *each) for each in ((turning, 1, LOOSE**2, turned), (moving, 1, LOOSE**2, moved)))
     return max(*shares, _wrong_direction(subject, rng, 1))
 
 
@@ -195,15 +217,13 @@ def update_bearing(subject: Subject, rng: np.random.Generator) -> float:
     blame="R in the innovation covariance, S = H P H' + R, or in that of a new landmark: observation_cov contains "
     "variances",
     needs=("observation noise", "odometry noise", "prior"),
-    after=("update-bearing",),
+    after=("update-range", "update-bearing"),
 )
 def measurement_noise(subject: Subject, rng: np.random.Generator) -> float:
     """Correct a heading with the variance 2 R: landmark and bearing have 2 R together, so that it turns by a half."""
     shift = rng.choice([-1.0, 1.0]) * SIGMA
-    recording = _imprecise_move(0.0, np.sqrt(2.0) * SIGMA, np.array([1.0, 0.0])).recording(
-        np.array([[0.0, 0.0], [0.0, shift]])
-    )
-    return float(abs(subject(recording).poses[-1, 2] / shift + 0.5))
+    recording = _shifted(_imprecise_move(0.0, np.sqrt(2.0) * SIGMA, np.array([1.0, 0.0])), 1, shift)
+    return _wrong_share(subject, recording, 1, 2.0 * SIGMA**2, -subject(recording).poses[-1, 2] / shift) / 2.0
 
 
 @check(
@@ -212,7 +232,7 @@ def measurement_noise(subject: Subject, rng: np.random.Generator) -> float:
     bound=1.0,
     blame="the innovation of a bearing: wrap z - h(x) to (-pi, pi] before the gain, and before the distances of an "
     "association",
-    after=("landmarks-behind",),
+    after=("landmarks-behind", "update-bearing"),
 )
 def innovation_wrap(subject: Subject, rng: np.random.Generator) -> float:
     """Observe a landmark straight behind, just left and just right of the bearing pi."""

@@ -45,15 +45,16 @@ def submissions_in(folder: Path) -> list[Submission]:
     """Return every Python file of a folder, and every folder in it that contains Python files, by name.
 
     The main file of a folder is `submission.py`; else the folder is a package, or its main file is its only Python
-    file, `main.py`, or the only file that defines a known form (`_defines_a_form`). Names that begin with a dot or an
-    underscore are skipped. No code runs.
+    file, `main.py`, or the only file that defines a known form (`_defines_a_form`). If only folders in it contain
+    Python files, the main file is in one of these. Names that begin with a dot or an underscore are skipped. No code
+    runs.
 
     Raises:
         UserError: the folder cannot be read, or contains no submission.
     """
     with explained(folder, "read"):
         entries = sorted(each for each in folder.iterdir() if each.name[0] not in "._")
-    given = [each for each in entries if _is_python(each) or (each.is_dir() and any(each.glob("*.py")))]
+    given = [each for each in entries if _is_python(each) or (each.is_dir() and _folders_with_python(each))]
     if not given:
         raise UserError(f"{folder}: contains no submission; give a folder of Python files, or of folders with them")
     stems = [each.stem if _is_python(each) else each.name for each in given]
@@ -86,24 +87,39 @@ def _submission(folder: Path, path: Path, name: str, stems: tuple[str, ...]) -> 
         return Submission(name, None, f"{path.name}: cannot be read ({error.strerror}); check its permissions")
 
 
-def _main_file(folder: Path) -> Path | None:
-    """Return the main file of a folder; None for a package.
+def _main_file(submission: Path) -> Path | None:
+    """Return the main file of a submission's folder; None for a package.
 
     Raises:
         UserError: several files may be the main file.
     """
-    files = sorted(each for each in folder.glob("*.py") if not each.name.startswith("."))
-    if folder / MAIN[0] in files:
-        return folder / MAIN[0]
-    if folder / "__init__.py" in files:
+    folders = _folders_with_python(submission)
+    files = _python_files(folders[0])
+    if submission / MAIN[0] in files:
+        return submission / MAIN[0]
+    if submission / "__init__.py" in files:
         return None
+    if folders[0] != submission:
+        files = [each for folder in folders for each in _python_files(folder)]
     named = [each for each in files if each.name in MAIN]
     pairs = [each for each in files if partner_file(each) is not None][:1]  # two functions in two files
     found = files if len(files) == 1 else named or pairs or [each for each in files if _defines_a_form(each)]
     if len(found) != 1:
-        names = ", ".join(each.name for each in files)
-        raise UserError(f"{folder.name}: may be {names}; call the one that counts {MAIN[0]}")
+        names = ", ".join(each.relative_to(submission).as_posix() for each in files)
+        raise UserError(f"{submission.name}: may be {names}; call the one that counts {MAIN[0]}")
     return found[0]
+
+
+def _folders_with_python(folder: Path) -> list[Path]:
+    """Return a folder if it contains Python files, else all folders in it that do, at any depth."""
+    if _python_files(folder):
+        return [folder]
+    inside = sorted(each for each in folder.iterdir() if each.is_dir() and each.name[0] not in "._")
+    return [found for each in inside if not each.is_symlink() for found in _folders_with_python(each)]
+
+
+def _python_files(folder: Path) -> list[Path]:
+    return sorted(each for each in folder.glob("*.py") if not each.name.startswith("."))
 
 
 def _defines_a_form(path: Path) -> bool:

@@ -21,6 +21,10 @@ OF_F = ("prediction-jacobian", "rigid-motion")
 OF_H = ("update-bearing", "first-sight", "scan-order", "long-unseen", "standing-robot")
 OF_WRAP = ("innovation-wrap", "heading-wrap")
 OF_CROSS = ("cross-covariance", "standing-robot")
+OF_RANGE = ("update-range", "first-sight", "standing-robot")
+OF_BEARING = ("update-bearing", "update-range", "innovation-wrap")
+OF_NEW = ("first-sight", "update-range", "measurement-noise", "long-unseen", "sound-covariances")
+OF_P = ("sound-covariances", "update-range", "measurement-noise", "long-unseen")
 MADE_UP = submissions()
 IN_NEAREST = (  # without the wrap in the association alone
     "        e, S, _ = innovation(x, P, yi, j)\n",
@@ -49,6 +53,21 @@ CASES = {
         f"PythonRobotics: {bug}": (edited(ROBOTICS, BUGS[bug]), checks)
         for bug, checks in (("sign", OF_F), ("wrap", OF_WRAP), ("cross", OF_CROSS))
     },
+    "PythonRobotics: covariance of new landmarks": (
+        edited(ROBOTICS, ("Jr @ P[0:3, 0:3] @ Jr.T + Jy @ R @ Jy.T", "np.eye(2)")),
+        OF_NEW,
+    ),
+    "estimate(recording): sign of dy in H": (
+        edited(MADE_UP["estimate(recording)", "right"], ("[[dx / r, dy / r],", "[[dx / r, -dy / r],")),
+        OF_RANGE,
+    ),
+    "estimate(recording): dx and dy of a bearing exchanged": (
+        edited(
+            MADE_UP["estimate(recording)", "right"], ("[dy / r**2, -dx / r**2, -1.0]", "[dx / r**2, -dy / r**2, -1.0]")
+        ),
+        OF_BEARING,
+    ),
+    "estimate(recording): half gain in P": (MADE_UP["estimate(recording)", "half gain in P"], OF_P),
     "step function: no wrap in its association": (edited(OWN_ASSOCIATION, IN_NEAREST), OF_WRAP),
     "predict and update: no wrap in its association": (
         edited(MADE_UP["predict and update", "right"], IN_UPDATE),

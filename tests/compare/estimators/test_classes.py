@@ -150,10 +150,14 @@ def test_a_class_that_moves_on_arcs_is_told_its_bias(tmp_path: Path):
     arc = straight.replace("(th)", "(th + w * dt / 2)")
     recording, text = short(), "it moves on an arc in each step"
     remarks = []
-    for change in (straight, arc):
+    mean_only = [check for check in CHECKS if check.name == "truth-recovered"]
+    for change, passes in ((straight, True), (arc, True), (straight.replace("(th)", "(th + w * dt)"), False)):
         mine = loaded(tmp_path, changed(GROWING, {straight: change}), "EkfSlam")
         mine(recording)
         remarks.append(" ".join(remarks_of(mine, recording)))
+        (verdict,) = check_estimator("mine", mine, checks=mean_only)
+        assert (verdict.passed, verdict.limit_of_method) == (passes, change == arc)
+        assert (text in verdict.blame) == (change == arc)
     assert text not in remarks[0]
     assert text in remarks[1]
 

@@ -72,11 +72,13 @@ def test_identical_figures_are_named_on_both_sides():
         ({"plots.py": "def f():\n    def estimate(): ...", "filter.py": "1 / 0\ndef correction_step(): ..."}, "filter"),
         ({"one.py": STEP, "two.py": STEP}, ""),
         ({"one.py": "", "two.py": ""}, ""),
+        ({"TP4/filter.py": STEP, "TP4/plots.py": "", "utils/angle.py": ""}, "filter"),
+        ({"a/one.py": STEP, "b/two.py": STEP}, ""),
     ],
 )
 def test_the_main_file_of_a_folder(tmp_path: Path, files: dict[str, str], main: str):
-    (tmp_path / "folder").mkdir()
     for name, content in files.items():
+        (tmp_path / "folder" / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / "folder" / name).write_text(content)
     (found,) = submissions_in(tmp_path)
     if main:
