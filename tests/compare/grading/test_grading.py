@@ -179,7 +179,9 @@ def test_all_graded_is_status_0_and_json_has_the_rows(
     assert main(["grade", str(tmp_path / "class"), *words, "--jobs", "1", "--json", "--out", str(tmp_path / "o")]) == 0
     content = held("grades", json.loads(capsys.readouterr().out))
     assert [(each["submission"], each["passed"]) for each in content] == [("anna", True), ("bert", False)]
-    assert {(each["seed"], each["digest"]) for each in content} == {(7, digest(overridden_scenario(str(scenario), []), 7))}
+    assert {(each["seed"], each["digest"]) for each in content} == {
+        (7, digest(overridden_scenario(str(scenario), []), 7))
+    }
     assert content[0]["ate_ratio"] == 1.0  # the reference is the same filter
 
 
