@@ -110,7 +110,7 @@ def read_pose_topic(bag: Bag, topic: str, clock: str = "header") -> PoseTopic:
             covs.append(content.pose.covariance)
     stamps, kept, notes = _in_order(bag, topic, times, clock)
     poses = planar_poses(np.array(rows).reshape(-1, 7)[kept])
-    return PoseTopic(seconds_of(stamps), poses, _matrices(covs)[kept] if covs else None, notes)
+    return PoseTopic(seconds_of(stamps), poses, planar_covariances(np.array(covs))[kept] if covs else None, notes)
 
 
 def read_bag_estimate(path: Path, topic: str, recording: Recording) -> Estimate:
@@ -185,7 +185,7 @@ def _odometry(bag: Bag, mapping: BagMapping) -> tuple[Odometry, str, tuple[str, 
         at = int(np.argmax(wild))
         what = f"the robot turns by {increments[at, 2]:.3g} rad before stamp {1e-9 * stamps[at + 1]:.9f} s"
         raise UserError(f"{where}: {what}; check the units of twists, and gaps of the topic")
-    covariances = _matrices(covs)[kept][rows] * seconds[:, None, None] ** 2
+    covariances = planar_covariances(np.array(covs))[kept][rows] * seconds[:, None, None] ** 2
     with of_file(bag.path):
         noise = _step_noise(covariances, seconds, mapping, topic)
     return Odometry(seconds_of(stamps), increments, noise), mapping.frames.base or child or "base_link", notes
@@ -244,8 +244,3 @@ def _in_order(bag: Bag, topic: str, times: Sequence[tuple[int, int]], clock: str
 def _pose(position: Any, orientation: Any) -> list[float]:
     """Return position and quaternion as the row of 7 numbers that `planar_poses` reads."""
     return [position.x, position.y, position.z, orientation.x, orientation.y, orientation.z, orientation.w]
-
-
-def _matrices(flat: Sequence[Float]) -> Float:
-    """Return covariances (n, 3, 3) of x, y and heading from those of ROS with 36 numbers each."""
-    return planar_covariances(np.array(flat, dtype=np.float64).reshape(-1, 6, 6))

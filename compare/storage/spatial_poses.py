@@ -28,5 +28,5 @@ def planar_poses(poses: Float) -> Float:
 
 
 def planar_covariances(covs: Float) -> Float:
-    """Return covariances (n, 3, 3) of x, y and heading from those (n, 6, 6) of x, y, z, roll, pitch and yaw."""
-    return covs[:, PLANAR][:, :, PLANAR]
+    """Return covariances (n, 3, 3) of x, y, heading from those, (n, 6, 6) or (n, 36), of x, y, z, roll, pitch, yaw."""
+    return covs.reshape(-1, 6, 6)[:, PLANAR][:, :, PLANAR]
