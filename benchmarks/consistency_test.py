@@ -60,8 +60,8 @@ def main(
     assumed = load_scenario(scenario, changed)
     found: dict[Estimator, Figures] = {}
     if not own:
-        for each in {consistent_filter(name, recording_of(assumed, 1.0, 0)) for name in filters}:
-            found[each] = figures_of(each, (simulate(assumed, FIRST_TWIN + seed)[1] for seed in range(twins)))
+        consistent = {consistent_filter(name, recording_of(assumed, 1.0, 0)) for name in filters}
+        found = figures_of(consistent, (simulate(assumed, FIRST_TWIN + seed)[1] for seed in range(twins)))
     print(f"{'estimator':42}{'tested':>7}{'sigmas':>9}{'consistent':>12}{'overconfident':>15}{'too cautious':>14}")
     for ratio in map(float, q.split(",")):
         recordings = (recording_of(assumed, ratio, seed) for seed in range(runs))
@@ -92,7 +92,7 @@ def tests_of(
     for recording in recordings:
         optimum = batch(recording)
         consistent = {name: consistent_filter(name, recording) for name in filters}
-        found = shared or {each: twin_figures(recording, optimum, twins, each) for each in {*consistent.values()}}
+        found = shared or twin_figures(recording, optimum, twins, {*consistent.values()})
         for name, filter_ in filters.items():
             try:
                 with np.errstate(all="ignore"):  # bugs may overflow

@@ -15,7 +15,7 @@ from slamgauge.compare.cli.main import main
 
 ARGUMENTS = "arguments"
 COMMANDS = (
-    "evaluate r.npz --estimators ekf --gate 9 --association jcbb",
+    "evaluate r.npz --estimators ekf --set association.gate=9 association.method=jcbb",
     "evaluate r.npz --estimators dead-reckoning --robust gate --reach 10",
     "evaluate r.npz --estimates mine=e.csv --initialisation delayed",
     "import victoria-park p.txt --out p --max-range 5",

@@ -35,6 +35,32 @@ class Format(ABC):
     def __call__(self) -> Imported:
         """Read the file or folder."""
 
+    def write(self) -> None:
+        """Import the log and write its files."""
+        from slamgauge.compare.storage.files import save
+        from slamgauge.compare.storage.manifest import require_free
+        from slamgauge.compare.storage.staged_folder import staged_folder
+        from slamgauge.compare.storage.toml_tables import write_toml
+
+        out = named_after(self.out, self.path)
+        require_free(out, IMPORTED)  # before long files are read
+        log = self()
+        recording, truth, mapping = log.recording, log.truth, log.mapping
+        from slamgauge.compare.datasets.plausibility import examine  # loads kernels, which a refusal need not wait for
+
+        examination = examine(log, self.path)
+        with staged_folder(out, IMPORTED, last=RECORDING) as folder:
+            save(folder / RECORDING, recording)
+            if truth is not None:
+                save(folder / TRUTH, truth)
+            if mapping is not None:
+                write_toml(folder / MAPPING, mapping)
+        facts = [f"{name:<34}{value}" for name, value in examination.facts.items()]
+        warnings = [f"warning: {warning}" for warning in examination.warnings]
+        counts = f"{recording.steps} steps, {len(recording.observation)} observations"
+        written = f"{counts}, {'with' if truth is not None else 'no'} ground truth: written to {out}"
+        print(*log.notes, *facts, *warnings, written, sep="\n", file=sys.stderr)
+
     def options(self) -> dict[str, Any]:
         """Return the options of the format, which are the keyword arguments of its reader."""
         return {name: value for name, value in vars(self).items() if name not in ("path", "out")}
@@ -220,13 +246,14 @@ class Bag(Format):
 
         return read_bag(self.path, self.mapping, flattened(self.set), self.msgs)
 
-    def only_lists(self) -> bool:
-        """Print the topics if this is requested; return whether it is."""
+    def write(self) -> None:
+        """Print the topics, or import the log and write its files."""
         if self.topics:
             from slamgauge.compare.datasets.bag_log import topics_text
 
             print(topics_text(self.path, self.msgs))
-        return self.topics
+        else:
+            super().write()
 
 
 @dataclass
@@ -252,28 +279,4 @@ class Import:
     )
 
     def __call__(self) -> None:
-        from slamgauge.compare.storage.files import save
-        from slamgauge.compare.storage.manifest import require_free
-        from slamgauge.compare.storage.staged_folder import staged_folder
-        from slamgauge.compare.storage.toml_tables import write_toml
-
-        if isinstance(self.format, Bag) and self.format.only_lists():
-            return
-        out = named_after(self.format.out, self.format.path)
-        require_free(out, IMPORTED)  # before long files are read
-        log = self.format()
-        recording, truth, mapping = log.recording, log.truth, log.mapping
-        from slamgauge.compare.datasets.plausibility import examine  # loads kernels, which a refusal need not wait for
-
-        examination = examine(log, self.format.path)
-        with staged_folder(out, IMPORTED, last=RECORDING) as folder:
-            save(folder / RECORDING, recording)
-            if truth is not None:
-                save(folder / TRUTH, truth)
-            if mapping is not None:
-                write_toml(folder / MAPPING, mapping)
-        facts = [f"{name:<34}{value}" for name, value in examination.facts.items()]
-        warnings = [f"warning: {warning}" for warning in examination.warnings]
-        counts = f"{recording.steps} steps, {len(recording.observation)} observations"
-        written = f"{counts}, {'with' if truth is not None else 'no'} ground truth: written to {out}"
-        print(*log.notes, *facts, *warnings, written, sep="\n", file=sys.stderr)
+        self.format.write()

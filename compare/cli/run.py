@@ -139,14 +139,9 @@ class Evaluate(WithPage):
 
     own_code: OwnCode = field(default_factory=OwnCode)
 
-    association: Literal["nearest-neighbour", "jcbb"] = "nearest-neighbour"
-    """How filters associate a recording without ids. jcbb associates jointly and manages its map."""
-
-    gate: float = 9.0
-    """Largest squared Mahalanobis distance of an association."""
-
-    set: Overrides = field(default_factory=list)
-    """The same as keys of a scenario: association.method=jcbb association.gate=16."""
+    set: Repeated = field(default_factory=list)
+    """How filters associate a recording without ids, by keys of scenarios: association.method=jcbb association.gate=16.
+    By default nearest-neighbour with a gate of 9; jcbb associates jointly and manages its map."""
 
     robust: Literal["none", "gate", "student-t"] = "none"
     """How filters protect their updates from outliers (docs/association.md)."""
@@ -166,28 +161,14 @@ class Evaluate(WithPage):
         status = self._score()  # its memory is free again before the page is written
         return status if write_page(self.out, METRICS, self.page) else 1
 
-    def _association(self) -> tuple[Literal["nearest-neighbour", "jcbb"], float]:
-        """Return method and gate of the options and of --set."""
-        method, gate = self.association, self.gate
-        for text in flattened(self.set):
-            match text.split("="):
-                case ["association.method", "nearest-neighbour" | "jcbb" as method]:
-                    pass
-                case ["association.gate", number] if number.replace(".", "", 1).isdecimal():
-                    gate = float(number)
-                case _:
-                    allowed = "association.method=nearest-neighbour, association.method=jcbb or association.gate=16"
-                    raise UserError(f"set: {text} is not possible; give {allowed}")
-        return method, gate
-
     def _score(self) -> int:
         from slamgauge.compare.estimators.memory_check import require_room_for_estimates
         from slamgauge.compare.estimators.requests import ask
-        from slamgauge.compare.scenarios.schema import INITIALISATIONS, Association
+        from slamgauge.compare.scenarios.scenario import stored_association
+        from slamgauge.compare.scenarios.schema import INITIALISATIONS
         from slamgauge.compare.storage.files import load_recording, load_truth
         from slamgauge.compare.storage.safe_names import shown
-        from slamgauge.ekf.setting_rules import fitted, require
-        from slamgauge.ekf.settings import Association as FilterAssociation
+        from slamgauge.ekf.setting_rules import fitted
         from slamgauge.ekf.settings import Robustness
 
         recording = load_recording(self.recording)
@@ -198,10 +179,8 @@ class Evaluate(WithPage):
         beside = self.recording.with_name("truth.npz")
         path = self.truth or (beside if beside.exists() else None)
         truth = None if path is None else load_truth(path, recording)
-        method, gate = self._association()
-        require(FilterAssociation, "gate", gate)
         settings = (
-            Association(method=method, gate=gate),
+            stored_association(flattened(self.set)),
             fitted(INITIALISATIONS[self.initialisation], self.reach),
             Robustness(self.robust),
         )

@@ -156,7 +156,13 @@ class Study(WithPage):
 
     def _gated(self, run: Callable[[int], Summary], scenario: Scenario, asked: list[Asked]) -> tuple[Summary, bool]:
         """Run a study until it is clear whether it is worse than the baseline; return it and whether it is worse."""
-        from slamgauge.compare.studies.baseline import comparisons, load_baseline, require_tolerance, run_gated
+        from slamgauge.compare.studies.baseline import (
+            comparisons,
+            false_alarms,
+            load_baseline,
+            require_tolerance,
+            run_gated,
+        )
         from slamgauge.compare.studies.store import digest
 
         path = self.gate.baseline
@@ -170,7 +176,7 @@ class Study(WithPage):
         names = [each.label for each in asked]
         compared = comparisons(names, baseline, digest(scenario, self.seed), str(path))
         summary, result = run_gated(run, baseline, compared, tolerance, self.runs)
-        for line in [*result.lost, *(each.line() for each in result.changes)]:
+        for line in [*result.lost, *(each.line() for each in result.changes), false_alarms(tolerance)]:
             print(line, file=sys.stderr)
         return summary, bool(result.worse)
 

@@ -15,15 +15,16 @@ from slamgauge.compare.datasets.bag_mapping import (
     ODOMETRIES,
     POSES,
     BagMapping,
-    BagStart,
     candidates,
     load_bag_mapping,
     shipped,
 )
 from slamgauge.compare.datasets.bag_observations import read_observations
-from slamgauge.compare.datasets.imported_log import Imported, identified, of_file, with_variances
+from slamgauge.compare.datasets.csv_mapping import StartPose
+from slamgauge.compare.datasets.imported_log import Imported, identified, of_file, with_sigmas
 from slamgauge.compare.datasets.synchronisation import Odometry, constant_twist, joined
 from slamgauge.compare.storage.interpolation import interpolated
+from slamgauge.compare.storage.spatial_poses import planar_covariances, planar_poses
 from slamgauge.compare.storage.stored_results import at_steps, tell_doubts
 from slamgauge.compare.storage.toml_tables import toml_text
 from slamgauge.errors import UserError
@@ -33,7 +34,6 @@ from slamgauge.se2 import between
 from slamgauge.truth import Truth
 
 SAME = 1000  # ns: nearer stamps of odometry are the same
-PLANAR = (0, 1, 5)  # rows of x, y and heading in a covariance (6, 6) of ROS
 
 
 class PoseTopic(NamedTuple):
@@ -102,15 +102,15 @@ def read_pose_topic(bag: Bag, topic: str, clock: str = "header") -> PoseTopic:
     for received, content in bag.messages(topic):
         times.append((header_stamp(content), received))
         if kind.endswith("TransformStamped"):
-            rows.append(_planar(content.transform.translation, content.transform.rotation))
+            rows.append(_pose(content.transform.translation, content.transform.rotation))
             continue
         inner = content.pose.pose if hasattr(content.pose, "pose") else content.pose
-        rows.append(_planar(inner.position, inner.orientation))
+        rows.append(_pose(inner.position, inner.orientation))
         if hasattr(content.pose, "covariance"):
             covs.append(content.pose.covariance)
     stamps, kept, notes = _in_order(bag, topic, times, clock)
-    poses = np.array(rows).reshape(-1, 3)[kept]
-    return PoseTopic(seconds_of(stamps), poses, _planar_covariances(covs)[kept] if covs else None, notes)
+    poses = planar_poses(np.array(rows).reshape(-1, 7)[kept])
+    return PoseTopic(seconds_of(stamps), poses, planar_covariances(np.array(covs))[kept] if covs else None, notes)
 
 
 def read_bag_estimate(path: Path, topic: str, recording: Recording) -> Estimate:
@@ -167,14 +167,14 @@ def _odometry(bag: Bag, mapping: BagMapping) -> tuple[Odometry, str, tuple[str, 
         covs.append(getattr(content.twist, "covariance", np.zeros(36)))
         if not stamped:
             child = content.child_frame_id.removeprefix("/")
-            poses.append(_planar(content.pose.pose.position, content.pose.pose.orientation))
+            poses.append(_pose(content.pose.pose.position, content.pose.pose.orientation))
     stamps, kept, notes = _in_order(bag, topic, times, mapping.frames.clock)
     if len(stamps) < 2:
         raise UserError(f"{where}: {len(stamps)} messages with different stamps; odometry needs two or more")
     rows = slice(1, None) if section.holds == "since-last" else slice(None, -1)
     velocities, seconds = np.array(twists)[kept], seconds_of(np.diff(stamps))
     if section.kind == "poses":
-        path = np.array(poses)[kept]
+        path = planar_poses(np.array(poses)[kept])
         increments = between(path[:-1], path[1:])
     else:
         increments = constant_twist(velocities[rows], seconds)
@@ -185,13 +185,13 @@ def _odometry(bag: Bag, mapping: BagMapping) -> tuple[Odometry, str, tuple[str, 
         at = int(np.argmax(wild))
         what = f"the robot turns by {increments[at, 2]:.3g} rad before stamp {1e-9 * stamps[at + 1]:.9f} s"
         raise UserError(f"{where}: {what}; check the units of twists, and gaps of the topic")
-    covariances = _planar_covariances(covs)[kept][rows] * seconds[:, None, None] ** 2
+    covariances = planar_covariances(np.array(covs))[kept][rows] * seconds[:, None, None] ** 2
     with of_file(bag.path):
-        noise = _with_stated(covariances, seconds, mapping, topic)
+        noise = _step_noise(covariances, seconds, mapping, topic)
     return Odometry(seconds_of(stamps), increments, noise), mapping.frames.base or child or "base_link", notes
 
 
-def _with_stated(covs: Float, seconds: Float, mapping: BagMapping, topic: str) -> Float:
+def _step_noise(covs: Float, seconds: Float, mapping: BagMapping, topic: str) -> Float:
     """Return covariances (N, 3, 3) in which stated standard deviations replace variances and their correlations."""
     noise = mapping.noise
     growth = {"step": np.ones_like(seconds), "second": np.sqrt(seconds), "speed": seconds}[noise.per]
@@ -199,8 +199,7 @@ def _with_stated(covs: Float, seconds: Float, mapping: BagMapping, topic: str) -
     for axis, (name, sigma) in enumerate(sigmas.items()):
         if sigma is None and name != "lateral" and not (covs[:, axis, axis] > 0.0).any():
             raise UserError(f"{topic}: its messages have no variance of noise.{name}; give --set noise.{name}=SIGMA")
-    stated = enumerate(sigmas.values())
-    return with_variances(covs, {axis: (sigma * growth) ** 2 for axis, sigma in stated if sigma is not None})
+    return with_sigmas(covs, [None if sigma is None else sigma * growth for sigma in sigmas.values()])
 
 
 def _truth(bag: Bag, mapping: BagMapping, stamps: Float, landmark: Any) -> tuple[Truth | None, tuple[str, ...]]:
@@ -214,7 +213,7 @@ def _truth(bag: Bag, mapping: BagMapping, stamps: Float, landmark: Any) -> tuple
     return Truth(poses=poses, association=landmark), found.notes
 
 
-def _start(section: BagStart, truth: Truth | None, where: str) -> Float:
+def _start(section: StartPose, truth: Truth | None, where: str) -> Float:
     """Return the start pose (3,): as stated, else the true one, else the origin."""
     if section.pose is not None:
         return np.array(section.pose, dtype=np.float64)
@@ -242,12 +241,6 @@ def _in_order(bag: Bag, topic: str, times: Sequence[tuple[int, int]], clock: str
     return stamps[kept], kept, notes
 
 
-def _planar(position: Any, orientation: Any) -> list[float]:
-    """Return x, y and heading of a position and a quaternion, which need not have unit length."""
-    x, y, z, w = orientation.x, orientation.y, orientation.z, orientation.w
-    return [position.x, position.y, float(np.arctan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z))]
-
-
-def _planar_covariances(flat: Sequence[Float]) -> Float:
-    """Return covariances (n, 3, 3) of x, y and heading from those of ROS with 36 numbers each."""
-    return np.array(flat, dtype=np.float64).reshape(-1, 6, 6)[:, PLANAR][:, :, PLANAR]
+def _pose(position: Any, orientation: Any) -> list[float]:
+    """Return position and quaternion as the row of 7 numbers that `planar_poses` reads."""
+    return [position.x, position.y, position.z, orientation.x, orientation.y, orientation.z, orientation.w]

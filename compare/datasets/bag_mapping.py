@@ -23,12 +23,11 @@ from pathlib import Path
 from typing import Any, Literal
 
 from slamgauge.compare.datasets.bag_file import Bag
-from slamgauge.compare.datasets.csv_mapping import Noise, Paths, sections_of
+from slamgauge.compare.datasets.csv_mapping import Noise, Paths, StartPose, is_finite, sections_of
 from slamgauge.compare.datasets.imported_log import require_sigmas
 from slamgauge.compare.storage.toml_tables import Table, override, parse_toml, read_toml
 from slamgauge.errors import UserError
 from slamgauge.suggestions import did_you_mean
-from slamgauge.validation import LARGEST
 
 ODOMETRIES = (
     "nav_msgs/msg/Odometry",
@@ -83,14 +82,6 @@ class BagNoise(Noise):
 
 
 @dataclass(frozen=True)
-class BagStart:
-    """Pose [m, m, rad] (by default the true one) and standard deviations of the start."""
-
-    pose: tuple[float, float, float] | None = None
-    sigmas: tuple[float, float, float] = (0.0, 0.0, 0.0)
-
-
-@dataclass(frozen=True)
 class TruthTopic:
     """Poses of the ground truth. They are not interpolated over gaps longer than `max_gap` [s]."""
 
@@ -114,7 +105,7 @@ class BagMapping:
     odometry: OdometryTopic
     observations: ObservationsTopic
     noise: BagNoise
-    start: BagStart
+    start: StartPose
     truth: TruthTopic
     frames: Frames
     transforms: dict[str, tuple[float, float, float]] = field(default_factory=dict[str, tuple[float, float, float]])
@@ -129,7 +120,7 @@ KINDS = {
     "odometry": OdometryTopic,
     "observations": ObservationsTopic,
     "noise": BagNoise,
-    "start": BagStart,
+    "start": StartPose,
     "truth": TruthTopic,
     "frames": Frames,
 }
@@ -209,7 +200,7 @@ def _require_tables(where: str, transforms: Any, ids: Any) -> None:
     """Refuse transforms that are not three numbers, and ids that are not whole numbers from 0."""
     for name, pose in transforms.items() if isinstance(transforms, dict) else [("", None)]:
         numbers = pose if isinstance(pose, list) else []
-        if len(numbers) != 3 or not all(type(each) in (int, float) and abs(each) < LARGEST for each in numbers):
+        if len(numbers) != 3 or not all(map(is_finite, numbers)):
             raise UserError(f"{where}: transforms.{name}: must be [x, y, heading] in metres and radians; correct it")
     for name, number in ids.items() if isinstance(ids, dict) else [("", None)]:
         if type(number) is not int or number < 0:

@@ -13,7 +13,7 @@ from slamgauge.arrays import Float, Int
 from slamgauge.compare.datasets.bag_file import Bag, clock_checked, frame_of, header_stamp, seconds_of
 from slamgauge.compare.datasets.bag_mapping import BagMapping, ObservationsTopic
 from slamgauge.compare.datasets.csv_mapping import Paths
-from slamgauge.compare.datasets.imported_log import with_variances
+from slamgauge.compare.datasets.imported_log import with_sigmas
 from slamgauge.compare.datasets.static_transforms import StaticTransforms
 from slamgauge.errors import UserError
 from slamgauge.se2 import wrap
@@ -82,9 +82,8 @@ def read_observations(bag: Bag, mapping: BagMapping, base: str) -> Observations:
     rows, stamps = [rows[each] for each in order], stamps[order]
     values, covs = _in_base(rows, sensor, StaticTransforms(bag, mapping.transforms, base), base, where)
     landmark, ids = _numbered(rows, mapping.ids, where)
-    return Observations(
-        sensor, seconds_of(stamps), landmark, values, _with_stated(covs, sensor, mapping, where), notes, ids
-    )
+    covs = _observation_noise(covs, sensor, mapping, where)
+    return Observations(sensor, seconds_of(stamps), landmark, values, covs, notes, ids)
 
 
 def _rows(bag: Bag, section: ObservationsTopic, groups: Counter[str]) -> Iterator[_Row]:
@@ -226,10 +225,9 @@ def _matrices(flat: list[Float], sensor: Sensor, where: str) -> Float:
     return made
 
 
-def _with_stated(covs: Float, sensor: Sensor, mapping: BagMapping, where: str) -> Float:
+def _observation_noise(covs: Float, sensor: Sensor, mapping: BagMapping, where: str) -> Float:
     """Return covariances (M, d, d) in which stated standard deviations replace variances and their correlations."""
-    sigmas = [getattr(mapping.noise, name) for name in SENSORS[sensor].sigmas]
-    covs = with_variances(covs, {axis: sigma**2 for axis, sigma in enumerate(sigmas) if sigma is not None})
+    covs = with_sigmas(covs, [getattr(mapping.noise, name) for name in SENSORS[sensor].sigmas])
     missing = np.isnan(covs).any(axis=(1, 2))
     if missing.any():
         names = " ".join(f"noise.{name}=SIGMA" for name in dict.fromkeys(SENSORS[sensor].sigmas))

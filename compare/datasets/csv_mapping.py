@@ -21,6 +21,7 @@ from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 from slamgauge.compare.storage.result_files import MAPPING
 from slamgauge.compare.storage.toml_tables import Table, override, read_toml
+from slamgauge.ekf.setting_rules import is_number
 from slamgauge.errors import UserError
 from slamgauge.sensors import SENSORS, Sensor
 from slamgauge.suggestions import did_you_mean
@@ -87,12 +88,18 @@ class Noise:
 
 
 @dataclass(frozen=True)
-class Start:
-    """Time [s], pose [m, m, rad] (by default the true one) and standard deviations of the start."""
+class StartPose:
+    """Pose [m, m, rad] (by default the true one) and standard deviations of the start."""
 
-    stamp: float | None = None
     pose: tuple[float, float, float] | None = None
     sigmas: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Start(StartPose):
+    """The start of a log, with its time [s] (by default that of the first row of odometry)."""
+
+    stamp: float | None = None
 
 
 @dataclass(frozen=True)
@@ -191,11 +198,11 @@ def _fits(value: object, hint: Any) -> tuple[bool, str]:
     if get_origin(hint) is Literal:
         return value in get_args(hint), f"one of {', '.join(get_args(hint))}"
     if hint is float:
-        return _is_number(value), "a number"
+        return is_finite(value), "a number"
     if hint is str:
         return _is_text(value), "a text"
     if get_origin(hint) is tuple:
-        return isinstance(value, list) and len(value) == 3 and all(map(_is_number, value)), "three numbers"
+        return isinstance(value, list) and len(value) == 3 and all(map(is_finite, value)), "three numbers"
     is_mapping = isinstance(value, dict) and all(type(each) in (str, int) for each in value.values())
     return is_mapping, "a table of columns' names or numbers"
 
@@ -204,8 +211,9 @@ def _is_text(value: object) -> bool:
     return isinstance(value, str) and value != ""
 
 
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < LARGEST
+def is_finite(value: Any) -> bool:
+    """Return whether a value of a TOML file is a number that is not too large; NaN, True and False are not."""
+    return is_number(value) and abs(value) < LARGEST
 
 
 def _require_values(mapping: LogMapping) -> None:

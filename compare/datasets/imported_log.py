@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Generator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -92,12 +92,13 @@ def diagonal_covariances(sigmas: Float) -> Float:
     return sigmas[:, :, None] ** 2 * np.eye(sigmas.shape[1])
 
 
-def with_variances(covs: Float, variances: Mapping[int, Float | float]) -> Float:
-    """Return covariances (n, d, d) with other variances, (n,) or a number, of some axes, which have no correlations."""
+def with_sigmas(covs: Float, sigmas: Sequence[Float | float | None]) -> Float:
+    """Return covariances (n, d, d) with stated standard deviations of d axes; None keeps variance and correlations."""
     covs = covs.copy()
-    for axis, variance in variances.items():
-        covs[:, axis, :], covs[:, :, axis] = 0.0, 0.0
-        covs[:, axis, axis] = variance
+    for axis, sigma in enumerate(sigmas):
+        if sigma is not None:
+            covs[:, axis, :], covs[:, :, axis] = 0.0, 0.0
+            covs[:, axis, axis] = np.square(sigma)
     return covs
 
 

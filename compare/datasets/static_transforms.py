@@ -9,6 +9,7 @@ import numpy as np
 
 from slamgauge.arrays import Float
 from slamgauge.compare.datasets.bag_file import Bag, frame_of
+from slamgauge.compare.storage.spatial_poses import rotations
 from slamgauge.errors import UserError
 from slamgauge.se2 import rotation
 
@@ -61,12 +62,6 @@ class StaticTransforms:
 def matrix(transform: Any) -> Float:
     """Return a `geometry_msgs/Transform` as a matrix (4, 4)."""
     t, q = transform.translation, transform.rotation
-    x, y, z, w = np.array([q.x, q.y, q.z, q.w]) / np.linalg.norm([q.x, q.y, q.z, q.w])
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w), t.x],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w), t.y],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y), t.z],
-            [0.0, 0.0, 0.0, 1.0],
-        ]
-    )
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = rotations(np.array([[q.x, q.y, q.z, q.w]]))[0], (t.x, t.y, t.z)
+    return pose

@@ -13,6 +13,7 @@ from slamgauge.compare.checks.check import Check
 from slamgauge.compare.checks.examination import CHECKS, Verdict, presupposed
 from slamgauge.compare.scoring.intervals import Interval
 from slamgauge.compare.storage.toml_tables import parse_toml, read_toml
+from slamgauge.ekf.setting_rules import is_number
 from slamgauge.errors import UserError
 from slamgauge.suggestions import did_you_mean
 
@@ -164,8 +165,7 @@ def load_rubric(path: Path | None = None) -> Rubric:
     merged |= {section: default[section] | given.get(section, {}) for section in CONTENT}
     for section in (merged, *(merged[name] for name in CONTENT)):
         for key, value in section.items():
-            is_number = isinstance(value, int | float) and not isinstance(value, bool)
-            if not isinstance(value, dict) and not (is_number and 0 <= value < math.inf):
+            if not isinstance(value, dict) and not (is_number(value) and 0 <= value < math.inf):
                 raise UserError(f"{path}: {key} = {value!r} is no weight; give a number >= 0")
     rubric = _rubric(merged, path.read_text(encoding="utf-8-sig"))
     for name, scale in ((ACCURACY, rubric.accuracy), (CONSISTENCY, rubric.consistency)):

@@ -19,13 +19,14 @@ from pydantic_core import ErrorDetails
 from slamgauge.compare.scenarios.csv_tables import FOLDER, TableText
 from slamgauge.compare.scenarios.landmarks import Landmarks, RandomLandmarks
 from slamgauge.compare.scenarios.scenario_files import ScenarioError, locate, shipped
-from slamgauge.compare.scenarios.schema import Scenario
+from slamgauge.compare.scenarios.schema import Association, Scenario
 from slamgauge.compare.scenarios.section import Section
 from slamgauge.compare.scenarios.trajectory import KINDS, Segment, kind_of
 from slamgauge.compare.storage.regular_files import read_bytes
 from slamgauge.compare.storage.safe_names import shown
 from slamgauge.compare.storage.toml_tables import Table, parse_toml, toml_text
 from slamgauge.compare.storage.toml_tables import override as set_key
+from slamgauge.ekf.settings import Method
 from slamgauge.errors import UserError
 from slamgauge.suggestions import did_you_mean, near_names
 
@@ -76,6 +77,32 @@ def load_scenario(name_or_path: str | Path, overrides: Sequence[str] = ()) -> Sc
         if not mistakes:
             return scenario
     raise ScenarioError("\n".join(f"{where}: {mistake}" for mistake in mistakes))
+
+
+class _UnknownAssociation(Association):
+    method: Method = "nearest-neighbour"
+
+
+class _Stored(Section):
+    association: _UnknownAssociation = _UnknownAssociation()
+
+
+def stored_association(overrides: Sequence[str]) -> Association:
+    """Return how filters associate a stored recording without ids, from overrides of [association].
+
+    Raises:
+        ScenarioError: with one line for each mistake.
+    """
+    table: Table = {}
+    for override in overrides:
+        set_key(table, override)
+    others = [key[:LONGEST_KEY] for key in table if key != "association"]
+    if others:
+        raise ScenarioError(f"set: {others[0]}: not a setting of stored recordings; give association.method=jcbb")
+    try:
+        return _Stored.model_validate(table).association
+    except ValidationError as error:
+        raise ScenarioError("\n".join(f"set: {mistake}" for mistake in _mistakes(error, table))) from None
 
 
 def as_scenario(scenario: Scenario | str | Path) -> Scenario:

@@ -30,7 +30,7 @@ optimum instead of the true one, and in the correlations of the filter, which is
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Literal, NamedTuple
@@ -255,7 +255,7 @@ def tested_filters(
     if not filters:
         return {}
     consistent = {name: consistent_filter(name, log) for name in filters}
-    found = {each: twin_figures(log, optimum, twins, each) for each in {*consistent.values()}}
+    found = twin_figures(log, optimum, twins, {*consistent.values()})
     return {name: consistency_test(log, each, optimum, found[consistent[name]]) for name, each in filters.items()}
 
 
@@ -268,29 +268,30 @@ def consistent_filter(name: str, recording: Recording) -> Estimator:
 
 
 def twin_figures(
-    recording: Recording, optimum: Estimate, twins: int, consistent: Estimator = riekf, seed: int = 0
-) -> Figures:
-    """Return the figures of a consistent filter on simulated twins of a recording.
+    recording: Recording, optimum: Estimate, twins: int, filters: Collection[Estimator], seed: int = 0
+) -> dict[Estimator, Figures]:
+    """Return the figures of filters on simulated twins of a recording.
 
     Args:
         recording: measurements with ids.
         optimum: the optimum of all of them.
         twins: number of twins.
-        consistent: a filter that is consistent if the noise is right.
+        filters: filters that are consistent if the noise is right.
         seed: root seed.
     """
     streams = np.random.SeedSequence(seed).spawn(twins)
     drawn = (simulated_twin(recording, optimum, np.random.default_rng(stream)) for stream in streams)
-    return figures_of(consistent, tqdm(drawn, "twins", twins, delay=2.0, disable=None, leave=False))
+    return figures_of(filters, tqdm(drawn, "twins", twins, delay=2.0, disable=None, leave=False))
 
 
-def figures_of(filter_: Estimator, recordings: Iterable[Recording]) -> Figures:
-    """Return the figures of a filter on recordings."""
-    rows: list[Figures] = []
+def figures_of(filters: Collection[Estimator], recordings: Iterable[Recording]) -> dict[Estimator, Figures]:
+    """Return the figures of filters on recordings."""
+    rows: dict[Estimator, list[Figures]] = {filter_: [] for filter_ in filters}
     for each in recordings:
         optimum = batch(each)
-        rows.append(figures(each, step_statistics(filter_(each), optimum), optimum))
-    return Figures(*map(np.array, zip(*rows, strict=True)))
+        for filter_, found in rows.items():
+            found.append(figures(each, step_statistics(filter_(each), optimum), optimum))
+    return {filter_: Figures(*map(np.array, zip(*found, strict=True))) for filter_, found in rows.items()}
 
 
 def simulated_twin(recording: Recording, optimum: Estimate, rng: np.random.Generator) -> Recording:

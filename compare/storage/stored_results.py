@@ -20,6 +20,7 @@ from slamgauge.compare.storage.files import load_estimate, load_recording, load_
 from slamgauge.compare.storage.interpolation import interpolated, interpolated_covs
 from slamgauge.compare.storage.path_doubts import path_doubts
 from slamgauge.compare.storage.safe_names import shown
+from slamgauge.compare.storage.spatial_poses import planar_covariances, planar_poses
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.notices import tell_once
@@ -30,7 +31,7 @@ MATCH, MAX_GAP = 1e-3, 1.0  # s: see `at_steps`
 LARGEST = 1e150  # its square is still finite
 UNIT, TILTED = 1e-3, 0.1  # largest error of a quaternion's length, and qx or qy of a robot that stands level
 TUM = 8  # columns without covariances
-PLANAR = {6: (0, 1, 2), 21: (0, 1, 5)}  # rows of x, y and heading, by the number of values in the triangle
+TRIANGLES = (6, 21)  # numbers of values in the triangle of a covariance of x, y, heading, or of a pose in space
 
 
 class Results(NamedTuple):
@@ -111,11 +112,9 @@ def _read_tum(path: Path, stamps: Float) -> Estimate:
         raise UserError(f"{path}: lines have different numbers of columns; write all with, or all without covariances")
     table = np.array(rows, dtype=np.float64).reshape(len(rows), -1 if rows else TUM)
     table = table[np.argsort(table[:, 0], kind="stable")]
-    _, x, y, _, qx, qy, qz, qw = table[:, :TUM].T
     _require_headings(path, table[:, 4:TUM])
-    heading = np.arctan2(2.0 * (qw * qz + qx * qy), 1.0 - 2.0 * (qy**2 + qz**2))
-    covs = _planar_covariances(table[:, TUM:]) if table.shape[1] > TUM else None
-    return at_steps(str(path), table[:, 0], np.column_stack([x, y, heading]), covs, stamps)
+    covs = _covariances(table[:, TUM:]) if table.shape[1] > TUM else None
+    return at_steps(str(path), table[:, 0], planar_poses(table[:, 1:TUM]), covs, stamps)
 
 
 def at_steps(where: str, stamps: Float, poses: Float, covs: Float | None, steps: Float) -> Estimate:
@@ -186,16 +185,15 @@ def _numbers(path: Path, number: int, line: str) -> list[float]:
         raise UserError(
             f"{path}, line {number}: {line[:60]!r} has a value that is not a number; write t x y z qx qy qz qw"
         ) from None
-    if len(numbers) - TUM not in (0, *PLANAR):
-        counts = ", ".join(str(TUM + more) for more in (0, *PLANAR))
+    if len(numbers) - TUM not in (0, *TRIANGLES):
+        counts = ", ".join(str(TUM + more) for more in (0, *TRIANGLES))
         raise UserError(f"{path}, line {number}: {len(numbers)} columns; write {counts} numbers")
     if not (np.abs(numbers) < LARGEST).all():
         raise UserError(f"{path}, line {number}: a number is not finite; correct it, or remove the line")
     return numbers
 
 
-def _planar_covariances(triangles: Float) -> Float:
+def _covariances(triangles: Float) -> Float:
     """Return the covariances (n, 3, 3) of x, y and heading from upper triangles (n, 6) or (n, 21)."""
-    rows = PLANAR[triangles.shape[1]]
-    size = 3 if triangles.shape[1] == 6 else 6
-    return from_triangles(triangles, size)[:, rows][:, :, rows]
+    is_planar = triangles.shape[1] == TRIANGLES[0]
+    return from_triangles(triangles, 3) if is_planar else planar_covariances(from_triangles(triangles, 6))

@@ -124,7 +124,8 @@ def assert_not_worse(current: Summary | str | Path, baseline: Summary | str | Pa
     runs = 1 + max(run for each in ours.per_run.values() for run in each.run)
     found = compare(ours.per_run, theirs, compared, require_tolerance(tolerance), looks(compared, runs, runs)[0])
     if found.worse:
-        raise AssertionError("\n".join(["worse than the baseline:", *(f"  {line}" for line in found.worse)]))
+        lines = [*found.worse, false_alarms(tolerance)]
+        raise AssertionError("\n".join(["worse than the baseline:", *(f"  {line}" for line in lines)]))
 
 
 def load_baseline(path: Path) -> Baseline:
@@ -145,6 +146,11 @@ def load_baseline(path: Path) -> Baseline:
 
 def _read(study: Summary | str | Path) -> Baseline:
     return Baseline(study.digest, dict(study.per_run)) if isinstance(study, Summary) else load_baseline(Path(study))
+
+
+def false_alarms(tolerance: float) -> str:
+    """Return a line with the false-alarm rate of a gate."""
+    return f"false alarms: if no true ratio exceeds {1.0 + tolerance:g}, at most {FALSE_ALARMS:.0%} of the gates fail"
 
 
 def require_tolerance(tolerance: float) -> float:

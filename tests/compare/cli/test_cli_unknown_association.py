@@ -66,17 +66,23 @@ def test_evaluating_the_stored_recording_gives_the_same_metrics(folder: Path, ca
 
 def test_evaluate_associates_as_its_options_state(folder: Path, capsys: pytest.CaptureFixture[str]):
     mapped: list[int] = []
-    for options in (("--gate", 1), ("--gate", 9), ("--association", "jcbb")):
-        assert run("evaluate", folder / "recording.npz", "--estimators", "riekf", "--json", *options) == 0
+    for option in ("gate=1", "gate=9", "method=jcbb"):
+        options = ("--estimators", "riekf", "--json", "--set", f"association.{option}")
+        assert run("evaluate", folder / "recording.npz", *options) == 0
         mapped.append(json.loads(capsys.readouterr().out)["estimators"]["riekf"]["landmarks_mapped"])
     assert mapped[0] > mapped[1] > mapped[2]
 
 
 def test_refused_gates_and_optima(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    assert run("evaluate", folder / "recording.npz", "--gate", 0) == 2
-    assert "gate: 0.0 is out of range; choose it above 0" in capsys.readouterr().err
-    assert run("evaluate", folder / "recording.npz", "--gate", 1e308) == 2
-    assert capsys.readouterr().err == "slamgauge: gate: 1e+308 is beyond 1e+50; choose a smaller one\n"
+    for options, refusal in {
+        "association.gate=0": "association.gate: 0.0 is out of range; choose it above 0",
+        "association.gate=1e308": "association.gate: must be at most 1e+50 in size, not 1e+308",
+        "association.method=known": "association.method: must be 'nearest-neighbour' or 'jcbb', not 'known'",
+        "association.gat=9": "association.gat: unknown key; did you mean gate?",
+        "motion.slip=1": "motion: not a setting of stored recordings; give association.method=jcbb",
+    }.items():
+        assert run("evaluate", folder / "recording.npz", "--set", options) == 2
+        assert capsys.readouterr().err == f"slamgauge: set: {refusal}\n"
     alone = tmp_path / "recording.npz"
     alone.write_bytes((folder / "recording.npz").read_bytes())
     assert run("evaluate", alone, "--estimators", "dead-reckoning,batch") == 1  # neither makes associations

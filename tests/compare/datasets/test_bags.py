@@ -324,8 +324,6 @@ def test_cones_without_ids_from_the_bag_to_the_table(tmp_path: Path, capsys: pyt
     printed = capsys.readouterr().out
     assert "batch@ekf" in printed
     assert "no ids, and no true associations: compared with batch@ekf" in " ".join(printed.split())
-    assert run(*command, "association.method=guess") == 2
-    assert "set: association.method=guess is not possible; give association.method=nearest" in capsys.readouterr().err
 
 
 def test_a_topic_as_an_estimate(tmp_path: Path, capsys: pytest.CaptureFixture[str]):

@@ -112,7 +112,9 @@ def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     assert "mine: ATE is 1.000 (1.000 to 1.000) times the baseline's on 4 runs: not worse" in capsys.readouterr().err
     mine.write_text(FILTER.format(shift=1.0))
     assert run(*command, *gate, "--fail-if-worse", "10%", "--out", tmp_path / "worse") == 1
-    assert "on 4 runs: worse by more than 10 %" in capsys.readouterr().err
+    printed = capsys.readouterr().err
+    assert "on 4 runs: worse by more than 10 %" in printed
+    assert "false alarms: if no true ratio exceeds 1.1, at most 5% of the gates fail\n" in printed
     for extra, message in (
         (("--seed", 1), "summary.json: has other measurements (another scenario, seed or --set)"),
         (("--fail-if-worse", "much"), "much is not a share; give for example 5% or 0.05"),
