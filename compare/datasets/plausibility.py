@@ -37,6 +37,7 @@ POOR = 0.8  # share below which a log without a known mistake is warned of
 NOISE = 20.0  # factor between residuals and stated noise
 FASTEST, QUICKEST, LONGEST = 50.0, 2.0 * np.pi, 10.0  # m/s, rad/s, s: typical speed and step, large yaw rate
 SMALL = 0.4  # median of NIS / dof, about 0.8 if the noise is right; lower if lengths are so small that anything agrees
+RESOLVED = 3.0  # smallest ratio of typical lengths and their standard deviation, below which no mistake is found
 COVERED = 0.5  # share of the steps with a true pose, below which a warning is printed
 MEDIAN = 0.6745  # of the absolute value of a standard normal number
 DEGREE = np.pi / 180
@@ -195,7 +196,8 @@ def _agreement(recording: Recording) -> tuple[float, list[str]]:
     if estimate is not None and estimate.nis_dof is not None and not estimate.nis_dof.any():
         return share, ["no landmark is observed at two steps: nothing corrects the path; check the ids"]
     if share < DOUBTED:
-        fits = {each: _fit(recording, _pass(_without(recording, each))) for each in MISTAKES}
+        undone = {each: _without(recording, each) for each in MISTAKES}
+        fits = {each: _fit(other, _pass(other)) for each, other in undone.items() if not _lengths_are_noise(other)}
         enough = max(CONVINCING, 0.5 + 0.5 * share)
         found = {each: fit for each, fit in fits.items() if fit.share > enough and fit.nis > SMALL}
         if found:
@@ -207,6 +209,13 @@ def _agreement(recording: Recording) -> tuple[float, list[str]]:
         what = f"only {share:.1%} of the observations agree with one place per landmark"
         doubts.append(f"{what}; check units, signs, stamps and ids, and the stated noise")
     return share, doubts
+
+
+def _lengths_are_noise(recording: Recording) -> bool:
+    """Return whether typical observed lengths are below `RESOLVED` standard deviations: most paths agree with them."""
+    lengths = [column != "bearing" for column in SENSORS[recording.sensor].columns]
+    sigmas = np.sqrt(np.diagonal(recording.observation_cov, axis1=1, axis2=2))
+    return any(lengths) and bool(np.median(np.abs(recording.observation / sigmas)[:, lengths]) < RESOLVED)
 
 
 def _pass(recording: Recording) -> Estimate | None:

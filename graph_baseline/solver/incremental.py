@@ -28,7 +28,7 @@ from slamgauge.graph_baseline.problem.undetermined import UndeterminedError
 from slamgauge.graph_baseline.solver.active_landmarks import ActiveLandmarks
 from slamgauge.graph_baseline.solver.chord_descent import ChordDescent
 from slamgauge.graph_baseline.solver.isotropic_surrogate import surrogate_start
-from slamgauge.graph_baseline.solver.levenberg_marquardt import Minimum
+from slamgauge.graph_baseline.solver.levenberg_marquardt import Minimum, damped_descent
 from slamgauge.graph_baseline.solver.linear_problem import allocate_state
 from slamgauge.graph_baseline.solver.multistart import (
     Start,
@@ -193,6 +193,9 @@ class IncrementalOptimum:
         self.converged = (not relinearise or self._descent.relinearise()) and self._descent.converge()
         if not self.converged:
             state.poses[: k + 1], state.landmarks[:count] = start
+            self.converged = k > SHORT and self._converge_damped()
+        if not self.converged:
+            state.poses[: k + 1], state.landmarks[:count] = start
             self._search()
         elif self._is_cost_unlikely(last_chi_square):
             self._search_lower()
@@ -203,6 +206,19 @@ class IncrementalOptimum:
         expected = PATIENCE * self._error_rate if np.isfinite(self._error_rate) else 0.0
         self._error_rate = max(error / max(self._squared_motion, 1e-6), expected)
         self._scans, self._squared_motion = 0, 0.0
+
+    def _converge_damped(self) -> bool:
+        """Take damped steps, then chord steps; return whether they converged.
+
+        Damped steps need fewer iterations than a search. They converge where large odometry noise makes the predicted
+        pose so uncertain that chord steps diverge.
+        """
+        k, order = self._newest, np.argsort(self.landmark_ids)
+        part = self._recording.first(k)
+        part = part.only(np.isin(part.landmark, self.landmark_ids))
+        found = damped_descent(part, *self.path_and_map())
+        self._state.poses[: k + 1], self._state.landmarks[order] = found.poses, found.landmarks
+        return self._descent.relinearise() and self._descent.converge()
 
     def _is_cost_unlikely(self, last_chi_square: float) -> bool:
         """Return whether the squared residuals and their increase since the last minimum both fail chi-square tests."""

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from gtsam.symbol_shorthand import L, X
 
+from slamgauge import load_scenario, simulate
 from slamgauge.arrays import Float
 from slamgauge.ekf import dead_reckoning
 from slamgauge.estimate import Estimate
@@ -18,6 +19,7 @@ from slamgauge.graph_baseline import UndeterminedError, batch, causal, hindsight
 from slamgauge.graph_baseline.gtsam_graph import REGULARISING_NOISE
 from slamgauge.graph_baseline.problem.preparation import Problem, require_known_landmarks
 from slamgauge.graph_baseline.problem.undetermined import explained
+from slamgauge.graph_baseline.solver import incremental
 from slamgauge.recording import Recording
 from slamgauge.se2 import between
 from tests.reference.optimum import ExactProblem
@@ -178,3 +180,15 @@ def test_a_landmark_at_the_robots_position_is_named() -> None:
         UndeterminedError, match=r"^batch: no minimum, landmark 7 moves to .* m from pose 5 that observes it"
     ):
         batch(through)
+
+
+def test_large_odometry_noise_needs_few_searches(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Chord steps diverge at most poses; damped steps replace searches, and the last pose is still the optimum's."""
+    monkeypatch.setattr(incremental, "SHORT", 10)
+    _, recording = simulate(load_scenario("q1-short-dense", ["motion.sigma_speed=100", "trajectory.duration=4"]), 3)
+    optimum = incremental.IncrementalOptimum(recording)
+    for _ in range(recording.steps + 1):
+        optimum.add_step()
+    optimum.finish()
+    assert len(optimum.switches) <= 5
+    np.testing.assert_allclose(optimum.newest_pose(), batch(recording).poses[-1], atol=1e-3)

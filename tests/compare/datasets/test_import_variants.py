@@ -7,12 +7,14 @@ warning) or words of the refusal or warning.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+from slamgauge import load_scenario, simulate
 from slamgauge.compare.datasets.csv_log import read_csv_log
 from slamgauge.compare.datasets.imported_log import Imported
 from slamgauge.compare.datasets.plausibility import examine
@@ -319,3 +321,10 @@ def test_a_variant_is_read_or_refused_or_warned_of(name: str, expected: Imported
     for field in ("stamps", "odometry", "observation", "odometry_cov", "observation_cov"):
         assert_allclose(getattr(log.recording, field), getattr(expected.recording, field), rtol=1e-5, atol=1e-6)
     assert_array_equal(log.recording.landmark, expected.recording.landmark)
+
+
+def test_a_unit_that_makes_lengths_smaller_than_their_noise_is_not_suggested(tmp_path: Path) -> None:
+    """Ranges in feet over 3 s agree with one place per landmark once all lengths are divided by 100 or 1000."""
+    _, recording = simulate(load_scenario("q1-short-dense", ["trajectory.duration=3"]), 3)
+    log = Imported(replace(recording, observation=recording.observation * [3.28, 1.0]))
+    assert "check units" in " ".join(examine(log, tmp_path).warnings)
