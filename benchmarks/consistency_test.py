@@ -56,7 +56,7 @@ def main(
     q: str = "1",
 ) -> int:
     filters = BUGS if estimators == "bugs" else {name: FILTERS[name] for name in estimators.split(",")}
-    changed = ["start=sampled", *set]
+    changed = [*set]
     assumed = load_scenario(scenario, changed)
     found: dict[Estimator, Figures] = {}
     if not own:

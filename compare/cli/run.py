@@ -20,9 +20,9 @@ from slamgauge.compare.cli.options import (
     Sampled,
     WithPage,
     flattened,
+    overridden_scenario,
     require_scenario,
     results_folder,
-    overridden_scenario,
     split_names,
     write_page,
 )

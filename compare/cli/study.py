@@ -22,9 +22,9 @@ from slamgauge.compare.cli.options import (
     Work,
     flattened,
     named_after,
+    overridden_scenario,
     require_scenario,
     results_folder,
-    overridden_scenario,
     split_names,
     write_page,
 )

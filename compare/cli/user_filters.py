@@ -17,10 +17,10 @@ from slamgauge.compare.cli.options import (
     Unconfined,
     WithPage,
     Work,
+    overridden_scenario,
     require_scenario,
     require_timeout,
     results_folder,
-    overridden_scenario,
 )
 from slamgauge.compare.cli.terminal import Output
 from slamgauge.errors import UserError
