@@ -245,13 +245,14 @@ class IncrementalOptimum:
             self._next_search = int(NEXT_SEARCH * self._newest) + 1
 
     def _search_lower(self) -> None:
-        """Search for a lower minimum; a failure delays the next search."""
+        """Search for a lower minimum; delay the next search if this one fails, or if noise does not explain its cost."""
         found = self._search_result()
-        if found is None or 2.0 * found[1].cost > LOWER * self._descent.chi_square:
-            again = NEXT_SEARCH if self._newest <= SHORT else NEXT_LOWER_SEARCH
-            self._next_lower_search = int(again * self._newest) + 1
-        else:
+        if found is not None and 2.0 * found[1].cost <= LOWER * self._descent.chi_square:
             self.converged = self._move_to(*found)
+            if explained_by_noise(self._descent.chi_square, self._degrees_of_freedom()):
+                return
+        again = NEXT_SEARCH if self._newest <= SHORT else NEXT_LOWER_SEARCH
+        self._next_lower_search = int(again * self._newest) + 1
 
     def _search_result(self) -> tuple[Int, Minimum] | None:
         """Search from several starts; return association (M,), -1 for unused observations, and minimum, or None."""

@@ -16,7 +16,7 @@ from slamgauge.graph_baseline.problem.preparation import (
     are_placed,
     are_placed_best,
     are_reobserved,
-    landmarks_at_first_observation,
+    landmarks_at_median,
 )
 from slamgauge.graph_baseline.problem.undetermined import UndeterminedError
 from slamgauge.graph_baseline.solver.levenberg_marquardt import (
@@ -189,7 +189,7 @@ def descent_start(recording: Problem, path: Float) -> tuple[Float, Float]:
     The optimiser is GTSAM's, or `levenberg_marquardt.descend` if GTSAM is not installed.
     """
     short, key = reduce_to_key_poses(recording)
-    poses, landmarks = descend(short, path[key], landmarks_at_first_observation(recording, path))
+    poses, landmarks = descend(short, path[key], landmarks_at_median(recording, path))
     return restore_poses(recording, key, poses), landmarks
 
 
@@ -208,7 +208,7 @@ def inflated_noise_start(recording: Problem, path: Float) -> tuple[Float, Float]
     The inflation is reduced once. Steps on the exact cost diverge if observations are more precise than the path by
     orders of magnitude.
     """
-    landmarks = landmarks_at_first_observation(recording, path)
+    landmarks = landmarks_at_median(recording, path)
     for times in INFLATION:
         soft = replace(recording, observation_cov=times**2 * recording.observation_cov)
         path, landmarks = damped_descent(soft, path, landmarks)[:2]
@@ -224,12 +224,12 @@ def growing_start(recording: Problem) -> tuple[Float, Float]:
         path = np.concatenate([poses[:-1], chain(poses[-1], part.odometry[len(poses) - 1 :])])
         part = part.only(are_placed(part, path))
         ids = part.landmark_ids
-        landmarks = landmarks_at_first_observation(part, path)
+        landmarks = landmarks_at_median(part, path)
         for slot, name in enumerate(ids.tolist()):
             landmarks[slot] = known.get(name, landmarks[slot])
         poses, landmarks = descend(part, path, landmarks, iterations=3)
         known = dict(zip(ids.tolist(), landmarks, strict=True))
-    found = landmarks_at_first_observation(short, poses)
+    found = landmarks_at_median(short, poses)
     for slot, name in enumerate(short.landmark_ids.tolist()):
         found[slot] = known.get(name, found[slot])
     return restore_poses(recording, key, poses), found
