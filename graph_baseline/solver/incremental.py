@@ -49,7 +49,7 @@ MAX_ERROR = 0.003  # largest expected error of the newest pose between two conve
 PATIENCE = 0.7  # smallest ratio of the expected error rates after and before a convergence
 LOWER = 1.0 - 1e-6  # another minimum counts as lower if its squared residuals are below this share
 NEXT_SEARCH = 1.2  # step of the next search, relative to the step of a failed one
-NEXT_LOWER_SEARCH = 2.0  # the same for searches of a lower minimum after SHORT poses
+NEXT_LOWER_SEARCH = 2.0  # the same for searches of a lower minimum
 
 
 class MinimumSwitch(NamedTuple):
@@ -222,6 +222,7 @@ class IncrementalOptimum:
         self.converged = found is not None and self._move_to(*found)
         if not self.converged:
             self._next_search = int(NEXT_SEARCH * self._newest) + 1
+        self._delay_lower_search()
 
     def _may_map_more(self) -> bool:
         """Return whether a search may activate more landmarks.
@@ -245,14 +246,16 @@ class IncrementalOptimum:
             self._next_search = int(NEXT_SEARCH * self._newest) + 1
 
     def _search_lower(self) -> None:
-        """Search for a lower minimum; delay the next search if this one fails, or if noise does not explain its cost."""
+        """Search for a lower minimum."""
         found = self._search_result()
         if found is not None and 2.0 * found[1].cost <= LOWER * self._descent.chi_square:
             self.converged = self._move_to(*found)
-            if explained_by_noise(self._descent.chi_square, self._degrees_of_freedom()):
-                return
-        again = NEXT_SEARCH if self._newest <= SHORT else NEXT_LOWER_SEARCH
-        self._next_lower_search = int(again * self._newest) + 1
+        self._delay_lower_search()
+
+    def _delay_lower_search(self) -> None:
+        """Delay the next search of a lower minimum if noise does not explain the cost of this one."""
+        if not explained_by_noise(self._descent.chi_square, self._degrees_of_freedom()):
+            self._next_lower_search = int(NEXT_LOWER_SEARCH * self._newest) + 1
 
     def _search_result(self) -> tuple[Int, Minimum] | None:
         """Search from several starts; return association (M,), -1 for unused observations, and minimum, or None."""
