@@ -28,6 +28,7 @@ from slamgauge.graph_baseline.solver.levenberg_marquardt import (
 )
 from slamgauge.graph_baseline.solver.motion_elimination import reduce_to_key_poses, restore_poses
 from slamgauge.graph_baseline.solver.robust_fit import robust_fit
+from slamgauge.graph_baseline.solver.smoother import solve_at
 from slamgauge.se2 import chain
 from slamgauge.sensors import SENSORS
 
@@ -125,9 +126,13 @@ def lowest_minimum(recording: Problem, starts: Iterable[Start]) -> Minimum:
     recording is its robust fit: more starts cannot fit data that contradict the model. Both rules need a sensor that
     places landmarks, for which the second start is independent of the first.
 
+    In a long recording a misread id may move a landmark to a pose that observes it, where the cost is not smooth. If no
+    start leads to a minimum there, the result is the lowest point found.
+
     Raises:
         UndeterminedError: no start leads to a minimum; the message is that of the start with the lowest cost.
     """
+    may_contradict = recording.steps >= LONG and SENSORS[recording.sensor].places_landmarks
     near: list[NearMinimum] = []
     mistakes: list[UndeterminedError] = []
     for start in starts:
@@ -141,7 +146,7 @@ def lowest_minimum(recording: Problem, starts: Iterable[Start]) -> Minimum:
         if len(near) == 2 and SENSORS[recording.sensor].places_landmarks:
             if abs(near[0].cost - near[1].cost) <= SAME * near[0].cost:
                 break
-            if recording.steps >= LONG:
+            if may_contradict:
                 near.append(damped_descent(recording, *robust_fit(recording)[:2], ROBUST_STEPS))
                 break
     near.sort(key=lambda approached: approached.cost)
@@ -151,6 +156,9 @@ def lowest_minimum(recording: Problem, starts: Iterable[Start]) -> Minimum:
             return _gauss_newton_minimum(recording, each)
         except UndeterminedError as error:
             unsettled.append(error)
+    if near and may_contradict:
+        poses, landmarks, cost, _ = near[0]
+        return Minimum(poses, landmarks, solve_at(recording, poses, landmarks), cost)
     raise [*unsettled, *mistakes][0]
 
 
