@@ -27,7 +27,7 @@ from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline.certified import certificate, require_certifiable
 from slamgauge.graph_baseline.problem.preparation import (
     Problem,
-    landmarks_at_first_observation,
+    landmarks_at_median,
     prepare,
     relative_to_start,
     with_association,
@@ -138,7 +138,7 @@ def start_of(incremental: IncrementalOptimum, recording: Problem) -> tuple[Float
     Inactive landmarks are at their first observation.
     """
     poses, found = incremental.path_and_map()
-    landmarks = landmarks_at_first_observation(recording, poses)
+    landmarks = landmarks_at_median(recording, poses)
     landmarks[np.isin(recording.landmark_ids, incremental.landmark_ids)] = found
     return poses, landmarks
 
@@ -155,4 +155,4 @@ def _starts(recording: Problem, path: Float) -> Iterator[Start]:
     else:
         yield lambda: descent_start(recording, odometry)
     yield lambda: growing_start(recording)
-    yield lambda: (odometry, landmarks_at_first_observation(recording, odometry))
+    yield lambda: (odometry, landmarks_at_median(recording, odometry))

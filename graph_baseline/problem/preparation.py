@@ -38,11 +38,6 @@ class Problem(Recording):
         return np.unique(self.landmark)
 
     @cached_property
-    def first_row(self) -> Int:
-        """(L,) index of the first observation of each landmark in `landmark_ids`."""
-        return np.unique(self.landmark, return_index=True)[1]
-
-    @cached_property
     def slot(self) -> Int:
         """(M,) index in `landmark_ids` of the landmark of each observation."""
         return np.searchsorted(self.landmark_ids, self.landmark)
@@ -218,15 +213,17 @@ def relative_to_start(
     return relative
 
 
-def landmarks_at_first_observation(recording: Problem, poses: Float) -> Float:
+def landmarks_at_median(recording: Problem, poses: Float) -> Float:
     """Return landmark positions (L, 2) [m] in increasing id order, given `poses` (N+1, 3).
 
-    The first observation determines the position; bearing-only landmarks are triangulated.
+    Each coordinate is the median over the positions that the observations of the landmark give, so that misread ids do
+    not move landmarks; bearing-only landmarks are triangulated.
     """
     if not SENSORS[recording.sensor].places_landmarks:
         return triangulate_all(recording, poses)[1]
-    rows = recording.first_row
-    seen_from = poses[recording.observation_step[rows]]
-    polar = as_range_bearing(recording)[0][rows]
-    angle = seen_from[:, 2] + polar[:, 1]
-    return seen_from[:, :2] + polar[:, :1] * np.column_stack([np.cos(angle), np.sin(angle)])
+    slot, seen_from = recording.slot, poses[recording.observation_step]
+    offset = inverse(recording.sensor, recording.observation)
+    points = seen_from[:, :2] + np.einsum("mij,mj->mi", rotation(seen_from[:, 2]), offset)
+    count = np.bincount(slot)
+    middle = np.cumsum(count) - count + count // 2
+    return np.column_stack([each[np.lexsort((each, slot))][middle] for each in points.T])

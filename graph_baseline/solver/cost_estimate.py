@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from slamgauge.graph_baseline.problem.linearisation import linearise
-from slamgauge.graph_baseline.problem.preparation import Problem, landmarks_at_first_observation
+from slamgauge.graph_baseline.problem.preparation import Problem, landmarks_at_median
 from slamgauge.graph_baseline.solver.chain_partition import Plan, plan
 from slamgauge.graph_baseline.solver.motion_elimination import eliminate_motions
 from slamgauge.graph_baseline.solver.multifrontal import largest, numbers_kept
@@ -42,7 +42,7 @@ def require_memory_for(recording: Problem, name: str) -> None:
     dense = name not in SPARSE or not SENSORS[recording.sensor].places_landmarks
     if not dense and needed > free_memory():
         path = recording.dead_reckoning
-        model = linearise(recording, recording.slot, path, landmarks_at_first_observation(recording, path))
+        model = linearise(recording, recording.slot, path, landmarks_at_median(recording, path))
         needed = bytes_of(plan(eliminate_motions(model), landmarks))
     require_memory(
         needed,

@@ -49,7 +49,7 @@ MAX_ERROR = 0.003  # largest expected error of the newest pose between two conve
 PATIENCE = 0.7  # smallest ratio of the expected error rates after and before a convergence
 LOWER = 1.0 - 1e-6  # another minimum counts as lower if its squared residuals are below this share
 NEXT_SEARCH = 1.2  # step of the next search, relative to the step of a failed one
-NEXT_LOWER_SEARCH = 2.0  # the same for searches of a lower minimum after SHORT poses
+NEXT_LOWER_SEARCH = 2.0  # the same for searches of a lower minimum
 
 
 class MinimumSwitch(NamedTuple):
@@ -83,7 +83,7 @@ class IncrementalOptimum:
         self._error_rate = np.inf  # error of the newest pose [sigmas] per squared motion
         self.converged = True
         self.unconverged_steps = 0
-        self._next_search = self._next_lower_search = 0
+        self._next_search = self._next_lower_search = self._next_misfit_search = 0
         self._freedom = 0  # degrees of freedom of the last minimum
         self.switches: list[MinimumSwitch] = []
 
@@ -196,7 +196,10 @@ class IncrementalOptimum:
             self.converged = k > SHORT and self._converge_damped()
         if not self.converged:
             state.poses[: k + 1], state.landmarks[:count] = start
-            self._search()
+            if k < self._next_misfit_search:
+                self._next_search = self._next_misfit_search
+            else:
+                self._search()
         elif self._is_cost_unlikely(last_chi_square):
             self._search_lower()
         self._freedom = self._degrees_of_freedom()
@@ -238,6 +241,7 @@ class IncrementalOptimum:
         self.converged = found is not None and self._move_to(*found)
         if not self.converged:
             self._next_search = int(NEXT_SEARCH * self._newest) + 1
+        self._delay_searches()
 
     def _may_map_more(self) -> bool:
         """Return whether a search may activate more landmarks.
@@ -261,13 +265,22 @@ class IncrementalOptimum:
             self._next_search = int(NEXT_SEARCH * self._newest) + 1
 
     def _search_lower(self) -> None:
-        """Search for a lower minimum; a failure delays the next search."""
+        """Search for a lower minimum."""
         found = self._search_result()
-        if found is None or 2.0 * found[1].cost > LOWER * self._descent.chi_square:
-            again = NEXT_SEARCH if self._newest <= SHORT else NEXT_LOWER_SEARCH
-            self._next_lower_search = int(again * self._newest) + 1
-        else:
+        if found is not None and 2.0 * found[1].cost <= LOWER * self._descent.chi_square:
             self.converged = self._move_to(*found)
+        self._delay_searches()
+
+    def _delay_searches(self) -> None:
+        """Delay the next searches if noise does not explain the cost.
+
+        After SHORT poses this includes the searches after chord steps without a minimum, because data that contradict
+        the model may have no smooth minimum.
+        """
+        if not explained_by_noise(self._descent.chi_square, self._degrees_of_freedom()):
+            self._next_lower_search = int(NEXT_LOWER_SEARCH * self._newest) + 1
+            if self._newest > SHORT:
+                self._next_misfit_search = int(NEXT_SEARCH * self._newest) + 1
 
     def _search_result(self) -> tuple[Int, Minimum] | None:
         """Search from several starts; return association (M,), -1 for unused observations, and minimum, or None."""

@@ -46,6 +46,7 @@ Sparse = Any  # sparse arrays of scipy, whose type stubs refuse complex slices
 SMALLEST = 1e-4  # smallest variance, relative to the largest; headings are compared at the longest observed distance
 MAX_STEPS = 100
 CONVERGED = 1e-13  # expected decrease of the cost that ends the descent, relative to max(cost, 1)
+NEAR = 1e-4  # the same for a start of the exact cost
 GENTLE, STRONGER, STRONGEST = 1e-6, 10.0, 1e6  # damping relative to the diagonal of the Hessian
 POWER_STEPS = 30  # steps of the inverse power method
 FIRST_GAP, WIDER = 1e-9, 2.0  # first relative loss K b / 2 of the bound, and factor between successive b
@@ -139,8 +140,11 @@ def _position_cov(problem: Problem) -> Float:
 # --- minimum -------------------------------------------------------------------------------------
 
 
-def minimum(surrogate: Surrogate, headings: Complex) -> Complex:
-    """Return x (n,) of the minimum that Newton steps reach from headings (K,) of modulus 1, damped where needed."""
+def minimum(surrogate: Surrogate, headings: Complex, converged: float = CONVERGED) -> Complex:
+    """Return x (n,) of the minimum that Newton steps reach from headings (K,) of modulus 1, damped where needed.
+
+    The steps end when the expected decrease of the cost, relative to max(cost, 1), is below `converged`.
+    """
     x = with_positions(surrogate, headings)
     cost, factor = surrogate.cost(x), 0.0
     for _ in range(MAX_STEPS):
@@ -152,7 +156,7 @@ def minimum(surrogate: Surrogate, headings: Complex) -> Complex:
                 step = -factors.solve(gradient)
                 tried, expected = moved(surrogate, x, step), -0.5 * float(gradient @ step)
                 found = surrogate.cost(tried)
-            if expected <= CONVERGED * max(cost, 1.0) and np.isfinite(found):
+            if expected <= converged * max(cost, 1.0) and np.isfinite(found):
                 return tried if found <= cost * (1.0 + CONVERGED) else x
             if found <= cost:
                 break
@@ -217,7 +221,7 @@ def path_and_map(problem: Problem, x: Complex) -> tuple[Float, Float]:
 def surrogate_start(problem: Problem) -> tuple[Float, Float]:
     """Return poses (N+1, 3) and landmarks (L, 2) of the surrogate's minimum, as a start for the exact cost."""
     surrogate = surrogate_of(problem)
-    return path_and_map(problem, minimum(surrogate, spectral_headings(surrogate)))
+    return path_and_map(problem, minimum(surrogate, spectral_headings(surrogate), NEAR))
 
 
 # --- lower bound ---------------------------------------------------------------------------------

@@ -16,7 +16,7 @@ from slamgauge.graph_baseline.problem.preparation import (
     are_placed,
     are_placed_best,
     are_reobserved,
-    landmarks_at_first_observation,
+    landmarks_at_median,
 )
 from slamgauge.graph_baseline.problem.undetermined import UndeterminedError
 from slamgauge.graph_baseline.solver.levenberg_marquardt import (
@@ -28,6 +28,7 @@ from slamgauge.graph_baseline.solver.levenberg_marquardt import (
 )
 from slamgauge.graph_baseline.solver.motion_elimination import reduce_to_key_poses, restore_poses
 from slamgauge.graph_baseline.solver.robust_fit import robust_fit
+from slamgauge.graph_baseline.solver.smoother import solve_at
 from slamgauge.se2 import chain
 from slamgauge.sensors import SENSORS
 
@@ -125,9 +126,13 @@ def lowest_minimum(recording: Problem, starts: Iterable[Start]) -> Minimum:
     recording is its robust fit: more starts cannot fit data that contradict the model. Both rules need a sensor that
     places landmarks, for which the second start is independent of the first.
 
+    In a long recording a misread id may move a landmark to a pose that observes it, where the cost is not smooth. If no
+    start leads to a minimum there, the result is the lowest point found.
+
     Raises:
         UndeterminedError: no start leads to a minimum; the message is that of the start with the lowest cost.
     """
+    may_contradict = recording.steps >= LONG and SENSORS[recording.sensor].places_landmarks
     near: list[NearMinimum] = []
     mistakes: list[UndeterminedError] = []
     for start in starts:
@@ -141,7 +146,7 @@ def lowest_minimum(recording: Problem, starts: Iterable[Start]) -> Minimum:
         if len(near) == 2 and SENSORS[recording.sensor].places_landmarks:
             if abs(near[0].cost - near[1].cost) <= SAME * near[0].cost:
                 break
-            if recording.steps >= LONG:
+            if may_contradict:
                 near.append(damped_descent(recording, *robust_fit(recording)[:2], ROBUST_STEPS))
                 break
     near.sort(key=lambda approached: approached.cost)
@@ -151,6 +156,9 @@ def lowest_minimum(recording: Problem, starts: Iterable[Start]) -> Minimum:
             return _gauss_newton_minimum(recording, each)
         except UndeterminedError as error:
             unsettled.append(error)
+    if near and may_contradict:
+        poses, landmarks, cost, _ = near[0]
+        return Minimum(poses, landmarks, solve_at(recording, poses, landmarks), cost)
     raise [*unsettled, *mistakes][0]
 
 
@@ -189,7 +197,7 @@ def descent_start(recording: Problem, path: Float) -> tuple[Float, Float]:
     The optimiser is GTSAM's, or `levenberg_marquardt.descend` if GTSAM is not installed.
     """
     short, key = reduce_to_key_poses(recording)
-    poses, landmarks = descend(short, path[key], landmarks_at_first_observation(recording, path))
+    poses, landmarks = descend(short, path[key], landmarks_at_median(recording, path))
     return restore_poses(recording, key, poses), landmarks
 
 
@@ -208,7 +216,7 @@ def inflated_noise_start(recording: Problem, path: Float) -> tuple[Float, Float]
     The inflation is reduced once. Steps on the exact cost diverge if observations are more precise than the path by
     orders of magnitude.
     """
-    landmarks = landmarks_at_first_observation(recording, path)
+    landmarks = landmarks_at_median(recording, path)
     for times in INFLATION:
         soft = replace(recording, observation_cov=times**2 * recording.observation_cov)
         path, landmarks = damped_descent(soft, path, landmarks)[:2]
@@ -224,12 +232,12 @@ def growing_start(recording: Problem) -> tuple[Float, Float]:
         path = np.concatenate([poses[:-1], chain(poses[-1], part.odometry[len(poses) - 1 :])])
         part = part.only(are_placed(part, path))
         ids = part.landmark_ids
-        landmarks = landmarks_at_first_observation(part, path)
+        landmarks = landmarks_at_median(part, path)
         for slot, name in enumerate(ids.tolist()):
             landmarks[slot] = known.get(name, landmarks[slot])
         poses, landmarks = descend(part, path, landmarks, iterations=3)
         known = dict(zip(ids.tolist(), landmarks, strict=True))
-    found = landmarks_at_first_observation(short, poses)
+    found = landmarks_at_median(short, poses)
     for slot, name in enumerate(short.landmark_ids.tolist()):
         found[slot] = known.get(name, found[slot])
     return restore_poses(recording, key, poses), found

@@ -18,11 +18,9 @@ from scipy.special import chdtri
 
 from slamgauge.arrays import Float, Int, Marks
 from slamgauge.graph_baseline.problem.linearisation import whitened_residuals
-from slamgauge.graph_baseline.problem.preparation import Problem, in_frame_of_start, prepare
+from slamgauge.graph_baseline.problem.preparation import Problem, in_frame_of_start, landmarks_at_median, prepare
 from slamgauge.graph_baseline.solver.levenberg_marquardt import damped_descent
 from slamgauge.recording import Recording
-from slamgauge.se2 import rotation
-from slamgauge.sensors import inverse
 
 OUTLIER = 1e-3  # probability that a correct observation has a larger residual than the limit of outliers
 DECREASE = 4.0  # factor between successive c
@@ -69,19 +67,6 @@ def rejected_observations(recording: Recording) -> Int:
     fit = robust_fit(prepare(in_frame_of_start(recording)))
     rows = np.flatnonzero(~fit.inliers)
     return rows[np.argsort(-fit.squared[rows], kind="stable")]
-
-
-def landmarks_at_median(recording: Problem, poses: Float) -> Float:
-    """Return landmark positions (L, 2) [m] in increasing id order, given poses (N+1, 3).
-
-    Each coordinate is the median over the positions that the observations of the landmark give.
-    """
-    slot, seen_from = recording.slot, poses[recording.observation_step]
-    offset = inverse(recording.sensor, recording.observation)
-    points = seen_from[:, :2] + np.einsum("mij,mj->mi", rotation(seen_from[:, 2]), offset)
-    count = np.bincount(slot)
-    middle = np.cumsum(count) - count + count // 2
-    return np.column_stack([each[np.lexsort((each, slot))][middle] for each in points.T])
 
 
 def _squared_residuals(recording: Problem, poses: Float, landmarks: Float) -> Float:

@@ -10,7 +10,7 @@ from references.recordings import draw
 from references.verdicts import COST_BAR
 
 from slamgauge.graph_baseline import batch, causal
-from slamgauge.graph_baseline.problem.preparation import in_frame_of_start, landmarks_at_first_observation, prepare
+from slamgauge.graph_baseline.problem.preparation import in_frame_of_start, landmarks_at_median, prepare
 from slamgauge.graph_baseline.problem.undetermined import UndeterminedError
 from slamgauge.graph_baseline.solver.levenberg_marquardt import damped_descent, gauss_newton_minimum
 from slamgauge.graph_baseline.solver.multistart import growing_start, is_low
@@ -60,7 +60,7 @@ def test_descent_follows_a_bent_valley_by_rotations_of_the_motions():
     """Steps with independent displacements of the poses advance by less than a tenth of a sigma each here."""
     recording = prepare(draw(2028, 1263).recording)
     path = recording.dead_reckoning
-    near = damped_descent(recording, path, landmarks_at_first_observation(recording, path))
+    near = damped_descent(recording, path, landmarks_at_median(recording, path))
     model = Model(recording)
     found = model.minimum(model.unknowns(model.relative(near.poses), model.relative(near.landmarks)))
     assert near.cost == pytest.approx(found.cost, rel=1e-6)

@@ -10,7 +10,7 @@ import pytest
 from slamgauge.arrays import Float
 from slamgauge.graph_baseline.problem.linearisation import LinearModel, linearise
 from slamgauge.graph_baseline.problem.preparation import (
-    landmarks_at_first_observation,
+    landmarks_at_median,
     prepare,
 )
 from slamgauge.graph_baseline.problem.retraction import MotionNoise, retract_by_motions, retract_pointwise
@@ -27,7 +27,7 @@ def at_start(*, slip: bool = True) -> tuple[Recording, LinearModel, Float, Float
     recording = prepare(random_recording(5, slip=slip)[1])
     noise = 0.05 * np.random.default_rng(1).normal(size=(recording.steps, 3)) * [1.0, slip, 1.0]
     path = chain(recording.prior_mean, recording.odometry + noise)
-    points = landmarks_at_first_observation(recording, path)
+    points = landmarks_at_median(recording, path)
     return recording, linearise(recording, recording.slot, path, points), path, points
 
 

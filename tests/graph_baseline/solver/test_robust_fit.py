@@ -9,14 +9,14 @@ import pytest
 
 from slamgauge import Recording, Truth, batch, load_scenario, simulate
 from slamgauge.graph_baseline import hindsight
-from slamgauge.graph_baseline.problem.preparation import in_frame_of_start, prepare
+from slamgauge.graph_baseline.problem.preparation import in_frame_of_start, landmarks_at_median, prepare
 from slamgauge.graph_baseline.problem.undetermined import UndeterminedError
 from slamgauge.graph_baseline.solver import multistart
 from slamgauge.graph_baseline.solver.incremental import IncrementalOptimum
 from slamgauge.graph_baseline.solver.isotropic_surrogate import surrogate_start
 from slamgauge.graph_baseline.solver.levenberg_marquardt import damped_descent
 from slamgauge.graph_baseline.solver.multistart import descent_start
-from slamgauge.graph_baseline.solver.robust_fit import landmarks_at_median, robust_fit
+from slamgauge.graph_baseline.solver.robust_fit import robust_fit
 from slamgauge.se2 import rotation
 from slamgauge.sensors import predict
 
