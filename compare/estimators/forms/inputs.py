@@ -82,7 +82,7 @@ def noise_remark(name: str, own: object, given: Float, *, is_replaced: bool) -> 
         given: that of the recording.
         is_replaced: whether the recording's is used.
     """
-    values = numbers(own)
+    values = np.atleast_2d(numbers(own))
     if values.shape[:1] == (2,) and values.ndim == 2 and len(given) == 1:
         values = values[-1:, -1:]
     if values.shape == given.shape and np.allclose(values, given, rtol=CLOSE, atol=1e-12 * abs(given).max()):

@@ -135,11 +135,22 @@ class StepNoise:
             raise UserCodeError(f"{what}, which one {self.observation} cannot express; take its own, --noise file")
         given: Float = scan.cov[0]
         cov = numbers(self._own.get(self.observation, given) if corner is None else corner)
+        if cov.size == 1 and cov > 0:  # None is NaN
+            return self._bearing_cov(cov, given)
         if cov.ndim != 2 or len({*cov.shape}) != 1 or len(cov) < len(given):
             what = f"its {self.observation} must be a square matrix of at least {len(given)} rows"
             raise UserCodeError(f"{what}, for the noise of an observation; mend it, or take its own, --noise file")
         cov[-len(given) :, -len(given) :] = given
         return cov
+
+    def _bearing_cov(self, cov: Float, given: Float) -> Float:
+        """Return the variance of a bearing in the shape of the file's, () or (1, 1); refuse recordings with ranges."""
+        if len(given) > 1:
+            what = f"it is a bearing-only file, since its {self.observation} is one variance"
+            remedy = "use `study` or `grade` on a bearing-only scenario (q4-ring)"
+            other = f"a file that takes ranges needs {self.observation} of {len(given)} rows"
+            raise UserCodeError(f"{what}; this recording, as those of `check`, has ranges; {remedy}; {other}")
+        return given.reshape(cov.shape).copy()
 
     def _lacking(self) -> str:
         """Return a sentence on noise that the file has under other names."""

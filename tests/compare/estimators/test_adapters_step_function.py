@@ -264,6 +264,7 @@ WITH_SETTINGS = spy("assert M_DIST_TH == 4.0 and KNOWN_DATA_ASSOCIATION == 1 and
 )
 WITHOUT_DISTANCE = WITH_SETTINGS.replace("M_DIST_TH = 4.0", "").replace("M_DIST_TH == 4.0", "M_DIST_TH == 9.0")
 WITH_WEIGHTS = BEARING.format(Py="np.eye(1)", read="pass").replace("u, y, rays):", "u, y, rays, weights):")
+BEARING_ONLY = r"it is a bearing-only file, .* use `study` or `grade` on a bearing-only scenario \(q4-ring\); "
 OLD_NUMPY = r"mine.py, line 7: `v = float\(u\)` takes an array for a number, which numpy .*; write the element, "
 
 
@@ -284,9 +285,9 @@ OLD_NUMPY = r"mine.py, line 7: `v = float\(u\)` takes an array for a number, whi
         (spy("pass"), sideways, r"step 7 moves 0\.02 m sideways"),
         (spy("pass"), uneven, "step 0: observations of one scan have different noise"),
         (f"{spy('pass')}\nPy = None\n", None, "its Py must be a square matrix of at least 2 rows"),
-        (f"{spy('pass')}\nPy = 0.1\n", None, "its Py must be a square matrix of at least 2 rows"),
+        (f"{spy('pass')}\nPy = 0.1\n", None, BEARING_ONLY),
         (f"{spy('pass')}\nPy = np.ones(2)\n", None, "its Py must be a square matrix of at least 2 rows"),
-        (f"{spy('pass')}\nPy = np.eye(1)\n", None, "its Py must be a square matrix of at least 2 rows"),
+        (BEARING.format(Py="np.eye(1)", read="pass"), None, BEARING_ONLY),
         (spy("pass"), positions, ".*this recording has positions"),
         (WITH_WEIGHTS, bearings, "parameters rays, weights: only one value can be passed on"),
     ],
@@ -319,6 +320,7 @@ def test_the_noise_of_the_file_is_an_option(own: Own):
     ("Py", "read"),
     [
         ("np.eye(1)", "assert y.shape[1] == 2 and (abs(y[:, 0]) < 4).all() and Py.shape == (1, 1) and Py < 0.01"),
+        ("0.1", "assert y.shape[1] == 2 and np.ndim(Py) == 0 and Py < 0.01"),
         ("np.eye(2)", "assert y.shape[1] == 3 and (y[:, 2] >= 0).all() and (Py.diagonal() < [2, 0.01]).all()"),
         ("np.eye(2)", "assert y.shape == (len(y), 3) and np.isnan(y).sum() == len(y)"),
         ("np.eye(2)", "assert (y[:, 1] >= 0).all() and y.shape[1] == 2"),
