@@ -89,11 +89,11 @@ class CourseSteps:
             estimate = StateLog(recording).run(filter_)
         self.replaces_noise = filter_.replaces_noise
         found = [text for _, text in sorted(filter_.noise_remarks.items()) if text]
-        self._remarks = [f"the course's functions take {self._convention.words()}", *found]
+        self._remarks = [f"the course's functions take {self._convention.words()}", *filter_.count_remarks(), *found]
         return estimate
 
     def remarks(self, _recording: Recording) -> list[str]:
-        """Return the convention that was found, and the noise that was replaced or kept in the last run."""
+        """Return the convention that was found, and what was replaced or kept in the last run."""
         return self._remarks
 
 
@@ -125,6 +125,7 @@ class _CourseFilter(Steps):
     def __init__(self, functions: CoursePair, convention: Convention, recording: Recording) -> None:
         self._functions, self._convention, self._recording = functions, convention, recording
         self._numbers: dict[int, int] = {}
+        self._own_counts = functions.predict.count_globals() | functions.correct.count_globals()
         self._mu: Any = convention.state(recording.prior_mean.copy())
         self._sigma: Any = recording.prior_cov.copy()
         self._observed = convention.marks(0)
@@ -161,6 +162,12 @@ class _CourseFilter(Steps):
             self._observed = marks[0] if marks else self._observed
             self._require_set()
         return self._state()
+
+    def count_remarks(self) -> list[str]:
+        """Return a sentence for each number of landmarks of the file that differs from the final one."""
+        given = len(self._numbers)
+        end = f"is replaced by the recording's, the landmarks observed so far ({given} at the end)"
+        return [f"{name} of the file, {own}, {end}" for name, own in self._own_counts.items() if own != given]
 
     def _make_room(self, ids: list[int]) -> None:
         """Append landmarks that are observed for the first time."""

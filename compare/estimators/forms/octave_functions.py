@@ -41,15 +41,17 @@ class CourseFunction(NamedTuple):
         """Name of the parameter with the covariance."""
         return self.parameters[self.order[1]]
 
+    def count_globals(self) -> dict[str, int]:
+        """Return the integer globals for the number of landmarks that the function reads."""
+        space: dict[str, Any] = getattr(self.function, "__globals__", {})
+        return {name: space[name] for name in _counts(names_read(self.function)) if type(space.get(name)) is int}
+
     def __call__(self, values: tuple[object, ...], count: int, *, is_first: bool) -> object:
         """Call it with mu, sigma, and u or z with `observed`; further parameters receive `count` or `is_first`.
 
         Globals for the number of landmarks, N or num_landmarks, are set to `count`.
         """
-        space: dict[str, Any] = getattr(self.function, "__globals__", {})
-        for name in _counts(names_read(self.function)):
-            if type(space.get(name)) is int:
-                space[name] = count
+        getattr(self.function, "__globals__", {}).update(dict.fromkeys(self.count_globals(), count))
         arguments = [is_first if FIRST in each.lower() else count for each in self.parameters]
         for at, value in zip(self.order, values, strict=True):
             arguments[at] = value  # pyrefly: ignore[unsupported-operation]

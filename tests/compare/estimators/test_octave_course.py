@@ -70,7 +70,12 @@ def test_a_global_number_of_landmarks_is_set_to_that_of_the_state():
     source = STYLES[REFERENCE].source
     assert "np.eye(len(mu))" in source
     mine = loaded("mine.py:prediction_step", "N = 9\n" + source.replace("np.eye(len(mu))", "np.eye(2 * N + 3)"))
-    agree(mine(recording), loaded("other.py:prediction_step", source)(recording), atol=1e-12)
+    estimate = mine(recording)
+    agree(estimate, loaded("other.py:prediction_step", source)(recording), atol=1e-12)
+    count = len(estimate.landmark_ids)
+    assert 3 < count < 9
+    remark = f"N of the file, 9, is replaced by the recording's, the landmarks observed so far ({count} at the end)"
+    assert remarks_of(mine, recording)[1:] == [remark]
 
 
 def ate(poses: Float, truth: Float | None) -> float:
