@@ -88,7 +88,7 @@ def reader() -> Generator[Reader]:
 @pytest.fixture(scope="session")
 def run_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The first run of the README with malicious names, and its page."""
-    truth, recording = simulate(load_scenario("q1-long-dense"), 0)
+    truth, recording = simulate(load_scenario("q1-long-dense", ["start=mean"]), 0)
     estimators = load_estimators(["dead-reckoning", "ekf", "riekf", "causal", "batch"], frames=240)
     named = {USER_NAME if name == "riekf" else name: each for name, each in estimators.items()}
     comparison = compare_estimators(truth, recording, named)
