@@ -50,7 +50,6 @@ NOT_QUICK = (  # these start programs, simulate many runs, or take several secon
 OTHER_SEED = "another seed is in the usual run"
 PAGES = "bearings|ci|consistency|grading|how_many_runs|no_ground_truth|noise|practical|results|your_filter"
 FULL = {  # regular expression for the beginning of ids -> why only the full run has these tests
-    rf"tests/test_commands_of_pages.py::test_every_command_of_a_page\[({PAGES}).md\]": "tests/compare/cli has these",
     "tests/benchmarks/test_agreement.py": "references of a benchmark; tests/reference has those of the other tests",
     r"tests/benchmarks/test_benchmarks.py::test_a_benchmark_prints\w+\[(class_of_forms|interruptions)": "many programs",
     r"tests/benchmarks/test_benchmarks.py::test_a_benchmark_prints\w+\[seeded_bugs": "tests/compare/checks has them",
@@ -87,7 +86,7 @@ FULL = {  # regular expression for the beginning of ids -> why only the full run
     "tests/compare/scoring/test_optimum_notes.py::test_a_run_of_a_right_filter_is_rarely": "a statistic of many runs",
     "tests/compare/scoring/test_proper_scores.py::test_the_interval_contains": "a statistic of many series",
     "tests/compare/studies/test_budget.py::test_wrong_associations_are_charged": "a filter without ids is usual",
-    "tests/compare/studies/test_claims.py::test_every_claim_of_the_literature": "ten studies; its sources and settings are tested in the usual run",
+    "tests/compare/studies/test_claims.py::test_every_claim_of_the_literature": "ten studies",
     "tests/compare/studies/test_study.py::test_processes_and_a_dask": "tests/compare/estimators has a cluster",
     "tests/compare/studies/test_twin.py::test_the_twin_of_lost_in_the_woods": "a study of a real recording",
     "tests/ekf/advanced/test_numpy_filters.py::test_nees_of_sigma_points": "6 instead of 12 degrees are usual",
@@ -109,6 +108,7 @@ FULL = {  # regular expression for the beginning of ids -> why only the full run
     "tests/graph_baseline/test_without_gtsam.py::test_tests_that_do_not": "a command without GTSAM is usual",
     r"tests/test_checkout.py::\w+\[\.\]": "pip install -e . is usual",
     "tests/test_checkout.py::test_(a_notebook|pytest)": "two other programs in a new clone are usual",
+    rf"tests/test_commands_of_pages.py::test_every_command_of_a_page\[({PAGES}).md\]": "tests/compare/cli has these",
     "tests/test_commands_of_pages.py::test_the_cluster_of_a_page": "tests/compare/studies has a study on a cluster",
     "tests/test_examples.py::test_compare_question": "tests/compare/report runs a question",
     "tests/test_examples.py::test_own_estimator$": "the README's commands run it",

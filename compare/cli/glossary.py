@@ -104,7 +104,7 @@ TERMS = {
         ),
         "not significant": "The 95 % interval of the ratio contains 1: more runs are needed.",
         "less than the optimum's": (
-            "The ratio is significantly below 1: the estimator may use more than the measurements."
+            "The 95 % interval is below 0.95: the estimator may use more than the measurements."
         ),
         "innovations are N times as large as it expects": (
             "NIS/dof differs from 1 significantly: the assumed noise or the associations are wrong."
