@@ -66,14 +66,9 @@ def test_own_estimator(own_table: dict[str, dict[str, str]]):
     assert 0.0 < float(own_table["causal"]["NEES"]) < 5.0
 
 
-MEAN = ("--set", "start=mean")  # the start of the example
-
-
 def test_own_estimator_in_evaluate(folder: Path, own_table: dict[str, dict[str, str]]):
     """`evaluate` prints the same figures; the naive filter follows the robot."""
-    run(
-        folder, "-m", "slamgauge", "run", "q1-long-dense", "--estimators", "dead-reckoning", *MEAN, "--out", "first-run"
-    )
+    run(folder, "-m", "slamgauge", "run", "q1-long-dense", "--estimators", "dead-reckoning", "--out", "first-run")
     arguments = ("--estimators", "dead-reckoning,riekf,own_estimator:estimate")
     printed, _ = run(folder, "-m", "slamgauge", "evaluate", "first-run/recording.npz", *arguments)
     again = rows(printed)
