@@ -33,12 +33,12 @@ SMALLEST = {
         "same minimum ",
         "steps from landmarks from recordings",
     ),
-    "fuzz": (  # 3 s
-        "--cases 50 --seed 0",
+    "fuzz": (  # 5 s
+        "--cases 100 --seed 0",
         "input tried refused in one line accepted traceback hang crash silently altered",
         "recording npz ",
         "arguments ",
-        "all 50 ",
+        "all 100 ",
     ),
     "class_of_forms": (  # 30 s
         "--runs 2 --only online",

@@ -144,7 +144,7 @@ def test_the_minimum_is_that_of_scipy(seed: int):
 def test_a_landmark_with_a_single_bearing_is_ignored_and_its_association_is_minus_one(
     optimum: Callable[[Recording], Estimate],
 ):
-    recording = recording_of("bearing", 0, steps=30, landmarks=5)
+    recording = recording_of("bearing", 0, steps=60, landmarks=5)
     assert recording.landmark is not None
     single = int(recording.landmark.max())
     rows = np.flatnonzero(recording.landmark == single)
@@ -175,7 +175,7 @@ def test_the_truth_as_start_leads_to_no_lower_minimum(seed: int):
 
 
 def test_the_last_causal_pose_is_that_of_the_hindsight_optimum():
-    _, recording = simulate(load_scenario("q4-ring", ["start=sampled", "trajectory.duration=40"]), 0)
+    _, recording = simulate(load_scenario("q4-ring", ["start=sampled", "trajectory.duration=70"]), 0)
     newest, hindsight = causal(recording), batch(recording)
     assert hindsight.pose_covs is not None
     sigma = np.sqrt(np.diag(hindsight.pose_covs[-1]))

@@ -122,7 +122,7 @@ def test_motion_noise_may_be_singular_in_any_direction(estimator: Estimator, tol
 
 @OPTIMA
 def test_beyond_double_precision_the_estimator_raises_or_is_right(estimator: Estimator) -> None:
-    assert max(relative_sigma_error(estimator, 10.0**power) for power in range(11, 31, 3)) < 0.1
+    assert max(relative_sigma_error(estimator, 10.0**power) for power in range(11, 31)) < 0.1
 
 
 @OPTIMA

@@ -220,7 +220,7 @@ def test_five_hundred_landmarks(initialisation: Initialisation) -> None:
     angles, radii = rng.uniform(-np.pi, np.pi, 500), rng.uniform(4.0, 9.0, 500)
     landmarks = np.array([0.0, 5.0]) + radii[:, None] * np.column_stack([np.cos(angles), np.sin(angles)])
     slam = BearingFilter(np.zeros(3), np.zeros((3, 3)), initialisation=initialisation)
-    for _ in range(2):
+    for _ in range(3):
         slam.update(scan(pose, landmarks, np.arange(500), rng))
         pose = moved(pose)
         slam.predict(STEP, Q)
