@@ -56,8 +56,7 @@ def main(
     q: str = "1",
 ) -> int:
     filters = BUGS if estimators == "bugs" else {name: FILTERS[name] for name in estimators.split(",")}
-    changed = [*set]
-    assumed = load_scenario(scenario, changed)
+    assumed = load_scenario(scenario, set)
     found: dict[Estimator, Figures] = {}
     if not own:
         consistent = {consistent_filter(name, recording_of(assumed, 1.0, 0)) for name in filters}

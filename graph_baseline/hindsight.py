@@ -135,7 +135,7 @@ def incremental_start(recording: Problem, most_switches: float = np.inf) -> tupl
 def start_of(incremental: IncrementalOptimum, recording: Problem) -> tuple[Float, Float]:
     """Return poses (N+1, 3) and landmarks (L, 2) of an incremental optimum.
 
-    Inactive landmarks are at their first observation.
+    Inactive landmarks are at the median of their observations.
     """
     poses, found = incremental.path_and_map()
     landmarks = landmarks_at_median(recording, poses)

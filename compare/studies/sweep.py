@@ -205,10 +205,11 @@ def sweep_table(sweep: Sweep) -> Page:
     rows = [[sweep.key, "estimator", *(title for title, _, _ in found)]]
     any_doubt = any(map(is_doubtful, sweep.summaries))
     below = [*notes(sweep), *(f"{name}: {text}" for name, text in faults(sweep).items())]
+    unchanged = unaffected(sweep)
     for value, summary in zip(sweep.values, sweep.summaries, strict=True):
         for name, entry in summary.estimators.items():
             rows.append([value, name, *figure_cells(summary, entry, found, room_for_marks=any_doubt)])
-        compared = [text for name, text in summary.comparisons if name not in unaffected(sweep)]
+        compared = [text for name, text in summary.comparisons if name not in unchanged]
         below += [f"{sweep.key}={value}, {line}" for line in (*failure_lines(summary), *compared)]
     return Page((Grid(rows, words=2, names=FULL_NAMES), *below))
 
@@ -229,13 +230,15 @@ def unaffected(sweep: Sweep) -> list[str]:
 
     Optima are omitted: most keys do not change the noise and associations that they receive.
     """
-    names = [name for name, entry in sweep.summaries[0].estimators.items() if entry.runs and not is_optimum(name)]
-    figures = {
-        name: [each.estimators[name].to_json() | {"seconds_total": None} for each in sweep.summaries]
-        for name in names
-        if name not in BOUNDS
-    }
-    return [name for name, each in figures.items() if len(each) > 1 and all(one == each[0] for one in each)]
+    if len(sweep.summaries) < 2:
+        return []
+    first, *others = (
+        {name: entry.to_json() | {"seconds_total": None} for name, entry in summary.estimators.items()}
+        for summary in sweep.summaries
+    )
+    names = [name for name, entry in sweep.summaries[0].estimators.items() if entry.runs]
+    filters = [name for name in names if not is_optimum(name) and name not in BOUNDS]
+    return [name for name in filters if all(each[name] == first[name] for each in others)]
 
 
 def faults(sweep: Sweep) -> dict[str, str]:

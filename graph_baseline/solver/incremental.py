@@ -183,9 +183,9 @@ class IncrementalOptimum:
             self._converge(relinearise=True)
 
     def _converge(self, *, relinearise: bool = False) -> None:
-        """Go to the minimum of the exact cost by chord steps, or by a search if they do not converge.
+        """Go to the minimum of the exact cost by chord steps, else by damped steps after SHORT poses, else by a search.
 
-        If both fail, path and map are the ones before the chord steps.
+        If all fail, path and map are the ones before the chord steps.
         """
         k, count, state = self._newest, len(self._mapped), self._state
         start = state.poses[: k + 1].copy(), state.landmarks[:count].copy()

@@ -127,7 +127,7 @@ def lowest_minimum(recording: Problem, starts: Iterable[Start]) -> Minimum:
     places landmarks, for which the second start is independent of the first.
 
     In a long recording a misread id may move a landmark to a pose that observes it, where the cost is not smooth. If no
-    start leads to a minimum there, the result is the lowest point found.
+    start finds a minimum there, the result is the lowest point found.
 
     Raises:
         UndeterminedError: no start leads to a minimum; the message is that of the start with the lowest cost.
