@@ -13,7 +13,7 @@ from slamgauge.graph_baseline.problem.preparation import prior_cov_in_body
 from slamgauge.jit import inner
 from slamgauge.recording import Recording
 from slamgauge.se2_kernels import log, wrap
-from slamgauge.sensor_kernels import HAS_BEARING, HAS_RANGE, observe, wrap_innovation
+from slamgauge.sensor_kernels import BEARING, POSITION
 from slamgauge.sensors import SENSORS
 
 
@@ -128,11 +128,11 @@ def observation_residual(
         ex: x of the landmark minus x of the pose, world frame [m].
         ey: y of the landmark minus y of the pose, world frame [m].
     """
+    c, s = heading
     w00, w10, w11 = observation.w00, observation.w10, observation.w11
-    if not HAS_BEARING[sensor]:
-        r0, r1, a00, a01, a10, a11 = _in_world(sensor, observation, heading, ex, ey)
+    if sensor == POSITION:
+        r0, r1, a00, a01, a10, a11 = c * ex + s * ey - observation.z0, c * ey - s * ex - observation.z1, c, s, -s, c
     else:
-        c, s = heading
         x, y = (
             c * observation.cosine - s * observation.sine,
             s * observation.cosine + c * observation.sine,
@@ -142,18 +142,7 @@ def observation_residual(
         nearness = 1.0 / distance
         a00, a01 = ex * nearness, ey * nearness
         a10, a11 = -a01 * nearness, a00 * nearness
-        if not HAS_RANGE[sensor]:
+        if sensor == BEARING:
             return w00 * r1, 0.0, w00 * a10, w00 * a11, 0.0, 0.0
         r0 = distance - observation.z0
     return w00 * r0, w10 * r0 + w11 * r1, w00 * a00, w00 * a01, w10 * a00 + w11 * a10, w10 * a01 + w11 * a11
-
-
-@inner
-def _in_world(
-    sensor: int, observation: ObservationRow, heading: tuple[float, float], ex: float, ey: float
-) -> tuple[float, float, float, float, float, float]:
-    """Return the residual h - z and its gradients, not whitened, for any sensor with two values per observation."""
-    c, s = heading
-    z0, z1, a00, a01, a10, a11 = observe(sensor, c * ex + s * ey, c * ey - s * ex)
-    r0, r1 = wrap_innovation(sensor, 0, z0 - observation.z0), wrap_innovation(sensor, 1, z1 - observation.z1)
-    return r0, r1, a00 * c - a01 * s, a00 * s + a01 * c, a10 * c - a11 * s, a10 * s + a11 * c

@@ -8,6 +8,8 @@ relinearisation costs as much as many chord steps, and in any map after a reline
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.linalg import LinAlgError
 from scipy.linalg import get_lapack_funcs
@@ -70,9 +72,8 @@ class ChordDescent:
     def newest_cov(self) -> Float:
         """Return the covariance (3, 3) of the newest pose, world frame, from the current matrices."""
         if self._newest_cov is None:
-            cov = np.empty((3, 3))
-            pose_elimination.newest_covariance(self._linear, self._factor, cov)
-            self._newest_cov = (cov + cov.T) / 2
+            self._newest_cov = np.empty((3, 3))
+            pose_elimination.newest_covariance(self._linear, self._factor, self._newest_cov)
         return self._newest_cov
 
     def landmark_covs(self) -> Float:
@@ -205,8 +206,8 @@ class ChordDescent:
         if indefinite or (np.square(upper.diagonal()) < EXHAUSTED * information.diagonal()).any():
             return False
         self._factor = upper.T
-        sigma = np.sqrt(np.maximum(self.newest_cov().diagonal(), 0.0))
-        self.sigma = np.where(sigma > EXACT, sigma, np.inf)
+        sigmas = [math.sqrt(max(variance, 0.0)) for variance in self.newest_cov().diagonal().tolist()]
+        self.sigma = np.array([sigma if sigma > EXACT else math.inf for sigma in sigmas])
         return True
 
     def _solve(self, right: Float) -> Float:

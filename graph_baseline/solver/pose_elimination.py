@@ -211,3 +211,4 @@ def newest_covariance(linear: Linear, factor: Float, cov: Float) -> None:
             cov[i, j] = linear.newest_cov[i, j]
             for n in range(width):
                 cov[i, j] += spread[i, n] * spread[j, n]
+    symmetrise(cov)
