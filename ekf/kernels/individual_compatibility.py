@@ -72,8 +72,10 @@ def find_compatible(sensor: int, belief: Belief, values: Float, covs: Float, gat
         if distance <= gate:
             pairs.observation[count] = pairs.observation[c]
             pairs.slot[count] = pairs.owner[count] = pairs.slot[c]
-            pairs.innovation[2 * count : 2 * count + 2] = pairs.innovation[2 * c : 2 * c + 2]
-            pairs.jacobian[2 * count : 2 * count + 2] = pairs.jacobian[2 * c : 2 * c + 2]
+            for row in range(2):
+                pairs.innovation[2 * count + row] = pairs.innovation[2 * c + row]
+                for column in range(pairs.jacobian.shape[1]):
+                    pairs.jacobian[2 * count + row, column] = pairs.jacobian[2 * c + row, column]
             pairs.distance[count] = distance
             count += 1
     _sort_by_distance(pairs, count)
@@ -183,7 +185,9 @@ def _sort_by_distance(pairs: Pairs, count: int) -> None:
         last = first
         while last < count and pairs.observation[last] == pairs.observation[first]:
             last += 1
-        pairs.by_distance[first:last] = first + np.argsort(pairs.distance[first:last])
+        order = np.argsort(pairs.distance[first:last])
+        for i in range(last - first):
+            pairs.by_distance[first + i] = first + order[i]
         first = last
 
 

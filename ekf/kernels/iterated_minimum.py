@@ -106,7 +106,8 @@ def find_minimum(place: Float, P: Float, seen: Seen, passes: int) -> bool:
             if not damping < LARGEST_DAMPING:
                 _move(place, mean, L, u)
                 return _direction(terms, 0.0, step) < LAST_DIGITS
-        u[:] = tried
+        for j in range(size):
+            u[j] = tried[j]
         cost = there
         _note_blind(seen, terms)
         if damping > 0.0:
@@ -217,9 +218,10 @@ def _expand(place: Float, L: Float, u: Float, seen: Seen, terms: Terms, exact: b
 def _direction(terms: Terms, damping: float, step: Float) -> float:
     """Set `step` to -(B + damping I)^-1 g; return the decrement, infinite if the matrix is not positive definite."""
     size, F = len(step), terms.F
-    F[:] = terms.B
-    for j in range(size):
-        F[j, j] += damping
+    for i in range(size):
+        for j in range(size):
+            F[i, j] = terms.B[i, j]
+        F[i, i] += damping
     if not cholesky(F, size):
         return math.inf
     squared = 0.0

@@ -18,7 +18,7 @@ import numpy as np
 
 from slamgauge.arrays import Float, Int, Marks
 from slamgauge.ekf.kernels.individual_compatibility import NONE, Pairs, add_noise, pair_covariance
-from slamgauge.jit import kernel
+from slamgauge.jit import inner, kernel
 
 
 class Joint(NamedTuple):
@@ -168,10 +168,10 @@ def _extend(cov: Float, covs: Float, pairs: Pairs, joint: Joint, n: int, c: int)
     S, k = np.empty((2, 2)), 2 * n
     for b in range(n):
         pair_covariance(cov, pairs, taken[b], c, S)
-        U[2 * b : 2 * b + 2, k : k + 2] = S
+        _set_block(U, 2 * b, k, S)
     pair_covariance(cov, pairs, c, c, S)
     add_noise(covs[pairs.observation[c]], pairs.jacobian[2 * c + 1], S)
-    U[k : k + 2, k : k + 2] = S
+    _set_block(U, k, k, S)
     added = 0.0
     for column in range(k, k + 2):
         value = pairs.innovation[2 * c + column - k]
@@ -253,3 +253,11 @@ def _joint_distance(cov: Float, covs: Float, pairs: Pairs, taken: Int) -> float:
     for n in range(len(taken)):
         total += _extend(cov, covs, pairs, joint, n, taken[n])
     return total
+
+
+@inner
+def _set_block(matrix: Float, row: int, column: int, block: Float) -> None:
+    """Copy `block` (2, 2) into `matrix` at (row, column); an assignment of slices takes half a second to compile."""
+    for i in range(2):
+        for j in range(2):
+            matrix[row + i, column + j] = block[i, j]

@@ -114,7 +114,7 @@ def update_sequentially(
             if not _apply_block(belief, rows, form, anchor, work):
                 return SequentialUpdate(slots, EXHAUSTED, informative, belief.size)
             if form.invariant:
-                anchor[: belief.size] = belief.state[: belief.size]
+                anchor = belief.state.copy()
             rows = 0
         blind[0] = False
         step = Step(sensor, form, work, anchor, rows, i, one, g, blind)
@@ -126,7 +126,9 @@ def update_sequentially(
         elif slot != NONE:
             one[0] = slot
             if gates.tails < math.inf:
-                work.observation_cov[i] *= inflation(sensor, _distance(_compare(step, belief)), gates.tails)
+                scale = inflation(sensor, _distance(_compare(step, belief)), gates.tails)
+                for entry in range(4):
+                    work.observation_cov[i, entry // 2, entry % 2] *= scale
             added, dof = _update(step, belief)
             if not math.isfinite(added):
                 return SequentialUpdate(slots, added, informative, belief.size)
