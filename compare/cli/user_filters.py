@@ -79,7 +79,7 @@ class Grade(WithPage):
     """
 
     folder: tyro.conf.Positional[Folder]
-    """Folder of the submissions: each Python file or folder in it is one (docs/grading.md). THIS LOADS AND RUNS THAT CODE."""
+    """Folder of the submissions: Python files and folders (docs/grading.md). THIS LOADS AND RUNS THAT CODE."""
 
     scenario: Annotated[str, tyro.conf.arg(help=f"{NAMED}. Each run draws its true start from the prior.")]
 
