@@ -10,6 +10,8 @@ print. The reader's `my_filter.py` is examples/own_estimator.py. Remarks before 
     <!-- needs NAME -->           commands that need a file of --data; without it they, and what they printed, stay
     <!-- as NAME -->              a block that is a file of this name before the commands after it are run
     <!-- picture PATH -->         the picture that follows is this file of the page's folder
+    <!-- drawn NAME -->           the picture that follows is drawn by this function of docs/drawings.py
+    <!-- screenshot PATH[#ID] --> the picture that follows shows this page, or an element of it, in chromium
     <!-- part -->                 a part of what the commands print, which stays
     <!-- fails -->                commands whose exit status 1 is what they are to show
 
@@ -19,17 +21,24 @@ print. The reader's `my_filter.py` is examples/own_estimator.py. Remarks before 
 from __future__ import annotations
 
 import argparse
+import io
 import os
 import re
+import runpy
 import shutil
 import subprocess
 import sys
 from dataclasses import dataclass
 from pathlib import Path
 
+import matplotlib.pyplot as plt
+from PIL import Image
+from selenium import webdriver
+from selenium.webdriver.chrome.service import Service
+
 ROOT = Path(__file__).parents[1]
 PIECE = re.compile(
-    r"(?:<!-- (?P<mark>by hand|needs|as|picture|part|fails)(?: (?P<name>\S+))? -->\n+)?"
+    r"(?:<!-- (?P<mark>by hand|needs|as|picture|drawn|screenshot|part|fails)(?: (?P<name>\S+))? -->\n+)?"
     r"(?:^```(?P<language>[\w{}-]*)\n(?P<block>.*?)^```$|!\[[^]]*\]\((?P<picture>[\w.-]+)\))",
     re.DOTALL | re.MULTILINE,
 )
@@ -43,6 +52,32 @@ SMALL = (  # sizes of a trial
     (re.compile(r"slamgauge bench"), "slamgauge bench --landmarks 20"),
     (re.compile(r"^python benchmarks/.*$", re.MULTILINE), "true"),  # tests have their smallest sizes
 )
+
+
+def drawn(name: Path) -> Image.Image:
+    """Return the figure of a function of docs/drawings.py."""
+    plt.style.use("slamgauge.paper")
+    file = io.BytesIO()
+    runpy.run_path(str(ROOT / "docs/drawings.py"))[name.name]().savefig(file)
+    return Image.open(file)
+
+
+def screenshot(page: Path) -> Image.Image:
+    """Return the first screen of a page, or its element of `PATH#ID`; a replay is shown at half its time."""
+    path, _, element = str(page).partition("#")
+    options = webdriver.ChromeOptions()
+    for argument in ("--headless=new", "--no-sandbox", "--hide-scrollbars"):
+        options.add_argument(argument)
+    with webdriver.Chrome(options=options, service=Service(shutil.which("chromedriver"))) as browser:
+        browser.get(Path(path).as_uri())
+        browser.set_window_size(1280, 1400 if element else 1000)
+        for timeline in browser.find_elements("id", "timeline"):
+            timeline.click()
+        shown = browser.find_element("id", element).screenshot_as_png if element else browser.get_screenshot_as_png()
+    return Image.open(io.BytesIO(shown))
+
+
+SOURCES = {"picture": Image.open, "drawn": drawn, "screenshot": screenshot}
 
 
 @dataclass
@@ -71,8 +106,11 @@ class Page:
             printed = None
             if piece["mark"] == "as":
                 (work / piece["name"]).write_text(piece["block"], encoding="utf-8")
-            elif piece["mark"] == "picture" and not self.small:
-                shutil.copyfile(work / piece["name"], self.path.parent / piece["picture"])
+            elif piece["picture"] and piece["mark"] and not self.small:
+                # 64 colours: a third of the bytes
+                image = SOURCES[piece["mark"]](work / piece["name"]).convert("RGB")
+                few = image.quantize(64, Image.Quantize.MAXCOVERAGE, kmeans=8, dither=Image.Dither.NONE)
+                few.save(self.path.parent / piece["picture"], optimize=True)
             elif piece["language"] == "sh" and self._is_run(piece, work):
                 printed = self._printed(piece["block"], work, {0, 1} if piece["mark"] == "fails" else {0})
                 if printed is None:

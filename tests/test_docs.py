@@ -105,6 +105,12 @@ def test_the_walk_of_one_step_goes_where_it_says():
             assert re.search(rf"^ *(def |class )?{name.rpartition('.')[2]}\b", source, re.MULTILINE), (module, name)
 
 
+def test_drawn_pictures_are_functions():
+    drawings = (ROOT / "docs/drawings.py").read_text(encoding="utf-8")
+    named = re.findall(r"<!-- drawn (\w+) -->", "\n".join(PAGES.values()))
+    assert {*named} == {*re.findall(r"^def (\w+)", drawings, re.MULTILINE)}
+
+
 def test_hooks_are_the_checks():
     config = (ROOT / ".pre-commit-config.yaml").read_text(encoding="utf-8")
     checks = runpy.run_path(str(ROOT / "tests/__main__.py"))["CHECKS"]

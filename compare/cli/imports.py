@@ -226,7 +226,7 @@ class Bag(Format):
     Odometry is nav_msgs/Odometry or geometry_msgs/TwistStamped. Types of observations with known paths are vision_msgs,
     apriltag_ros, fiducial_msgs, visualization_msgs and eufs_msgs; other types need paths (docs/your_robot.md).
 
-    State noise that the messages do not have, for example: --set noise.forward=0.05 noise.turn=0.02 [m/s, rad/s].
+    Give the noise that the messages do not contain, for example: --set noise.forward=0.05 noise.turn=0.02 [m/s, rad/s].
     """
 
     set: Repeated = field(default_factory=list)

@@ -37,7 +37,7 @@ complete --command slamgauge --condition _slamgauge_knows_none --force-files""",
 
 @dataclass
 class Scenarios:
-    """List the shipped scenarios with descriptions; in a pipe, each has exactly one line.
+    """List the shipped scenarios with descriptions. In a pipe, each is one line.
 
     For example:
       slamgauge scenarios

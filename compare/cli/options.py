@@ -34,8 +34,12 @@ RootSeed = Annotated[int, tyro.conf.arg(help="Root seed. The seed of each run is
 Repeated = Annotated[list[tuple[str, ...]], tyro.conf.UseAppendAction]
 Overrides = Annotated[Repeated, tyro.conf.arg(help="Override keys of the scenario: dotted.key=value ...")]
 Open = Annotated[bool, tyro.conf.arg(help=f"Open {REPORT} in the browser.")]
-Form = Annotated[str, tyro.conf.arg(help="Form of your own code, if it is not found: step, class, octave, ...")]
-Unconfined = Annotated[bool, tyro.conf.arg(help="Run your own code without a wall around it (docs/your_filter.md).")]
+Form = Annotated[
+    str, tyro.conf.arg(help="Form of your own code, if slamgauge does not recognise it: step, class, octave, ...")
+]
+Unconfined = Annotated[
+    bool, tyro.conf.arg(help="Do not deny your own code other files and the network (docs/your_filter.md).")
+]
 PATIENCE = 600.0  # s
 LONGEST_TIMEOUT = 1e6  # s; `select` counts milliseconds in 31 bits
 MOST_JOBS = 1024

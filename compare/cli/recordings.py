@@ -37,7 +37,7 @@ class Noise(WithPage):
     """Also estimate systematic errors: odometry scale, turn per metre, offsets of range and bearing."""
 
     heading: Literal["sensor", "odometry"] = "sensor"
-    """The direction that the start heading gives, if --systematic finds a bearing offset. The other one is turned."""
+    """The direction that the start heading describes, if --systematic finds a bearing offset. The other is rotated."""
 
     def __call__(self) -> int:
         from slamgauge.compare.noise.estimation import find_noise

@@ -203,7 +203,7 @@ class Study(WithPage):
 
 @dataclass
 class Budget(WithPage):
-    """The error budget: split a filter's error into its causes, rung by rung, on the same measurements.
+    """The error budget: split a filter's error into its causes, on the same measurements.
 
     For example:
       slamgauge budget q1-long-dense --filter ekf --runs 100
@@ -256,7 +256,7 @@ class Budget(WithPage):
 class Claims(WithPage):
     """Test each conclusion of the exercise over as many runs as a verdict needs. After an interruption, it continues.
 
-    A verdict is valid whenever its runs stop.
+    The error probability of the verdicts holds for any number of runs.
 
     For example:
       slamgauge claims

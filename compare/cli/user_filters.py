@@ -79,7 +79,7 @@ class Grade(WithPage):
     """
 
     folder: tyro.conf.Positional[Folder]
-    """Python files and folders, each a submission (docs/your_filter.md). THIS LOADS AND RUNS THAT CODE."""
+    """Folder of the submissions: Python files and folders (docs/grading.md). THIS LOADS AND RUNS THAT CODE."""
 
     scenario: Annotated[str, tyro.conf.arg(help=f"{NAMED}. Each run draws its true start from the prior.")]
 
