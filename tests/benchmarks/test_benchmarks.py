@@ -76,7 +76,7 @@ SMALLEST = {
         "bug named check caught other checks that fail",
         "(none) - - -",
         "wrong sign in F prediction-jacobian 1/1 - ",
-        "Octave course: R twice - - - ",
+        "Octave course: no heading in place truth-recovered 1/1 - ",
     ),
     "verdict_power": (  # 3 s
         "--trials 20",

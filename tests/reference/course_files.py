@@ -5,6 +5,10 @@ from __future__ import annotations
 from string import Template
 from typing import NamedTuple
 
+import numpy as np
+
+AS_NUMBERS = "" if np.lib.NumpyVersion(np.__version__) < "2.4.0" else " with elements as numbers"  # numpy converts them
+
 TEXT = Template("""
 import math
 import numpy as np
@@ -114,7 +118,7 @@ STYLES = {
         is_new="observedLandmarks[j - 1] is False",
     ),
     "column": _style(
-        "mu (2N+3, 1) with elements as numbers, ids from 0, z as a list of observations, observed as an array of bools",
+        f"mu (2N+3, 1){AS_NUMBERS}, ids from 0, z as a list of observations, observed as an array of bools",
         predict="predict",
         correct="correct",
         **{**FROM_0, **COLUMN},

@@ -143,6 +143,78 @@ MATRICES = (
     .replace("np.zeros((2, len(x)))", "np.matrix(np.zeros((2, len(x))))")
 )
 
+# question 4 with rays that begin with three members (Sola 2005): a third value that begins as []; y = [bearing, id]
+RAYS = """
+import numpy as np
+
+DT = 0.1
+Q = np.diag([0.5, 0.2]) ** 2
+Py = np.array([[0.2]]) ** 2
+DISTANCES, ALPHA = (4.0, 6.8, 11.6), 0.25
+
+
+def wrap(a):
+    return (a + np.pi) % (2 * np.pi) - np.pi
+
+
+def innovation(x, P, j, b):
+    k = 3 + 2 * j
+    dx, dy = x[k] - x[0], x[k + 1] - x[1]
+    q = dx**2 + dy**2
+    H = np.zeros(len(x))
+    H[:3], H[k : k + 2] = (dy / q, -dx / q, -1), (-dy / q, dx / q)
+    return wrap(b - np.arctan2(dy, dx) + x[2]), H @ P @ H + Py[0, 0], H
+
+
+def begin(x, P, b, name, rays):
+    c, s, robot = np.cos(x[2] + b), np.sin(x[2] + b), x[:2].copy()
+    for r in DISTANCES:
+        Jr, Jy = np.array([[1, 0, -r * s], [0, 1, r * c]]), np.array([[c, -r * s], [s, r * c]])
+        side = Jr @ P[:3]
+        corner = side[:, :3] @ Jr.T + Jy @ np.diag([(ALPHA * r) ** 2, Py[0, 0]]) @ Jy.T
+        x, P = np.append(x, robot + [r * c, r * s]), np.block([[P, side.T], [side, corner]])
+        rays.append((name, 1 / len(DISTANCES)))
+    return x, P
+
+
+def weigh(x, P, b, mine, rays):
+    weights = np.zeros(len(rays))
+    for j in mine:
+        nu, S, _ = innovation(x, P, j, b)
+        weights[j] = rays[j][1] * np.exp(-(nu**2) / (2 * S)) / np.sqrt(S)
+    weights /= weights.sum()
+    kept = [j for j in range(len(rays)) if j not in mine or weights[j] > 0.0003]
+    at = np.r_[0:3, [3 + 2 * j + i for j in kept for i in (0, 1)]].astype(int)
+    rays = [(rays[j][0], weights[j] if j in mine else rays[j][1]) for j in kept]
+    return x[at], P[np.ix_(at, at)], rays
+
+
+def ekf_slam(xEst, PEst, u, y, rays):
+    # rays: id and weight of each point of the state
+    x, c, s = xEst[:, 0], np.cos(xEst[2, 0]), np.sin(xEst[2, 0])
+    F, G = np.eye(len(x)), np.zeros((len(x), 2))
+    F[:2, 2] = -DT * u[0, 0] * s, DT * u[0, 0] * c
+    G[:3] = [[DT * c, 0], [DT * s, 0], [0, DT]]
+    x, P = x + G @ u[:, 0], F @ PEst @ F.T + G @ Q @ G.T
+    for row in y:
+        b, name = row[-2], row[-1]
+        mine = [j for j, ray in enumerate(rays) if ray[0] == name]
+        if not mine:
+            x, P = begin(x, P, b, name, rays)
+            continue
+        if len(mine) > 1:
+            x, P, rays = weigh(x, P, b, mine, rays)
+        mine = [j for j, ray in enumerate(rays) if ray[0] == name]
+        for j in mine:
+            share = rays[j][1] if len(mine) > 1 else 1.0
+            if share > 0.05:
+                nu, S, H = innovation(x, P, j, b)
+                S += Py[0, 0] * (1 / share - 1)
+                K = P @ H / S
+                x, P = x + K * nu, P - np.outer(K, K) * S
+    return x[:, None], P, rays
+"""
+
 BUGS = {
     "sign": ("0.0, -DT * u[0] * math.sin(x[2])]", "0.0, DT * u[0] * math.sin(x[2])]"),
     "wrap": ("    e[1] = wrap(e[1])\n", ""),

@@ -9,6 +9,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from references.class_files import BUGS as EVERYWHERE
 from references.class_files import FORMS, submissions
 
 from slamgauge.compare.checks.examination import CHECKS, check_estimator
@@ -90,7 +91,7 @@ def test_a_right_file_fails_none_of_these_checks(source: str, tmp_path: Path):
 def test_the_size_of_noise_that_only_the_file_has_is_not_judged(tmp_path: Path):
     """R is only in the file: twice as large, it is as right as before."""
     file = tmp_path / "mine.py"
-    file.write_text(MADE_UP["Octave course", "R twice"])
+    file.write_text(edited(MADE_UP["Octave course", "right"], EVERYWHERE["R twice"]))
     (check,) = (each for each in CHECKS if each.name == "measurement-noise")
     estimator, _ = adapted(found_in(address(str(file))))
     (verdict,) = check_estimator("mine", estimator, checks=[check])
