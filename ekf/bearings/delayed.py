@@ -1,7 +1,9 @@
 """Delayed initialisation of bearing-only landmarks: triangulation from a window of past poses.
 
-While landmarks wait, the filter clones poses into the state, every `spacing` metres and at most `poses` of them. A
-landmark waits until its bearings triangulate it (`slamgauge.triangulate`). Then all its bearings are linearised at the
+While landmarks wait, the filter clones poses into the state, every `spacing` metres and at most `poses` of them. Of
+the scans between two clones at most SCANS - 1 are used: each stores the increment from the last clone to the robot with its
+covariance, which is added to the noise of the bearings. At each new clone a landmark is placed if its bearings
+triangulate it (`slamgauge.triangulate`). Then all its bearings are linearised at the
 triangulated point: r = H_x dx + H_f df + noise. With Q'H_f = [T; 0], the upper two rows give the landmark as a function
 of the poses, and the other rows, which do not contain it, correct the poses. This is exact apart from the
 linearisation. If the innovation of the bearings is improbable, the landmark continues to wait.
@@ -36,7 +38,7 @@ from slamgauge.sensor_models.bearing import gradient as bearing_gradient
 from slamgauge.triangulation import triangulate
 
 IMPROBABLE = 1e-3  # probability that correct bearings have to wait
-SCANS = 5  # scans of waiting landmarks that are used until the next clone
+SCANS = 5  # most scans that are used from one clone to the next
 
 
 @dataclass(frozen=True)
@@ -171,9 +173,7 @@ class DelayedInitialiser:
             return None
         position = found.landmark + inverse @ residual[:2]
         new = self._ids.take(1)
-        add_entries(
-            self._map, new, NewEntries(position, columns, -inverse @ jacobian[:2], inverse @ inverse.T, [True])
-        )
+        add_entries(self._map, new, NewEntries(position, columns, -inverse @ jacobian[:2], inverse @ inverse.T, [True]))
         self._map.correction.update_linear(columns, jacobian[2:], residual[2:], np.eye(len(sights) - 2))
         del self._sights[landmark]
         return int(new[0])
