@@ -1,7 +1,7 @@
 """Delayed initialisation of bearing-only landmarks: triangulation from a window of past poses.
 
-While landmarks wait, the filter clones poses into the state, every `spacing` metres and at most `poses` of them. Of
-the scans between two clones at most SCANS - 1 are used: each stores the increment from the last clone to the robot with its
+While landmarks wait, the filter clones poses into the state, every `spacing` metres and at most `poses` of them. From
+one clone to the next at most SCANS scans are used: each stores the increment from the last clone to the robot and its
 covariance, which is added to the noise of the bearings. At each new clone a landmark is placed if its bearings
 triangulate it (`slamgauge.triangulate`). Then all its bearings are linearised at the
 triangulated point: r = H_x dx + H_f df + noise. With Q'H_f = [T; 0], the upper two rows give the landmark as a function
