@@ -155,7 +155,7 @@ class Delayed:
 
     Attributes:
         poses: largest number of poses in the window.
-        spacing: distance between them [m]; by default a fiftieth of the sensor's reach.
+        spacing: distance between them [m]; by default a fiftieth of the sensor's reach. Bearings between them are used.
         sure: largest standard deviation of a landmark when it is placed, as a share of its distance.
     """
 

@@ -1,7 +1,9 @@
 """Delayed initialisation of bearing-only landmarks: triangulation from a window of past poses.
 
-While landmarks wait, the filter clones poses into the state, every `spacing` metres and at most `poses` of them. A
-landmark waits until its bearings triangulate it (`slamgauge.triangulate`). Then all its bearings are linearised at the
+While landmarks wait, the filter clones poses into the state, every `spacing` metres and at most `poses` of them. From
+one clone to the next at most SCANS scans are used: each stores the increment from the last clone to the robot and its
+covariance, which is added to the noise of the bearings. At each new clone a landmark is placed if its bearings
+triangulate it (`slamgauge.triangulate`). Then all its bearings are linearised at the
 triangulated point: r = H_x dx + H_f df + noise. With Q'H_f = [T; 0], the upper two rows give the landmark as a function
 of the poses, and the other rows, which do not contain it, correct the poses. This is exact apart from the
 linearisation. If the innovation of the bearings is improbable, the landmark continues to wait.
@@ -18,9 +20,11 @@ navigation", ICRA 2007 (cloned poses, projection on the null space).
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.special import chdtri
 
 from slamgauge.arrays import Float, Int
@@ -29,18 +33,21 @@ from slamgauge.ekf.maps.landmark_map import LandmarkMap
 from slamgauge.ekf.maps.map_edits import NewEntries, add_entries, remove_landmark
 from slamgauge.ekf.online_filter import NO_MEMBERS, Members
 from slamgauge.ekf.settings import FEWEST, Delayed
-from slamgauge.se2 import wrap
+from slamgauge.se2 import between, compose, rotation, wrap
 from slamgauge.sensor_models.bearing import gradient as bearing_gradient
 from slamgauge.triangulation import triangulate
 
 IMPROBABLE = 1e-3  # probability that correct bearings have to wait
+SCANS = 5  # most scans that are used from one clone to the next
 
 
 @dataclass(frozen=True)
 class Sight:
-    """A bearing [rad], its variance [rad^2], and the clone of its pose."""
+    """A bearing [rad], its variance [rad^2], and its pose: a body-frame increment from a clone, with covariance."""
 
     clone: int
+    increment: Float  # (3,)
+    increment_cov: Float  # (3, 3)
     bearing: float
     variance: float
 
@@ -55,6 +62,7 @@ class DelayedInitialiser:
         self._settings = settings
         self._sights: dict[int, list[Sight]] = {}
         self._clones: list[int] = []  # in the order of time; a clone has two ids in the map: this and the next
+        self._scans = 0  # used since the last clone
         self._ids = Ids()
 
     @property
@@ -65,11 +73,18 @@ class DelayedInitialiser:
     def observe(self, step: int, ids: list[int], values: Float, covs: Float) -> dict[int, int]:  # noqa: ARG002
         """Store the bearings if the robot has moved, then place the landmarks that have enough."""
         points: dict[int, int] = {}
-        if not ids or not self._has_moved_on():
+        moved = self._distance_from_clone()
+        if not ids or moved < self._settings.spacing * self._scans / SCANS:
             return points
-        clone = self._clone_pose()
+        is_cloned = moved >= self._settings.spacing
+        if is_cloned:
+            self._clone_pose()
+        self._scans += 1
+        pose = (self._clones[-1], *self._increment_from_clone())
         for row, landmark in enumerate(ids):
-            self._sights.setdefault(landmark, []).append(Sight(clone, values[row, 0], covs[row, 0, 0]))
+            self._sights.setdefault(landmark, []).append(Sight(*pose, values[row, 0], covs[row, 0, 0]))
+        if not is_cloned:
+            return points
         if len(self._clones) > self._settings.poses:
             self._drop_clone(self._dispensable(ids))
         for landmark in ids:
@@ -92,13 +107,27 @@ class DelayedInitialiser:
         del self._sights[landmark]
         self._drop_unused()
 
-    def _has_moved_on(self) -> bool:
+    def _distance_from_clone(self) -> float:
+        """Return the robot's distance from the last clone [m]; infinite without clones."""
         if not self._clones:
-            return True
-        last = self._map.state.entries(self._columns(self._clones[-1])[:2])
-        return bool(np.hypot(*(self._map.state.robot[:2] - last)) >= self._settings.spacing)
+            return math.inf
+        last = self._map.state.entries(self._columns(self._clones[-1:])[0, :2])
+        return float(np.hypot(*(self._map.state.robot[:2] - last)))
 
-    def _clone_pose(self) -> int:
+    def _increment_from_clone(self) -> tuple[Float, Float]:
+        """Return the increment (3,) from the last clone to the robot, and its covariance (3, 3)."""
+        if self._scans == 1:
+            return np.zeros(3), np.zeros((3, 3))
+        columns = np.append([0, 1, 2], self._columns(self._clones[-1:]))
+        robot, clone = self._map.state.entries(columns).reshape(2, 3)
+        increment, turn = between(clone, robot), np.eye(3)
+        turn[:2, :2] = rotation(clone[2]).T
+        by_clone = -turn
+        by_clone[:2, 2] = [increment[1], -increment[0]]
+        jacobian = np.column_stack([turn, by_clone])
+        return increment, jacobian @ self._map.state.block(columns) @ jacobian.T
+
+    def _clone_pose(self) -> None:
         """Append the pose as two slots: the position, and the heading with a zero."""
         jacobian = np.zeros((4, 3))
         jacobian[:3] = np.eye(3)
@@ -106,7 +135,7 @@ class DelayedInitialiser:
         values = np.append(self._map.state.robot, 0.0)
         add_entries(self._map, ids, NewEntries(values, np.arange(3), jacobian, np.zeros((4, 4)), [True, False]))
         self._clones.append(int(ids[0]))
-        return int(ids[0])
+        self._scans = 0
 
     def _dispensable(self, ids: list[int]) -> int:
         """Return the clone to remove while the landmarks `ids` are in view."""
@@ -114,8 +143,7 @@ class DelayedInitialiser:
         past = [clone for clone in self._clones if clone not in useful]
         if len(past) > self._settings.poses // 2:
             return past[0]
-        positions = self._map.state.entries(np.concatenate([self._columns(clone)[:2] for clone in self._clones]))
-        positions = positions.reshape(-1, 2)
+        positions = self._map.state.entries(self._columns(self._clones)[:, :2].ravel()).reshape(-1, 2)
         gaps = np.hypot(*(positions[2:] - positions[:-2]).T)
         return self._clones[1 + int(np.argmin(gaps))]
 
@@ -124,29 +152,36 @@ class DelayedInitialiser:
         sights = self._sights[landmark]
         if len(sights) < FEWEST:
             return None
-        columns = np.concatenate([self._columns(sight.clone) for sight in sights])
-        poses = self._map.state.entries(columns).reshape(-1, 3)
+        used, index = np.unique([sight.clone for sight in sights], return_inverse=True)
+        columns = self._columns(used)
+        clones = self._map.state.entries(columns.ravel()).reshape(-1, 3)[index]
+        poses = compose(clones, np.array([sight.increment for sight in sights]))
         bearings, variances = np.array([(sight.bearing, sight.variance) for sight in sights]).T
         found = triangulate(poses, bearings, variances, self._settings.sure)
         if not found.placed:
             return None
-        residual, of_poses, of_landmark = whitened_bearings(poses, bearings, variances, found.landmark)
-        Q, T = np.linalg.qr(of_landmark, mode="complete")
-        residual, of_poses, inverse = Q.T @ residual, Q.T @ of_poses, np.linalg.inv(T[:2])
-        S = of_poses[2:] @ self._map.state.block(columns) @ of_poses[2:].T + np.eye(len(sights) - 2)
+        residual, of_clones, of_increments, of_landmark = linearise_bearings(poses, clones, bearings, found.landmark)
+        increment_covs = np.array([sight.increment_cov for sight in sights])
+        sigmas = np.sqrt(variances + np.einsum("ni,nij,nj->n", of_increments, increment_covs, of_increments))
+        jacobian = np.zeros((len(sights), *columns.shape))
+        jacobian[np.arange(len(sights)), index] = of_clones / sigmas[:, None]
+        jacobian, columns = jacobian.reshape(len(sights), -1), columns.ravel()
+        Q, T = np.linalg.qr(of_landmark / sigmas[:, None], mode="complete")
+        residual, jacobian, inverse = Q.T @ (residual / sigmas), Q.T @ jacobian, np.linalg.inv(T[:2])
+        S = jacobian[2:] @ self._map.state.block(columns) @ jacobian[2:].T + np.eye(len(sights) - 2)
         if residual[2:] @ np.linalg.solve(S, residual[2:]) > chdtri(len(sights) - 2, IMPROBABLE):
             return None
         position = found.landmark + inverse @ residual[:2]
         new = self._ids.take(1)
-        jacobian, noise_cov = -inverse @ of_poses[:2], inverse @ inverse.T
-        add_entries(self._map, new, NewEntries(position, columns, jacobian, noise_cov, [True]))
-        self._map.correction.update_linear(columns, of_poses[2:], residual[2:], np.eye(len(sights) - 2))
+        add_entries(self._map, new, NewEntries(position, columns, -inverse @ jacobian[:2], inverse @ inverse.T, [True]))
+        self._map.correction.update_linear(columns, jacobian[2:], residual[2:], np.eye(len(sights) - 2))
         del self._sights[landmark]
         return int(new[0])
 
-    def _columns(self, clone: int) -> Int:
-        """Return the state entries of a clone's x, y and heading."""
-        return self._map.state.columns_of(np.array([clone, clone + 1]))[:3]
+    def _columns(self, clones: ArrayLike) -> Int:
+        """Return the state entries (c, 3) of the clones' (c,) x, y and heading."""
+        ids = np.add.outer(np.asarray(clones), [0, 1])
+        return self._map.state.columns_of(ids.ravel()).reshape(-1, 4)[:, :3]
 
     def _drop_unused(self) -> None:
         """Remove the clones without bearings of waiting landmarks."""
@@ -164,17 +199,20 @@ class DelayedInitialiser:
             remove_landmark(self._map, int(self._map.state.slots_of(np.array(each))))
 
 
-def whitened_bearings(poses: Float, bearings: Float, variances: Float, landmark: Float) -> tuple[Float, Float, Float]:
-    """Return residuals (m,) of bearings from poses (m, 3) to a landmark (2,), divided by their standard deviations.
+def linearise_bearings(
+    poses: Float, clones: Float, bearings: Float, landmark: Float
+) -> tuple[Float, Float, Float, Float]:
+    """Return residuals (m,) [rad] of bearings from poses (m, 3) to a landmark (2,).
 
-    The other results are their Jacobians by the poses (m, 3m) and by the landmark (m, 2).
+    The other results are the derivatives of each predicted bearing by the clone (m, 3) of its pose, by the increment
+    (m, 3) from the clone to the pose, and by the landmark (m, 2).
     """
-    count, sigmas = len(bearings), np.sqrt(variances)
     offset = landmark - poses[:, :2]
-    gradient = np.column_stack(bearing_gradient(offset[:, 0], offset[:, 1], (offset**2).sum(axis=1) * sigmas))
-    of_poses = np.zeros((count, count, 3))
-    row = np.arange(count)
-    of_poses[row, row, :2] = -gradient
-    of_poses[row, row, 2] = -1.0 / sigmas
-    residual = wrap(bearings + poses[:, 2] - np.arctan2(offset[:, 1], offset[:, 0])) / sigmas
-    return residual, of_poses.reshape(count, 3 * count), gradient
+    gradient = np.column_stack(bearing_gradient(offset[:, 0], offset[:, 1], (offset**2).sum(axis=1)))
+    residual = wrap(bearings + poses[:, 2] - np.arctan2(offset[:, 1], offset[:, 0]))
+    arm = poses[:, :2] - clones[:, :2]
+    by_heading = gradient[:, 0] * arm[:, 1] - gradient[:, 1] * arm[:, 0] - 1.0
+    by_increment = np.einsum("ni,nij->nj", -gradient, rotation(clones[:, 2]))
+    by_turn = np.full(len(poses), -1.0)
+    of_clones, of_increments = np.column_stack([-gradient, by_heading]), np.column_stack([by_increment, by_turn])
+    return residual, of_clones, of_increments, gradient

@@ -6,16 +6,17 @@ import math
 
 import numpy as np
 import pytest
+from scipy.linalg import block_diag
 
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf import textbook
 from slamgauge.ekf.bearings.bearing_filter import BearingFilter
-from slamgauge.ekf.bearings.delayed import IMPROBABLE, DelayedInitialiser, whitened_bearings
+from slamgauge.ekf.bearings.delayed import IMPROBABLE, DelayedInitialiser, linearise_bearings
 from slamgauge.ekf.maps.correction_table import RULES, Correction
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
 from slamgauge.ekf.settings import FEWEST, Delayed
 from slamgauge.recording import Observations
-from slamgauge.se2 import rotation, wrap
+from slamgauge.se2 import compose, rotation, wrap
 from slamgauge.triangulation import triangulate
 from tests.reference.jacobians import assert_jacobian
 
@@ -42,20 +43,24 @@ def moved(pose: Float, increment: Float) -> Float:
 
 
 @pytest.mark.parametrize("heading", [0.3, math.pi, -math.pi])
-def test_the_jacobians_of_whitened_bearings(heading: float) -> None:
+def test_the_jacobians_of_bearings_near_clones(heading: float) -> None:
     """Residuals are measurement minus prediction, hence the sign."""
-    poses = np.array([[0.0, 0.0, heading], [1.0, -0.5, 1.0], [6.0, 4.5, -2.0]])
-    landmark, variances = np.array([3.0, 4.0]), np.array([1e-2, 4e-2, 1.0])
+    clones = np.array([[0.0, 0.0, heading], [1.0, -0.5, 1.0], [6.0, 4.5, -2.0]])
+    increments = np.array([[0.0, 0.0, 0.0], [0.4, 0.1, -0.2], [0.3, -0.2, 1.0]])
+    landmark, noise = np.array([3.0, 4.0]), np.array([0.1, -0.2, 0.05])
+    poses = compose(clones, increments)
     offset = landmark - poses[:, :2]
-    bearings = np.arctan2(offset[:, 1], offset[:, 0]) - poses[:, 2] + np.array([0.1, -0.2, 0.05])
-    residual, of_poses, of_landmark = whitened_bearings(poses, bearings, variances, landmark)
-    np.testing.assert_allclose(residual, np.array([0.1, -0.2, 0.05]) / np.sqrt(variances), rtol=0, atol=1e-12)
+    bearings = np.arctan2(offset[:, 1], offset[:, 0]) - poses[:, 2] + noise
+    residual, *jacobians = linearise_bearings(poses, clones, bearings, landmark)
+    np.testing.assert_allclose(residual, noise, rtol=0, atol=1e-12)
 
     def expected(unknowns: Float) -> Float:
-        return -whitened_bearings(unknowns[:9].reshape(3, 3), bearings, variances, unknowns[9:])[0]
+        clones, increments = unknowns[:18].reshape(2, 3, 3)
+        return -linearise_bearings(compose(clones, increments), clones, bearings, unknowns[18:])[0]
 
-    at = np.concatenate([poses.ravel(), landmark])
-    assert_jacobian(expected, np.column_stack([of_poses, of_landmark]), at)
+    at = np.concatenate([clones.ravel(), increments.ravel(), landmark])
+    rows = [block_diag(*of_pose) for of_pose in jacobians[:2]]
+    assert_jacobian(expected, np.column_stack([*rows, jacobians[2]]), at)
 
 
 # --- placement -----------------------------------------------------------------------------------
@@ -188,7 +193,7 @@ def test_covariances_stay_semidefinite_and_the_window_bounded(correction: Correc
     rng = np.random.default_rng(5)
     angles = rng.uniform(-np.pi, np.pi, 25)
     landmarks = rng.uniform(6.5, 9.0, (25, 1)) * np.column_stack([np.cos(angles), np.sin(angles)]) + [0.0, 5.0]
-    settings = Delayed(poses=10, spacing=0.3)
+    settings = Delayed(poses=10, spacing=0.2)
     slam, pose = BearingFilter(np.zeros(3), np.zeros((3, 3)), correction, settings), np.zeros(3)
     largest, steps = 0, 220
     for k in range(steps):
