@@ -6,7 +6,9 @@ warning) or words of the refusal or warning.
 
 from __future__ import annotations
 
+import io
 from collections.abc import Callable, Mapping
+from contextlib import redirect_stderr
 from dataclasses import replace
 from pathlib import Path
 
@@ -121,12 +123,14 @@ def sep(separator: str, decimal: str = ".") -> Callable[[str], str]:
 def quoted(content: str) -> str:
     """Write decimal commas, each number in quotes."""
     head, *lines = content.splitlines()
-    return "\n".join([head, *(",".join(f'"{word.replace(".", ",")}"' for word in row.split(",")) for row in lines)])
+    return "\n".join([head, *(",".join(f'"{word.replace(".", ",")}"' for word in row.split(",")) for row in lines), ""])
 
 
 def cells(file: str, change: Callable[[list[str]], list[str]]) -> Change:
     """Change the cells of each line."""
-    return text(file, lambda content: "\n".join(",".join(change(line.split(","))) for line in content.splitlines()))
+    return text(
+        file, lambda content: "".join(f"{','.join(change(line.split(',')))}\n" for line in content.splitlines())
+    )
 
 
 KIND = settings("[observations]\nkind = 'range-bearing'\n")
@@ -175,7 +179,8 @@ VARIANTS: dict[str, tuple[Change, str]] = {
     "byte order mark": (every(*ALL, "recording.toml", change=lambda t: "\ufeff" + t), READ),
     "line ends of Windows": (every(*ALL, change=lambda t: t.replace("\n", "\r\n")), READ),
     "blank lines at the end": (every(*ALL, change=lambda t: t + "\n \n\n"), READ),
-    "no line end at the end": (every(*ALL, change=str.rstrip), READ),
+    "no line end at the end": (text(TRUTH, str.rstrip), "no line end after"),
+    "the last number cut short": (text(SEEN, lambda t: t[:-4]), "no line end after"),
     "a remark": (text(SEEN, lambda t: "# laser\n" + t), READ),
     "header behind #": (text(ODOMETRY, lambda t: "# " + t), READ),
     "header behind %": (text(ODOMETRY, lambda t: "%" + t), READ),
@@ -293,8 +298,9 @@ def written(folder: Path, files: Mapping[str, str | bytes]) -> Path:
 def read_if(outcome: str, folder: Path) -> Imported | None:
     """Read a log whose `outcome` is to be read without a line; otherwise it has a line with this text, and is None."""
     try:
-        log = read_csv_log(folder)
-        said = "\n".join([*log.notes, *examine(log, folder).warnings])
+        with redirect_stderr(io.StringIO()) as printed:
+            log = read_csv_log(folder)
+        said = "\n".join([*printed.getvalue().splitlines(), *log.notes, *examine(log, folder).warnings])
     except UserError as error:
         log, said = None, str(error)
         assert len(said.splitlines()) == 1
