@@ -137,7 +137,15 @@ KIND = settings("[observations]\nkind = 'range-bearing'\n")
 DEG, MM = (settings(f"[observations]\n{unit}\n") for unit in ("angle = 'deg'", "length = 'mm'"))
 ODOMETRY_DEG, ODOMETRY_MM = (settings(f"[odometry]\n{unit}\n") for unit in ("angle = 'deg'", "length = 'mm'"))
 ALL = (ODOMETRY, SEEN, TRUTH)
+ODOMETRY_NOISE = "forward = 0.05\nlateral = 0.01\nturn = 0.02"
 SENSOR_NOISE = "range = 0.05\nbearing = 0.02"
+
+
+def column_of_logarithms(files: Files) -> Files:
+    """Write logarithms of the ranges, all of which are above 1 m."""
+    words = [line.split(",") for line in files[SEEN].splitlines()]
+    rows = [[*row[:2], repr(float(np.log(max(float(row[2]), 1.01)))), row[3]] for row in words[1:]]
+    return files | {SEEN: "".join(",".join(row) + "\n" for row in [words[0], *rows])}
 
 
 def headless(content: str) -> str:
@@ -271,6 +279,27 @@ VARIANTS: dict[str, tuple[Change, str]] = {
         header("recording.toml", SENSOR_NOISE, "range = 5\nbearing = 2"),
         "times its stated noise",
     ),
+    "variances as standard deviations": (
+        header("recording.toml", SENSOR_NOISE, "range = 0.0025\nbearing = 0.0004"),
+        "the stated standard deviations of observations are variances",
+    ),
+    "standard deviations as variances": (
+        header("recording.toml", SENSOR_NOISE, "range = 0.2236\nbearing = 0.1414"),
+        "the stated variances of observations are standard deviations",
+    ),
+    "the variance of one column": (
+        header("recording.toml", "range = 0.05", "range = 0.0025"),
+        "the stated standard deviations of range are variances",
+    ),
+    "variances of the odometry": (
+        header("recording.toml", ODOMETRY_NOISE, "forward = 0.0025\nlateral = 0.0001\nturn = 0.0004"),
+        "the stated standard deviations of odometry are variances",
+    ),
+    "standard deviations of the odometry as variances": (
+        header("recording.toml", ODOMETRY_NOISE, "forward = 0.2236\nlateral = 0.1\nturn = 0.1414"),
+        "the stated variances of odometry are standard deviations",
+    ),
+    "logarithms of ranges": (column_of_logarithms, "ranges are logarithms of ranges"),
     "ids at random": (
         rows(
             SEEN,
