@@ -61,7 +61,6 @@ class Mistake(NamedTuple):
         length: factor of observed lengths.
         turn: factor of the turns of odometry.
         way: factor of its distances.
-        logarithm: whether ranges are logarithms.
     """
 
     what: str
@@ -70,10 +69,9 @@ class Mistake(NamedTuple):
     length: float = 1.0
     turn: float = 1.0
     way: float = 1.0
-    logarithm: bool = False
 
 
-LOGARITHMS = Mistake("ranges are logarithms of ranges", "write ranges in metres", logarithm=True)
+LOGARITHMS = Mistake("ranges are logarithms of ranges", "write ranges in metres")  # no factor
 MISTAKES = (
     LOGARITHMS,
     Mistake("observations and odometry count angles in opposite directions", SIGN, bearing=-1.0),
@@ -278,7 +276,7 @@ def _without(recording: Recording, mistake: Mistake) -> Recording:
     if mistake.bearing < 0.0:
         factors["y"] *= mistake.bearing
     observation = recording.observation * np.array([factors[name] for name in columns])
-    if mistake.logarithm and SENSORS[recording.sensor].has_range:
+    if mistake == LOGARITHMS and SENSORS[recording.sensor].has_range:
         observation[:, 0] = np.exp(np.minimum(observation[:, 0], LARGEST_LOG))
     odometry = recording.odometry * np.array([mistake.way, mistake.way, mistake.turn])
     return replace(recording, odometry=odometry, observation=observation)
