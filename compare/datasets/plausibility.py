@@ -311,7 +311,8 @@ def _explained(recording: Recording, stated: Fit) -> str:
                 text = f"the stated {stated_as} of {what} are {meant}"
                 found[text] = min(found.get(text, np.inf), abs(fit.deviation))
     best = min(found, key=lambda each: found[each], default="")
-    return f"the measurements fit if {best}; correct the noise" if best and found[best] < EQUALS else ""
+    does_fit = bool(best) and found[best] < EQUALS
+    return f"the measurements do not fit their stated noise, but do if {best}; correct the noise" if does_fit else ""
 
 
 def _with_power(covs: Float, powers: Float, unit: Float | float) -> Float:
