@@ -80,6 +80,8 @@ class Done(NamedTuple):
 
 
 def main(only: str = "", moments: int = 3, seed: int = 0) -> int:
+    for number in (signal.SIGINT, signal.SIGHUP):  # a shell's `&` and `nohup` ignore them, also in what is started here
+        signal.signal(number, signal.SIG_DFL)
     draw, cases, bad = random.Random(seed), 0, 0
     print(f"{'command':10}{'time [s]':>9}  bad cases of {len(WAYS) * moments}")
     for name, words in COMMANDS.items():
