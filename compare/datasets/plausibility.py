@@ -204,17 +204,17 @@ def _agreement(recording: Recording) -> tuple[float, list[str]]:
         return share, []
     if estimate is not None and estimate.nis_dof is not None and not estimate.nis_dof.any():
         return share, ["no landmark is observed at two steps: nothing corrects the path; check the ids"]
-    explained = _explained(recording, fit) if abs(fit.deviation) > DIFFERS else ""
     if share < DOUBTED:
         undone = {each: _without(recording, each) for each in MISTAKES}
         fits = {each: _fit(other, _pass(other)) for each, other in undone.items() if not _lengths_are_noise(other)}
         enough = max(CONVINCING, 0.5 + 0.5 * share)
         found = {each: fit for each, fit in fits.items() if fit.share > enough and fit.nis > SMALL}
         best = min(found, key=lambda each: abs(np.log(found[each].nis)), default=None)  # with tiny lengths all agrees
-        if best and not (explained and abs(found[best].deviation) > EQUALS):
+        if best and (abs(found[best].deviation) < EQUALS or not _explained(recording, fit)):
             what = f"{share:.1%} of the observations agree with one place per landmark, but {found[best].share:.1%} if"
             raise UserError(f"{what} {best.what}; {best.remedy}")
     doubts = [] if estimate is None else [*_doubts_of_noise(recording, estimate)]
+    explained = _explained(recording, fit)
     if explained:
         doubts.append(explained)
     elif 0.0 < fit.nis < LEAST:
@@ -284,6 +284,8 @@ def _without(recording: Recording, mistake: Mistake) -> Recording:
 
 def _explained(recording: Recording, stated: Fit) -> str:
     """Return which mistake explains a mean NIS that is not that of the stated noise; "" if none does."""
+    if abs(stated.deviation) < DIFFERS:
+        return ""
     if SENSORS[recording.sensor].has_range and stated.deviation > 0.0:
         undone = _without(recording, LOGARITHMS)
         if 0.0 < _fit(undone, _pass(undone)).nis < EXPLAINED * stated.nis:
