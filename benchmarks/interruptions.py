@@ -80,6 +80,8 @@ class Done(NamedTuple):
 
 
 def main(only: str = "", moments: int = 3, seed: int = 0) -> int:
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # behind `&` a shell ignores it, also in what is started
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)  # so does nohup
     draw, cases, bad = random.Random(seed), 0, 0
     print(f"{'command':10}{'time [s]':>9}  bad cases of {len(WAYS) * moments}")
     for name, words in COMMANDS.items():

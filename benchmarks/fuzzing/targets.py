@@ -222,7 +222,7 @@ def _mat_files() -> list[Target]:
 
 
 def _as_scipy_reads(folder: Path, result: tuple[Recording, Truth]) -> str:
-    there = loadmat(folder / "dataset2.mat")
+    there = loadmat(folder / "dataset2.mat", variable_names=("r", "l", "t"))  # others may be damaged
     recording, truth = result
     ranges = there["r"][(there["r"] > 0) & (there["r"] <= 5.0)]
     pairs = (

@@ -2,7 +2,8 @@
 
 A quick pass of the right-invariant EKF over the beginning of a log with ids shows whether the observations agree with
 one place per landmark. If they do not, the pass is repeated for every mistake in `MISTAKES`; a log that agrees once a
-mistake is undone is refused. All other doubts are warnings.
+mistake is undone is refused. All other doubts are warnings. If the mean NIS differs from that of the stated noise, the
+pass is repeated with variances instead of standard deviations, and the reverse.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import chi2
 
-from slamgauge.arrays import Float, Int
+from slamgauge.arrays import Float, Int, Marks
 from slamgauge.compare.datasets.imported_log import Imported, of_file
 from slamgauge.compare.storage.path_doubts import path_doubts
 from slamgauge.ekf import riekf
@@ -39,6 +40,11 @@ FASTEST, QUICKEST, LONGEST = 50.0, 2.0 * np.pi, 10.0  # m/s, rad/s, s: typical s
 SMALL = 0.4  # median of NIS / dof, about 0.8 if the noise is right; lower if lengths are so small that anything agrees
 RESOLVED = 3.0  # smallest ratio of typical lengths and their standard deviation, below which no mistake is found
 COVERED = 0.5  # share of the steps with a true pose, below which a warning is printed
+DIFFERS, EQUALS = 3.0, 2.5  # deviations of the mean NIS from its expected value: not the stated noise, the right noise
+LEAST = 0.15  # median of NIS / dof, below which the stated noise is doubted
+EXPLAINED = 0.5  # factor of the median NIS, below which a mistake explains deviations
+STATED = "standard deviations"
+LARGEST_LOG = 50.0  # of a range
 MEDIAN = 0.6745  # of the absolute value of a standard normal number
 DEGREE = np.pi / 180
 SIGN = "change the sign of those that are clockwise"
@@ -65,7 +71,9 @@ class Mistake(NamedTuple):
     way: float = 1.0
 
 
+LOGARITHMS = Mistake("ranges are logarithms of ranges", "write ranges in metres")  # no factor
 MISTAKES = (
+    LOGARITHMS,
     Mistake("observations and odometry count angles in opposite directions", SIGN, bearing=-1.0),
     Mistake("bearings are in degrees, read as radians", UNIT, bearing=DEGREE),
     Mistake("turns are in degrees, read as radians", UNIT, turn=DEGREE),
@@ -190,7 +198,8 @@ def _agreement(recording: Recording) -> tuple[float, list[str]]:
     """
     compile_ekf()  # its messages are shown, those of the passes are not
     estimate = _pass(recording)
-    share = _fit(recording, estimate).share
+    fit = _fit(recording, estimate)
+    share = fit.share
     if len(recording.observation) < FEW:
         return share, []
     if estimate is not None and estimate.nis_dof is not None and not estimate.nis_dof.any():
@@ -200,11 +209,17 @@ def _agreement(recording: Recording) -> tuple[float, list[str]]:
         fits = {each: _fit(other, _pass(other)) for each, other in undone.items() if not _lengths_are_noise(other)}
         enough = max(CONVINCING, 0.5 + 0.5 * share)
         found = {each: fit for each, fit in fits.items() if fit.share > enough and fit.nis > SMALL}
-        if found:
-            best = min(found, key=lambda each: abs(np.log(found[each].nis)))  # with tiny lengths anything agrees
+        best = min(found, key=lambda each: abs(np.log(found[each].nis)), default=None)  # with tiny lengths all agrees
+        if best and (abs(found[best].deviation) < EQUALS or not _explained(recording, fit)):
             what = f"{share:.1%} of the observations agree with one place per landmark, but {found[best].share:.1%} if"
             raise UserError(f"{what} {best.what}; {best.remedy}")
     doubts = [] if estimate is None else [*_doubts_of_noise(recording, estimate)]
+    explained = _explained(recording, fit)
+    if explained:
+        doubts.append(explained)
+    elif 0.0 < fit.nis < LEAST:
+        what = f"the median NIS / dof is {fit.nis:.2g}, about 0.8 with the right noise"
+        doubts.append(f"{what}; correct the stated noise, which is too large (variance, standard deviation?)")
     if share < POOR:
         what = f"only {share:.1%} of the observations agree with one place per landmark"
         doubts.append(f"{what}; check units, signs, stamps and ids, and the stated noise")
@@ -228,22 +243,30 @@ def _pass(recording: Recording) -> Estimate | None:
 
 
 class Fit(NamedTuple):
-    """Share of the observations that agree, and median of NIS / dof of the steps; 0 without an estimate."""
+    """How well an estimate fits the observations; 0 without an estimate.
+
+    Attributes:
+        share: share of the observations that agree.
+        nis: median of NIS / dof of the steps.
+        deviation: mean of NIS / dof less 1, in standard deviations of the mean.
+    """
 
     share: float
     nis: float
+    deviation: float
 
 
 def _fit(recording: Recording, estimate: Estimate | None) -> Fit:
     """Return how well an estimate fits the observations; those that add landmarks do not count."""
     if estimate is None or estimate.nis is None or estimate.nis_dof is None:
-        return Fit(0.0, 0.0)
+        return Fit(0.0, 0.0, 0.0)
     updated = estimate.nis_dof > 0
     if not updated.any():
-        return Fit(1.0, 0.0)
+        return Fit(1.0, 0.0, 0.0)
     nis, dof = estimate.nis[updated], estimate.nis_dof[updated]
     counts = np.bincount(recording.observation_step, minlength=recording.steps + 1)[updated]
-    return Fit(float(np.average(nis < chi2.ppf(BOUND, dof), weights=counts)), float(np.median(nis / dof)))
+    share = float(np.average(nis < chi2.ppf(BOUND, dof), weights=counts))
+    return Fit(share, float(np.median(nis / dof)), float((nis.sum() / dof.sum() - 1.0) * np.sqrt(dof.sum() / 2.0)))
 
 
 def _without(recording: Recording, mistake: Mistake) -> Recording:
@@ -252,11 +275,59 @@ def _without(recording: Recording, mistake: Mistake) -> Recording:
     factors = dict.fromkeys(("range", "x", "y"), mistake.length) | {"bearing": mistake.bearing}
     if mistake.bearing < 0.0:
         factors["y"] *= mistake.bearing
-    return replace(
-        recording,
-        odometry=recording.odometry * np.array([mistake.way, mistake.way, mistake.turn]),
-        observation=recording.observation * np.array([factors[name] for name in columns]),
-    )
+    observation = recording.observation * np.array([factors[name] for name in columns])
+    if mistake == LOGARITHMS and SENSORS[recording.sensor].has_range:
+        observation[:, 0] = np.exp(np.minimum(observation[:, 0], LARGEST_LOG))
+    odometry = recording.odometry * np.array([mistake.way, mistake.way, mistake.turn])
+    return replace(recording, odometry=odometry, observation=observation)
+
+
+def _explained(recording: Recording, stated: Fit) -> str:
+    """Return which mistake explains a mean NIS that is not that of the stated noise; "" if none does."""
+    if abs(stated.deviation) < DIFFERS:
+        return ""
+    if SENSORS[recording.sensor].has_range and stated.deviation > 0.0:
+        undone = _without(recording, LOGARITHMS)
+        if 0.0 < _fit(undone, _pass(undone)).nis < EXPLAINED * stated.nis:
+            return f"the observations fit better if {LOGARITHMS.what}; {LOGARITHMS.remedy}"
+    columns = SENSORS[recording.sensor].columns
+    every, none = np.ones(len(columns), dtype=bool), np.zeros(len(columns), dtype=bool)
+    seconds = np.diff(recording.stamps)
+    growths = [np.ones_like(seconds), np.sqrt(seconds), seconds]  # of odometry's noise: per step, second or speed
+    parts: list[tuple[str, Marks, Float | None]] = [("observations", every, None)]
+    if recording.sensor == "range-bearing":
+        parts += [(name, each, None) for name, each in zip(columns, np.eye(len(columns), dtype=bool), strict=True)]
+    parts += [("odometry", none, each) for each in growths] + [("all measurements", every, each) for each in growths]
+    found: dict[str, float] = {}
+    for what, of_sensor, growth in parts:
+        for power, stated_as, meant in ((0.5, STATED, "variances"), (2.0, "variances", STATED)):
+            other = replace(
+                recording,
+                observation_cov=_with_power(recording.observation_cov, np.where(of_sensor, power, 1.0), 1.0),
+                odometry_cov=recording.odometry_cov
+                if growth is None
+                else _with_power(recording.odometry_cov, np.full(3, power), growth[:, None]),
+            )
+            fit = _fit(other, _pass(other))
+            if fit.share > DOUBTED:
+                text = f"the stated {stated_as} of {what} are {meant}"
+                found[text] = min(found.get(text, np.inf), abs(fit.deviation))
+    best = min(found, key=lambda each: found[each], default="")
+    does_fit = bool(best) and found[best] < EQUALS
+    return f"the measurements do not fit their stated noise, but do if {best}; correct the noise" if does_fit else ""
+
+
+def _with_power(covs: Float, powers: Float, unit: Float | float) -> Float:
+    """Return covariances (n, d, d) with powers (d,) of their standard deviations, and the same correlations.
+
+    Args:
+        covs: (n, d, d).
+        powers: (d,).
+        unit: standard deviation, which the power does not change; (n, 1) or a number.
+    """
+    sigmas = np.sqrt(np.diagonal(covs, axis1=1, axis2=2)) / unit
+    factors = np.where(sigmas > 0.0, sigmas, 1.0) ** (powers - 1.0)
+    return covs * factors[:, :, None] * factors[:, None, :]
 
 
 def _doubts_of_noise(recording: Recording, estimate: Estimate) -> Iterator[str]:

@@ -17,7 +17,7 @@ import numpy as np
 from tqdm import tqdm
 
 from slamgauge.arrays import Float
-from slamgauge.compare.storage.files import read_text
+from slamgauge.compare.storage.files import read_text, tell_if_cut
 from slamgauge.errors import UserError
 from slamgauge.suggestions import did_you_mean
 from slamgauge.validation import LARGEST
@@ -85,16 +85,18 @@ def read_lines(path: Path, *, comment: str = "#", separators: str = "") -> Itera
     Raises:
         UserError: the file cannot be read, or is not a text.
     """
-    text = io.StringIO(read_text(path), newline=None)
+    content = read_text(path)
+    tell_if_cut(path, content)
+    text = io.StringIO(content, newline=None)
     first = next((line for line in text if line.strip() and line.lstrip()[0] not in REMARKS), "")
     named = EXCEL.fullmatch(first.strip()) if separators else None
     separator = named[1] if named else next((each for each in separators if each in first), None)
     text.seek(0)
     shown = tqdm(text, desc=path.name, delay=PATIENCE, disable=None, leave=False, unit="line")
     for number, line in enumerate(shown, start=1):
-        content = line.partition(comment)[0] if comment else line
-        if content.strip() and not (named and line == first):
-            yield Line(path, number, [word.strip() for word in _split(content, separator)])
+        words = line.partition(comment)[0] if comment else line
+        if words.strip() and not (named and line == first):
+            yield Line(path, number, [word.strip() for word in _split(words, separator)])
 
 
 def _split(content: str, separator: str | None) -> list[str]:

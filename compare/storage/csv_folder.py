@@ -26,7 +26,7 @@ import numpy as np
 from slamgauge.arrays import Float, Int
 from slamgauge.compare.storage.covariance_columns import from_triangles, upper_triangles
 from slamgauge.compare.storage.csv_cells import write_csv
-from slamgauge.compare.storage.files import explained, read_text
+from slamgauge.compare.storage.files import explained, read_text, tell_if_cut
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, Kind
 from slamgauge.notices import tell_once
@@ -208,7 +208,9 @@ def _read(path: Path, needed: tuple[str, ...], optional: tuple[str, ...] = ()) -
 
 def read_lines(path: Path) -> list[str]:
     """Return the lines of a text file without blank lines at its end; raise `UserError` if it cannot be read."""
-    return read_text(path).rstrip().splitlines()
+    text = read_text(path)
+    tell_if_cut(path, text)
+    return text.rstrip().splitlines()
 
 
 def parse_rows(name: str, lines: Sequence[str], *headers: tuple[str, ...]) -> Float:

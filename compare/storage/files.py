@@ -21,6 +21,7 @@ from slamgauge.compare.storage.npz_file import NONE_KNOWN, read_npz
 from slamgauge.compare.storage.regular_files import read_bytes
 from slamgauge.errors import UserError
 from slamgauge.estimate import Certificate, Estimate, MapHistory, RayLog
+from slamgauge.notices import tell_once
 from slamgauge.recording import Recording
 from slamgauge.truth import Truth
 
@@ -60,6 +61,13 @@ def read_text(path: Path) -> str:
     if broken >= 0:
         raise UserError(f"{path}, line {above + 1}: not a text in UTF-8; give another file, or save it as such")
     return text
+
+
+def tell_if_cut(path: Path, text: str) -> None:
+    """Print a notice if the last line of a text has no line end: a number that is cut short is still a number."""
+    if text.strip() and not text.endswith(("\n", "\r")):
+        last = text.splitlines()[-1][-LONGEST_WORD:]
+        tell_once(f"{path}: no line end after {last!r}: the file may be cut; check this number and add a line end")
 
 
 @contextmanager

@@ -16,7 +16,14 @@ import numpy as np
 from slamgauge.arrays import Float
 from slamgauge.compare.storage.covariance_columns import from_triangles
 from slamgauge.compare.storage.csv_folder import POSE, POSE_COV, parse_rows, read_estimate_csv, read_lines
-from slamgauge.compare.storage.files import load_estimate, load_recording, load_truth, read_json, read_text
+from slamgauge.compare.storage.files import (
+    load_estimate,
+    load_recording,
+    load_truth,
+    read_json,
+    read_text,
+    tell_if_cut,
+)
 from slamgauge.compare.storage.interpolation import interpolated, interpolated_covs
 from slamgauge.compare.storage.path_doubts import path_doubts
 from slamgauge.compare.storage.safe_names import shown
@@ -106,7 +113,9 @@ def tell_doubts(where: str, estimate: Estimate, recording: Recording) -> None:
 
 
 def _read_tum(path: Path, stamps: Float) -> Estimate:
-    lines = read_text(path).splitlines()
+    text = read_text(path)
+    tell_if_cut(path, text)
+    lines = text.splitlines()
     rows = [_numbers(path, n, line) for n, line in enumerate(lines, 1) if line.strip() and not line.startswith("#")]
     if len({len(row) for row in rows}) > 1:
         raise UserError(f"{path}: lines have different numbers of columns; write all with, or all without covariances")

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Callable
+from contextlib import redirect_stderr
 from pathlib import Path
 
 import numpy as np
@@ -68,7 +70,7 @@ VARIANTS: dict[str, tuple[Change, str]] = {
     "byte order mark": (lambda graph: "\ufeff" + graph, READ),
     "remarks and blank lines": (lambda graph: "# a graph\n\n" + graph.replace("FIX", "\nFIX") + "\n\n", READ),
     "tabs": (lambda graph: graph.replace(" ", "\t"), READ),
-    "lines from the last to the first": (lambda graph: "\n".join(graph.splitlines()[::-1]), READ),
+    "lines from the last to the first": (lambda graph: "\n".join([*graph.splitlines()[::-1], ""]), READ),
     "landmarks without vertices": (each("VERTEX_XY", lambda _: []), READ),
     "keys of GTSAM": (with_keys("xl"), "l1 has the id 1001"),
     "keys of GTSAM for landmarks only": (with_keys("\0l"), "l1 has the id 1001"),
@@ -89,6 +91,7 @@ VARIANTS: dict[str, tuple[Change, str]] = {
     "doubled edges": (each("EDGE_SE2", lambda words: [*words, "\n", *words]), "is not on the path"),
     "an edge missing": (lambda graph: graph.replace("EDGE_SE2 7 8 ", "# "), "no edge joins the poses"),
     "nan": (each("FIX", lambda words: [*words, "\nBR 3 4 nan 1 1 1"]), "is not a finite number"),
+    "no line end at the end": (str.rstrip, "no line end after"),
     "in space": (lambda graph: graph + "VERTEX_SE3:QUAT 0 0 0 0 0 0 0 1\n", "is an unknown tag"),
     "decimal commas": (lambda graph: graph.replace(".", ","), "is not a finite number"),
 }
@@ -107,8 +110,9 @@ def test_a_variant_is_read_or_refused_or_warned_of(name: str, good: tuple[str, I
     path = tmp_path / "graph.g2o"
     path.write_bytes(change(graph).encode())
     try:
-        log = read_g2o(path)
-        said = "\n".join([*log.notes, *examine(log, path).warnings])
+        with redirect_stderr(io.StringIO()) as printed:
+            log = read_g2o(path)
+        said = "\n".join([*printed.getvalue().splitlines(), *log.notes, *examine(log, path).warnings])
     except UserError as error:
         log, said = None, str(error)
         assert len(said.splitlines()) == 1

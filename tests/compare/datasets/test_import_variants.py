@@ -6,7 +6,9 @@ warning) or words of the refusal or warning.
 
 from __future__ import annotations
 
+import io
 from collections.abc import Callable, Mapping
+from contextlib import redirect_stderr
 from dataclasses import replace
 from pathlib import Path
 
@@ -121,19 +123,29 @@ def sep(separator: str, decimal: str = ".") -> Callable[[str], str]:
 def quoted(content: str) -> str:
     """Write decimal commas, each number in quotes."""
     head, *lines = content.splitlines()
-    return "\n".join([head, *(",".join(f'"{word.replace(".", ",")}"' for word in row.split(",")) for row in lines)])
+    return "\n".join([head, *(",".join(f'"{word.replace(".", ",")}"' for word in row.split(",")) for row in lines), ""])
 
 
 def cells(file: str, change: Callable[[list[str]], list[str]]) -> Change:
     """Change the cells of each line."""
-    return text(file, lambda content: "\n".join(",".join(change(line.split(","))) for line in content.splitlines()))
+    return text(
+        file, lambda content: "".join(f"{','.join(change(line.split(',')))}\n" for line in content.splitlines())
+    )
 
 
 KIND = settings("[observations]\nkind = 'range-bearing'\n")
 DEG, MM = (settings(f"[observations]\n{unit}\n") for unit in ("angle = 'deg'", "length = 'mm'"))
 ODOMETRY_DEG, ODOMETRY_MM = (settings(f"[odometry]\n{unit}\n") for unit in ("angle = 'deg'", "length = 'mm'"))
 ALL = (ODOMETRY, SEEN, TRUTH)
+ODOMETRY_NOISE = "forward = 0.05\nlateral = 0.01\nturn = 0.02"
 SENSOR_NOISE = "range = 0.05\nbearing = 0.02"
+
+
+def column_of_logarithms(files: Files) -> Files:
+    """Write logarithms of the ranges, all of which are above 1 m."""
+    words = [line.split(",") for line in files[SEEN].splitlines()]
+    rows = [[*row[:2], repr(float(np.log(max(float(row[2]), 1.01)))), row[3]] for row in words[1:]]
+    return files | {SEEN: "".join(",".join(row) + "\n" for row in [words[0], *rows])}
 
 
 def headless(content: str) -> str:
@@ -175,7 +187,8 @@ VARIANTS: dict[str, tuple[Change, str]] = {
     "byte order mark": (every(*ALL, "recording.toml", change=lambda t: "\ufeff" + t), READ),
     "line ends of Windows": (every(*ALL, change=lambda t: t.replace("\n", "\r\n")), READ),
     "blank lines at the end": (every(*ALL, change=lambda t: t + "\n \n\n"), READ),
-    "no line end at the end": (every(*ALL, change=str.rstrip), READ),
+    "no line end at the end": (text(TRUTH, str.rstrip), "no line end after"),
+    "the last number cut short": (text(SEEN, lambda t: t[:-4]), "no line end after"),
     "a remark": (text(SEEN, lambda t: "# laser\n" + t), READ),
     "header behind #": (text(ODOMETRY, lambda t: "# " + t), READ),
     "header behind %": (text(ODOMETRY, lambda t: "%" + t), READ),
@@ -266,6 +279,27 @@ VARIANTS: dict[str, tuple[Change, str]] = {
         header("recording.toml", SENSOR_NOISE, "range = 5\nbearing = 2"),
         "times its stated noise",
     ),
+    "variances as standard deviations": (
+        header("recording.toml", SENSOR_NOISE, "range = 0.0025\nbearing = 0.0004"),
+        "the stated standard deviations of observations are variances",
+    ),
+    "standard deviations as variances": (
+        header("recording.toml", SENSOR_NOISE, "range = 0.2236\nbearing = 0.1414"),
+        "the stated variances of observations are standard deviations",
+    ),
+    "the variance of one column": (
+        header("recording.toml", "range = 0.05", "range = 0.0025"),
+        "the stated standard deviations of range are variances",
+    ),
+    "variances of the odometry": (
+        header("recording.toml", ODOMETRY_NOISE, "forward = 0.0025\nlateral = 0.0001\nturn = 0.0004"),
+        "the stated standard deviations of odometry are variances",
+    ),
+    "standard deviations of the odometry as variances": (
+        header("recording.toml", ODOMETRY_NOISE, "forward = 0.2236\nlateral = 0.1\nturn = 0.1414"),
+        "the stated variances of odometry are standard deviations",
+    ),
+    "logarithms of ranges": (column_of_logarithms, "ranges are logarithms of ranges"),
     "ids at random": (
         rows(
             SEEN,
@@ -293,8 +327,9 @@ def written(folder: Path, files: Mapping[str, str | bytes]) -> Path:
 def read_if(outcome: str, folder: Path) -> Imported | None:
     """Read a log whose `outcome` is to be read without a line; otherwise it has a line with this text, and is None."""
     try:
-        log = read_csv_log(folder)
-        said = "\n".join([*log.notes, *examine(log, folder).warnings])
+        with redirect_stderr(io.StringIO()) as printed:
+            log = read_csv_log(folder)
+        said = "\n".join([*printed.getvalue().splitlines(), *log.notes, *examine(log, folder).warnings])
     except UserError as error:
         log, said = None, str(error)
         assert len(said.splitlines()) == 1

@@ -127,6 +127,8 @@ VARIANTS: dict[str, tuple[str, Table, Text, str]] = {
         READ,
     ),
     "csv, blank lines at the end": ("csv", numbered, lambda text: text + "\n\n", READ),
+    "csv, the last number cut short": ("csv", numbered, lambda text: text[:-5], "no line end after"),
+    "tum, the last number cut short": ("tum", tum, lambda text: text[:-5], "no line end after"),
     "csv, byte order mark": ("csv", numbered, lambda text: "\ufeff" + text, READ),
     "csv, degrees": ("csv", scaled(numbered, 1, 1, 180 / np.pi), same, "times the turns of the odometry"),
     "csv, millimetres": ("csv", scaled(numbered, 1e3, 1e3, 1), same, "times the distances of the odometry"),
@@ -146,7 +148,7 @@ def test_a_variant_is_read_or_refused_or_doubted(name: str, tmp_path: Path, caps
     separator = "," if ending == "csv" else " "
     rows = [separator.join(map(repr, row)) for row in table(RECORDING.stamps, POSES).tolist()]
     path = tmp_path / f"trajectory.{ending}"
-    path.write_bytes(change("\n".join([*(["step,x,y,theta"] if ending == "csv" else []), *rows])).encode())
+    path.write_bytes(change("\n".join([*(["step,x,y,theta"] if ending == "csv" else []), *rows, ""])).encode())
     try:
         estimate = load_stored(path, RECORDING)
         said = capsys.readouterr().err
