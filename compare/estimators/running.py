@@ -141,7 +141,8 @@ def run_side_by_side(
     optima = {name: entry for name, entry in entries.items() if entry is not None and entry.role == "optimum"}
     waiting = optima if informed.landmark is None else {}
     ran = SideBySide()
-    with counted(len(estimators), "estimator", alike=False) as progress, refreshed(progress):
+    name = ""
+    with counted(len(estimators), "estimator", alike=False) as progress, refreshed(progress, lambda: name):
         for name, estimator in estimators.items():
             progress.set_description(name)
             if name in optima and name not in waiting:

@@ -11,10 +11,13 @@ from typing import Any, Self, TypeVar
 
 from tqdm import tqdm
 
+from slamgauge.steps_done import step_text
+
 T = TypeVar("T")
 
 REFRESH = 2.0  # s
 FIRST, FACTOR = 30.0, 1.5  # time [s] of the first line in a log file, and factor between the times of lines
+FIRST_IN_ITEM = 10.0  # s; the first line while an item runs
 
 
 def counted(
@@ -41,12 +44,13 @@ def tracked(items: Iterable[T], total: int, unit: str, text: str = "", *, leave:
 
 
 @contextmanager
-def refreshed(progress: tqdm[Any] | LogLines, every: float = REFRESH) -> Generator[None]:
-    """Refresh a progress display during an item, so that its elapsed time is not that of the last item."""
+def refreshed(progress: tqdm[Any] | LogLines, item: Callable[[], str], every: float = REFRESH) -> Generator[None]:
+    """Refresh a progress display during an item: its name, its steps if it counts them, and the elapsed time."""
     done = threading.Event()
 
     def refresh() -> None:
         while not done.wait(every):
+            progress.set_description(item() + step_text())
             progress.refresh()
 
     thread = threading.Thread(target=refresh, daemon=True)
@@ -79,6 +83,7 @@ class LogLines:
         self._total, self._unit, self._text, self._alike = total, unit, text, alike
         self._done = done
         self._clock, self._start, self._wait = clock, clock(), FIRST
+        self._wait_in_item = FIRST_IN_ITEM
         self._first: tuple[int, float] | None = None  # items and time [s] at the first of them, which may compile
 
     def update(self) -> None:
@@ -99,8 +104,8 @@ class LogLines:
     def refresh(self) -> None:
         """Print a line if it is time, while an item runs."""
         gone = self._clock() - self._start
-        if gone >= self._wait:
-            self._wait = gone * FACTOR
+        if gone >= self._wait_in_item:
+            self._wait_in_item = gone * FACTOR
             what = f"{self._text}: " if self._text else ""
             print(f"{what}{self._done} of {self._total} {self._unit}s, {duration(gone)}", file=sys.stderr)
 

@@ -10,6 +10,7 @@ import pytest
 from tqdm import tqdm
 
 from slamgauge.compare.storage.progress import LogLines, counted, duration, refreshed, tracked
+from slamgauge.steps_done import counted_steps, step_text
 
 
 def test_log_files_get_lines_at_growing_intervals(capsys: pytest.CaptureFixture[str]):
@@ -34,21 +35,25 @@ def test_log_files_get_lines_at_growing_intervals(capsys: pytest.CaptureFixture[
 def test_a_long_item_gets_lines_at_growing_intervals(capsys: pytest.CaptureFixture[str]):
     now = 0.0
     lines = LogLines(2, "estimator", "batch", clock=lambda: now)
-    for _ in range(80):
+    for _ in range(40):
         now += 1.0
         lines.refresh()
     assert capsys.readouterr().err.splitlines() == [
-        "batch: 0 of 2 estimators, 30 s",
-        "batch: 0 of 2 estimators, 45 s",
-        "batch: 0 of 2 estimators, 68 s",
+        "batch: 0 of 2 estimators, 10 s",
+        "batch: 0 of 2 estimators, 15 s",
+        "batch: 0 of 2 estimators, 23 s",
+        "batch: 0 of 2 estimators, 35 s",
     ]
 
 
 def test_a_display_is_refreshed_while_an_item_runs():
-    lines, called = LogLines(1, "estimator"), threading.Event()
-    lines.refresh = called.set
-    with refreshed(lines, every=0.01):
-        assert called.wait(60.0)
+    lines, called, shown = LogLines(1, "estimator"), threading.Event(), list[str]()
+    lines.set_description, lines.refresh = shown.append, called.set
+    for _ in (step for step in counted_steps(9) if step == 4):
+        with refreshed(lines, lambda: "causal", every=0.01):
+            assert called.wait(60.0)
+    assert shown[0] == "causal, step 4 of 9"
+    assert step_text() == ""
 
 
 def test_short_work_prints_nothing(capsys: pytest.CaptureFixture[str]):
