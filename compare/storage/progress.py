@@ -28,7 +28,7 @@ def counted(
     The remaining time is shown if the items take about the same time (`alike`).
     """
     if sys.stderr.isatty() or is_notebook():
-        form = None if alike else "{desc} {n_fmt}/{total_fmt} |{bar}| {elapsed}"
+        form = None if alike else "{desc}{n_fmt}/{total_fmt} |{bar}| {elapsed}"
         return tqdm(
             total=total, initial=done, unit=unit, desc=text or None, leave=leave, file=sys.stderr, bar_format=form
         )
