@@ -41,7 +41,7 @@ class Column(np.ndarray):
 
     def __sub__(self, other: Any) -> Any:
         """Subtract an array, or a list that may contain arrays of one element."""
-        return super().__sub__(_numbers(other))
+        return super().__sub__(_numbers(other) if isinstance(other, list | tuple) else other)
 
 
 class ColumnMatrix(Column, np.matrix):  # pyrefly: ignore[invalid-inheritance]
