@@ -95,7 +95,7 @@ def test_own_estimator_refuses_other_sensors(
 def compared(folder: Path, question: int, shape: tuple[int, int, int]) -> dict[str, str]:
     """Run the example for a question, check the size of its figure, and return the printed table per scenario."""
     printed, errors = run(folder, "compare_questions.py", str(question), "--out", "my results")
-    assert errors == ""
+    assert all(" estimators, " in line for line in errors.splitlines())  # progress of an estimator that takes long
     *texts, last = printed.split("\n\n")
     assert last == "figure: my results/figure.png\n"
     assert imread(folder / "my results/figure.png").shape == shape
