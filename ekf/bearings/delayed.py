@@ -3,10 +3,11 @@
 While landmarks wait, the filter clones poses into the state, every `spacing` metres and at most `poses` of them. From
 one clone to the next at most SCANS scans are used: each stores the increment from the last clone to the robot and its
 covariance, which is added to the noise of the bearings. At each new clone a landmark is placed if its bearings
-triangulate it (`slamgauge.triangulate`). Then all its bearings are linearised at the
-triangulated point: r = H_x dx + H_f df + noise. With Q'H_f = [T; 0], the upper two rows give the landmark as a function
-of the poses, and the other rows, which do not contain it, correct the poses. This is exact apart from the
-linearisation. If the innovation of the bearings is improbable, the landmark continues to wait.
+triangulate it (`slamgauge.triangulate`). Then all its bearings are linearised at the triangulated point:
+r = H_x dx + H_f df + noise. With Q'H_f = [T; 0], the upper two rows give the landmark as a function of the poses, and
+the other rows, which do not contain it, correct the poses. If every scan has a clone (`spacing` 0), this is exact apart
+from the linearisation. Otherwise the increments count as independent of each other and of the state, which is an
+approximation. If the innovation of the bearings is improbable, the landmark continues to wait.
 
 A full window removes the clone whose neighbours are nearest to each other, which keeps a long baseline and bearings of
 landmarks that left the view before they were placed: if re-observed, they close a loop. Clones with such bearings only
