@@ -2,9 +2,10 @@
 
 1. GTSAM's Levenberg-Marquardt starts from a path, by default dead reckoning, with regularising noise on zero variances.
 2. Damped steps (`levenberg_marquardt`) approach a minimum of the exact cost, in which zero variances are constraints.
-3. If the stated noise explains the cost (chi-square test), the search ends. Otherwise other starts are tried: the
-   minimum of a surrogate that needs no start (`isotropic_surrogate`), inflated observation noise, the path of the
-   causal optimum, a start that adds the recording in portions, and dead reckoning.
+3. If the stated noise explains the cost (chi-square test), the search ends, but with bearings of a short
+   recording only after two starts have led to the lowest minimum. Otherwise other starts are tried: the minimum of a
+   surrogate that needs no start (`isotropic_surrogate`), inflated observation noise, the path of the causal optimum, a
+   start that adds the recording in portions, and dead reckoning.
 4. Gauss-Newton steps converge to the lowest minimum.
 
 A bearing-only landmark is added if its bearings place it from the optimum without it, and removed if the optimum with

@@ -122,9 +122,12 @@ def of_most_observed(landmark: Int, among: Marks) -> Marks:
 def lowest_minimum(recording: Problem, starts: Iterable[Start]) -> Minimum:
     """Return the lowest minimum of several starts, or the first minimum whose cost noise explains.
 
-    If the first two starts lead to the same cost, a lower minimum is not expected. The third and last start in a long
-    recording is its robust fit: more starts cannot fit data that contradict the model. Both rules need a sensor that
-    places landmarks, for which the second start is independent of the first.
+    Bearings of a short recording may have several minima that noise explains. There the search ends when two starts
+    lead to the lowest minimum so far.
+
+    With a sensor that places landmarks the second start is independent of the first. If both lead to the same cost, a
+    lower minimum is not expected. The third and last start in a long recording is its robust fit: more starts cannot
+    fit data that contradict the model.
 
     In a long recording a misread id may move a landmark to a pose that observes it, where the cost is not smooth. If no
     start finds a minimum there, the result is the lowest point found.
@@ -132,23 +135,31 @@ def lowest_minimum(recording: Problem, starts: Iterable[Start]) -> Minimum:
     Raises:
         UndeterminedError: no start leads to a minimum; the message is that of the start with the lowest cost.
     """
-    may_contradict = recording.steps >= LONG and SENSORS[recording.sensor].places_landmarks
+    places_landmarks = SENSORS[recording.sensor].places_landmarks
+    may_contradict = recording.steps >= LONG and places_landmarks
+    one_suffices = recording.steps >= LONG or places_landmarks
+    explained: list[Minimum] = []
     near: list[NearMinimum] = []
     mistakes: list[UndeterminedError] = []
     for start in starts:
         try:
             approached = damped_descent(recording, *start())
             if is_low(recording, approached.cost):
-                return _gauss_newton_minimum(recording, approached)
-            near.append(approached)
+                explained.append(_gauss_newton_minimum(recording, approached))
+                if one_suffices or _is_lowest(explained):
+                    break
+            else:
+                near.append(approached)
         except UndeterminedError as error:
             mistakes.append(error)
-        if len(near) == 2 and SENSORS[recording.sensor].places_landmarks:
+        if len(near) == 2 and places_landmarks:
             if abs(near[0].cost - near[1].cost) <= SAME * near[0].cost:
                 break
             if may_contradict:
                 near.append(damped_descent(recording, *robust_fit(recording)[:2], ROBUST_STEPS))
                 break
+    if explained:
+        return min(explained, key=lambda minimum: minimum.cost)
     near.sort(key=lambda approached: approached.cost)
     unsettled: list[UndeterminedError] = []
     for each in near:
@@ -160,6 +171,12 @@ def lowest_minimum(recording: Problem, starts: Iterable[Start]) -> Minimum:
         poses, landmarks, cost, _ = near[0]
         return Minimum(poses, landmarks, solve_at(recording, poses, landmarks), cost)
     raise [*unsettled, *mistakes][0]
+
+
+def _is_lowest(minima: list[Minimum]) -> bool:
+    """Return whether the lowest of the minima is zero or was found twice."""
+    first, second = sorted([*(minimum.cost for minimum in minima), np.inf])[:2]
+    return first <= SAME or second - first <= SAME * max(first, 1.0)
 
 
 def _gauss_newton_minimum(recording: Problem, near: NearMinimum) -> Minimum:

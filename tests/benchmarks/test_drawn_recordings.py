@@ -56,6 +56,13 @@ def test_batch_finds_the_minimum_of_bearings_that_a_single_descent_misses(number
     assert estimate.chi_square / 2 <= minimum.cost * (1 + COST_BAR)
 
 
+@pytest.mark.parametrize(("number", "chi_square"), [((61126, 12), 6.0218), ((7303, 116), 21.3506)])
+def test_noise_may_explain_a_minimum_of_bearings_that_is_not_the_lowest(number: tuple[int, int], chi_square: float):
+    """The chi-square of the first minimum is 6.40 and 23.06."""
+    for estimator in (batch, causal):
+        assert estimator(draw(*number).recording).chi_square == pytest.approx(chi_square, rel=1e-4)
+
+
 def test_descent_follows_a_bent_valley_by_rotations_of_the_motions():
     """Steps with independent displacements of the poses advance by less than a tenth of a sigma each here."""
     recording = prepare(draw(2028, 1263).recording)
