@@ -27,6 +27,7 @@ factorise, solved = get_lapack_funcs(("potrf", "potrs"), dtype=np.float64)
 
 CONVERGED = 0.003  # largest remaining step, in sigmas of the newest pose and of the predicted observations
 RATE = 0.2  # smallest assumed ratio of consecutive chord steps
+MISFIT = 4.0  # mean squared residual above which the ratio of consecutive chord steps varies
 SLOW = 0.6  # relinearise if a step exceeds this share of the previous one (accelerated steps: the one before that)
 STALE = 0.1  # relinearise if the relative change of Jacobians times `_reach` exceeds this
 LARGE = 100  # landmarks; in larger maps a few accelerated steps cost less than a relinearisation
@@ -113,8 +114,7 @@ class ChordDescent:
             size = self._chord_step()
             if not size < GROWN * smallest:
                 return False
-            # The ratio of accelerated steps varies, so a large one is assumed.
-            rate = max(size / before, RATE if self._acceleration is None else SLOW)
+            rate = max(size / before, SLOW if self._is_ratio_uncertain() else RATE)
             if (size * rate / (1.0 - rate) if before < np.inf and rate < 1.0 else size) < CONVERGED:
                 return True
             self._sizes.append(size)
@@ -125,6 +125,11 @@ class ChordDescent:
                     return False
             before, smallest = size, min(size, smallest)
         return False
+
+    def _is_ratio_uncertain(self) -> bool:
+        """Return whether the ratio of consecutive steps varies: steps are accelerated, or residuals above the noise."""
+        measured = self._measured.first[self.newest + 1] * self._measured.value.shape[1]
+        return self._acceleration is not None or self.chi_square > MISFIT * measured
 
     def _chord_step(self) -> float:
         """Take one chord step, accelerated if acceleration is in use.

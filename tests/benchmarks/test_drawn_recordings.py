@@ -115,6 +115,15 @@ def test_a_scan_that_rotates_a_long_path_without_observations_is_relinearised():
     np.testing.assert_allclose(own, sigma, rtol=0.02)
 
 
+def test_chord_steps_with_residuals_far_above_the_noise_end_at_the_optimum():
+    """The ratio of consecutive steps was 0.006 once, and the next step was not smaller."""
+    recording = draw(72611, 175).recording.first(6)
+    optimum, estimate = batch(recording), causal(recording)
+    assert optimum.pose_covs is not None
+    sigma = np.sqrt(np.diag(optimum.pose_covs[6]))
+    np.testing.assert_allclose(estimate.poses[6] / sigma, optimum.poses[6] / sigma, rtol=0, atol=5e-3)
+
+
 def test_both_optima_remove_a_landmark_that_new_bearings_no_longer_place():
     """It was placed well before, and the causal optimum did not test it again."""
     recording = draw(2036, 303).recording.first(61)
