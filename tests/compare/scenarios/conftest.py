@@ -1,4 +1,4 @@
-"""A scenario file, and the lines of its mistakes."""
+"""A scenario file, the lines of its mistakes, and short simulations."""
 
 from __future__ import annotations
 
@@ -8,8 +8,12 @@ from pathlib import Path
 import pytest
 
 from slamgauge.compare.scenarios.scenario import Scenario, ScenarioError, load_scenario
+from slamgauge.compare.scenarios.simulation import simulate
 from slamgauge.compare.scenarios.trajectory import Segments
+from slamgauge.recording import Recording
+from slamgauge.truth import Truth
 
+FALSE_ALARM_RATE = 1e-4  # of a statistical test
 Write = Callable[[str], str]
 
 GOOD = """
@@ -50,3 +54,7 @@ def mistakes(path: str, *overrides: str) -> list[str]:
     lines = str(caught.value).splitlines()
     assert all(line.startswith(f"{path}: ") for line in lines)
     return [line.removeprefix(f"{path}: ") for line in lines]
+
+
+def run(*overrides: str, seed: int = 3) -> tuple[Truth, Recording]:
+    return simulate(load_scenario("q1-short-dense", overrides), seed)
