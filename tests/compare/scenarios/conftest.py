@@ -13,7 +13,7 @@ from slamgauge.compare.scenarios.trajectory import Segments
 from slamgauge.recording import Recording
 from slamgauge.truth import Truth
 
-FALSE_ALARM_RATE = 1e-4  # of a statistical test
+FALSE_ALARM_RATE = 1e-4  # probability that a right simulator fails a statistical test
 Write = Callable[[str], str]
 
 GOOD = """
