@@ -6,9 +6,9 @@ import gc
 import re
 from collections.abc import Generator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
-from matplotlib.figure import Figure
 
 from slamgauge import compile_progress
 from slamgauge.compare.cli import terminal
@@ -17,6 +17,9 @@ from slamgauge.compare.figures import plot_style
 from slamgauge.notices import tell_once
 from tests.reference import fast_commands
 from tests.sizes import SIZES, size_of
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure  # imports numpy, which must not precede slamgauge: it pins BLAS's threads
 
 HERE = Path(__file__).parent
 

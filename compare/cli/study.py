@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from slamgauge.compare.scoring.runs import Runs
     from slamgauge.compare.studies.summary import Summary
 
-MOST_RUNS = 3000  # of a claim
+MOST_RUNS = 3000  # largest number for a claim, by default
 
 
 @dataclass(frozen=True)

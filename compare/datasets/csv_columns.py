@@ -19,7 +19,7 @@ from slamgauge.compare.datasets.csv_headers import (
 )
 from slamgauge.compare.datasets.csv_mapping import KINDS, FileTable
 from slamgauge.compare.datasets.text_lines import REMARKS, Line, read_lines
-from slamgauge.compare.storage.csv_cells import is_number
+from slamgauge.compare.storage.csv_cells import is_numeric_text
 from slamgauge.errors import UserError
 from slamgauge.sensors import SENSORS
 
@@ -141,4 +141,4 @@ def _write_points(rows: list[Line], places: list[int]) -> None:
 
 def _is_number(word: str) -> bool:
     """Return whether a word is a number, possibly with a decimal comma or the mark of a comment in front."""
-    return is_number(word.lstrip("#%").replace(",", "."))
+    return is_numeric_text(word.lstrip("#%").replace(",", "."))

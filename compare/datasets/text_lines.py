@@ -65,7 +65,7 @@ class Line:
 
 
 def _number(word: str) -> float:
-    """Return a word as a number, NaN if it is none; 1_0 may be a name, and is not 10."""
+    """Return a word as a number, NaN if it is not a number; 1_0 may be a name, and is not 10."""
     try:
         return math.nan if "_" in word else float(word)
     except ValueError:

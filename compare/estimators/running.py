@@ -28,7 +28,7 @@ FARTHEST = 1e12  # m, rad: far outside any map, and squares of errors are still 
 
 @dataclass(frozen=True)
 class StoredEstimate:
-    """A stored estimate in place of an estimator."""
+    """An estimator that returns a stored estimate."""
 
     estimate: Estimate
 

@@ -83,7 +83,9 @@ class _UnknownAssociation(Association):
     method: Method = "nearest-neighbour"
 
 
-class _Stored(Section):
+class _StoredSettings(Section):
+    """Settings of a stored recording, one section: error messages name its keys as `association.gate`."""
+
     association: _UnknownAssociation = _UnknownAssociation()
 
 
@@ -100,7 +102,7 @@ def stored_association(overrides: Sequence[str]) -> Association:
     if others:
         raise ScenarioError(f"set: {others[0]}: not a setting of stored recordings; give association.method=jcbb")
     try:
-        return _Stored.model_validate(table).association
+        return _StoredSettings.model_validate(table).association
     except ValidationError as error:
         raise ScenarioError("\n".join(f"set: {mistake}" for mistake in _mistakes(error, table))) from None
 

@@ -29,7 +29,7 @@ def read_csv(path: Path) -> list[dict[str, str]]:
 
 def _quoted(cell: object) -> object:
     """Put an apostrophe in front of a text that begins like a formula and is not a number."""
-    return f"'{cell}" if isinstance(cell, str) and _is_formula(cell) and not is_number(cell) else cell
+    return f"'{cell}" if isinstance(cell, str) and _is_formula(cell) and not is_numeric_text(cell) else cell
 
 
 def _unquoted(text: str) -> str:
@@ -41,7 +41,7 @@ def _is_formula(text: str) -> bool:
     return text.lstrip("'").startswith(FORMULA)
 
 
-def is_number(text: str) -> bool:
+def is_numeric_text(text: str) -> bool:
     """Return whether Python reads a text as a number."""
     try:
         float(text)

@@ -171,7 +171,7 @@ def at_steps(where: str, stamps: Float, poses: Float, covs: Float | None, steps:
 
 
 def _require_headings(path: Path, quaternions: Float) -> None:
-    """Refuse quaternions (n, 4) in x, y, z, w that are not of unit length, and tell of poses that are tilted."""
+    """Refuse quaternions (n, 4) in x, y, z, w that are not of unit length, and warn of tilted poses."""
     norms = np.linalg.norm(quaternions, axis=1)
     wrong = np.abs(norms - 1.0) > UNIT
     if wrong.any():

@@ -2,7 +2,7 @@
 
 An EKF linearises each scan once, at its least accurate estimate. The error is largest in bearing-only SLAM, where a
 landmark may enter the state with a very uncertain distance. Here the poses of the last steps remain unknowns, like the
-landmarks, and every scan solves the whole window again (`advanced.window.kernels`). A pose that leaves the window is
+landmarks, and every scan solves the whole window again (`advanced.window.passes`). A pose that leaves the window is
 marginalised at its present estimate. If the window contains all steps, the result is the causal optimum; with ranges a
 few steps are enough.
 
@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from slamgauge.arrays import Float, Int
-from slamgauge.ekf.advanced.window import kernels as passes
 from slamgauge.ekf.advanced.window import marginal_prior
+from slamgauge.ekf.advanced.window.cost import Problem, Window
 from slamgauge.ekf.advanced.window.gauss_newton import NoMinimumError, forward_pass, inverse, minimise, symmetric
 from slamgauge.ekf.advanced.window.observations import (
     NOTHING,
@@ -82,7 +82,7 @@ class SlidingWindowFilter(PointFilter):
         compile_window_once()
         self._sensor = sensor
         self._origin, start, self._pose_cov = start_of(prior_mean, prior_cov)
-        self._window = passes.Window(start[None], np.zeros((1, 3)), np.zeros((1, 3)), np.zeros((1, 3, 3)))
+        self._window = Window(start[None], np.zeros((1, 3)), np.zeros((1, 3)), np.zeros((1, 3, 3)))
         self._scans: list[Scan] = [NOTHING]  # scans of the window's poses
         self._kept: list[Scan] = []  # scans of kept poses
         self._rest = np.zeros(0)  # landmarks (L, 2), then poses of `_kept` (K, 3)
@@ -179,7 +179,7 @@ class SlidingWindowFilter(PointFilter):
         squares, directions = np.linalg.eigh(move_cov)
         root = directions * np.sqrt(np.maximum(squares, 0.0))
         parts = zip(self._window, (pose, np.zeros(3), move, root), strict=True)
-        self._window = passes.Window(*(np.concatenate([all_of_it, new[None]]) for all_of_it, new in parts))
+        self._window = Window(*(np.concatenate([all_of_it, new[None]]) for all_of_it, new in parts))
         self._scans.append(NOTHING)
         self._step += 1
         self._associated = np.zeros(0, np.int64)
@@ -284,11 +284,11 @@ class SlidingWindowFilter(PointFilter):
     def _code(self) -> int:
         return SENSORS[self._sensor].code
 
-    def _problem(self, scans: list[Scan] | None = None) -> passes.Problem:
+    def _problem(self, scans: list[Scan] | None = None) -> Problem:
         """Return the present problem, with the given scans or all scans of the window."""
         scans = self._scans if scans is None else scans
         observed, kept = (observed_by_pose(self._code, each, self._slot_of) for each in (scans, self._kept))
-        return passes.Problem(self._prior, self._window, observed, kept, self._rest, len(self._ids))
+        return Problem(self._prior, self._window, observed, kept, self._rest, len(self._ids))
 
     def _solve(self) -> None:
         solved, self._pose_cov = minimise(self._problem())
@@ -311,7 +311,7 @@ class SlidingWindowFilter(PointFilter):
         else:
             self._prior, self._rest = marginal_prior.with_first_kept(self._problem([first]))
             self._kept.append(waiting)
-        self._window = passes.Window(*(each[1:] for each in self._window))
+        self._window = Window(*(each[1:] for each in self._window))
         del self._scans[0]
         if len(self._kept) > KEPT * self._lag:
             self._marginalise_kept(0)

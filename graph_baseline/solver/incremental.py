@@ -16,7 +16,7 @@ they no longer do.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -187,28 +187,35 @@ class IncrementalOptimum:
 
         If all fail, path and map are the ones before the chord steps.
         """
-        k, count, state = self._newest, len(self._mapped), self._state
-        start = state.poses[: k + 1].copy(), state.landmarks[:count].copy()
-        last_chi_square = self._descent.chi_square
-        self.converged = (not relinearise or self._descent.relinearise()) and self._descent.converge()
-        if not self.converged:
-            state.poses[: k + 1], state.landmarks[:count] = start
-            self.converged = k > SHORT and self._converge_damped()
-        if not self.converged:
-            state.poses[: k + 1], state.landmarks[:count] = start
-            if k < self._next_misfit_search:
-                self._next_search = self._next_misfit_search
-            else:
-                self._search()
-        elif self._is_cost_unlikely(last_chi_square):
-            self._search_lower()
+
+        def chord_steps() -> bool:
+            return (not relinearise or self._descent.relinearise()) and self._descent.converge()
+
+        k, last, last_chi_square = self._newest, self.newest_pose(), self._descent.chi_square
+        self.converged = self._descends(chord_steps) or (k > SHORT and self._descends(self._converge_damped))
+        if self.converged:
+            if self._is_cost_unlikely(last_chi_square):
+                self._search_lower()
+        elif k < self._next_misfit_search:
+            self._next_search = self._next_misfit_search
+        else:
+            self._search()
         self._freedom = self._degrees_of_freedom()
-        change = state.poses[k] - start[0][k]
+        change = self.newest_pose() - last
         change[2] = wrap(change[2])
         error = float(np.max(np.abs(change) / self._descent.sigma))
         expected = PATIENCE * self._error_rate if np.isfinite(self._error_rate) else 0.0
         self._error_rate = max(error / max(self._squared_motion, 1e-6), expected)
         self._scans, self._squared_motion = 0, 0.0
+
+    def _descends(self, descent: Callable[[], bool]) -> bool:
+        """Run a descent; return whether it converged. If not, path and map are the ones before it."""
+        k, count, state = self._newest, len(self._mapped), self._state
+        start = state.poses[: k + 1].copy(), state.landmarks[:count].copy()
+        converged = descent()
+        if not converged:
+            state.poses[: k + 1], state.landmarks[:count] = start
+        return converged
 
     def _converge_damped(self) -> bool:
         """Take damped steps, then chord steps; return whether they converged.

@@ -7,7 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.ekf.advanced.window import kernels as passes
+from slamgauge.ekf.advanced.window import passes
+from slamgauge.ekf.advanced.window.cost import Prior, Problem, chain, rebase, twice_cost
 from slamgauge.ekf.kernels.belief import ROBOT
 from slamgauge.se2 import mean_rotation, wrap
 
@@ -23,7 +24,7 @@ class NoMinimumError(Exception):
 
 
 class ForwardPass(NamedTuple):
-    """Quadratic model of a step of the newest pose and the rest (see `advanced.window.kernels.sweep`)."""
+    """Quadratic model of a step of the newest pose and the rest (see `advanced.window.passes.sweep`)."""
 
     A: Float  # (n, n) upper triangle
     b: Float  # (n,)
@@ -31,7 +32,7 @@ class ForwardPass(NamedTuple):
     decrease: float  # decrease of twice the cost by the noise of motions, without such a step
 
 
-def forward_pass(problem: passes.Problem) -> ForwardPass:
+def forward_pass(problem: Problem) -> ForwardPass:
     """Run the forward pass over the window at the present estimate."""
     size = ROBOT + len(problem.rest)
     A, b, work = np.zeros((size, size)), np.zeros(size), passes.allocate_pass(len(problem.window.pose), size)
@@ -51,7 +52,7 @@ def inverse(A: Float) -> Float:
     return 0.5 * (scaled + scaled.T) * np.outer(scale, scale)
 
 
-def minimise(problem: passes.Problem) -> tuple[passes.Problem, Float]:
+def minimise(problem: Problem) -> tuple[Problem, Float]:
     """Return the problem at the minimum of its cost, and the covariance (3, 3) of its newest pose.
 
     A step that increases the cost by more than CLOSE is halved. Steps end when the cost after a step is close to that
@@ -62,7 +63,7 @@ def minimise(problem: passes.Problem) -> tuple[passes.Problem, Float]:
         NoMinimumError: the steps do not converge.
     """
     size, cov = ROBOT + len(problem.rest), np.zeros((3, 3))
-    step, cost, remaining = np.zeros(size), passes.cost(problem), np.inf
+    step, cost, remaining = np.zeros(size), twice_cost(problem), np.inf
     for _ in range(MAX_STEPS):
         A, b, work, decrease = forward_pass(problem)
         if not passes.solve(size, A, b, step, cov):
@@ -72,7 +73,7 @@ def minimise(problem: passes.Problem) -> tuple[passes.Problem, Float]:
         passes.go_back(problem.window, size, step, work)
         for halvings in range(MAX_HALVINGS):
             moved = _moved(problem, 0.5**halvings, step[:ROBOT], of_rest, work.step)
-            cost_after = passes.cost(moved)
+            cost_after = twice_cost(moved)
             if cost_after <= cost + CLOSE:
                 break
         else:
@@ -81,20 +82,20 @@ def minimise(problem: passes.Problem) -> tuple[passes.Problem, Float]:
         problem, remaining = _rebased(moved), cost - predicted
         if abs(cost_after - predicted) < CLOSE:
             return problem, cov
-        cost = passes.cost(problem)
+        cost = twice_cost(problem)
     if remaining < ACCEPTED_DECREASE:
         return problem, cov
     raise NoMinimumError
 
 
-def _rebased(problem: passes.Problem) -> passes.Problem:
+def _rebased(problem: Problem) -> Problem:
     """Return the problem with the present estimate as reference of the prior's errors."""
-    prior = passes.Prior(*(each.copy() for each in problem.prior))
-    passes.rebase(prior, problem.window.pose[0], problem.rest, problem.landmarks)
+    prior = Prior(*(each.copy() for each in problem.prior))
+    rebase(prior, problem.window.pose[0], problem.rest, problem.landmarks)
     return problem._replace(prior=prior)
 
 
-def _moved(problem: passes.Problem, part: float, of_first: Float, of_rest: Float, multipliers: Float) -> passes.Problem:
+def _moved(problem: Problem, part: float, of_first: Float, of_rest: Float, multipliers: Float) -> Problem:
     """Return the problem after a step: all points turn with the first pose, as in the errors of the prior.
 
     Args:
@@ -115,7 +116,7 @@ def _moved(problem: passes.Problem, part: float, of_first: Float, of_rest: Float
     rest[2 * count + 2 :: 3] = wrap(rest[2 * count + 2 :: 3])
     multiplier = window.multiplier + part * (multipliers - window.multiplier)
     moved = problem._replace(window=window._replace(pose=pose, multiplier=multiplier), rest=rest)
-    passes.chain(moved.window)
+    chain(moved.window)
     return moved
 
 

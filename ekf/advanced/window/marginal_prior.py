@@ -8,7 +8,8 @@ from __future__ import annotations
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.ekf.advanced.window import kernels as passes
+from slamgauge.ekf.advanced.window import passes
+from slamgauge.ekf.advanced.window.cost import Prior, Problem, observations_of
 from slamgauge.ekf.advanced.window.gauss_newton import inverse, symmetric
 from slamgauge.ekf.kernels.belief import ROBOT
 from slamgauge.se2 import rotation
@@ -18,26 +19,26 @@ REGULARISING_SIGMA = 1e-6  # standard deviation [m or rad]
 REGULARISING_SHARE = 1e-3  # share of the other noise of the motion
 
 
-def of_start(pose: Float, cov: Float) -> passes.Prior:
+def of_start(pose: Float, cov: Float) -> Prior:
     """Return the prior of a start pose (3,) with covariance (3, 3), which may be singular."""
     return _prior_of(pose, np.zeros(0), 0, inverse(cov + REGULARISING_SIGMA**2 * np.eye(3)), np.zeros(3))
 
 
-def with_landmark(prior: passes.Prior, landmarks: int, place: Float) -> passes.Prior:
+def with_landmark(prior: Prior, landmarks: int, place: Float) -> Prior:
     """Return the prior with an additional last landmark at `place` (2,), about which it has no information."""
     rows = [ROBOT + 2 * landmarks] * 2
     information = np.insert(np.insert(prior.information, rows, 0.0, axis=0), rows, 0.0, axis=1)
-    return passes.Prior(information, np.insert(prior.gradient, rows, 0.0), np.insert(prior.at, rows[0], place))
+    return Prior(information, np.insert(prior.gradient, rows, 0.0), np.insert(prior.at, rows[0], place))
 
 
-def without_first(problem: passes.Problem) -> passes.Prior:
+def without_first(problem: Problem) -> Prior:
     """Return the prior of the second pose and the rest: the first pose, its scan and its motion are marginalised."""
     A, b = _known_of_first(problem)
     passes.move_on(problem.window, 1, len(b), A, b, passes.allocate_pass(2, len(b)))
     return _prior_of(problem.window.pose[1], problem.rest, problem.landmarks, A, b)
 
 
-def with_first_kept(problem: passes.Problem) -> tuple[passes.Prior, Float]:
+def with_first_kept(problem: Problem) -> tuple[Prior, Float]:
     """Return the prior of the second pose and the rest, and the rest (n,): the first pose is kept as its last entry.
 
     Directions of the motion without noise get regularising noise.
@@ -62,14 +63,14 @@ def with_first_kept(problem: passes.Problem) -> tuple[passes.Prior, Float]:
     return _prior_of(after, rest, problem.landmarks, information, pull), rest
 
 
-def without_kept(problem: passes.Problem, which: int) -> tuple[passes.Prior, Float]:
+def without_kept(problem: Problem, which: int) -> tuple[Prior, Float]:
     """Return the prior and the rest (n,) after the kept pose `which` and its observations are marginalised."""
     pose, first = problem.window.pose[0], 2 * problem.landmarks + 3 * which
     size = ROBOT + len(problem.rest)
     A, b = np.zeros((size, size)), np.zeros(size)
     passes.add_prior(problem.prior, pose, problem.rest, problem.landmarks, A, b)
     kept = problem.rest[first : first + 3]
-    observed = passes.observations_of(problem.kept, which)
+    observed = observations_of(problem.kept, which)
     passes.add_observations(observed, kept, ROBOT + first, problem.rest, A, b)
     A, gone = symmetric(A), ROBOT + first + np.arange(3)
     stay = np.delete(np.arange(size), gone)
@@ -80,14 +81,14 @@ def without_kept(problem: passes.Problem, which: int) -> tuple[passes.Prior, Flo
     return _prior_of(pose, rest, problem.landmarks, information, pull), rest
 
 
-def _known_of_first(problem: passes.Problem) -> tuple[Float, Float]:
+def _known_of_first(problem: Problem) -> tuple[Float, Float]:
     size = ROBOT + len(problem.rest)
     A, b = np.zeros((size, size)), np.zeros(size)
     passes.add_first(problem, A, b)
     return A, b
 
 
-def _prior_of(pose: Float, rest: Float, landmarks: int, A: Float, b: Float) -> passes.Prior:
-    prior = passes.Prior(np.zeros_like(A), np.zeros_like(b), np.zeros_like(b))
+def _prior_of(pose: Float, rest: Float, landmarks: int, A: Float, b: Float) -> Prior:
+    prior = Prior(np.zeros_like(A), np.zeros_like(b), np.zeros_like(b))
     passes.set_prior(pose, rest, landmarks, A, b, prior)
     return prior

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slamgauge.arrays import Float, Int
-from slamgauge.ekf.advanced.window.kernels import Observed, ObservedByPose
+from slamgauge.ekf.advanced.window.cost import Observed, ObservedByPose
 from slamgauge.sensor_kernels import DIM
 from slamgauge.triangulation import triangulate
 
@@ -21,7 +21,7 @@ class Scan(NamedTuple):
 
     number: Int  # (m,)
     value: Float  # (m, 2)
-    root: Float  # (m, 2, 2), see `advanced.window.kernels.Observed`
+    root: Float  # (m, 2, 2), see `advanced.window.cost.Observed`
 
     def rows(self, which: Int) -> Scan:
         """Return the observations with the given indices."""

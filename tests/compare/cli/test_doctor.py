@@ -15,13 +15,14 @@ from slamgauge.compare.cli import machine
 from slamgauge.compare.cli.main import main
 
 
-def test_versions_and_findings(capsys: pytest.CaptureFixture[str]):
+def test_versions_and_findings(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "3")
     assert main(["doctor", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["slamgauge"].startswith(f"{__version__}, ")
     assert {name: found[name] for name in machine.LIBRARIES} == {name: version(name) for name in machine.LIBRARIES}
     assert found["BLAS"].startswith("numpy: ")
-    assert "OPENBLAS_NUM_THREADS=1" in found["threads"]
+    assert "OPENBLAS_NUM_THREADS=3" in found["threads"]
     assert found["filter kernels"].startswith("ready in ")
     assert found["graph kernels"].startswith("ready in ")
     assert " files, " in found["kept machine code"]

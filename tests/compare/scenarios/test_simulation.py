@@ -1,32 +1,28 @@
-"""The simulator: exact truth, independent random streams, stated noise and errors, all kinds of paths and maps.
+"""The simulator: exact truth, independent random streams, and stated noise.
 
 Statistical tests use fixed seeds and two-sided bounds that a right simulator exceeds once in 10 000.
 """
 
 from __future__ import annotations
 
-import shutil
-from dataclasses import fields
-from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
 import pytest
-from scipy.stats import binom, chi2, poisson
+from scipy.stats import chi2
 
 from slamgauge.arrays import Float, Int
 from slamgauge.compare.scenarios.scenario import Scenario, load_scenario, shipped_scenarios
 from slamgauge.compare.scenarios.simulation import simulate
 from slamgauge.compare.scenarios.trajectory import Segments
-from slamgauge.compare.storage.files import load_truth, save
-from slamgauge.compare.studies.store import digest
 from slamgauge.recording import Recording
 from slamgauge.se2 import between, chain, rotation, wrap
-from slamgauge.truth import NOBODY, Truth
+from slamgauge.truth import Truth
+
+from .conftest import FALSE_ALARM_RATE
 
 T = TypeVar("T")
 
-FALSE_ALARM_RATE = 1e-4
 POSITION = "sensor={kind='position', max_range=10, sigma_position=0.2}"
 
 
@@ -209,14 +205,6 @@ def test_bearings_point_at_the_landmarks():
     assert np.hypot(*body.T).max() <= 10.0
 
 
-OUTLIERS = ("sensor.outlier_rate=0.1",)
-CLUTTER = ("sensor.clutter_rate=0.5",)
-
-
-def run(*overrides: str, name: str = "q1-short-dense", seed: int = 3) -> tuple[Truth, Recording]:
-    return simulate(load_scenario(name, overrides), seed)
-
-
 def before(scenario: Scenario, seed: int) -> tuple[Float, Float, Float, list[Int]]:
     """Return path, odometry, observations, and their steps and landmarks, simulated without options."""
     start, motion, sensor = np.random.SeedSequence(seed).spawn(3)
@@ -270,174 +258,3 @@ def test_the_noise_of_the_octave_course() -> None:
     assert truth.poses is not None
     white = (recording.odometry - between(truth.poses[:-1], truth.poses[1:])) / np.sqrt(np.diag(stated))
     assert np.abs((white**2).mean(axis=0) - 1.0).max() < 3.9 * np.sqrt(2 / 2000)
-
-
-# --- common random numbers ---------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    "option", [*OUTLIERS, "sensor.outlier_rate=1", *CLUTTER, "sensor.detection_probability=0.5", "motion.slip_rate=0.2"]
-)
-def test_an_option_changes_no_other_draws(option: str) -> None:
-    plain_truth, plain = run("start=sampled")
-    truth, recording = run("start=sampled", option)
-    np.testing.assert_array_equal(truth.poses, plain_truth.poses)
-    assert truth.association is not None
-    assert plain_truth.association is not None
-    sound = np.flatnonzero(~truth.misleading) if truth.misleading is not None else np.arange(0)
-    known = {
-        key: row
-        for row, key in enumerate(zip(plain.observation_step.tolist(), plain_truth.association.tolist(), strict=True))
-    }
-    same = [known[int(recording.observation_step[i]), int(truth.association[i])] for i in sound]
-    np.testing.assert_array_equal(recording.observation[sound], plain.observation[same])
-    if not option.startswith("motion"):
-        np.testing.assert_array_equal(recording.odometry, plain.odometry)
-        assert recording != plain
-
-
-def test_a_higher_rate_keeps_the_outliers_of_a_lower_rate() -> None:
-    few, many = run("sensor.outlier_rate=0.02")[0].outlier, run("sensor.outlier_rate=0.1")[0].outlier
-    assert few is not None
-    assert many is not None
-    assert many[few].all()
-    assert 0 < few.sum() < many.sum()
-
-
-# --- errors ------------------------------------------------------------------------------------
-
-
-def assert_count(count: int, trials: int, probability: float) -> None:
-    low, high = binom.ppf([FALSE_ALARM_RATE / 2, 1 - FALSE_ALARM_RATE / 2], trials, probability)
-    assert low <= count <= high
-
-
-def test_outliers_have_the_stated_rate_and_are_uniform() -> None:
-    truth, recording = run(*OUTLIERS, "sensor.field_of_view_deg=180", "sensor.min_range=1")
-    assert truth.outlier is not None
-    assert_count(int(truth.outlier.sum()), len(truth.outlier), 0.1)
-    ranges, bearings = recording.observation[truth.outlier].T
-    assert 1.0 <= ranges.min() < 2.0 < 9.0 < ranges.max() <= 10.0
-    assert_count(int((bearings > 0).sum()), len(bearings), 0.5)
-    assert 1.4 < np.abs(bearings).max() <= np.pi / 2
-
-
-def test_wide_outliers_have_ten_times_the_noise() -> None:
-    truth, recording = run("sensor.outlier_rate=1", "sensor.outlier=wide", "sensor.min_range=5")
-    assert truth.poses is not None
-    assert truth.landmarks is not None
-    offsets = truth.landmarks[truth.association] - truth.poses[recording.observation_step, :2]
-    noise = (recording.observation[:, 0] - np.hypot(*offsets.T)) / 1.0
-    assert abs(noise.std() - 1.0) < 3.9 / np.sqrt(2 * len(noise))
-
-
-def test_clutter_is_of_no_landmark_and_has_new_ids() -> None:
-    truth, recording = run(*CLUTTER, "sensor.first_step=10")
-    assert truth.association is not None
-    assert truth.landmark_ids is not None
-    clutter = truth.association == NOBODY
-    mean = 0.5 * (recording.steps + 1 - 10)
-    low, high = poisson.ppf([FALSE_ALARM_RATE / 2, 1 - FALSE_ALARM_RATE / 2], mean)
-    assert low <= clutter.sum() <= high
-    assert recording.observation_step.min() >= 10
-    assert recording.landmark is not None
-    assert not np.isin(recording.landmark[clutter], truth.landmark_ids).any()
-    assert len(np.unique(recording.landmark[clutter])) == clutter.sum()
-    np.testing.assert_array_equal(recording.landmark[~clutter], truth.association[~clutter])
-    assert recording.observation[clutter, 0].max() <= 10.0
-
-
-def test_field_of_view_and_detection_probability() -> None:
-    truth, recording = run("sensor.field_of_view_deg=120", "sensor.sigma_bearing_deg=0.01")
-    assert 1.0 < np.abs(recording.observation[:, 1]).max() < np.deg2rad(60.1)
-    some = len(run("sensor.detection_probability=0.3")[1].observation)
-    assert_count(some, len(run()[1].observation), 0.3)
-    assert truth.outlier is None
-
-
-def test_odometry_has_the_stated_errors() -> None:
-    plain = run()[1].odometry
-    longer = run("motion.scale_error=0.02")[1].odometry
-    np.testing.assert_allclose(longer - plain, np.tile([0.002, 0.0, 0.0], (len(plain), 1)), atol=1e-15)
-    turned = run("motion.turn_bias_per_metre=-0.1")[1].odometry
-    np.testing.assert_allclose(turned - plain, np.tile([0.0, 0.0, -0.01], (len(plain), 1)), atol=1e-15)
-    slipped = run("motion.slip_rate=0.2")[1].odometry - plain
-    slips = slipped[:, 0] > 1e-12
-    assert_count(int(slips.sum()), len(slips), 0.2)
-    assert slipped[:, 0].max() <= 0.1 + 1e-12
-    np.testing.assert_array_equal(slipped[~slips][:, 0].round(12), 0.0)
-    np.testing.assert_allclose(slipped[:, 1:], 0.0, atol=1e-15)
-
-
-def test_outliers_of_a_truth_are_stored_if_it_has_them(tmp_path: Path) -> None:
-    for overrides in (OUTLIERS, ()):
-        truth, _ = run(*overrides)
-        save(tmp_path / "truth.npz", truth)
-        assert load_truth(tmp_path / "truth.npz") == truth
-    with np.load(tmp_path / "truth.npz") as file:
-        assert {*file.files} == {field.name for field in fields(Truth)} - {"outlier"}
-
-
-# --- paths and maps ----------------------------------------------------------------------------
-
-
-def moved(trajectory: str, *overrides: str) -> tuple[Float, Recording]:
-    truth, recording = run("start=mean", f"trajectory={trajectory}", *overrides)
-    assert truth.poses is not None
-    return truth.poses, recording
-
-
-def test_waypoints_are_reached_exactly_and_speeds_are_limited() -> None:
-    points = "[[2.03, 0], [2.03, 0], [2, 1], [0, 0]]"
-    path, recording = moved(
-        f"{{kind='waypoints', step=0.1, points={points}, speed=0.5, yaw_rate=1}}", "prior.mean=[0, 0, 0.3]"
-    )
-    for point in ([2.03, 0.0], [2.0, 1.0], [0.0, 0.0]):
-        assert np.linalg.norm(path[:, :2] - point, axis=1).min() < 1e-12
-    steps = np.diff(path, axis=0)
-    assert 0.045 < np.linalg.norm(steps[:, :2], axis=1).max() <= 0.05 + 1e-12
-    assert 0.09 < np.abs(wrap(steps[:, 2])).max() <= 0.1 + 1e-12
-    np.testing.assert_allclose(recording.stamps, 0.1 * np.arange(len(path)), atol=1e-12)
-
-
-def test_a_figure_eight_returns_to_the_start_twice_per_lap() -> None:
-    path, _ = moved("{kind='figure-eight', step=0.1, radius=3, speed=1, laps=2}")
-    np.testing.assert_allclose(path[-1], 0.0, atol=1e-12)
-    back = np.flatnonzero(np.linalg.norm(path[:, :2], axis=1) < 1e-9)
-    assert len(back) == 5
-    assert (path[:, 1].max(), path[:, 1].min()) == pytest.approx((6.0, -6.0), abs=0.01)
-
-
-def test_a_path_of_a_file_keeps_its_poses_and_stamps(tmp_path: Path) -> None:
-    (tmp_path / "path.csv").write_text("stamp,x,y,theta\n5,1,2,3\n5.5,1.5,2,-3\n6.5,2,2.5,-2\n")
-    (tmp_path / "my.toml").write_text(
-        "extends = 'q1-short-dense'\nprior = {mean = [1, 2, 3]}\n[trajectory]\nkind = 'csv'\nfile = 'path.csv'\n"
-    )
-    scenario = load_scenario(tmp_path / "my.toml", ["start=mean"])
-    truth, recording = simulate(scenario, 0)
-    assert truth.poses is not None
-    np.testing.assert_allclose(truth.poses, [[1, 2, 3], [1.5, 2, -3], [2, 2.5, -2]], atol=1e-12)
-    np.testing.assert_array_equal(recording.stamps, [5, 5.5, 6.5])
-    np.testing.assert_allclose(np.sqrt(recording.odometry_cov[:, 0, 0]), [0.15, 0.3])
-    assert scenario.trajectory.step == 0.75
-
-    elsewhere = tmp_path / "elsewhere"
-    shutil.copytree(tmp_path, elsewhere, ignore=shutil.ignore_patterns("elsewhere"))
-    assert load_scenario(elsewhere / "my.toml", ["start=mean"]) == scenario
-    assert digest(load_scenario(elsewhere / "my.toml", ["start=mean"]), 0) == digest(scenario, 0)
-    (elsewhere / "path.csv").write_text("stamp,x,y,theta\n5,1,2,3\n5.5,1.5,2,-3\n6.5,2,2.5,-2.1\n")
-    assert digest(load_scenario(elsewhere / "my.toml", ["start=mean"]), 0) != digest(scenario, 0)
-
-
-def test_random_landmarks_are_the_same_map_in_every_run() -> None:
-    chosen = "landmarks={random={count=40, box=[-5, 0, 5, 20], seed=4, min_distance=1}}"
-    (one, _), (other, _) = run(chosen), run(chosen, seed=9)
-    np.testing.assert_array_equal(one.landmarks, other.landmarks)
-    assert one.landmarks is not None
-    apart = np.linalg.norm(one.landmarks[:, None] - one.landmarks, axis=2)[np.triu_indices(40, 1)]
-    assert apart.min() >= 1.0
-    assert (one.landmarks >= [-5, 0]).all()
-    assert (one.landmarks <= [5, 20]).all()
-    more = run(chosen.replace("40", "41"))[0].landmarks
-    assert more is not None
-    np.testing.assert_array_equal(more[:40], one.landmarks)

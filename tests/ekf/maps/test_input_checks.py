@@ -25,14 +25,9 @@ from slamgauge.ekf.advanced.numpy_filter import NumpyFilter
 from slamgauge.ekf.advanced.robocentric import RobocentricBelief
 from slamgauge.ekf.advanced.sigma_points import InvariantBelief
 from slamgauge.ekf.kernels.corrections import update_standard
-from slamgauge.ekf.kernels.joint_update import are_sound
-from slamgauge.ekf.kernels.prediction import is_semidefinite
 from slamgauge.ekf.maps.correction_table import Rule
 from slamgauge.errors import UserError
 from slamgauge.recording import Observations, Recording
-from slamgauge.sensor_kernels import RANGE_BEARING
-from slamgauge.validation import as_covariances
-from tests.reference.random_recordings import random_covariances
 
 START = (np.array([0.1, 0.2, 0.3]), 1e-4 * np.eye(3))
 JCBB, MANAGED = Association("jcbb"), Association("jcbb", map_management=MapManagement())
@@ -148,38 +143,6 @@ def test_increments_of_other_types(kind: str, given: object) -> None:
     assert_refused(kind, lambda slam: slam.predict(np.zeros(3), square), refusal)  # pyrefly: ignore[bad-argument-type]
 
 
-def spoiled(rng: np.random.Generator, dim: int) -> Float:
-    """Return a nearly valid covariance: with rounding errors, zero variances, or invalid entries."""
-    root = rng.normal(size=(dim, int(rng.integers(1, dim + 1)))) * 10 ** rng.uniform(-6, 3, (dim, 1))
-    root[rng.random(dim) < 0.3] = 0.0
-    P, noise = root @ root.T, rng.normal(size=(dim, dim)) * 10 ** rng.uniform(-14, -3)
-    noise += noise.T if rng.random() < 0.7 else 0.0
-    scale = np.sqrt(np.outer(np.diag(P), np.diag(P))) if rng.random() < 0.5 else 1.0
-    return P + noise * scale * (rng.random((dim, dim)) < 0.5)
-
-
-def is_taken(P: Float, *, definite: bool) -> bool:
-    try:
-        as_covariances("P", P[None], (1, *P.shape), definite=definite)
-    except UserError:
-        return False
-    return True
-
-
-def test_kernels_accept_all_covariances_of_recordings() -> None:
-    """The kernels accept all that `validation` accepts, and refuse most of those that it refuses."""
-    rng, taken, refused = np.random.default_rng(0), 0, 0
-    for _ in range(5000):
-        Q, R = spoiled(rng, 3), spoiled(rng, 2)
-        good = is_taken(Q, definite=False)
-        assert is_semidefinite(Q) or not good
-        assert are_sound(RANGE_BEARING, np.ones((1, 2)), R[None]) or not is_taken(R, definite=True)
-        taken, refused = taken + good, refused + (not good and not is_semidefinite(Q))
-    assert taken > 1000
-    assert refused > 1000
-    assert taken + refused > 4500
-
-
 @EVERY
 def test_an_entry_next_to_a_zero_variance_is_accepted_as_in_a_recording(kind: str) -> None:
     Q = np.diag([0.01, 0.0, 1e-4])
@@ -190,15 +153,6 @@ def test_an_entry_next_to_a_zero_variance_is_accepted_as_in_a_recording(kind: st
         np.arange(2.0), *START, odometry, Q[None], "position", empty, np.zeros((0, 2)), np.zeros((0, 2, 2)), empty
     )
     started(kind).predict(recording.odometry[0], recording.odometry_cov[0])
-
-
-def test_indefinite_matrices_are_distinguished_from_covariances() -> None:
-    rng = np.random.default_rng(1)
-    for _ in range(1000):
-        Q = random_covariances(rng, 1, 10 ** rng.uniform(-4, 1, 3))[0]
-        assert is_semidefinite(Q)
-        values, vectors = np.linalg.eigh(Q)
-        assert not is_semidefinite(vectors @ np.diag([*values[:2], -values[2]]) @ vectors.T)
 
 
 # --- observations --------------------------------------------------------------------------------

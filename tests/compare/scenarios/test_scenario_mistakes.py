@@ -1,0 +1,234 @@
+"""Messages about mistakes in scenario files and overrides: a line for each, with its place and a remedy."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from slamgauge.compare.scenarios.scenario import ScenarioError, load_scenario, shipped_scenarios
+
+from .conftest import GOOD, Write, mistakes
+
+
+def test_four_planted_mistakes_are_reported_together(write: Write):
+    text = GOOD.replace("step = 0.1", "step = -0.1").replace("max_range = 5", 'max_range = "5"')
+    text = text.replace("duration = 1.04", "duraton = 1.04").replace("[[1, 2]", "[[1, nan]")
+    assert mistakes(write(text)) == [
+        "trajectory.step: must be greater than 0, not -0.1",
+        "trajectory.segments[1].duraton: unknown key; did you mean duration?",
+        "sensor.max_range: must be a valid number, not '5'",
+        "landmarks.positions[0][1]: must be a finite number, not nan",
+    ]
+
+
+@pytest.mark.parametrize(
+    "section", ["", "prior", "trajectory", "trajectory.segments[0]", "motion", "sensor", "assumed", "landmarks"]
+)
+def test_unknown_keys_are_found_in_every_section(write: Write, section: str):
+    text = GOOD + "[prior]\n[assumed]\n"
+    if not section:
+        text = "zzz = 1\n" + text
+    elif section.endswith("]"):
+        text = text.replace("[{", "[{zzz = 1, ")
+    else:
+        text = text.replace(f"[{section}]\n", f"[{section}]\nzzz = 1\n")
+    [mistake] = mistakes(write(text))
+    assert mistake.startswith(f"{section}.zzz: unknown key; use ".removeprefix("."))
+
+
+def test_a_file_does_not_name_itself(write: Write):
+    assert mistakes(write("name = 'x'\n" + GOOD)) == ["name: unknown key; the file's own name is the scenario's name"]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "mistake"),
+    [
+        ("sigma_position = 0.2", "", "sensor.sigma_position: missing; a position sensor needs it"),
+        (
+            "max_range",
+            "sigma_range = 1\nmax_range",
+            "sensor.sigma_range: a position sensor has none; remove it or change",
+        ),
+        ('"position"', '"radar"', "sensor.kind: must be 'range-bearing', 'bearing' or 'position', not 'radar'"),
+        ("max_range", "min_range = 6\nmax_range", "sensor.min_range: must not exceed max_range"),
+        ("step = 0.1", "step = 0.1\nspeed = 1.0", "trajectory: has both forms; give segments, or speed, yaw_rate"),
+        ("step = 0.1", "step = 1e-9", "trajectory: duration / step comes to more than 1000000 steps"),
+        ("[motion]", "[motions]", "motions: unknown key; did you mean motion?"),
+        ("sigma_speed = 0.1", "sigma_speed = true", "motion.sigma_speed: must be a valid number, not True"),
+        ("[[1, 2], [3.5, -1]]", "[[1, 2], 3.5]", "landmarks.positions[1]: must be a list, not 3.5"),
+        ("[motion]", "[prior]\nmean = [0, 0, 0, 0]\n[motion]", "prior.mean: must have at most 3 items, not 4"),
+        (
+            "[motion]",
+            "[prior]\nvariances = [0, -1, 0]\n[motion]",
+            "prior.variances[1]: must be greater than or equal to 0",
+        ),
+    ],
+)
+def test_each_mistake_has_its_line(write: Write, old: str, new: str, mistake: str):
+    [line] = mistakes(write(GOOD.replace(old, new)))
+    assert line.startswith(mistake)
+
+
+@pytest.mark.parametrize(
+    ("override", "line"),
+    [
+        ("trajectory={kind='spiral', step=1}", "trajectory: kind is not known; use one of segments, waypoints,"),
+        ("trajectory.radius=3", "trajectory.radius: a trajectory of the kind segments has none; remove it or"),
+        ("trajectory={kind='waypoints', step=1, points=[], speed=1, yaw_rate=1}", "trajectory.points: must have at"),
+        ("trajectory={kind='figure-eight', step=1, radius=-1, speed=1}", "trajectory.radius: must be greater than 0"),
+        ("trajectory={kind='csv', file='none.csv'}", "trajectory.file: none.csv: cannot be read (No such file"),
+        ("sensor.field_of_view_deg=0", "sensor.field_of_view_deg: must be greater than 0, not 0"),
+        ("sensor.outlier_rate=1.2", "sensor.outlier_rate: must be less than or equal to 1, not 1.2"),
+        ("sensor.outlier=cauchy", "sensor.outlier: must be 'uniform' or 'wide', not 'cauchy'"),
+        ("motion.slip_rat=1", "motion.slip_rat: unknown key; did you mean slip_rate?"),
+        ("prior.covariance=[[1,0,0],[0,-1,0],[0,0,1]]", "prior.covariance: covariance[0] = "),
+        (
+            "landmarks={positions=[[1, 2]], random={count=3, box=[0,0,1,1]}}",
+            "landmarks: has both forms; give positions, or random",
+        ),
+        ("landmarks={}", "landmarks: has no landmarks; give positions ([] for none), or random"),
+        ("landmarks={random={count=9, box=[0,0,1,0]}}", "landmarks.random: box is empty; give [x from, y from,"),
+        (
+            "landmarks={random={count=9, box=[0,0,1,1], min_distance=1}}",
+            "landmarks.random: only 1 of 9 landmarks fit at min_distance = 1.0; lower it or enlarge the box",
+        ),
+    ],
+)
+def test_a_mistake_is_one_line(override: str, line: str) -> None:
+    with pytest.raises(ScenarioError) as caught:
+        load_scenario("q1-short-dense", [override])
+    (message,) = str(caught.value).splitlines()
+    assert message.startswith(f"q1-short-dense: {line}")
+
+
+@pytest.mark.parametrize(("text", "line"), [("a = 1\nb = = 2\n", 2), ("a = 1\n\n[motion", 3)])
+def test_syntax_errors_name_file_and_line(write: Write, text: str, line: int):
+    [mistake] = mistakes(write(text))
+    assert mistake.startswith("not valid TOML: ")
+    assert f"at line {line}," in mistake
+
+
+@pytest.mark.parametrize("value", ["[" * 3000 + "]" * 3000, "1" * 5000])
+def test_values_beyond_the_limits_of_python_are_a_line(write: Write, value: str):
+    path = write(f'extends = "q1-short-dense"\n[sensor]\nmax_range = {value}\n')
+    for name, overrides in ((path, []), ("q1-short-dense", [f"sensor.max_range={value}"])):
+        with pytest.raises(ScenarioError, match=r"^[^\n]{1,299}$"):
+            load_scenario(name, overrides)
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        ("trajectory.speed=1e60", "trajectory.speed: must be at most 1e+50 in size, not 1e+60"),
+        (f"sensor.{'a' * 5000}=1", "unknown key"),
+    ],
+)
+def test_long_keys_and_huge_numbers_are_a_short_line(override: str, message: str):
+    with pytest.raises(ScenarioError, match=r"^[^\n]{1,400}$") as caught:
+        load_scenario("q1-short-dense", [override])
+    assert message in str(caught.value)
+
+
+def test_unknown_names_list_near_misses_or_all():
+    assert "did you mean q1-long-dense" in mistakes("q1-long-dens")[0]
+    assert all(name in mistakes("zzz")[0] for name, _ in shipped_scenarios())
+
+
+def test_files_that_cannot_be_read(tmp_path: Path):
+    assert mistakes(str(tmp_path / "none.toml")) == ["cannot be read (No such file or directory); check the path"]
+    (tmp_path / "latin.toml").write_bytes(b'description = "\xe9"')
+    assert mistakes(str(tmp_path / "latin.toml")) == ["not a UTF-8 text; save it as UTF-8"]
+
+
+def test_only_shipped_scenarios_can_be_extended(write: Write):
+    assert mistakes(write('extends = "q2-long-dens"')) == [
+        "extends: 'q2-long-dens' is not a shipped scenario; did you mean q2-long-dense?"
+    ]
+    for wrong in ("3", '["q1-long-dense"]', "{a = 1}"):
+        assert "is not a shipped scenario; " in mistakes(write(f"extends = {wrong}"))[0]
+    for long in ("1" * 4000, f'"{"q" * 5000}"', f"[[{'1' * 4000}]]"):
+        assert re.match(r"extends: '.{100}' is not a shipped scenario; ", mistakes(write(f"extends = {long}"))[0])
+
+
+@pytest.mark.parametrize("override", ["start", "=1"])
+def test_an_override_without_key_and_value(override: str):
+    with pytest.raises(ScenarioError, match=r"write dotted\.key=value"):
+        load_scenario("q1-long-sparse", [override])
+
+
+def test_mistaken_overrides_of_a_single_segment_are_located():
+    assert mistakes("q1-long-sparse", "trajectory.step=fast", "trajectory.speed=fast", "trajectory.sped=2") == [
+        "trajectory.step: must be a valid number, not 'fast'",
+        "trajectory.speed: must be a valid number, not 'fast'",
+        "trajectory.sped: unknown key; did you mean speed?",
+    ]
+
+
+def test_mistakes_of_the_association():
+    overrides = ("association.method=nearest", "association.gate=0", "association.gat=9")
+    assert mistakes("q2-long-dense", *overrides) == [
+        "association.method: must be 'known', 'nearest-neighbour' or 'jcbb', not 'nearest'",
+        "association.gate: 0.0 is out of range; choose it above 0",
+        "association.gat: unknown key; did you mean gate?",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("overrides", "mistake"),
+    [
+        ("fis.s_max=5", "fis.s_max = 5.0 m is shorter than sensor.max_range = 10.0 m; farther landmarks would be lost"),
+        (
+            "association.method=jcbb initialisation=delayed",
+            'association.method = "jcbb" needs rays; set initialisation = "fis", or the method "known"',
+        ),
+        ("fis.s_min=10", "fis.s_max: 10.0 m must be beyond s_min, 10.0 m; choose it larger"),
+        ("fis.alpha=1", "fis.alpha: 1.0 is out of range; choose it above 0 and below 1"),
+        ("fis.beta=1", "fis.beta: 1.0 is out of range; choose it above 1"),
+        (
+            "fis.beta=1.000001",
+            "fis.beta: 1.000001 gives 693149 members from s_min to s_max; choose it larger, for 1000 members at most",
+        ),
+        (
+            "fis.s_min=1e-307",
+            "fis.beta: 1.7 gives 1337 members from s_min to s_max; choose it larger, for 1000 members at most",
+        ),
+        ("initialisation=ekf", "initialisation: must be 'fis', 'inverse-depth' or 'delayed', not 'ekf'"),
+        ("delayed.poses=2", "delayed.poses: 2 is out of range; choose it at least 3"),
+        ("inverse_depth.mean=0", "inverse_depth.mean: 0.0 is out of range; choose it above 0"),
+        ("sensor.sigma_range=1", "sensor.sigma_range: a bearing sensor has none; remove it or change kind"),
+    ],
+)
+def test_impossible_initialisations(overrides: str, mistake: str):
+    [line] = mistakes("q4-ring", *overrides.split())
+    assert line.endswith(mistake)
+
+
+@pytest.mark.parametrize(
+    ("path", "line"),
+    [
+        ("stamp,x,y\n1,2,3\n", "path.csv: line 1 is not the header of this file; write stamp,x,y,theta"),
+        ("stamp,x,y,theta\n0,0,0,0\n", "path.csv: 1 poses; give 2 to 1000001"),
+        ("stamp,x,y,theta\n0,0,0,0\n1,1,0,nan\n", "path.csv, line 3: '1,1,0,nan'; write 4 finite numbers"),
+        ("stamp,x,y,theta\n0,0,0,0\n1,1,0,0\n1,2,0,0\n", "path.csv, line 4: stamps must increase; sort the rows"),
+        ("stamp,x,y,theta\n0,1,0,0\n1,1,0,0\n", "prior.mean: [0.0, 0.0, 0.0] is not where the path of path.csv"),
+    ],
+)
+def test_mistakes_in_files_of_a_scenario_are_located(tmp_path: Path, path: str, line: str) -> None:
+    (tmp_path / "path.csv").write_text(path)
+    (tmp_path / "my.toml").write_text("extends = 'q1-short-dense'\ntrajectory = {kind = 'csv', file = 'path.csv'}\n")
+    with pytest.raises(ScenarioError) as caught:
+        load_scenario(tmp_path / "my.toml")
+    (message,) = str(caught.value).splitlines()
+    assert line in message
+
+
+def test_a_table_of_covariances_excludes_sigmas(tmp_path: Path) -> None:
+    (tmp_path / "noise.csv").write_text("step,cov_xx,cov_xy,cov_xt,cov_yy,cov_yt,cov_tt\n1,1,0,0,1,0,1\n")
+    (tmp_path / "my.toml").write_text(
+        "extends = 'q1-short-dense'\n[motion]\ncovariances = 'noise.csv'\nsigma_lateral = 0.1\n"
+    )
+    with pytest.raises(ScenarioError) as caught:
+        load_scenario(tmp_path / "my.toml")
+    assert "motion.sigma_lateral: motion.covariances has the noise already; remove one of them" in str(caught.value)
