@@ -3,7 +3,7 @@
 A quick pass of the right-invariant EKF over the beginning of a log with ids shows whether the observations agree with
 one place per landmark. If they do not, the pass is repeated for every mistake in `MISTAKES`; a log that agrees once a
 mistake is undone is refused. All other doubts are warnings. If the mean NIS differs from that of the stated noise, the
-pass is repeated with variances instead of standard deviations, and the reverse.
+pass is repeated with variances instead of standard deviations, and the reverse, and with shifted observations.
 """
 
 from __future__ import annotations
@@ -45,6 +45,7 @@ LEAST = 0.15  # median of NIS / dof, below which the stated noise is doubted
 EXPLAINED = 0.5  # factor of the median NIS, below which a mistake explains deviations
 STATED = "standard deviations"
 LARGEST_LOG = 50.0  # of a range
+SHIFTS = tuple(0.5 * each for each in range(-10, 11) if each)  # s: offsets of two clocks that are tried
 MEDIAN = 0.6745  # of the absolute value of a standard normal number
 DEGREE = np.pi / 180
 SIGN = "change the sign of those that are clockwise"
@@ -290,6 +291,8 @@ def _explained(recording: Recording, stated: Fit) -> str:
         undone = _without(recording, LOGARITHMS)
         if 0.0 < _fit(undone, _pass(undone)).nis < EXPLAINED * stated.nis:
             return f"the observations fit better if {LOGARITHMS.what}; {LOGARITHMS.remedy}"
+    if stated.deviation > 0.0 and (offset := _offset(recording)):
+        return offset
     columns = SENSORS[recording.sensor].columns
     every, none = np.ones(len(columns), dtype=bool), np.zeros(len(columns), dtype=bool)
     seconds = np.diff(recording.stamps)
@@ -315,6 +318,34 @@ def _explained(recording: Recording, stated: Fit) -> str:
     best = min(found, key=lambda each: found[each], default="")
     does_fit = bool(best) and found[best] < EQUALS
     return f"the measurements do not fit their stated noise, but do if {best}; correct the noise" if does_fit else ""
+
+
+def _offset(recording: Recording) -> str:
+    """Return with which offset of their stamps the observations fit the stated noise; "" if with none.
+
+    Larger noise than the stated one also explains an offset, but no offset explains noise.
+    """
+    fits = {shift: _fit(other, _pass(other)) for shift in SHIFTS for other in [_shifted(recording, shift)]}
+    found = {shift: abs(fit.deviation) for shift, fit in fits.items() if fit.share > DOUBTED}
+    best = min(found, key=lambda each: found[each], default=0.0)
+    if found.get(best, np.inf) > EQUALS:
+        return ""
+    what = f"have stamps about {abs(best):g} s {'late' if best < 0.0 else 'early'}"
+    return f"the measurements fit their stated noise if observations {what}; give both files the same clock"
+
+
+def _shifted(recording: Recording, shift: float) -> Recording:
+    """Return the recording with its observations at the steps nearest to `shift` seconds later, if they exist."""
+    stamps, rows = recording.stamps, recording.observation_step
+    at = stamps[rows] + shift
+    kept = (at >= stamps[0]) & (at <= stamps[-1])
+    return replace(
+        recording,
+        observation_step=np.rint(np.interp(at[kept], stamps, np.arange(len(stamps)))).astype(rows.dtype),
+        observation=recording.observation[kept],
+        observation_cov=recording.observation_cov[kept],
+        landmark=None if recording.landmark is None else recording.landmark[kept],
+    )
 
 
 def _with_power(covs: Float, powers: Float, unit: Float | float) -> Float:
