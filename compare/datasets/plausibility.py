@@ -37,6 +37,7 @@ CONVINCING = 0.9  # smallest share with which a mistake is found
 POOR = 0.8  # share below which a log without a known mistake is warned of
 NOISE = 20.0  # factor between residuals and stated noise
 FASTEST, QUICKEST, LONGEST = 50.0, 2.0 * np.pi, 10.0  # m/s, rad/s, s: typical speed and step, large yaw rate
+FARTHEST = 1e9  # m from the origin
 SMALL = 0.4  # median of NIS / dof, about 0.8 if the noise is right; lower if lengths are so small that anything agrees
 RESOLVED = 3.0  # smallest ratio of typical lengths and their standard deviation, below which no mistake is found
 COVERED = 0.5  # share of the steps with a true pose, below which a warning is printed
@@ -150,7 +151,10 @@ def _doubled(recording: Recording) -> int:
 
 
 def _doubts_of_motion(recording: Recording) -> Iterator[str]:
-    """Yield doubts about the durations, speeds and turns of the steps."""
+    """Yield doubts about the start, and the durations, speeds and turns of the steps."""
+    far = float(np.abs(recording.prior_mean[:2]).max())
+    if far > FARTHEST:
+        yield f"the start is {far:.3g} m from the origin, where centimetres are rounded; begin nearer to it"
     seconds = np.diff(recording.stamps)
     if np.median(seconds) > LONGEST:
         yield f"half of the steps take over {np.median(seconds):.3g} s; check the unit of stamps"
