@@ -10,11 +10,13 @@ import itertools
 import os
 import shutil
 import sys
+import sysconfig
 import tempfile
 from collections.abc import Collection, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from importlib.machinery import PathFinder
+from importlib.util import find_spec
 from pathlib import Path
 
 from slamgauge.compare.estimators.pair_files import partner_file
@@ -22,6 +24,8 @@ from slamgauge.compare.estimators.syntax_tree import parsed, read_source
 
 MOST_FILES = 1000  # no more imports are followed
 LARGEST = 10_000_000  # bytes of a data file that belongs to the sources
+LONGEST = 200  # characters of a text that may name a file
+LIBRARIES = (*{sysconfig.get_path(name) for name in ("stdlib", "purelib", "platlib")},)  # folders
 LEVELS = 4  # folders above a file in which helpers of its package may lie
 
 
@@ -92,8 +96,10 @@ def _followed(
             found[path] = read_source(folder / path) if is_code else (folder / path).read_bytes()
             names = {*imported_names(found[path])}
             waiting += [file for name in names for file in _files_of(folder, name, strangers, top)]
-            named = named_files(folder, found[path], top) if is_code else []
-            waiting += [file for file in named if file.removesuffix(".py") not in strangers]
+            places = dict.fromkeys((folder, (folder / path).parent)) if is_code else ()
+            named = [each for place in places for each in named_files(place, found[path], top)]
+            relative = [Path(os.path.relpath(each, folder)).as_posix() for each in named]
+            waiting += [each for each in relative if each.partition("/")[0].removesuffix(".py") not in strangers]
     return tuple(sorted(found.items()))
 
 
@@ -110,6 +116,21 @@ def _libraries(folder: Path, files: tuple[tuple[str, bytes], ...], top: str) -> 
     return _digest(tuple(sorted(found.items()))) if found else ""
 
 
+def installed_digest(name: str) -> str:
+    """Return the SHA-256 of an installed module or of the package that contains it; empty if it is not found.
+
+    Modules beside it that it imports count, too, unless it lies among all libraries.
+    """
+    with suppress(ImportError, ValueError):
+        spec = find_spec(name.partition(".")[0])
+        if spec is not None and spec.origin is not None and Path(spec.origin).is_file():
+            folder = Path(spec.origin).parents[0 if spec.submodule_search_locations is None else 1]
+            if str(folder) not in LIBRARIES:
+                return _digest(_followed(folder, name))
+            return _digest(tuple((path, (folder / path).read_bytes()) for path in _files_of(folder, name)))
+    return ""
+
+
 def _heads(name: str) -> tuple[str, str]:
     """Return the files of which one exists where a module can be imported."""
     top = name.partition(".")[0]
@@ -124,8 +145,10 @@ def _digest(files: tuple[tuple[str, bytes], ...], more: str = "") -> str:
     return total.hexdigest()
 
 
-def named_files(folder: Path, content: bytes, top: str = "") -> list[str]:
-    """Return the files of a folder whose names are texts in a source, and all `.m` if it starts a program.
+def named_files(folder: Path, content: bytes, top: str = "") -> list[Path]:
+    """Return the files whose names are texts in a source, and all `.m` if it starts a program.
+
+    They are in a folder, or in folders in it that are texts, too.
 
     Such files are data that the code reads, and programs that it starts with `adapters.external`. Data files of more
     than `LARGEST` bytes, and files that it opens for writing, do not belong to the sources.
@@ -133,10 +156,14 @@ def named_files(folder: Path, content: bytes, top: str = "") -> list[str]:
     nodes = [*ast.walk(parsed(content))]
     opened = [_texts(node) for node in nodes if isinstance(node, ast.Call) and ast.unparse(node.func) == "open"]
     written = {Path(texts[0]).name for texts in opened if len(texts) > 1 and set(texts[1]) & set("wax+")}
-    named = {Path(text).name for node in nodes if isinstance(node, ast.Constant) for text in _texts(node)} - written
+    words = {text for node in nodes if isinstance(node, ast.Constant) for text in _texts(node) if len(text) < LONGEST}
+    named = {Path(text).name for text in words} - written
+    paths = {folder / text for text in words}
+    inside = {each for path in paths for each in (path, path.parent) if folder in each.parents and each.is_dir()}
     octave = b"external(" in content
-    files = [each for each in folder.iterdir() if each.name in named or (octave and each.suffix == ".m")]
-    return [each.name for each in files if _is_file_in(top, each) and each.stat().st_size <= LARGEST]
+    files = [each for place in (folder, *inside) for each in place.iterdir() if each.name in named]
+    files += folder.glob("*.m") if octave else ()
+    return [each for each in files if _is_file_in(top, each) and each.stat().st_size <= LARGEST]
 
 
 def is_in(top: str, path: Path) -> bool:
