@@ -112,9 +112,14 @@ def correlated(sigmas: Float, rng: np.random.Generator) -> Float:
 
 
 def relative_error(cov: Float, right: Float) -> float:
-    """Return the largest difference of two covariances (..., n, n), each entry relative to the sigmas of `right`."""
-    sigmas = np.sqrt(np.diagonal(right, axis1=-2, axis2=-1))
-    return float(np.abs((cov - right) / (sigmas[..., :, None] * sigmas[..., None, :])).max())
+    """Return the largest difference of two covariances (..., n, n), each entry relative to the sigmas of `right`.
+
+    Where a sigma is zero, equal entries differ by nothing and others by infinity.
+    """
+    sigmas, difference = np.sqrt(np.diagonal(right, axis1=-2, axis2=-1)), np.abs(cov - right)
+    scale = np.broadcast_to(sigmas[..., :, None] * sigmas[..., None, :], difference.shape)
+    with np.errstate(divide="ignore"):
+        return float(np.divide(difference, scale, out=difference, where=difference != 0.0).max())
 
 
 def pose_error(poses: Float, right: Float) -> float:

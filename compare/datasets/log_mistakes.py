@@ -1,8 +1,8 @@
 """Mistakes in an imported log, found by quick passes of the right-invariant EKF over it.
 
 `refuse_mistakes` repeats the pass for every mistake in `MISTAKES` if the observations do not agree with one place per
-landmark. `wrong_noise` repeats it with variances instead of the standard deviations in `STATED_NOISE`, and the reverse,
-if the mean NIS differs from that of the stated noise.
+landmark. If the mean NIS differs from that of the stated noise, `wrong_noise` repeats it with shifted observations, and
+with variances instead of the standard deviations in `STATED_NOISE`, and the reverse.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ RESOLVED = 3.0  # smallest ratio of typical lengths and their standard deviation
 DIFFERS, EQUALS = 3.0, 2.5  # deviations of the mean NIS from its expected value: not the stated noise, the right noise
 EXPLAINED = 0.5  # factor of the median NIS, below which a mistake explains deviations
 LARGEST_LOG = 50.0  # largest logarithm of a range
+SHIFTS = tuple(0.5 * each for each in range(-10, 11) if each)  # s: offsets of two clocks that are tried
 DEGREE = np.pi / 180
 SIGN = "change the sign of those that are clockwise"
 UNIT = "correct the unit (in recording.toml: angle, length, time)"
@@ -162,6 +163,8 @@ def wrong_noise(recording: Recording, stated: Fit) -> str:
     may_be_logarithms = SENSORS[recording.sensor].has_range and stated.deviation > 0.0
     if may_be_logarithms and 0.0 < quick_fit(_without(recording, LOGARITHMS))[0].nis < EXPLAINED * stated.nis:
         return f"the observations fit better if {LOGARITHMS.what}; {LOGARITHMS.remedy}"
+    if stated.deviation > 0.0 and (offset := _offset(recording)):
+        return offset
     best, smallest = "", EQUALS
     for what, columns, growth in STATED_NOISE:
         for power, form, meant in FORMS:
@@ -169,6 +172,34 @@ def wrong_noise(recording: Recording, stated: Fit) -> str:
             if fit.share > DOUBTED and abs(fit.deviation) < smallest:
                 best, smallest = f"the stated {form} of {what} are {meant}", abs(fit.deviation)
     return f"the measurements do not fit their stated noise, but do if {best}; correct the noise" if best else ""
+
+
+def _offset(recording: Recording) -> str:
+    """Return with which offset of their stamps the observations fit the stated noise; "" if with none.
+
+    Larger noise than the stated one also explains an offset, but no offset explains noise.
+    """
+    fits = {shift: quick_fit(_shifted(recording, shift))[0] for shift in SHIFTS}
+    found = {shift: abs(fit.deviation) for shift, fit in fits.items() if fit.share > DOUBTED}
+    best = min(found, key=lambda each: found[each], default=0.0)
+    if found.get(best, np.inf) > EQUALS:
+        return ""
+    what = f"have stamps about {abs(best):g} s {'late' if best < 0.0 else 'early'}"
+    return f"the measurements fit their stated noise if observations {what}; give both files the same clock"
+
+
+def _shifted(recording: Recording, shift: float) -> Recording:
+    """Return the recording with its observations at the steps nearest to `shift` seconds later, if they exist."""
+    stamps, rows = recording.stamps, recording.observation_step
+    at = stamps[rows] + shift
+    kept = (at >= stamps[0]) & (at <= stamps[-1])
+    return replace(
+        recording,
+        observation_step=np.rint(np.interp(at[kept], stamps, np.arange(len(stamps)))).astype(rows.dtype),
+        observation=recording.observation[kept],
+        observation_cov=recording.observation_cov[kept],
+        landmark=None if recording.landmark is None else recording.landmark[kept],
+    )
 
 
 def _with_power(recording: Recording, power: float, columns: tuple[str, ...], growth: float) -> Recording:

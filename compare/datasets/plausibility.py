@@ -26,6 +26,7 @@ FEW, PASS = 20, 2000  # observations: fewer show no doubts; observations of a qu
 POOR = 0.8  # share of observations that agree, below which a log without a known mistake is warned of
 NOISE = 20.0  # factor between residuals and stated noise
 FASTEST, QUICKEST, LONGEST = 50.0, 2.0 * np.pi, 10.0  # m/s, rad/s, s: typical speed and step, large yaw rate
+FARTHEST = 1e9  # m from the origin
 COVERED = 0.5  # share of the steps with a true pose, below which a warning is printed
 LEAST = 0.15  # median of NIS / dof, below which the stated noise is doubted
 MEDIAN = 0.6745  # median of the absolute value of a standard normal number
@@ -86,7 +87,10 @@ def _doubled(recording: Recording) -> int:
 
 
 def _doubts_of_motion(recording: Recording) -> Iterator[str]:
-    """Yield doubts about the durations, speeds and turns of the steps."""
+    """Yield doubts about the start, and the durations, speeds and turns of the steps."""
+    far = float(np.abs(recording.prior_mean[:2]).max())
+    if far > FARTHEST:
+        yield f"the start is {far:.3g} m from the origin, where centimetres are rounded; begin nearer to it"
     seconds = np.diff(recording.stamps)
     if np.median(seconds) > LONGEST:
         yield f"half of the steps take over {np.median(seconds):.3g} s; check the unit of stamps"

@@ -89,7 +89,7 @@ def read_lines(path: Path, *, comment: str = "#", separators: str = "") -> Itera
     tell_if_cut(path, content)
     text = io.StringIO(content, newline=None)
     first = next((line for line in text if line.strip() and line.lstrip()[0] not in REMARKS), "")
-    named = EXCEL.fullmatch(first.strip()) if separators else None
+    named = EXCEL.fullmatch(first.strip(" \r\n")) if separators else None
     separator = named[1] if named else next((each for each in separators if each in first), None)
     text.seek(0)
     shown = tqdm(text, desc=path.name, delay=PATIENCE, disable=None, leave=False, unit="line")

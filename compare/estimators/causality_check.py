@@ -12,6 +12,7 @@ from slamgauge.recording import Recording
 from slamgauge.se2 import wrap
 
 PARTS = (0.25, 0.5, 0.75)  # fractions of the recording on which it runs again
+JITTER = 0.1  # largest random change of a fraction, so that no code can know where its runs will end
 SAME_POSE = 1e-5  # [m], [rad]: far above rounding, far below the effect of a measurement
 SAME_COV = 1e-3  # relative to the product of both sigmas
 
@@ -40,7 +41,8 @@ def require_causal(estimator: Isolated, recording: Recording, estimate: Estimate
     """
     if estimate.kind != "filtered" or len(estimate.poses) != recording.steps + 1:  # `run_estimator` refuses the latter
         return
-    steps = sorted({int(part * recording.steps) for part in PARTS} - {0})
+    parts = np.add(PARTS, np.random.default_rng().uniform(-JITTER, JITTER, len(PARTS)))
+    steps = sorted({int(part * recording.steps) for part in parts} - {0})
     for step in steps:
         what = _difference(estimate, estimator.run(recording.first(step)).estimate, step)
         if what:

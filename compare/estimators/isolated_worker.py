@@ -50,12 +50,12 @@ def serve(requests: int, answers: int, home: str, *, walled: bool) -> None:
         walled: whether it is behind a wall, where it may count all processes of its user.
     """
     _settle(home)
-    _limit(resource.RLIMIT_FSIZE, LARGEST_FILE)
-    _limit(resource.RLIMIT_NOFILE, MOST_OPEN_FILES)
+    limit(resource.RLIMIT_FSIZE, LARGEST_FILE)
+    limit(resource.RLIMIT_NOFILE, MOST_OPEN_FILES)
     if sys.platform.startswith("linux"):  # other systems do not count mapped memory, which is nearly all
-        _limit(resource.RLIMIT_DATA, MOST_MEMORY)
+        limit(resource.RLIMIT_DATA, MOST_MEMORY)
     if walled:
-        _limit(resource.RLIMIT_NPROC, MOST_PROCESSES)
+        limit(resource.RLIMIT_NPROC, MOST_PROCESSES)
         namespaces.leave_keys()
     write_only_in([Path(home), Path(os.devnull), *(map(Path, WRITABLE) if walled else ())])
     random.seed()  # noqa: NPY002 a forked process has the state of its parent
@@ -87,7 +87,7 @@ def _settle(home: str) -> None:
     tempfile.tempdir = None
 
 
-def _limit(what: int, most: int) -> None:
+def limit(what: int, most: int) -> None:
     """Limit this process and those that it starts, unless a lower limit exists."""
     least = min(each for each in (*resource.getrlimit(what), most) if each != resource.RLIM_INFINITY)
     resource.setrlimit(what, (least, least))

@@ -30,6 +30,7 @@ from slamgauge.compare.estimators.wall import caches, kind_of_wall, require_wall
 PROGRAM = "slamgauge.compare.estimators.launcher"
 START, END, WHY = b"+", b"-", b"?"  # requests to the launcher
 STILL_RUNS = 255  # status of a process that had to be ended
+NO_LAUNCHER = 254  # status of a process whose launcher has ended
 MOST_PRINTED = 10_000_000  # bytes of output in a run
 TAIL = 4000  # bytes of output that are kept
 
@@ -65,7 +66,7 @@ def _settings(where: Address) -> dict[str, object]:
     """Return what the launcher imports and shows."""
     sources = where.sources or Sources("", "", ())
     folder = Path(sources.folder)
-    added = {each for _, content in sources.files for each in added_folders(folder, content)}
+    added = {each for _, content in sources.files for each in added_folders(folder, content, sources.top)}
     names = sorted({name for _, content in sources.files for name in imported_names(content)})
     neighbours = [path for path, _ in sources.files]
     shown = {"folder": sources.folder, "neighbours": neighbours, "added": sorted(added), "strangers": where.strangers}
@@ -142,10 +143,10 @@ class Process:
     def _end(self, request: bytes) -> int:
         """End the process; return its status."""
         if self._status is None:
-            self._status = 0
+            self._status = NO_LAUNCHER
             with suppress(OSError):  # the launcher has ended
                 self._launcher.requests.sendall(request)
-                self._status = ord(self._launcher.requests.recv(1) or b"\0")
+                self._status = ord(self._launcher.requests.recv(1) or bytes([NO_LAUNCHER]))
         return self._status
 
     @property
@@ -175,6 +176,8 @@ class Process:
         status = self._end(WHY)
         if status == STILL_RUNS:
             return f"its process closed the pipe of its answers{self._last_line()}"
+        if status == NO_LAUNCHER:
+            return "it takes too long or too much memory to compile"
         if status > namespaces.SIGNALLED:
             return f"its process was ended by {signal.Signals(status - namespaces.SIGNALLED).name}{self._last_line()}"
         return f"its process ended with status {status} before the run was done{self._last_line()}"

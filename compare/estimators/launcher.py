@@ -12,6 +12,7 @@ import gc
 import importlib
 import json
 import os
+import resource
 import shutil
 import signal
 import socket
@@ -29,7 +30,7 @@ from typing import cast
 from slamgauge.compare.estimators import isolated_worker, namespaces, wall
 from slamgauge.compare.estimators.answers import address_of
 from slamgauge.compare.estimators.fresh_modules import prepare
-from slamgauge.compare.estimators.isolated_worker import leave, serve
+from slamgauge.compare.estimators.isolated_worker import MOST_MEMORY, leave, limit, serve
 from slamgauge.compare.estimators.launched_process import END, START, STILL_RUNS, WHY
 
 FOLDERS = "slamgauge-own-"  # prefix of the temporary folders without a wall
@@ -37,6 +38,7 @@ MOST_FILES = 4096
 FILES = 3  # open files that a request to start brings
 SOON = 0.2  # s: time for a process that has answered to end; the system adds its processor time to ours
 LATER = 5.0  # s: time for a process that has closed its answers to end
+COMPILING = 60  # s: time to compile the code, before the system ends this process
 LEAVING = 1.0  # s: time for a process without a wall to end the programs that it has started
 
 
@@ -46,10 +48,14 @@ def main(kind: wall.Kind, requests: socket.socket) -> None:
     seen = wall.view(**settings["view"])
     with suppress(OSError):  # if the machine runs out of memory, the system ends processes with user code first
         Path("/proc/self/oom_score_adj").write_text("1000", encoding="ascii")
+    if sys.platform.startswith("linux"):
+        limit(resource.RLIMIT_DATA, MOST_MEMORY)
     if kind != "bwrap":  # bwrap starts interpreters
         import_installed(settings["imports"])
         if (sources := address_of(settings["address"]).sources) is not None:
+            signal.alarm(COMPILING)
             prepare(sources)
+            signal.alarm(0)
     gc.freeze()  # forked processes then copy fewer pages
     while True:
         _, files, _, _ = socket.recv_fds(requests, len(START), FILES)
@@ -136,7 +142,8 @@ def _awaited(pid: int, seconds: float) -> int | None:
 def import_installed(names: Sequence[str]) -> None:
     """Import installed modules, and attributes like `slamgauge.batch` that an import loads.
 
-    A module outside the folders of Python and slamgauge may be user code (`PYTHONPATH`), which never runs here.
+    A module outside the folders of libraries may be user code (`PYTHONPATH`), which never runs here, and neither do
+    programs: `__main__` of packages, and Python's own modules, of which some begin something when they are imported.
     """
     for name in filter(_is_installed, names):
         with suppress(Exception):  # an error that the user's import shows
@@ -148,11 +155,13 @@ def import_installed(names: Sequence[str]) -> None:
 
 
 def _is_installed(name: str) -> bool:
-    """Return whether a module belongs to slamgauge, or lies in a folder of Python's own modules or packages."""
+    """Return whether a module belongs to slamgauge, or is no program and lies in a folder of installed libraries."""
     top = name.partition(".")[0]
+    if "__main__" in name.split(".") or top in sys.stdlib_module_names:
+        return False
     with suppress(ImportError, ValueError):
         spec = find_spec(top)
-        folders = [sysconfig.get_path(each) for each in ("stdlib", "platstdlib", "purelib", "platlib")]
+        folders = [sysconfig.get_path(each) for each in ("purelib", "platlib")]
         return spec is not None and (top == "slamgauge" or str(spec.origin).startswith(tuple(f"{f}/" for f in folders)))
     return False
 

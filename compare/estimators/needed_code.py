@@ -86,7 +86,7 @@ def _kept(body: list[ast.stmt], needed: set[str]) -> set[ast.stmt]:
         is_fixed = isinstance(node, DEFINITIONS) or _is_text(node) or _is_setting(node) or _has_import(node)
         if is_fixed or (not _is_guard(node) and {*_bound(node, functions)} & needed):
             kept.add(node)
-            needed = needed | {*_read(node)}
+            needed |= {*_read(node)}
     known = {*dir(builtins), "__file__", "__name__", "__doc__"}
     for node in body:
         is_constant = isinstance(node, ASSIGNMENTS) and {*_read(node)} <= known and not {*_called(node)} & {*functions}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 from pathlib import Path
 
-from slamgauge.compare.estimators.syntax_tree import parsed
+from slamgauge.compare.estimators.syntax_tree import parsed, read_source
 
 PREDICTIONS = ("prediction_step", "prediction", "predict_step", "predict", "predictionStep", "predictStep")
 CORRECTIONS = ("correction_step", "correction", "correct_step", "correct", "correctionStep", "correctStep")
@@ -18,6 +18,7 @@ def partner_file(file: Path) -> Path | None:
     If several neighbours define it, a file named as the function counts.
 
     Raises:
+        UserError: a file is too large.
         OSError: a file cannot be read.
     """
     own = _functions(file)
@@ -32,7 +33,7 @@ def partner_file(file: Path) -> Path | None:
 
 def _functions(file: Path) -> set[str]:
     """Return the names that a file defines as functions or imports."""
-    body = parsed(file.read_bytes()).body
+    body = parsed(read_source(file)).body
     defined = {node.name for node in body if isinstance(node, ast.FunctionDef)}
     imported = {alias.asname or alias.name for node in body if isinstance(node, ast.ImportFrom) for alias in node.names}
     return defined | imported

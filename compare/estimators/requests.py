@@ -66,10 +66,11 @@ class Asked:
     @property
     def key(self) -> str:
         """Key of its results in stores, with the digest of user code: edited code is another estimator."""
-        if self.where is not None and self.where.sources is not None:
+        if self.where is not None:
+            digest = self.where.installed if self.where.sources is None else self.where.sources.digest
             apart = "" if self.isolation is None else f" {self.isolation.timeout:g}s strict={self.isolation.strict}"
             chosen = [text for text in (self.where.form, self.where.noise) if text not in ("", "recording")]
-            return " ".join([self.label, self.where.attribute, self.where.sources.digest[:16], *chosen]) + apart
+            return " ".join([self.label, self.where.attribute, digest[:16], *chosen]) + apart
         if self.call is not None:
             return f"{self.label} {_digest_of(self.call)[:16]}"
         return self.label

@@ -10,18 +10,22 @@ import itertools
 import os
 import shutil
 import sys
+import sysconfig
 import tempfile
 from collections.abc import Collection, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from importlib.machinery import PathFinder
+from importlib.util import find_spec
 from pathlib import Path
 
 from slamgauge.compare.estimators.pair_files import partner_file
-from slamgauge.compare.estimators.syntax_tree import parsed
+from slamgauge.compare.estimators.syntax_tree import parsed, read_source
 
 MOST_FILES = 1000  # no more imports are followed
 LARGEST = 10_000_000  # bytes of a data file that belongs to the sources
+LONGEST = 200  # characters of a text that may name a file
+LIBRARIES = (*{sysconfig.get_path(name) for name in ("stdlib", "purelib", "platlib")},)  # folders
 LEVELS = 4  # folders above a file in which helpers of its package may lie
 
 
@@ -34,12 +38,14 @@ class Sources:
         module: dotted name, as code of the folder would import it.
         files: (path relative to the folder, content) of each file.
         libraries: SHA-256 of modules that it imports from `PYTHONPATH` and from folders that it adds to `sys.path`.
+        top: absolute path of the folder that contains all files, also those that links lead to; empty without a limit.
     """
 
     folder: str
     module: str
     files: tuple[tuple[str, bytes], ...]
     libraries: str = ""
+    top: str = ""
 
     @property
     def digest(self) -> str:
@@ -55,7 +61,7 @@ class Sources:
         return Path(self.folder) if same else _copied(self)
 
 
-def sources_of(folder: Path, module: str, strangers: Collection[str] = ()) -> Sources:
+def sources_of(folder: Path, module: str, strangers: Collection[str] = (), top: Path | None = None) -> Sources:
     """Read a module of a folder and follow its imports, wherever in the code they are written.
 
     The neighbour with the second function of the Octave course belongs to it, too, and `named_files`.
@@ -64,41 +70,65 @@ def sources_of(folder: Path, module: str, strangers: Collection[str] = ()) -> So
         folder: the folder.
         module: name of the module.
         strangers: modules of the folder that count only if no installed module has their name.
+        top: folder of a submission. Files outside do not belong to its sources, although it imports or links to them.
 
     Raises:
+        UserError: a file is too large.
         OSError: a file cannot be read.
     """
-    folder = folder.resolve()
-    files = _followed(folder, module, strangers)
-    return Sources(str(folder), module, files, _libraries(folder, files))
+    folder, limit = folder.resolve(), "" if top is None else str(top.resolve())
+    files = _followed(folder, module, strangers, limit)
+    return Sources(str(folder), module, files, _libraries(folder, files, limit), limit)
 
 
-def _followed(folder: Path, module: str, strangers: Collection[str] = ()) -> tuple[tuple[str, bytes], ...]:
+def _followed(
+    folder: Path, module: str, strangers: Collection[str] = (), top: str = ""
+) -> tuple[tuple[str, bytes], ...]:
     """Return the files of `sources_of`."""
     found: dict[str, bytes] = {}
-    waiting = list(_files_of(folder, module))
+    waiting = list(_files_of(folder, module, top=top))
     partner = partner_file(folder / waiting[0]) if len(waiting) == 1 else None
     waiting += [] if partner is None else [partner.name]
     while waiting and len(found) < MOST_FILES:
         path = waiting.pop()
         if path not in found:
-            found[path] = (folder / path).read_bytes()
-            waiting += [file for name in {*imported_names(found[path])} for file in _files_of(folder, name, strangers)]
-            waiting += named_files(folder, found[path]) if path.endswith(".py") else []
+            is_code = path.endswith(".py")
+            found[path] = read_source(folder / path) if is_code else (folder / path).read_bytes()
+            names = {*imported_names(found[path])}
+            waiting += [file for name in names for file in _files_of(folder, name, strangers, top)]
+            places = dict.fromkeys((folder, (folder / path).parent)) if is_code else ()
+            named = [each for place in places for each in named_files(place, found[path], top)]
+            relative = [Path(os.path.relpath(each, folder)).as_posix() for each in named]
+            waiting += [each for each in relative if each.partition("/")[0].removesuffix(".py") not in strangers]
     return tuple(sorted(found.items()))
 
 
-def _libraries(folder: Path, files: tuple[tuple[str, bytes], ...]) -> str:
+def _libraries(folder: Path, files: tuple[tuple[str, bytes], ...], top: str) -> str:
     """Return the SHA-256 of modules that files import from `PYTHONPATH` and `added_folders`; empty without any."""
     contents = [content for path, content in files if path.endswith(".py")]
     places = [Path(each) for each in os.environ.get("PYTHONPATH", "").split(os.pathsep) if each]
-    places += [Path(each) for content in contents for each in added_folders(folder, content)]
+    places += [Path(each) for content in contents for each in added_folders(folder, content, top)]
     names = sorted({name for content in contents for name in imported_names(content)})
     found: dict[str, bytes] = {}
     for place, name in itertools.product(dict.fromkeys(places), names):
         if place.resolve() != folder and any((place / top).exists() for top in _heads(name)):
             found |= {f"{place}/{path}": content for path, content in _followed(place.resolve(), name)}
     return _digest(tuple(sorted(found.items()))) if found else ""
+
+
+def installed_digest(name: str) -> str:
+    """Return the SHA-256 of an installed module or of the package that contains it; empty if it is not found.
+
+    Modules beside it that it imports count, too, unless it lies among all libraries.
+    """
+    with suppress(ImportError, ValueError):
+        spec = find_spec(name.partition(".")[0])
+        if spec is not None and spec.origin is not None and Path(spec.origin).is_file():
+            folder = Path(spec.origin).parents[0 if spec.submodule_search_locations is None else 1]
+            if str(folder) not in LIBRARIES:
+                return _digest(_followed(folder, name))
+            return _digest(tuple((path, (folder / path).read_bytes()) for path in _files_of(folder, name)))
+    return ""
 
 
 def _heads(name: str) -> tuple[str, str]:
@@ -115,8 +145,10 @@ def _digest(files: tuple[tuple[str, bytes], ...], more: str = "") -> str:
     return total.hexdigest()
 
 
-def named_files(folder: Path, content: bytes) -> list[str]:
-    """Return the files of a folder whose names are texts in a source, and all `.m` if it starts a program.
+def named_files(folder: Path, content: bytes, top: str = "") -> list[Path]:
+    """Return the files whose names are texts in a source, and all `.m` if it starts a program.
+
+    They are in a folder, or in folders in it that are texts, too.
 
     Such files are data that the code reads, and programs that it starts with `adapters.external`. Data files of more
     than `LARGEST` bytes, and files that it opens for writing, do not belong to the sources.
@@ -124,10 +156,24 @@ def named_files(folder: Path, content: bytes) -> list[str]:
     nodes = [*ast.walk(parsed(content))]
     opened = [_texts(node) for node in nodes if isinstance(node, ast.Call) and ast.unparse(node.func) == "open"]
     written = {Path(texts[0]).name for texts in opened if len(texts) > 1 and set(texts[1]) & set("wax+")}
-    named = {Path(text).name for node in nodes if isinstance(node, ast.Constant) for text in _texts(node)} - written
+    words = {text for node in nodes if isinstance(node, ast.Constant) for text in _texts(node) if len(text) < LONGEST}
+    named = {Path(text).name for text in words} - written
+    paths = {folder / text for text in words}
+    inside = {each for path in paths for each in (path, path.parent) if folder in each.parents and each.is_dir()}
     octave = b"external(" in content
-    files = [each for each in folder.iterdir() if each.name in named or (octave and each.suffix == ".m")]
-    return [each.name for each in files if each.is_file() and each.stat().st_size <= LARGEST]
+    files = [each for place in (folder, *inside) for each in place.iterdir() if each.name in named]
+    files += folder.glob("*.m") if octave else ()
+    return [each for each in files if _is_file_in(top, each) and each.stat().st_size <= LARGEST]
+
+
+def is_in(top: str, path: Path) -> bool:
+    """Return whether a file or folder, or what a link leads to, lies in a folder; true without a folder."""
+    return not top or path.resolve().is_relative_to(top)
+
+
+def _is_file_in(top: str, path: Path) -> bool:
+    """Return whether a path is a file, neither pipe nor device, that `is_in` a folder."""
+    return path.is_file() and is_in(top, path)
 
 
 def _texts(node: ast.AST) -> list[str]:
@@ -143,24 +189,25 @@ def imported_names(content: bytes) -> Iterator[str]:
             yield from (f"{module}.{alias.name}" if module else alias.name for alias in node.names)
 
 
-def _files_of(folder: Path, name: str, strangers: Collection[str] = ()) -> Iterator[str]:
+def _files_of(folder: Path, name: str, strangers: Collection[str] = (), top: str = "") -> Iterator[str]:
     """Yield the file of a module, or all files of the package that contains it, relative to the folder.
 
     One of `strangers`, or in a folder above, counts if no installed module has its name; its path begins with `../`.
     """
-    top = name.partition(".")[0]
+    head = name.partition(".")[0]
     for level, place in enumerate([folder, *folders_above(folder)]):
-        module, package = place / f"{top}.py", place / top
-        is_module = module.is_file()
-        if not is_module and not (package / "__init__.py").is_file():
+        module, package = place / f"{head}.py", place / head
+        is_module = _is_file_in(top, module)
+        if not is_module and not _is_file_in(top, package / "__init__.py"):
             continue
-        if (not level and top not in strangers) or not _is_installed(top):
+        if (not level and head not in strangers) or not _is_installed(head):
             for file in [module] if is_module else sorted(package.rglob("*.py")):
-                yield "../" * level + file.relative_to(place).as_posix()
+                if _is_file_in(top, file):
+                    yield "../" * level + file.relative_to(place).as_posix()
         return
 
 
-def added_folders(folder: Path, content: bytes) -> Iterator[str]:
+def added_folders(folder: Path, content: bytes, top: str = "") -> Iterator[str]:
     """Yield folders beside or above a folder that a source adds to `sys.path` by a name, as `"../library"`."""
     if b"sys.path" not in content:
         return
@@ -170,7 +217,7 @@ def added_folders(folder: Path, content: bytes) -> Iterator[str]:
         words = [node.value for each in added for node in ast.walk(each) if isinstance(node, ast.Constant)]
         for place in (folder, *folders_above(folder)):
             found = [(place / word).resolve() for word in words if isinstance(word, str) and word.strip("./")]
-            yield from (str(each) for each in found if each.is_dir())
+            yield from (str(each) for each in found if each.is_dir() and is_in(top, each))
 
 
 def folders_above(folder: Path) -> list[Path]:

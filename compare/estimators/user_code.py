@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib
 import os
-import sysconfig
 import traceback
 from collections.abc import Callable
 from contextlib import suppress
@@ -16,7 +15,7 @@ from slamgauge import errors
 from slamgauge.compare.estimators.captured_output import stdout_to_stderr
 from slamgauge.compare.estimators.no_windows import without_windows
 from slamgauge.compare.estimators.private_import import PrivateFolder, public
-from slamgauge.compare.estimators.sources import Sources, sources_of
+from slamgauge.compare.estimators.sources import LIBRARIES, Sources, installed_digest, sources_of
 from slamgauge.compare.storage.safe_names import LONGEST
 from slamgauge.errors import UserError
 from slamgauge.suggestions import did_you_mean
@@ -28,7 +27,6 @@ Noise = Literal["recording", "file"]
 
 MOST = 1000  # characters of an error's text
 FORM = "write FILE.py:callable or module:callable, for example my_filter.py:estimate"
-LIBRARIES = (*{sysconfig.get_path(name) for name in ("stdlib", "purelib", "platlib")},)  # folders
 SILENT = (
     Path(errors.__file__).parent,
     Path(__file__).parent,
@@ -48,6 +46,7 @@ class Address(NamedTuple):
         strangers: neighbours that belong to other people: an installed module of the same name comes first.
         noise: assumed noise: that of the recording, or that of the file, for forms that can use both.
         form: name of the form of the code (`adapters.FORMS`); empty if it follows from the code.
+        installed: `installed_digest` of a module without `sources`.
     """
 
     text: str
@@ -58,6 +57,7 @@ class Address(NamedTuple):
     strangers: tuple[str, ...] = ()
     noise: Noise = "recording"
     form: str = ""
+    installed: str = ""
 
 
 def address(text: str) -> Address:
@@ -77,7 +77,9 @@ def address(text: str) -> Address:
     if place.endswith(".py") and "." in Path(place).stem:
         raise UserError(f"estimator {text!r}: no Python module can have a dot in its name; rename the file")
     require_label(label, text)
-    return Address(text, label, place, attribute, _sources(place))
+    sources = _sources(place)
+    installed = "" if sources or place.endswith(".py") else installed_digest(place)
+    return Address(text, label, place, attribute, sources, installed=installed)
 
 
 def require_label(label: str, text: str) -> None:

@@ -132,7 +132,7 @@ def _graded(submission: Submission, settings: GradeSettings, runs: Sequence[Run]
         if where is None:
             return grade(name, Trial(reason=submission.reason), scores, settings.rubric)
         trial = run_trial(where, name, settings.scenario, runs, settings.isolation, settings.rubric.needed_checks)
-        return grade(name, trial, scores, settings.rubric, source_remarks(where.sources))
+        return grade(name, trial, scores, settings.rubric, source_remarks(where.sources, where.strangers))
     except Exception as error:  # noqa: BLE001 see above
         return grade(name, Trial(reason=failure_text(error)), scores, settings.rubric)
 

@@ -1,4 +1,4 @@
-"""Remarks for the teacher's eye: imports of slamgauge's own estimators, and submissions with identical figures.
+"""Remarks for the teacher's eye: imports of slamgauge's estimators or of other submissions, and identical figures.
 
 They change neither marks nor verdicts: a teacher decides.
 """
@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import ast
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 
 from slamgauge.compare.estimators.sources import Sources
 from slamgauge.compare.estimators.syntax_tree import parsed
@@ -24,11 +24,20 @@ ALLOWED = {
 ADAPTERS = f"{PACKAGE}.compare.estimators.adapters"
 
 
-def source_remarks(sources: Sources | None) -> list[str]:
-    """Return a remark if the sources of a submission use estimators or the simulator of slamgauge. No code runs."""
+def source_remarks(sources: Sources | None, others: Collection[str] = ()) -> list[str]:
+    """Return a remark if a submission uses estimators or the simulator of slamgauge, or other submissions.
+
+    No code runs.
+
+    Args:
+        sources: its sources.
+        others: names of the modules in its folder that are submissions.
+    """
     found: list[str] = []
-    for _, content in () if sources is None else sources.files:
+    for path, content in () if sources is None else sources.files:
         found += [name for name in _used(parsed(content)) if not _is_allowed(name)]
+        head = path.partition("/")[0].removesuffix(".py")
+        found += [f"the submission {head}"] if sources and head in others and head != sources.module else []
     names = ", ".join(dict.fromkeys(found))
     return [f"uses {names}" if len(names) < 200 else f"uses {names[:200]} ..."] if names else []
 

@@ -11,7 +11,7 @@ from slamgauge.compare.estimators.adapters import NAMES
 from slamgauge.compare.estimators.answers import printable
 from slamgauge.compare.estimators.pair_files import partner_file
 from slamgauge.compare.estimators.sources import sources_of
-from slamgauge.compare.estimators.syntax_tree import parsed
+from slamgauge.compare.estimators.syntax_tree import parsed, read_source
 from slamgauge.compare.estimators.user_code import Address
 from slamgauge.compare.storage.files import explained
 from slamgauge.errors import UserError
@@ -80,7 +80,10 @@ def _submission(folder: Path, path: Path, name: str, stems: tuple[str, ...]) -> 
             return Submission(name, None, f"{file.name}: no Python module can have a dot in its name; rename the file")
         place = str(path if file is None else file)
         strangers = tuple(each for each in stems if each != path.name) if inside[0] == folder else ()
-        return Submission(name, Address(place, name, place, "", sources_of(*inside, strangers), strangers))
+        sources = sources_of(*inside, strangers, folder if inside[0] == folder else path)
+        if not sources.files:
+            return Submission(name, None, f"{path.name}: is a link to a file elsewhere; put the file in its place")
+        return Submission(name, Address(place, name, place, "", sources, strangers))
     except UserError as error:
         return Submission(name, None, str(error))
     except OSError as error:
@@ -119,16 +122,17 @@ def _folders_with_python(folder: Path) -> list[Path]:
 
 
 def _python_files(folder: Path) -> list[Path]:
-    return sorted(each for each in folder.glob("*.py") if not each.name.startswith("."))
+    return sorted(each for each in folder.glob("*.py") if each.is_file() and not each.name.startswith("."))
 
 
 def _defines_a_form(path: Path) -> bool:
     """Return whether a file defines, at its top level, a function or class of a known form. The file does not run.
 
     Raises:
+        UserError: the file is too large.
         OSError: the file cannot be read.
     """
-    body = parsed(path.read_bytes()).body
+    body = parsed(read_source(path)).body
     classes = [each for each in body if isinstance(each, ast.ClassDef)]
     names = {each.name for each in body if isinstance(each, ast.FunctionDef | ast.ClassDef)}
     for each in body:

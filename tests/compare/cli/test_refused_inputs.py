@@ -22,6 +22,8 @@ POINTS = 'trajectory={kind="waypoints",points=[[0,0],[0,0]],speed=1,yaw_rate=1,s
     [
         (["import", "g2o", "/dev/zero"], "/dev/zero: is not a regular file"),
         (["import", "g2o", "pipe"], "pipe: is not a regular file"),
+        (["import", "bag", "pipe"], "pipe: is not a regular file"),
+        (["import", "bag", "."], "pipe: is not a regular file"),
         (["evaluate", "pipe"], "pipe: is not a regular file"),
         (["run", "pipe.toml"], "pipe.toml: is not a regular file"),
         (["import", "csv", ""], "'' is an empty path"),

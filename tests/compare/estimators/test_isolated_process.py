@@ -317,10 +317,24 @@ def test_stored_results_depend_on_the_isolation():
     assert ours.isolation is None
 
 
-def test_a_launcher_imports_installed_modules_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_launcher_imports_installed_libraries_and_no_programs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     (tmp_path / "helper_of_a_user.py").write_text("")
     monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.delitem(sys.modules, "colorsys", raising=False)
-    launcher.import_installed(["helper_of_a_user", "colorsys"])
-    assert "colorsys" in sys.modules
-    assert "helper_of_a_user" not in sys.modules
+    monkeypatch.delitem(sys.modules, "cycler", raising=False)
+    programs = ["venv.__main__", "numpy.f2py.__main__", "antigravity"]  # each begins its work when it is imported
+    launcher.import_installed(["helper_of_a_user", "cycler", *programs])
+    assert "cycler" in sys.modules
+    assert not {"helper_of_a_user", *programs} & {*sys.modules}
+
+
+@only_linux
+def test_a_launcher_is_limited_and_its_end_costs_only_its_code(made: Made):
+    estimator = made("return dead_reckoning(recording)")
+    estimator(short())
+    launched = estimator._launcher
+    assert launched is not None
+    limits = Path(f"/proc/{launched._process.pid}/limits").read_text(encoding="ascii")
+    assert re.search(r"^Max data size +4000000000 ", limits, re.M)  # compiling may multiply code
+    launched._process.kill()
+    launched._process.wait()
+    assert "it takes too long or too much memory to compile" in reason(estimator)

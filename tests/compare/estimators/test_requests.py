@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import pickle
 import signal
 import subprocess
@@ -92,15 +93,37 @@ def test_an_edited_program_is_another_estimator(folder: Path, program: str) -> N
 
 
 def test_a_data_file_that_the_code_names_counts_in_the_digest(tmp_path: Path):
-    (tmp_path / "mine.py").write_text("WEIGHTS = open('weights.txt', 'r').read()\nopen('log.txt', 'a').close()\n")
-    for name in ("weights.txt", "other.txt", "log.txt"):
-        (tmp_path / name).write_text("1")
-    first = sources_of(tmp_path, "mine")
-    assert [path for path, _ in first.files] == ["mine.py", "weights.txt"]
-    (tmp_path / "other.txt").write_text("2")
-    assert sources_of(tmp_path, "mine").digest == first.digest
-    (tmp_path / "weights.txt").write_text("2")
-    assert sources_of(tmp_path, "mine").digest != first.digest
+    code = "WEIGHTS = open('weights.txt', 'r').read()\nopen('log.txt', 'a').close()\nFolder('maps') / 'hall.txt'\n"
+    (tmp_path / "package/maps").mkdir(parents=True)
+    (tmp_path / "package/__init__.py").write_text("")
+    (tmp_path / "package/mine.py").write_text(code)
+    for name in ("weights.txt", "other.txt", "log.txt", "maps/hall.txt"):
+        (tmp_path / "package" / name).write_text("1")
+    for folder, module in ((tmp_path / "package", "mine"), (tmp_path, "package.mine")):
+        first = sources_of(folder, module)
+        files = {"package/__init__.py", "package/maps/hall.txt", "package/mine.py", "package/weights.txt"}
+        beside = {each.removeprefix("package/") for each in files} - {"__init__.py"}
+        assert {path for path, _ in first.files} == (files if "." in module else beside)
+        (tmp_path / "package/other.txt").write_text(module)
+        assert sources_of(folder, module).digest == first.digest
+        for name in ("weights.txt", "maps/hall.txt"):
+            before = sources_of(folder, module).digest
+            (tmp_path / "package" / name).write_text(module)
+            assert sources_of(folder, module).digest != before
+
+
+def test_an_edited_installed_module_is_another_estimator(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    for name in ("installed_filter/__init__.py", "installed_filter/gains.py", "helper_beside_it.py"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text("import helper_beside_it\n")
+    keys = [ask(["mine=installed_filter.gains:estimate"])[0].key]
+    for name in ("installed_filter/__init__.py", "helper_beside_it.py"):
+        (tmp_path / name).write_text("edited = 1")
+        importlib.invalidate_caches()
+        keys.append(ask(["mine=installed_filter.gains:estimate"])[0].key)
+    assert len({*keys}) == 3
+    assert ask(["mine=numpy:array"])[0].key == ask(["mine=numpy:array"])[0].key != ask(["mine=scipy:array"])[0].key
 
 
 @pytest.mark.parametrize("way", ["PYTHONPATH", "sys.path"])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import math
+import os
 import re
 import shutil
 import sys
@@ -19,9 +20,11 @@ import pytest
 from slamgauge import simulate
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.cli.options import overridden_scenario
+from slamgauge.compare.estimators.sources import added_folders
 from slamgauge.compare.estimators.user_code import Address
 from slamgauge.compare.grading import grading
 from slamgauge.compare.grading.grades import grade
+from slamgauge.compare.grading.remarks import source_remarks
 from slamgauge.compare.grading.rubric import load_rubric
 from slamgauge.compare.grading.submissions import submissions_in
 from slamgauge.compare.grading.trial import Trial, run_trial
@@ -113,7 +116,7 @@ def test_every_form_is_graded_and_other_files_have_a_reason(graded: Path):
     assert {name for name, row in found.items() if row["graded"] == "true"} == right | {"student_ekf_wrong_jacobian"}
     reasons = {name: row["reason"] for name, row in found.items() if row["reason"]}
     assert "fails the check prediction-jacobian" in reasons.pop("student_ekf_wrong_jacobian")
-    assert reasons.pop("shifted").startswith("run 0: uses the future: from the recording up to step 15 alone, ")
+    assert reasons.pop("shifted").startswith("run 0: uses the future: from the recording up to step ")
     assert reasons.pop("broken").startswith("cannot be loaded, it raised SyntaxError: expected ':' (broken.py, line 1)")
     assert reasons == {"a.b": "a.b.py: no Python module can have a dot in its name; rename the file"}
 
@@ -341,6 +344,36 @@ def test_packages_are_no_strangers_to_their_own_code(tmp_path: Path):
         "numpy": ("alone", "numpy", "package"),
         "package": ("alone", "numpy"),
     }
+
+
+def test_a_submission_is_its_folder_without_what_lies_above_or_behind_links(tmp_path: Path):
+    for name in ("secret.txt", "solution.py", "class/bob.py"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text("def estimate(recording): ...\n")
+    code = "import sys, bob, solution\nsys.path += []\nsys.path.append('/')\nopen('secret.txt'); open('bob.py')\n"
+    (tmp_path / "class/eve/lib").mkdir(parents=True)
+    (tmp_path / "class/eve/main.py").write_text(code)
+    (tmp_path / "class/eve/secret.txt").symlink_to(tmp_path / "secret.txt")
+    (tmp_path / "class/eve/endless.py").symlink_to("/dev/zero")
+    os.mkfifo(tmp_path / "class/eve/waiting.py")
+    (tmp_path / "class/fay").mkdir()
+    (tmp_path / "class/fay/submission.py").symlink_to(tmp_path / "solution.py")
+    (tmp_path / "class/gus.py").write_text(code.replace("bob, ", ""))
+    (tmp_path / "class/ida.py").write_text("import bob\n" + "#" * 1_000_000)
+    (tmp_path / "class/jon.py").write_text("import bob\n")
+    found = {each.name: each for each in submissions_in(tmp_path / "class")}
+    sources = {name: each.where.sources for name, each in found.items() if each.where and each.where.sources}
+    assert {name: [path for path, _ in each.files] for name, each in sources.items()} == {
+        "bob": ["bob.py"],
+        "eve": ["main.py"],
+        "gus": ["gus.py"],
+        "jon": ["bob.py", "jon.py"],
+    }
+    eve = sources["eve"]
+    assert not [*added_folders(Path(eve.folder), eve.files[0][1], eve.top)]
+    assert found["fay"].reason == "fay: is a link to a file elsewhere; put the file in its place"
+    assert found["ida"].reason == "ida.py: has more than 1 MB; keep data in files of their own"
+    assert source_remarks(sources["jon"], ("bob", "jon")) == ["uses the submission bob"]
 
 
 def test_a_missing_folder(tmp_path: Path):
