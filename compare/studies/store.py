@@ -20,26 +20,20 @@ import numpy as np
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.scoring.catalogue import STORED
 from slamgauge.compare.scoring.runs import SERIES, Ates, Runs
-from slamgauge.compare.studies.store_file import INSERT, TABLES, connected, require_whole, with_checksum
+from slamgauge.compare.studies.store_file import INSERT, SCHEMA, TABLES, connected, require_whole, with_checksum
 from slamgauge.compare.studies.study_run import Outcome
 from slamgauge.errors import UserError
 from slamgauge.sensors import SENSORS
 from slamgauge.version import __version__
 
-# Raise it when `TABLES` or `SERIES` change, when the same scenario and seed give other measurements, or when a figure
-# gets another meaning: stores of another schema are refused. A new figure needs no new number: it is NaN in old rows.
-SCHEMA = 1
 BUSY = 10  # s to wait for another program before a run cannot be stored
-NAMES = "2"  # raise it when the name of an estimator gets another meaning, and refuse stores with the old meaning
-_RENAMED = "isam2"  # before names 2 (version 0.5) the causal optimum, since then GTSAM's ISAM2
 _DONE = "estimator = ?1 AND run < ?2 AND error IS NULL"
 _OF_ONE_KIND = f"{_DONE} AND (SELECT count(DISTINCT kind) FROM outcome WHERE {_DONE}) = 1"
 
 
 def digest(scenario: Scenario, seed: int) -> str:
     """Return the SHA-256 of a scenario and a seed: equal digests, equal measurements."""
-    later = {"motion": {"sigma_lateral"}} if scenario.motion.sigma_lateral is None else None  # keeps older digests
-    return hashlib.sha256(f"{_relevant(scenario).model_dump_json(exclude=later)} seed {seed}".encode()).hexdigest()
+    return hashlib.sha256(f"{_relevant(scenario).model_dump_json()} seed {seed}".encode()).hexdigest()
 
 
 def _relevant(scenario: Scenario) -> Scenario:
@@ -61,12 +55,12 @@ class StudyStore:
     def add(self, run: int, seed: int, outcomes: Sequence[Outcome]) -> None:
         """Store the outcomes of a run, without transient failures; existing rows do not change."""
         rows = [
-            with_checksum((run, each.estimator, seed, each.kind, each.error, json.dumps(each.figures), each.series))
+            (run, each.estimator, __version__, seed, each.kind, each.error, json.dumps(each.figures), each.series)
             for each in outcomes
             if not each.transient
         ]
         with self._connection:
-            self._connection.executemany(INSERT, rows)
+            self._connection.executemany(INSERT, map(with_checksum, rows))
 
     def failures(self, runs: int) -> list[tuple[int, str, str]]:
         """Return run, estimator and error of each failure among the first `runs`, and changes of kind."""
@@ -117,8 +111,7 @@ def begin_store(path: Path, scenario: Scenario, seed: int) -> None:
     """
     ours = {
         "schema": str(SCHEMA),
-        "names": NAMES,
-        "version": __version__,  # for information only
+        "version": __version__,  # for information only, as that of each row
         "digest": digest(scenario, seed),
         "scenario": scenario.model_dump_json(),
         "seed": str(seed),
@@ -132,10 +125,10 @@ def begin_store(path: Path, scenario: Scenario, seed: int) -> None:
             found = dict(connection.execute("SELECT key, value FROM study"))
             if not found:
                 connection.executemany("INSERT INTO study VALUES (?, ?)", ours.items())
-            elif _difference(found, scenario, seed) is None:  # a version with new keys has other digests
+                return
+            _require_schema(found, path)
+            if _difference(found, scenario, seed) is None:  # a version with new keys has other digests
                 connection.execute("UPDATE study SET value = ? WHERE key = 'digest'", (ours["digest"],))
-            if not _holds_renamed(connection):
-                connection.execute("INSERT OR IGNORE INTO study VALUES ('names', ?)", (NAMES,))
 
 
 def _difference(found: dict[str, str], scenario: Scenario, seed: int) -> str | None:
@@ -178,8 +171,8 @@ def read_store(path: Path, digest: str, labels: Sequence[str], runs: int) -> tup
     require_whole(path)
     with connected(path) as connection:
         found = dict(connection.execute("SELECT key, value FROM study"))
-        _require_present_names(connection, path)
-        if found.get("digest") != digest or found.get("schema") != str(SCHEMA):
+        _require_schema(found, path)
+        if found["digest"] != digest:
             raise UserError(f"{path}: has another study than the summary in this folder; give the command again")
         latest = "SELECT estimator FROM outcome GROUP BY estimator ORDER BY max(rowid)"
         keys = {_label_of(key, labels): key for (key,) in connection.execute(latest)}
@@ -194,6 +187,14 @@ def _label_of(key: str, labels: Sequence[str]) -> str:
 
 def _require_same(connection: sqlite3.Connection, path: Path, scenario: Scenario, seed: int) -> None:
     found = dict(connection.execute("SELECT key, value FROM study"))
+    _require_schema(found, path)
+    other = _difference(found, scenario, seed)
+    if other is not None:
+        raise UserError(f"{path}: has a study of another {other} (digest {found['digest'][:12]}); give another --out")
+
+
+def _require_schema(found: dict[str, str], path: Path) -> None:
+    """Refuse a store whose results may differ from those of this version."""
     if not {"version", "digest", "scenario"} <= found.keys():
         raise UserError(f"{path}: has no study; give another --out")
     schema = found.get("schema", "of old")  # version 0.3 and older wrote no number
@@ -201,25 +202,4 @@ def _require_same(connection: sqlite3.Connection, path: Path, scenario: Scenario
         raise UserError(
             f"{path}: has schema {schema} (begun by slamgauge {found['version']}), this is schema {SCHEMA} "
             f"(slamgauge {__version__}); finish it with that version, or give another --out"
-        )
-    _require_present_names(connection, path)
-    other = _difference(found, scenario, seed)
-    if other is not None:
-        raise UserError(f"{path}: has a study of another {other} (digest {found['digest'][:12]}); give another --out")
-
-
-def _holds_renamed(connection: sqlite3.Connection) -> bool:
-    """Return whether the store has results under a name that has another meaning now."""
-    if connection.execute("SELECT 1 FROM study WHERE key = 'names' AND value = ?", (NAMES,)).fetchone():
-        return False
-    query = "SELECT 1 FROM outcome WHERE estimator = ?1 OR estimator LIKE ?1 || '@%' LIMIT 1"
-    return connection.execute(query, (_RENAMED,)).fetchone() is not None
-
-
-def _require_present_names(connection: sqlite3.Connection, path: Path) -> None:
-    """Refuse a store that has results under a name that has another meaning now."""
-    if _holds_renamed(connection):
-        raise UserError(
-            f"{path}: was begun before slamgauge 0.5, when {_RENAMED!r} was the name of the causal optimum, "
-            f"now 'causal' ({_RENAMED!r} is GTSAM's ISAM2 now); run the study again with 'causal' in another --out"
         )

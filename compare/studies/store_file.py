@@ -21,13 +21,18 @@ from slamgauge.compare.storage.safe_names import shown
 from slamgauge.compare.storage.staged_folder import lock_file
 from slamgauge.errors import UserError
 
-COLUMNS = "run, estimator, seed, kind, error, figures, series"
+# Raise it when `TABLES` or `SERIES` change, when the same scenario and seed give other measurements or an estimator of
+# slamgauge other results, or when a figure gets another meaning: stores of another schema are refused. A new figure
+# needs no new number: it is NaN in old rows.
+SCHEMA = 2
+COLUMNS = "run, estimator, version, seed, kind, error, figures, series"
 TABLES = """
 BEGIN;
 CREATE TABLE IF NOT EXISTS study (key TEXT PRIMARY KEY, value TEXT NOT NULL);
 CREATE TABLE IF NOT EXISTS outcome (
     run INTEGER NOT NULL,
     estimator TEXT NOT NULL,
+    version TEXT NOT NULL,
     seed INTEGER NOT NULL,
     kind TEXT NOT NULL,
     error TEXT,
@@ -38,7 +43,7 @@ CREATE TABLE IF NOT EXISTS outcome (
 );
 COMMIT;
 """
-INSERT = "INSERT OR IGNORE INTO outcome VALUES (?, ?, ?, ?, ?, ?, ?, ?)"
+INSERT = "INSERT OR IGNORE INTO outcome VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)"
 PATIENCE = 1.0  # s to wait for another program that uses the store
 _NAMED = 5  # damaged rows that the error message names; of more rows it gives the number
 _IN_USE = (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED)
@@ -119,6 +124,11 @@ def _decoded(text: bytes) -> str:
     return text.decode("utf-8", "surrogateescape")  # damaged text must not raise
 
 
+def _schema(connection: sqlite3.Connection) -> str:
+    """Return the schema of a store; empty if it has none."""
+    return next(iter(connection.execute("SELECT value FROM study WHERE key = 'schema'")), ("",))[0]
+
+
 def _damage(path: Path) -> str:
     """Describe the damage of a store; return an empty text if it has none."""
     with connected(path) as connection:
@@ -128,7 +138,7 @@ def _damage(path: Path) -> str:
             if answer != "ok":
                 return _in_a_line(answer)
             columns = ", ".join(column[1] for column in connection.execute("PRAGMA table_info(outcome)"))
-            if columns in {"", COLUMNS}:  # empty, or by version 0.3, which has no checksums: see `store`
+            if not columns or _schema(connection) != str(SCHEMA):  # empty, or `store` refuses it
                 return ""
             if columns != f"{COLUMNS}, checksum":
                 return "the table outcome has other columns"

@@ -32,7 +32,7 @@ from slamgauge.errors import UserError
 Run = Callable[..., Summary]
 Load = Callable[..., dict[str, Runs]]
 
-HELD = {1: "8dfa411309eb131a"}  # digest of the tables and series of each schema number
+HELD = {1: "8dfa411309eb131a", 2: "7c21a1fc054acbb1"}  # digest of the tables and series of each schema number
 
 
 @contextmanager
@@ -53,6 +53,9 @@ def test_another_version_continues_the_study(run: Run, tmp_path: Path, monkeypat
     both = run(2, ("ekf",))
     assert (first.digest, both.estimators["ekf"].runs) == (both.digest, 2)
     assert about(tmp_path)["version"] == __version__
+    with opened(tmp_path) as connection:
+        rows = connection.execute("SELECT run, version FROM outcome").fetchall()
+    assert dict(rows) == {0: __version__, 1: "9.9.9"}
 
 
 def test_another_schema_is_refused(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -68,7 +71,7 @@ def test_a_store_of_version_0_3_is_refused(run: Run, load: Load, tmp_path: Path)
     """It has no schema number and no checksums."""
     run(1, ("ekf",))
     with opened(tmp_path) as connection:
-        connection.execute("DELETE FROM study WHERE key IN ('schema', 'names')")
+        connection.execute("DELETE FROM study WHERE key = 'schema'")
         connection.execute("UPDATE study SET value = '0.3.0' WHERE key = 'version'")
         connection.execute("ALTER TABLE outcome DROP COLUMN checksum")
     for again in (run, load):
@@ -85,62 +88,17 @@ def test_the_schema_number_is_raised_with_the_tables(run: Run, tmp_path: Path) -
     assert {study_store.SCHEMA: held} == {study_store.SCHEMA: HELD[study_store.SCHEMA]}
 
 
-def as_written_by_0_4(scenario: Scenario) -> str:
-    """Return the scenario as JSON without most keys with default values, and with the rays of version 0.3."""
-    content = scenario.model_copy(update={"fis": scenario.fis.model_copy(update={"alpha": 0.3, "beta": 2.0})})
-    return content.model_dump_json(exclude={"prior": {"covariance"}, "association": {"node_limit"}, "update": True})
-
-
-@pytest.fixture
-def begun_with_0_4(scenario: Scenario, run: Run, tmp_path: Path) -> Path:
-    """A study folder of version 0.4, in which the causal optimum was called isam2."""
-    run(1, ("causal",))
-    with opened(tmp_path) as connection:
-        connection.execute("DELETE FROM study WHERE key = 'names'")
-        new = {"version": "0.4.0", "scenario": as_written_by_0_4(scenario), "digest": "0" * 64}
-        connection.executemany("UPDATE study SET value = ?2 WHERE key = ?1", new.items())
-    return tmp_path
-
-
-@pytest.mark.parametrize("name", ["isam2", "isam2@ekf"])
-def test_a_study_of_0_4_with_isam2_is_refused(run: Run, load: Load, begun_with_0_4: Path, name: str) -> None:
-    study = run(1, ("causal",), "new")
-    with opened(begun_with_0_4 / "new") as connection:
-        (row,) = connection.execute(f"SELECT {store_file.COLUMNS} FROM outcome").fetchall()
-    with opened(begun_with_0_4) as connection:
-        connection.execute("DELETE FROM outcome")
-        connection.execute(store_file.INSERT, store_file.with_checksum((row[0], name, *row[2:])))
-    message = "begun before slamgauge 0.5, when 'isam2' was the name of the causal optimum, now 'causal'"
-    for again in (
-        lambda: run(1, ("ekf",)),
-        lambda: load(1, ("ekf",)),
-        lambda: study_store.read_store(begun_with_0_4 / "study.sqlite", study.digest, ("ekf",), 1),
-    ):
-        with pytest.raises(UserError, match=message) as caught:
-            again()
-        assert "\n" not in str(caught.value)
-
-
-def test_a_study_of_0_4_without_isam2_continues_and_may_add_it(
-    scenario: Scenario, run: Run, begun_with_0_4: Path
-) -> None:
-    for names in (("causal",), ("causal", "isam2"), ("causal", "isam2")):
-        assert run(1, names).estimators["causal"].runs == 1
-    assert about(begun_with_0_4)["version"] == "0.4.0"
-    assert about(begun_with_0_4)["digest"] == digest(scenario, 0)
-
-
 def test_figures_that_old_rows_lack_are_unknown(run: Run, load: Load, tmp_path: Path) -> None:
     """A study from before these figures existed continues, and its old runs are not repeated."""
     run(2, ("causal",))
     with opened(tmp_path) as connection:
         rows = connection.execute(f"SELECT {store_file.COLUMNS} FROM outcome").fetchall()
         later = ("optimum_check_sigma", "chi_square_per_dof")
-        old = {key: figure for key, figure in json.loads(rows[0][5]).items() if key not in later}
+        old = {key: figure for key, figure in json.loads(rows[0][6]).items() if key not in later}
         new = {**old, "optimum_check_sigma": np.inf, "chi_square_per_dof": 1.25}
         connection.execute("DELETE FROM outcome")
         for row, figures in zip(rows, (old, new), strict=True):
-            changed = (*row[:5], json.dumps(figures), row[6])
+            changed = (*row[:6], json.dumps(figures), row[7])
             connection.execute(store_file.INSERT, store_file.with_checksum(changed))
     held = load(2, ("causal",))["causal"].figures
     np.testing.assert_array_equal(held["optimum_check_sigma"], [np.nan, np.inf])
