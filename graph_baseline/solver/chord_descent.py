@@ -27,6 +27,7 @@ factorise, solved = get_lapack_funcs(("potrf", "potrs"), dtype=np.float64)
 
 CONVERGED = 0.003  # largest remaining step, in sigmas of the newest pose and of the predicted observations
 RATE = 0.2  # smallest assumed ratio of consecutive chord steps
+FIRST = 10.0  # largest assumed size of the rest after the first step, relative to this step
 MISFIT = 4.0  # mean squared residual above which the ratio of consecutive chord steps varies
 SLOW = 0.6  # relinearise if a step exceeds this share of the previous one (accelerated steps: the one before that)
 STALE = 0.1  # relinearise if the relative change of Jacobians times `_reach` exceeds this
@@ -115,7 +116,8 @@ class ChordDescent:
             if not size < GROWN * smallest:
                 return False
             rate = max(size / before, SLOW if self._is_ratio_uncertain() else RATE)
-            if (size * rate / (1.0 - rate) if before < np.inf and rate < 1.0 else size) < CONVERGED:
+            rest = rate / (1.0 - rate) if rate < 1.0 else 1.0
+            if size * (rest if before < np.inf else FIRST) < CONVERGED:
                 return True
             self._sizes.append(size)
             back = 1 if self._acceleration is None else 2
