@@ -57,12 +57,11 @@ IN_THE_WAY = [
     *(("noise", name) for name in ("noise.json", "noise.png", "noise.svg/")),
     *(("animate", name) for name in ("animation.gif", "animation.mp4", "animation.gif/")),
 ]
-WORK = (
-    *("scenarios.simulation.simulate", "scoring.comparison.compare_estimators"),
+WORK = (  # in this order: a module that is imported later would keep the replacement of the last two
     *("datasets.victoria_park.read_victoria_park", "figures.animation.Scene"),
     *("studies.budget.error_budget", "bench.step_times.run_bench", "studies.study._carry_out"),
     *("grading.grading.grade_folder", "datasets.csv_log.read_csv_log", "storage.csv_folder.write_recording_csv"),
-    "noise.estimation.find_noise",
+    *("noise.estimation.find_noise", "scoring.comparison.compare_estimators", "scenarios.simulation.simulate_informed"),
 )
 
 
