@@ -69,18 +69,7 @@ def judge_filters(recording: Recording) -> list[Outcome]:
             name: Outcome(name, "failed", math.inf, note) for name, note in estimates.items() if isinstance(note, str)
         }
         return [failed.get(name, Outcome(name, "not compared")) for name in PAIRS]
-    minimum = judge_minimum(recording)
-    outcomes = [judge_filter(recording, name) for name in PAIRS]
-    return [*(_unless_a_minimum(each, minimum) for each in outcomes), minimum]
-
-
-def _unless_a_minimum(outcome: Outcome, minimum: Outcome) -> Outcome:
-    """Return `undecided` where iekf ends in another minimum of its cost than the reference."""
-    if outcome.estimator != "iekf" or outcome.verdict != "worse" or minimum.verdict != "agrees":
-        return outcome
-    if outcome.difference < ANOTHER_MINIMUM:
-        return outcome
-    return replace(outcome, verdict="undecided", note=f"other minima than the reference's; {outcome.note}")
+    return [*(judge_filter(recording, name) for name in PAIRS), judge_minimum(recording)]
 
 
 def judge_filter(recording: Recording, name: str) -> Outcome:
@@ -88,7 +77,8 @@ def judge_filter(recording: Recording, name: str) -> Outcome:
 
     A refusal is right where the textbook form is wrong too: double precision is exhausted. Where the textbook form
     loses digits, the filter must be no further from extended precision than the textbook form. The result is undecided
-    where extended precision may have lost digits as well.
+    where extended precision may have lost digits as well, and where `iekf` agrees with it up to an update whose cost
+    has several minima, of which both find different ones: `judge_minimum` judges the updates alone.
     """
     estimate = attempt(PAIRS[name].ours, recording)
     textbook = _textbook(recording, name)
@@ -107,7 +97,11 @@ def judge_filter(recording: Recording, name: str) -> Outcome:
     found = _apart(estimate, reference, recording)
     if found <= FILTER_BAR:
         return Outcome(name, "agrees", found, "the textbook form loses digits")
+    apart = differences(_path(estimate, recording), reference, recording)
+    first = int(np.argmax(~(apart <= FILTER_BAR)))
     same_minimum = name != "iekf" or found < ANOTHER_MINIMUM
+    if not same_minimum and apart[first] > ANOTHER_MINIMUM:
+        return Outcome(name, "undecided", to_textbook, f"at step {first} extended precision goes to another minimum")
     keeps_digits = lost <= (FILTER_BAR if found <= lost else FILTER_BAR * DIGITS_GAINED)
     if same_minimum and not keeps_digits:
         return Outcome(name, "undecided", found, f"the textbook form is {lost:.1e} sigma from extended precision")
@@ -136,15 +130,20 @@ def _path(estimate: Estimate, recording: Recording) -> Path:
 
 
 def difference(ours: Path, reference: Path, recording: Recording) -> float:
-    """Return the difference in sigmas of the reference; infinite if a value is not finite."""
+    """Return the largest difference in sigmas of the reference; infinite if a value is not finite."""
+    largest = float(differences(ours, reference, recording).max())
+    return largest if math.isfinite(largest) else math.inf
+
+
+def differences(ours: Path, reference: Path, recording: Recording) -> Float:
+    """Return the largest difference of each step (N+1,) in sigmas of the reference."""
     farthest = np.abs(reference.poses[:, :2]).max(axis=1) + np.abs(recording.prior_mean[:2]).max()
     magnitude = np.column_stack([farthest, farthest, np.full(len(farthest), np.pi)])
     sigma = np.maximum(reference.sigmas, SPACINGS / FILTER_BAR * np.spacing(magnitude))
     apart = ours.poses - reference.poses
     apart[:, 2] = wrap(apart[:, 2])
     apart, wider = np.abs(apart) / sigma, np.abs(ours.sigmas - reference.sigmas) / sigma
-    largest = float(np.maximum(apart, wider).max())
-    return largest if math.isfinite(largest) else math.inf
+    return np.maximum(apart, wider).max(axis=1)
 
 
 # --- the minimum of the iterated filter ------------------------------------------------------------
