@@ -154,8 +154,11 @@ def named_files(folder: Path, content: bytes, top: str = "") -> list[Path]:
     than `LARGEST` bytes, and files that it opens for writing, do not belong to the sources.
     """
     nodes = [*ast.walk(parsed(content))]
-    opened = [_texts(node) for node in nodes if isinstance(node, ast.Call) and ast.unparse(node.func) == "open"]
-    written = {Path(texts[0]).name for texts in opened if len(texts) > 1 and set(texts[1]) & set("wax+")}
+    opened = [node for node in nodes if isinstance(node, ast.Call) and ast.unparse(node.func) == "open" and node.args]
+    modes = [[*call.args[1:2], *(each.value for each in call.keywords if each.arg == "mode")] for call in opened]
+    letters = [{letter for each in mode for text in _texts(each) for letter in text} for mode in modes]
+    writing = [call for call, used in zip(opened, letters, strict=True) if used & set("wax+")]
+    written = {Path(text).name for call in writing for text in _texts(call.args[0])}
     words = {text for node in nodes if isinstance(node, ast.Constant) for text in _texts(node) if len(text) < LONGEST}
     named = {Path(text).name for text in words} - written
     paths = {folder / text for text in words}
