@@ -89,14 +89,15 @@ def view(folder: str, neighbours: Collection[str], added: Iterable[str], strange
         strangers: names of modules and packages in the folder that belong to others.
     """
     place = Path(folder) if folder else None
-    hidden, helpers = [], list[str]()
+    hidden, helpers = list[Path](), list[str]()
     if place is not None:
-        hidden = [str(path) for pattern in TRUTHS for path in place.glob(pattern)]
+        hidden = [path for pattern in TRUTHS for path in place.glob(pattern)]
         of_others = [*strangers, *(f"{name}.py" for name in strangers)]
         used = {path.partition("/")[0] for path in neighbours}
-        hidden += [str(place / name) for name in of_others if name not in used and (place / name).exists()]
+        hidden += [place / name for name in of_others if name not in used and (place / name).exists()]
         helpers = [folder, *(_top(place, path) for path in neighbours if path.startswith("../")), *added]
-    return View(_whole([*SYSTEM, *_settings(), *_python(), *helpers]), hidden)
+    found = [str(path) for path in hidden if not path.is_symlink()]  # a link shows no more than is shown without it
+    return View(_whole([*SYSTEM, *_settings(), *_python(), *helpers]), found)
 
 
 def _top(folder: Path, path: str) -> str:

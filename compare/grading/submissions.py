@@ -54,7 +54,7 @@ def submissions_in(folder: Path) -> list[Submission]:
     """
     with explained(folder, "read"):
         entries = sorted(each for each in folder.iterdir() if each.name[0] not in "._")
-    given = [each for each in entries if _is_python(each) or (each.is_dir() and _folders_with_python(each))]
+    given = [each for each in entries if _is_python(each) or any(each.glob("*.py")) or _folders_with_python(each)]
     if not given:
         raise UserError(f"{folder}: contains no submission; give a folder of Python files, or of folders with them")
     stems = [each.stem if _is_python(each) else each.name for each in given]
@@ -74,6 +74,10 @@ def _distinct(stems: Sequence[str], files: Sequence[str]) -> list[str]:
 def _submission(folder: Path, path: Path, name: str, stems: tuple[str, ...]) -> Submission:
     """Return the submission at a path; files of other submissions (`stems`) hide no library from it."""
     try:
+        if not path.is_file() and not _folders_with_python(path):
+            return Submission(
+                name, None, f"{path.name}: is or has no Python file (pipes and broken links are none); hand in a file"
+            )
         file = path if path.is_file() else _main_file(path)
         inside = (folder, path.name) if file is None else (file.parent, file.stem)
         if file is not None and "." in file.stem:
@@ -117,6 +121,8 @@ def _folders_with_python(folder: Path) -> list[Path]:
     """Return a folder if it contains Python files, else all folders in it that do, at any depth."""
     if _python_files(folder):
         return [folder]
+    if not folder.is_dir():
+        return []
     inside = sorted(each for each in folder.iterdir() if each.is_dir() and each.name[0] not in "._")
     return [found for each in inside if not each.is_symlink() for found in _folders_with_python(each)]
 
@@ -143,4 +149,5 @@ def _defines_a_form(path: Path) -> bool:
 
 
 def _is_python(path: Path) -> bool:
-    return path.suffix == ".py" and path.is_file()
+    """Return whether a path is a Python file by its name; it may be a pipe, a device or a broken link."""
+    return path.suffix == ".py" and not path.is_dir()

@@ -20,6 +20,7 @@ import pytest
 from slamgauge import simulate
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.cli.options import overridden_scenario
+from slamgauge.compare.estimators import wall
 from slamgauge.compare.estimators.sources import added_folders
 from slamgauge.compare.estimators.user_code import Address
 from slamgauge.compare.grading import grading
@@ -406,3 +407,20 @@ def test_other_noise_of_a_file_is_graded_too_and_the_same_noise_is_not(
     page = (tmp_path / "out/submissions/root.md").read_text()
     assert "With the noise of the file instead: ATE is " in page
     assert "- Q of the file, diag(" in page
+
+
+def test_a_submission_that_is_no_file_has_a_row_and_hides_nothing_from_others(tmp_path: Path):
+    """A linked folder ended the whole class with bwrap, and pipes had no row."""
+    (tmp_path / "dora.py").write_text("def estimate(recording): ...", encoding="utf-8")
+    (tmp_path / "eve").mkdir()
+    for pipe in ("bob.py", "eve/submission.py"):
+        os.mkfifo(tmp_path / pipe)
+    (tmp_path / "carl.py").symlink_to("carl.py")
+    (tmp_path / "fred").symlink_to(Path(__file__).parent)
+    reasons = {each.name: each.reason for each in submissions_in(tmp_path)}
+    no_file = "is or has no Python file (pipes and broken links are none); hand in a file"
+    for name, place in (("bob", "bob.py"), ("carl", "carl.py"), ("eve", "eve")):
+        assert reasons[name] == f"{place}: {no_file}"
+    assert reasons["dora"] == "" and "fred" in reasons
+    seen = wall.view(str(tmp_path), ["dora.py"], [], [*reasons])
+    assert {Path(path).name for path in seen.hidden} == {"bob.py", "eve"}
