@@ -30,7 +30,7 @@ def robust_limits(extents: Mapping[str, Float], factor: float = DIVERGED) -> tup
     """
     rows = np.array([*extents.values()])
     typical = np.sort(rows, axis=0)[(len(rows) - 1) // 2]
-    counts = rows <= factor * typical
+    counts = rows <= np.where(typical > 0.0, factor * typical, np.inf)
     heights = np.where(counts, rows, 0.0).max(axis=0)
     return heights, [name for name, row in zip(extents, counts, strict=True) if not row.all()]
 

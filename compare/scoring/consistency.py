@@ -8,6 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from slamgauge.arrays import Float, chunks
+from slamgauge.compare.scoring.intervals import ROUNDING
 from slamgauge.compare.scoring.nan_stats import mean
 from slamgauge.compare.scoring.trajectory_error import pose_errors
 from slamgauge.errors import UserError
@@ -16,7 +17,6 @@ from slamgauge.recording import Recording
 from slamgauge.truth import Truth
 
 SINGULAR = 1e-9  # largest smallest eigenvalue of a correlation matrix that may be rounding (as in `validation`)
-ROUNDING = 1e-9  # m, rad: errors and sigmas of an optimum below this are rounding, so nothing is divided by them
 LARGEST = 1e100  # limit of distances, so that sums of their squares are finite, as result files require
 
 

@@ -11,6 +11,7 @@ from slamgauge.arrays import Float
 from slamgauge.compare.scoring.nan_stats import number
 
 LEVEL = 0.95
+ROUNDING = 1e-9  # m, rad: errors and sigmas of an optimum below this are rounding, so nothing is divided by them
 
 
 class Interval(NamedTuple):
@@ -27,7 +28,7 @@ class Paired(NamedTuple):
     Attributes:
         runs: number of runs with both figures.
         difference: mean of the differences, first minus second, with Student's interval.
-        ratio: mean over mean, with the delta method's interval; None unless the second mean is positive.
+        ratio: mean over mean, with the delta method's interval; None unless the second mean is above ROUNDING.
         p_value: p-value of Student's two-sided paired test of equal means; None for a single run.
     """
 
@@ -52,10 +53,13 @@ def mean_interval(values: Float, level: float = LEVEL) -> Interval | None:
 
 
 def ratio_interval(numerator: Float, denominator: Float, level: float = LEVEL) -> Interval | None:
-    """Return the interval of mean / mean over the same runs, to first order (delta method), without NaN pairs."""
+    """Return the interval of mean / mean over the same runs, to first order (delta method), without NaN pairs.
+
+    The result is None if the mean denominator is not above ROUNDING.
+    """
     both = ~np.isnan(numerator) & ~np.isnan(denominator)
     above, below = numerator[both], denominator[both]
-    if not len(above) or below.mean() <= 0:
+    if not len(above) or below.mean() <= ROUNDING:
         return None
     ratio = float(above.mean() / below.mean())
     spread = float((above - ratio * below).std(ddof=1) / below.mean()) if len(above) > 1 else np.nan

@@ -11,7 +11,8 @@ import numpy as np
 
 from slamgauge.arrays import Float
 from slamgauge.compare.scoring.catalogue import CATALOGUE, SCORED, measured
-from slamgauge.compare.scoring.consistency import ROUNDING, log_scores, sigma_ratios, squared_mahalanobis
+from slamgauge.compare.scoring.consistency import log_scores, sigma_ratios, squared_mahalanobis
+from slamgauge.compare.scoring.intervals import ROUNDING
 from slamgauge.compare.scoring.landmark_identity import association_figures, landmark_errors, true_landmarks
 from slamgauge.compare.scoring.loop_closures import LoopClosure, closure_steps, describe_closures
 from slamgauge.compare.scoring.nan_stats import mean, number, rms

@@ -165,6 +165,7 @@ def test_axis_limits_ignore_a_diverged_estimator_and_name_it():
     heights, gone = robust_limits(extents)
     assert heights.tolist() == [2.0, 2.0]
     assert gone == ["c"]
+    assert robust_limits({"exact": np.zeros(1), "too": np.zeros(1), "rounding": np.full(1, 1e-16)})[1] == []
 
 
 def test_a_diverged_filter_does_not_change_the_limits_of_study_figures(

@@ -29,6 +29,7 @@ def test_a_single_run_has_no_interval_and_no_run_has_no_mean() -> None:
     assert mean_interval(np.array([2.0])) == (2.0, None, None)
     assert mean_interval(np.array([np.nan])) is None
     assert ratio_interval(np.array([np.nan]), np.array([1.0])) is None
+    assert ratio_interval(np.zeros(3), np.full(3, 1e-16)) is None  # errors of an optimum that are rounding
     assert jackknife_interval(lambda sums, count: sums.sum(axis=-1) / count, np.zeros((0, 1))) is None
 
 
