@@ -143,7 +143,7 @@ def opened(path: Path, msgs: Sequence[Path] = ()) -> Generator[Bag]:
     of_rosbags = (AnyReaderError, Ros1Error, Ros2Error, SerdeError, TypesysError)
     damaged = (*of_rosbags, sqlite3.Error, DatabaseError, struct.error, OSError)
     try:
-        for each in path.iterdir() if path.is_dir() else [path] if path.exists() else ():
+        for each in path.iterdir() if path.is_dir() else filter(Path.exists, [path]):
             require_regular(each)
         own = {name: text for folder in msgs for name, text in _definitions(folder)}
         types = {key: value for name, text in own.items() for key, value in get_types_from_msg(text, name).items()}

@@ -155,7 +155,7 @@ def import_installed(names: Sequence[str]) -> None:
 
 
 def _is_installed(name: str) -> bool:
-    """Return whether a module belongs to slamgauge, or is no program and lies in a folder of installed libraries."""
+    """Return whether a module belongs to slamgauge, or is not a program and lies in a folder of libraries."""
     top = name.partition(".")[0]
     if "__main__" in name.split(".") or top in sys.stdlib_module_names:
         return False

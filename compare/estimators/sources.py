@@ -119,7 +119,7 @@ def _libraries(folder: Path, files: tuple[tuple[str, bytes], ...], top: str) -> 
 def installed_digest(name: str) -> str:
     """Return the SHA-256 of an installed module or of the package that contains it; empty if it is not found.
 
-    Modules beside it that it imports count, too, unless it lies among all libraries.
+    Outside the folders of libraries, modules of the same folder that it imports count, too.
     """
     with suppress(ImportError, ValueError):
         spec = find_spec(name.partition(".")[0])

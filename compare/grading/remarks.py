@@ -33,11 +33,13 @@ def source_remarks(sources: Sources | None, others: Collection[str] = ()) -> lis
         sources: its sources.
         others: names of the modules in its folder that are submissions.
     """
+    if sources is None:
+        return []
     found: list[str] = []
-    for path, content in () if sources is None else sources.files:
+    for path, content in sources.files:
         found += [name for name in _used(parsed(content)) if not _is_allowed(name)]
         head = path.partition("/")[0].removesuffix(".py")
-        found += [f"the submission {head}"] if sources and head in others and head != sources.module else []
+        found += [f"the submission {head}"] if head in others and head != sources.module else []
     names = ", ".join(dict.fromkeys(found))
     return [f"uses {names}" if len(names) < 200 else f"uses {names[:200]} ..."] if names else []
 
