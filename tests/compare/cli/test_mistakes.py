@@ -198,7 +198,6 @@ def test_paths_that_are_too_long_are_one_line(mistake: Callable[..., str]):
     ("words", "start"),
     [
         (("study", "q1-short-dense", "--runs", MANY), "runs: to sum up 100000000 of"),
-        (("study", "q1-short-dense", "--precision", "0.01", "--max-runs", MANY), "runs: to sum up 100000000 of"),
         (("study", "q1-short-dense", "--runs", MANY, "--sweep", "association.gate=1,9"), "runs: to sum up"),
         (("claims", "--runs", MANY), "runs: to sum up 100000000 of"),
         (("grade", "examples", "--scenario", "q1-short-dense", "--runs", MANY), "runs: to sum up"),

@@ -27,7 +27,6 @@ from slamgauge.compare.studies.budget import RUNGS, summarise_budget
 from slamgauge.compare.studies.claim_evidence import Evidence
 from slamgauge.compare.studies.claim_list import CLAIMS
 from slamgauge.compare.studies.claims import Judgement
-from slamgauge.compare.studies.stopping_rule import Until
 from slamgauge.compare.studies.study import run_study
 from slamgauge.compare.studies.sweep import Sweep
 from slamgauge.ekf import ekf_slam
@@ -89,11 +88,10 @@ def test_studies_and_sweeps(tmp_path: Path):
     scenario = load_scenario("q1-short-dense", SHORT)
     with ThreadPoolExecutor(1) as executor:
         arguments = (scenario, 3, 0, ["ekf", "causal", "batch", "bound"], tmp_path, executor)
-        summary = run_study(*arguments, against=["ekf"], until=Until(0.9, 4))
+        summary = run_study(*arguments, against=["ekf"])
     found = held("summary", of(summary.to_json()))
     assert found["against"]["ekf"]["causal"]
     assert found["bound"]["causal_position_rmse_m"] > 0
-    assert found["precision"]["ratios"]
     held("sweep", of(Sweep("q1", "a.b", 3, 0, ("1", "2"), (summary, summary)).to_json()))
 
 
