@@ -1,4 +1,4 @@
-"""Monte Carlo: `slamgauge study`, `budget` and `claims`."""
+"""Monte Carlo: `slamgauge study` and `budget`."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Generator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
@@ -29,7 +29,7 @@ from slamgauge.compare.cli.options import (
     write_page,
 )
 from slamgauge.compare.estimators.registry import BOUND, BOUNDS, FILTERS, HELP
-from slamgauge.compare.storage.result_files import BUDGET, BUDGET_FILES, CLAIMS, SUMMARY, SWEEP
+from slamgauge.compare.storage.result_files import BUDGET, BUDGET_FILES, SUMMARY, SWEEP
 from slamgauge.errors import UserError
 
 if TYPE_CHECKING:
@@ -40,8 +40,6 @@ if TYPE_CHECKING:
     from slamgauge.compare.scoring.runs import Runs
     from slamgauge.compare.studies.baseline import Gate as BaselineGate
     from slamgauge.compare.studies.summary import Summary
-
-MOST_RUNS = 3000  # largest number for a claim, by default
 
 
 @dataclass(frozen=True)
@@ -223,46 +221,6 @@ class Budget(WithPage):
             if folder is not None:
                 write_json(folder / BUDGET, budget.to_json())
         return self.finish(self.out, BUDGET, done=draw_stored(self.out, BUDGET) and printed)
-
-
-@dataclass
-class Claims(WithPage):
-    """Test each conclusion of the exercise over as many runs as a verdict needs. After an interruption, it continues.
-
-    The error probability of the verdicts holds for any number of runs.
-
-    For example:
-      slamgauge claims
-      slamgauge claims --of literature --max-runs 150
-      slamgauge claims --runs 20 --max-runs 20
-    """
-
-    of: Literal["exercise", "literature"] = "exercise"
-    """Conclusions of the exercise, or claims that publications make about filters."""
-
-    out: Folder | None = None
-    """Folder of claims.json and of the studies that it uses. If not given: results/claims, or results/literature."""
-
-    runs: int = 20
-    """First number of runs of each setting. Undecided claims continue, with half as many runs more each time."""
-
-    max_runs: int | None = None
-    """Largest number of runs. If not given: 3000, or --runs if that is more."""
-
-    seed: RootSeed = 0
-
-    work: Work = field(default_factory=Work)
-
-    def __call__(self) -> int:
-        from slamgauge.compare.studies.claims import claims_table, judge_claims, write_claims
-
-        out = self.out or Path("results/literature" if self.of == "literature" else "results/claims")
-        with continued_later(), self.work.executor() as executor:
-            most = max(self.runs, MOST_RUNS) if self.max_runs is None else self.max_runs
-            claims = judge_claims(self.runs, self.seed, out, executor, most, self.of)
-        printed = self.output.show([each.to_json() for each in claims.judgements], claims_table(claims))
-        write_claims(out, claims)
-        return self.finish(out, CLAIMS, done=printed)
 
 
 def is_worse(summary: Summary, gate: BaselineGate) -> bool:

@@ -24,9 +24,6 @@ from slamgauge.compare.noise.noise_json import noise_json
 from slamgauge.compare.scoring.catalogue import CATALOGUE
 from slamgauge.compare.scoring.comparison import Comparison, metrics
 from slamgauge.compare.studies.budget import RUNGS, summarise_budget
-from slamgauge.compare.studies.claim_evidence import Evidence
-from slamgauge.compare.studies.claim_list import CLAIMS
-from slamgauge.compare.studies.claims import Judgement
 from slamgauge.compare.studies.study import run_study
 from slamgauge.compare.studies.sweep import Sweep
 from slamgauge.ekf import ekf_slam
@@ -100,11 +97,6 @@ def budget() -> Any:
     return summarise_budget("q1", "ekf", errors, np.full(errors.shape, np.nan), np.ones(3)).to_json()
 
 
-def claims() -> Any:
-    none, some = Evidence(None, None, None, 1.0, 0.0, 0, None), Evidence(1.5, 1.2, 1.9, 0.001, 4.0, 50, 1.1)
-    return [Judgement(CLAIMS[0], each, None, None, "x = 1", 0, "d1").to_json() for each in (none, some)]
-
-
 def grades() -> Any:
     rubric = load_rubric()
     failed = grade("one", Trial(reason="no file"), [], rubric)
@@ -123,7 +115,7 @@ def check() -> Any:
     return verdicts_json(check_estimator("ekf", ekf_slam))
 
 
-@pytest.mark.parametrize("make", [budget, claims, grades, noise, check], ids=lambda make: make.__name__)
+@pytest.mark.parametrize("make", [budget, grades, noise, check], ids=lambda make: make.__name__)
 def test_other_results(make: Callable[[], Any]):
     held(make.__name__, of(make()))
 
