@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from slamgauge.compare.estimators.registry import BOUNDS, OPTIMA
+from slamgauge.compare.estimators.registry import BOUNDS, is_optimum
 from slamgauge.compare.scoring.intervals import Interval, ratio_interval
 from slamgauge.compare.storage.files import read_json
 from slamgauge.compare.studies.summary import RunFigures, Summary
@@ -110,7 +110,7 @@ def open_gate(baseline: StudyFigures, names: Iterable[str], digest: str, toleran
     compared = [
         (name, figure)
         for name in names
-        if name in baseline.per_run and name not in {*OPTIMA.values(), *BOUNDS}
+        if name in baseline.per_run and not is_optimum(name) and name not in BOUNDS
         for figure in FIGURES
         if any(value is not None for value in getattr(baseline.per_run[name], figure))
     ]

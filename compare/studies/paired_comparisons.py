@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from slamgauge.arrays import Float
-from slamgauge.compare.estimators.registry import BOUNDS, DEAD_RECKONING, OPTIMA
+from slamgauge.compare.estimators.registry import BOUNDS, DEAD_RECKONING, is_optimum
 from slamgauge.compare.estimators.requests import Asked
 from slamgauge.compare.scoring.aggregation import late_means
 from slamgauge.compare.scoring.intervals import Interval, Paired, compare_paired
@@ -87,7 +87,7 @@ def against_parts(against: Against) -> list[Grid | str]:
             ate, nees = figures.get("ate_m"), figures.get("nees_pose_per_dof")
             rows.append([label, str(ate.runs if ate else 0), *_cells(ate, "{:+.3f}"), *_cells(nees, "{:+.2f}")])
         parts += ["", Grid(rows)]
-        if name not in OPTIMA.values():  # the verdicts have the runs that ratios to an optimum need
+        if not is_optimum(name):  # the verdicts have the runs that ratios to an optimum need
             parts += _runs_to_resolve(name, others)
     return parts
 
