@@ -1,6 +1,6 @@
 """Claims of publications about filters, tested on simulated runs.
 
-    python benchmarks/literature.py [--runs 100] [--seed 100] [--only ID ...] [--jobs 2] [--out results/literature]
+    python benchmarks/literature.py [--runs 50] [--seed 100] [--only ID ...] [--jobs 2] [--out results/literature]
 
 `literature.toml` has the claims. Each asserts a range for the ratio of a figure of two estimators in the same run. The
 printed ratio is the geometric mean over the runs, and its interval is Student's for the mean logarithm. With 95 %
@@ -27,6 +27,7 @@ from slamgauge.compare.scoring.aggregation import late_means
 from slamgauge.compare.scoring.intervals import mean_interval
 from slamgauge.compare.scoring.runs import Runs, paired
 from slamgauge.compare.studies.summary import failure_lines
+from slamgauge.errors import UserError
 
 FILE = Path(__file__).with_suffix(".toml")
 LEVEL = 0.95  # probability that the intervals of all claims contain the true ratios
@@ -66,7 +67,7 @@ class Claim(NamedTuple):
 
 
 def main(
-    runs: int = 100,
+    runs: int = 50,
     seed: int = 100,
     only: tuple[str, ...] = (),
     jobs: int = 2,
@@ -79,7 +80,10 @@ def main(
         what = f"--only {unknown[0]}: no claim of {FILE.name} has this id" if unknown else "--runs: give at least 2"
         raise SystemExit(what)
     chosen = [each for each in claims if not only or each.id in only]
-    found = simulated(chosen, content["settings"], runs, seed, jobs, out)
+    try:
+        found = simulated(chosen, content["settings"], runs, seed, jobs, out)
+    except UserError as error:
+        raise SystemExit(str(error)) from None
     print(f"{'claim':28}{'ratio':>7}{'interval':>22}  {'verdict':13}  hypothesis")
     for each in chosen:
         print_row(each, log_ratios(each, found), tests=len(claims))
