@@ -4,13 +4,11 @@
 
 Errors last for the whole run, so the NEES of a run is chi-square with 3 degrees of freedom: the case in which sigmas
 are hardest to judge. ATEs of a run are Rayleigh (`verdicts.SCATTER`), and the ratio of two estimators scatters by
-`SCATTER` from run to run. Claims are of a set of 20 ratios, with the limits of `literature_claims` and the same
-scatter, `SCATTER_ALIKE` for claims of equality.
+`SCATTER` from run to run.
 """
 
 from __future__ import annotations
 
-import math
 import sys
 from collections import Counter
 
@@ -20,18 +18,13 @@ import tyro
 from slamgauge.arrays import Float
 from slamgauge.compare.scoring.intervals import ratio_interval
 from slamgauge.compare.scoring.verdicts import Evidence, faults, verdict
-from slamgauge.compare.studies.claim_evidence import weigh
-from slamgauge.compare.studies.claim_list import SAME, Claim, stored
-from slamgauge.compare.studies.literature_claims import ALIKE, APART, CLOSE
 
 RUNS = (20, 100)  # runs in a study
 SIGMAS = (1.0, 1.1, 1.2, 1.5)  # errors over sigmas
 RATIOS = (1.0, 1.05, 1.1, 1.2)  # ATE over the optimum's
 SCATTER = 0.15  # standard deviation of this ratio between runs
-SCATTER_ALIKE = 0.04  # the same for the ratio of two consistent filters
 NIS = (1.0, 1.1, 1.2)  # NIS over its degrees of freedom
 STEPS = 1000  # steps in a run, each with 2 degrees of freedom of the NIS
-TESTS = 20  # ratios of the set of claims
 
 
 def main(trials: int = 1000) -> int:
@@ -41,8 +34,6 @@ def main(trials: int = 1000) -> int:
         ("errors / sigmas", SIGMAS, _sigma),
         ("ATE / optimum's", RATIOS, _ratio),
         ("NIS / dof", NIS, _nis),
-        ("ratio claimed > 1", RATIOS, _claim_above),
-        (f"claimed within {1 / SAME:.3g} and {SAME:g}", RATIOS, _claim_alike),
     ):
         print(f"\n{title:28}{'runs':>6}  share of verdicts")
         for value in values:
@@ -84,23 +75,9 @@ def _nis(figure: float, runs: int, rng: np.random.Generator) -> str:
     return found[0] if found else "as expected"
 
 
-def _claim_above(factor: float, runs: int, rng: np.random.Generator) -> str:
-    return _claim(factor, _scatter(runs, rng), (1.0, math.inf), APART)
-
-
-def _claim_alike(factor: float, runs: int, rng: np.random.Generator) -> str:
-    return _claim(factor, _scatter(runs, rng, SCATTER_ALIKE), ALIKE, CLOSE)
-
-
-def _claim(factor: float, scatter: Float, asserted: tuple[float, float], limit: float) -> str:
-    figure = stored("setting", "figure")
-    claim = Claim("claim", "", "", figure, (figure,), asserted, limit)
-    return weigh(math.log(factor) + scatter, claim, TESTS, len(scatter)).verdict
-
-
-def _scatter(runs: int, rng: np.random.Generator, scatter: float = SCATTER) -> Float:
+def _scatter(runs: int, rng: np.random.Generator) -> Float:
     """Return logarithms (runs,) of ratios whose mean is 1."""
-    return rng.normal(-0.5 * scatter**2, scatter, runs)
+    return rng.normal(-0.5 * SCATTER**2, SCATTER, runs)
 
 
 if __name__ == "__main__":

@@ -39,9 +39,7 @@ if TYPE_CHECKING:
     )
     from slamgauge.compare.studies.baseline import assert_not_worse as assert_not_worse
     from slamgauge.compare.studies.budget import ErrorBudget as ErrorBudget, error_budget as error_budget
-    from slamgauge.compare.studies.claims import judge_claims as judge_claims
     from slamgauge.compare.studies.executors import dask_cluster as dask_cluster, local_processes as local_processes
-    from slamgauge.compare.studies.stopping_rule import Until as Until
     from slamgauge.compare.studies.study import load_runs as load_runs, run_study as run_study
     from slamgauge.compare.studies.summary import Summary as Summary
     from slamgauge.compare.studies.sweep import run_sweep as run_sweep

@@ -45,9 +45,8 @@ PIECE = re.compile(
 INSTALLED = re.compile(r"^(python3 -m venv .*?&& )?\.venv/bin/(?=slamgauge)", re.MULTILINE)
 CHECK = ".venv/bin/python -m tests"  # the command that is running these
 SMALL = (  # sizes of a trial
-    (re.compile(r"--(runs|max-runs) \d+"), r"--\1 2"),
+    (re.compile(r"--runs \d+"), "--runs 2"),
     (re.compile(r"--twins \d+"), "--twins 19"),
-    (re.compile(r"--precision [\d.]+"), "--precision 0.9"),
     (re.compile(r"--sweep ([\w.]+)=([^, \n]+),[^ \n]*"), r"--sweep \1=\2"),
     (re.compile(r"slamgauge bench"), "slamgauge bench --landmarks 20"),
     (re.compile(r"^python benchmarks/.*$", re.MULTILINE), "true"),  # tests have their smallest sizes

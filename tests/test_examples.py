@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from matplotlib.image import imread
 from scipy.stats import chi2
 
 from slamgauge.compare.cli.main import main
@@ -90,77 +89,6 @@ def test_own_estimator_refuses_other_sensors(
     assert printed.out == ""
     (line,) = printed.err.splitlines()
     assert "this filter needs known association, ranges and bearings (own_estimator.py, line " in line
-
-
-def compared(folder: Path, question: int, shape: tuple[int, int, int]) -> dict[str, str]:
-    """Run the example for a question, check the size of its figure, and return the printed table per scenario."""
-    printed, errors = run(folder, "compare_questions.py", str(question), "--out", "my results")
-    assert all(" estimators, " in line for line in errors.splitlines())  # progress of an estimator that takes long
-    *texts, last = printed.split("\n\n")
-    assert last == "figure: my results/figure.png\n"
-    assert imread(folder / "my results/figure.png").shape == shape
-    titles = [text.partition("\n")[0].split(", seed 0") for text in texts]
-    assert [end for _, end in titles] == [""] * len(texts)
-    return {name: text.partition("\n")[2] for (name, _), text in zip(titles, texts, strict=True)}
-
-
-def test_compare_question_1(folder: Path):
-    tables = {name: rows(text) for name, text in compared(folder, 1, (1050, 2250, 4)).items()}
-    assert list(tables) == ["q1-short-dense", "q1-long-dense", "q1-long-sparse"]
-    for scenario, table in tables.items():
-        assert list(table) == ["dead-reckoning", "ekf", "riekf", "causal", "batch"]
-        assert float(table["causal"]["x optimum"]) == float(table["batch"]["x optimum"]) == 1.0
-        assert 0.95 < float(table["ekf"]["NIS/dof"]) < 1.05
-        assert float(table["dead-reckoning"]["x optimum"]) > (2.0 if scenario == "q1-long-sparse" else 5.0)
-        distance = "Mahalanobis distance² to the optimum"
-        assert float(table["riekf"][distance]) < float(table["ekf"][distance])
-
-    picture = imread(folder / "my results/figure.png")[:, :, :3]
-    saturation = picture.max(axis=2) - picture.min(axis=2)
-    for third in np.split(saturation, 3, axis=1):
-        assert (third > 0.3).sum() > 2000  # coloured paths in each of the three maps
-
-
-def test_compare_question_2(folder: Path):
-    """On one fixed run the gates map too many landmarks, a few duplicates, and too few or wrong ones."""
-    tables = {name: rows(text) for name, text in compared(folder, 2, (1050, 2250, 4)).items()}
-    assert list(tables) == ["q2-gate-1", "q2-long-dense", "q2-gate-100"]
-    narrow, right, wide = tables.values()
-    names = ["ekf", "riekf", "causal", "causal@ekf"]
-    assert [list(table) for table in tables.values()] == [names[:3], names, names]
-    assert int(narrow["ekf"]["mapped landmarks"]) > 20 * 37
-    assert 37 < int(right["ekf"]["mapped landmarks"]) < 5 * 37
-    for table in tables.values():
-        assert (table["causal"]["mapped landmarks"], table["causal"]["wrong associations"]) == ("37", "0")
-        assert float(table["causal"]["x optimum"]) == 1.0
-    for table in (right, wide):
-        assert table["causal@ekf"]["wrong associations"] == table["ekf"]["wrong associations"]
-    assert float(wide["ekf"]["ATE [m]"]) > 2 * float(right["ekf"]["ATE [m]"])
-
-
-def test_compare_question_3(folder: Path):
-    """On one fixed run the NEES decreases with the assumed noise, and the optimum has the true noise."""
-    tables = {name: rows(text) for name, text in compared(folder, 3, (750, 2250, 4)).items()}
-    assert list(tables) == ["q3-scale-0.1", "q3-scale-1", "q3-scale-2", "q3-scale-10"]
-    assert len({table["causal"]["ATE [m]"] for table in tables.values()}) == 1
-    for name in ("ekf", "riekf"):
-        nees = [float(table[name]["NEES"]) for table in tables.values()]
-        mapped = [int(table[name]["mapped landmarks"]) for table in tables.values()]
-        assert nees[0] > 10 * nees[1] > 10 * nees[3]
-        assert mapped[0] > 10 * mapped[3]
-
-
-def test_compare_question_4(folder: Path):
-    """On one fixed run every initialisation maps all landmarks, and every filter ends near the optimum."""
-    texts = compared(folder, 4, (1050, 2250, 4))
-    assert list(texts) == ["q4-three-landmarks", "q4-ring"]
-    ways = ["ekf, fis", "riekf, fis", "riekf, inverse-depth", "riekf, delayed"]
-    for text, landmarks in zip(texts.values(), ("3", "19"), strict=True):
-        lines = [line for line in text.splitlines()[1:] if "  " in line]
-        assert [line.partition("  ")[0] for line in lines] == [*ways, "causal"]
-        for line in lines:
-            assert {cell.strip() for cell in line.split("  ")} >= {landmarks, "0"}  # mapped, and none wrong
-            assert float(line[line.index("filtered") + 8 :].split()[0]) < 2.0  # ATE [m]
 
 
 @pytest.fixture(scope="module")

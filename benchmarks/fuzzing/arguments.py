@@ -31,7 +31,7 @@ COMMANDS = (
     "twin r.npz --out t",
     "run s.toml --set trajectory.duration=1.0 association.gate=9 --estimators dead-reckoning --out o",
     "study s.toml --runs 1 --seed 0 --jobs 1 --estimators dead-reckoning --set trajectory.duration=1.0 --out s",
-    "study s.toml --runs 1 --jobs 1 --estimators dead-reckoning,ekf --against ekf --precision 0.1 --max-runs 2 --out p",
+    "study s.toml --runs 1 --jobs 1 --estimators dead-reckoning,ekf --against ekf --out p",
     "study s.toml --runs 1 --jobs 1 --estimators dead-reckoning --sweep association.gate=4,9 --out w",
     "budget s.toml --runs 1 --seed 0 --jobs 1 --filter ekf --set trajectory.duration=1.0 --out b",
     "bench --landmarks 5 --estimators dead-reckoning --out n",

@@ -13,9 +13,7 @@ import tyro
 
 from slamgauge.compare.cli.terminal import Output, put
 
-Kind = Literal[
-    "metrics", "summary", "sweep", "budget", "claims", "grades", "noise", "bench", "check", "scenarios", "doctor"
-]
+Kind = Literal["metrics", "summary", "sweep", "budget", "grades", "noise", "bench", "check", "scenarios", "doctor"]
 SPECIFICATION = "COMPLETION_SPEC = "  # first words of the line of tyro's script that lists options and their help
 # tyro's script completes no paths of positional arguments; these lines complete files where it finds nothing
 FILES = {

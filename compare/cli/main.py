@@ -12,6 +12,7 @@ from collections.abc import Generator, Sequence
 from contextlib import contextmanager
 from time import monotonic
 
+from slamgauge.compare.cli.animate import Animate
 from slamgauge.compare.cli.explain import Explain
 from slamgauge.compare.cli.export import Export
 from slamgauge.compare.cli.imports import Import
@@ -20,9 +21,8 @@ from slamgauge.compare.cli.machine import Bench, Doctor
 from slamgauge.compare.cli.options import EmptyPathError
 from slamgauge.compare.cli.parsing import Command, parse
 from slamgauge.compare.cli.recordings import Noise, Twin
-from slamgauge.compare.cli.report import Animate, Report
 from slamgauge.compare.cli.run import Evaluate, Run
-from slamgauge.compare.cli.study import Budget, Claims, Study
+from slamgauge.compare.cli.study import Budget, Study
 from slamgauge.compare.cli.terminal import drop_output, prepare_streams, put
 from slamgauge.compare.cli.user_filters import Check, Grade
 from slamgauge.compare.storage.provenance import commanded
@@ -47,10 +47,8 @@ COMMANDS: dict[str, type[Command]] = {
     "twin": Twin,
     "study": Study,
     "budget": Budget,
-    "claims": Claims,
     "noise": Noise,
     "animate": Animate,
-    "report": Report,
     "check": Check,
     "grade": Grade,
     "bench": Bench,

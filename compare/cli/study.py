@@ -1,13 +1,13 @@
-"""Monte Carlo: `slamgauge study`, `budget` and `claims`."""
+"""Monte Carlo: `slamgauge study` and `budget`."""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Generator
+from collections.abc import Generator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
@@ -29,7 +29,7 @@ from slamgauge.compare.cli.options import (
     write_page,
 )
 from slamgauge.compare.estimators.registry import BOUND, BOUNDS, FILTERS, HELP
-from slamgauge.compare.storage.result_files import BUDGET, BUDGET_FILES, CLAIMS, SUMMARY, SWEEP
+from slamgauge.compare.storage.result_files import BUDGET, BUDGET_FILES, SUMMARY, SWEEP
 from slamgauge.errors import UserError
 
 if TYPE_CHECKING:
@@ -38,9 +38,8 @@ if TYPE_CHECKING:
     from slamgauge.compare.estimators.requests import Asked
     from slamgauge.compare.scenarios.scenario import Scenario
     from slamgauge.compare.scoring.runs import Runs
+    from slamgauge.compare.studies.baseline import Gate as BaselineGate
     from slamgauge.compare.studies.summary import Summary
-
-MOST_RUNS = 3000  # largest number for a claim, by default
 
 
 @dataclass(frozen=True)
@@ -67,15 +66,14 @@ class Gate:
     """summary.json of an earlier study with the same scenario and seed: exit status 1 if an estimator is worse."""
 
     fail_if_worse: str = "5%"
-    """With --baseline: accepted increase of ATE and NEES. After --runs, runs are added up to those of the baseline."""
+    """With --baseline: accepted increase of ATE and NEES."""
 
 
 @dataclass
 class Study(WithPage):
     """Monte Carlo: many independent runs, their statistics and figures. After an interruption, it continues.
 
-    With --precision it stops when each ratio of ATEs, to --against or else to the optima, is known well enough. The
-    intervals are valid whenever it stops. Exit status 1 if an estimator failed in a run; the other results are kept.
+    Exit status 1 if an estimator failed in a run; the other results are kept.
 
     For example:
       slamgauge study q1-long-dense --runs 100 --estimators ekf,riekf,causal
@@ -103,12 +101,6 @@ class Study(WithPage):
     against: str = ""
     """Comma-separated, from --estimators: compare the other estimators with these on the same runs, in ATE and NEES."""
 
-    precision: float | None = None
-    """After --runs, add runs until each interval's half-width is below this share of its ratio, for example 0.02."""
-
-    max_runs: int = 2000
-    """Largest number of runs with --precision."""
-
     gate: Gate = field(default_factory=Gate)
 
     sweep: str | None = None
@@ -133,60 +125,39 @@ class Study(WithPage):
         from slamgauge.compare.figures.publishing import write_study
         from slamgauge.compare.storage.manifest import require_free
         from slamgauge.compare.storage.result_files import STUDY_FILES
-        from slamgauge.compare.studies.stopping_rule import Until
         from slamgauge.compare.studies.study import load_runs, require_kept, run_study
         from slamgauge.compare.studies.summary import summary_table
 
         scenario = overridden_scenario(self.scenario, self.set)
         require_free(self.out, STUDY_FILES)
+        gate = None if self.gate.baseline is None else self._open_gate(self.gate.baseline, scenario, asked)
         with self.work.executor() as executor:
-            until = None if self.precision is None else Until(self.precision, self.max_runs)
-
-            def run(runs: int) -> Summary:
-                arguments = (scenario, runs, self.seed, asked, self.out, executor)
-                return run_study(*arguments, against=split_names(self.against), until=until)
-
-            gated = self.gate.baseline is not None
-            summary, worse = self._gated(run, scenario, asked) if gated else (run(self.runs), False)
+            arguments = (scenario, self.runs, self.seed, asked, self.out, executor)
+            summary = run_study(*arguments, against=split_names(self.against))
+        worse = gate is not None and is_worse(summary, gate)
         printed = self.output.show(summary.to_json(), summary_table(summary))
         require_kept(self.out, summary.runs)
         runs = load_runs(scenario, summary.runs, self.seed, asked, self.out)
         done = write_study(self.out, summary, runs, scenario.trajectory.step) and printed
         return done and not summary.failures and not worse
 
-    def _gated(self, run: Callable[[int], Summary], scenario: Scenario, asked: list[Asked]) -> tuple[Summary, bool]:
-        """Run a study until it is clear whether it is worse than the baseline; return it and whether it is worse."""
-        from slamgauge.compare.studies.baseline import (
-            comparisons,
-            false_alarms,
-            load_baseline,
-            require_tolerance,
-            run_gated,
-        )
+    def _open_gate(self, path: Path, scenario: Scenario, asked: list[Asked]) -> BaselineGate:
+        """Return the gate of the study with a baseline; refuse a wrong one before anything runs."""
+        from slamgauge.compare.studies.baseline import figures_of, open_gate
         from slamgauge.compare.studies.store import digest
 
-        path = self.gate.baseline
-        assert path is not None
         if path.resolve() == (self.out / SUMMARY).resolve():
             raise UserError(f"{path}: this study would replace its baseline; give another --out")
-        if self.precision is not None:
-            raise UserError("baseline: has another rule to add runs; leave out --precision")
-        tolerance = require_tolerance(share(self.gate.fail_if_worse))
-        baseline = load_baseline(path)
-        names = [each.label for each in asked]
-        compared = comparisons(names, baseline, digest(scenario, self.seed), str(path))
-        summary, result = run_gated(run, baseline, compared, tolerance, self.runs)
-        for line in [*result.lost, *(each.line() for each in result.changes), false_alarms(tolerance)]:
-            print(line, file=sys.stderr)
-        return summary, bool(result.worse)
+        names, tolerance = [each.label for each in asked], share(self.gate.fail_if_worse)
+        return open_gate(figures_of(path), names, digest(scenario, self.seed), tolerance, str(path))
 
     def _sweep(self, sweep: str, asked: list[Asked]) -> bool:
         """Run a study at each value; return whether everything succeeded."""
         from slamgauge.compare.figures.publishing import write_study, write_sweep
         from slamgauge.compare.studies.sweep import run_sweep, sweep_table
 
-        if self.against or self.precision is not None or self.gate.baseline is not None:
-            raise UserError("sweep: takes no --against, --precision or --baseline; study a single value with them")
+        if self.against or self.gate.baseline is not None:
+            raise UserError("sweep: takes no --against and no --baseline; study a single value with them")
         drawn: list[bool] = []
 
         def finished(folder: Path, summary: Summary, runs: dict[str, Runs], step: float) -> None:
@@ -252,44 +223,13 @@ class Budget(WithPage):
         return self.finish(self.out, BUDGET, done=draw_stored(self.out, BUDGET) and printed)
 
 
-@dataclass
-class Claims(WithPage):
-    """Test each conclusion of the exercise over as many runs as a verdict needs. After an interruption, it continues.
+def is_worse(summary: Summary, gate: BaselineGate) -> bool:
+    """Print what has changed in a study since its baseline, and return whether anything is worse."""
+    from slamgauge.compare.studies.baseline import false_alarms, figures_of
 
-    The error probability of the verdicts holds for any number of runs.
-
-    For example:
-      slamgauge claims
-      slamgauge claims --of literature --max-runs 150
-      slamgauge claims --runs 20 --max-runs 20
-    """
-
-    of: Literal["exercise", "literature"] = "exercise"
-    """Conclusions of the exercise, or claims that publications make about filters."""
-
-    out: Folder | None = None
-    """Folder of claims.json and of the studies that it uses. If not given: results/claims, or results/literature."""
-
-    runs: int = 20
-    """First number of runs of each setting. Undecided claims continue, with half as many runs more each time."""
-
-    max_runs: int | None = None
-    """Largest number of runs. If not given: 3000, or --runs if that is more."""
-
-    seed: RootSeed = 0
-
-    work: Work = field(default_factory=Work)
-
-    def __call__(self) -> int:
-        from slamgauge.compare.studies.claims import claims_table, judge_claims, write_claims
-
-        out = self.out or Path("results/literature" if self.of == "literature" else "results/claims")
-        with continued_later(), self.work.executor() as executor:
-            most = max(self.runs, MOST_RUNS) if self.max_runs is None else self.max_runs
-            claims = judge_claims(self.runs, self.seed, out, executor, most, self.of)
-        printed = self.output.show([each.to_json() for each in claims.judgements], claims_table(claims))
-        write_claims(out, claims)
-        return self.finish(out, CLAIMS, done=printed)
+    lines, worse = gate.judge(figures_of(summary))
+    print(*lines, false_alarms(gate.tolerance), sep="\n", file=sys.stderr)
+    return bool(worse)
 
 
 def share(text: str) -> float:

@@ -1,9 +1,8 @@
-"""Pages of an error budget, of claims, of noise and of a sweep: sentences, tables and pictures."""
+"""Pages of an error budget, of noise and of a sweep: sentences, tables and pictures."""
 
 from __future__ import annotations
 
 import math
-from collections import Counter
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -24,12 +23,10 @@ from slamgauge.compare.report.tables import (
     interval_of,
 )
 from slamgauge.compare.scoring.catalogue import RELATIVE, columns
-from slamgauge.compare.scoring.confidence_sequence import POWER
 from slamgauge.compare.scoring.optimum_notes import MARK
 from slamgauge.compare.storage.files import read_json
-from slamgauge.compare.storage.result_files import BUDGET, CLAIMS, NOISE, REPORT, SUMMARY, SWEEP
+from slamgauge.compare.storage.result_files import BUDGET, NOISE, REPORT, SUMMARY, SWEEP
 from slamgauge.compare.studies.budget import RUNGS
-from slamgauge.compare.studies.claim_evidence import ALPHA
 
 BUDGET_PICTURES = {
     "budget.png": (
@@ -69,50 +66,6 @@ def budget_page(folder: Path) -> dict[str, str]:
         tables=[Table("budget", "Rung by rung", BUDGET_HEADS, rows)],
         pictures=pictures(folder, BUDGET_PICTURES),
         origin=origin(content, [("Filter", content["filter"]), ("Runs", str(content["runs"]))]),
-    )
-    return {REPORT: text}
-
-
-CLAIM_HEADS = (
-    Head("claim", "name of the claim in claims.json", words=True),
-    Head("section", "section of the exercise, or key of the publication", words=True),
-    Head("conclusion", "short form of the conclusion of the source", words=True),
-    Head("hypothesis", "the conclusion as a statement about a ratio of two metrics of the same run", words=True),
-    Head("verdict", f"holds, does not hold or undecided; all are right with probability {1 - ALPHA:.0%}", words=True),
-    Head("ratio", "geometric mean over runs"),
-    Head("interval", "simultaneous confidence interval of the ratio, valid after any number of runs"),
-    Head("p", "p-value of the verdict, corrected for all claims and any number of runs"),
-    Head("avoidable", "share of the filter's error above that of the causal optimum"),
-    Head("runs", "runs until the decision, or all runs"),
-    Head("decidable", f"distance of a ratio from its range that all runs decide with probability {POWER:.0%}"),
-)
-
-
-def claims_page(folder: Path) -> dict[str, str]:
-    """Return the page of the results of `claims` in a folder."""
-    found: list[dict[str, Any]] = read_json(folder / CLAIMS, "claims")
-    counts = Counter(each["verdict"] for each in found)
-    digests = {f"Digest of {each['setting']}": each["digest"] for each in found if "digest" in each}
-    in_doubt = f"{MARK} the causal optimum of this setting is in doubt in some of the runs"
-    rows = [
-        [
-            *(Cell(each[key]) for key in ("id", "section", "claim", "hypothesis", "verdict")),
-            figure_cell(each["effect"], "{:.3g}"),
-            from_to(each["low"], each["high"], "{:.3g}"),
-            Cell("< 0.0001" if each["p_value"] < 1e-4 else f"{each['p_value']:.4f}", each["p_value"]),
-            figure_cell(each["optimum"], "{:.0%}", MARK if each["optimum_check_share"] else ""),
-            Cell(str(each["runs"]), each["runs"]),
-            figure_cell(each["decidable"], "x {:.3f}"),
-        ]
-        for each in found
-    ]
-    text = plain_page(
-        kind="claims",
-        title="Claims, tested",
-        lead=[(f"{counts[verdict]} of {len(found)}", verdict) for verdict in ("holds", "does not hold", "undecided")],
-        notes=[in_doubt] if any(each["optimum_check_share"] for each in found) else [],
-        tables=[Table("claims", "Claims and their evidence", CLAIM_HEADS, rows)],
-        origin=origin({**found[0], "digest": None}, [*digests.items()]),
     )
     return {REPORT: text}
 

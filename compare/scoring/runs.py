@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -31,13 +30,6 @@ class Runs:
     kind: str
     figures: dict[str, Float]
     series: dict[str, Float]
-
-
-class Ates(NamedTuple):
-    """Numbers (R,) of an estimator's runs without the failed ones, and the ATE [m] of each, NaN where undefined."""
-
-    run: Int
-    ate_m: Float
 
 
 def paired_figures(key: str, runs: Runs, other: Runs) -> tuple[Float, Float]:

@@ -121,6 +121,17 @@ def runs_to_resolve(scatter: float) -> int:
     return math.ceil(runs / step) * step
 
 
+def needed_runs(ratio: Interval, runs: int) -> str:
+    """Return how many runs a 95 % interval of ±WORTH needs, for the interval of a ratio over `runs` runs.
+
+    Empty if `runs` are enough, or if the ratio has no interval.
+    """
+    if ratio.low is None or ratio.high is None:
+        return ""
+    needed = runs_to_resolve((ratio.high - ratio.low) / 2 / NORMAL * math.sqrt(runs))
+    return f": about {needed} runs are needed to know it to {100 * WORTH:g} %" if needed > runs else ""
+
+
 # --- parts of the sentence -----------------------------------------------------------------------
 
 
@@ -160,8 +171,7 @@ def _ratio(evidence: Evidence) -> str:
         return text
     if ratio.high < 1 - WORTH:
         return f"{text}, less than the optimum's: check whether it uses more than the measurements"
-    needed = runs_to_resolve(half / NORMAL * math.sqrt(evidence.ratio_runs))
-    more = f": about {needed} runs are needed to know it to {100 * WORTH:g} %" if needed > evidence.ratio_runs else ""
+    more = needed_runs(ratio, evidence.ratio_runs)
     return f"{text}{more}" if ratio.high < 1 else f"{text}, not significant{more}"
 
 

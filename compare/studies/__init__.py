@@ -1,1 +1,1 @@
-"""Many runs: studies, sweeps, error budgets, claims."""
+"""Many runs: studies, sweeps, error budgets."""

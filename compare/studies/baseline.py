@@ -2,24 +2,22 @@
 
 The ratio of the mean ATE (and NEES) to that of the baseline has an interval over the common runs, by the delta method
 on the paired figures. An estimator is worse if the whole interval is above 1 + tolerance. If every true ratio is at
-most 1 + tolerance, any of the comparisons fails with a probability of at most `FALSE_ALARMS`, which is divided equally
-among the comparisons (Bonferroni) and, if runs are added, among the looks (`scoring.sequential`).
+most 1 + tolerance, the gate fails with a probability of at most `FALSE_ALARMS`, which is divided equally among the
+comparisons (Bonferroni).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from statistics import NormalDist
 from typing import NamedTuple
 
 import numpy as np
 
-from slamgauge.arrays import Float
-from slamgauge.compare.estimators.registry import BOUNDS, OPTIMA
+from slamgauge.compare.estimators.registry import BOUNDS, is_optimum
 from slamgauge.compare.scoring.intervals import Interval, ratio_interval
-from slamgauge.compare.scoring.sequential import Look, plan_looks
 from slamgauge.compare.storage.files import read_json
 from slamgauge.compare.studies.summary import RunFigures, Summary
 from slamgauge.display import counted
@@ -32,72 +30,116 @@ FIGURES = {"ate_m": "ATE", "nees_pose_per_dof": "NEES"}
 AGAIN = "make the baseline again with this version and this scenario"
 
 
-class Baseline(NamedTuple):
-    """An earlier study: its digest and the figures of each run by estimator, without optima and bounds."""
+class StudyFigures(NamedTuple):
+    """Digest of a study's measurements, number of its runs, and figures of each run by estimator."""
 
     digest: str
-    per_run: dict[str, RunFigures]
-
-
-class Change(NamedTuple):
-    """Ratio of a mean figure to that of the baseline on the common runs."""
-
-    name: str
-    figure: str
     runs: int
-    ratio: Interval
+    per_run: Mapping[str, RunFigures]
+
+
+class Gate(NamedTuple):
+    """A baseline, estimator and figure of each comparison with it, and the accepted relative increase."""
+
+    baseline: StudyFigures
+    compared: list[tuple[str, str]]
     tolerance: float
-    level: float
 
     @property
-    def is_worse(self) -> bool:
-        """Whether the whole interval is above 1 + tolerance."""
-        return self.ratio.low is not None and self.ratio.low > 1.0 + self.tolerance
+    def level(self) -> float:
+        """Probability of each interval; only its lower end decides."""
+        return 1.0 - 2.0 * FALSE_ALARMS / len(self.compared)
 
-    @property
-    def is_settled(self) -> bool:
-        """Whether the interval does not contain 1 + tolerance."""
-        return self.is_worse or (self.ratio.high is not None and self.ratio.high < 1.0 + self.tolerance)
+    def judge(self, study: StudyFigures) -> tuple[list[str], list[str]]:
+        """Return a line on each comparison with a study, and those lines on what is worse."""
+        lines = [line for name in dict.fromkeys(name for name, _ in self.compared) for line in self._lost(name, study)]
+        worse = [*lines]
+        for name, figure in self.compared:
+            first, second = study.per_run[name], self.baseline.per_run[name]
+            _, at, there = np.intersect1d(first.run, second.run, assume_unique=True, return_indices=True)
+            ours = np.array(getattr(first, figure), dtype=np.float64)[at]  # None becomes NaN
+            theirs = np.array(getattr(second, figure), dtype=np.float64)[there]
+            ratio = ratio_interval(ours, theirs, self.level)
+            if ratio is not None:
+                runs = int(np.sum(~np.isnan(ours) & ~np.isnan(theirs)))
+                lines.append(f"{name}: {FIGURES[figure]} is {self._sentence(ratio, runs)}")
+                worse += lines[-1:] if self._is_worse(ratio) else []
+            elif len(ours) and np.isnan(ours).all():
+                lines.append(f"{name}: has no {FIGURES[figure]}, as the baseline has")
+                worse.append(lines[-1])
+        return lines, worse
 
-    @property
-    def needed_runs(self) -> int | None:
-        """Runs in which a ratio of 1 + 2 tolerance is found with probability `POWER`, in normal approximation."""
-        if self.ratio.high is None:
-            return None
-        normal = NormalDist()
-        bound = normal.inv_cdf((1.0 + self.level) / 2.0)
-        sought = 1.0 + 2.0 * self.tolerance
-        spread = (self.ratio.high / self.ratio.mean - 1.0) * sought / bound * math.sqrt(self.runs)
-        return max(math.ceil(((bound + normal.inv_cdf(POWER)) * spread / self.tolerance) ** 2), 2)
+    def _lost(self, name: str, study: StudyFigures) -> list[str]:
+        """Return a line if an estimator fails in runs that it completed in the baseline."""
+        done = {run for run in self.baseline.per_run[name].run if run < study.runs}
+        failed = sorted(done - {*study.per_run[name].run})
+        if not failed:
+            return []
+        return [f"{name}: fails in {counted(len(failed), 'run')} of the baseline, first in run {failed[0]}"]
 
-    def line(self) -> str:
-        """Return the ratio, its interval and the result in one line."""
-        low, high = ("?" if end is None else f"{end:.3f}" for end in self.ratio[1:])
-        text = f"{self.name}: {FIGURES[self.figure]} is {self.ratio.mean:.3f} ({low} to {high}) times the baseline's "
-        text += f"on {counted(self.runs, 'run')}: "
+    def _is_worse(self, ratio: Interval) -> bool:
+        return ratio.low is not None and ratio.low > 1.0 + self.tolerance
+
+    def _sentence(self, ratio: Interval, runs: int) -> str:
+        """Return a ratio, its interval over the common runs, and the result."""
+        low, high = ("?" if end is None else f"{end:.3f}" for end in ratio[1:])
+        text = f"{ratio.mean:.3f} ({low} to {high}) times the baseline's on {counted(runs, 'run')}: "
         limit = f"worse by more than {100 * self.tolerance:g} %"
-        if self.is_worse:
+        if self._is_worse(ratio):
             return text + limit
-        text += f"not {limit}" if self.is_settled else f"not significantly {limit}"
-        needed = self.needed_runs
-        return text if needed is None else f"{text}; {1 + 2 * self.tolerance:g} would be found in {needed} runs"
+        if ratio.high is None:
+            return f"{text}not significantly {limit}"
+        text += f"not {limit}" if ratio.high < 1.0 + self.tolerance else f"not significantly {limit}"
+        normal, sought = NormalDist(), 1.0 + 2.0 * self.tolerance
+        bound = normal.inv_cdf((1.0 + self.level) / 2.0)
+        spread = (ratio.high / ratio.mean - 1.0) * sought / bound * math.sqrt(runs)
+        needed = math.ceil(((bound + normal.inv_cdf(POWER)) * spread / self.tolerance) ** 2)
+        return f"{text}; {sought:g} would be found in {max(needed, 2)} runs"
 
 
-class Result(NamedTuple):
-    """Result of a gate: changes, and lines on runs or figures that the baseline has and the study lost."""
+def open_gate(baseline: StudyFigures, names: Iterable[str], digest: str, tolerance: float, where: str) -> Gate:
+    """Return the gate of a study with that digest and these estimators; `where` is the path of the baseline.
 
-    changes: list[Change]
-    lost: list[str]
+    Raises:
+        UserError: the tolerance is not a positive share, or the baseline has other measurements or estimators.
+    """
+    if not 0.0 < tolerance < 10.0:
+        raise UserError(f"tolerance = {tolerance}: not a share; give for example 0.05 for 5 %")
+    if baseline.digest != digest:
+        raise UserError(f"{where}: has other measurements (another scenario, seed or --set); {AGAIN}")
+    compared = [
+        (name, figure)
+        for name in names
+        if name in baseline.per_run and not is_optimum(name) and name not in BOUNDS
+        for figure in FIGURES
+        if any(value is not None for value in getattr(baseline.per_run[name], figure))
+    ]
+    if not compared:
+        raise UserError(f"{where}: has figures of none of these estimators; it has {', '.join(baseline.per_run)}")
+    return Gate(baseline, compared, tolerance)
 
-    @property
-    def worse(self) -> list[str]:
-        """Lines on everything that is worse."""
-        return [*self.lost, *(each.line() for each in self.changes if each.is_worse)]
 
-    @property
-    def is_settled(self) -> bool:
-        """Whether more runs are unnecessary."""
-        return bool(self.worse) or all(each.is_settled for each in self.changes)
+def figures_of(study: Summary | str | Path) -> StudyFigures:
+    """Return the figures of a study, or of the study with the summary.json at a path.
+
+    Raises:
+        UserError: the file is not what `study` writes, or of another version.
+    """
+    if isinstance(study, Summary):
+        return StudyFigures(study.digest, study.runs, study.per_run)
+    content = read_json(Path(study), "study")
+    try:
+        if content["version"] != __version__:
+            raise UserError(f"{study}: of slamgauge {content['version']}, this is {__version__}; {AGAIN}")
+        per_run = {name: RunFigures(**each) for name, each in content["per_run"].items()}
+        return StudyFigures(content["digest"], content["runs"], per_run)
+    except (TypeError, KeyError, AttributeError):
+        raise UserError(f"{study}: not what `slamgauge study` writes; {AGAIN}") from None
+
+
+def false_alarms(tolerance: float) -> str:
+    """Return a line with the false-alarm rate of a gate."""
+    return f"false alarms: if no true ratio exceeds {1.0 + tolerance:g}, at most {FALSE_ALARMS:.0%} of the gates fail"
 
 
 def assert_not_worse(current: Summary | str | Path, baseline: Summary | str | Path, tolerance: float = 0.05) -> None:
@@ -118,129 +160,9 @@ def assert_not_worse(current: Summary | str | Path, baseline: Summary | str | Pa
         UserError: the studies have other measurements, another version, or no common estimator.
     """
     __tracebackhide__ = True  # pytest then shows the caller's line
-    ours, theirs = _read(current), _read(baseline)
+    ours = figures_of(current)
     name = str(baseline) if isinstance(baseline, (str, Path)) else "baseline"
-    compared = comparisons(ours.per_run, theirs, ours.digest, name)
-    runs = 1 + max(run for each in ours.per_run.values() for run in each.run)
-    found = compare(ours.per_run, theirs, compared, require_tolerance(tolerance), looks(compared, runs, runs)[0])
-    if found.worse:
-        lines = [*found.worse, false_alarms(tolerance)]
+    _, worse = open_gate(figures_of(baseline), ours.per_run, ours.digest, tolerance, name).judge(ours)
+    if worse:
+        lines = [*worse, false_alarms(tolerance)]
         raise AssertionError("\n".join(["worse than the baseline:", *(f"  {line}" for line in lines)]))
-
-
-def load_baseline(path: Path) -> Baseline:
-    """Read the summary.json of a study.
-
-    Raises:
-        UserError: it is not what `study` writes, or of another version.
-    """
-    content = read_json(path, "study")
-    try:
-        if content["version"] != __version__:
-            raise UserError(f"{path}: of slamgauge {content['version']}, this is {__version__}; {AGAIN}")
-        per_run = {name: RunFigures(**each) for name, each in content["per_run"].items()}
-        return Baseline(content["digest"], per_run)
-    except (TypeError, KeyError, AttributeError):
-        raise UserError(f"{path}: not what `slamgauge study` writes; {AGAIN}") from None
-
-
-def _read(study: Summary | str | Path) -> Baseline:
-    return Baseline(study.digest, dict(study.per_run)) if isinstance(study, Summary) else load_baseline(Path(study))
-
-
-def false_alarms(tolerance: float) -> str:
-    """Return a line with the false-alarm rate of a gate."""
-    return f"false alarms: if no true ratio exceeds {1.0 + tolerance:g}, at most {FALSE_ALARMS:.0%} of the gates fail"
-
-
-def require_tolerance(tolerance: float) -> float:
-    """Refuse a tolerance that is not a positive share."""
-    if not 0.0 < tolerance < 10.0:
-        raise UserError(f"tolerance = {tolerance}: not a share; give for example 0.05 for 5 %")
-    return tolerance
-
-
-def comparisons(names: Iterable[str], baseline: Baseline, digest: str, where: str) -> list[tuple[str, str]]:
-    """Return estimator and figure of each comparison with a baseline.
-
-    Raises:
-        UserError: the baseline has other measurements, or none of these estimators.
-    """
-    if baseline.digest != digest:
-        raise UserError(f"{where}: has other measurements (another scenario, seed or --set); {AGAIN}")
-    reference = {*OPTIMA.values(), *BOUNDS}
-    found = [
-        (name, figure)
-        for name in names
-        if name in baseline.per_run and name not in reference
-        for figure in FIGURES
-        if any(value is not None for value in getattr(baseline.per_run[name], figure))
-    ]
-    if not found:
-        raise UserError(f"{where}: has figures of none of these estimators; it has {', '.join(baseline.per_run)}")
-    return found
-
-
-def looks(compared: Sequence[tuple[str, str]], first: int, most: int) -> tuple[Look, ...]:
-    """Return the looks of a gate from `first` to `most` runs; a figure exceeds its one-sided bound at any of them."""
-    return plan_looks(first, max(first, most), 2.0 * FALSE_ALARMS / len(compared))
-
-
-def compare(
-    current: Mapping[str, RunFigures],
-    baseline: Baseline,
-    compared: Sequence[tuple[str, str]],
-    tolerance: float,
-    look: Look,
-) -> Result:
-    """Compare the first `look.runs` runs of a study with those of a baseline."""
-    found = Result([], [])
-    for name in dict.fromkeys(name for name, _ in compared):
-        failed = sorted({run for run in baseline.per_run[name].run if run < look.runs} - {*current[name].run})
-        if failed:
-            found.lost.append(
-                f"{name}: fails in {counted(len(failed), 'run')} of the baseline, first in run {failed[0]}"
-            )
-    for name, figure in compared:
-        ours, theirs = _common(current[name], baseline.per_run[name], figure)
-        ratio = ratio_interval(ours, theirs, look.level)
-        if ratio is not None:
-            runs = int(np.sum(~np.isnan(ours) & ~np.isnan(theirs)))
-            found.changes.append(Change(name, figure, runs, ratio, tolerance, look.level))
-        elif len(ours) and np.isnan(ours).all():
-            found.lost.append(f"{name}: has no {FIGURES[figure]}, as the baseline has")
-    return found
-
-
-def _common(current: RunFigures, baseline: RunFigures, figure: str) -> tuple[Float, Float]:
-    """Return a figure (C,) of the common runs in both studies, NaN where undefined."""
-    _, ours, theirs = np.intersect1d(current.run, baseline.run, assume_unique=True, return_indices=True)
-    values = (np.array(getattr(each, figure), dtype=np.float64) for each in (current, baseline))
-    return next(values)[ours], next(values)[theirs]
-
-
-def run_gated(
-    run: Callable[[int], Summary], baseline: Baseline, compared: Sequence[tuple[str, str]], tolerance: float, first: int
-) -> tuple[Summary, Result]:
-    """Run a study, from `first` runs to those of the baseline, until each comparison is settled.
-
-    Args:
-        run: returns the study with a number of runs.
-        baseline: earlier study.
-        compared: estimator and figure of each comparison.
-        tolerance: relative increase that is accepted.
-        first: runs before the first look.
-    """
-    most = 1 + max(run for name, _ in compared for run in baseline.per_run[name].run)
-    planned = looks(compared, first, most)
-
-    def evaluated(look: Look) -> tuple[Summary, Result]:
-        summary = run(look.runs)
-        return summary, compare(summary.per_run, baseline, compared, tolerance, look)
-
-    found = evaluated(planned[0])
-    for look in planned[1:]:
-        if found[1].is_settled:
-            break
-        found = evaluated(look)
-    return found

@@ -19,7 +19,7 @@ import numpy as np
 
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.scoring.catalogue import STORED
-from slamgauge.compare.scoring.runs import SERIES, Ates, Runs
+from slamgauge.compare.scoring.runs import SERIES, Runs
 from slamgauge.compare.studies.store_file import INSERT, SCHEMA, TABLES, connected, require_whole, with_checksum
 from slamgauge.compare.studies.study_run import Outcome
 from slamgauge.errors import UserError
@@ -78,13 +78,6 @@ class StudyStore:
             if name == other:
                 what = f"its poses are {kind} in run {first} and {another} in run {run}"
                 yield run, name, f"{what}; none of its runs counts: return the same kind in every run"
-
-    def ates(self, estimator: str, runs: int) -> Ates:
-        """Return the ATE of the first `runs` runs of `estimator` without loading the series."""
-        query = f"SELECT run, figures FROM outcome WHERE {_OF_ONE_KIND} ORDER BY run"
-        rows = [(run, json.loads(text)["ate_m"]) for run, text in self._connection.execute(query, (estimator, runs))]
-        ates = np.array([ate for _, ate in rows], dtype=np.float64)
-        return Ates(np.array([run for run, _ in rows], dtype=np.int64), ates)
 
     def load(self, estimator: str, runs: int) -> Runs:
         """Return the first `runs` runs of `estimator`; none if its estimates are not all of one kind."""

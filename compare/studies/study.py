@@ -16,22 +16,12 @@ from slamgauge.compare.estimators.requests import Asked, Chosen, ask, labels_amo
 from slamgauge.compare.estimators.running import tell_remarks
 from slamgauge.compare.scenarios.scenario import Scenario, as_scenario, scenario_text
 from slamgauge.compare.scoring.runs import Runs
-from slamgauge.compare.scoring.sequential import Look
 from slamgauge.compare.storage.manifest import require_free
 from slamgauge.compare.storage.progress import counted
 from slamgauge.compare.storage.result_files import STORE, STORE_FILES
 from slamgauge.compare.storage.staged_folder import begin_file
 from slamgauge.compare.studies.executors import lost_worker
-from slamgauge.compare.studies.stopping_rule import (
-    Pair,
-    Precision,
-    Until,
-    compare_against,
-    compare_user_code,
-    looks_of,
-    pairs_to_resolve,
-    ratios_at,
-)
+from slamgauge.compare.studies.paired_comparisons import compare_against, compare_user_code
 from slamgauge.compare.studies.store import StudyStore, begin_store, digest, open_store
 from slamgauge.compare.studies.store_file import require_whole, sole_use
 from slamgauge.compare.studies.study_run import Outcome, run_once, run_seed
@@ -64,14 +54,13 @@ def run_study(
     executor: Executor,
     *,
     against: Sequence[str] = (),
-    until: Until | None = None,
 ) -> Summary:
     """Run what the store in `out` lacks, and summarise the first `runs` runs.
 
     An estimator's error is stored as its outcome of the run. A failure of the machine (memory, disk, a worker that
     died) is among the failures and not stored: the same command runs it again.
 
-    Eight parameters: six say what to run and where, the last two are options by keyword.
+    Seven parameters: six say what to run and where, the last is an option by keyword.
 
     Args:
         scenario: use `start = "sampled"` (true start drawn from the prior) for any statement about consistency; a
@@ -83,8 +72,6 @@ def run_study(
         out: folder of `study.sqlite`.
         executor: for example `executors.local_processes(2)`.
         against: labels of the estimators that the others are compared with, run by run.
-        until: continue after the first `runs` until every ratio has this precision. The rule is evaluated at fixed run
-            counts, so that an interrupted study ends where it would have ended.
 
     Raises:
         UserError: bad names or numbers, a store of another study, a store in use by another command, a foreign file in
@@ -99,31 +86,28 @@ def run_study(
     if seed < 0:
         raise UserError(f"seed: {seed} is negative; use a whole number >= 0")
     against = labels_among(against, [each.label for each in asked], "is not among --estimators")
-    require_room_for_runs(runs if until is None else max(runs, until.most), scenario, len(asked))
-    looks, pairs = looks_of(runs, until), pairs_to_resolve(asked, against) if until is not None else []
+    require_room_for_runs(runs, scenario, len(asked))
     require_free(out, STORE_FILES)
     begin_file(out, STORE)
     with sole_use(out / STORE):
         begin_store(out / STORE, scenario, seed)
         with open_store(out / STORE, scenario, seed) as store:
-            work = _Work(scenario, seed, asked, executor)
-            look, precision, refused = _run_looks(store, work, looks, pairs, until)
-            loaded = {each.label: store.load(each.key, look.runs) for each in asked}
-            found = [*(Failure(*each) for each in store.failures(look.runs)), *refused]
+            refused = _run_missing(store, _Work(scenario, seed, asked, executor), runs)
+            loaded = {each.label: store.load(each.key, runs) for each in asked}
+            found = [*(Failure(*each) for each in store.failures(runs)), *refused]
     labels = {each.key: each.label for each in asked}
     failures = [replace(each, estimator=labels[each.estimator]) for each in found if each.estimator in labels]
     failures.sort(key=lambda failure: (failure.run, failure.estimator))
     return Summary(
         scenario=scenario.name,
-        runs=look.runs,
+        runs=runs,
         seed=seed,
         digest=digest(scenario, seed),
         failures=tuple(failures),
         estimators=summarise(loaded),
-        against=compare_against(loaded, against, looks, look),
-        precision=precision,
+        against=compare_against(loaded, against),
         scenario_text=scenario_text(scenario),
-        comparisons=compare_user_code(asked, loaded, look),
+        comparisons=compare_user_code(asked, loaded),
         per_run={label: run_figures(each) for label, each in loaded.items()},
     )
 
@@ -155,23 +139,7 @@ def require_kept(out: Path, runs: int) -> None:
         raise UserError(f"{out}: {what}; put the folder back, or give the same command again")
 
 
-def _run_looks(
-    store: StudyStore, work: _Work, looks: Sequence[Look], pairs: Sequence[Pair], until: Until | None
-) -> tuple[Look, Precision | None, list[Failure]]:
-    """Run up to the look at which the precision is reached; return that look, the precision and unstored failures."""
-    look, precision, refused = looks[0], None, list[Failure]()
-    for look in looks:
-        refused = _carry_out(store, work, look.runs)
-        if until is not None:
-            ates = {each.label: store.ates(each.key, look.runs) for each in work.asked}
-            ratios = ratios_at(look, pairs, ates)
-            precision = Precision(until, look, ratios, tuple(pair for pair in pairs if pair not in ratios))
-        if precision is None or precision.is_settled:
-            break
-    return look, precision, refused
-
-
-def _carry_out(store: StudyStore, work: _Work, runs: int) -> list[Failure]:
+def _run_missing(store: StudyStore, work: _Work, runs: int) -> list[Failure]:
     """Run the missing runs, store each run as it arrives, and return the failures that are not stored.
 
     When a worker dies, all runs of its pool are lost. They are then run one at a time, which identifies the run that

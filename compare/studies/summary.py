@@ -20,7 +20,7 @@ from slamgauge.compare.scoring.text_page import Grid, Page
 from slamgauge.compare.scoring.text_table import cell, interval_cell, marked
 from slamgauge.compare.scoring.verdicts import verdict_lines
 from slamgauge.compare.storage.provenance import origin
-from slamgauge.compare.studies.stopping_rule import Against, Precision, against_parts
+from slamgauge.compare.studies.paired_comparisons import Against, against_parts
 from slamgauge.display import data_frame
 
 
@@ -140,8 +140,8 @@ class Summary:
 
     `scenario` is a name, `runs` the number of runs, `seed` the root seed, `digest` that of the measurements, `failures`
     the failed runs of estimators, `estimators` the figures of each estimator by name, `per_run` those of each run,
-    `against` the requested paired comparisons, `precision` the end of a study with a stopping rule, `scenario_text` the
-    scenario as a TOML file, `comparisons` pairs of a user estimator and a sentence, which are only printed.
+    `against` the requested paired comparisons, `scenario_text` the scenario as a TOML file, `comparisons` pairs of a
+    user estimator and a sentence, which are only printed.
     """
 
     scenario: str
@@ -151,7 +151,6 @@ class Summary:
     failures: tuple[Failure, ...]
     estimators: dict[str, EstimatorSummary]
     against: Against = field(default_factory=dict)
-    precision: Precision | None = None
     scenario_text: str | None = None
     comparisons: tuple[tuple[str, str], ...] = ()
     per_run: Mapping[str, RunFigures] = field(default_factory=dict[str, RunFigures])
@@ -189,7 +188,6 @@ class Summary:
                 }
                 for name, others in self.against.items()
             },
-            "precision": None if self.precision is None else self.precision.to_json(),
             **bound_entry(self.estimators),
         }
 
@@ -237,7 +235,6 @@ def summary_table(summary: Summary) -> Page:
     below = [
         *optimum_lines(summary),
         *empty_column_lines([summary], "study"),
-        *([] if summary.precision is None else [summary.precision.line()]),
         *rays,
         *verdict_lines({name: each.verdict for name, each in summary.estimators.items()}),
         *too_good_lines(summary),

@@ -71,6 +71,13 @@ SMALLEST = {
         "20 ",
         "from 20 to 37: batch landmarks^",
     ),
+    "literature": (  # 6 s
+        "--runs 2 --only zhang2017-stationary --jobs 1",
+        "claim ratio interval verdict hypothesis",
+        "zhang2017-stationary 1 1 to 1 holds last heading sigma of riekf@stationary / of causal in 0.909 to 1.1",
+        "with 95% probability the intervals of all 27 claims contain the true ratios",
+        "zhang2017: Zhang, Wu,",
+    ),
     "seeded_bugs": (  # 20 s
         "--seeds 1 --forms 1",
         "bug named check caught other checks that fail",
@@ -83,8 +90,8 @@ SMALLEST = {
         "20 trials",
         "errors / sigmas runs share of verdicts",
         "1.5 100 too small a sigma 100.0%",
-        "claimed within 0.909 and 1.1 runs share of verdicts",
-        "1.0 100 holds 100.0%",
+        "NIS / dof runs share of verdicts",
+        "1.2 100 innovations larger than it expects 100.0%",
     ),
 }
 

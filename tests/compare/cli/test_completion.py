@@ -23,7 +23,7 @@ PLACES = {
 TYPED = [
     ("slamgauge stu", "study"),
     ("slamgauge evaluate rec", "record.npz"),
-    ("slamgauge study --runs 3 --preci", "--precision"),
+    ("slamgauge study --runs 3 --again", "--against"),
     ("slamgauge run q1-long-dense --out rec", "record.npz"),
 ]
 # like readline: call the function and, if it returns nothing, complete files (-o default)

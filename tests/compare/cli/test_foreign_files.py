@@ -9,8 +9,6 @@ import pytest
 
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.storage.manifest import MANIFEST, owned
-from slamgauge.compare.studies import claims
-from slamgauge.compare.studies.claim_list import CLAIMS, ClaimSet
 from tests.reference.command_line import contents
 from tests.reference.robot_logs import CSV
 
@@ -29,7 +27,6 @@ COMMANDS = {
     "bench": ("bench", "--landmarks", "5", "--estimators", "dead-reckoning"),
     "study": STUDY,
     "sweep": (*STUDY, "--sweep", "association.gate=4,9"),
-    "claims": ("claims", "--runs", "2", "--max-runs", "2", "--jobs", "1"),
     "grade": ("grade", "INPUT/class", "--scenario", "INPUT/short.toml", "--runs", "2", "--jobs", "1"),
     "noise": ("noise", "INPUT/recording.npz"),
     "animate": ("animate", "--seconds", "1", "--fps", "2"),
@@ -38,12 +35,13 @@ COMMANDS = {
 UNLUCKY = (
     *("rays.py", "rays.png.bak", "animation.blend", "figure.tex", "metrics.json~", ".metrics.json.partial"),
     *("estimates/mine.npz", "estimates/ekf.py", "trajectories/gps.tum", "study.sqlite.bak", "summary.txt", "nees.pdf"),
-    *("sweep.toml", "optimum/notes", "association.gate=9/nees.tex", "claims.tex", "studies/notes", "budget.xlsx"),
+    *("sweep.toml", "optimum/notes", "association.gate=9/nees.tex", "budget.xlsx"),
 )
 IN_THE_WAY = [
     *(("run", name) for name in ("metrics.json", "truth.npz", "figure.svg", "rays.png", "estimates/ekf.npz")),
     *(("run", name) for name in ("trajectories/ekf.tum", "trajectories/truth.tum", "recording.npz/", "estimates")),
     *(("evaluate", name) for name in ("metrics.json", "rays.svg", "estimates/ekf.npz", "trajectories", "figure.png/")),
+    *((name, "report.html") for name in ("run", "study", "budget")),
     *(("import", name) for name in ("recording.npz", "truth.npz")),
     *(("import-csv", name) for name in ("recording.npz", "truth.npz", "recording.toml")),
     *(("export", name) for name in ("start.csv", "odometry.csv", "observations.csv/")),
@@ -52,14 +50,13 @@ IN_THE_WAY = [
     *(("study", name) for name in ("study.sqlite", "study.sqlite-wal", "summary.json", "ratios.svg", "nees.png/")),
     *(("sweep", name) for name in ("sweep.json", "sweep.png", "association.gate=9/study.sqlite", "association.gate=9")),
     *(("sweep", name) for name in ("association.gate=9/summary.json", "association.gate=4/nis.svg", "optimum")),
-    *(("claims", name) for name in ("claims.json", "studies", "studies/ekf-q1-long-sparse/study.sqlite")),
     *(("grade", name) for name in ("grades.csv", "grades.xml/", "submissions", "submissions/dead.md")),
     *(("noise", name) for name in ("noise.json", "noise.png", "noise.svg/")),
     *(("animate", name) for name in ("animation.gif", "animation.mp4", "animation.gif/")),
 ]
 WORK = (  # in this order: a module that is imported later would keep the replacement of the last two
     *("datasets.victoria_park.read_victoria_park", "figures.animation.Scene"),
-    *("studies.budget.error_budget", "bench.step_times.run_bench", "studies.study._carry_out"),
+    *("studies.budget.error_budget", "bench.step_times.run_bench", "studies.study._run_missing"),
     *("grading.grading.grade_folder", "datasets.csv_log.read_csv_log", "storage.csv_folder.write_recording_csv"),
     *("noise.estimation.find_noise", "scoring.comparison.compare_estimators", "scenarios.simulation.simulate_informed"),
 )
@@ -82,10 +79,7 @@ def given(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def command(given: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str, Path], int]:
-    """Runs one of COMMANDS in a folder, without ffmpeg, and with two claims on two settings."""
-    few = tuple(claim for claim in CLAIMS if claim.id in ("q1-sparse-error", "q1-sigma-grows"))
-    settings: dict[str, tuple[str, ...]] = {name: (name,) for name in ("q1-long-dense", "q1-long-sparse")}
-    monkeypatch.setitem(claims.SETS, "exercise", ClaimSet(settings, few))
+    """Runs one of COMMANDS in a folder, without ffmpeg."""
     monkeypatch.setenv("PATH", "")
 
     def call(name: str, out: Path) -> int:
@@ -184,13 +178,13 @@ def test_a_later_run_removes_what_earlier_commands_left(
     assert {name for name, data in contents(out).items() if data is not None} == {*expected, MANIFEST}
 
 
-@pytest.mark.parametrize("name", ["study", "sweep", "claims"])
+@pytest.mark.parametrize("name", ["study", "sweep"])
 def test_no_store_is_written_through_a_link(
     name: str, command: Callable[[str, Path], int], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
     out, elsewhere = tmp_path / "out", tmp_path / "elsewhere"
     elsewhere.mkdir()
-    place = {"study": "study.sqlite", "sweep": "association.gate=9", "claims": "studies/ekf-q1-long-dense"}[name]
+    place = {"study": "study.sqlite", "sweep": "association.gate=9"}[name]
     (out / place).parent.mkdir(parents=True)
     (out / place).symlink_to(elsewhere / "study.sqlite" if name == "study" else elsewhere)
     assert command(name, out) == 2

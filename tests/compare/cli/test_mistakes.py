@@ -198,9 +198,7 @@ def test_paths_that_are_too_long_are_one_line(mistake: Callable[..., str]):
     ("words", "start"),
     [
         (("study", "q1-short-dense", "--runs", MANY), "runs: to sum up 100000000 of"),
-        (("study", "q1-short-dense", "--precision", "0.01", "--max-runs", MANY), "runs: to sum up 100000000 of"),
         (("study", "q1-short-dense", "--runs", MANY, "--sweep", "association.gate=1,9"), "runs: to sum up"),
-        (("claims", "--runs", MANY), "runs: to sum up 100000000 of"),
         (("grade", "examples", "--scenario", "q1-short-dense", "--runs", MANY), "runs: to sum up"),
         (("budget", "q1-short-dense", "--runs", "100000000000"), "runs: a budget of 100000000000"),
         (("bench", "--landmarks", MANY), "landmarks: the covariance of 100000000 needs"),

@@ -12,9 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from slamgauge import UserError
 from slamgauge.compare.report.page import ASSETS, MODULES, json_text, pack, plain_page, program, render
-from slamgauge.compare.report.publishing import publish_report
 from slamgauge.compare.report.run_page import closure_table
 from slamgauge.compare.report.tables import Cell, Head, Table
 
@@ -135,16 +133,3 @@ def test_a_table_of_very_many_loop_closures_is_thinned_out() -> None:
     table = closure_table({"estimators": {"ekf": {"loop_closure": closures}, "batch": {"loop_closure": None}}})
     assert len(table.rows) == 500
     assert "1 in 20 loop closures" in table.caption
-
-
-def test_a_folder_without_results_is_an_error(tmp_path: Path) -> None:
-    with pytest.raises(UserError, match="contains no results; give a folder that slamgauge has written"):
-        publish_report(tmp_path)
-
-
-def test_a_page_of_another_origin_is_not_replaced(run_folder: Path, tmp_path: Path) -> None:
-    (tmp_path / "metrics.json").write_bytes((run_folder / "metrics.json").read_bytes())
-    (tmp_path / "report.html").write_text("mine")
-    with pytest.raises(UserError, match=r"report\.html: exists already, and slamgauge has not written it"):
-        publish_report(tmp_path)
-    assert (tmp_path / "report.html").read_text() == "mine"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import json
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,15 +11,11 @@ import pytest
 
 from slamgauge import Estimate, Recording, Truth, compare_estimators, load_estimators, load_scenario, simulate
 from slamgauge.arrays import Float
-from slamgauge.compare.cli.main import main
 from slamgauge.compare.figures.map_contents import map_at
-from slamgauge.compare.report.exercise import QUESTIONS
 from slamgauge.compare.report.page_elements import looks
 from slamgauge.compare.report.replay_data import frame_steps, replay_data, shown_observations
 from slamgauge.compare.scoring.landmark_identity import association_figures, wrong_sights
 from slamgauge.compare.storage.stored_results import Results
-
-from .conftest import unexplained
 
 KINDS = {"f4": "<f4", "i4": "<i4", "u2": "<u2", "u1": "u1"}
 
@@ -133,31 +128,3 @@ def test_errors_and_nees_are_those_of_the_scores(results: Results):
         expected = np.linalg.norm(estimate.poses[:, :2] - results.truth.poses[:, :2], axis=1)
         np.testing.assert_allclose(unpacked(packed["error"]), expected, rtol=1e-5, atol=1e-6)
         assert np.isfinite(unpacked(packed["nees"])).any()
-
-
-def test_a_question_of_the_exercise_is_run_and_has_a_page(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
-    short = QUESTIONS["q1"]._replace(runs={"stationary": "dead-reckoning,ekf"})
-    monkeypatch.setitem(QUESTIONS, "q1", short)
-    monkeypatch.chdir(tmp_path)
-    assert main(["report", "q1"]) == 0
-    assert "stationary:" in capsys.readouterr().out
-    page = (tmp_path / "results/q1/report.html").read_text(encoding="utf-8")
-    assert 'href="stationary/report.html"' in page
-    assert "the error accumulates along the loop" in page
-    assert "<strong>stationary, ekf</strong>: RMS position error " in page
-    assert "<code>slamgauge report q1</code>" in page
-    metrics = json.loads((tmp_path / "results/q1/stationary/metrics.json").read_text(encoding="utf-8"))
-    assert f"<dt>Digest of stationary</dt><dd>{metrics['digest']}</dd>" in page
-    assert "<dt>time [s]</dt>" not in page  # not a column of its table
-    assert unexplained(tmp_path / "results/q1/report.html") == []
-    assert (tmp_path / "results/q1/stationary/report.html").exists()
-    for _ in range(2):  # also a second time, into a folder with the name of the question
-        assert main(["report", "q1", "--out", "q1"]) == 0
-
-
-def test_questions_name_scenarios_that_are_shipped():
-    for question in QUESTIONS.values():
-        for name in question.runs:
-            assert load_scenario(name).name == name

@@ -15,19 +15,16 @@ from slamgauge import UserError, load_scenario
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.figures.publishing import write_study
 from slamgauge.compare.report.grade_page import FIGURES
-from slamgauge.compare.report.publishing import pages_of, publish_report
+from slamgauge.compare.report.publishing import pages_of
 from slamgauge.compare.report.rerun_command import command_of_run, swept
 from slamgauge.compare.storage.best_effort import decorate
 from slamgauge.compare.studies.budget import RUNGS, summarise_budget
-from slamgauge.compare.studies.claim_evidence import Evidence
-from slamgauge.compare.studies.claim_list import CLAIMS
-from slamgauge.compare.studies.claims import Judgement
 from slamgauge.compare.studies.stored_study import StoredStudy, load_study
 from slamgauge.compare.studies.study import load_runs, run_study
 from slamgauge.compare.studies.study_run import run_seed
 from tests.reference import fast_commands
 
-from .conftest import SCRIPT_NAME, Reader, unexplained
+from .conftest import SCRIPT_NAME, Reader, publish, unexplained
 
 RUNS = 4
 NOW = "return document.getElementById(arguments[0]).textContent"
@@ -42,7 +39,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with ThreadPoolExecutor(1) as executor:
         summary = run_study(scenario, RUNS, 0, chosen, folder, executor, against=["ekf"])
     assert write_study(folder, summary, load_runs(scenario, RUNS, 0, chosen, folder), scenario.trajectory.step)
-    publish_report(folder)
+    publish(folder / "summary.json")
     return folder
 
 
@@ -72,7 +69,7 @@ def test_a_store_of_another_study_is_an_error(folder: Path, tmp_path: Path):
     summary = json.loads((folder / "summary.json").read_text())
     (tmp_path / "summary.json").write_text(json.dumps({**summary, "digest": "0" * 64}))
     with pytest.raises(UserError, match="has another study than the summary in this folder"):
-        publish_report(tmp_path)
+        pages_of(tmp_path / "summary.json")
 
 
 def test_the_page_of_a_study_loads_nothing_else_and_begins_with_the_verdicts(opened: Reader, folder: Path):
@@ -172,9 +169,6 @@ def test_the_page_of_a_sweep_links_to_the_pages_of_its_values(reader: Reader, sw
 
 def test_a_value_of_a_sweep_is_a_study_that_needs_the_stored_optimum(sweep: Path, tmp_path: Path):
     assert [*require_written_summary(sweep / "assumed.scale=2").runs] == ["ekf", "causal"]
-    for page in sweep.rglob("report.html"):
-        page.unlink()
-    publish_report(sweep)
     assert len([*sweep.rglob("report.html")]) == 3
     (tmp_path / "alone").mkdir()
     for name in ("summary.json", "study.sqlite"):
@@ -187,14 +181,6 @@ def budget(folder: Path) -> None:
     errors = np.random.default_rng(0).uniform(1.0, 2.0, (5, len(RUNGS)))
     found = summarise_budget(SCRIPT_NAME, "ekf", errors, np.full(errors.shape, np.nan), np.ones(len(errors)))
     (folder / "budget.json").write_text(json.dumps(found.to_json()))
-
-
-def claims(folder: Path) -> None:
-    evidence = Evidence(1.5, 1.2, 1.9, p_value=0.001, support=4.0, runs=50, decidable=1.1)
-    found = [
-        Judgement(each, evidence, 0.25, None, "x = 1", 7, f"of {each.figure.setting}").to_json() for each in CLAIMS
-    ]
-    (folder / "claims.json").write_text(json.dumps([{**found[0], "claim": SCRIPT_NAME}, *found[1:]]))
 
 
 def grades(folder: Path) -> None:
@@ -211,12 +197,14 @@ def grades(folder: Path) -> None:
     (folder / "submissions" / f"{row['submission']}.md").write_text(f"# {SCRIPT_NAME}\n")
 
 
-@pytest.mark.parametrize("write", [budget, claims, grades])
-def test_pages_of_tables_escape_user_given_names(reader: Reader, write: Callable[[Path], None], tmp_path: Path):
+@pytest.mark.parametrize(("write", "main", "count"), [(budget, "budget.json", 1), (grades, "grades.csv", 2)])
+def test_pages_of_tables_escape_user_given_names(
+    reader: Reader, write: Callable[[Path], None], main: str, count: int, tmp_path: Path
+):
     write(tmp_path)
-    publish_report(tmp_path)
+    publish(tmp_path / main)
     pages = sorted(tmp_path.rglob("*.html"))
-    assert len(pages) == (2 if write is grades else 1)
+    assert len(pages) == count
     for page in pages:
         assert unexplained(page) == []
         reader.open(page, width=360)
@@ -232,26 +220,13 @@ def test_pages_of_tables_escape_user_given_names(reader: Reader, write: Callable
 
 def test_the_page_of_grades_links_to_the_submissions(reader: Reader, tmp_path: Path):
     grades(tmp_path)
-    publish_report(tmp_path)
+    publish(tmp_path / "grades.csv")
     reader.open(tmp_path / "report.html")
     reader.run("document.querySelector('#grades a').click()")
     assert reader.run("return document.querySelector('h1').textContent") == 'a "<b>: not passed'
     checks = reader.run("return document.querySelector('#checks tbody').textContent")
     assert "heading-wrap" in checks
     assert "the wrapping of the heading" in checks
-
-
-def test_results_of_another_version_are_an_error(tmp_path: Path):
-    (tmp_path / "budget.json").write_text("{}")
-    with pytest.raises(UserError, match="written by another version"):
-        publish_report(tmp_path)
-
-
-def test_the_page_is_of_the_latest_results(tmp_path: Path):
-    claims(tmp_path)
-    budget(tmp_path)
-    publish_report(tmp_path)
-    assert "Where the error of ekf comes from" in (tmp_path / "report.html").read_text()
 
 
 def test_results_are_kept_if_the_page_fails(tmp_path: Path, capsys: pytest.CaptureFixture[str]):

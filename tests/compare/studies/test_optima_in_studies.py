@@ -22,7 +22,6 @@ from slamgauge.compare.figures.sweep_figure import save_sweep_figure
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.scenarios.simulation import informed, simulate
 from slamgauge.compare.scoring.runs import Runs
-from slamgauge.compare.studies.stopping_rule import pairs_to_resolve
 from slamgauge.compare.studies.study_run import run_seed
 from slamgauge.compare.studies.summary import Summary, summary_table
 from slamgauge.compare.studies.sweep import Sweep, run_sweep, sweep_table
@@ -97,10 +96,6 @@ def test_either_bound_may_be_requested() -> None:
         assert [each.label for each in ask(names)] == labels
     with pytest.raises(UserError, match="bound is given twice"):
         ask(["bound", "bound"])
-
-
-def test_the_stopping_rule_ignores_ratios_of_bounds() -> None:
-    assert pairs_to_resolve(ask(["ekf", "bound", "causal"]), ()) == [("ekf", "causal")]
 
 
 def test_a_single_run_has_no_bound(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

@@ -107,6 +107,28 @@ def test_a_study_continues_and_repeats_nothing(run: Run, monkeypatch: pytest.Mon
     assert not done
 
 
+def test_an_interrupted_study_has_the_figures_of_a_whole_one(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = run(5, ("ekf", "riekf"), "whole")
+    original, left = study_run.run_once, [0]
+
+    def killed(*arguments: Any) -> list[study_run.Outcome]:
+        if not left[0]:
+            raise KeyboardInterrupt
+        left[0] -= 1
+        return original(*arguments)
+
+    monkeypatch.setattr("slamgauge.compare.studies.study.run_once", killed)
+    for runs in (2, 1):  # the second time after a single run more
+        left[0] = runs
+        with pytest.raises(KeyboardInterrupt):
+            run(5, ("ekf", "riekf"), "parts")
+    monkeypatch.undo()
+    with local_processes(2) as executor:
+        assert figures_of(run(5, ("ekf", "riekf"), "parts", executor=executor)) == figures_of(whole)
+    run(7, ("ekf", "riekf"), "parts")  # additional runs in the store change nothing
+    assert figures_of(run(5, ("ekf", "riekf"), "parts")) == figures_of(whole)
+
+
 @pytest.mark.parametrize(
     ("overrides", "seed", "message"),
     [(["sensor.max_range=8"], 0, "another scenario"), ([], 1, "another seed")],
@@ -208,7 +230,7 @@ def test_the_command_prints_the_table_and_writes_summary_and_figures(
     below = ["fit", "ekf:", "causal:", "batch:"]
     assert [line.split()[0] for line in table.splitlines()] == ["estimator", "ekf", "causal", "batch", *below]
     content = json.loads((tmp_path / "study" / "summary.json").read_text())
-    keys = "version command scenario_text scenario runs seed digest failures estimators per_run against precision"
+    keys = "version command scenario_text scenario runs seed digest failures estimators per_run against"
     assert set(content) == set(keys.split())
     assert set(content["estimators"]["ekf"]["ate_m"]) == {"mean", "low", "high"}
     assert content["estimators"]["ekf"]["nees_share_inside_band"]["level"] == 0.999

@@ -1,4 +1,4 @@
-"""Results as a page and as a moving picture: `slamgauge report` and `animate`."""
+"""A run as a moving picture: `slamgauge animate`."""
 
 from __future__ import annotations
 
@@ -9,49 +9,9 @@ from typing import Literal
 
 import tyro
 
-from slamgauge.compare.cli.options import Folder, Open, PageOptions, open_page, split_names
+from slamgauge.compare.cli.options import Folder, PageOptions, split_names
 from slamgauge.compare.cli.run import Run
-from slamgauge.compare.storage.result_files import REPORT
 from slamgauge.errors import UserError
-
-
-@dataclass
-class Report:
-    """Write report.html into a folder of results: one page that explains them and replays a run.
-
-    The results are those of run, evaluate --out, study, study --sweep, budget, claims, grade or noise. The page opens
-    from disk, in any current browser, without a network.
-
-    For example:
-      slamgauge report first-run --open
-      slamgauge report q1
-    """
-
-    what: tyro.conf.Positional[Folder]
-    """Folder of results. Or q1, q2, q3 or q4: a question of the exercise, whose runs are made first."""
-
-    out: Folder | None = None
-    """For a question: the folder of its runs and its page. If not given: results/QUESTION."""
-
-    open: Open = False
-
-    def __call__(self) -> int:
-        from slamgauge.compare.report.exercise import QUESTIONS
-        from slamgauge.compare.report.publishing import publish_question, publish_report
-
-        name, folder, status = str(self.what), self.what, 0
-        if name in QUESTIONS and (self.out or not folder.exists()):
-            folder = self.out or Path("results") / name
-            for each, estimators in QUESTIONS[name].runs.items():
-                print(f"{each}:")
-                status |= Run(each, estimators=estimators, out=folder / each)()
-            publish_question(folder, name)
-        else:
-            publish_report(folder)
-        print(f"written to {folder / REPORT}", file=sys.stderr)
-        if self.open:
-            open_page(folder)
-        return status
 
 
 @dataclass

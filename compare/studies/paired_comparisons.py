@@ -1,0 +1,112 @@
+"""Paired comparisons of the estimators of a study: ratios and differences of mean figures on the same runs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from slamgauge.arrays import Float
+from slamgauge.compare.estimators.registry import BOUNDS, DEAD_RECKONING, is_optimum
+from slamgauge.compare.estimators.requests import Asked
+from slamgauge.compare.scoring.aggregation import late_means
+from slamgauge.compare.scoring.intervals import Interval, Paired, compare_paired
+from slamgauge.compare.scoring.runs import Runs, paired
+from slamgauge.compare.scoring.text_page import Grid
+from slamgauge.compare.scoring.text_table import interval_cell
+from slamgauge.compare.scoring.verdicts import needed_runs
+from slamgauge.display import counted
+
+SMALLEST_P = 1e-6  # smaller ones are printed as `<1e-06`
+
+Against = Mapping[str, Mapping[str, Mapping[str, Paired]]]  # keys: reference estimator, estimator, figure
+
+
+def compare_against(loaded: Mapping[str, Runs], names: Sequence[str]) -> dict[str, dict[str, dict[str, Paired]]]:
+    """Return paired comparisons of ATE and NEES/3 of each estimator with each reference in `names`."""
+    return {
+        name: {
+            label: _compared(runs, loaded[name])
+            for label, runs in loaded.items()
+            if label != name and label not in BOUNDS
+        }
+        for name in names
+    }
+
+
+def compare_user_code(asked: Sequence[Asked], loaded: Mapping[str, Runs]) -> tuple[tuple[str, str], ...]:
+    """Return pairs of a user estimator and a sentence with the ratio of its ATE and that of a built-in filter.
+
+    Each user estimator is compared with each built-in filter of the same kind, filtered or smoothed.
+    """
+    built_in = [each for each in asked if each.name and not each.is_told and each.name != DEAD_RECKONING]
+    sentences: list[tuple[str, str]] = []
+    for mine in (each.label for each in asked if not each.name):
+        for other in (each.label for each in built_in if loaded[each.label].kind == loaded[mine].kind):
+            found = _compared(loaded[mine], loaded[other]).get("ate_m")
+            if found is None or found.ratio is None:
+                continue
+            opening = f"the ATE of {mine} is {interval_cell(found.ratio, '{:.3f}')} times that of {other} "
+            runs = counted(found.runs, "run")
+            sentences.append((mine, f"{opening}on the same {runs}{_significance(found.ratio, found.runs)}"))
+    return tuple(sentences)
+
+
+def _significance(ratio: Interval, runs: int) -> str:
+    """Return the end of a sentence on a ratio: whether it differs significantly from 1, else how many runs it needs."""
+    if ratio.low is None or ratio.high is None:
+        return "; an interval needs 2 runs"
+    opening = " (95 % interval): the difference is"
+    return f"{opening} significant" if _excludes_1(ratio) else f"{opening} not significant{needed_runs(ratio, runs)}"
+
+
+def _excludes_1(ratio: Interval) -> bool:
+    """Return whether the interval of a ratio excludes 1 to the printed digits."""
+    low, high = ratio.low, ratio.high
+    return low is not None and high is not None and (round(low, 3) > 1 or round(high, 3) < 1)
+
+
+def _compared(runs: Runs, other: Runs) -> dict[str, Paired]:
+    ours, theirs = paired(runs, other)
+    figures = {
+        "ate_m": (runs.figures["ate_m"][ours], other.figures["ate_m"][theirs]),
+        "nees_pose_per_dof": (_nees(runs)[ours], _nees(other)[theirs]),
+    }
+    found = {key: compare_paired(*both) for key, both in figures.items()}
+    return {key: each for key, each in found.items() if each is not None}
+
+
+def _nees(runs: Runs) -> Float:
+    return late_means(runs.series["nees_pose"]) / 3
+
+
+def against_parts(against: Against) -> list[Grid | str]:
+    """Return a table for each reference estimator, each after an empty line, and below it the runs that ratios need."""
+    parts: list[Grid | str] = []
+    for name, others in against.items():
+        rows = [[f"against {name}", "runs", "x ATE", "ATE less [m]", "p", "x NEES", "NEES/3 less", "p"]]
+        for label, figures in others.items():
+            ate, nees = figures.get("ate_m"), figures.get("nees_pose_per_dof")
+            rows.append([label, str(ate.runs if ate else 0), *_cells(ate, "{:+.3f}"), *_cells(nees, "{:+.2f}")])
+        parts += ["", Grid(rows)]
+        if not is_optimum(name):  # the verdicts have the runs that ratios to an optimum need
+            parts += _runs_to_resolve(name, others)
+    return parts
+
+
+def _runs_to_resolve(name: str, others: Mapping[str, Mapping[str, Paired]]) -> list[str]:
+    """Return a line for each ratio of ATEs to the reference `name` that is not significant and needs more runs."""
+    ates = {label: figures["ate_m"] for label, figures in others.items() if "ate_m" in figures}
+    needed = {
+        label: needed_runs(ate.ratio, ate.runs)
+        for label, ate in ates.items()
+        if ate.ratio is not None and not _excludes_1(ate.ratio)
+    }
+    return [f"{label} against {name}: x ATE is not significant{text}" for label, text in needed.items() if text]
+
+
+def _cells(found: Paired | None, form: str) -> list[str]:
+    if found is None:
+        return ["-", "-", "-"]
+    p = found.p_value
+    p_text = "-" if p is None else f"<{SMALLEST_P:g}" if p < SMALLEST_P else f"{p:.2g}"
+    difference = interval_cell(found.difference, form).replace("± +", "± ")
+    return [interval_cell(found.ratio, "{:.3f}"), difference, p_text]
