@@ -167,7 +167,7 @@ _ENTRIES = (
         "informed",
         kind="smoothed",
         note="GTSAM's Levenberg-Marquardt",
-        look=Look("#CC6677", (0, (10, 2, 2, 2))),
+        look=Look("#4477AA", (0, (10, 2, 2, 2))),
     ),
 )
 REGISTRY = {entry.name: entry for entry in _ENTRIES}
