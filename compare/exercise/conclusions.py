@@ -306,7 +306,8 @@ def _runs_needed(scatter: float, distance: float, level: float) -> int | None:
 
 def _exponential(interval: Interval) -> Interval:
     """Return the ratio of an interval of its logarithm."""
-    return Interval(*(None if each is None else math.exp(each) for each in interval))
+    low, high = (None if each is None else math.exp(each) for each in (interval.low, interval.high))
+    return Interval(math.exp(interval.mean), low, high)
 
 
 def to_json(conclusion: Conclusion, judgement: Judgement) -> dict[str, Any]:

@@ -13,9 +13,9 @@ from slamgauge.compare.exercise.conclusions import Conclusion, Judgement
 from slamgauge.compare.exercise.conclusions import to_json as conclusion_json
 from slamgauge.compare.exercise.running import Exercise, SettingRuns
 from slamgauge.compare.exercise.settings import CAUSAL, EKF, GTSAM, QUESTIONS, Setting
-from slamgauge.compare.scoring.intervals import Interval
 from slamgauge.compare.scoring.nan_stats import mean, rms
 from slamgauge.compare.scoring.runs import Runs
+from slamgauge.compare.scoring.text_table import interval_cell
 from slamgauge.compare.storage.provenance import origin
 from slamgauge.compare.studies.summary import EstimatorSummary, summarise
 
@@ -94,43 +94,27 @@ class QuestionResult:
     judgements: list[tuple[Conclusion, Judgement]]
 
     def answer(self) -> str:
-        """Return what the runs show in a few sentences."""
-        return " ".join(filter(None, (self._accuracy(), self._consistency(), self._closures(), self._verdicts())))
+        """Return in a sentence how accurate and consistent the EKF is, and how many conclusions hold."""
+        parts = (self._accuracy(), self._consistency(), self._verdicts())
+        return f"{'; '.join(filter(None, parts))}."
 
     def _accuracy(self) -> str:
-        ratios = {each.setting: each.ekf.ratio_to_causal for each in self.settings}
-        known = {setting: ratio for setting, ratio in ratios.items() if ratio is not None}
+        ratios = [(each.setting, each.ekf.ratio_to_causal) for each in self.settings]
+        known = sorted(((setting, ratio) for setting, ratio in ratios if ratio), key=lambda pair: pair[1].mean)
         if not known:
-            return ""
-        worst, best = (pick(known, key=lambda each: known[each].mean) for pick in (max, min))
-        text = f"The error of the EKF is {_times(known[best])} ({_named(best)})"
-        text += f" to {_times(known[worst])} ({_named(worst)})" if len(known) > 1 else ""
-        return f"{text} times that of the causal optimum."
+            return "no run has both the EKF and the causal optimum"
+        (best, least), (worst, most) = known[0], known[-1]
+        text = f"the error of the EKF is {interval_cell(least, '{:.2f}')} ({best.figure}, {best.title})"
+        text += f" to {interval_cell(most, '{:.2f}')} ({worst.figure}, {worst.title})" if len(known) > 1 else ""
+        return f"{text} times that of the causal optimum"
 
     def _consistency(self) -> str:
         found: dict[str, list[str]] = {}
         for each in self.settings:
             if each.ekf.nees_pose_per_dof is not None:
-                found.setdefault(each.consistency, []).append(
-                    f"{each.setting.figure} (NEES/3 {each.ekf.nees_pose_per_dof.mean:.2g})"
-                )
+                found.setdefault(each.consistency, []).append(each.setting.figure)
         parts = [f"{word} in {_listed(places)}" for word, places in found.items()]
-        return f"It is {_listed(parts)}." if parts else ""
-
-    def _closures(self) -> str:
-        """Return the closure of the largest relative decrease of the filter's error."""
-        found = [(each, closure) for each in self.settings for closure in each.closures]
-        known = [(each, closure, closure.estimators[EKF]) for each, closure in found]
-        known = [row for row in known if row[2].error_before_m and row[2].error_after_m is not None]
-        if not known:
-            return ""
-        each, closure, ekf = min(known, key=lambda row: (row[2].error_after_m or 0.0) / (row[2].error_before_m or 1.0))
-        optimum = closure.estimators[CAUSAL]
-        return (
-            f"The largest correction by a loop closure is in {each.setting.figure}, lap {closure.lap}: the error of "
-            f"the EKF falls from {ekf.error_before_m:.2f} to {ekf.error_after_m:.2f} m, that of the optimum from "
-            f"{optimum.error_before_m:.2f} to {optimum.error_after_m:.2f} m."
-        )
+        return f"it is {_listed(parts)}" if parts else ""
 
     def _verdicts(self) -> str:
         if not self.judgements:
@@ -141,7 +125,20 @@ class QuestionResult:
             f"{count} {words.get(verdict, ('is undecided', 'are undecided'))[count > 1]}"
             for verdict, count in counts.most_common()
         ]
-        return f"Of the exercise's {len(self.judgements)} conclusions {_listed(parts)}."
+        return f"of the exercise's {len(self.judgements)} conclusions {_listed(parts)}"
+
+    def largest_correction(self) -> str:
+        """Return the loop closure with the largest relative decrease of the EKF's error; empty without closures."""
+        every = [(each.setting, closure, closure.estimators) for each in self.settings for closure in each.closures]
+        known = [row for row in every if row[2][EKF].error_before_m and row[2][CAUSAL].error_before_m]
+        if not known:
+            return ""
+        setting, closure, found = min(known, key=lambda row: _fall(row[2][EKF]))
+        return (
+            f"The largest correction by a loop closure is in {setting.figure} ({setting.title}), lap {closure.lap}: "
+            f"the error of the EKF goes from {_before_and_after(found[EKF])}, that of the causal optimum from "
+            f"{_before_and_after(found[CAUSAL])}."
+        )
 
     def to_json(self) -> dict[str, Any]:
         """Return the entry of the question in exercise.json."""
@@ -150,6 +147,7 @@ class QuestionResult:
             "title": question.title,
             "task": question.task,
             "answer": self.answer(),
+            "largest_correction": self.largest_correction(),
             "settings": [each.to_json() for each in self.settings],
             "conclusions": [conclusion_json(*pair) for pair in self.judgements],
         }
@@ -208,14 +206,13 @@ def _at(runs: Runs, steps: np.ndarray[Any, np.dtype[np.int64]]) -> AtClosure:
     )
 
 
-def _times(ratio: Interval) -> str:
-    if ratio.low is None or ratio.high is None:
-        return f"{ratio.mean:.2f}"
-    return f"{ratio.mean:.2f} ± {(ratio.high - ratio.low) / 2:.2f}"
+def _fall(found: AtClosure) -> float:
+    """Return the error at a closure over that before it."""
+    return (found.error_after_m or 0.0) / (found.error_before_m or 1.0)
 
 
-def _named(setting: Setting) -> str:
-    return f"{setting.figure}, {setting.title}"
+def _before_and_after(found: AtClosure) -> str:
+    return f"{found.error_before_m:.2f} to {found.error_after_m:.2f} m"
 
 
 def _listed(parts: Sequence[str]) -> str:

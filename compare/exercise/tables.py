@@ -18,7 +18,7 @@ HEAD = ("fig", "setting")
 SCORES = (*HEAD, "EKF [m]", "GTSAM", "x causal", "NEES/3", "in 95%", "verdict")
 CLOSURES = ("fig", "lap", "at [s]", "EKF error [m]", "3σ [m]", "causal error", "3σ", "GTSAM")
 LANDMARKS = (*HEAD, "mapped", "of", "wrong associations")
-CONCLUSIONS = ("verdict", "conclusion of the exercise", "ratio", "interval", "runs needed")
+CONCLUSIONS = ("verdict", "conclusion of the exercise", "ratio", "interval", "runs needed", "ratio of")
 
 
 def exercise_page(found: Sequence[QuestionResult], runs: int, failures: Sequence[str]) -> Page:
@@ -30,8 +30,9 @@ def exercise_page(found: Sequence[QuestionResult], runs: int, failures: Sequence
             if len(rows) > 1:
                 parts += [Grid(rows, words=2), ""]
         if each.judgements:
-            parts += [Grid(conclusions(each.judgements), words=2, sentences=1), ""]
-        parts += [each.answer(), ""]
+            rows = [row[:-1] for row in conclusions(each.judgements)]  # the page also shows which figures are compared
+            parts += [Grid(rows, words=2, sentences=1), ""]
+        parts += [_sentence(each.answer()), *filter(None, [each.largest_correction()]), ""]
     return Page((*parts[:-1], *failures))
 
 
@@ -93,9 +94,13 @@ def _conclusion(conclusion: Conclusion, judgement: Judgement) -> list[str]:
     if ratio is not None and ratio.low is not None and ratio.high is not None:
         interval = f"{ratio.low:.3g} to {ratio.high:.3g}"
     return [
-        *(judgement.verdict, f"{conclusion.text}: {conclusion.hypothesis}", _mean(ratio, "{:.3g}"), interval),
-        NO_FIGURE if needed is None else str(needed),
+        *(judgement.verdict, conclusion.text, _mean(ratio, "{:.3g}"), interval),
+        *(NO_FIGURE if needed is None else str(needed), conclusion.hypothesis),
     ]
+
+
+def _sentence(text: str) -> str:
+    return text[0].upper() + text[1:]
 
 
 def _mean(interval: Interval | None, form: str) -> str:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, SubFigure
 
 from slamgauge.compare.exercise.results import Closure, SettingResult
 from slamgauge.compare.exercise.running import SettingRuns
@@ -42,7 +42,8 @@ def save_setting_figure(
             return
         strip = RayStrip(truth, recording, EKF, estimates[EKF])
         with printed(path, height + strip.height, title) as figure:
-            above, below = figure.subfigures(2, 1, height_ratios=(height, strip.height))
+            parts = figure.subfigures(2, 1, height_ratios=(height, strip.height))
+            above, below = cast("Iterable[SubFigure]", parts)
             draw_map_and_errors(above, truth, recording, estimates, EKF)
             strip.draw(below)
 

@@ -42,12 +42,13 @@ HELP = {
     "mapped": "number of landmarks in the map of the EKF",
     "of": "number of landmarks that were observed",
     "wrong associations": "observations that the EKF assigned to another landmark than their own",
-    "conclusion of the exercise": "the conclusion, and its meaning as a ratio of two figures of the same run",
-    "ratio": "geometric mean over runs",
+    "conclusion of the exercise": "the conclusion in short",
+    "ratio of": "the conclusion as a statement about a ratio of two figures of the same run, with their figures",
+    "ratio": "geometric mean over runs of the ratio",
     "interval": "95 % interval of the ratio that holds for all conclusions of the exercise together",
     "runs needed": "number of runs that would decide an undecided conclusion with 90 % probability",
 }
-WORDS = ("fig", "setting", "verdict", "conclusion of the exercise")
+WORDS = ("fig", "setting", "verdict", "conclusion of the exercise", "ratio of")
 
 
 def publish_exercise(out: Path, exercise: Exercise, found: Sequence[QuestionResult]) -> bool:
@@ -86,7 +87,7 @@ def exercise_page(figures: Path, run_0: Path, exercise: Exercise, found: Sequenc
     return render(
         "exercise.html",
         kind="the exercise next to its optimum",
-        title="EKF-SLAM of the exercise (TP4), next to GTSAM batch and the causal optimum",
+        title="TP4: EKF-SLAM next to GTSAM batch",
         questions=questions,
         overview=overview,
         notes=[_measurements(exercise), *exercise.failures],
@@ -121,6 +122,7 @@ def _question(figures: Path, run_0: Path, ran: Sequence[SettingRuns], found: Que
         "title": question.title,
         "task": question.task,
         "answer": found.answer(),
+        "correction": found.largest_correction(),
         "tables": [
             _table(f"{name}-scores", "Accuracy and consistency", tables.scores(found.settings)),
             _table(f"{name}-closures", "The first loop closure of each lap", tables.closures(found.settings)),
