@@ -5,6 +5,10 @@ independent runs, of the ratio of two figures of the same run. Its interval is S
 The level is corrected for the number of ratios of all questions (Bonferroni), so that with a probability of 95 % all
 intervals together contain the true ratios. A conclusion holds if its interval is inside the asserted range, does not
 hold if it is outside, and is undecided otherwise.
+
+Some filters diverge in a few runs only, and an interval of some dozens of runs without such a run is too narrow. The
+interval is therefore computed as if two runs more had been seen, with twice and with half the ratio. With it the
+probability of any wrong verdict was below 4 % for ratios drawn from 400 runs of each setting, with 10 to 100 runs.
 """
 
 from __future__ import annotations
@@ -29,6 +33,7 @@ LIMIT = math.log(10.0)  # of the logarithm of a run's ratio: a diverged filter c
 STRENGTH: tuple[Verdict, ...] = ("does not hold", "undecided", "holds")  # verdicts from against to in favour
 # ranges of ratios
 MORE, LESS = (1.0, math.inf), (0.0, 1.0)
+UNSEEN = np.log([0.5, 2.0])  # logarithms, relative to the mean, of two runs that are added to those of a ratio
 SAME = (1.0 / 1.1, 1.1)  # "like", "similar"
 MUCH = (2.0, math.inf)  # "much", "very", "multiplies"
 LARGE = (1.5, math.inf)  # "large" error: at least this factor of the optimum's
@@ -272,19 +277,21 @@ def judge_ratio(logarithms: Float, asserted: tuple[float, float], tests: int = R
         tests: number of ratios that are judged together.
     """
     runs, level = len(logarithms), 1.0 - ERROR / tests
-    interval = mean_interval(logarithms, level)
-    if interval is None or interval.low is None or interval.high is None:
-        return Judgement("undecided", None if interval is None else _exponential(interval), runs, None)
+    if not runs:
+        return Judgement("undecided", None, 0, None)
+    interval = mean_interval(np.append(logarithms, logarithms.mean() + UNSEEN), level)
+    assert interval is not None and interval.low is not None and interval.high is not None
     low, high = np.log(np.maximum(asserted, np.finfo(float).tiny))
     verdict: Verdict = "undecided"
     if low < interval.low and interval.high < high:
         verdict = "holds"
     elif interval.high < low or high < interval.low:
         verdict = "does not hold"
+    ratio = Interval(*(math.exp(each) for each in (interval.mean, interval.low, interval.high)))
     needed = None
-    if verdict == "undecided":
+    if verdict == "undecided" and runs > 1:
         needed = _runs_needed(float(logarithms.std(ddof=1)), abs(_margin(logarithms, asserted)), level)
-    return Judgement(verdict, _exponential(interval), runs, needed)
+    return Judgement(verdict, ratio, runs, needed)
 
 
 def _margin(logarithms: Float, asserted: tuple[float, float]) -> float:
@@ -294,20 +301,19 @@ def _margin(logarithms: Float, asserted: tuple[float, float]) -> float:
 
 
 def _runs_needed(scatter: float, distance: float, level: float) -> int | None:
-    """Return the runs, to two digits, after which an interval ends before an end of the range at this distance."""
+    """Return the runs, to two digits, after which an interval ends before an end of the range at this distance.
+
+    With n runs and the two of UNSEEN the standard error is the root of (n scatter^2 + 2 log(2)^2) / (n + 2)^2.
+    """
     from scipy.special import ndtri  # here: scipy is slow to start
 
     if distance <= 0.0:
         return None
-    runs = ((float(ndtri((1.0 + level) / 2.0)) + float(ndtri(POWER))) * scatter / distance) ** 2
+    factor = ((float(ndtri((1.0 + level) / 2.0)) + float(ndtri(POWER))) / distance) ** 2
+    linear, constant = factor * scatter**2, 2.0 * factor * (math.log(2.0) ** 2 - scatter**2)
+    runs = (linear + math.sqrt(max(linear**2 + 4.0 * constant, 0.0))) / 2.0 - 2.0
     step = 10 ** max(0, math.floor(math.log10(max(runs, 1.0))) - 1)
     return math.ceil(runs / step) * step
-
-
-def _exponential(interval: Interval) -> Interval:
-    """Return the ratio of an interval of its logarithm."""
-    low, high = (None if each is None else math.exp(each) for each in (interval.low, interval.high))
-    return Interval(math.exp(interval.mean), low, high)
 
 
 def to_json(conclusion: Conclusion, judgement: Judgement) -> dict[str, Any]:
