@@ -97,7 +97,7 @@ def test_false_verdicts_are_as_rare_as_stated(spread: float, lowest: float, runs
 
 @pytest.mark.parametrize("runs", [10, 20, 100])
 def test_runs_that_seldom_diverge_cause_few_false_verdicts(runs: int):
-    """One run in 25 has e times the ratio: at most 2 % of the studies are wrong, and 20 % with Student's interval alone."""
+    """One run in 25 has e times the ratio: at most 2 % of the studies are wrong, over 20 % with Student alone."""
     rng = np.random.default_rng(3)
     diverged = rng.random((STUDIES, runs)) < 0.04
     logs = rng.normal(0.0, 0.05, (STUDIES, runs)) + diverged - 0.04
