@@ -2,8 +2,9 @@
 
     python benchmarks/exercise_verdicts.py results/exercise [--runs 100] [--seed 0] [--studies 5000]
 
-Draws studies of 10 to 100 runs, with replacement, from the runs that `slamgauge exercise` has stored in a folder. Wrong: the ratios are shifted so that their true value is the nearest end of the asserted range, where
-any verdict is wrong; the sum bounds the probability that any verdict is wrong. Decided: without the shift.
+Draws studies of 10 to 100 runs, with replacement, from the runs that `slamgauge exercise` has stored in a folder.
+Wrong: the ratios are shifted so that their true value is the nearest end of the asserted range, where any verdict is
+wrong; the sum bounds the probability that any verdict is wrong. Decided: without the shift.
 """
 
 from __future__ import annotations
