@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from time import monotonic
 
 from slamgauge.compare.cli.animate import Animate
+from slamgauge.compare.cli.exercise import ExerciseCommand
 from slamgauge.compare.cli.explain import Explain
 from slamgauge.compare.cli.export import Export
 from slamgauge.compare.cli.imports import Import
@@ -39,6 +40,7 @@ CLEANING_UP = 3.0  # s
 AGAIN = 0.1  # s: from an interrupt that Python has dropped to the next
 
 COMMANDS: dict[str, type[Command]] = {
+    "exercise": ExerciseCommand,
     "scenarios": Scenarios,
     "run": Run,
     "evaluate": Evaluate,

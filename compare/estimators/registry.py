@@ -35,7 +35,7 @@ class Look(NamedTuple):
     dashes: tuple[int, tuple[float, ...]]
 
 
-Role = Literal["estimator", "textbook", "filter", "graph", "optimum", "bound", "user"]
+Role = Literal["estimator", "textbook", "filter", "graph", "informed", "optimum", "bound", "user"]
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,8 @@ class Entry:
             `textbook`: also takes the association settings of a filter.
             `filter`: also takes a filter's settings; `ekf.maps.correction_table` has its correction under this name.
             `graph`: also takes associations, as in `causal@ekf`.
-            `optimum`: a graph that others of its kind are compared with; it receives the true noise and associations.
+            `informed`: a graph that receives the true noise and associations.
+            `optimum`: an informed graph that others of its kind are compared with.
             `bound`: takes truth and recording; no error of an estimator is below it.
             `user`: user code; its output and errors are reported as the user's.
         kind: kind of its estimates; None if it is unknown before a run.
@@ -73,7 +74,12 @@ class Entry:
     @property
     def takes_associations(self) -> bool:
         """Whether its function takes associations, as in `causal@ekf`."""
-        return self.role in ("graph", "optimum")
+        return self.role in ("graph", "informed", "optimum")
+
+    @property
+    def is_informed(self) -> bool:
+        """Whether it receives the true noise and associations."""
+        return self.role in ("informed", "optimum")
 
     def load(self) -> Estimator:
         """Import its function."""
@@ -158,10 +164,10 @@ _ENTRIES = (
     Entry(
         "gtsam-batch",
         "slamgauge.graph_baseline:gtsam_batch",
-        "graph",
+        "informed",
         kind="smoothed",
         note="GTSAM's Levenberg-Marquardt",
-        look=Look("#CC6677", (0, (10, 2, 2, 2))),
+        look=Look("#4477AA", (0, (10, 2, 2, 2))),
     ),
 )
 REGISTRY = {entry.name: entry for entry in _ENTRIES}
@@ -185,6 +191,7 @@ BOUNDS = {  # for studies only: they need the truth and many runs
 BOUND_OF = {str(entry.kind): entry.name for entry in BOUNDS.values()}  # kind of estimates -> bound
 FILTERS = tuple(entry.name for entry in _ENTRIES if entry.role == "filter")
 GRAPHS = tuple(entry.name for entry in _ENTRIES if entry.takes_associations)
+INFORMED = tuple(entry.name for entry in _ENTRIES if entry.is_informed)  # the optima and gtsam-batch
 OPTIMA = {str(entry.kind): entry.name for entry in _ENTRIES if entry.role == "optimum"}  # kind of estimates -> optimum
 CAUSAL, HINDSIGHT = OPTIMA["filtered"], OPTIMA["smoothed"]
 BENCHED = ",".join((DEAD_RECKONING, *FILTERS, *OPTIMA.values()))  # default of `slamgauge bench`

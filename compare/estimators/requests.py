@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
-from slamgauge.compare.estimators.registry import BOUND, BOUNDS, HINDSIGHT_BOUND, OPTIMA, entry_of, is_ours
+from slamgauge.compare.estimators.registry import BOUND, BOUNDS, HINDSIGHT_BOUND, entry_of, is_ours
 from slamgauge.compare.estimators.user_code import Address, Noise, address, require_label
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimator
@@ -49,11 +49,6 @@ class Asked:
     isolation: Isolation | None = None
 
     @property
-    def is_optimum(self) -> bool:
-        """Whether it is an optimum, which receives true noise and associations."""
-        return self.name in OPTIMA.values()
-
-    @property
     def is_bound(self) -> bool:
         """Whether it is a bound, which needs the truth."""
         return self.name in BOUNDS
@@ -61,7 +56,7 @@ class Asked:
     @property
     def is_told(self) -> bool:
         """Whether it receives true noise and associations: a yardstick of the others."""
-        return self.is_optimum or self.is_bound
+        return bool(self.name) and (self.is_bound or entry_of(self.name).is_informed)
 
     @property
     def key(self) -> str:

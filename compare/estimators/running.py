@@ -15,7 +15,7 @@ from slamgauge.arrays import Marks
 from slamgauge.compare.estimators.captured_output import captured
 from slamgauge.compare.estimators.forms.form import remarks_of
 from slamgauge.compare.estimators.loading import LoadedEstimator, entry_behind, spent_by, without
-from slamgauge.compare.estimators.registry import OPTIMA, UNDER, Entry
+from slamgauge.compare.estimators.registry import INFORMED, OPTIMA, UNDER, Entry
 from slamgauge.compare.estimators.user_code import OverdueError, reason_of
 from slamgauge.compare.storage.progress import counted, refreshed
 from slamgauge.errors import UserError
@@ -133,20 +133,22 @@ class SideBySide:
 def run_side_by_side(
     estimators: Mapping[str, Estimator], recording: Recording, informed: Recording, misleading: Marks | None = None
 ) -> SideBySide:
-    """Run estimators on the recording, and optima on the informed one without observations marked `misleading` (M,).
+    """Run estimators on the recording, and informed graphs (the optima and gtsam-batch) on the informed recording.
 
-    If the informed recording has no ids, optima use the associations of the first other estimator, as in `causal@ekf`.
+    Informed graphs do not use observations marked `misleading` (M,). If the informed recording has no ids, they use the
+    associations of the first other estimator, as in `causal@ekf`.
     """
     entries = {name: entry_behind(estimator) for name, estimator in estimators.items()}
-    optima = {name: entry for name, entry in entries.items() if entry is not None and entry.role == "optimum"}
-    waiting = optima if informed.landmark is None else {}
+    told = {name: entry for name, entry in entries.items() if entry is not None and entry.is_informed}
+    waiting = told if informed.landmark is None else {}
     ran = SideBySide()
     name = ""
     with counted(len(estimators), "estimator", alike=False) as progress, refreshed(progress, lambda: name):
         for name, estimator in estimators.items():
             progress.set_description(name)
-            if name in optima and name not in waiting:
-                ran.run(name, without(estimator, informed, misleading), informed, is_optimum=True)
+            if name in told and name not in waiting:
+                is_optimum = told[name].role == "optimum"
+                ran.run(name, without(estimator, informed, misleading), informed, is_optimum=is_optimum)
             elif name not in waiting:
                 ran.run(name, estimator, recording)
             progress.update()
@@ -159,7 +161,7 @@ def run_side_by_side(
 def with_stand_ins(names: Iterable[str]) -> set[str]:
     """Return all names that estimates of these estimators may have."""
     requested = {*names}
-    return requested | {f"{optimum}{UNDER}{name}" for optimum in requested & {*OPTIMA.values()} for name in requested}
+    return requested | {f"{graph}{UNDER}{name}" for graph in requested.intersection(INFORMED) for name in requested}
 
 
 def _run_stand_ins(
@@ -169,7 +171,7 @@ def _run_stand_ins(
     estimators: Mapping[str, Estimator],
     recording: Recording,
 ) -> None:
-    """Run optima with the associations of the first estimator that has any; a requested `causal@ekf` is an optimum."""
+    """Run graphs with the associations of the first estimator that has any; a requested `causal@ekf` is an optimum."""
     makers = (name for name, each in ran.estimates.items() if name not in graphs and each.association is not None)
     maker = next(makers, None)
     for name, entry in waiting.items():
@@ -179,7 +181,8 @@ def _run_stand_ins(
             stand_in = replace(entry, name=f"{name}{UNDER}{maker}")
             graph: Callable[..., Estimate] = entry.load()
             under = partial(graph, association=ran.estimates[maker].association)
-            ran.run(stand_in.name, LoadedEstimator(stand_in, under), recording, is_optimum=True)
+            is_optimum = entry.role == "optimum"
+            ran.run(stand_in.name, LoadedEstimator(stand_in, under), recording, is_optimum=is_optimum)
     for name, entry in graphs.items():
         kind = ran.estimates[name].kind if name in ran.estimates else None
         if kind is not None and entry.name.partition(UNDER)[0] == OPTIMA[kind]:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import FigureBase
 from matplotlib.lines import Line2D
 
 from slamgauge.arrays import Float
@@ -49,32 +50,50 @@ def save_ray_strip(
     folder: Path, truth: Truth | None, recording: Recording, name: str, estimate: Estimate, title: str
 ) -> None:
     """Write rays.png (200 dpi) and rays.svg into `folder`; the estimate must have rays (`has_rays`)."""
-    frames = ray_frames(estimate, FRAMES)
-    page, columns = sheet(), COLUMNS[sheet().width]
-    truth = Truth() if truth is None else truth
-    low, high = _limits(truth, estimate, frames)
-    rows = -(-len(frames) // columns)
-    height = page.inches / columns * float(np.clip((high - low)[1] / (high - low)[0], 0.4, 1.4))
-    style = styles([name])[name]
-    with printed(folder / "rays", rows * (height + HEADINGS) + FOOT[page.width], title) as figure:
-        panels: list[Axes] = list(figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).flat)
-        for panel in panels[len(frames) :]:
+    strip = RayStrip(Truth() if truth is None else truth, recording, name, estimate)
+    with printed(folder / "rays", strip.height, title) as figure:
+        strip.draw(figure)
+
+
+class RayStrip:
+    """Frames of the rays of an estimate `name`, which has rays (`has_rays`)."""
+
+    def __init__(self, truth: Truth, recording: Recording, name: str, estimate: Estimate) -> None:
+        self._truth, self._recording, self._name, self._estimate = truth, recording, name, estimate
+        self._frames = ray_frames(estimate, FRAMES)
+        self._low, self._high = _limits(truth, estimate, self._frames)
+        self._columns = COLUMNS[sheet().width]
+        self._rows = -(-len(self._frames) // self._columns)
+
+    @property
+    def height(self) -> float:
+        """Height of the strip [in]."""
+        width, height = (self._high - self._low).tolist()
+        panel = sheet().inches / self._columns * float(np.clip(height / width, 0.4, 1.4))
+        return self._rows * (panel + HEADINGS) + FOOT[sheet().width]
+
+    def draw(self, figure: FigureBase) -> None:
+        """Draw the frames and their legend into an empty figure."""
+        low, high, page = self._low, self._high, sheet()
+        style = styles([self._name])[self._name]
+        grid = figure.subplots(self._rows, self._columns, sharex=True, sharey=True, squeeze=False)
+        panels: list[Axes] = list(grid.flat)
+        for panel in panels[len(self._frames) :]:
             panel.set_axis_off()
         since = -1
-        for panel, frame in zip(panels, frames, strict=False):
+        for panel, frame in zip(panels, self._frames, strict=False):
             panel.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
-            _draw_robots(panel, truth, estimate, style, ROBOT * float((high - low).max()), frame.step)
-            _draw_map(panel, truth, estimate, style, since, frame)
-            panel.set_title(_title(frame, recording.stamps), fontsize=5 if page.is_narrow else None)
+            _draw_robots(panel, self._truth, self._estimate, style, ROBOT * float((high - low).max()), frame.step)
+            _draw_map(panel, self._truth, self._estimate, style, since, frame)
+            panel.set_title(_title(frame, self._recording.stamps), fontsize=5 if page.is_narrow else None)
             since = frame.step
-        for panel in panels[: len(frames)][-columns:]:
+        for panel in panels[: len(self._frames)][-self._columns :]:
             label_plane(panel, y=False)
             panel.tick_params(labelbottom=True)  # the panel below is empty
-        for panel in panels[::columns]:
+        for panel in panels[:: self._columns]:
             label_plane(panel, x=False)
-        figure.legend(
-            handles=_keys(truth, name, style), loc="outside lower center", ncols=1 if page.is_narrow else 4, **LEGEND
-        )
+        keys, columns = _keys(self._truth, self._name, style), 1 if page.is_narrow else 4
+        figure.legend(handles=keys, loc="outside lower center", ncols=columns, **LEGEND)
 
 
 def _limits(truth: Truth, estimate: Estimate, frames: list[RayFrame]) -> tuple[Float, Float]:

@@ -9,7 +9,7 @@ from typing import Any, cast
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import SubFigure
+from matplotlib.figure import FigureBase, SubFigure
 from matplotlib.transforms import ScaledTranslation
 
 from slamgauge.arrays import Float
@@ -155,19 +155,33 @@ def save_figure(
     doubts += [distance_from_optimum(name, estimate.optimum_check) for name, estimate in estimates.items()]
     title = "\n".join([title, *filter(None, doubts)])
     with printed(Path(folder) / "figure", HEIGHTS[page.width], title) as figure:
-        if page.is_narrow:
-            parts = figure.subfigures(2, 1, height_ratios=(1, 1.1))
-        else:
-            parts = figure.subfigures(1, 2, width_ratios=(1.25, 1))
-        left, right = cast("Iterable[SubFigure]", parts)
-        left_axes = left.subplots()
-        _draw_run(left_axes, truth, recording, estimates, drift=drift)
-        plot_errors(right.subplots(3, sharex=True), truth, recording, estimates, band)
-        handles, labels = left_axes.get_legend_handles_labels()
-        columns = page.legend_columns(len(labels))
-        if max(map(len, labels)) > LONG_LABEL:
-            columns = -(-2 * columns // 3)
-        figure.legend(handles, labels, loc="outside lower center", ncols=columns, **LEGEND)
+        draw_map_and_errors(figure, truth, recording, estimates, band, drift=drift)
+
+
+def draw_map_and_errors(
+    figure: FigureBase,
+    truth: Truth | None,
+    recording: Recording,
+    estimates: Mapping[str, Estimate],
+    band: str | None = None,
+    *,
+    drift: bool = True,
+) -> None:
+    """Draw the map, the errors and their legend into an empty figure; arguments as for `save_figure`."""
+    page = sheet()
+    if page.is_narrow:
+        parts = figure.subfigures(2, 1, height_ratios=(1, 1.1))
+    else:
+        parts = figure.subfigures(1, 2, width_ratios=(1.25, 1))
+    left, right = cast("Iterable[SubFigure]", parts)
+    left_axes = left.subplots()
+    _draw_run(left_axes, truth, recording, estimates, drift=drift)
+    plot_errors(right.subplots(3, sharex=True), truth, recording, estimates, band)
+    handles, labels = left_axes.get_legend_handles_labels()
+    columns = page.legend_columns(len(labels))
+    if max(map(len, labels)) > LONG_LABEL:
+        columns = -(-2 * columns // 3)
+    figure.legend(handles, labels, loc="outside lower center", ncols=columns, **LEGEND)
 
 
 def save_drift_figure(out: Path, entries: Mapping[str, Any], title: str) -> None:

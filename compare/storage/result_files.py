@@ -40,6 +40,8 @@ BUDGET = "budget.json"
 BUDGET_FILES = (BUDGET, *pictures("budget"), REPORT)
 NOISE = "noise.json"
 NOISE_FILES = (NOISE, *pictures("noise"), REPORT)
+EXERCISE = "exercise.json"
+STUDIES, RUN_0 = "studies", "run-0"  # folders of the stores, and of the results of run 0 of each setting
 TWIN = "twin.toml"
 TWIN_PATH, TWIN_MOTION, TWIN_SIGHTINGS = "path.csv", "motion.csv", "sightings.csv"
 TWIN_FILES = (TWIN, TWIN_PATH, TWIN_MOTION, TWIN_SIGHTINGS)
@@ -49,6 +51,12 @@ BENCH_FILES = (BENCH, *pictures("bench"))
 GRADES, GRADES_XML, RUBRIC = "grades.csv", "grades.xml", "rubric.toml"
 GRADESCOPE, RESULTS = "gradescope", "results.json"  # folder with a folder per submission, and its file
 PAGES = "submissions"  # folder with a page per submission
+
+
+def exercise_files(questions: Iterable[str], figures: Iterable[str]) -> list[str]:
+    """Return every file that the exercise writes next to its stores and run folders."""
+    pictures = [f"{name}-{what}.png" for name in questions for what in ("nees", "closures")]
+    return [EXERCISE, REPORT, *pictures, *(f"figure-{each}.png" for each in figures)]
 
 
 def grade_files(submissions: Iterable[str]) -> list[str]:

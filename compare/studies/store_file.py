@@ -24,7 +24,7 @@ from slamgauge.errors import UserError
 # Raise it when `TABLES` or `SERIES` change, when the same scenario and seed give other measurements or an estimator of
 # slamgauge other results, or when a figure gets another meaning: stores of another schema are refused. A new figure
 # needs no new number: it is NaN in old rows.
-SCHEMA = 2
+SCHEMA = 3
 COLUMNS = "run, estimator, version, seed, kind, error, figures, series"
 TABLES = """
 BEGIN;

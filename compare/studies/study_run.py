@@ -71,7 +71,7 @@ def _outcome(scenario: Scenario, asked: Asked, truth: Truth, recording: Recordin
             asked, scenario.association, scenario.initialisation_settings, robust=scenario.robustness, announced=False
         )
         remarks = (estimator.form,) if estimator.form else ()
-        if asked.is_optimum:
+        if asked.is_told:
             estimator = without(estimator, recording, truth.misleading)
         estimate, seconds = run_estimator(asked.label, estimator, recording, remarked=False)
         remarks = (*remarks, *remarks_of(estimator, recording))

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from slamgauge.compare.estimators.registry import BOUNDS, CAUSAL, HINDSIGHT, is_optimum
+from slamgauge.compare.estimators.registry import BOUNDS, CAUSAL, HINDSIGHT, INFORMED
 from slamgauge.compare.estimators.requests import Asked, Chosen, ask
 from slamgauge.compare.scenarios.scenario import Scenario, load_scenario, scenario_text
 from slamgauge.compare.scenarios.simulation import informed
@@ -228,7 +228,7 @@ def no_effect(sweep: Sweep) -> list[str]:
 def unaffected(sweep: Sweep) -> list[str]:
     """Return the names of the estimators with the same figures at all values, computing times excepted.
 
-    Optima are omitted: most keys do not change the noise and associations that they receive.
+    Optima and gtsam-batch are omitted: most keys do not change the noise and associations that they receive.
     """
     if len(sweep.summaries) < 2:
         return []
@@ -237,7 +237,7 @@ def unaffected(sweep: Sweep) -> list[str]:
         for summary in sweep.summaries
     )
     names = [name for name, entry in sweep.summaries[0].estimators.items() if entry.runs]
-    filters = [name for name in names if not is_optimum(name) and name not in BOUNDS]
+    filters = [name for name in names if name not in (*INFORMED, *BOUNDS)]
     return [name for name in filters if all(each[name] == first[name] for each in others)]
 
 

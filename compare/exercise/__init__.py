@@ -1,0 +1,1 @@
+"""The university exercise (TP4, course ROB312 of ENSTA): its settings, runs, tables and conclusions."""

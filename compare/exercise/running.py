@@ -1,0 +1,151 @@
+"""Runs of the exercise: EKF and optima on the same measurements, stored like those of a study.
+
+Every setting has a store in `studies/FIGURE` with its filters, and shares the store of the optima with the settings of
+the same measurements.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from slamgauge.arrays import Int
+from slamgauge.compare.exercise.conclusions import CONCLUSIONS, Conclusion, Judgement, judge
+from slamgauge.compare.exercise.settings import EKF, FILTERS, OPTIMA, QUESTIONS, SETTINGS, Setting, require_questions
+from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
+from slamgauge.compare.scenarios.simulation import informed, simulate
+from slamgauge.compare.scoring.loop_closures import closure_steps
+from slamgauge.compare.scoring.runs import Runs
+from slamgauge.compare.storage.manifest import require_folder, require_free
+from slamgauge.compare.storage.result_files import STORE_FILES, STUDIES, exercise_files
+from slamgauge.compare.studies.store import digest
+from slamgauge.compare.studies.study import load_runs, run_study
+from slamgauge.compare.studies.study_run import run_seed
+from slamgauge.compare.studies.summary import failure_lines
+from slamgauge.errors import UserError
+
+
+class Part(NamedTuple):
+    """A study: scenario, names of estimators and folder of its store."""
+
+    scenario: Scenario
+    estimators: tuple[str, ...]
+    folder: Path
+
+
+@dataclass(frozen=True)
+class SettingRuns:
+    """Runs of a setting.
+
+    Attributes:
+        setting: the setting.
+        scenario: its scenario.
+        runs: stored runs by name of the estimator.
+        first_closures: (R, laps) step of the first loop closure in each lap of each run; -1 without one.
+    """
+
+    setting: Setting
+    scenario: Scenario
+    runs: dict[str, Runs]
+    first_closures: Int
+
+
+@dataclass(frozen=True)
+class Exercise:
+    """Runs of questions of the exercise, and the judgements of their conclusions.
+
+    Attributes:
+        runs: number of runs of each setting.
+        seed: root seed.
+        settings: runs of the settings, by name of the question.
+        judgements: judgements of the conclusions, by name of the question.
+        failures: a line for each run in which an estimator failed.
+    """
+
+    runs: int
+    seed: int
+    settings: dict[str, list[SettingRuns]]
+    judgements: dict[str, list[tuple[Conclusion, Judgement]]]
+    failures: list[str]
+
+
+def run_exercise(names: Sequence[str], runs: int, seed: int, out: str | Path, executor: Executor) -> Exercise:
+    """Run what `out` lacks of some questions, and judge their conclusions.
+
+    Args:
+        names: questions, `q1` to `q4`; none for all.
+        runs: number of independent runs of each setting.
+        seed: root seed.
+        out: folder of the stores (`studies`).
+        executor: see `run_study`.
+
+    Raises:
+        UserError: an unknown question, a bad number, a store of another study, or a foreign file in the place of one.
+    """
+    questions, out = require_questions(tuple(names)), Path(out)
+    if runs < 1:
+        raise UserError(f"runs: {runs} is too few; give at least 1")
+    require_free(out, exercise_files(QUESTIONS, SETTINGS))
+    chosen = [each for name in questions for each in QUESTIONS[name].settings]
+    conclusions = [each for each in CONCLUSIONS if each.question in questions]
+    loaded = dict[tuple[str, str], Runs]()
+    failures = dict[str, None]()
+    for setting in [*chosen, *_compared(conclusions, chosen)]:
+        for part in parts(setting, seed, out, with_optima=setting in chosen):
+            summary = run_study(part.scenario, runs, seed, part.estimators, part.folder, executor)
+            failures |= dict.fromkeys(f"figure {setting.figure}, {line}" for line in failure_lines(summary))
+            found = load_runs(part.scenario, runs, seed, part.estimators, part.folder)
+            loaded |= {(setting.figure, name): each for name, each in found.items()}
+    judged = [(each, judge(each, loaded)) for each in conclusions]
+    return Exercise(
+        runs=runs,
+        seed=seed,
+        settings={
+            name: [_runs_of(each, loaded, runs, seed) for each in QUESTIONS[name].settings] for name in questions
+        },
+        judgements={name: [pair for pair in judged if pair[0].question == name] for name in questions},
+        failures=[*failures],
+    )
+
+
+def parts(setting: Setting, seed: int, out: Path, *, with_optima: bool = True) -> list[Part]:
+    """Return the studies of a setting: its filters, and its optima."""
+    scenario = load_scenario(setting.scenario)
+    studies = require_folder(out, STUDIES)
+    found = [Part(scenario, FILTERS if with_optima else (EKF,), studies / setting.figure)]
+    if with_optima:
+        exact = informed(scenario)  # equal for settings with the same measurements
+        found.append(Part(exact, OPTIMA, studies / f"optima-{digest(exact, seed)[:12]}"))
+    for part in found:
+        require_free(require_folder(studies, part.folder.name), STORE_FILES)
+    return found
+
+
+def _compared(conclusions: Sequence[Conclusion], chosen: Sequence[Setting]) -> list[Setting]:
+    """Return the settings of other questions with which conclusions compare those of the chosen questions."""
+    figures = dict.fromkeys(each.figure for conclusion in conclusions for each in conclusion.below)
+    return [SETTINGS[figure] for figure in figures if SETTINGS[figure] not in chosen]
+
+
+def _runs_of(setting: Setting, loaded: dict[tuple[str, str], Runs], runs: int, seed: int) -> SettingRuns:
+    scenario = load_scenario(setting.scenario)
+    closures = [_first_closures(scenario, run_seed(seed, run)) for run in range(runs)]
+    found = {name: loaded[setting.figure, name] for name in (*FILTERS, *OPTIMA)}
+    return SettingRuns(setting, scenario, found, np.array(closures, dtype=np.int64))
+
+
+def _first_closures(scenario: Scenario, seed: int) -> list[int]:
+    """Return the step of the first loop closure in each lap of a run, -1 without one."""
+    truth, recording = simulate(scenario, seed)
+    steps = closure_steps(truth, recording)
+    assert truth.poses is not None and steps is not None
+    turns = np.abs(np.unwrap(truth.poses[:, 2]) - truth.poses[0, 2]) / (2.0 * math.pi)
+    laps = np.floor(turns + 1e-9).astype(np.int64)  # full turns at each step
+    firsts = [steps[laps[steps] == lap][:1] for lap in range(math.ceil(turns.max() - 1e-2))]
+    return [int(each[0]) if len(each) else -1 for each in firsts]

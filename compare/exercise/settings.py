@@ -1,0 +1,101 @@
+"""The settings of the exercise (TP4, course ROB312 of ENSTA), by question and by the number of their figure."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from slamgauge.compare.estimators.registry import CAUSAL, DEAD_RECKONING
+from slamgauge.errors import UserError
+from slamgauge.suggestions import did_you_mean
+
+EKF, GTSAM = "ekf", "gtsam-batch"
+FILTERS = (DEAD_RECKONING, EKF)  # they receive the recording
+OPTIMA = (CAUSAL, GTSAM)  # they receive the true noise and associations
+CAUSAL_OF_EKF = f"{CAUSAL}@{EKF}"  # the optimum with the associations that the filter made
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A setting of the exercise.
+
+    Attributes:
+        figure: number of its figure in the handout; `ring` is a setting of slamgauge.
+        scenario: shipped scenario.
+        title: short description for tables.
+        extra: estimators of run 0 besides `FILTERS` and `OPTIMA`.
+    """
+
+    figure: str
+    scenario: str
+    title: str
+    extra: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Question:
+    """A question of the exercise: title, task in two sentences, and settings."""
+
+    title: str
+    task: str
+    settings: tuple[Setting, ...]
+
+
+QUESTIONS = {
+    "q1": Question(
+        "Environment, with known association",
+        "The ids of the landmarks are known. The robot drives a short and a long loop with many landmarks, and a long "
+        "loop with landmarks near the start only; figure 1.1 is the handout as it is distributed.",
+        (
+            Setting("1.1", "tp4-handout", "handout"),
+            Setting("2.1", "q1-short-dense", "short dense"),
+            Setting("2.2", "q1-long-dense", "long dense"),
+            Setting("2.3", "q1-long-sparse", "long sparse"),
+        ),
+    ),
+    "q2": Question(
+        "Data association",
+        "The ids are unknown: an observation belongs to the landmark of smallest squared Mahalanobis distance if that "
+        "is within a gate, and to a new landmark otherwise. Gates of 1 and 100 are compared with 9, and gate 9 is "
+        "tried on the three maps of question 1.",
+        (
+            Setting("2.4", "q2-gate-1", "gate 1"),  # an optimum with its thousand landmarks would take very long
+            Setting("2.5", "q2-gate-100", "gate 100", (CAUSAL_OF_EKF,)),
+            Setting("2.6", "q2-short-dense", "short dense", (CAUSAL_OF_EKF,)),
+            Setting("2.7", "q2-long-dense", "long dense", (CAUSAL_OF_EKF,)),
+            Setting("2.8", "q2-long-sparse", "long sparse", (CAUSAL_OF_EKF,)),
+        ),
+    ),
+    "q3": Question(
+        "Assumed noise",
+        "The filter assumes 0.1, 1, 10 and 2 times the covariances Q and Py of the simulation. The loop is long, the "
+        "map is sparse, and the ids are unknown (gate 9).",
+        (
+            Setting("3.1", "q3-scale-0.1", "scale 0.1", (CAUSAL_OF_EKF,)),
+            Setting("3.2", "q3-scale-1", "scale 1", (CAUSAL_OF_EKF,)),
+            Setting("3.3", "q3-scale-10", "scale 10", (CAUSAL_OF_EKF,)),
+            Setting("3.4", "q3-scale-2", "scale 2", (CAUSAL_OF_EKF,)),
+        ),
+    ),
+    "q4": Question(
+        "Bearing-only",
+        "The sensor measures bearings without ranges. A new landmark starts as a ray of several Gaussians, of which "
+        "later bearings leave one (undelayed initialisation, FIS).",
+        (
+            Setting("4.1", "q4-three-landmarks", "3 landmarks"),
+            Setting("ring", "q4-ring", "ring of 19"),
+        ),
+    ),
+}
+SETTINGS = {each.figure: each for question in QUESTIONS.values() for each in question.settings}
+
+
+def require_questions(names: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the names of questions in the order of the exercise; without names all questions.
+
+    Raises:
+        UserError: a name is not that of a question.
+    """
+    for name in names:
+        if name not in QUESTIONS:
+            raise UserError(f"question {name!r} is not known; {did_you_mean(name, QUESTIONS)}")
+    return tuple(name for name in QUESTIONS if name in names or not names)

@@ -1,0 +1,191 @@
+"""Page of the exercise: the answer to each question, tables, figures with numbers, and links to the replays."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from shutil import copy
+from typing import Any
+from urllib.parse import quote
+
+import numpy as np
+
+from slamgauge.compare.exercise import tables
+from slamgauge.compare.exercise.results import QuestionResult
+from slamgauge.compare.exercise.running import Exercise, SettingRuns
+from slamgauge.compare.exercise.settings import CAUSAL, CAUSAL_OF_EKF, DEAD_RECKONING, EKF, GTSAM, QUESTIONS
+from slamgauge.compare.figures.exercise_figures import save_closure_figure, save_nees_figure
+from slamgauge.compare.report.page import render
+from slamgauge.compare.report.page_elements import Picture, origin, pictures
+from slamgauge.compare.report.tables import TERMS, Cell, Head, Table
+from slamgauge.compare.scoring.runs import Runs
+from slamgauge.compare.storage.best_effort import decorate
+from slamgauge.compare.storage.files import read_json
+from slamgauge.compare.storage.provenance import origin as provenance
+from slamgauge.compare.storage.result_files import EXERCISE, METRICS, REPORT, RUN_0, exercise_files
+
+HELP = {
+    "fig": "number of the figure in the handout; ring is a setting of slamgauge",
+    "setting": "what the setting changes",
+    "EKF [m]": "RMS position error (ATE) of the EKF, mean over runs",
+    "GTSAM": "RMS position error of GTSAM batch, which uses all measurements; at closures: at that step [m]",
+    "x causal": "error of the EKF over that of the causal optimum, with 95 % interval",
+    "NEES/3": "normalised estimation error squared of the EKF's pose over its 3 degrees of freedom: 1 is ideal",
+    "in 95%": "share of the true positions inside the EKF's 95 % ellipses",
+    "verdict": "consistency of the EKF, or verdict on a conclusion",
+    "lap": "lap of the loop closure, the first of its lap",
+    "at [s]": "mean time of the loop closure",
+    "EKF error [m]": "RMS position error over runs just before the closure and at it",
+    "3σ [m]": "three times the RMS position sigma that the EKF claims, before and at the closure",
+    "causal error": "RMS position error of the causal optimum at the same steps [m]",
+    "3σ": "three times its RMS position sigma [m]",
+    "mapped": "number of landmarks in the map of the EKF",
+    "of": "number of landmarks that were observed",
+    "wrong associations": "observations that the EKF assigned to another landmark than their own",
+    "conclusion of the exercise": "the conclusion in short",
+    "ratio of": "the conclusion as a statement about a ratio of two figures of the same run, with their figures",
+    "ratio": "geometric mean over runs of the ratio",
+    "interval": "95 % interval of the ratio that holds for all conclusions of the exercise together",
+    "runs needed": "number of runs that would decide an undecided conclusion with 90 % probability",
+}
+WORDS = ("fig", "setting", "verdict", "conclusion of the exercise", "ratio of")
+
+
+def publish_exercise(out: Path, exercise: Exercise, found: Sequence[QuestionResult]) -> bool:
+    """Write the figures and the page next to exercise.json and run 0 of the settings; return whether all succeeded."""
+    files = exercise_files(
+        exercise.settings, [each.setting.figure for ran in exercise.settings.values() for each in ran]
+    )
+
+    def draw(stage: Path) -> None:
+        for each in found:
+            title = f"Question {each.name[1:]}, {exercise.runs} runs"
+            save_nees_figure(stage / f"{each.name}-nees", exercise.settings[each.name], title)
+            save_closure_figure(stage / f"{each.name}-closures", each.settings, title)
+            for setting in each.settings:
+                figure = setting.setting.figure
+                copy(out / RUN_0 / figure / "figure.png", stage / f"figure-{figure}.png")
+
+    def write(stage: Path) -> None:
+        (stage / REPORT).write_text(exercise_page(stage, out / RUN_0, exercise, found), encoding="utf-8", newline="\n")
+
+    return decorate(out, EXERCISE, {"figures": draw, "report": write}, [name for name in files if name != EXERCISE])
+
+
+def exercise_page(figures: Path, run_0: Path, exercise: Exercise, found: Sequence[QuestionResult]) -> str:
+    """Return the page of the exercise, HTML.
+
+    Args:
+        figures: folder of the figures of the questions.
+        run_0: folder with the folders of run 0 of each setting.
+        exercise: runs.
+        found: results of its questions.
+    """
+    questions = [_question(figures, run_0, exercise.settings[each.name], each) for each in found]
+    every = [setting for each in found for setting in each.settings]
+    overview = _table("overview", "All settings", tables.scores(every))
+    return render(
+        "exercise.html",
+        kind="the exercise next to its optimum",
+        title="TP4: EKF-SLAM next to GTSAM batch",
+        questions=questions,
+        overview=overview,
+        notes=[_measurements(exercise), *exercise.failures],
+        tables=[overview, *(table for each in questions for table in each["tables"])],
+        terms=TERMS["run"],
+        origin=origin({**provenance(None), "seed": exercise.seed}, [("Runs of each setting", str(exercise.runs))]),
+    )
+
+
+def _measurements(exercise: Exercise) -> str:
+    return (
+        f"{exercise.runs} independent runs of each setting, the start drawn from the prior. In each run all estimators "
+        "use the same measurements; causal and gtsam-batch also receive the true noise and associations."
+    )
+
+
+def _question(figures: Path, run_0: Path, ran: Sequence[SettingRuns], found: QuestionResult) -> dict[str, Any]:
+    """Return what the template shows of a question."""
+    name, question = found.name, QUESTIONS[found.name]
+    known = {
+        f"{name}-nees.png": (
+            "Mean NEES of EKF and causal optimum over time in each setting, with the band of consistent filters",
+            "NEES over time: a filter above the band is overconfident, one below it is cautious.",
+        ),
+        f"{name}-closures.png": (
+            "Position errors and three sigma of EKF and optimum just before and at the loop closures of each setting",
+            "The first loop closure of each lap: RMS position error (dots) and 3σ (bars), before and at the closure.",
+        ),
+    }
+    return {
+        "name": name,
+        "title": question.title,
+        "task": question.task,
+        "answer": found.answer(),
+        "correction": found.largest_correction(),
+        "tables": [
+            _table(f"{name}-scores", "Accuracy and consistency", tables.scores(found.settings)),
+            _table(f"{name}-closures", "The first loop closure of each lap", tables.closures(found.settings)),
+            _table(f"{name}-landmarks", "Landmarks and associations", tables.landmarks(found.settings)),
+            _table(f"{name}-conclusions", "Conclusions of the exercise", tables.conclusions(found.judgements)),
+        ],
+        "pictures": pictures(figures, known),
+        "settings": [_setting(run_0, each) for each in ran],
+    }
+
+
+def _setting(run_0: Path, ran: SettingRuns) -> dict[str, Any]:
+    """Return what the template shows of a setting."""
+    setting, folder = ran.setting, run_0 / ran.setting.figure
+    alt = f"Figure {setting.figure}: map with truth, dead reckoning, EKF and GTSAM batch, and errors in ±3σ bounds"
+    shown: list[Picture] = pictures(folder, {"figure.png": (alt, "Run 0: map, and errors in their ±3σ bounds.")})
+    return {
+        "figure": setting.figure,
+        "title": f"{setting.title} ({setting.scenario})",
+        "text": what_the_figure_shows(ran, read_json(folder / METRICS, "exercise")),
+        "link": f"{RUN_0}/{quote(setting.figure)}/{REPORT}",
+        "picture": shown[0] if shown else None,
+    }
+
+
+def what_the_figure_shows(ran: SettingRuns, metrics: dict[str, Any]) -> str:
+    """Return the numbers of run 0: errors, share of the steps outside the 3-sigma bounds, landmarks, associations."""
+    names = [name for name in (EKF, GTSAM, DEAD_RECKONING) if len(ran.runs[name].run) and ran.runs[name].run[0] == 0]
+    ates = [f"{ran.runs[name].figures['ate_m'][0]:.2f} m ({name})" for name in names]
+    outside = [f"{_share_outside(ran.runs[name]):.0%} ({name})" for name in names if name != DEAD_RECKONING]
+    parts = [
+        f"Run 0: the RMS position error is {', '.join(ates)}; x or y is outside its ±3σ bound at {', '.join(outside)} "
+        "of the steps."
+    ]
+    entries = metrics["estimators"]
+    if EKF in entries:
+        ekf = entries[EKF]
+        text = f"The EKF maps {ekf['landmarks_mapped']} landmarks of {ekf['landmarks_true']}"
+        wrong = ekf["wrong_associations"]
+        parts.append(f"{text} with {wrong} wrong associations." if wrong else f"{text}.")
+    if CAUSAL_OF_EKF in entries:
+        ratio = entries[CAUSAL_OF_EKF]["ate_m"] / entries[CAUSAL]["ate_m"]
+        parts.append(f"With the associations of the EKF the error of the causal optimum is {ratio:.2f} times as large.")
+    return " ".join(parts)
+
+
+def _share_outside(runs: Runs) -> float:
+    """Return the share of the steps of the first run at which the error in x or y exceeds three sigma."""
+    error, sigma = (np.array([runs.series[f"{what}_{axis}"][0] for axis in "xy"]) for what in ("error", "sigma"))
+    return float((np.abs(error) > 3.0 * sigma).any(axis=0).mean())
+
+
+def _table(name: str, caption: str, rows: Sequence[Sequence[str]]) -> Table:
+    """Return a table with the cells of the terminal."""
+    head, *body = rows
+    columns = [Head(title, HELP[title], title in WORDS) for title in head]
+    return Table(name, caption, columns, [[Cell(text, _number(text)) for text in row] for row in body])
+
+
+def _number(text: str) -> float | None:
+    """Return the first number of a cell, for sorting; None if it begins with a word."""
+    first = text.partition(" ")[0].rstrip("%")
+    try:
+        return float(first)
+    except ValueError:
+        return None

@@ -1,0 +1,207 @@
+"""Runs of the exercise: EKF and optima on the same measurements, stored, continued, and shown."""
+
+from __future__ import annotations
+
+import json
+import math
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from slamgauge.compare.cli.main import main
+from slamgauge.compare.estimators.registry import REGISTRY
+from slamgauge.compare.exercise import running
+from slamgauge.compare.exercise.results import results
+from slamgauge.compare.exercise.running import Exercise, run_exercise
+from slamgauge.compare.exercise.settings import EKF, FILTERS, GTSAM, OPTIMA, QUESTIONS, SETTINGS
+from slamgauge.compare.exercise.tables import exercise_page
+from slamgauge.compare.report import exercise_runs
+from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
+from slamgauge.compare.scenarios.simulation import informed, simulate
+from slamgauge.compare.scoring.loop_closures import closure_steps
+from slamgauge.compare.studies import study
+from slamgauge.compare.studies.study_run import run_once, run_seed
+from slamgauge.errors import UserError
+
+SECONDS = 25  # of every setting here
+
+
+@pytest.fixture(autouse=True)
+def short(monkeypatch: pytest.MonkeyPatch):
+    """Shorten the settings; they turn at four times the rate, so that they have loop closures."""
+
+    def shortened(name: str) -> Scenario:
+        rate = 0.8 if name == "q1-short-dense" else 0.4
+        return load_scenario(name, [f"trajectory.duration={SECONDS}", f"trajectory.yaw_rate={rate}"])
+
+    monkeypatch.setattr(running, "load_scenario", shortened)
+
+
+@pytest.fixture(scope="module")
+def pool():
+    with ThreadPoolExecutor(1) as executor:
+        yield executor
+
+
+@pytest.fixture
+def question_1(tmp_path: Path, pool: ThreadPoolExecutor) -> Exercise:
+    return run_exercise(["q1"], 2, 3, tmp_path / "out", pool)
+
+
+def test_all_estimators_of_a_run_use_the_same_measurements(question_1: Exercise):
+    """Stored figures equal those of single runs: filters on the recording, optima with true noise and associations."""
+    for ran in question_1.settings["q1"]:
+        for run in range(2):
+            seed = run_seed(3, run)
+            alone = [*run_once(ran.scenario, seed, FILTERS), *run_once(informed(ran.scenario), seed, OPTIMA)]
+            for outcome in alone:
+                assert ran.runs[outcome.estimator].figures["ate_m"][run] == outcome.figures["ate_m"]
+
+
+def test_settings_with_the_same_measurements_share_the_optima(tmp_path: Path, pool: ThreadPoolExecutor):
+    """Question 2 has three maps, and compares its filter with that of question 1."""
+    run_exercise(["q2"], 1, 0, tmp_path, pool)
+    folders = {path.name for path in (tmp_path / "studies").iterdir()}
+    assert {name for name in folders if not name.startswith("optima-")} == {
+        *(each.figure for each in QUESTIONS["q2"].settings),
+        *("2.1", "2.2", "2.3"),
+    }
+    assert sum(name.startswith("optima-") for name in folders) == 3
+
+
+def test_the_same_runs_are_not_repeated_and_more_are_added(
+    question_1: Exercise, tmp_path: Path, pool: ThreadPoolExecutor, monkeypatch: pytest.MonkeyPatch
+):
+    seeds = set[int]()
+
+    def counted(scenario: Scenario, seed: int, estimators: Any) -> Any:
+        seeds.add(seed)
+        return run_once(scenario, seed, estimators)
+
+    monkeypatch.setattr(study, "run_once", counted)
+    again = run_exercise(["q1"], 2, 3, tmp_path / "out", pool)
+    assert not seeds
+    assert [each.to_json() for each in results(again)] == [each.to_json() for each in results(question_1)]
+    run_exercise(["q1"], 3, 3, tmp_path / "out", pool)
+    assert seeds == {run_seed(3, 2)}
+
+
+def test_loop_closures_are_the_first_of_each_lap(question_1: Exercise):
+    """Errors and sigmas at these steps are the RMS over the runs."""
+    found = results(question_1)[0].settings
+    for ran, result in zip(question_1.settings["q1"], found, strict=True):
+        laps = math.ceil(SECONDS * (0.8 if ran.setting.figure == "2.1" else 0.4) / (2 * math.pi) - 0.01)
+        assert ran.first_closures.shape == (2, laps)
+        for run, firsts in enumerate(ran.first_closures.tolist()):
+            truth, recording = simulate(ran.scenario, run_seed(3, run))
+            steps = closure_steps(truth, recording)
+            assert steps is not None
+            turn = 0.1 * (0.8 if ran.setting.figure == "2.1" else 0.4)  # rad per step
+            for lap, first in enumerate(firsts):
+                inside = [step for step in steps if 2 * math.pi * lap <= step * turn + 1e-6 < 2 * math.pi * (lap + 1)]
+                assert first == (inside[0] if inside else -1)
+        for closure in result.closures:
+            steps = ran.first_closures[:, closure.lap - 1]
+            rows = np.flatnonzero(steps >= 0)
+            assert closure.time_s == pytest.approx(0.1 * steps[rows].mean())
+            series = ran.runs[EKF].series
+            squares = [
+                series["error_x"][row, steps[row] - 1] ** 2 + series["error_y"][row, steps[row] - 1] ** 2
+                for row in rows
+            ]
+            assert closure.estimators[EKF].error_before_m == pytest.approx(math.sqrt(np.mean(squares)))
+            traces = [series["sigma_x"][row, steps[row]] ** 2 + series["sigma_y"][row, steps[row]] ** 2 for row in rows]
+            assert closure.estimators[EKF].three_sigma_after_m == pytest.approx(3 * math.sqrt(np.mean(traces)))
+    assert any(result.closures for result in found)
+
+
+def test_tables_have_a_row_for_each_setting_and_fit_80_columns(question_1: Exercise):
+    found = results(question_1)
+    lines = exercise_page(found, 2, ["figure 2.1, run 0: ekf failed: x"]).text(80).splitlines()
+    assert max(map(len, lines)) <= 80
+    assert lines[0].startswith("Question 1. Environment, with known association: 2 runs")
+    for figure in ("1.1", "2.1", "2.2", "2.3"):
+        assert any(line.startswith(figure) for line in lines)
+    assert "on the sparse map the" in "\n".join(lines)
+    assert lines[-1] == "figure 2.1, run 0: ekf failed: x"
+    assert "Hidden columns" not in "\n".join(lines)
+
+
+def test_a_failed_estimator_has_a_line_and_the_others_their_figures(
+    tmp_path: Path, pool: ThreadPoolExecutor, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setitem(REGISTRY, GTSAM, replace(REGISTRY[GTSAM], home="slamgauge.errors:UserError"))
+    exercise = run_exercise(["q4"], 1, 0, tmp_path, pool)
+    assert [line.partition(" failed")[0] for line in exercise.failures] == [
+        f"figure {figure}, run 0: gtsam-batch" for figure in ("4.1", "ring")
+    ]
+    rows = exercise_page(results(exercise), 1, exercise.failures).text(80).splitlines()
+    row = next(line for line in rows if line.startswith("4.1")).split()
+    assert row[3].startswith("0.") and row[4] == "-"  # errors of EKF and GTSAM batch
+
+
+def _fails(_: object) -> None:
+    raise UserError("no solution")
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["q5"], "question 'q5' is not known; use q1, q2, q3, q4"),
+        (["q1", "--runs", "0"], "runs: 0 is too few; give at least 1"),
+        (["q1", "--seed", "-1"], "seed: -1 is negative; use a whole number >= 0"),
+        (["q1", "--jobs", "0"], "jobs: 0 is out of range; give 1 to 1024"),
+    ],
+)
+def test_mistakes_are_refused_in_one_line(
+    words: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    assert main(["exercise", *words, "--out", str(tmp_path / "out")]) == 2
+    assert capsys.readouterr().err == f"slamgauge: {message}\n"
+    assert not (tmp_path / "out" / "exercise.json").exists()
+
+
+@pytest.mark.parametrize("name", ["report.html", "figure-2.1.png", "q1-nees.png", "studies", "run-0"])
+def test_foreign_files_are_kept(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    (tmp_path / name).write_text("mine")
+    assert main(["exercise", "q1", "--runs", "1", "--out", str(tmp_path), "--jobs", "1"]) == 2
+    error = capsys.readouterr().err.splitlines()[-1]
+    assert error.endswith("exists already, and slamgauge has not written it; move it away or give another --out")
+    assert (tmp_path / name).read_text() == "mine"
+
+
+@pytest.mark.usefixtures("studies_in_a_thread")
+def test_the_command_writes_results_figures_and_pages_and_continues(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    words = ["exercise", "q4", "--runs", "2", "--out", str(tmp_path / "out"), "--json"]
+    assert main(words) == 0
+    printed = json.loads(capsys.readouterr().out)
+    out = tmp_path / "out"
+    assert json.loads((out / "exercise.json").read_text()) == printed
+    assert {path.name for path in out.iterdir() if path.name[0] != "."} == {
+        *("exercise.json", "report.html", "figure-4.1.png", "figure-ring.png", "q4-nees.png", "studies", "run-0"),
+    }
+    page = (out / "report.html").read_text()
+    for figure in ("4.1", "ring"):
+        assert f'href="run-0/{figure}/report.html"' in page
+        assert (out / "run-0" / figure / "report.html").is_file()
+        assert set(json.loads((out / "run-0" / figure / "metrics.json").read_text())["estimators"]) == {
+            *FILTERS,
+            *OPTIMA,
+        }
+    monkeypatch.setattr(exercise_runs, "publish_first_run", _fails)
+    monkeypatch.setattr(study, "run_once", _fails)
+    assert main(words) == 0
+    assert json.loads(capsys.readouterr().out) == printed
+    assert main([*words, "--seed", "1"]) == 2
+    assert "has a study of another seed" in capsys.readouterr().err
+
+
+def test_every_figure_of_the_handout_has_a_setting():
+    figures = ["1.1", *(f"2.{k}" for k in range(1, 9)), *(f"3.{k}" for k in range(1, 5)), "4.1", "ring"]
+    assert [*SETTINGS] == figures
