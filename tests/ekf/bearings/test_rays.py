@@ -60,7 +60,7 @@ class Twin:
         self.weights = np.full(self.born_with, 1.0 / self.born_with)
 
     def predict(self, increment: Float, Q: Float) -> None:
-        self.x, self.P = textbook.predict(self.x, self.P, increment, Q)
+        self.x, self.P, _ = textbook.predict(textbook.Belief(self.x, self.P, ()), increment, Q)
 
     def member(self, i: int, z: float) -> tuple[float, Float]:
         offset = self.x[3 + 2 * i : 5 + 2 * i] - self.x[:2]
