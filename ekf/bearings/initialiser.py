@@ -44,7 +44,8 @@ class RayRecorder:
         for row, each in enumerate(self._rays):
             distances[row, : len(each.distances)] = each.distances
         columns = ([getattr(each, name) for each in self._rays] for name in ("landmark", "birth", "end", "survivor"))
-        return RayLog(*(np.array(column, dtype=np.int64) for column in columns), distances, members)
+        landmark, birth, end, survivor = (np.array(column, dtype=np.int64) for column in columns)
+        return RayLog(landmark, birth, end, survivor, distances, members)
 
 
 class Initialiser(Protocol):

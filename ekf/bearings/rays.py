@@ -80,7 +80,7 @@ def weigh(log_weights: Float, nu: Float, Z: Float, R: float) -> Float:
 def keep(log_weights: Float, distances: Float, least: float) -> Marks:
     """Return which members (n,) remain: those with Lambda_i >= least, which is tau / N_g, and always the heaviest.
 
-    If two members remain at nearly the same of the `distances` (n,) from the robot, only the heavier one does.
+    If only two are left and their `distances` (n,) from the robot are nearly the same, the lighter one goes too.
     """
     kept = log_weights >= math.log(least)
     if kept.sum() == 2:
@@ -127,7 +127,7 @@ class Ray:
 class RayInitialiser:
     """Rays of a map. The methods are those of `Initialiser`.
 
-    A landmark has the id of its bearings; its members have ids of their own, in the map.
+    A landmark has the id that its bearings have; each of its members has another id, with which it is in the map.
     """
 
     def __init__(self, landmarks: LandmarkMap, settings: Rays) -> None:
@@ -153,20 +153,21 @@ class RayInitialiser:
         updates: list[tuple[Int, Int, Float]] = []  # rows of the bearings, members, shares
         for row in [row for row, landmark in enumerate(ids) if landmark in self._rays]:
             landmark, ray = ids[row], self._rays[ids[row]]
-            nu, Z = self._innovations(ray, values[row], covs[row])
+            nu, Z = self._innovations(ray, values[row], covs[row])  # step 1
             if (nu**2 / Z).min() > self._settings.gate:
                 self._reject(step, landmark, ray)
                 continue
-            ray = self._rays[landmark] = self._pruned(ray, weigh(ray.log_weights, nu, Z, covs[row, 0, 0]))
-            rho = shares(np.exp(ray.log_weights))  # 1 if one member is left
+            log_weights = weigh(ray.log_weights, nu, Z, covs[row, 0, 0])  # step 2
+            ray = self._rays[landmark] = self._pruned(ray, log_weights)  # step 3
+            rho = shares(np.exp(ray.log_weights))  # 1 for the last member
             updates.append((np.full(np.count_nonzero(rho), row), ray.members[rho > 0.0], rho[rho > 0.0]))
-            if len(ray.members) == 1:
+            if len(ray.members) == 1:  # step 4
                 points[landmark] = int(ray.members[0])
                 self._end(step, landmark, survivor=int(ray.numbers[0]))
-        if updates:
+        if updates:  # step 5: all members of all rays at once
             rows, members, rho = (np.concatenate(each) for each in zip(*updates, strict=True))
             slots = self._map.state.slots_of(members)
-            self._map.correction.update(slots, values[rows], covs[rows] / rho[:, None, None])  # all members at once
+            self._map.correction.update(slots, values[rows], covs[rows] / rho[:, None, None])
         for row, landmark in enumerate(ids):
             if landmark not in self._rays and landmark not in points:
                 self._start(step, landmark, values[row, 0], covs[row, 0, 0])
