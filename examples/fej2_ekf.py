@@ -64,8 +64,8 @@ def run(recording: Recording, rows: Callable[[Float, Float, Float, Float, Float]
         if mapped:
             slots = np.array([belief.ids.index(landmark[i]) for i in mapped])
             seen = recording.sensor, belief.x, slots, scan.value[mapped], scan.cov[mapped]
-            _, H_now, _ = textbook.stack(textbook.linearise(*seen), len(belief.x))
-            v, H, R = textbook.stack(textbook.linearise(*seen, x_jac=first), len(belief.x))
+            v, H_now, R = textbook.stack(textbook.linearise(*seen), len(belief.x))
+            _, H, _ = textbook.stack(textbook.linearise(*seen, x_jac=first), len(belief.x))
             belief, _, _ = textbook.update(belief, *rows(v, H, H_now - H, R, belief.P))
         lever = belief.x[:2] - first[:2]
         belief = shear(belief, lever)
