@@ -80,7 +80,7 @@ def weigh(log_weights: Float, nu: Float, Z: Float, R: float) -> Float:
 def keep(log_weights: Float, distances: Float, least: float) -> Marks:
     """Return which members (n,) remain: those with Lambda_i >= least, which is tau / N_g, and always the heaviest.
 
-    If only two are left and their `distances` (n,) from the robot are nearly the same, the lighter one goes too.
+    If only two are left and their `distances` (n,) from the robot are nearly the same, the lighter one does not remain.
     """
     kept = log_weights >= math.log(least)
     if kept.sum() == 2:
