@@ -10,7 +10,6 @@ from slamgauge.ekf.setting_rules import check, setting
 from slamgauge.errors import UserError
 
 Method = Literal["nearest-neighbour", "jcbb"]
-Sharing = Literal["federated", "uniform", "none", "best", "weights"]
 
 MOST_MEMBERS = 1000  # of a ray; a ray of the exercise has three
 FEWEST = 3  # bearings that place a landmark by delayed initialisation
@@ -83,7 +82,7 @@ class Association:
 
 @dataclass(frozen=True)
 class Rays:
-    """Members, weights and sharing of rays (`bearings.rays`).
+    """Members and weights of rays (`bearings.rays`).
 
     The defaults are for a sensor that reaches 10 m: members from 0.3 of the reach on. Most landmarks come into view at
     the reach, and near members cost the most accuracy (`docs/bearings.md`, *Where members should lie*).
@@ -96,8 +95,6 @@ class Rays:
         threshold: tau; members with a weight below tau / (number of members at first) are removed.
         gate: largest squared Mahalanobis distance (1 degree of freedom) of the nearest member.
         lost_after: scans in a row in which no member passes the gate, after which a ray is deleted.
-        sharing: `federated`; for comparison `uniform` shares, `none` (R for every member), `best` (R for the heaviest
-            member only), `weights` (no corrections before the ray is a point).
     """
 
     alpha: float = setting(0.25, above=0, below=1)
@@ -107,7 +104,6 @@ class Rays:
     threshold: float = setting(1e-3, above=0, below=1)
     gate: float = setting(9.0, above=0)
     lost_after: int = setting(3, at_least=1)
-    sharing: Sharing = "federated"
 
     def __post_init__(self) -> None:
         check(self)

@@ -4,29 +4,35 @@ State x = [robot x, y, heading; x, y of landmark 1; x, y of landmark 2; ...] and
 R is the rotation by the heading, J the quarter turn (dR/d(heading) = J R). A landmark l is at delta = R' (l - p) in the
 frame of a robot at p; `slamgauge.sensors` has the observation h(delta) of each sensor, and A = dh/d(delta).
 The filter `ekf` gives the same estimate and is faster (tests/ekf/test_textbook.py).
+
+`python ekf/textbook.py` simulates a scenario, runs this filter and draws the result.
 """
 
 from __future__ import annotations
 
 from time import perf_counter
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from slamgauge import sensors
 from slamgauge.arrays import Float, Int
+from slamgauge.ekf.settings import NEAREST_NEIGHBOUR, Association
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Observations, Recording
 from slamgauge.se2 import compose, rotation, wrap
 from slamgauge.validation import require_type
 
-if TYPE_CHECKING:
-    from slamgauge.ekf.settings import Association
-
 J = np.array([[0.0, -1.0], [1.0, 0.0]])
-GATE = 9.0  # M_DIST_TH of the exercise: largest squared Mahalanobis distance of an observation and its landmark
-Step = tuple[Float, Float, list[int], float, int]  # x, P, ids of the observations, NIS, its degrees of freedom
+
+
+class Belief(NamedTuple):
+    """The state of the filter: a Gaussian of robot and landmarks."""
+
+    x: Float  # (3 + 2L,) mean
+    P: Float  # (3 + 2L, 3 + 2L) covariance
+    ids: tuple[int, ...]  # (L,) landmarks in the order of x
 
 
 class Linearised(NamedTuple):
@@ -38,31 +44,46 @@ class Linearised(NamedTuple):
     noise: Float  # (m, d, d) P_Y
 
 
+class Step(NamedTuple):
+    """The belief after a scan of m observations."""
+
+    belief: Belief
+    landmarks: list[int]  # (m,) id of each observation
+    nis: float
+    dof: int  # degrees of freedom of the NIS
+
+
 def textbook_ekf(recording: Recording, association: Association | None = None) -> Estimate:
     """Run the EKF-SLAM of the exercise.
 
     Args:
         recording: range-bearing or position sensor, with or without landmark ids.
-        association: nearest neighbour with its gate, for a recording without ids; the default gate is `GATE`.
+        association: nearest neighbour with its gate (M_DIST_TH of the exercise), for a recording without ids.
 
     Raises:
         UserError: a bearing-only recording, or an association that the exercise does not have.
     """
     require_type("recording", recording, Recording)
-    gate = _require_exercise(recording, association)
-    x, P, ids = recording.prior_mean, recording.prior_cov, list[int]()
+    association = association or NEAREST_NEIGHBOUR
+    if not sensors.SENSORS[recording.sensor].places_landmarks:
+        raise UserError("sensor: textbook-ekf has no bearing-only landmarks; use ekf, which starts them as rays (FIS)")
+    if association.method != "nearest-neighbour" or association.map_management:
+        raise UserError("association: textbook-ekf has the nearest neighbour without map management only; use ekf")
+    belief = Belief(recording.prior_mean, recording.prior_cov, ())
     associated, rows = list[int](), []
-    for step, scan in enumerate(recording.scans()):
+    for k, scan in enumerate(recording.scans()):
         start = perf_counter()
-        if step > 0:
-            x, P = predict(x, P, recording.odometry[step - 1], recording.odometry_cov[step - 1])
+        if k > 0:
+            belief = predict(belief, recording.odometry[k - 1], recording.odometry_cov[k - 1])
         if recording.landmark is None:
-            x, P, landmarks, nis, dof = update_by_nearest_neighbour(recording.sensor, x, P, scan, ids, gate)
+            step = update_by_nearest_neighbour(recording.sensor, belief, scan, association.gate)
         else:
-            x, P, landmarks, nis, dof = update_by_ids(recording.sensor, x, P, scan, ids)
-        associated += landmarks
-        rows.append((x[:3].copy(), P[:3, :3].copy(), nis, dof, perf_counter() - start))
+            step = update_by_ids(recording.sensor, belief, scan)
+        belief = step.belief
+        associated += step.landmarks
+        rows.append((belief.x[:3].copy(), belief.P[:3, :3].copy(), step.nis, step.dof, perf_counter() - start))
     poses, pose_covs, nis, dof, seconds = (np.array(each) for each in zip(*rows, strict=True))
+    x, P, ids = belief
     return Estimate(
         kind="filtered",
         poses=poses,
@@ -77,15 +98,15 @@ def textbook_ekf(recording: Recording, association: Association | None = None) -
     )
 
 
-def predict(x: Float, P: Float, u: Float, Q: Float) -> tuple[Float, Float]:
+def predict(belief: Belief, u: Float, Q: Float) -> Belief:
     """Move the robot by the body-frame increment u (3,) with covariance Q (3, 3); landmarks do not move."""
-    F, G = motion_jacobians(x, u)
-    x, P = x.copy(), P.copy()
+    F, G = motion_jacobians(belief.x, u)
+    x, P = belief.x.copy(), belief.P.copy()
     x[:3] = compose(x[:3], u)  # (1.1), line 1: X* = f(X, u)
     P[:3, :] = F @ P[:3, :]  # (1.1), line 2: P* = F P F' + G Q G', where the exercise writes A and B
     P[:, :3] = P[:, :3] @ F.T
     P[:3, :3] += G @ Q @ G.T
-    return x, P
+    return Belief(x, P, belief.ids)
 
 
 def motion_jacobians(x: Float, u: Float) -> tuple[Float, Float]:
@@ -96,58 +117,59 @@ def motion_jacobians(x: Float, u: Float) -> tuple[Float, Float]:
     return F, G
 
 
-def update_by_ids(sensor: str, x: Float, P: Float, scan: Observations, ids: list[int]) -> Step:
-    """Update with all observations of mapped landmarks `ids` at once, then map the new ones in observation order."""
-    landmark, nis, dof = np.asarray(scan.landmark).tolist(), 0.0, 0
-    rows = [*range(len(landmark))]
-    while rows:
-        mapped, others = [i for i in rows if landmark[i] in ids], [i for i in rows if landmark[i] not in ids]
-        if mapped:
-            slots = np.array([ids.index(landmark[i]) for i in mapped])
-            x, P, added, its_dof = update(x, P, linearise(sensor, x, slots, scan.value[mapped], scan.cov[mapped]))
-            nis, dof = nis + added, dof + its_dof
-        rows = []
-        for i in others:
-            if landmark[i] in ids:
-                rows.append(i)  # a second observation of a landmark that is new in this scan updates next
-            else:
-                x, P = augment(sensor, x, P, scan.value[i], scan.cov[i])
-                ids.append(landmark[i])
-    return x, P, landmark, nis, dof
+def update_by_ids(sensor: str, belief: Belief, scan: Observations) -> Step:
+    """Update with all observations of mapped landmarks at once, then map the new ones in observation order."""
+    landmarks, ids = np.asarray(scan.landmark).tolist(), belief.ids
+    mapped = [i for i, each in enumerate(landmarks) if each in ids]
+    new = [i for i, each in enumerate(landmarks) if each not in ids and each not in landmarks[:i]]
+    belief, nis, dof = update_mapped(sensor, belief, scan, mapped)
+    for i in new:
+        belief = augment(sensor, belief, landmarks[i], scan.value[i], scan.cov[i])
+    again = sorted({*range(len(landmarks))} - {*mapped, *new})  # rare: further observations of a new landmark
+    belief, nis_again, dof_again = update_mapped(sensor, belief, scan, again)
+    return Step(belief, landmarks, nis + nis_again, dof + dof_again)
 
 
-def update_by_nearest_neighbour(
-    sensor: str, x: Float, P: Float, scan: Observations, ids: list[int], gate: float
-) -> Step:
+def update_mapped(sensor: str, belief: Belief, scan: Observations, rows: list[int]) -> tuple[Belief, float, int]:
+    """Update with the observations `rows` of a scan, all of mapped landmarks; see `update`."""
+    if not rows:
+        return belief, 0.0, 0
+    slots = np.array([belief.ids.index(each) for each in np.asarray(scan.landmark)[rows].tolist()])
+    seen = linearise(sensor, belief.x, slots, scan.value[rows], scan.cov[rows])
+    return update(belief, *stack(seen, len(belief.x)))
+
+
+def update_by_nearest_neighbour(sensor: str, belief: Belief, scan: Observations, gate: float) -> Step:
     """Take one observation after the other: update with its nearest landmark in the gate, else map a new landmark."""
-    association, nis, dof = list[int](), 0.0, 0
+    landmarks, nis, dof = list[int](), 0.0, 0
     for z, noise in zip(scan.value, scan.cov, strict=True):
-        all_noise = np.repeat(noise[None], len(ids), axis=0)
-        distances = squared_distances(P, linearise(sensor, x, np.arange(len(ids)), z[None], all_noise))
-        if distances.min(initial=np.inf) <= gate:
-            nearest = int(distances.argmin())
-            x, P, added, its_dof = update(x, P, linearise(sensor, x, np.array([nearest]), z[None], noise[None]))
-            nis, dof = nis + added, dof + its_dof
+        new = len(belief.ids)
+        seen = linearise(sensor, belief.x, np.arange(new), z[None], np.repeat(noise[None], new, axis=0))
+        distances = squared_distances(belief.P, seen)
+        nearest = int(distances.argmin()) if distances.min(initial=np.inf) <= gate else new
+        if nearest == new:
+            belief = augment(sensor, belief, new, z, noise)
         else:
-            nearest = len(ids)
-            x, P = augment(sensor, x, P, z, noise)
-            ids.append(nearest)
-        association.append(nearest)
-    return x, P, association, nis, dof
+            its = linearise(sensor, belief.x, np.array([nearest]), z[None], noise[None])
+            belief, its_nis, its_dof = update(belief, *stack(its, len(belief.x)))
+            nis, dof = nis + its_nis, dof + its_dof
+        landmarks.append(nearest)
+    return Step(belief, landmarks, nis, dof)
 
 
-def linearise(sensor: str, x: Float, slots: Int, z: Float, noise: Float) -> Linearised:
+def linearise(sensor: str, x: Float, slots: Int, z: Float, noise: Float, x_jac: Float | None = None) -> Linearised:
     """Compare observations z (m, d), covariances `noise` (m, d, d), with predictions for landmarks number `slots` (m,).
 
     The bearing of a landmark within a centimetre carries no information: its innovation and its row of H are zero.
+    H is taken at x; filters with first-estimates Jacobians pass another state, `x_jac`.
     """
-    offset = x[3:].reshape(-1, 2)[slots] - x[:2]  # l - p
-    delta = offset @ rotation(x[2])  # R' (l - p)
-    A = sensors.jacobian(sensor, delta)
-    Y = sensors.predict(sensor, delta)  # (1.1), line 3: Y* = h(X*)
-    innovation = np.where(A.any(axis=2), sensors.innovation(sensor, z, Y), 0.0)
-    H_l = A @ rotation(x[2]).T
+    x_jac = x if x_jac is None else x_jac
+    now, offset = (at[3:].reshape(-1, 2)[slots] - at[:2] for at in (x, x_jac))  # l - p
+    Y = sensors.predict(sensor, now @ rotation(x[2]))  # (1.1), line 3: Y* = h(X*), with delta = R' (l - p)
+    A = sensors.jacobian(sensor, offset @ rotation(x_jac[2]))
+    H_l = A @ rotation(x_jac[2]).T
     H = np.concatenate([-H_l, -H_l @ (offset @ J.T)[:, :, None], H_l], axis=2)  # A R' [-I, -J (l - p), I]
+    innovation = np.where(A.any(axis=2), sensors.innovation(sensor, z, Y), 0.0)
     columns = np.column_stack([np.tile([0, 1, 2], (len(slots), 1)), 3 + 2 * slots, 4 + 2 * slots])
     return Linearised(innovation, H, columns, noise)
 
@@ -159,28 +181,37 @@ def squared_distances(P: Float, seen: Linearised) -> Float:
     return np.einsum("mi,mij,mj->m", v, np.linalg.inv(S), v)
 
 
-def update(x: Float, P: Float, seen: Linearised) -> tuple[Float, Float, float, int]:
-    """Update with all given observations at once; return x, P, NIS and its degrees of freedom."""
+def stack(seen: Linearised, size: int) -> tuple[Float, Float, Float]:
+    """Return Y - Y* (m d,), H (m d, size) and P_Y (m d, m d) of all observations."""
     m, d = seen.innovation.shape
-    H, P_Y = np.zeros((m, d, len(x))), np.zeros((m, d, m, d))
+    H, P_Y = np.zeros((m * d, size)), np.zeros((m * d, m * d))
     for i in range(m):
-        H[i][:, seen.columns[i]], P_Y[i, :, i] = seen.jacobian[i], seen.noise[i]
-    rows = H.any(axis=2).ravel()  # without those that carry no information
-    H, v, P_Y = H.reshape(m * d, -1)[rows], seen.innovation.ravel()[rows], P_Y.reshape(m * d, -1)[rows][:, rows]
+        rows = slice(i * d, (i + 1) * d)
+        H[rows, seen.columns[i]] = seen.jacobian[i]
+        P_Y[rows, rows] = seen.noise[i]
+    return seen.innovation.ravel(), H, P_Y
+
+
+def update(belief: Belief, v: Float, H: Float, P_Y: Float) -> tuple[Belief, float, int]:
+    """Update with v = Y - Y* (r,), H (r, n) and P_Y (r, r); also return the NIS and its degrees of freedom."""
+    x, P, ids = belief
+    used = H.any(axis=1)  # without rows that carry no information
+    v, H, P_Y = v[used], H[used], P_Y[used][:, used]
     S_inverse = np.linalg.inv(H @ P @ H.T + P_Y)
     K = P @ H.T @ S_inverse  # (1.1), line 4: K = P* H' (H P* H' + P_Y)^-1
     x = x + K @ v  # (1.1), line 5: X = X* + K (Y - Y*)
     x[2] = wrap(x[2])
     P = P - K @ (H @ P)  # (1.1), line 6: P = P* - K H P*
-    return x, P, float(v @ S_inverse @ v), len(v)
+    return Belief(x, P, ids), float(v @ S_inverse @ v), len(v)
 
 
-def augment(sensor: str, x: Float, P: Float, z: Float, noise: Float) -> tuple[Float, Float]:
+def augment(sensor: str, belief: Belief, landmark: int, z: Float, noise: Float) -> Belief:
     """Append a new landmark, observed at z (d,), to the state (section 1.1 of the exercise)."""
-    landmark, J_r, J_y = locate(sensor, x[:3], z)
+    x, P, ids = belief
+    position, J_r, J_y = locate(sensor, x[:3], z)
     P_lx = J_r @ P[:3]
     P_ll = J_r @ P[:3, :3] @ J_r.T + J_y @ noise @ J_y.T
-    return np.concatenate([x, landmark]), np.block([[P, P_lx.T], [P_lx, P_ll]])
+    return Belief(np.concatenate([x, position]), np.block([[P, P_lx.T], [P_lx, P_ll]]), (*ids, landmark))
 
 
 def locate(sensor: str, pose: Float, z: Float) -> tuple[Float, Float, Float]:
@@ -190,10 +221,13 @@ def locate(sensor: str, pose: Float, z: Float) -> tuple[Float, Float, Float]:
     return pose[:2] + offset, J_r, rotation(pose[2]) @ sensors.inverse_jacobian(sensor, z)
 
 
-def _require_exercise(recording: Recording, association: Association | None) -> float:
-    """Refuse what the exercise's filter does not have; return the gate."""
-    if not sensors.SENSORS[recording.sensor].places_landmarks:
-        raise UserError("sensor: textbook-ekf has no bearing-only landmarks; use ekf, which starts them as rays (FIS)")
-    if association and (association.method != "nearest-neighbour" or association.map_management):
-        raise UserError("association: textbook-ekf has the nearest neighbour without map management only; use ekf")
-    return association.gate if association else GATE
+if __name__ == "__main__":
+    from pathlib import Path
+
+    from slamgauge import load_scenario, save_figure, simulate
+
+    truth, recording = simulate(load_scenario("q1-long-dense"), seed=0)
+    folder = Path("results/textbook")
+    folder.mkdir(parents=True, exist_ok=True)
+    save_figure(folder, truth, recording, {"textbook-ekf": textbook_ekf(recording)}, "q1-long-dense, seed 0")
+    print(f"Map and errors: {folder / 'figure.png'}")

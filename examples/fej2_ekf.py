@@ -23,9 +23,8 @@ from slamgauge.arrays import Float
 from slamgauge.ekf import textbook
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
-from slamgauge.se2 import wrap
 
-Rows = tuple[Float, Float, Float]  # H_1 (k, n), innovation (k,), noise covariance (k, k)
+Rows = tuple[Float, Float, Float]  # innovation (k,), H_1 (k, n), noise covariance (k, k)
 ROUNDING = 1e-9  # singular values of whitened D up to this one are zero
 
 
@@ -37,67 +36,55 @@ def inflated(recording: Recording) -> Estimate:
     return run(recording, inflate)
 
 
-def project(H: Float, D: Float, v: Float, R: Float, _P: Float) -> Rows:
+def project(v: Float, H: Float, D: Float, R: Float, _P: Float) -> Rows:
     whiten = np.linalg.inv(np.linalg.cholesky(R))
     U, size, _ = np.linalg.svd(whiten @ D)
     N = U[:, np.count_nonzero(size > ROUNDING) :].T @ whiten
-    return N @ H, N @ v, N @ R @ N.T
+    return N @ v, N @ H, N @ R @ N.T
 
 
-def inflate(H: Float, D: Float, v: Float, R: Float, P: Float) -> Rows:
-    return H, v, R + D @ P @ D.T
+def inflate(v: Float, H: Float, D: Float, R: Float, P: Float) -> Rows:
+    return v, H, R + D @ P @ D.T
 
 
 def run(recording: Recording, rows: Callable[[Float, Float, Float, Float, Float], Rows]) -> Estimate:
     if recording.landmark is None or recording.sensor == "bearing":
         raise ValueError("this filter needs landmark ids, and observations that place a landmark")
-    x, P, ids = recording.prior_mean, recording.prior_cov, list[int]()
-    first = x  # predicted pose and first estimates of the landmarks
+    belief, first = textbook.Belief(recording.prior_mean, recording.prior_cov, ()), recording.prior_mean
     poses, pose_covs = list[Float](), list[Float]()
     for step, scan in enumerate(recording.scans()):
         if step > 0:
-            u, Q = recording.odometry[step - 1], recording.odometry_cov[step - 1]
-            x, P = textbook.predict(x, shear(P, x[:2] - first[:2]), u, Q)  # the lever starts at the predicted position
-            first = np.concatenate([x[:3], first[3:]])
+            belief = shear(belief, belief.x[:2] - first[:2])
+            belief = textbook.predict(belief, recording.odometry[step - 1], recording.odometry_cov[step - 1])
+            first = np.concatenate([belief.x[:3], first[3:]])
         landmark = np.asarray(scan.landmark).tolist()
-        mapped, new = ([i for i, each in enumerate(landmark) if (each in ids) == known] for known in (True, False))
+        mapped, new = (
+            [i for i, each in enumerate(landmark) if (each in belief.ids) == known] for known in (True, False)
+        )
         if mapped:
-            slots = np.array([ids.index(landmark[i]) for i in mapped])
-            now, then = (
-                textbook.linearise(recording.sensor, at, slots, scan.value[mapped], scan.cov[mapped])
-                for at in (x, first)
-            )
-            m, d = now.innovation.shape
-            H_now, H, R = np.zeros((m, d, len(x))), np.zeros((m, d, len(x))), np.zeros((m, d, m, d))
-            for i, columns in enumerate(now.columns):
-                H_now[i][:, columns], H[i][:, columns], R[i, :, i] = now.jacobian[i], then.jacobian[i], now.noise[i]
-            H_now, H, R = H_now.reshape(m * d, -1), H.reshape(m * d, -1), R.reshape(m * d, m * d)
-            H, v, R = rows(H, H_now - H, now.innovation.ravel(), R, P)
-            K = np.linalg.solve(H @ P @ H.T + R, H @ P).T
-            x, P = x + K @ v, P - K @ (H @ P)
-            x[2] = wrap(x[2])
+            slots = np.array([belief.ids.index(landmark[i]) for i in mapped])
+            seen = recording.sensor, belief.x, slots, scan.value[mapped], scan.cov[mapped]
+            v, H_now, R = textbook.stack(textbook.linearise(*seen), len(belief.x))
+            _, H, _ = textbook.stack(textbook.linearise(*seen, x_jac=first), len(belief.x))
+            belief, _, _ = textbook.update(belief, *rows(v, H, H_now - H, R, belief.P))
+        lever = belief.x[:2] - first[:2]
+        belief = shear(belief, lever)
         for i in new:
-            x, P = augment(recording.sensor, x, P, x[:2] - first[:2], scan.value[i], scan.cov[i])
-            first = np.concatenate([first, x[-2:]])
-            ids.append(landmark[i])
-        poses.append(x[:3])
-        pose_covs.append(P[:3, :3])
+            belief = textbook.augment(recording.sensor, belief, landmark[i], scan.value[i], scan.cov[i])
+        belief = shear(belief, -lever)
+        first = np.concatenate([first, belief.x[len(first) :]])
+        poses.append(belief.x[:3])
+        pose_covs.append(belief.P[:3, :3])
+    x, P, ids = belief
     blocks = P[3:, 3:].reshape(len(ids), 2, len(ids), 2)[np.arange(len(ids)), :, np.arange(len(ids))]
     return Estimate("filtered", np.array(poses), np.array(pose_covs), np.array(ids), x[3:].reshape(-1, 2), blocks)
 
 
-def shear(P: Float, lever: Float) -> Float:
-    F = np.eye(len(P))
+def shear(belief: textbook.Belief, lever: Float) -> textbook.Belief:
+    """Move the point about which a heading error turns the robot, by `lever` (2,) from the first estimate."""
+    F = np.eye(len(belief.x))
     F[:2, 2] = textbook.J @ lever
-    return F @ P @ F.T
-
-
-def augment(sensor: str, x: Float, P: Float, lever: Float, z: Float, noise: Float) -> tuple[Float, Float]:
-    landmark, J_r, J_z = textbook.locate(sensor, x[:3], z)
-    J_r[:, 2] += textbook.J @ lever
-    P_lx = J_r @ P[:3]
-    P_ll = J_r @ P[:3, :3] @ J_r.T + J_z @ noise @ J_z.T
-    return np.concatenate([x, landmark]), np.block([[P, P_lx.T], [P_lx, P_ll]])
+    return belief._replace(P=F @ belief.P @ F.T)
 
 
 if __name__ == "__main__":

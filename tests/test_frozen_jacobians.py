@@ -17,7 +17,7 @@ import pytest
 
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf import SlamFilter, ekf_slam
-from slamgauge.ekf.textbook import Linearised, augment, linearise, motion_jacobians, predict, update
+from slamgauge.ekf.textbook import Belief, Linearised, augment, linearise, motion_jacobians, predict, stack, update
 from slamgauge.recording import Recording
 from slamgauge.se2 import wrap
 from tests.reference.optimum import square_root
@@ -40,32 +40,31 @@ def freeze(recording: Recording) -> FrozenFactors:
     """Run the textbook EKF and collect its linearised factors. Headings of the factors are not wrapped."""
     assert recording.landmark is not None
     frozen = FrozenFactors()
-    x, P = recording.prior_mean.copy(), recording.prior_cov.copy()
+    belief = Belief(recording.prior_mean, recording.prior_cov, ())
     for k, scan in enumerate(recording.scans()):
         if k > 0:
-            increment, Q = recording.odometry[k - 1], recording.odometry_cov[k - 1]
-            before = x[:3].copy()
-            F, G = motion_jacobians(x, increment)
-            x, P = predict(x, P, increment, Q)
-            x[2] = before[2] + increment[2]
-            frozen.motions.append((F, x[:3] - F @ before, G))
+            increment, before = recording.odometry[k - 1], belief.x[:3]
+            F, G = motion_jacobians(before, increment)
+            belief = predict(belief, increment, recording.odometry_cov[k - 1])
+            belief.x[2] = before[2] + increment[2]
+            frozen.motions.append((F, belief.x[:3] - F @ before, G))
         assert scan.landmark is not None
         names = scan.landmark.tolist()
-        old = [i for i, name in enumerate(names) if name in frozen.ids]
+        old = [i for i, name in enumerate(names) if name in belief.ids]
         if old:
-            slots, heading = np.array([frozen.ids.index(names[i]) for i in old]), x[2]
-            seen = linearise(recording.sensor, x, slots, scan.value[old], scan.cov[old])
-            frozen.observations += frozen_observations(k, slots, x, seen)
-            x, P, *_ = update(x, P, seen)
-            x[2] = heading + wrap(x[2] - heading)
+            slots, heading = np.array([belief.ids.index(names[i]) for i in old]), belief.x[2]
+            seen = linearise(recording.sensor, belief.x, slots, scan.value[old], scan.cov[old])
+            frozen.observations += frozen_observations(k, slots, belief.x, seen)
+            belief, *_ = update(belief, *stack(seen, len(belief.x)))
+            belief.x[2] = heading + wrap(belief.x[2] - heading)
         for i, name in enumerate(names):
-            if name not in frozen.ids:
-                frozen.ids.append(name)
-                x, P = augment(recording.sensor, x, P, scan.value[i], scan.cov[i])
-                slot = np.array([len(frozen.ids) - 1])
-                seen = linearise(recording.sensor, x, slot, scan.value[[i]], scan.cov[[i]])
+            if name not in belief.ids:
+                belief = augment(recording.sensor, belief, name, scan.value[i], scan.cov[i])
+                slot = np.array([len(belief.ids) - 1])
+                seen = linearise(recording.sensor, belief.x, slot, scan.value[[i]], scan.cov[[i]])
                 np.testing.assert_allclose(seen.innovation, 0.0, atol=1e-12)
-                frozen.observations += frozen_observations(k, slot, x, seen)
+                frozen.observations += frozen_observations(k, slot, belief.x, seen)
+    frozen.ids += belief.ids
     return frozen
 
 

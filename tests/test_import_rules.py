@@ -88,9 +88,19 @@ def sources() -> dict[str, Path]:
 SOURCES = sources()
 
 
-def imported(path: Path, modules: dict[str, Path] = SOURCES) -> Iterator[str]:
-    """Yield all modules that a file imports: at its head, in functions, for type checking."""
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+def is_program(node: ast.stmt) -> bool:
+    """Return whether a statement is `if __name__ == "__main__":`, which does nothing when the file is imported."""
+    return isinstance(node, ast.If) and ast.unparse(node.test) == "__name__ == '__main__'"
+
+
+def imported(path: Path, modules: dict[str, Path] = SOURCES, *, as_program: bool = False) -> Iterator[str]:
+    """Yield all modules that a file imports: at its head, in functions, for type checking.
+
+    With `as_program` those that it imports only if it is run as a program.
+    """
+    statements = ast.parse(path.read_text(encoding="utf-8")).body
+    chosen = ast.Module([each for each in statements if is_program(each) == as_program], [])
+    for node in ast.walk(chosen):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -140,8 +150,10 @@ def test_every_folder_is_a_level_and_every_level_exists() -> None:
 
 def test_imports_are_found_at_all_places(tmp_path: Path) -> None:
     module = tmp_path / "module.py"
-    module.write_text("import a.b\nfrom c.d import e\ndef f():\n    import g as h\n    from i import j\n")
+    program = "if __name__ == '__main__':\n    import k\n    f()\n"
+    module.write_text(f"import a.b\nfrom c.d import e\ndef f():\n    import g as h\n    from i import j\n{program}")
     assert {*imported(module, {"i.j": module})} == {"a.b", "c.d", "g", "i.j"}
+    assert {*imported(module, as_program=True)} == {"k"}
 
 
 def is_above(other: str, name: str) -> bool:
@@ -153,6 +165,13 @@ def is_above(other: str, name: str) -> bool:
 
 def test_modules_import_from_below() -> None:
     assert not [(name, other) for name in NAMES for other in ours(name) if is_above(other, name)]
+
+
+def test_only_programs_import_the_public_names() -> None:
+    """`slamgauge` has the names of all packages, above a module too; a module imports from the name's home."""
+    assert [name for name in NAMES if "slamgauge" in imports_of(name)] == ["slamgauge.compare"]  # it shows the names
+    used = {other for name in NAMES for other in imported(SOURCES[name], as_program=True)}
+    assert used - sys.stdlib_module_names == {"slamgauge"}
 
 
 def test_modules_import_the_libraries_of_their_level() -> None:

@@ -18,7 +18,6 @@ from tests.reference.question_scores import graded_scores, scores
 FILTERS = ("ekf", "riekf")
 RUNS = {"q4-three-landmarks": 30, "q4-ring": 20}  # without the optimum; seeds 0 ..
 GRADED_RUNS = {"q4-three-landmarks": 20, "q4-ring": 8}  # next to the optimum; the first of them
-ABLATED_RUNS = 30
 LEVEL = 0.999
 
 
@@ -100,27 +99,6 @@ def test_the_sliding_window_is_as_good_as_the_causal_optimum():
     """Over 100 runs of another root seed the mean ratio is 0.999, its deviation 0.015."""
     found = graded_scores("q4-ring", ("sliding-window",), 4)["sliding-window"]
     assert_error_bounds(found, max_ratio_to_optimum=1.05, nees_level=LEVEL)
-
-
-FOUR_MEMBERS = ("fis.alpha=0.3", "fis.beta=2", "fis.s_min=1")
-
-
-@pytest.mark.parametrize(
-    ("sharing", "of_four", "of_three"),
-    [("none", 2.0, 1.380), ("uniform", 1.3, 1.126), ("best", 3.0, 1.772), ("weights", 1.05, 1.044)],
-)
-def test_federated_sharing_has_the_smallest_error(sharing: str, of_four: float, of_three: float):
-    """Mean ATE of the right-invariant filter over that with federated sharing; `docs/bearings.md` has more runs.
-
-    With three members, the default, the difference is smaller. These bounds are 0.1 % quantiles of the ratio of means,
-    resampled from the other seeds, where the ratio is 1.66, 1.28, 2.56 and 1.27.
-    """
-    for members, times in ((FOUR_MEMBERS, of_four), ((), of_three)):
-        ate = {}
-        for each in ("federated", sharing):
-            found = scores("q4-ring", ("riekf",), ABLATED_RUNS, (*members, f"fis.sharing={each}"))["riekf"]
-            ate[each] = np.mean([score.ate_m for score in found if score.ate_m is not None])
-        assert ate[sharing] > times * ate["federated"]
 
 
 def test_bearings_of_one_degree_without_ids_cost_hardly_any_accuracy():

@@ -22,8 +22,8 @@ from slamgauge.compare.storage.staged_folder import lock_file
 from slamgauge.errors import UserError
 
 # Raise it when `TABLES` or `SERIES` change, when the same scenario and seed give other measurements or an estimator of
-# slamgauge other results, or when a figure gets another meaning: stores of another schema are refused. A new figure
-# needs no new number: it is NaN in old rows.
+# slamgauge other results, when a figure gets another meaning, or when scenarios lose a key: stores of another schema
+# are refused. A new figure needs no new number: it is NaN in old rows.
 SCHEMA = 3
 COLUMNS = "run, estimator, version, seed, kind, error, figures, series"
 TABLES = """

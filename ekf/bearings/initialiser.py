@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -11,37 +11,39 @@ from slamgauge.ekf.online_filter import Members
 from slamgauge.estimate import RayLog
 
 
+class LoggedRay(NamedTuple):
+    """A ray that started; see `RayLog`."""
+
+    landmark: int
+    birth: int
+    distances: Float
+    end: int = -1
+    survivor: int = -1
+
+
 class RayRecorder:
     """Logs start and end of rays."""
 
     def __init__(self) -> None:
-        self._landmark: list[int] = []
-        self._birth: list[int] = []
-        self._distances: list[Float] = []
-        self._end: list[int] = []
-        self._survivor: list[int] = []
+        self._rays: list[LoggedRay] = []
         self._open: dict[int, int] = {}  # landmark to row of its present ray
 
     def begin(self, step: int, landmark: int, distances: Float) -> None:
         """Log a new ray with members at these distances [m]."""
-        self._open[landmark] = len(self._landmark)
-        self._landmark.append(landmark)
-        self._birth.append(step)
-        self._distances.append(distances)
-        self._end.append(-1)
-        self._survivor.append(-1)
+        self._open[landmark] = len(self._rays)
+        self._rays.append(LoggedRay(landmark, step, distances))
 
     def end(self, step: int, landmark: int, survivor: int = -1) -> None:
         """Log that a ray became a point, the member `survivor`, or was deleted (-1)."""
         row = self._open.pop(landmark)
-        self._end[row], self._survivor[row] = step, survivor
+        self._rays[row] = self._rays[row]._replace(end=step, survivor=survivor)
 
     def log(self, members: Int) -> RayLog:
         """Return the rays so far, with the number of members (N+1,) after each step."""
-        distances = np.full((len(self._landmark), max(map(len, self._distances), default=0)), np.nan)
-        for row, given in enumerate(self._distances):
-            distances[row, : len(given)] = given
-        columns = (self._landmark, self._birth, self._end, self._survivor)
+        distances = np.full((len(self._rays), max((len(each.distances) for each in self._rays), default=0)), np.nan)
+        for row, each in enumerate(self._rays):
+            distances[row, : len(each.distances)] = each.distances
+        columns = ([getattr(each, name) for each in self._rays] for name in ("landmark", "birth", "end", "survivor"))
         landmark, birth, end, survivor = (np.array(column, dtype=np.int64) for column in columns)
         return RayLog(landmark, birth, end, survivor, distances, members)
 

@@ -5,12 +5,12 @@ Gaussian hypotheses of the position along the ray of this bearing. `RayInitialis
 bearing z with variance R:
 
 1. compute the innovation nu_i of each member i and its variance Z_i; reject z if no member passes the gate;
-2. multiply each weight by the likelihood of z, then normalise the weights of the ray;
-3. prune members of small weight;
+2. multiply each weight by the likelihood of z, then normalise the weights of the ray (`weigh`);
+3. prune members of small weight (`keep`);
 4. if one member is left, make it a point, and update it with z and variance R;
-5. otherwise update member i with z and variance R / rho_i. The share rho_i is the weight of the member. Members with a
-   share below MIN_SHARE are not updated. The sum of the shares is at most 1, so the ray receives no more information
-   than z has.
+5. otherwise update member i with z and variance R / rho_i. The share rho_i is the weight of the member (`shares`).
+   Members with a share below MIN_SHARE are not updated. The sum of the shares is at most 1, so the ray receives no more
+   information than z has.
 
 Members are landmarks of the `LandmarkMap`, which computes innovations, updates and covariances.
 
@@ -21,11 +21,11 @@ are those of the exercise (docs/practical.md).
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from slamgauge.arrays import Float, Int
+from slamgauge.arrays import Float, Int, Marks
 from slamgauge.ekf.bearings.initialiser import RayRecorder
 from slamgauge.ekf.maps.landmark_ids import Ids
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
@@ -38,7 +38,74 @@ MIN_SHARE = 0.05  # members with a smaller share rho are not updated
 SAME = 1.2  # ratio of distances below which the last two members are the same
 
 
-@dataclass
+# --- equations, for the n members of one ray -----------------------------------------------------
+
+
+def distances_and_sigmas(settings: Rays) -> tuple[Float, Float]:
+    """Return distances s_i (N_g,) [m] of the members of a new ray, and sigmas sigma_i (N_g,) [m] along the ray.
+
+    N_g is the smallest number of members with which the last member i reaches s_max: s_i + sigma_i >= s_max.
+    """
+    s_1 = settings.s_min / (1.0 - settings.alpha)  # (4.1), so that s_1 - sigma_1 = s_min
+    i = np.arange(settings.member_count)  # from 0: i - 1 of the exercise
+    s = s_1 * np.float64(settings.beta) ** i  # (4.2), (4.3): s_i = beta^(i - 1) s_1
+    return s, settings.alpha * s  # sigma_i = alpha s_i
+
+
+def as_observations(s: Float, sigma: Float, z: float, R: float) -> tuple[Float, Float]:
+    """Return the members of a new ray as ranges and bearings (n, 2), with covariances (n, 2, 2), for (4.4).
+
+    (4.4) is the mapping of a new landmark at range s_i and bearing z: the map appends
+    x_p^i = p + s_i (cos, sin)(heading + z) and the covariances P_pX^i = J_r P with the whole state and
+    P_pp^i = J_r P J_r' + J_y diag(sigma_i^2, R) J_y'. The blocks of members i and j, which (4.4) leaves empty, are
+    J_r^i P J_r^j': members share the error of the robot.
+    """
+    covs = np.zeros((len(s), 2, 2))
+    covs[:, 0, 0] = sigma**2
+    covs[:, 1, 1] = R
+    return np.column_stack([s, np.full(len(s), z)]), covs
+
+
+def weigh(log_weights: Float, nu: Float, Z: Float, R: float) -> Float:
+    """Return the logarithms (n,) of the weights Lambda_i after a bearing with innovations nu (n,) of variance Z (n,).
+
+    Lambda_i <- Lambda_i lambda_i / sum, with the likelihood lambda_i = exp(-nu_i^2 / (2 Z_i)) / sqrt(2 pi Z_i).
+    Z_i = R, the variance of the bearing, means H_i = 0: every bearing of a member at the robot is equally likely,
+    lambda_i = 1 / (2 pi).
+    """
+    spread = np.where(Z > R, Z, 2.0 * math.pi)
+    return normalised(log_weights - nu**2 / Z / 2.0 - np.log(spread) / 2.0)  # without the common factor 1 / sqrt(2 pi)
+
+
+def keep(log_weights: Float, distances: Float, least: float) -> Marks:
+    """Return which members (n,) remain: those with Lambda_i >= least, which is tau / N_g, and always the heaviest.
+
+    If only two are left and their `distances` (n,) from the robot are nearly the same, the lighter one does not remain.
+    """
+    kept = log_weights >= math.log(least)
+    if kept.sum() == 2:
+        near, far = sorted(distances[kept])
+        if far < SAME * near:
+            kept[:] = False
+    kept[np.argmax(log_weights)] = True
+    return kept
+
+
+def shares(weights: Float) -> Float:
+    """Return the share rho_i (n,) of a bearing's information for each member: Lambda_i, or 0 below MIN_SHARE."""
+    return np.where(weights >= MIN_SHARE, weights, 0.0)
+
+
+def normalised(log_weights: Float) -> Float:
+    """Return the logarithms of the weights after division by their sum."""
+    largest = log_weights.max()
+    return log_weights - largest - math.log(np.exp(log_weights - largest).sum())
+
+
+# --- rays of a map -------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
 class Ray:
     """Members of a landmark that is not a point yet (n members now).
 
@@ -57,25 +124,17 @@ class Ray:
     failures: int = 0
 
 
-def distances_and_sigmas(settings: Rays) -> tuple[Float, Float]:
-    """Return distances s_i (N_g,) [m] of the members of a new ray, and sigmas sigma_i (N_g,) [m] along the ray.
-
-    N_g is the smallest number of members with which the last member i reaches s_max: s_i + sigma_i >= s_max.
-    """
-    s_1 = settings.s_min / (1.0 - settings.alpha)  # (4.1), so that s_1 - sigma_1 = s_min
-    i = np.arange(settings.member_count)  # from 0: i - 1 of the exercise
-    s = s_1 * np.float64(settings.beta) ** i  # (4.2), (4.3): s_i = beta^(i - 1) s_1
-    return s, settings.alpha * s  # sigma_i = alpha s_i
-
-
 class RayInitialiser:
-    """Rays of a map. The methods are those of `Initialiser`."""
+    """Rays of a map. The methods are those of `Initialiser`.
+
+    A landmark has the id that its bearings have; each of its members has another id, with which it is in the map.
+    """
 
     def __init__(self, landmarks: LandmarkMap, settings: Rays) -> None:
         self._map = landmarks
         self._settings = settings
         self._rays: dict[int, Ray] = {}
-        self._ids = Ids()
+        self._ids = Ids()  # of members, in the map
         self.log = RayRecorder()
 
     def observe(self, step: int, ids: list[int], values: Float, covs: Float) -> dict[int, int]:
@@ -91,106 +150,64 @@ class RayInitialiser:
             The landmarks that became points: keys are ids of landmarks, values their ids in the map.
         """
         points: dict[int, int] = {}
-        rows, members, shares = [], [], []
-        for row, landmark in enumerate(ids):
-            ray = self._rays.get(landmark)
-            if ray is None or not self._weigh(step, landmark, values[row], covs[row]):
+        updates: list[tuple[Int, Int, Float]] = []  # rows of the bearings, members, shares
+        for row in [row for row, landmark in enumerate(ids) if landmark in self._rays]:
+            landmark, ray = ids[row], self._rays[ids[row]]
+            nu, Z = self._innovations(ray, values[row], covs[row])  # step 1
+            if (nu**2 / Z).min() > self._settings.gate:
+                self._reject(step, landmark, ray)
                 continue
-            self._prune(ray)
-            if len(ray.members) == 1:
-                points[landmark] = self._promote(step, landmark)
-            updated, rho = self._shares(ray)
-            members.append(updated)
-            shares.append(rho)
-            rows.append(np.full(len(updated), row))
-        if rows:
-            row, rho = np.concatenate(rows), np.concatenate(shares)[:, None, None]
-            slots = self._map.state.slots_of(np.concatenate(members))
-            self._map.correction.update(slots, values[row], covs[row] / rho)  # all members at once: R_i = R / rho_i
+            log_weights = weigh(ray.log_weights, nu, Z, covs[row, 0, 0])  # step 2
+            ray = self._rays[landmark] = self._pruned(ray, log_weights)  # step 3
+            rho = shares(np.exp(ray.log_weights))  # 1 for the last member
+            updates.append((np.full(np.count_nonzero(rho), row), ray.members[rho > 0.0], rho[rho > 0.0]))
+            if len(ray.members) == 1:  # step 4
+                points[landmark] = int(ray.members[0])
+                self._end(step, landmark, survivor=int(ray.numbers[0]))
+        if updates:  # step 5: all members of all rays at once
+            rows, members, rho = (np.concatenate(each) for each in zip(*updates, strict=True))
+            slots = self._map.state.slots_of(members)
+            self._map.correction.update(slots, values[rows], covs[rows] / rho[:, None, None])
         for row, landmark in enumerate(ids):
             if landmark not in self._rays and landmark not in points:
-                self._start(step, landmark, values[row], covs[row])
+                self._start(step, landmark, values[row, 0], covs[row, 0, 0])
         return points
 
-    def _start(self, step: int, landmark: int, value: Float, cov: Float) -> None:
-        """Start a ray along a bearing (1,) with variance (1, 1)."""
+    def _innovations(self, ray: Ray, value: Float, cov: Float) -> tuple[Float, Float]:
+        """Return the innovation nu_i of each member by a bearing (1,), and its variance Z_i = H_i P H_i' + R."""
+        count, slots = len(ray.members), self._map.state.slots_of(ray.members)
+        nu, Z = innovations(self._map, slots, np.tile(value, (count, 1)), np.tile(cov, (count, 1, 1)))
+        return nu[:, 0], Z[:, 0, 0]
+
+    def _reject(self, step: int, landmark: int, ray: Ray) -> None:
+        """Count a bearing that failed the gate; delete the ray after `Rays.lost_after` of them in a row."""
+        if ray.failures + 1 < self._settings.lost_after:
+            self._rays[landmark] = replace(ray, failures=ray.failures + 1)
+        else:
+            self.forget(step, landmark)
+
+    def _pruned(self, ray: Ray, log_weights: Float) -> Ray:
+        """Return a ray with new weights, without the members of small weight, which leave the map."""
+        state = self._map.state
+        offsets = state.entries(state.columns_of(ray.members)).reshape(-1, 2) - state.robot[:2]
+        kept = keep(log_weights, np.hypot(*offsets.T), self._settings.threshold / ray.first_count)
+        self._remove(ray.members[~kept])
+        return Ray(ray.members[kept], normalised(log_weights[kept]), ray.numbers[kept], ray.first_count)
+
+    def _start(self, step: int, landmark: int, z: float, R: float) -> None:
         s, sigma = distances_and_sigmas(self._settings)
-        count = len(s)
-        # (4.4): the map appends x_p^i = p + s_i (cos, sin)(heading + z) and its covariances P_pX^i = J_r P, with the
-        # whole state, and P_pp^i = J_r P J_r' + J_y diag(sigma_i^2, R) J_y'. The blocks of members i and j, which (4.4)
-        # leaves empty, are J_r^i P J_r^j': members share the error of the robot.
-        polar = np.column_stack([s, np.full(count, value[0])])  # (distance, bearing) of each member
-        polar_covs = np.zeros((count, 2, 2))
-        polar_covs[:, 0, 0] = sigma**2
-        polar_covs[:, 1, 1] = cov[0, 0]
-        members = self._ids.take(count)
-        add_landmarks(self._map, members, polar, polar_covs)
-        self._rays[landmark] = Ray(members, np.full(count, -math.log(count)), np.arange(count), count)
+        members = self._ids.take(len(s))
+        add_landmarks(self._map, members, *as_observations(s, sigma, z, R))
+        self._rays[landmark] = Ray(members, normalised(np.zeros(len(s))), np.arange(len(s)), len(s))
         self.log.begin(step, landmark, s)
 
-    def _weigh(self, step: int, landmark: int, value: Float, cov: Float) -> bool:
-        """Weigh the members of a ray by a bearing (1,) with variance (1, 1); return False if no member passes the gate.
-
-        The ray is deleted after `Rays.lost_after` failures in a row.
-        """
-        ray, R = self._rays[landmark], cov[0, 0]
-        slots, count = self._map.state.slots_of(ray.members), len(ray.members)
-        innovation, Z = innovations(self._map, slots, np.tile(value, (count, 1)), np.tile(cov, (count, 1, 1)))
-        nu, Z = innovation[:, 0], Z[:, 0, 0]  # Z_i = H_i P H_i' + R
-        squared = nu**2 / Z  # squared Mahalanobis distance
-        if squared.min() > self._settings.gate:
-            ray.failures += 1
-            if ray.failures >= self._settings.lost_after:
-                self.forget(step, landmark)
-            return False
-        ray.failures = 0
-        Z = np.where(Z > R, Z, 2.0 * math.pi)  # H = 0 for a member at the robot: every bearing is equally likely
-        # Lambda_i <- Lambda_i lambda_i / sum, with lambda_i = exp(-nu_i^2 / (2 Z_i)) / sqrt(Z_i)
-        ray.log_weights = _normalised(ray.log_weights - squared / 2.0 - np.log(Z) / 2.0)
-        return True
-
-    def _prune(self, ray: Ray) -> None:
-        """Remove members with Lambda_i < tau / N_g, where tau is `Rays.threshold`.
-
-        If two members remain at nearly the same distance, remove the one with the smaller weight. The heaviest member
-        always remains.
-        """
-        kept = ray.log_weights >= math.log(self._settings.threshold / ray.first_count)
-        if kept.sum() == 2:
-            positions = self._map.state.entries(self._map.state.columns_of(ray.members[kept])).reshape(-1, 2)
-            near, far = sorted(np.hypot(*(positions - self._map.state.robot[:2]).T))
-            if far < SAME * near:
-                kept[:] = False
-        kept[np.argmax(ray.log_weights)] = True  # the heaviest member always remains
-        self._remove(ray.members[~kept])
-        ray.members, ray.numbers = ray.members[kept], ray.numbers[kept]
-        ray.log_weights = _normalised(ray.log_weights[kept])
-
-    def _promote(self, step: int, landmark: int) -> int:
-        """Turn a ray's last member into a point; return its id in the map."""
-        ray = self._rays.pop(landmark)
-        self.log.end(step, landmark, int(ray.numbers[0]))
-        return int(ray.members[0])
-
-    def _shares(self, ray: Ray) -> tuple[Int, Float]:
-        """Return the ids of the members that a bearing updates, and the share rho_i of its information for each."""
-        weights, sharing = np.exp(ray.log_weights), self._settings.sharing
-        if len(weights) == 1:  # a point
-            return ray.members, np.ones(1)
-        if sharing == "federated":
-            updated = weights >= MIN_SHARE
-            return ray.members[updated], weights[updated]  # rho_i = Lambda_i
-        if sharing == "best":
-            heaviest = np.argmax(weights)
-            return ray.members[heaviest : heaviest + 1], np.ones(1)
-        if sharing == "weights":
-            return ray.members[:0], np.zeros(0)
-        return ray.members, np.full(len(weights), 1.0 if sharing == "none" else 1.0 / len(weights))
+    def _end(self, step: int, landmark: int, survivor: int = -1) -> Ray:
+        self.log.end(step, landmark, survivor)
+        return self._rays.pop(landmark)
 
     def forget(self, step: int, landmark: int) -> None:
         """Delete a ray and its members."""
-        self._remove(self._rays.pop(landmark).members)
-        self.log.end(step, landmark)
+        self._remove(self._end(step, landmark).members)
 
     def _remove(self, members: Int) -> None:
         for member in members.tolist():
@@ -218,9 +235,3 @@ class RayInitialiser:
             position=self._map.state.positions[slots],
             cov=self._map.state.position_covs[slots],
         )
-
-
-def _normalised(log_weights: Float) -> Float:
-    """Return the logarithms of the weights after division by their sum."""
-    largest = log_weights.max()
-    return log_weights - largest - math.log(np.exp(log_weights - largest).sum())

@@ -40,7 +40,6 @@ from slamgauge.errors import UserError
         (MapManagement, {"vagueness": 0.0}, "vagueness: 0.0 is out of range; choose it above 0"),
         (MapManagement, {"certainty": 0.5}, "certainty: 0.5 is out of range; choose it above 0.5 and at most 1"),
         (MapManagement, {"new_density": 0.0}, "new_density: 0.0 is out of range; choose it above 0"),
-        (Rays, {"sharing": "federate"}, "sharing: 'federate' is not known; did you mean federated?"),
         (Rays, {"s_min": 10.0}, "s_max: 10.0 m must be beyond s_min, 10.0 m; choose it larger"),
         (Rays, {"s_max": float("inf")}, "s_max: inf is not a finite number; choose it above 0"),
         (Rays, {"s_max": -1.0}, "s_max: -1.0 is out of range; choose it above 0"),
@@ -120,9 +119,7 @@ def test_chosen_values_are_kept_and_others_fitted():
     [("fis", Rays, "fis"), ("inverse_depth", InverseDepth, "inverse-depth"), ("delayed", Delayed, "delayed")],
 )
 def test_a_scenario_can_set_every_field(section: str, kind: type, initialisation: str):
-    chosen = {
-        each.name: 2 * getattr(kind(), each.name) for each in fields(kind) if each.name not in ("sharing", "alpha")
-    }
+    chosen = {each.name: 2 * getattr(kind(), each.name) for each in fields(kind) if each.name != "alpha"}
     overrides = [f"{section}.{key}={value}" for key, value in chosen.items()]
     scenario = load_scenario("q4-ring", [f"initialisation={initialisation}", *overrides])
     assert scenario.initialisation_settings == kind(**chosen)

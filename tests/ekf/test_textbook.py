@@ -6,10 +6,14 @@ On random recordings, with correlated noise and position sensors too, `test_filt
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.linalg import block_diag
 
 from slamgauge import (
     Association,
@@ -24,7 +28,18 @@ from slamgauge import (
 from slamgauge import textbook_ekf as exported
 from slamgauge.arrays import Float
 from slamgauge.ekf.settings import FilterSettings
-from slamgauge.ekf.textbook import augment, linearise, locate, motion_jacobians, predict, textbook_ekf, update
+from slamgauge.ekf.textbook import (
+    Belief,
+    augment,
+    linearise,
+    locate,
+    motion_jacobians,
+    predict,
+    stack,
+    textbook_ekf,
+    update,
+)
+from slamgauge.se2 import wrap
 from tests.reference.jacobians import assert_jacobian
 from tests.reference.random_recordings import random_recording, recording_of
 
@@ -42,22 +57,20 @@ SHORT = {"q2-long-dense": 400, "q2-gate-1": 150, "q2-gate-100": 400}
 def test_motion_jacobians() -> None:
     u = np.array([0.5, 0.1, 0.6])  # the heading passes pi
     F, G = motion_jacobians(X, u)
-    none = np.zeros((len(X), len(X)))
-    assert_jacobian(lambda at: predict(at, none, u, np.zeros((3, 3)))[0][:3], F, X[:3], angles=[2])
-    assert_jacobian(lambda at: predict(X, none, at, np.zeros((3, 3)))[0][:3], G, u, angles=[2])
+    none = np.zeros((3, 3))
+    assert_jacobian(lambda at: predict(Belief(at, none, ()), u, none).x, F, X[:3], angles=[2])
+    assert_jacobian(lambda at: predict(Belief(X[:3], none, ()), at, none).x, G, u, angles=[2])
 
 
 @SENSORS
 def test_observation_jacobian(sensor: str) -> None:
     slots, z, noise = np.array([1, 0]), np.array([[3.0, 0.5], [2.0, 1.5]]), np.zeros((2, 2, 2))
-    seen = linearise(sensor, X, slots, z, noise)
-    H = np.zeros((2, 2, len(X)))
-    for row, columns, block in zip(H, seen.columns, seen.jacobian, strict=True):
-        row[:, columns] = block
+    _, H, _ = stack(linearise(sensor, X, slots, z, noise), len(X))
     angles = [1, 3] if sensor == "range-bearing" else []
-    assert_jacobian(
-        lambda at: -linearise(sensor, at, slots, z, noise).innovation.ravel(), H.reshape(4, -1), X, angles=angles
-    )
+    assert_jacobian(lambda at: -linearise(sensor, at, slots, z, noise).innovation.ravel(), H, X, angles=angles)
+    elsewhere = linearise(sensor, X + 0.1, slots, z, noise, x_jac=X)
+    np.testing.assert_array_equal(stack(elsewhere, len(X))[1], H)
+    np.testing.assert_array_equal(elsewhere.innovation, linearise(sensor, X + 0.1, slots, z, noise).innovation)
 
 
 @SENSORS
@@ -80,7 +93,7 @@ def test_prediction_on_full_matrices() -> None:
     P, Q, u = random_covariance(7), random_covariance(3), np.array([0.5, 0.1, 0.6])
     F, G = np.eye(7), np.eye(7, 3)
     F[:3, :3], G[:3] = motion_jacobians(X, u)
-    np.testing.assert_allclose(predict(X, P, u, Q)[1], F @ P @ F.T + G @ Q @ G.T, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(predict(Belief(X, P, (4, 2)), u, Q).P, F @ P @ F.T + G @ Q @ G.T, rtol=0, atol=1e-12)
 
 
 def test_augmentation_on_full_matrices() -> None:
@@ -88,22 +101,24 @@ def test_augmentation_on_full_matrices() -> None:
     landmark, J_r, J_y = locate("range-bearing", X[:3], z)
     T, noise = np.vstack([np.eye(7), np.eye(2, 7)]), np.zeros((9, 9))
     T[7:, :3], noise[7:, 7:] = J_r, J_y @ R @ J_y.T
-    x, augmented = augment("range-bearing", X, P, z, R)
+    x, augmented, ids = augment("range-bearing", Belief(X, P, (4, 2)), 7, z, R)
     np.testing.assert_array_equal(x, [*X, *landmark])
     np.testing.assert_allclose(augmented, T @ P @ T.T + noise, rtol=0, atol=1e-12)
+    assert ids == (4, 2, 7)
 
 
 def test_the_update_equals_the_joseph_form() -> None:
     P, R = 0.01 * random_covariance(7), 0.01 * np.stack([random_covariance(2), 2 * random_covariance(2)])
     z, slots = np.array([[2.5, 1.3], [2.9, 2.1]]), np.array([0, 1])
-    seen = linearise("position", X, slots, z, R)
-    _, after, _, dof = update(X, P, seen)
-    H, noise = np.zeros((4, 7)), np.zeros((4, 4))
-    for i, columns in enumerate(seen.columns):
-        H[2 * i : 2 * i + 2, columns], noise[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = seen.jacobian[i], R[i]
+    v, H, noise = stack(linearise("position", X, slots, z, R), len(X))
+    np.testing.assert_array_equal(noise, block_diag(*R))
+    (x, after, _), _, dof = update(Belief(X, P, (4, 2)), v, H, noise)
     K = P @ H.T @ np.linalg.inv(H @ P @ H.T + noise)
     joseph = (np.eye(7) - K @ H) @ P @ (np.eye(7) - K @ H).T + K @ noise @ K.T
     np.testing.assert_allclose(after, joseph, rtol=0, atol=1e-13)
+    expected = X + K @ v
+    expected[2] = wrap(expected[2])
+    np.testing.assert_allclose(x, expected, rtol=0, atol=1e-13)
     assert dof == 4
 
 
@@ -111,7 +126,7 @@ def test_a_bearing_of_a_landmark_at_the_robot_is_not_used() -> None:
     x = np.array([1.0, 2.0, 0.3, 1.003, 2.0])
     R = np.array([[[0.01, 0.004], [0.004, 0.02]]])
     seen = linearise("range-bearing", x, np.array([0]), np.array([[0.1, 2.0]]), R)
-    _, P, nis, dof = update(x, 0.01 * np.eye(5), seen)
+    (_, P, _), nis, dof = update(Belief(x, 0.01 * np.eye(5), (4,)), *stack(seen, len(x)))
     assert dof == 1
     assert nis == pytest.approx((0.1 - 0.003) ** 2 / 0.03)  # S = 0.01 + 0.01 + 0.01
     assert P[2, 2] == 0.01
@@ -167,7 +182,7 @@ def test_other_associations_are_refused(association: Association) -> None:
         textbook_ekf(random_recording(0)[1], association)
 
 
-# --- its name ------------------------------------------------------------------------------------
+# --- its name and its program ----------------------------------------------------------------------
 
 
 def test_the_estimator_textbook_ekf_uses_the_gate_of_the_scenario() -> None:
@@ -177,3 +192,10 @@ def test_the_estimator_textbook_ekf_uses_the_gate_of_the_scenario() -> None:
     loaded = load_estimators(["textbook-ekf", "ekf"], association=scenario.association)
     assert_equal(loaded["ekf"](recording), loaded["textbook-ekf"](recording))
     assert len(loaded["ekf"](recording).landmark_ids) < len(textbook_ekf(recording).landmark_ids)  # gate 9
+
+
+def test_the_file_is_a_program_that_draws_a_run(tmp_path: Path) -> None:
+    file = Path(__file__).parents[2] / "ekf" / "textbook.py"
+    done = subprocess.run([sys.executable, file], cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert done.stdout == f"Map and errors: {Path('results/textbook/figure.png')}\n"
+    assert (tmp_path / "results/textbook/figure.png").stat().st_size > 10_000

@@ -1,6 +1,6 @@
 """Dense and slow versions of the fast filters, used as references.
 
-They share formulas with `slamgauge.ekf.textbook`, the EKF of the exercise. `_run` has these kinds:
+They share formulas with `slamgauge.ekf.textbook`, the EKF of the exercise. `DenseFilter` has these kinds:
 
 * `standard`: the EKF, here with Student-t weights of the observations (`tails` degrees of freedom);
 * `first-estimates`: Jacobians at the first position of each landmark and at the last predicted pose (Huang, Mourikis
@@ -23,7 +23,7 @@ import numpy as np
 import pytest
 from scipy.linalg import block_diag
 
-from slamgauge.arrays import Float
+from slamgauge.arrays import Float, Int
 from slamgauge.ekf import ekf_slam, fej_ekf, iekf, oc_ekf, riekf, textbook, textbook_ekf
 from slamgauge.ekf.kernels.belief import AT_POINT, Belief
 from slamgauge.ekf.kernels.linearisation import PROJECTED
@@ -33,67 +33,142 @@ from slamgauge.recording import Recording
 from slamgauge.se2 import compose, mean_rotation, rotation, wrap
 
 Kind = Literal["standard", "first-estimates", "observable", "iterated", "invariant"]
-Jacobians = Literal["additive", "observable", "invariant"]
-KEEP_FIRST = ("first-estimates", "observable")  # kinds with a separate linearisation point
+Step = tuple[Float, Float, float, int]  # pose, its additive covariance, NIS, degrees of freedom
+
+
+class DenseFilter:
+    """A filter on full matrices; landmarks are numbered in the order of their addition.
+
+    Attributes:
+        x: (3 + 2L,) mean.
+        P: (3 + 2L, 3 + 2L) covariance of the filter's error: right-invariant for `invariant`, else additive.
+        first: (3 + 2L,) the last predicted pose, and the first position of each landmark.
+    """
+
+    def __init__(self, sensor: str, x: Float, P: Float, kind: Kind, tails: float = math.inf) -> None:
+        """Start at x with the additive covariance P."""
+        self.sensor, self.kind, self.tails = sensor, kind, tails
+        self.x, self.first = x.copy(), x.copy()
+        self.cov = P
+
+    @property
+    def cov(self) -> Float:
+        """(3 + 2L, 3 + 2L) covariance of the additive error."""
+        D = self.to_additive()
+        cov = D @ self.P @ D.T
+        return (cov + cov.T) / 2
+
+    @cov.setter
+    def cov(self, cov: Float) -> None:
+        back = np.linalg.inv(self.to_additive())
+        self.P = back @ cov @ back.T
+
+    def to_additive(self) -> Float:
+        """Return D, the additive error for an error of the filter, to first order."""
+        return additive_from_invariant(self.x) if self.kind == "invariant" else np.eye(len(self.x))
+
+    @property
+    def landmark_count(self) -> int:
+        """L."""
+        return (len(self.x) - 3) // 2
+
+    @property
+    def point(self) -> Float:
+        """(3 + 2L,) where Jacobians of motion and of new landmarks are taken."""
+        return self.first if self.kind in ("first-estimates", "observable") else self.x
+
+    def predict(self, increment: Float, Q: Float) -> None:
+        x = moved(self.x, increment)
+        F, G = np.eye(len(x)), np.zeros((len(x), 3))
+        G[:3] = textbook.motion_jacobians(self.x, increment)[1]
+        if self.kind == "invariant":
+            G[:2, 2] = -J @ x[:2]
+            for i in range(3, len(x), 2):
+                G[i : i + 2, 2] = -J @ x[i : i + 2]
+        else:
+            F[:2, 2] = J @ (x[:2] - self.point[:2])
+        self.x, self.P = x, F @ self.P @ F.T + G @ Q @ G.T
+        self.first[:3] = x[:3]
+
+    def linearise(self, slots: list[int], z: Float, R: Float) -> Linearised:
+        """Compare observations (m, 2), with covariances (m, 2, 2), with predictions for the landmarks `slots`."""
+        x_jac = self.first if self.kind == "first-estimates" else self.x
+        seen = textbook.linearise(self.sensor, self.x, np.array(slots, dtype=np.int64), z, R, x_jac)
+        if self.kind == "invariant":
+            seen.jacobian[:, :, 2] = 0.0
+        if self.kind == "observable":
+            for H, columns in zip(seen.jacobian, seen.columns, strict=True):
+                N = unobservable(self.first)[columns]
+                H[:] = H @ (np.eye(5) - N @ np.linalg.solve(N.T @ N, N.T))
+        return seen
+
+    def squared_distances(self, z: Float, R: Float) -> Float:
+        """Return d^2 (L,) of one observation and every landmark."""
+        copies = np.tile(z, (self.landmark_count, 1)), np.tile(R, (self.landmark_count, 1, 1))
+        return textbook.squared_distances(self.P, self.linearise([*range(self.landmark_count)], *copies))
+
+    def update(self, slots: list[int], z: Float, R: Float) -> float:
+        """Update with observations (m, 2), with covariances (m, 2, 2), of the landmarks `slots`; return the NIS."""
+        if not slots:
+            return 0.0
+        seen = self.linearise(slots, z, R)
+        if self.tails < math.inf:
+            seen = seen._replace(noise=weighted(self.P, seen, self.tails))
+        if self.kind == "iterated":
+            self.x, self.P, nis = update_iterated(self.sensor, self.x, self.P, slots, z, seen.noise)
+            return nis
+        at = np.zeros(len(self.x)) if self.kind == "invariant" else self.x
+        (x, self.P, _), nis, _ = textbook.update(textbook.Belief(at, self.P, ()), *textbook.stack(seen, len(at)))
+        self.x = exp_action(x, self.x) if self.kind == "invariant" else x
+        self.x[2] = wrap(self.x[2])
+        return nis
+
+    def augment(self, z: Float, R: Float) -> None:
+        """Append a new landmark, observed at z (2,)."""
+        landmark, J_r, J_y = textbook.locate(self.sensor, self.x[:3], z)
+        J_r[:, 2] = 0.0 if self.kind == "invariant" else J @ (landmark - self.point[:2])
+        T = np.vstack([np.eye(len(self.x)), np.eye(2, len(self.x))])
+        T[-2:, :3] = J_r
+        self.P = T @ self.P @ T.T
+        self.P[-2:, -2:] += J_y @ R @ J_y.T
+        self.x, self.first = np.concatenate([self.x, landmark]), np.concatenate([self.first, landmark])
 
 
 def _run(recording: Recording, tails: float = math.inf, *, kind: Kind) -> Estimate:
     assert recording.landmark is not None
-    invariant = kind == "invariant"
-    jacobians: Jacobians = "invariant" if invariant else "observable" if kind == "observable" else "additive"
-    x, P, ids = recording.prior_mean.copy(), recording.prior_cov.copy(), []
-    first = x.copy()
-    if invariant:
-        D = additive_from_invariant(x)
-        P = np.linalg.inv(D) @ P @ np.linalg.inv(D).T
-    poses, pose_covs, nis, dof = [], [], [], []
+    slam = DenseFilter(recording.sensor, recording.prior_mean, recording.prior_cov, kind, tails)
+    ids, steps = list[int](), list[Step]()
     for k, scan in enumerate(recording.scans()):
         if k > 0:
-            predict = predict_invariant if invariant else predict_standard
-            point = first if kind in KEEP_FIRST else x
-            x, P = predict(x, point, P, recording.odometry[k - 1], recording.odometry_cov[k - 1])
-            first[:3] = x[:3]
+            slam.predict(recording.odometry[k - 1], recording.odometry_cov[k - 1])
         assert scan.landmark is not None
         names = scan.landmark.tolist()
         old = [i for i, name in enumerate(names) if name in ids]
         new = [i for i, name in enumerate(names) if name not in ids and name not in names[:i]]
-        again = [
-            i for i in range(len(names)) if i not in old + new
-        ]  # further observations of a landmark that is new in this scan
-        nis.append(0.0)
-        dof.append(2 * len(old + again))
-        for rows, then_new in ((old, new), (again, [])):
-            slots, z, R = [ids.index(names[i]) for i in rows], scan.value[rows], scan.cov[rows]
-            if tails < math.inf and rows:
-                seen = linearised(recording.sensor, x, first if kind in KEEP_FIRST else x, slots, z, R, kind=jacobians)
-                R = weighted(P, seen, tails)
-            if rows and kind == "iterated":
-                x, P, own = update_iterated(recording.sensor, x, P, slots, z, R)
-                nis[-1] += own
-            elif rows:
-                point = first if kind in KEEP_FIRST else x
-                x, P, own = update(recording.sensor, x, point, P, slots, z, R, kind=jacobians)
-                nis[-1] += own
-            for i in then_new:
-                ids.append(names[i])
-                point = first if kind in KEEP_FIRST else x
-                x, P = augment(recording.sensor, x, point, P, scan.value[i], scan.cov[i], invariant=invariant)
-                first = np.concatenate([first, x[-2:]])
-        D = additive_from_invariant(x) if invariant else np.eye(len(x))
-        poses.append(x[:3])
-        pose_covs.append((D @ P @ D.T)[:3, :3])
-    D = additive_from_invariant(x) if invariant else np.eye(len(x))
-    full = D @ P @ D.T
+        again = [i for i in range(len(names)) if i not in old + new]  # further observations of a new landmark
+        nis = slam.update([ids.index(names[i]) for i in old], scan.value[old], scan.cov[old])
+        for i in new:
+            ids.append(names[i])
+            slam.augment(scan.value[i], scan.cov[i])
+        nis += slam.update([ids.index(names[i]) for i in again], scan.value[again], scan.cov[again])
+        steps.append((slam.x[:3], slam.cov[:3, :3], nis, 2 * len(old + again)))
+    return estimate_of(slam, np.array(ids, dtype=np.int64), steps, recording.landmark)
+
+
+def estimate_of(slam: DenseFilter, ids: Int, steps: list[Step], association: Int) -> Estimate:
+    """Return the estimate of a run; `ids` (L,) are the landmarks, `association` (M,) those of the observations."""
+    poses, pose_covs, nis, dof = (np.array(each) for each in zip(*steps, strict=True))
+    cov = slam.cov
     return Estimate(
         kind="filtered",
-        poses=np.array(poses),
-        pose_covs=np.array(pose_covs),
-        landmark_ids=np.array(ids, dtype=np.int64),
-        landmarks=x[3:].reshape(-1, 2),
-        landmark_covs=np.array([full[i : i + 2, i : i + 2] for i in range(3, len(x), 2)]).reshape(-1, 2, 2),
-        association=recording.landmark,
-        nis=np.array(nis),
-        nis_dof=np.array(dof),
+        poses=poses,
+        pose_covs=pose_covs,
+        landmark_ids=ids,
+        landmarks=slam.x[3:].reshape(-1, 2),
+        landmark_covs=np.array([cov[i : i + 2, i : i + 2] for i in range(3, len(cov), 2)]).reshape(-1, 2, 2),
+        association=association,
+        nis=nis,
+        nis_dof=dof,
     )
 
 
@@ -136,49 +211,6 @@ def moved(x: Float, increment: Float) -> Float:
     return np.concatenate([compose(x[:3], increment), x[3:]])
 
 
-def predict_standard(x: Float, point: Float, P: Float, increment: Float, Q: Float) -> tuple[Float, Float]:
-    after = moved(x, increment)
-    F, G = np.eye(len(x)), np.zeros((len(x), 3))
-    F[:2, 2] = J @ (after[:2] - point[:2])
-    G[:3] = textbook.motion_jacobians(x, increment)[1]
-    return after, F @ P @ F.T + G @ Q @ G.T
-
-
-def predict_invariant(x: Float, _: Float, P: Float, increment: Float, Q: Float) -> tuple[Float, Float]:
-    after = moved(x, increment)
-    G = np.zeros((len(x), 3))
-    G[:3] = textbook.motion_jacobians(x, increment)[1]
-    G[:2, 2] = -J @ after[:2]
-    for i in range(3, len(x), 2):
-        G[i : i + 2, 2] = -J @ x[i : i + 2]
-    return after, P + G @ Q @ G.T
-
-
-def linearised(
-    sensor: str, x: Float, point: Float, slots: list[int], z: Float, R: Float, *, kind: Jacobians = "additive"
-) -> Linearised:
-    """Return innovations at `x` and Jacobians at `point` (`observable`: at `x`, with H N = 0 at `point`)."""
-    entries = np.array(slots, dtype=np.int64)
-    seen = textbook.linearise(sensor, x, entries, z, R)
-    at = x if kind == "observable" else point
-    H = seen.jacobian if at is x else textbook.linearise(sensor, at, entries, z, R).jacobian
-    if kind == "invariant":
-        H[:, :, 2] = 0.0
-    if kind == "observable":
-        for a, columns in enumerate(seen.columns):
-            N = unobservable(point)[columns]
-            H[a] = H[a] @ (np.eye(5) - N @ np.linalg.solve(N.T @ N, N.T))
-    return seen._replace(jacobian=H)
-
-
-def dense(seen: Linearised, size: int) -> tuple[Float, Float]:
-    """Return the innovation (2m,) and H (2m, n) of all observations."""
-    H = np.zeros((*seen.innovation.shape, size))
-    for i, columns in enumerate(seen.columns):
-        H[i][:, columns] = seen.jacobian[i]
-    return seen.innovation.ravel(), H.reshape(-1, size)
-
-
 def block_diagonal(R: Float) -> Float:
     """Return the blocks (m, 2, 2) on the diagonal of a matrix (2m, 2m)."""
     return np.asarray(block_diag(*R))
@@ -198,25 +230,13 @@ def unobservable(point: Float) -> Float:
     return N
 
 
-def update(
-    sensor: str, x: Float, point: Float, P: Float, slots: list[int], z: Float, R: Float, *, kind: Jacobians
-) -> tuple[Float, Float, float]:
-    seen = linearised(sensor, x, point, slots, z, R, kind=kind)
-    if kind != "invariant":
-        return textbook.update(x, P, seen)[:3]
-    xi, P, nis, _ = textbook.update(np.zeros(len(x)), P, seen)
-    x = exp_action(xi, x)
-    x[2] = wrap(x[2])
-    return x, P, nis
-
-
 def update_iterated(
     sensor: str, x: Float, P: Float, slots: list[int], z: Float, R: Float
 ) -> tuple[Float, Float, float]:
     """Minimise u'u + v' R^-1 v at x + Lu, P = LL', by Levenberg-Marquardt from u = 0."""
 
     def at(x: Float) -> tuple[Float, Float]:
-        return dense(linearised(sensor, x, x, slots, z, R), len(x))
+        return textbook.stack(textbook.linearise(sensor, x, np.array(slots), z, R), len(x))[:2]
 
     variances, axes = np.linalg.eigh(P)
     L = axes * np.sqrt(variances.clip(min=0.0))
@@ -262,7 +282,8 @@ def curvature(sensor: str, x: Float, slots: list[int], z: Float, weights: Float)
         for column in (0, 1, 2, 3 + 2 * slot, 4 + 2 * slot):
             ahead, behind = x.copy(), x.copy()
             ahead[column], behind[column] = x[column] + h, x[column] - h
-            H = (dense(linearised(sensor, p, p, [slot], z[a : a + 1], no_noise), len(x))[1] for p in (ahead, behind))
+            seen = (textbook.linearise(sensor, p, np.array([slot]), z[a : a + 1], no_noise) for p in (ahead, behind))
+            H = (textbook.stack(each, len(x))[1] for each in seen)
             C[:, column] += np.subtract(*(each.T @ weights[of_one] for each in H)) / (2 * h)
     return (C + C.T) / 2
 
@@ -276,15 +297,3 @@ def exp_action(xi: Float, x: Float) -> Float:
     for i in range(3, len(x), 2):
         out[i : i + 2] = R @ x[i : i + 2] + V @ xi[i : i + 2]
     return out
-
-
-def augment(
-    sensor: str, x: Float, point: Float, P: Float, z: Float, R: Float, *, invariant: bool
-) -> tuple[Float, Float]:
-    landmark, J_r, J_y = textbook.locate(sensor, x[:3], z)
-    J_r[:, 2] = 0.0 if invariant else J @ (landmark - point[:2])
-    T = np.vstack([np.eye(len(x)), np.eye(2, len(x))])
-    T[-2:, :3] = J_r
-    P = T @ P @ T.T
-    P[-2:, -2:] += J_y @ R @ J_y.T
-    return np.concatenate([x, landmark]), P

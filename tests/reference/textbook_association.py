@@ -18,20 +18,7 @@ from slamgauge.arrays import Float
 from slamgauge.ekf import Association, textbook, textbook_ekf
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
-from tests.reference.textbook import (
-    KEEP_FIRST,
-    Jacobians,
-    Kind,
-    additive_from_invariant,
-    augment,
-    block_diagonal,
-    dense,
-    linearised,
-    predict_invariant,
-    predict_standard,
-    update,
-    update_iterated,
-)
+from tests.reference.textbook import DenseFilter, Kind, Step, block_diagonal, estimate_of
 
 Pair = tuple[int, int]  # observation, slot
 
@@ -42,70 +29,23 @@ def textbook_nearest_neighbour(recording: Recording, gate: float, kind: Kind) ->
     """Run a filter with nearest-neighbour association; landmark ids are 0, 1, ... in the order of their addition."""
     if kind == "standard":
         return textbook_ekf(replace(recording, landmark=None), Association(gate=gate))
-    invariant = kind == "invariant"
-    jacobians: Jacobians = "invariant" if invariant else "observable" if kind == "observable" else "additive"
-    x, P = recording.prior_mean.copy(), recording.prior_cov.copy()
-    first = x.copy()
-    if invariant:
-        back = np.linalg.inv(additive_from_invariant(x))
-        P = back @ P @ back.T
-    poses, pose_covs, nis, dof, association = [], [], [], [], []
+    slam = DenseFilter(recording.sensor, recording.prior_mean, recording.prior_cov, kind)
+    association, steps = list[int](), list[Step]()
     for k, scan in enumerate(recording.scans()):
         if k > 0:
-            predict = predict_invariant if invariant else predict_standard
-            point = first if kind in KEEP_FIRST else x
-            x, P = predict(x, point, P, recording.odometry[k - 1], recording.odometry_cov[k - 1])
-            first[:3] = x[:3]
-        nis.append(0.0)
-        dof.append(0)
+            slam.predict(recording.odometry[k - 1], recording.odometry_cov[k - 1])
+        nis, dof = 0.0, 0
         for z, R in zip(scan.value, scan.cov, strict=True):
-            point = first if kind in KEEP_FIRST else x
-            distances = squared_distances(recording.sensor, x, point, P, z, R, kind=jacobians)
-            if len(distances) and min(distances) <= gate:
+            distances = slam.squared_distances(z, R)
+            if distances.min(initial=np.inf) <= gate:
                 slot = int(np.argmin(distances))
-                sight = [slot], z[None], R[None]
-                if kind == "iterated":
-                    x, P, step_nis = update_iterated(recording.sensor, x, P, *sight)
-                else:
-                    x, P, step_nis = update(recording.sensor, x, point, P, *sight, kind=jacobians)
-                nis[-1] += step_nis
-                dof[-1] += 2
-                association.append(slot)
+                nis, dof = nis + slam.update([slot], z[None], R[None]), dof + 2
             else:
-                association.append((len(x) - 3) // 2)
-                x, P = augment(recording.sensor, x, point, P, z, R, invariant=invariant)
-                first = np.concatenate([first, x[-2:]])
-        full = additive(x, P, invariant=invariant)
-        poses.append(x[:3])
-        pose_covs.append(full[:3, :3])
-    full = additive(x, P, invariant=invariant)
-    return Estimate(
-        kind="filtered",
-        poses=np.array(poses),
-        pose_covs=np.array(pose_covs),
-        landmark_ids=np.arange((len(x) - 3) // 2),
-        landmarks=x[3:].reshape(-1, 2),
-        landmark_covs=np.array([full[i : i + 2, i : i + 2] for i in range(3, len(x), 2)]).reshape(-1, 2, 2),
-        association=np.array(association, dtype=np.int64),
-        nis=np.array(nis),
-        nis_dof=np.array(dof),
-    )
-
-
-def additive(x: Float, P: Float, *, invariant: bool) -> Float:
-    """Return the covariance of the additive error."""
-    D = additive_from_invariant(x) if invariant else np.eye(len(x))
-    full = D @ P @ D.T
-    return (full + full.T) / 2
-
-
-def squared_distances(
-    sensor: str, x: Float, point: Float, P: Float, z: Float, R: Float, *, kind: Jacobians = "additive"
-) -> Float:
-    """Return d^2 (L,) of one observation and every landmark, with Jacobians at `point`."""
-    count = (len(x) - 3) // 2
-    copies = np.tile(z, (count, 1)), np.tile(R, (count, 1, 1))
-    return textbook.squared_distances(P, linearised(sensor, x, point, [*range(count)], *copies, kind=kind))
+                slot = slam.landmark_count
+                slam.augment(z, R)
+            association.append(slot)
+        steps.append((slam.x[:3], slam.cov[:3, :3], nis, dof))
+    return estimate_of(slam, np.arange(slam.landmark_count), steps, np.array(association, dtype=np.int64))
 
 
 @dataclass(frozen=True)
@@ -134,12 +74,12 @@ class Scan:
 
 def dense_scan(sensor: str, x: Float, point: Float, P: Float, z: Float, R: Float) -> Scan:
     """Return the scan of observations (m, 2) with covariances (m, 2, 2), with Jacobians at `point`."""
-    slots = list(range((len(x) - 3) // 2))
+    slots = np.arange((len(x) - 3) // 2)
     no_noise = np.zeros((len(slots), 2, 2))
     copies = [np.tile(value, (len(slots), 1)) for value in z]
-    rows = [dense(linearised(sensor, x, point, slots, each, no_noise), len(x)) for each in copies]
-    innovation = np.array([v.reshape(-1, 2) for v, _ in rows])
-    jacobian = np.array([H.reshape(-1, 2, len(x)) for _, H in rows])
+    seen = [textbook.linearise(sensor, x, slots, each, no_noise, point) for each in copies]
+    innovation = np.array([each.innovation for each in seen])
+    jacobian = np.array([textbook.stack(each, len(x))[1].reshape(-1, 2, len(x)) for each in seen])
     return Scan(innovation, jacobian, P, R)
 
 

@@ -6,7 +6,6 @@ The recording has no noise, so that a right filter returns the true state, whate
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
@@ -15,7 +14,7 @@ from slamgauge.arrays import Float
 from slamgauge.compare.estimators.captured_output import discarded
 from slamgauge.compare.estimators.forms.state_log import StateLog, Steps
 from slamgauge.compare.estimators.user_code import UserCodeError, reason_of, user_frames
-from slamgauge.ekf.textbook import textbook_ekf  # it loads no compiler, which would slow down the start of processes
+from slamgauge.ekf import textbook  # it loads no compiler, which would slow down the start of processes
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain, rotation, wrap
@@ -141,12 +140,8 @@ def _map_error(estimate: Estimate, recording: Recording) -> float:
 
 def _sigma_ratio(estimate: Estimate, recording: Recording) -> float:
     """Return the largest absolute logarithm of a last sigma over that of dead reckoning."""
-    blind = replace(
-        recording,
-        observation_step=recording.observation_step[:0],
-        observation=recording.observation[:0],
-        observation_cov=recording.observation_cov[:0],
-        landmark=None,
-    )
-    mine, right = (np.diagonal(np.asarray(each.pose_covs)[-1]) for each in (estimate, textbook_ekf(blind)))
+    belief = textbook.Belief(recording.prior_mean, recording.prior_cov, ())
+    for increment, cov in zip(recording.odometry, recording.odometry_cov, strict=True):
+        belief = textbook.predict(belief, increment, cov)
+    mine, right = np.diagonal(np.asarray(estimate.pose_covs)[-1]), np.diagonal(belief.P)
     return float(np.abs(np.log(np.maximum(mine, 1e-18) / right)).max() / 2)

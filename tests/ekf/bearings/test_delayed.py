@@ -75,7 +75,7 @@ class Twin:
         self.sights: list[float] = []
 
     def predict(self, increment: Float) -> None:
-        self.x, self.P = textbook.predict(self.x, self.P, increment, Q)
+        self.x, self.P, _ = textbook.predict(textbook.Belief(self.x, self.P, ()), increment, Q)
 
     def see(self, z: float) -> bool:
         """Clone the robot; place the landmark if its bearings are sufficient; return whether it is placed."""

@@ -106,7 +106,7 @@ class Twin:
         self.x = np.concatenate([self.x, self.x[:2], [self.x[2] + z, self.settings.mean]])
 
     def predict(self, increment: Float, Q: Float) -> None:
-        self.x, self.P = textbook.predict(self.x, self.P, increment, Q)
+        self.x, self.P, _ = textbook.predict(textbook.Belief(self.x, self.P, ()), increment, Q)
 
     def update(self, z: float, R: float) -> None:
         x, H = self.x, np.zeros(len(self.x))

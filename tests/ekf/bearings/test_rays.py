@@ -6,12 +6,22 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from slamgauge import load_scenario, simulate
 from slamgauge.arrays import Float
 from slamgauge.ekf import ekf_slam, riekf, textbook
 from slamgauge.ekf.bearings.bearing_filter import BearingFilter
-from slamgauge.ekf.bearings.rays import MIN_SHARE, distances_and_sigmas
+from slamgauge.ekf.bearings.rays import (
+    MIN_SHARE,
+    as_observations,
+    distances_and_sigmas,
+    keep,
+    normalised,
+    shares,
+    weigh,
+)
 from slamgauge.ekf.estimators import drive
 from slamgauge.ekf.maps.correction_table import Correction
 from slamgauge.ekf.settings import Rays
@@ -23,6 +33,9 @@ J = np.array([[0.0, -1.0], [1.0, 0.0]])
 FOUR = Rays(alpha=0.3, beta=2.0, s_min=1.0)  # four members
 
 
+# --- equations -----------------------------------------------------------------------------------
+
+
 @pytest.mark.parametrize(
     ("alpha", "beta", "s_min", "s_max", "distances"),
     [
@@ -32,8 +45,74 @@ FOUR = Rays(alpha=0.3, beta=2.0, s_min=1.0)  # four members
         (0.3, 2.0, 9.0, 10.0, [12.86]),
     ],
 )
-def test_distances_of_members(alpha: float, beta: float, s_min: float, s_max: float, distances: list[float]):
-    np.testing.assert_allclose(distances_and_sigmas(Rays(alpha, beta, s_min, s_max))[0], distances, atol=5e-3)
+def test_distances_and_sigmas_of_members(alpha: float, beta: float, s_min: float, s_max: float, distances: list[float]):
+    s, sigma = distances_and_sigmas(Rays(alpha, beta, s_min, s_max))
+    np.testing.assert_allclose(s, distances, atol=5e-3)
+    np.testing.assert_allclose(sigma, alpha * s, rtol=1e-15)
+    assert s[0] - sigma[0] == pytest.approx(s_min)
+    assert s[-1] + sigma[-1] >= s_max
+
+
+def test_a_new_member_is_an_observation_of_its_range():
+    polar, covs = as_observations(np.array([1.5, 3.0]), np.array([0.3, 0.6]), 0.7, 0.01)
+    np.testing.assert_array_equal(polar, [[1.5, 0.7], [3.0, 0.7]])
+    np.testing.assert_allclose(covs, [np.diag([0.09, 0.01]), np.diag([0.36, 0.01])], rtol=1e-15)
+
+
+def test_weights_are_multiplied_by_likelihoods_and_normalised():
+    """Likelihoods, without the factor 1 / sqrt(2 pi): exp(0) / 1 and exp(-2 / 2) / 2."""
+    found = np.exp(weigh(np.log([0.25, 0.75]), np.array([0.0, np.sqrt(8.0)]), np.array([1.0, 4.0]), 0.5))
+    products = np.array([0.25 * 1.0, 0.75 * np.exp(-1.0) / 2.0])
+    np.testing.assert_allclose(found, products / products.sum(), rtol=1e-14)
+
+
+def test_every_bearing_of_a_member_at_the_robot_is_equally_likely():
+    """The variance of its innovation is R, whose square root would be the most likely standard deviation."""
+    found = np.exp(weigh(np.log([0.5, 0.5]), np.array([0.0, 0.1]), np.array([0.01, 0.02]), 0.01))
+    likelihoods = np.array([1.0 / (2.0 * np.pi), np.exp(-0.25) / np.sqrt(2.0 * np.pi * 0.02)])
+    np.testing.assert_allclose(found, likelihoods / likelihoods.sum(), rtol=1e-14)
+
+
+def test_weights_of_a_bearing_that_no_member_explains_stay_finite():
+    found = np.exp(weigh(np.log([0.5, 0.5]), np.array([3.0, 3.1]), np.array([1e-4, 1e-4]), 1e-5))
+    assert found[0] == 1.0  # its likelihood is exp(-45 000): below the smallest double
+    assert found[1] == 0.0
+
+
+@pytest.mark.parametrize(
+    ("weights", "distances", "kept"),
+    [
+        ([0.5, 0.3, 0.1999, 0.0001], [1.0, 2.0, 4.0, 8.0], [True, True, True, False]),  # below 0.001 / 4
+        ([0.5, 0.3, 0.1997, 0.0003], [1.0, 2.0, 4.0, 8.0], [True, True, True, True]),  # above
+        ([0.4, 0.6], [2.0, 2.3], [False, True]),  # nearly the same distance: the heavier one
+        ([0.6, 0.4], [2.3, 2.0], [True, False]),
+        ([0.4, 0.6], [2.0, 2.5], [True, True]),  # 1.25 times the distance
+        ([0.0001, 0.5, 0.4999], [3.0, 2.0, 2.3], [False, True, False]),  # two remain after the first rule
+        ([1.0], [5.0], [True]),
+    ],
+)
+def test_which_members_remain(weights: list[float], distances: list[float], kept: list[bool]):
+    assert keep(np.log(weights), np.array(distances), 0.001 / 4).tolist() == kept
+
+
+def test_the_heaviest_member_always_remains():
+    assert keep(np.log([0.2, 0.5, 0.3]), np.array([1.0, 2.0, 4.0]), 0.9).tolist() == [False, True, False]
+
+
+def test_shares_are_the_weights_of_members_that_are_heavy_enough():
+    np.testing.assert_array_equal(shares(np.array([0.62, 0.05, 0.33])), [0.62, 0.05, 0.33])
+    np.testing.assert_array_equal(shares(np.array([0.62, 0.04, 0.34])), [0.62, 0.0, 0.34])
+    np.testing.assert_array_equal(shares(np.ones(1)), [1.0])  # a point receives the whole bearing
+
+
+@given(st.lists(st.floats(-700.0, 0.0), min_size=1, max_size=30))
+def test_a_ray_receives_at_most_the_information_of_a_bearing(logarithms: list[float]):
+    weights = np.exp(normalised(np.array(logarithms)))
+    assert weights.sum() == pytest.approx(1.0)
+    assert shares(weights).sum() <= 1.0 + 1e-14
+
+
+# --- rays of a map -------------------------------------------------------------------------------
 
 
 class Twin:
@@ -60,7 +139,7 @@ class Twin:
         self.weights = np.full(self.born_with, 1.0 / self.born_with)
 
     def predict(self, increment: Float, Q: Float) -> None:
-        self.x, self.P = textbook.predict(self.x, self.P, increment, Q)
+        self.x, self.P, _ = textbook.predict(textbook.Belief(self.x, self.P, ()), increment, Q)
 
     def member(self, i: int, z: float) -> tuple[float, Float]:
         offset = self.x[3 + 2 * i : 5 + 2 * i] - self.x[:2]

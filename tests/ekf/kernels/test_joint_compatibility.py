@@ -32,7 +32,7 @@ from slamgauge.se2 import rotation
 from slamgauge.sensors import SENSORS as MODELS
 from slamgauge.sensors import predict
 from tests.reference.random_recordings import random_covariances
-from tests.reference.textbook import additive_from_invariant, belief_of
+from tests.reference.textbook import DenseFilter, additive_from_invariant, belief_of
 from tests.reference.textbook_association import (
     Pair,
     Scan,
@@ -40,7 +40,6 @@ from tests.reference.textbook_association import (
     brute_force_joint,
     dense_scan,
     search_order,
-    squared_distances,
 )
 
 SENSORS = pytest.mark.parametrize("sensor", ["range-bearing", "position"])
@@ -142,7 +141,7 @@ def test_the_nearest_landmark_is_never_skipped(sensor: str, correction: Correcti
         x, P = np.concatenate([lone.pose, lone.landmarks.ravel()]), lone.cov
         at = predicted(sensor, x, slots)
         z[1:] = at[1:] + at_the_gate(rng, dense_scan(sensor, x, x, P, at, R), sight, slots, gate)[1:]
-        distances = squared_distances(sensor, x, x, P, z[1], R[1])
+        distances = DenseFilter(sensor, x, P, "standard").squared_distances(z[1], R[1])
         nearest = int(np.argmin(distances)) if distances.min() <= gate else len(distances)
         assert update_nearest(slam.map, ids_from(4), z, R, Gates(gate, gate))[0].tolist() == [first[0], nearest]
         outcomes[int(distances.min() <= gate)] += 1

@@ -192,7 +192,7 @@ class Twin:
     def predict(self) -> None:
         increment, Q = self.rng.normal(size=3), random_cov(self.rng, 3)
         self.slam.predict(increment, Q)
-        self.x, self.P = textbook.predict(self.x, self.P, increment, Q)
+        self.x, self.P, _ = textbook.predict(textbook.Belief(self.x, self.P, ()), increment, Q)
 
     def check(self) -> None:
         np.testing.assert_array_equal(self.slam.landmark_ids, self.ids)

@@ -15,17 +15,16 @@ from slamgauge.ekf.maps.map_edits import merge_landmarks, remove_landmark, repla
 from slamgauge.recording import Observations
 from slamgauge.se2 import wrap
 from tests.reference.random_recordings import random_covariances, random_recording
-from tests.reference.textbook import (
-    additive_from_invariant,
-    belief_of,
-    exp_action,
-    predict_standard,
-    update,
-    update_iterated,
-)
+from tests.reference.textbook import DenseFilter, Kind, additive_from_invariant, belief_of, exp_action
 
 CORRECTIONS = pytest.mark.parametrize("correction", RULES)
-KEEP_FIRST = ("first-estimates", "observability-constrained")
+KINDS: dict[Correction, Kind] = {
+    "standard": "standard",
+    "iterated": "iterated",
+    "first-estimates": "first-estimates",
+    "observability-constrained": "observable",
+    "right-invariant": "invariant",
+}
 SENSORS = pytest.mark.parametrize("sensor", ["range-bearing", "position"])
 
 
@@ -184,24 +183,23 @@ def test_merging_a_landmark_with_its_exact_copy_changes_nothing(correction: Corr
 def test_a_filter_after_a_merge_equals_the_textbook(correction: Correction, sensor: str) -> None:
     """The first estimate of the merged landmark is that of the kept one."""
     slam, rng = random_filter(5, correction, sensor), np.random.default_rng(5)
-    x, P = state_of(slam), slam.cov
-    first = x.copy()
+    twin = DenseFilter(sensor, state_of(slam), slam.cov, KINDS[correction])
     for slots in ([0, 1, 2], [3, 0], [1, 2]):
         increment, Q = np.array([0.3, 0.1, 0.2]), random_covariances(rng, 1, np.array([0.1, 0.1, 0.05]))[0]
         z = observation_near(slam, sensor, slots, rng)
         R = random_covariances(rng, len(slots), np.array([0.1, 0.05]))
-        x, P = predict_standard(x, first if correction in KEEP_FIRST else x, P, increment, Q)
-        first[:3] = x[:3]
-        x, P = dense_update(correction, sensor, x, first, P, slots, z, R)
+        twin.predict(increment, Q)
+        twin.update(slots, z, R)
         slam.predict(increment, Q)
         slam.update(Observations(slam.landmark_ids[slots], z, R))
         if slots == [3, 0]:
-            x, P = dense_merge(correction, x, P, 2, 1)
+            x, P = dense_merge(correction, twin.x, twin.cov, 2, 1)
             kept = entries([0, 4, 2, 3])
-            x, P, first = x[kept], P[np.ix_(kept, kept)], first[kept]
+            twin.x, twin.first = x[kept], twin.first[kept]
+            twin.cov = P[np.ix_(kept, kept)]
             merge_landmarks(slam.map, 2, 1)
-    np.testing.assert_allclose(state_of(slam), x, rtol=0, atol=1e-10)
-    np.testing.assert_allclose(slam.cov, P, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(state_of(slam), twin.x, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(slam.cov, twin.cov, rtol=0, atol=1e-10)
 
 
 def observation_near(slam: SlamFilter, sensor: str, slots: list[int], rng: np.random.Generator) -> Float:
@@ -211,21 +209,6 @@ def observation_near(slam: SlamFilter, sensor: str, slots: list[int], rng: np.ra
     if sensor == "position":
         return distance[:, None] * np.column_stack([np.cos(bearing), np.sin(bearing)])
     return np.column_stack([distance, wrap(bearing)])
-
-
-def dense_update(
-    correction: Correction, sensor: str, x: Float, first: Float, P: Float, slots: list[int], z: Float, R: Float
-) -> tuple[Float, Float]:
-    """Return state and additive covariance after a textbook update."""
-    if correction == "iterated":
-        return update_iterated(sensor, x, P, slots, z, R)[:2]
-    if correction != "right-invariant":
-        kind = "observable" if correction == "observability-constrained" else "additive"
-        return update(sensor, x, first if correction in KEEP_FIRST else x, P, slots, z, R, kind=kind)[:2]
-    back = np.linalg.inv(additive_from_invariant(x))
-    x, P, _ = update(sensor, x, x, back @ P @ back.T, slots, z, R, kind="invariant")
-    D = additive_from_invariant(x)
-    return x, D @ P @ D.T
 
 
 # --- duplicates ----------------------------------------------------------------------------------
