@@ -14,6 +14,7 @@ from slamgauge.compare.exercise.conclusions import to_json as conclusion_json
 from slamgauge.compare.exercise.running import Exercise, SettingRuns
 from slamgauge.compare.exercise.settings import CAUSAL, EKF, GTSAM, QUESTIONS, Setting
 from slamgauge.compare.scoring.nan_stats import mean, rms
+from slamgauge.compare.scoring.optimum_notes import doubt_in_runs
 from slamgauge.compare.scoring.runs import Runs
 from slamgauge.compare.scoring.text_table import interval_cell
 from slamgauge.compare.storage.provenance import origin
@@ -71,6 +72,11 @@ class SettingResult:
         if not any("a sigma" in fault for fault in self.ekf.faults):
             return "consistent"
         return "overconfident" if self.ekf.nees_pose_per_dof.mean > 1.0 else "cautious"
+
+    @property
+    def doubt(self) -> str | None:
+        """Return that the causal optimum, the reference of the ratio, is in doubt in some runs; None if it is not."""
+        return doubt_in_runs(f"{self.setting.figure}: {CAUSAL}", self.estimators[CAUSAL].optimum_check_share)
 
     def to_json(self) -> dict[str, Any]:
         """Return the entry of the setting in exercise.json."""

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 from slamgauge.compare.estimators.registry import CAUSAL, DEAD_RECKONING
 from slamgauge.errors import UserError
-from slamgauge.suggestions import did_you_mean
 
 EKF, GTSAM = "ekf", "gtsam-batch"
 FILTERS = (DEAD_RECKONING, EKF)  # they receive the recording
@@ -97,5 +96,5 @@ def require_questions(names: tuple[str, ...]) -> tuple[str, ...]:
     """
     for name in names:
         if name not in QUESTIONS:
-            raise UserError(f"question {name!r} is not known; {did_you_mean(name, QUESTIONS)}")
+            raise UserError(f"question {name!r} is not known; use {', '.join(QUESTIONS)}")
     return tuple(name for name in QUESTIONS if name in names or not names)

@@ -11,6 +11,7 @@ from slamgauge.compare.exercise.conclusions import Conclusion, Judgement
 from slamgauge.compare.exercise.results import AtClosure, QuestionResult, SettingResult
 from slamgauge.compare.exercise.settings import CAUSAL, EKF, GTSAM, QUESTIONS
 from slamgauge.compare.scoring.intervals import Interval
+from slamgauge.compare.scoring.optimum_notes import MARK
 from slamgauge.compare.scoring.text_page import Grid, Page
 from slamgauge.compare.scoring.text_table import NO_FIGURE, cell, interval_cell
 
@@ -32,7 +33,8 @@ def exercise_page(found: Sequence[QuestionResult], runs: int, failures: Sequence
         if each.judgements:
             rows = [row[:-1] for row in conclusions(each.judgements)]  # the page also shows which figures are compared
             parts += [Grid(rows, words=2, sentences=1), ""]
-        parts += [_sentence(each.answer()), *filter(None, [each.largest_correction()]), ""]
+        notes = [each.largest_correction(), *(setting.doubt for setting in each.settings)]
+        parts += [_sentence(each.answer()), *filter(None, notes), ""]
     return Page((*parts[:-1], *failures))
 
 
@@ -45,7 +47,8 @@ def _score(each: SettingResult) -> list[str]:
     ates = (_mean(each.estimators[name].ate_m, "{:.3f}") for name in (EKF, GTSAM))
     nees, inside = each.ekf.nees_pose_per_dof, each.ekf.others["coverage_95"]
     return [
-        *(each.setting.figure, each.setting.title, *ates, interval_cell(each.ekf.ratio_to_causal, "{:.2f}")),
+        *(each.setting.figure, each.setting.title, *ates),
+        interval_cell(each.ekf.ratio_to_causal, "{:.2f}") + MARK * bool(each.doubt),
         *(_mean(nees, "{:.2f}"), _mean(inside, "{:.0%}"), each.consistency),
     ]
 

@@ -90,7 +90,7 @@ def exercise_page(figures: Path, run_0: Path, exercise: Exercise, found: Sequenc
         title="TP4: EKF-SLAM next to GTSAM batch",
         questions=questions,
         overview=overview,
-        notes=[_measurements(exercise), *exercise.failures],
+        notes=[_measurements(exercise), *(each.doubt for each in every if each.doubt), *exercise.failures],
         tables=[overview, *(table for each in questions for table in each["tables"])],
         terms=TERMS["run"],
         origin=origin({**provenance(None), "seed": exercise.seed}, [("Runs of each setting", str(exercise.runs))]),
