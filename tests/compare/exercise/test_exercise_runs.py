@@ -137,7 +137,7 @@ def test_a_ratio_to_an_optimum_in_doubt_is_marked(question_1: Exercise):
     text = exercise_page(results(question_1), 2, []).text(80)
     row = next(line for line in text.splitlines() if line.startswith("2.1"))
     assert "?" in row
-    assert "2.1: causal is more than 0.1 sigma from the optimum" in " ".join(text.split())
+    assert "2.1: causal is more than 0.05 sigma from the optimum" in " ".join(text.split())
     assert "?" not in next(line for line in text.splitlines() if line.startswith("2.2"))
 
 
