@@ -15,7 +15,9 @@ from gtsam.symbol_shorthand import L, X
 from slamgauge.arrays import Float, Int, Marks
 from slamgauge.covariances import without_negative_eigenvalues
 from slamgauge.estimate import Estimate
-from slamgauge.graph_baseline.gtsam_graph import IncrementalGraph, covariance_in_world, pose_array
+from slamgauge.graph_baseline.gtsam_batch import motion_factors, observation_factors
+from slamgauge.graph_baseline.gtsam_conversions import covariance_in_world, pose_array
+from slamgauge.graph_baseline.gtsam_incremental import IncrementalGraph
 from slamgauge.graph_baseline.problem.preparation import Problem, prepare, relative_to_start, with_association
 from slamgauge.graph_baseline.problem.undetermined import explained
 from slamgauge.recording import Recording
@@ -33,7 +35,7 @@ def fixed_lag(recording: Recording, association: Int | None = None, lag: int = L
 
     Poses in the window are relinearised; a marginalised pose keeps its last linearisation point. A bearing-only
     landmark is added to the graph when its bearings in the window place it; its older bearings are lost. Directions of
-    zero variance get regularising noise (`gtsam_graph`).
+    zero variance get regularising noise (`gtsam_batch`).
 
     Args:
         recording: measurements.
@@ -81,7 +83,7 @@ class FixedLagSmoother:
         parameters.setFactorization("QR")  # Cholesky loses the digits of regularising noise
         self._smoother = gtsam.IncrementalFixedLagSmoother(float(lag), parameters)
         self._recording, self._lag = recording, lag
-        self._graph = IncrementalGraph(recording)
+        self._graph = IncrementalGraph(recording, motion_factors(recording), observation_factors(recording))
         self._path = np.zeros((recording.steps + 1, 3))  # newest estimates
 
     @property
@@ -93,13 +95,10 @@ class FixedLagSmoother:
         """Process step k; return its pose (3,) and covariance (3, 3), world frame, additive."""
         path, recording = self._path, self._recording
         path[k] = compose(path[k - 1], recording.odometry[k - 1]) if k else recording.prior_mean
-        self._update(k, *self._graph.add_step(k, path), [X(k)])
-        if waiting := self._graph.waiting(k, oldest=k - self._lag):
-            for step in np.unique(recording.observation_step[np.concatenate([*waiting.values()])]).tolist():
-                path[step] = self._pose(step)
-            graph, values = self._graph.add_waiting(waiting, path)
-            if graph.size():
-                self._update(k, graph, values, [])
+        self._update(k, *self._graph.add_steps(k, k + 1, path), [X(k)])
+        graph, values = self._graph.add_waiting(k, k + 1, self._pose, oldest=k - self._lag)
+        if graph.size():
+            self._update(k, graph, values, [])
         path[k] = pose = self._pose(k)
         return pose, covariance_in_world(pose[2], self._smoother.marginalCovariance(X(k)))
 

@@ -17,14 +17,10 @@ from gtsam.symbol_shorthand import L, X
 from slamgauge.arrays import Float, Int
 from slamgauge.covariances import without_negative_eigenvalues
 from slamgauge.estimate import Estimate
-from slamgauge.graph_baseline.gtsam_graph import (
-    REGULARISING_NOISE,
-    IncrementalGraph,
-    covariance_in_world,
-    pose_array,
-    read_values,
-)
-from slamgauge.graph_baseline.problem.preparation import Problem, prepare, relative_to_start, with_association
+from slamgauge.graph_baseline.gtsam_batch import motion_factors, observation_factors
+from slamgauge.graph_baseline.gtsam_conversions import covariance_in_world, pose_array, read_values
+from slamgauge.graph_baseline.gtsam_incremental import IncrementalGraph
+from slamgauge.graph_baseline.problem.preparation import prepare, relative_to_start, with_association
 from slamgauge.graph_baseline.problem.undetermined import explained
 from slamgauge.recording import Recording
 from slamgauge.se2 import compose
@@ -46,7 +42,7 @@ def isam2(
     `causal` computes the same quantity at the minimum of the exact cost; iSAM2 stops at its relinearisation threshold.
 
     Because of limits of GTSAM, directions of zero variance get regularising noise, and observed positions become range
-    and bearing (`gtsam_graph`). A bearing-only landmark is added when its bearings place it; the `association` of a
+    and bearing (`gtsam_batch`). A bearing-only landmark is added when its bearings place it; the `association` of a
     landmark that they never place is -1.
 
     Args:
@@ -58,78 +54,40 @@ def isam2(
     Raises:
         UserError: the association is unknown, or the measurements leave a variable undetermined.
     """
-    problem = prepare(recording, association)
+    problem, steps = prepare(recording, association), recording.steps
     parameters = gtsam.ISAM2Params()
     parameters.setRelinearizeThreshold(relinearize_threshold)
     parameters.relinearizeSkip = relinearize_skip
     # Cholesky loses the digits of regularising noise: q1-long-sparse would fail at step 297.
     parameters.setFactorization("QR")
-    solver, steps = Isam2Solver(problem, parameters), problem.steps
+    isam = gtsam.ISAM2(parameters)
+    graph = IncrementalGraph(problem, motion_factors(problem), observation_factors(problem))
     poses, pose_covs, seconds = np.empty((steps + 1, 3)), np.empty((steps + 1, 3, 3)), np.zeros(steps + 1)
+
+    def pose(step: int) -> Float:
+        return pose_array(isam.calculateEstimatePose2(X(step)))
+
     with explained():
         for k in range(steps + 1):
             start = perf_counter()
-            poses[k] = solver.add_step(k)
-            pose_covs[k] = covariance_in_world(poses[k, 2], solver.isam.marginalCovariance(X(k)))
+            poses[k] = compose(poses[k - 1], problem.odometry[k - 1]) if k else problem.prior_mean
+            isam.update(*graph.add_steps(k, k + 1, poses))
+            placed, values = graph.add_waiting(k, k + 1, pose)
+            if placed.size():
+                isam.update(placed, values)
+            poses[k] = pose(k)
+            pose_covs[k] = covariance_in_world(poses[k, 2], isam.marginalCovariance(X(k)))
             seconds[k] = perf_counter() - start
-        ids = solver.landmark_ids
-        landmark_covs = np.array([solver.isam.marginalCovariance(L(name)) for name in ids.tolist()])
+        ids = sorted(graph.mapped)
+        landmark_covs = np.array([isam.marginalCovariance(L(name)) for name in ids])
     estimate = Estimate(
         kind="filtered",
         poses=poses,
         pose_covs=without_negative_eigenvalues(pose_covs),
-        landmark_ids=ids,
-        landmarks=read_values(solver.isam.calculateEstimate())[1],
+        landmark_ids=np.array(ids, dtype=np.int64),
+        landmarks=read_values(isam.calculateEstimate())[1],
         landmark_covs=without_negative_eigenvalues(landmark_covs.reshape(-1, 2, 2)),
-        association=solver.association,
+        association=np.where(graph.used, problem.landmark, -1),
         seconds=seconds,
     )
     return with_association(estimate, association)
-
-
-class Isam2Solver:
-    """GTSAM's iSAM2, run step by step on a recording.
-
-    Args:
-        recording: known association.
-        parameters: GTSAM's settings.
-        regularising: as for `GraphBuilder`.
-
-    Attributes:
-        isam: GTSAM's solver, for marginals and estimates.
-    """
-
-    def __init__(
-        self, recording: Problem, parameters: gtsam.ISAM2Params, regularising: float = REGULARISING_NOISE
-    ) -> None:
-        self.isam = gtsam.ISAM2(parameters)
-        self._recording = recording
-        self._graph = IncrementalGraph(recording, regularising)
-        self._path = np.zeros((recording.steps + 1, 3))  # newest estimates
-
-    @property
-    def landmark_ids(self) -> Int:
-        """(L,) ids of the landmarks in the graph, increasing."""
-        return np.array(sorted(self._graph.mapped), dtype=np.int64)
-
-    @property
-    def association(self) -> Int:
-        """(M,) landmark id of each observation, -1 if it is not in the graph."""
-        return np.where(self._graph.used, self._recording.landmark, -1)
-
-    def add_step(self, k: int) -> Float:
-        """Process step k; return its pose (3,)."""
-        path, recording = self._path, self._recording
-        path[k] = compose(path[k - 1], recording.odometry[k - 1]) if k else recording.prior_mean
-        self.isam.update(*self._graph.add_step(k, path))
-        if waiting := self._graph.waiting(k):
-            for step in np.unique(recording.observation_step[np.concatenate([*waiting.values()])]).tolist():
-                path[step] = self._pose(step)
-            graph, values = self._graph.add_waiting(waiting, path)
-            if graph.size():
-                self.isam.update(graph, values)
-        path[k] = self._pose(k)
-        return path[k]
-
-    def _pose(self, k: int) -> Float:
-        return pose_array(self.isam.calculateEstimatePose2(X(k)))

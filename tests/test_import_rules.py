@@ -30,7 +30,7 @@ LEVELS = {
         "bearings",
         "advanced",
     ),
-    "slamgauge.graph_baseline": ("problem", "gtsam_graph", "solver"),
+    "slamgauge.graph_baseline": ("problem", "gtsam_conversions", "gtsam_incremental", "gtsam_batch", "solver"),
     "slamgauge.compare": (
         "storage",
         "scenarios",

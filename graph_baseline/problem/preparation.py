@@ -15,7 +15,7 @@ from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline.problem.placement import do_not_meet, triangulate_all
 from slamgauge.graph_baseline.problem.undetermined import undetermined_variable
 from slamgauge.recording import Recording
-from slamgauge.se2 import chain, compose, rotation
+from slamgauge.se2 import between, chain, compose, rotation
 from slamgauge.sensors import SENSORS, inverse, jacobian, predict
 from slamgauge.validation import require_type
 
@@ -74,8 +74,11 @@ def require_known_landmarks(recording: Recording) -> Int:
 
 
 def as_range_bearing(recording: Recording) -> tuple[Float, Float]:
-    """Return observations (M, 2) as range [m] and bearing [rad], and their covariances (M, 2, 2)."""
-    if SENSORS[recording.sensor].has_range:
+    """Return observations (M, d) as range [m] and bearing [rad], and their covariances (M, d, d).
+
+    Only observations of the `position` sensor change; bearings remain alone, with d = 1.
+    """
+    if SENSORS[recording.sensor].has_bearing:
         return recording.observation, recording.observation_cov
     delta = inverse(recording.sensor, recording.observation)
     delta[np.hypot(*delta.T) < NEAREST, 0] = NEAREST
@@ -179,9 +182,41 @@ def with_association(estimate: Estimate, association: Int | None) -> Estimate:
 
 def in_frame_of_start(recording: Recording) -> Recording:
     """Return the recording in the frame of its prior mean, so that the start pose is 0."""
+    require_type("recording", recording, Recording)
     if not recording.prior_mean.any():
         return recording
     return replace(recording, prior_mean=np.zeros(3), prior_cov=prior_cov_in_body(recording))
+
+
+def path_from_start(estimate: Estimate, recording: Recording) -> Float:
+    """Return the path (N+1, 3) of an estimate of the recording, in the frame of the recording's prior mean.
+
+    Raises:
+        UserError: it is not an estimate of this recording.
+    """
+    require_type("initial", estimate, Estimate)
+    if len(estimate.poses) != recording.steps + 1:
+        raise UserError(
+            f"initial: has {len(estimate.poses)} poses, and the recording {recording.steps + 1}; "
+            "give an estimate of this recording"
+        )
+    return between(recording.prior_mean, estimate.poses)
+
+
+def in_world_frame(estimate: Estimate, start: Float) -> Estimate:
+    """Return an estimate of the recording `in_frame_of_start` in the world frame, in which the start pose is (3,)."""
+    if not start.any():
+        return estimate
+    turn = np.eye(3)
+    turn[:2, :2] = rotation(start[2])
+    assert estimate.pose_covs is not None and estimate.landmark_covs is not None
+    return replace(
+        estimate,
+        poses=compose(start, estimate.poses),
+        pose_covs=turn @ estimate.pose_covs @ turn.T,
+        landmarks=start[:2] + estimate.landmarks @ turn[:2, :2].T,
+        landmark_covs=turn[:2, :2] @ estimate.landmark_covs @ turn[:2, :2].T,
+    )
 
 
 def relative_to_start(
@@ -194,21 +229,7 @@ def relative_to_start(
 
     @wraps(estimator)
     def relative(recording: Recording, /, *rest: Rest.args, **named: Rest.kwargs) -> Estimate:
-        require_type("recording", recording, Recording)
-        start = recording.prior_mean
-        found = estimator(in_frame_of_start(recording), *rest, **named)
-        if not start.any():
-            return found
-        turn = np.eye(3)
-        turn[:2, :2] = rotation(start[2])
-        assert found.pose_covs is not None and found.landmark_covs is not None
-        return replace(
-            found,
-            poses=compose(start, found.poses),
-            pose_covs=turn @ found.pose_covs @ turn.T,
-            landmarks=start[:2] + found.landmarks @ turn[:2, :2].T,
-            landmark_covs=turn[:2, :2] @ found.landmark_covs @ turn[:2, :2].T,
-        )
+        return in_world_frame(estimator(in_frame_of_start(recording), *rest, **named), recording.prior_mean)
 
     return relative
 

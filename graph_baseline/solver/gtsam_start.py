@@ -10,9 +10,20 @@ import gtsam
 import numpy as np
 
 from slamgauge.arrays import Float, Marks
-from slamgauge.graph_baseline.gtsam_graph import REGULARISING_NOISE, build_graph, make_values, read_values
+from slamgauge.graph_baseline.gtsam_batch import motion_factors, observation_factors
+from slamgauge.graph_baseline.gtsam_conversions import make_values, read_values
 from slamgauge.graph_baseline.problem.preparation import Problem
 from slamgauge.graph_baseline.problem.undetermined import explained
+
+
+def build_graph(recording: Problem) -> gtsam.NonlinearFactorGraph:
+    """Return the graph of the whole recording, in the order of steps: motion, then observations."""
+    factors = [*motion_factors(recording), *observation_factors(recording)]
+    steps = np.concatenate([np.arange(recording.steps + 1), recording.observation_step])
+    graph = gtsam.NonlinearFactorGraph()
+    for index in np.argsort(steps, kind="stable").tolist():
+        graph.add(factors[index])
+    return graph
 
 
 def levenberg_marquardt(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, iterations: int = 40) -> gtsam.Values:
@@ -27,7 +38,7 @@ def descend(recording: Problem, poses: Float, landmarks: Float, iterations: int 
     """Return poses (N+1, 3) and landmarks (L, 2), ids increasing, after GTSAM's Levenberg-Marquardt."""
     values = make_values(poses, recording.landmark_ids, landmarks)
     with explained():
-        return read_values(levenberg_marquardt(build_graph(recording, REGULARISING_NOISE), values, iterations))
+        return read_values(levenberg_marquardt(build_graph(recording), values, iterations))
 
 
 def find_inliers(recording: Problem, poses: Float, landmarks: Float, probability: float) -> Marks:
@@ -35,7 +46,7 @@ def find_inliers(recording: Problem, poses: Float, landmarks: Float, probability
 
     The cost of an observation is truncated. The cost of a correct observation is below this limit with `probability`.
     """
-    graph = build_graph(recording, REGULARISING_NOISE)
+    graph = build_graph(recording)
     rows = recording.observation_step + 1 + np.arange(len(recording.observation))  # factors follow those of motions
     parameters = gtsam.GncLMParams()
     parameters.setLossType(gtsam.GncLossType.TLS)

@@ -16,7 +16,7 @@ from slamgauge.arrays import Float
 from slamgauge.ekf import dead_reckoning
 from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline import UndeterminedError, batch, causal, hindsight
-from slamgauge.graph_baseline.gtsam_graph import REGULARISING_NOISE
+from slamgauge.graph_baseline.gtsam_batch import REGULARISING_NOISE
 from slamgauge.graph_baseline.problem.preparation import Problem, require_known_landmarks
 from slamgauge.graph_baseline.problem.undetermined import explained
 from slamgauge.graph_baseline.solver import incremental
