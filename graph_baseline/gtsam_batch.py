@@ -54,7 +54,7 @@ def gtsam_batch(recording: Recording, association: Int | None = None, initial: E
     Raises:
         UserError: the association is unknown, or the measurements leave a variable undetermined.
     """
-    start = recording.prior_mean  # the graph is relative to it, because coordinates far from the origin lose digits
+    # relative to the start pose, because coordinates far from the origin lose digits
     problem = preparation.prepare(preparation.in_frame_of_start(recording), association)
     observations = observation_factors(problem)
     with explained():  # an error of GTSAM becomes one line
@@ -89,7 +89,7 @@ def gtsam_batch(recording: Recording, association: Int | None = None, initial: E
         landmark_covs=without_negative_eigenvalues(landmark_covs.reshape(-1, 2, 2)),
         association=np.where(used, problem.landmark, -1),
     )
-    return preparation.with_association(preparation.in_world_frame(estimate, start), association)
+    return preparation.with_association(preparation.in_world_frame(estimate, recording.prior_mean), association)
 
 
 def motion_factors(problem: preparation.Problem, regularising: float = REGULARISING_NOISE) -> Factors:
