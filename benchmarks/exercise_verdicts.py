@@ -1,8 +1,10 @@
 """How often is a verdict of `slamgauge exercise` wrong, and how often is there one?
 
-    python benchmarks/exercise_verdicts.py results/exercise [--runs 100] [--seed 0] [--studies 5000]
+    python benchmarks/exercise_verdicts.py results/exercise [--only q1 ...] [--runs 100] [--seed 0] [--studies 1000]
 
-Draws studies of 10 to 100 runs, with replacement, from the runs that `slamgauge exercise` has stored in a folder.
+Draws studies of 10 to 100 runs, with replacement, from the runs that `slamgauge exercise` has stored in a folder;
+runs that it lacks are added. With `--only`, comparisons with settings of other questions are left out.
+
 Wrong: the ratios are shifted so that their true value is the nearest end of the asserted range, where any verdict is
 wrong; the sum bounds the probability that any verdict is wrong. Decided: without the shift.
 """
@@ -15,16 +17,23 @@ from pathlib import Path
 import numpy as np
 import tyro
 
-from slamgauge.compare.exercise.conclusions import CONCLUSIONS, judge_ratio, log_ratios
+from slamgauge.compare.exercise.conclusions import judge_ratio, log_ratios
 from slamgauge.compare.exercise.running import run_exercise
 from slamgauge.compare.studies.executors import local_processes
 
 RUNS = (10, 20, 50, 100)
 
 
-def main(folder: tyro.conf.Positional[Path], /, runs: int = 100, seed: int = 0, studies: int = 5000) -> int:
+def main(
+    folder: tyro.conf.Positional[Path],
+    /,
+    only: tuple[str, ...] = (),
+    runs: int = 100,
+    seed: int = 0,
+    studies: int = 1000,
+) -> int:
     with local_processes(1) as executor:
-        exercise = run_exercise((), runs, seed, folder, executor)
+        exercise = run_exercise(only, runs, seed, folder, executor)
     found = {
         (ran.setting.figure, name): each
         for settings in exercise.settings.values()
@@ -33,8 +42,8 @@ def main(folder: tyro.conf.Positional[Path], /, runs: int = 100, seed: int = 0, 
     }
     rng, total = np.random.default_rng(1), np.zeros(len(RUNS))
     print(f"{studies} studies from {runs} runs; wrong and decided share with {', '.join(map(str, RUNS))} runs")
-    for conclusion in CONCLUSIONS:
-        for below in conclusion.below:
+    for conclusion in (pair[0] for judged in exercise.judgements.values() for pair in judged):
+        for below in (each for each in conclusion.below if (each.figure, each.estimator) in found):
             logs = log_ratios(conclusion.above, below, found)
             ends = [np.log(end) for end in conclusion.asserted if 0.0 < end < np.inf]
             shifted = logs - logs.mean() + min(ends, key=lambda end: abs(end - logs.mean()))

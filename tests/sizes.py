@@ -112,6 +112,7 @@ FULL = {  # regular expression for the beginning of ids -> why only the full run
     "tests/test_commands_of_pages.py::test_the_cluster_of_a_page": "tests/compare/studies has a study on a cluster",
     "tests/test_examples.py::test_own_estimator$": "the README's commands run it",
     "tests/test_examples.py::test_own_estimator_in_evaluate": "tests/compare/cli has user code in `evaluate`",
+    r"tests/test_exercise.py::\w+\[(2.4|ring)": "minutes; the other settings are usual",
     "tests/test_published_benchmark.py": "statistics of a published benchmark",
     "tests/test_question_": "the exercise's figures, statistics of many runs",
 }

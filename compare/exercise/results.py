@@ -21,6 +21,7 @@ from slamgauge.compare.storage.provenance import origin
 from slamgauge.compare.studies.summary import EstimatorSummary, summarise
 
 AT_CLOSURES = (EKF, CAUSAL, GTSAM)  # estimators whose errors at loop closures are shown
+SMALL_FALL = 0.9  # of the error at a loop closure: a correction by less than a tenth is no correction
 
 
 @dataclass(frozen=True)
@@ -140,6 +141,8 @@ class QuestionResult:
         if not known:
             return ""
         setting, closure, found = min(known, key=lambda row: _fall(row[2][EKF]))
+        if _fall(found[EKF]) > SMALL_FALL:
+            return "No first loop closure of a lap corrects the error of the EKF by more than a tenth."
         return (
             f"The largest correction by a loop closure is in {setting.figure} ({setting.title}), lap {closure.lap}: "
             f"the error of the EKF goes from {_before_and_after(found[EKF])}, that of the causal optimum from "

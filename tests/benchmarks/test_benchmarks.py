@@ -54,6 +54,12 @@ SMALLEST = {
         "riekf 1 ",
         "riekf, true Q 1.5 times as large 1 ",
     ),
+    "exercise_verdicts": (  # 10 s
+        "exercise --only q3 --runs 2 --studies 20",
+        "20 studies from 2 runs; wrong and decided share with 10, 20, 50, 100 runs",
+        "q3-scale-0.1-landmarks 3.1 wrong ",
+        "sum wrong ",
+    ),
     "interruptions": (  # 20 s
         "--only twin --moments 1",
         "command time [s] bad cases of 5",

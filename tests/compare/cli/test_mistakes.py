@@ -149,7 +149,7 @@ def test_each_mistake_in_a_scenario_file_is_a_line(refuse: Refuse, tmp_path: Pat
     ("words", "line"),
     [
         ("rnu", "rnu: no such command; did you mean run?"),
-        ("", "no command is given; use one of scenarios, run, "),
+        ("", "no command is given; use one of exercise, scenarios, run, "),
         ("run", "Missing from slamgauge run: "),
         ("run q1-long-dense --sead 1", "--sead: no option of `slamgauge run`; did you mean --seed?"),
         ("run q1-long-dense -seed 1", "-seed: no option of `slamgauge run`; did you mean --seed?"),
