@@ -14,10 +14,9 @@ from time import monotonic
 
 from slamgauge.compare.cli.animate import Animate
 from slamgauge.compare.cli.exercise import ExerciseCommand
-from slamgauge.compare.cli.explain import Explain
 from slamgauge.compare.cli.export import Export
 from slamgauge.compare.cli.imports import Import
-from slamgauge.compare.cli.listings import Completion, Scenarios, Schema
+from slamgauge.compare.cli.listings import Scenarios, Schema
 from slamgauge.compare.cli.machine import Bench, Doctor
 from slamgauge.compare.cli.options import EmptyPathError
 from slamgauge.compare.cli.parsing import Command, parse
@@ -55,9 +54,7 @@ COMMANDS: dict[str, type[Command]] = {
     "grade": Grade,
     "bench": Bench,
     "doctor": Doctor,
-    "completion": Completion,
     "schema": Schema,
-    "explain": Explain,
 }
 
 

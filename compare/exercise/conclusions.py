@@ -29,7 +29,7 @@ from slamgauge.compare.scoring.runs import Runs, paired
 Verdict = Literal["holds", "does not hold", "undecided"]
 ERROR = 0.05  # largest probability that any of the intervals misses its ratio
 POWER = 0.9  # probability with which the stated number of runs decides
-LIMIT = math.log(100.0)  # of the logarithm of a ratio of a run: a filter that diverged counts as a hundred times the error
+LIMIT = math.log(100.0)  # of the logarithm of a ratio of a run: a diverged filter counts as a hundred times the error
 STRENGTH: tuple[Verdict, ...] = ("does not hold", "undecided", "holds")  # verdicts from against to in favour
 # ranges of ratios
 MORE, LESS = (1.0, math.inf), (0.0, 1.0)

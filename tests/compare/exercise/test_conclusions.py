@@ -126,10 +126,10 @@ def test_a_ratio_uses_the_runs_that_have_both_figures():
     np.testing.assert_allclose(log_ratios(above, below, runs), np.log([4.0, 2.0]))
 
 
-def test_a_diverged_run_counts_as_a_factor_of_ten():
+def test_a_diverged_run_counts_as_a_factor_of_a_hundred():
     runs = {("2.1", EKF): runs_of("ate_m", np.array([1.0, 1.0])), ("2.6", EKF): runs_of("ate_m", np.array([1e6, 1e-6]))}
     above, below = (stored(figure, "ate_m", "ATE") for figure in ("2.6", "2.1"))
-    np.testing.assert_allclose(log_ratios(above, below, runs), np.log([10.0, 0.1]))
+    np.testing.assert_allclose(log_ratios(above, below, runs), np.log([100.0, 0.01]))
 
 
 def judged(ratios: dict[str, Float]) -> Judgement:

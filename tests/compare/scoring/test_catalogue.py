@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import fields
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -115,3 +116,11 @@ def test_columns_without_any_figure_are_named_and_only_simulated_runs_lead_to_a_
         assert len(single) == (known is not None)
         assert notes[len(single)].startswith(f"Empty columns: {empty}")
         assert all(note in lines for note in notes)
+
+
+def test_the_glossary_has_every_column():
+    page = (Path(__file__).parents[3] / "docs/glossary.md").read_text(encoding="utf-8")
+    for each in catalogue.CATALOGUE:
+        if each.column is not None:
+            assert f"| *{each.column.name or each.column.title}* |" in page
+            assert f"| `{each.key}` | {each.help} |\n" in page
