@@ -18,14 +18,12 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import replace
 
 import numpy as np
 
 from slamgauge.arrays import Float, Int
 from slamgauge.covariances import without_negative_eigenvalues
 from slamgauge.estimate import Estimate
-from slamgauge.graph_baseline.certified import certificate, require_certifiable
 from slamgauge.graph_baseline.problem.preparation import (
     Problem,
     landmarks_at_median,
@@ -54,29 +52,23 @@ MOST_SWITCHES = 10  # each is a search from several starts; without a limit 1 m 
 
 
 @relative_to_start
-def batch(recording: Recording, association: Int | None = None, *, certify: bool = False) -> Estimate:
+def batch(recording: Recording, association: Int | None = None) -> Estimate:
     """Return the maximum a posteriori path and map given all measurements.
 
     Args:
         recording: measurements.
         association: (M,) ids that replace those of the recording, for instance an `Estimate.association`; -1 excludes
             an observation.
-        certify: compute `Estimate.certificate`, which needs ranges or positions.
 
     Raises:
-        UserError: the association is unknown, the measurements leave a variable undetermined, no minimum was found, or
-            `certify` does not apply.
+        UserError: the association is unknown, the measurements leave a variable undetermined, or no minimum was found.
     """
     problem = prepare(recording, association)
     require_memory_for(problem, "batch")
-    if certify:
-        require_certifiable(problem)
     if SENSORS[recording.sensor].places_landmarks:
         found = optimum_from(problem, problem.dead_reckoning)
     else:
         found = bearing_only_optimum(problem, lambda: incremental_start(problem)[0])
-    if certify:
-        found = replace(found, certificate=certificate(problem, found))
     return with_association(found, association)
 
 
