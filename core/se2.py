@@ -92,6 +92,13 @@ def rotation(heading: ArrayLike) -> Float:
     return turn
 
 
+def pose_rotation(heading: ArrayLike) -> Float:
+    """Return matrices blkdiag(R, 1) (..., 3, 3) that turn (dx, dy, dtheta) from the body to the world frame."""
+    turn = np.zeros((*np.shape(heading), 3, 3))
+    turn[..., :2, :2], turn[..., 2, 2] = rotation(heading), 1.0
+    return turn
+
+
 def compose(pose: ArrayLike, increment: ArrayLike) -> Float:
     """Return the poses (..., 3) reached from `pose` by the body-frame `increment` (..., 3)."""
     pose, increment = np.asarray(pose, dtype=np.float64), np.asarray(increment, dtype=np.float64)

@@ -26,7 +26,7 @@ from slamgauge.graph_baseline.solver.reduced_scans import NOT_DAMPED, compressed
 from slamgauge.graph_baseline.solver.smoother import solve
 from slamgauge.graph_baseline.solver.warm_up import compile_graphs_once
 from slamgauge.recording import Recording
-from slamgauge.se2 import rotation
+from slamgauge.se2 import pose_rotation
 from slamgauge.sensors import SENSORS
 from slamgauge.truth import Truth
 
@@ -72,8 +72,7 @@ def model_at_truth(truth: Truth, recording: Recording) -> tuple[LinearModel, int
     by_first_observation = np.argsort(first)
     order = np.argsort(truth.landmark_ids)
     landmarks = truth.landmarks[order[np.searchsorted(truth.landmark_ids, ids[by_first_observation], sorter=order)]]
-    turn = np.tile(np.eye(3), (recording.steps, 1, 1))
-    turn[:, :2, :2] = rotation(truth.poses[:-1, 2])
+    turn = pose_rotation(truth.poses[:-1, 2])
     model = linearise(seen, np.argsort(by_first_observation)[slot], truth.poses, landmarks)
     at_truth = model._replace(start_cov=recording.prior_cov, W=turn @ recording.odometry_cov @ turn.swapaxes(1, 2))
     return at_truth, len(ids)

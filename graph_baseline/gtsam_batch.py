@@ -43,7 +43,7 @@ def gtsam_batch(recording: Recording, association: Int | None = None, initial: E
     - A bearing-only landmark that its bearings do not place from the initial path, for example a single bearing, is not
       in the graph; its `association` is -1.
     - Levenberg-Marquardt converges to the minimum near the initial path. `batch` tries several starts.
-    - `Marginals` is slow for large maps: about 50 s for 300 landmarks and 1257 poses. The rest takes 5 s for the same
+    - `Marginals` is slow for large maps: about 45 s for 300 landmarks and 1257 poses. The rest takes 5 s for the same
       recording, and `batch` 6 s in total.
 
     Args:
@@ -54,10 +54,10 @@ def gtsam_batch(recording: Recording, association: Int | None = None, initial: E
     Raises:
         UserError: the association is unknown, or the measurements leave a variable undetermined.
     """
-    start = recording.prior_mean  # the graph is relative to it, because coordinates far from the origin lose digits
+    # relative to the start pose, because coordinates far from the origin lose digits
     problem = preparation.prepare(preparation.in_frame_of_start(recording), association)
     observations = observation_factors(problem)
-    with explained():
+    with explained():  # an error of GTSAM becomes one line
         if initial is None:
             path = isam2_path(problem, motion_factors(problem, START_NOISE), observations)
         else:
@@ -89,7 +89,7 @@ def gtsam_batch(recording: Recording, association: Int | None = None, initial: E
         landmark_covs=without_negative_eigenvalues(landmark_covs.reshape(-1, 2, 2)),
         association=np.where(used, problem.landmark, -1),
     )
-    return preparation.with_association(preparation.in_world_frame(estimate, start), association)
+    return preparation.with_association(preparation.in_world_frame(estimate, recording.prior_mean), association)
 
 
 def motion_factors(problem: preparation.Problem, regularising: float = REGULARISING_NOISE) -> Factors:

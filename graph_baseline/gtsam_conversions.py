@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from slamgauge.arrays import Float, Int
 from slamgauge.graph_baseline.problem.preparation import prior_cov_in_body
 from slamgauge.recording import Recording
-from slamgauge.se2 import rotation
+from slamgauge.se2 import pose_rotation
 
 
 def motion_noise(recording: Recording, regularising: float) -> list[gtsam.noiseModel.Base]:
@@ -81,6 +81,5 @@ def covariance_in_world(heading: ArrayLike, covariance: Float) -> Float:
 
     GTSAM's `covariance` C (..., 3, 3) is in the frame of the pose; R is its rotation by `heading` (...).
     """
-    turn = np.zeros((*np.shape(heading), 3, 3))
-    turn[..., :2, :2], turn[..., 2, 2] = rotation(heading), 1.0
+    turn = pose_rotation(heading)
     return turn @ covariance @ turn.swapaxes(-1, -2)

@@ -1,8 +1,9 @@
-"""The factors and initial values that each step of a recording adds, and the path of iSAM2 in few updates."""
+"""GTSAM's incremental solvers on a recording: factors of each step, the newest pose at every step, iSAM2's path."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from time import perf_counter
 
 import gtsam
 import numpy as np
@@ -10,14 +11,20 @@ from gtsam.symbol_shorthand import L, X
 
 from slamgauge.arrays import Float
 from slamgauge.back_projection import positions_seen
+from slamgauge.covariances import without_negative_eigenvalues
+from slamgauge.estimate import Estimate
+from slamgauge.graph_baseline.gtsam_conversions import covariance_in_world, pose_array
 from slamgauge.graph_baseline.problem.placement import triangulate_one
 from slamgauge.graph_baseline.problem.preparation import Problem
-from slamgauge.se2 import chain
+from slamgauge.graph_baseline.problem.undetermined import explained
+from slamgauge.se2 import chain, compose
 from slamgauge.sensors import SENSORS
 
 HEADING_DRIFT = 0.1  # rad; with 0.4 rad, `gtsam_batch` ends in another minimum in 3 of 10 runs of ukfm-slam2d
 
 Factors = list[gtsam.NonlinearFactor]
+Solver = gtsam.ISAM2 | gtsam.IncrementalFixedLagSmoother
+Update = Callable[[int, gtsam.NonlinearFactorGraph, gtsam.Values], None]  # step, its factors, initial values
 
 
 class IncrementalGraph:
@@ -32,12 +39,13 @@ class IncrementalGraph:
         observations: M factors.
 
     Attributes:
+        problem: as given.
         mapped: ids of the landmarks in the graph.
         used: (M,) True for observations in the graph.
     """
 
     def __init__(self, problem: Problem, motions: Factors, observations: Factors) -> None:
-        self._problem, self._motions, self._observations = problem, motions, observations
+        self.problem, self._motions, self._observations = problem, motions, observations
         self._landmark = problem.landmark.tolist()
         self._bounds = np.searchsorted(problem.observation_step, np.arange(problem.steps + 2)).tolist()
         self._waiting: dict[int, list[int]] = {}  # rows by id, for landmarks that their bearings do not place yet
@@ -51,14 +59,14 @@ class IncrementalGraph:
         The path must contain these steps.
         """
         graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
-        places_landmarks = SENSORS[self._problem.sensor].places_landmarks
+        places_landmarks = SENSORS[self.problem.sensor].places_landmarks
         for k in range(first, end):
             graph.add(self._motions[k])
             values.insert(X(k), gtsam.Pose2(*path[k]))
         for row in range(self._bounds[first], self._bounds[end]):
             name = self._landmark[row]
             if name not in self.mapped and places_landmarks:
-                self._add_landmark(name, positions_seen(self._problem, np.array([row]), path)[0], values)
+                self._add_landmark(name, positions_seen(self.problem, np.array([row]), path)[0], values)
             if name in self.mapped:
                 self._add_observation(row, graph)
             else:
@@ -78,13 +86,13 @@ class IncrementalGraph:
             pose: from a step to its newest pose (3,).
             oldest: step.
         """
-        graph, values, steps = gtsam.NonlinearFactorGraph(), gtsam.Values(), self._problem.observation_step
+        graph, values, steps = gtsam.NonlinearFactorGraph(), gtsam.Values(), self.problem.observation_step
         names = {*self._landmark[self._bounds[first] : self._bounds[end]]} if self._waiting else set[int]()
         for name in sorted(names & self._waiting.keys()):
             rows = self._waiting[name] = [row for row in self._waiting[name] if steps[row] >= oldest]
             for step in np.unique(steps[rows]).tolist():
                 self._path[step] = pose(step)
-            landmark, sigma = triangulate_one(self._problem, np.array(rows), self._path)
+            landmark, sigma = triangulate_one(self.problem, np.array(rows), self._path)
             if np.isfinite(sigma):
                 self._add_landmark(name, landmark, values)
                 for row in self._waiting.pop(name):
@@ -98,6 +106,50 @@ class IncrementalGraph:
     def _add_observation(self, row: int, graph: gtsam.NonlinearFactorGraph) -> None:
         graph.add(self._observations[row])
         self.used[row] = True
+
+
+def newest_poses(graph: IncrementalGraph, solver: Solver, update: Update, lag: int) -> Estimate:
+    """Return the newest pose of an incremental solver at every step, and its final map.
+
+    Args:
+        graph: of the recording, without steps.
+        solver: without factors.
+        update: adds factors to the solver.
+        lag: steps after which a bearing cannot place a landmark any more.
+
+    Raises:
+        UserError: the measurements leave a variable undetermined.
+    """
+    problem, steps = graph.problem, graph.problem.steps
+    poses, pose_covs, seconds = np.empty((steps + 1, 3)), np.empty((steps + 1, 3, 3)), np.zeros(steps + 1)
+
+    def pose(step: int) -> Float:
+        return pose_array(solver.calculateEstimatePose2(X(step)))
+
+    with explained():
+        for k in range(steps + 1):
+            start = perf_counter()
+            poses[k] = compose(poses[k - 1], problem.odometry[k - 1]) if k else problem.prior_mean
+            update(k, *graph.add_steps(k, k + 1, poses))
+            placed, values = graph.add_waiting(k, k + 1, pose, oldest=k - lag)
+            if placed.size():
+                update(k, placed, values)
+            poses[k] = pose(k)
+            pose_covs[k] = covariance_in_world(poses[k, 2], solver.marginalCovariance(X(k)))
+            seconds[k] = perf_counter() - start
+        names = sorted(graph.mapped)
+        landmarks = [solver.calculateEstimatePoint2(L(name)) for name in names]
+        landmark_covs = [solver.marginalCovariance(L(name)) for name in names]
+    return Estimate(
+        kind="filtered",
+        poses=poses,
+        pose_covs=without_negative_eigenvalues(pose_covs),
+        landmark_ids=np.array(names, dtype=np.int64),
+        landmarks=np.array(landmarks).reshape(-1, 2),
+        landmark_covs=without_negative_eigenvalues(np.array(landmark_covs).reshape(-1, 2, 2)),
+        association=np.where(graph.used, problem.landmark, -1),
+        seconds=seconds,
+    )
 
 
 def isam2_path(problem: Problem, motions: Factors, observations: Factors) -> Float:

@@ -8,22 +8,14 @@ Source: Kaess et al., "iSAM2: Incremental smoothing and mapping using the Bayes 
 
 from __future__ import annotations
 
-from time import perf_counter
-
 import gtsam
-import numpy as np
-from gtsam.symbol_shorthand import L, X
 
-from slamgauge.arrays import Float, Int
-from slamgauge.covariances import without_negative_eigenvalues
+from slamgauge.arrays import Int
 from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline.gtsam_batch import motion_factors, observation_factors
-from slamgauge.graph_baseline.gtsam_conversions import covariance_in_world, pose_array, read_values
-from slamgauge.graph_baseline.gtsam_incremental import IncrementalGraph
+from slamgauge.graph_baseline.gtsam_incremental import IncrementalGraph, newest_poses
 from slamgauge.graph_baseline.problem.preparation import prepare, relative_to_start, with_association
-from slamgauge.graph_baseline.problem.undetermined import explained
 from slamgauge.recording import Recording
-from slamgauge.se2 import compose
 
 # GTSAM's defaults
 RELINEARIZE_THRESHOLD = 0.1  # m or rad
@@ -54,7 +46,7 @@ def isam2(
     Raises:
         UserError: the association is unknown, or the measurements leave a variable undetermined.
     """
-    problem, steps = prepare(recording, association), recording.steps
+    problem = prepare(recording, association)
     parameters = gtsam.ISAM2Params()
     parameters.setRelinearizeThreshold(relinearize_threshold)
     parameters.relinearizeSkip = relinearize_skip
@@ -62,32 +54,8 @@ def isam2(
     parameters.setFactorization("QR")
     isam = gtsam.ISAM2(parameters)
     graph = IncrementalGraph(problem, motion_factors(problem), observation_factors(problem))
-    poses, pose_covs, seconds = np.empty((steps + 1, 3)), np.empty((steps + 1, 3, 3)), np.zeros(steps + 1)
 
-    def pose(step: int) -> Float:
-        return pose_array(isam.calculateEstimatePose2(X(step)))
+    def update(_: int, factors: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> None:
+        isam.update(factors, values)
 
-    with explained():
-        for k in range(steps + 1):
-            start = perf_counter()
-            poses[k] = compose(poses[k - 1], problem.odometry[k - 1]) if k else problem.prior_mean
-            isam.update(*graph.add_steps(k, k + 1, poses))
-            placed, values = graph.add_waiting(k, k + 1, pose)
-            if placed.size():
-                isam.update(placed, values)
-            poses[k] = pose(k)
-            pose_covs[k] = covariance_in_world(poses[k, 2], isam.marginalCovariance(X(k)))
-            seconds[k] = perf_counter() - start
-        ids = sorted(graph.mapped)
-        landmark_covs = np.array([isam.marginalCovariance(L(name)) for name in ids])
-    estimate = Estimate(
-        kind="filtered",
-        poses=poses,
-        pose_covs=without_negative_eigenvalues(pose_covs),
-        landmark_ids=np.array(ids, dtype=np.int64),
-        landmarks=read_values(isam.calculateEstimate())[1],
-        landmark_covs=without_negative_eigenvalues(landmark_covs.reshape(-1, 2, 2)),
-        association=np.where(graph.used, problem.landmark, -1),
-        seconds=seconds,
-    )
-    return with_association(estimate, association)
+    return with_association(newest_poses(graph, isam, update, lag=problem.steps), association)

@@ -48,7 +48,7 @@ NOT_QUICK = (  # these start programs, simulate many runs, or take several secon
 )
 
 OTHER_SEED = "another seed is in the usual run"
-PAGES = "bearings|ci|consistency|grading|how_many_runs|no_ground_truth|noise|practical|results|your_filter"
+PAGES = "bearings|ci|consistency|exercise|grading|how_many_runs|no_ground_truth|noise|results|your_filter"
 FULL = {  # regular expression for the beginning of ids -> why only the full run has these tests
     "tests/benchmarks/test_agreement.py": "references of a benchmark; tests/reference has those of the other tests",
     r"tests/benchmarks/test_benchmarks.py::test_a_benchmark_prints\w+\[(class_of_forms|interruptions)": "many programs",

@@ -124,13 +124,12 @@ def lines_of(block: str) -> list[str]:
     return lines
 
 
-def test_the_first_two_commands_of_the_readme_make_pages_with_a_verdict_of_each_filter(small: Path):
+def test_the_first_two_commands_of_the_readme_make_pages_with_answer_and_verdict(small: Path):
     first, second = [line for _, _, block in blocks(PAGES["README.md"]) for line in lines_of(block)][:2]
     assert main(shlex.split(first)[1:]) == 0
     assert main(shlex.split(second)[1:]) == 0
-    for folder, name in (("first-study", "riekf"), ("mine", "mine")):
-        page = (small / folder / "report.html").read_text(encoding="utf-8")
-        assert f"<strong>{name}</strong>: " in page
+    for folder, text in (("results/exercise", "<strong>Question 1</strong>"), ("mine", "<strong>mine</strong>: ")):
+        assert text in (small / folder / "report.html").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("scheme", ["tcp", "tls"])

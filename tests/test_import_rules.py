@@ -39,6 +39,7 @@ LEVELS = {
         "scoring",
         "checks",
         "studies",
+        "exercise",
         "noise",
         "grading",
         "bench",

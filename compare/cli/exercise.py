@@ -13,7 +13,6 @@ import tyro
 from slamgauge.compare.cli.options import Folder, RootSeed, WithPage, Work, open_page
 from slamgauge.compare.cli.study import continued_later
 from slamgauge.compare.storage.result_files import EXERCISE
-from slamgauge.compare.storage.staged_folder import staged_folder
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -51,6 +50,7 @@ class ExerciseCommand(WithPage):
         from slamgauge.compare.exercise.running import run_exercise
         from slamgauge.compare.exercise.tables import exercise_page
         from slamgauge.compare.storage.files import write_json
+        from slamgauge.compare.storage.staged_folder import staged_folder
 
         with continued_later(), self.work.executor() as executor:
             exercise = run_exercise(self.questions, self.runs, self.seed, self.out, executor)

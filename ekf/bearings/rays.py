@@ -15,7 +15,7 @@ bearing z with variance R:
 Members are landmarks of the `LandmarkMap`, which computes innovations, updates and covariances.
 
 Source: Sola, Monin, Devy and Lemaire, "Undelayed initialization in bearing only SLAM", IROS 2005. Equations 4.1 to 4.4
-are those of the exercise (docs/practical.md).
+are those of the exercise (docs/exercise.md).
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ import numpy as np
 from slamgauge.arrays import Float, Int
 from slamgauge.graph_baseline.problem.preparation import prior_cov_in_body, require_known_landmarks
 from slamgauge.recording import Recording
-from slamgauge.se2 import between, log, right_jacobian, rotation
+from slamgauge.se2 import between, log, pose_rotation, right_jacobian, rotation
 from slamgauge.sensors import innovation, jacobian, predict
 
 
@@ -37,8 +37,7 @@ def linearise(recording: Recording, slot: Int, poses: Float, landmarks: Float) -
     """Return the model linearised at `poses` (N+1, 3) and `landmarks` (L, 2); observations have slots `slot` (M,)."""
     prior_residual = log(between(recording.prior_mean, poses[0])[None])
     residual = log(between(recording.odometry, between(poses[:-1], poses[1:])))
-    turn = np.zeros((len(poses), 3, 3))
-    turn[:, :2, :2], turn[:, 2, 2] = rotation(poses[:, 2]), 1.0
+    turn = pose_rotation(poses[:, 2])
     F = np.tile(np.eye(3), (recording.steps, 1, 1))
     moved = np.diff(poses[:, :2], axis=0)
     F[:, 0, 2], F[:, 1, 2] = -moved[:, 1], moved[:, 0]

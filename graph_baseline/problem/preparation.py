@@ -15,7 +15,7 @@ from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline.problem.placement import do_not_meet, triangulate_all
 from slamgauge.graph_baseline.problem.undetermined import undetermined_variable
 from slamgauge.recording import Recording
-from slamgauge.se2 import between, chain, compose, rotation
+from slamgauge.se2 import between, chain, compose, pose_rotation, rotation
 from slamgauge.sensors import SENSORS, inverse, jacobian, predict
 from slamgauge.validation import require_type
 
@@ -88,8 +88,7 @@ def as_range_bearing(recording: Recording) -> tuple[Float, Float]:
 
 def prior_cov_in_body(recording: Recording) -> Float:
     """Return the prior covariance (3, 3) in the frame of the prior mean, which is GTSAM's convention."""
-    turn = np.eye(3)
-    turn[:2, :2] = rotation(recording.prior_mean[2])
+    turn = pose_rotation(recording.prior_mean[2])
     return turn.T @ recording.prior_cov @ turn
 
 
@@ -207,8 +206,7 @@ def in_world_frame(estimate: Estimate, start: Float) -> Estimate:
     """Return an estimate of the recording `in_frame_of_start` in the world frame, in which the start pose is (3,)."""
     if not start.any():
         return estimate
-    turn = np.eye(3)
-    turn[:2, :2] = rotation(start[2])
+    turn = pose_rotation(start[2])
     assert estimate.pose_covs is not None and estimate.landmark_covs is not None
     return replace(
         estimate,

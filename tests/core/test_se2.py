@@ -21,6 +21,7 @@ from slamgauge.se2 import (
     exp,
     log,
     mean_rotation,
+    pose_rotation,
     right_jacobian,
     rotation,
     wrap,
@@ -125,6 +126,12 @@ def test_the_increment_is_in_the_body_frame_at_its_start() -> None:
 def test_rotation_turns_anticlockwise() -> None:
     np.testing.assert_allclose(rotation(PI / 2) @ [1.0, 0.0], [0.0, 1.0], atol=1e-16)
     assert rotation(np.zeros((4, 5))).shape == (4, 5, 2, 2)
+
+
+def test_pose_rotation_turns_an_increment_and_keeps_its_heading() -> None:
+    pose, increment = np.array([1.0, 2.0, 0.7]), np.array([0.3, -0.2, 0.1])
+    np.testing.assert_allclose(pose + pose_rotation(pose[2]) @ increment, compose(pose, increment), atol=1e-15)
+    np.testing.assert_array_equal(pose_rotation([0.1, 0.7])[1], pose_rotation(0.7))
 
 
 def test_poses_broadcast() -> None:
