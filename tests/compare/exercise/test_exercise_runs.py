@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -15,7 +16,7 @@ import pytest
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.estimators.registry import REGISTRY
 from slamgauge.compare.exercise import running
-from slamgauge.compare.exercise.results import results
+from slamgauge.compare.exercise.results import exercise_json, results
 from slamgauge.compare.exercise.running import Exercise, run_exercise
 from slamgauge.compare.exercise.settings import CAUSAL, EKF, FILTERS, GTSAM, OPTIMA, QUESTIONS
 from slamgauge.compare.exercise.tables import exercise_page
@@ -210,3 +211,20 @@ def test_the_command_writes_results_figures_and_pages_and_continues(
     assert json.loads(capsys.readouterr().out) == printed
     assert main([*words, "--seed", "1"]) == 2
     assert "has a study of another seed" in capsys.readouterr().err
+
+
+def test_every_key_of_the_json_file_is_documented(question_1: Exercise):
+    text = Path(__file__).parents[3].joinpath("docs/exercise.md").read_text(encoding="utf-8")
+    rows = "\n".join(line.partition("| ")[2].partition(" |")[0] for line in text.splitlines() if line.startswith("| `"))
+    documented = {word for code in re.findall(r"`([^`]+)`", rows) for word in re.findall(r"\w+", code)}
+    found = exercise_json(question_1, results(question_1))
+    for setting in found["questions"]["q1"]["settings"]:
+        setting["estimators"] = {}  # as in summary.json
+    assert keys_of(found) - {"q1", *FILTERS, *OPTIMA} <= documented | {"mean", "low", "high"}
+
+
+def keys_of(value: Any) -> set[str]:
+    """Return the keys of all mappings in a JSON value."""
+    if isinstance(value, dict):
+        return {*value}.union(*map(keys_of, value.values()))
+    return set[str]().union(*map(keys_of, value)) if isinstance(value, list) else set()
