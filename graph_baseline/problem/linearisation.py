@@ -16,8 +16,12 @@ from slamgauge.arrays import Float, Int
 from slamgauge.graph_baseline.problem.preparation import Problem, prior_cov_in_body
 from slamgauge.jit import inner, kernel
 from slamgauge.se2_kernels import log, right_jacobian, wrap
-from slamgauge.sensor_kernels import BEARING, POSITION
+from slamgauge.sensor_kernels import POSITION
 from slamgauge.sensors import SENSORS
+
+Pair = tuple[float, float]
+Triple = tuple[float, float, float]
+Quadruple = tuple[float, float, float, float]
 
 
 class GraphArrays(NamedTuple):
@@ -96,35 +100,58 @@ def linearise(
 
     A landmark at the position of a pose that observes it gives infinite or undefined entries.
     """
+    dim = arrays.value.shape[1]
     for k in range(steps[0], steps[1]):
         start = arrays.start if k == 0 else poses[k - 1]
-        c, s = math.cos(poses[k, 2]), math.sin(poses[k, 2])
-        linearise_motion(arrays, k, start, poses[k], (c, s), model)
+        heading = math.cos(poses[k, 2]), math.sin(poses[k, 2])
+        if k > 0:
+            model.lever[k, 0], model.lever[k, 1] = start[1] - poses[k, 1], poses[k, 0] - start[0]
+        linearise_motion(
+            (start[0], start[1], start[2]),
+            (poses[k, 0], poses[k, 1], poses[k, 2]),
+            heading,
+            (arrays.motion[k, 0], arrays.motion[k, 1], arrays.motion[k, 2]),
+            (arrays.turn[k, 0], arrays.turn[k, 1]),
+            arrays.motion_cov[k],
+            model.c[k],
+            model.W[k],
+        )
         for row in range(arrays.first[k], arrays.first[k + 1]):
             slot = arrays.slot[row]
-            if slot >= 0:
-                ex, ey = landmarks[slot, 0] - poses[k, 0], landmarks[slot, 1] - poses[k, 1]
-                linearise_observation(arrays, row, (c, s), ex, ey, model)
-            else:
-                model.r[row] = 0.0
-                model.Hx[row] = 0.0
-                model.Hm[row] = 0.0
+            if slot < 0:
+                for i in range(dim):
+                    model.r[row, i] = model.Hm[row, i, 0] = model.Hm[row, i, 1] = 0.0
+                    model.Hx[row, i, 0] = model.Hx[row, i, 1] = model.Hx[row, i, 2] = 0.0
+                continue
+            ex, ey = landmarks[slot, 0] - poses[k, 0], landmarks[slot, 1] - poses[k, 1]
+            value = arrays.value[row, 0], arrays.value[row, dim - 1]
+            direction = arrays.direction[row, 0], arrays.direction[row, 1]
+            r, A = linearise_observation(arrays.sensor, value, direction, heading, (ex, ey))
+            for i in range(dim):
+                if dim == 1:
+                    w = 0.0, arrays.whitener[row, 0, 0]
+                else:
+                    w = arrays.whitener[row, i, 0], arrays.whitener[row, i, 1]
+                x, y = w[0] * A[0] + w[1] * A[2], w[0] * A[1] + w[1] * A[3]
+                model.r[row, i] = w[0] * r[0] + w[1] * r[1]
+                model.Hm[row, i, 0], model.Hm[row, i, 1] = x, y
+                model.Hx[row, i, 0], model.Hx[row, i, 1], model.Hx[row, i, 2] = -x, -y, x * ey - y * ex
 
 
 @inner
 def linearise_motion(
-    arrays: GraphArrays, k: int, start: Float, end: Float, heading: tuple[float, float], model: LinearModel
+    start: Triple, end: Triple, heading: Pair, motion: Triple, turn: Pair, Q: Float, c: Float, W: Float
 ) -> None:
-    """Fill lever, c = -turn xi and W = B Q B', B = turn J_r(xi), of the motion to pose k from `start` to `end` (3,)."""
-    x, y, t = motion_residual(arrays, k, start, end)
+    """Compute c = -turn xi and W = B Q B', B = turn J_r(xi), of a motion between two poses.
+
+    `heading` and `turn` are cosines and sines of the heading of `end`, and of the measured turn.
+    """
+    x, y, t = motion_residual(start, end, motion, turn)
     j00, j01, j02, j12 = right_jacobian(x, y, t)
-    c, s = heading
-    if k > 0:
-        model.lever[k, 0], model.lever[k, 1] = start[1] - end[1], end[0] - start[0]
-    model.c[k, 0], model.c[k, 1], model.c[k, 2] = s * y - c * x, -s * x - c * y, -t
-    b00, b01, b02 = c * j00 + s * j01, c * j01 - s * j00, c * j02 - s * j12
-    b10, b11, b12 = s * j00 - c * j01, s * j01 + c * j00, s * j02 + c * j12
-    Q, W = arrays.motion_cov[k], model.W[k]
+    cosine, sine = heading
+    c[0], c[1], c[2] = sine * y - cosine * x, -sine * x - cosine * y, -t
+    b00, b01, b02 = cosine * j00 + sine * j01, cosine * j01 - sine * j00, cosine * j02 - sine * j12
+    b10, b11, b12 = sine * j00 - cosine * j01, sine * j01 + cosine * j00, sine * j02 + cosine * j12
     q0, q1, q2 = row_product(b00, b01, b02, Q)
     p0, p1, p2 = row_product(b10, b11, b12, Q)
     W[0, 0], W[1, 1], W[2, 2] = q0 * b00 + q1 * b01 + q2 * b02, p0 * b10 + p1 * b11 + p2 * b12, Q[2, 2]
@@ -133,7 +160,7 @@ def linearise_motion(
 
 
 @inner
-def row_product(b0: float, b1: float, b2: float, Q: Float) -> tuple[float, float, float]:
+def row_product(b0: float, b1: float, b2: float, Q: Float) -> Triple:
     """Return the row (b0, b1, b2) Q for Q (3, 3)."""
     return (
         b0 * Q[0, 0] + b1 * Q[1, 0] + b2 * Q[2, 0],
@@ -143,49 +170,43 @@ def row_product(b0: float, b1: float, b2: float, Q: Float) -> tuple[float, float
 
 
 @inner
-def motion_residual(arrays: GraphArrays, k: int, start: Float, end: Float) -> tuple[float, float, float]:
-    """Return the residual xi = Log(motion^-1 start^-1 end) of the motion to pose k [m, m, rad], in the frame of `end`."""
+def motion_residual(start: Triple, end: Triple, motion: Triple, turn: Pair) -> Triple:
+    """Return the residual xi = Log(motion^-1 start^-1 end) [m, m, rad], in the frame of `end`."""
     c, s = math.cos(start[2]), math.sin(start[2])
     dx, dy = end[0] - start[0], end[1] - start[1]
-    x, y = c * dx + s * dy - arrays.motion[k, 0], c * dy - s * dx - arrays.motion[k, 1]
-    t = wrap(end[2] - start[2] - arrays.motion[k, 2])
-    c, s = arrays.turn[k, 0], arrays.turn[k, 1]
-    x, y = log(c * x + s * y, c * y - s * x, t)
+    x, y = c * dx + s * dy - motion[0], c * dy - s * dx - motion[1]
+    t = wrap(end[2] - start[2] - motion[2])
+    x, y = log(turn[0] * x + turn[1] * y, turn[0] * y - turn[1] * x, t)
     return x, y, t
 
 
 @inner
 def linearise_observation(
-    arrays: GraphArrays, row: int, heading: tuple[float, float], ex: float, ey: float, model: LinearModel
-) -> None:
-    """Fill the rows of an observation of a landmark at (ex, ey) from the pose, world frame [m].
+    sensor: int, value: Pair, direction: Pair, heading: Pair, offset: Pair
+) -> tuple[Pair, Quadruple]:
+    """Return the residuals of an observation, and their Jacobian (2, 2) by the landmark, in rows.
 
+    Residuals are those of range [m] and bearing [rad], or of the position [m]; `bearing` uses only the second one.
     Bearings are computed in a frame whose x axis is the measured bearing. There the predicted bearing equals the
     residual, which is usually small, so that a series replaces the arc tangent.
+
+    Args:
+        sensor: code.
+        value: range [m] and bearing [rad], or position [m].
+        direction: cosine and sine of the measured bearing.
+        heading: cosine and sine of the heading.
+        offset: of the landmark from the pose, world frame [m].
     """
-    c, s = heading
-    w, Hm, r = arrays.whitener[row], model.Hm[row], model.r[row]
-    if arrays.sensor == POSITION:
-        r0, r1 = c * ex + s * ey - arrays.value[row, 0], c * ey - s * ex - arrays.value[row, 1]
-        a00, a01, a10, a11 = c, s, -s, c
-    else:
-        along, across = arrays.direction[row, 0], arrays.direction[row, 1]
-        x, y = c * along - s * across, s * along + c * across  # direction of the measured bearing
-        r1 = angle_of(x * ex + y * ey, x * ey - y * ex)
-        distance = math.sqrt(ex * ex + ey * ey)
-        nearness = 1.0 / distance
-        a00, a01 = ex * nearness, ey * nearness
-        a10, a11 = -a01 * nearness, a00 * nearness
-        r0 = distance - arrays.value[row, 0]
-    if arrays.sensor == BEARING:
-        r[0], Hm[0, 0], Hm[0, 1] = w[0, 0] * r1, w[0, 0] * a10, w[0, 0] * a11
-    else:
-        r[0], Hm[0, 0], Hm[0, 1] = w[0, 0] * r0, w[0, 0] * a00, w[0, 0] * a01
-        r[1] = w[1, 0] * r0 + w[1, 1] * r1
-        Hm[1, 0], Hm[1, 1] = w[1, 0] * a00 + w[1, 1] * a10, w[1, 0] * a01 + w[1, 1] * a11
-    for i in range(len(r)):
-        model.Hx[row, i, 0], model.Hx[row, i, 1] = -Hm[i, 0], -Hm[i, 1]
-        model.Hx[row, i, 2] = Hm[i, 0] * ey - Hm[i, 1] * ex
+    (c, s), (ex, ey) = heading, offset
+    if sensor == POSITION:
+        return (c * ex + s * ey - value[0], c * ey - s * ex - value[1]), (c, s, -s, c)
+    along, across = direction
+    x, y = c * along - s * across, s * along + c * across  # direction of the measured bearing
+    distance = math.sqrt(ex * ex + ey * ey)
+    nearness = 1.0 / distance
+    ux, uy = ex * nearness, ey * nearness
+    residuals = distance - value[0], angle_of(x * ex + y * ey, x * ey - y * ex)
+    return residuals, (ux, uy, -uy * nearness, ux * nearness)
 
 
 @inner

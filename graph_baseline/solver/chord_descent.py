@@ -110,7 +110,9 @@ class ChordDescent:
             if again:
                 front.M[:, :width], front.P[:], front.information[:width, :width] = saved
             at.poses[k], at.landmarks[added] = state.poses[k], state.landmarks[added]
-            self._linearise_newest_scan(predicted, mapped)
+            chord_kernels.linearise_newest(
+                self._arrays, at, state, (predicted, mapped), k, self._now, self._model
+            )
             front.M[:, 0], front.information[:width, 0] = 0.0, 0.0  # earlier steps are at their minimum
             if not (self._eliminate(k) and self._factorise()):
                 return None
@@ -118,20 +120,6 @@ class ChordDescent:
             step = front.M[:, 0] + front.M[:, 1:width] @ moved
             state.poses[k], state.landmarks[:count] = predicted + step, mapped + moved.reshape(-1, 2)
         return step
-
-    def _linearise_newest_scan(self, predicted: Float, mapped: Float) -> None:
-        """Linearise the newest scan at `at`, with residuals of the current state, extrapolated to a predicted state.
-
-        The prediction from earlier steps is the pose (3,) and the map (l, 2); relative to it the motion has no residual.
-        """
-        k, state, model = self.newest, self._state, self._model
-        rows, steps = slice(*self._scans.first[k : k + 2]), (k, k + 1)
-        linearise(self._arrays, *self._at, steps, model)
-        linearise(self._arrays, *state, steps, self._now)
-        model.c[k], model.r[rows] = 0.0, self._now.r[rows] + model.Hx[rows] @ (predicted - state.poses[k])
-        if len(mapped):
-            shift = (mapped - state.landmarks[: len(mapped)])[self._scans.slot[rows]]  # Hm of unused rows is zero
-            model.r[rows] += np.einsum("mij,mj->mi", model.Hm[rows], shift)
 
     # --- chord steps -----------------------------------------------------------------------------
 
@@ -168,10 +156,10 @@ class ChordDescent:
             Size of the step before acceleration in standard deviations: the larger change of the newest pose and of the
             predicted observations; NaN if the step is not finite.
         """
-        k, state, step, now = self.newest, self._state, self._step, self._now
-        linearise(self._arrays, *state, (0, k + 1), now)
-        self.chi_square = chord_kernels.compute_gradient(self._scans, now, k, step)
-        change = chord_kernels.staleness(self._scans, now, self._model, k)
+        k, state, step = self.newest, self._state, self._step
+        self.chi_square, change = chord_kernels.compute_gradient(
+            self._arrays, state, k, self._model, self._now, step
+        )
         if change * self._reach() > STALE and not self.relinearise():
             return np.nan
         seen = chord_kernels.solve_step(self._scans, self._model, self._chain, self._factor, k, step)

@@ -19,7 +19,8 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.graph_baseline.problem.linearisation import LinearModel
+from slamgauge.graph_baseline.problem.linearisation import GraphArrays, LinearModel, Triple, linearise
+from slamgauge.graph_baseline.solver.active_landmarks import State
 from slamgauge.graph_baseline.solver.elimination import Chain, Scans
 from slamgauge.jit import inner, kernel
 from slamgauge.se2_kernels import exp, wrap
@@ -45,16 +46,62 @@ def empty_step(poses: int, landmarks: int, observations: int, dim: int) -> Chord
 
 
 @kernel
-def compute_gradient(scans: Scans, now: LinearModel, newest: int, step: ChordStep) -> float:
-    """Compute the defects and the negative gradient by the landmarks; return the sum of squared residuals.
+def linearise_newest(
+    arrays: GraphArrays,
+    at: State,
+    state: State,
+    predicted: tuple[Float, Float],
+    newest: int,
+    now: LinearModel,
+    model: LinearModel,
+) -> None:
+    """Linearise the newest scan at `at`, with residuals of the current state, extrapolated to a predicted state.
 
-    The sum is exact if the defects are zero: the noise of a motion is then -W l, and its weighted square l' W l.
+    Relative to the predicted pose (3,) and map (l, 2), the motion has no residual.
     """
+    (pose, mapped), steps = predicted, (newest, newest + 1)
+    linearise(arrays, at.poses, at.landmarks, steps, model)
+    linearise(arrays, state.poses, state.landmarks, steps, now)
+    for i in range(3):
+        model.c[newest, i] = 0.0
+    x, y = pose[0] - state.poses[newest, 0], pose[1] - state.poses[newest, 1]
+    t = pose[2] - state.poses[newest, 2]
+    for row in range(arrays.first[newest], arrays.first[newest + 1]):
+        slot = arrays.slot[row]
+        if slot < 0:
+            continue
+        mx = mapped[slot, 0] - state.landmarks[slot, 0]
+        my = mapped[slot, 1] - state.landmarks[slot, 1]
+        for i in range(model.r.shape[1]):
+            of_pose = model.Hx[row, i, 0] * x + model.Hx[row, i, 1] * y + model.Hx[row, i, 2] * t
+            of_landmark = model.Hm[row, i, 0] * mx + model.Hm[row, i, 1] * my
+            model.r[row, i] = now.r[row, i] + of_pose + of_landmark
+
+
+@kernel
+def compute_gradient(
+    arrays: GraphArrays, state: State, newest: int, model: LinearModel, now: LinearModel, step: ChordStep
+) -> tuple[float, float]:
+    """Linearise all poses at the current state, and compute the defects and the negative gradient by the landmarks.
+
+    Args:
+        arrays: the problem.
+        state: current path and map.
+        newest: pose.
+        model: linearised where the poses were eliminated.
+        now: gets the model at the current state.
+        step: gets defects and gradient.
+
+    Returns:
+        The sum of squared residuals, and `staleness`. The sum is exact if the defects are zero: the noise of a motion
+        is then -W l, and its weighted square l' W l.
+    """
+    linearise(arrays, state.poses, state.landmarks, (0, newest + 1), now)
     l0, l1, l2, squares = 0.0, 0.0, 0.0, 0.0
     step.landmark[:] = 0.0
     for k in range(newest, -1, -1):
-        for row in range(scans.first[k], scans.first[k + 1]):
-            slot = scans.slot[row]
+        for row in range(arrays.first[k], arrays.first[k + 1]):
+            slot = arrays.slot[row]
             if slot < 0:
                 continue
             for i in range(now.r.shape[1]):
@@ -65,31 +112,28 @@ def compute_gradient(scans: Scans, now: LinearModel, newest: int, step: ChordSte
                 l0 += now.Hx[row, i, 0] * r
                 l1 += now.Hx[row, i, 1] * r
                 l2 += now.Hx[row, i, 2] * r
-        for i in range(3):
-            noise = now.W[k, i, 0] * l0 + now.W[k, i, 1] * l1 + now.W[k, i, 2] * l2
-            squares += noise * (l0 if i == 0 else l1 if i == 1 else l2)
-            step.defect[k, i] = now.c[k, i] - noise
+        n0, n1, n2 = times(now.W, k, (l0, l1, l2))
+        squares += n0 * l0 + n1 * l1 + n2 * l2
+        step.defect[k, 0], step.defect[k, 1], step.defect[k, 2] = now.c[k, 0] - n0, now.c[k, 1] - n1, now.c[k, 2] - n2
         l2 += now.lever[k, 0] * l0 + now.lever[k, 1] * l1
-    return squares
+    return squares, staleness(arrays, now, model, newest)
 
 
-@kernel
-def staleness(scans: Scans, now: LinearModel, model: LinearModel, newest: int) -> float:
+@inner
+def staleness(arrays: GraphArrays, now: LinearModel, model: LinearModel, newest: int) -> float:
     """Return the relative change of the Jacobians from `model` to `now`.
 
     It is the larger one of two: observations by landmarks, and the newest pose by earlier headings.
     """
     moved, norm, turned, length = 0.0, 0.0, 0.0, 0.0
-    before, after = np.zeros(2), np.zeros(2)  # levers from pose k - 1 to the newest pose
-    for k in range(newest, -1, -1):
-        for j in range(2):
-            before[j] += model.lever[k, j]
-            after[j] += now.lever[k, j]
-            if k > 0:
-                turned += (after[j] - before[j]) ** 2
-                length += after[j] ** 2
-    for row in range(scans.first[newest + 1]):
-        if scans.slot[row] >= 0:
+    before, after = (0.0, 0.0), (0.0, 0.0)  # levers from pose k - 1 to the newest pose
+    for k in range(newest, 0, -1):
+        before = before[0] + model.lever[k, 0], before[1] + model.lever[k, 1]
+        after = after[0] + now.lever[k, 0], after[1] + now.lever[k, 1]
+        turned += (after[0] - before[0]) ** 2 + (after[1] - before[1]) ** 2
+        length += after[0] ** 2 + after[1] ** 2
+    for row in range(arrays.first[newest + 1]):
+        if arrays.slot[row] >= 0:
             for i in range(now.r.shape[1]):
                 for j in range(2):
                     norm += now.Hm[row, i, j] ** 2
@@ -111,41 +155,37 @@ def solve_step(scans: Scans, model: LinearModel, chain: Chain, factor: Float, ne
     """
     step.rhs[: newest + 1] = 0.0
     smooth(model, chain, newest, step)
+    Hx, Hm, pose, landmark, dim = model.Hx, model.Hm, step.pose, step.landmark, model.r.shape[1]
     for k in range(newest + 1):
         for row in range(scans.first[k], scans.first[k + 1]):
             slot = scans.slot[row]
             if slot >= 0:
-                for i in range(model.r.shape[1]):
-                    change = along(model.Hx[row, i], step.pose[k])
-                    step.landmark[slot, 0] -= model.Hm[row, i, 0] * change
-                    step.landmark[slot, 1] -= model.Hm[row, i, 1] * change
-    solve_factored(factor, step.landmark.ravel())
+                for i in range(dim):
+                    change = Hx[row, i, 0] * pose[k, 0] + Hx[row, i, 1] * pose[k, 1] + Hx[row, i, 2] * pose[k, 2]
+                    landmark[slot, 0] -= Hm[row, i, 0] * change
+                    landmark[slot, 1] -= Hm[row, i, 1] * change
+    solve_factored(factor, landmark.ravel())
     for k in range(newest + 1):
         for row in range(scans.first[k], scans.first[k + 1]):
             slot = scans.slot[row]
-            for i in range(model.r.shape[1]):
-                change = 0.0
+            for i in range(dim):
                 if slot >= 0:
-                    h, landmark = model.Hm[row, i], step.landmark[slot]
-                    change = h[0] * landmark[0] + h[1] * landmark[1]
+                    change = Hm[row, i, 0] * landmark[slot, 0] + Hm[row, i, 1] * landmark[slot, 1]
                     for j in range(3):
-                        step.rhs[k, j] -= model.Hx[row, i, j] * change
-                step.seen[row, i] = change
+                        step.rhs[k, j] -= Hx[row, i, j] * change
+                    step.seen[row, i] = change
+                else:
+                    step.seen[row, i] = 0.0
     smooth(model, chain, newest, step)
     squares = 0.0
     for k in range(newest + 1):
         for row in range(scans.first[k], scans.first[k + 1]):
             if scans.slot[row] >= 0:
-                for i in range(model.r.shape[1]):
-                    step.seen[row, i] += along(model.Hx[row, i], step.pose[k])
+                for i in range(dim):
+                    change = Hx[row, i, 0] * pose[k, 0] + Hx[row, i, 1] * pose[k, 1] + Hx[row, i, 2] * pose[k, 2]
+                    step.seen[row, i] += change
                     squares += step.seen[row, i] ** 2
     return math.sqrt(squares)
-
-
-@inner
-def along(a: Float, b: Float) -> float:
-    """Return a' b of vectors (3,)."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @inner
@@ -164,37 +204,53 @@ def solve_factored(factor: Float, x: Float) -> None:
 @inner
 def smooth(model: LinearModel, chain: Chain, newest: int, step: ChordStep) -> None:
     """Compute the step of every pose for its defects and right-hand sides, with fixed landmarks."""
-    mean, x, ahead, z, back = step.mean, np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
+    rhs, defect, mean, x = step.rhs, step.defect, step.mean, (0.0, 0.0, 0.0)
     for k in range(newest + 1):
-        x[0] += model.lever[k, 0] * x[2]
-        x[1] += model.lever[k, 1] * x[2]
-        for i in range(3):
-            x[i] += step.defect[k, i]
-            mean[k, i] = x[i]
-        observe(chain, k, x, step.rhs[k], z, back)
-        for i in range(3):
-            x[i] = z[i] - along(chain.P[k, i], back)
+        x0, x1 = x[0] + model.lever[k, 0] * x[2], x[1] + model.lever[k, 1] * x[2]
+        x = x0 + defect[k, 0], x1 + defect[k, 1], x[2] + defect[k, 2]
+        mean[k, 0], mean[k, 1], mean[k, 2] = x
+        x = observe(chain, k, x, (rhs[k, 0], rhs[k, 1], rhs[k, 2]))[0]
+    a = 0.0, 0.0, 0.0
     for k in range(newest, -1, -1):
-        for i in range(3):
-            ahead[i] += step.rhs[k, i]
-        observe(chain, k, mean[k], ahead, z, back)
-        for i in range(3):
-            step.pose[k, i] = z[i] - along(chain.P[k, i], back)
-            ahead[i] -= back[i]
-        ahead[2] += model.lever[k, 0] * ahead[0] + model.lever[k, 1] * ahead[1]
+        a = a[0] + rhs[k, 0], a[1] + rhs[k, 1], a[2] + rhs[k, 2]
+        x, b = observe(chain, k, (mean[k, 0], mean[k, 1], mean[k, 2]), a)
+        step.pose[k, 0], step.pose[k, 1], step.pose[k, 2] = x
+        a0, a1 = a[0] - b[0], a[1] - b[1]
+        a = a0, a1, a[2] - b[2] + model.lever[k, 0] * a0 + model.lever[k, 1] * a1
 
 
 @inner
-def observe(chain: Chain, k: int, x: Float, rhs: Float, z: Float, back: Float) -> None:
-    """Compute z = x + P rhs and back = T' T z."""
-    T = chain.T[k]
-    for i in range(3):
-        z[i] = x[i] + along(chain.P[k, i], rhs)
-        back[i] = 0.0
-    for i in range(3):
-        seen = along(T[i], z)
-        for j in range(3):
-            back[j] += T[i, j] * seen
+def observe(chain: Chain, k: int, x: Triple, rhs: Triple) -> tuple[Triple, Triple]:
+    """Return z - P b and b = T' T z, with z = x + P rhs."""
+    z = plus(x, times(chain.P, k, rhs))
+    b = times_transposed(chain.T, k, times(chain.T, k, z))
+    return plus(z, times(chain.P, k, (-b[0], -b[1], -b[2]))), b
+
+
+@inner
+def plus(x: Triple, y: Triple) -> Triple:
+    """Return x + y."""
+    return x[0] + y[0], x[1] + y[1], x[2] + y[2]
+
+
+@inner
+def times(A: Float, k: int, x: Triple) -> Triple:
+    """Return A_k x for matrices A (n, 3, 3)."""
+    return (
+        A[k, 0, 0] * x[0] + A[k, 0, 1] * x[1] + A[k, 0, 2] * x[2],
+        A[k, 1, 0] * x[0] + A[k, 1, 1] * x[1] + A[k, 1, 2] * x[2],
+        A[k, 2, 0] * x[0] + A[k, 2, 1] * x[1] + A[k, 2, 2] * x[2],
+    )
+
+
+@inner
+def times_transposed(A: Float, k: int, x: Triple) -> Triple:
+    """Return A_k' x for matrices A (n, 3, 3)."""
+    return (
+        A[k, 0, 0] * x[0] + A[k, 1, 0] * x[1] + A[k, 2, 0] * x[2],
+        A[k, 0, 1] * x[0] + A[k, 1, 1] * x[1] + A[k, 2, 1] * x[2],
+        A[k, 0, 2] * x[0] + A[k, 1, 2] * x[1] + A[k, 2, 2] * x[2],
+    )
 
 
 @kernel

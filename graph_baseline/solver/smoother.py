@@ -157,8 +157,8 @@ def _pose_covs(piece: Eliminated, order: Int, root: Float) -> Float:
     smooth_covariances(model, chain, covs)
     for first in range(0, len(maps), CHUNK):
         part = slice(first, first + CHUNK)
-        A = (maps[part] - chain.P[part] @ adjoints[part])[:, :, 1 + order].reshape(-1, len(order))
-        spread = multiply_triangular(1.0, root.T, A.T, lower=1, overwrite_b=1).T.reshape(-1, 3, len(order))
+        A = (maps[part] - chain.P[part] @ adjoints[part])[:, :, 1 + order].reshape(3 * len(maps[part]), len(order))
+        spread = multiply_triangular(1.0, root.T, A.T, lower=1, overwrite_b=1).T.reshape(len(maps[part]), 3, len(order))
         covs[part] += spread @ spread.swapaxes(1, 2)
     return covs
 
