@@ -93,22 +93,25 @@ def empty_model(poses: int, observations: int, dim: int) -> LinearModel:
 
 
 @kernel
-def linearise(
-    arrays: GraphArrays, poses: Float, landmarks: Float, steps: tuple[int, int], model: LinearModel
-) -> None:
+def linearise(arrays: GraphArrays, poses: Float, landmarks: Float, steps: tuple[int, int], model: LinearModel) -> None:
     """Fill the rows of a model for poses steps[0]..steps[1]-1, at poses (N+1, 3) and landmarks (L, 2).
 
     A landmark at the position of a pose that observes it gives infinite or undefined entries.
     """
-    dim = arrays.value.shape[1]
-    for k in range(steps[0], steps[1]):
-        start = arrays.start if k == 0 else poses[k - 1]
-        heading = math.cos(poses[k, 2]), math.sin(poses[k, 2])
+    dim, begin = arrays.value.shape[1], steps[0]
+    end = (arrays.start[0], arrays.start[1], arrays.start[2])
+    if begin > 0:
+        end = (poses[begin - 1, 0], poses[begin - 1, 1], poses[begin - 1, 2])
+    heading = math.cos(end[2]), math.sin(end[2])
+    for k in range(begin, steps[1]):
+        start, before, end = end, heading, (poses[k, 0], poses[k, 1], poses[k, 2])
+        heading = math.cos(end[2]), math.sin(end[2])
         if k > 0:
-            model.lever[k, 0], model.lever[k, 1] = start[1] - poses[k, 1], poses[k, 0] - start[0]
+            model.lever[k, 0], model.lever[k, 1] = start[1] - end[1], end[0] - start[0]
         linearise_motion(
-            (start[0], start[1], start[2]),
-            (poses[k, 0], poses[k, 1], poses[k, 2]),
+            start,
+            before,
+            end,
             heading,
             (arrays.motion[k, 0], arrays.motion[k, 1], arrays.motion[k, 2]),
             (arrays.turn[k, 0], arrays.turn[k, 1]),
@@ -140,13 +143,13 @@ def linearise(
 
 @inner
 def linearise_motion(
-    start: Triple, end: Triple, heading: Pair, motion: Triple, turn: Pair, Q: Float, c: Float, W: Float
+    start: Triple, before: Pair, end: Triple, heading: Pair, motion: Triple, turn: Pair, Q: Float, c: Float, W: Float
 ) -> None:
     """Compute c = -turn xi and W = B Q B', B = turn J_r(xi), of a motion between two poses.
 
-    `heading` and `turn` are cosines and sines of the heading of `end`, and of the measured turn.
+    `before`, `heading` and `turn` are cosines and sines of the headings of `start` and `end`, and of the measured turn.
     """
-    x, y, t = motion_residual(start, end, motion, turn)
+    x, y, t = motion_residual(start, before, end, motion, turn)
     j00, j01, j02, j12 = right_jacobian(x, y, t)
     cosine, sine = heading
     c[0], c[1], c[2] = sine * y - cosine * x, -sine * x - cosine * y, -t
@@ -170,9 +173,9 @@ def row_product(b0: float, b1: float, b2: float, Q: Float) -> Triple:
 
 
 @inner
-def motion_residual(start: Triple, end: Triple, motion: Triple, turn: Pair) -> Triple:
+def motion_residual(start: Triple, before: Pair, end: Triple, motion: Triple, turn: Pair) -> Triple:
     """Return the residual xi = Log(motion^-1 start^-1 end) [m, m, rad], in the frame of `end`."""
-    c, s = math.cos(start[2]), math.sin(start[2])
+    c, s = before
     dx, dy = end[0] - start[0], end[1] - start[1]
     x, y = c * dx + s * dy - motion[0], c * dy - s * dx - motion[1]
     t = wrap(end[2] - start[2] - motion[2])

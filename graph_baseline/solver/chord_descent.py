@@ -110,9 +110,7 @@ class ChordDescent:
             if again:
                 front.M[:, :width], front.P[:], front.information[:width, :width] = saved
             at.poses[k], at.landmarks[added] = state.poses[k], state.landmarks[added]
-            chord_kernels.linearise_newest(
-                self._arrays, at, state, (predicted, mapped), k, self._now, self._model
-            )
+            chord_kernels.linearise_newest(self._arrays, at, state, (predicted, mapped), k, self._now, self._model)
             front.M[:, 0], front.information[:width, 0] = 0.0, 0.0  # earlier steps are at their minimum
             if not (self._eliminate(k) and self._factorise()):
                 return None
@@ -157,9 +155,7 @@ class ChordDescent:
             predicted observations; NaN if the step is not finite.
         """
         k, state, step = self.newest, self._state, self._step
-        self.chi_square, change = chord_kernels.compute_gradient(
-            self._arrays, state, k, self._model, self._now, step
-        )
+        self.chi_square, change = chord_kernels.compute_gradient(self._arrays, state, k, self._model, self._now, step)
         if change * self._reach() > STALE and not self.relinearise():
             return np.nan
         seen = chord_kernels.solve_step(self._scans, self._model, self._chain, self._factor, k, step)

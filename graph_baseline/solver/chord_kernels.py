@@ -40,9 +40,7 @@ class ChordStep(NamedTuple):
 def empty_step(poses: int, landmarks: int, observations: int, dim: int) -> ChordStep:
     """Return a chord step of zeros."""
     rhs, defect, mean = np.zeros((3, poses, 3))
-    return ChordStep(
-        np.zeros((poses, 3)), np.zeros((landmarks, 2)), rhs, defect, mean, np.zeros((observations, dim))
-    )
+    return ChordStep(np.zeros((poses, 3)), np.zeros((landmarks, 2)), rhs, defect, mean, np.zeros((observations, dim)))
 
 
 @kernel

@@ -1,11 +1,11 @@
 """Elimination of the poses of a linearised graph, compiled. It leaves a linear system of the landmarks.
 
 Given the unknowns u (landmarks; in pieces of a long path also the poses at its cuts) the poses are a Markov chain. The
-mean of pose k, given the measurements before its scan, is an affine map M_k (1, u), and its covariance P_k. A scan of
-m observations depends on three numbers of its pose: with Hx = Q R it is reduced to three rows R dx + X (1, u), X = Q' [r,
-Hm], of unit noise; the rest of the information is Hm' Hm - X' X. With S = I + R P R' = L L' and T = L^-1 R,
+mean of pose k, given the measurements before its scan, is an affine map M_k (1, u), and its covariance P_k. A scan
+depends on three numbers of its pose: with Hx = Q R it is reduced to three rows R dx + X (1, u), X = Q' [r, Hm], of unit
+noise; the rest of the information is Hm' Hm - X' X. With S = I + R P R' = L L' and T = L^-1 R,
 
-    B = T M + L^-1 X,   information += B' B,   M <- M - P T' B,   P <- P - P T' T P,     then M <- F M + c, P <- F P F' + W.
+    B = T M + L^-1 X,   information += B' B,   M <- M - P T' B,   P <- P - P T' T P,   M <- F M + c,   P <- F P F' + W.
 
 No pose covariance is inverted, so motions of zero variance and a fixed start are exact. P and T of all poses are stored
 for the way back: with the adjoints a_k = F' a_{k+1} and b_k = a_k + T' (B - T P a_k) the smoothed mean is M - P b_k.
@@ -23,10 +23,12 @@ import numpy as np
 from numpy.linalg import LinAlgError
 
 from slamgauge.arrays import Float, Int
-from slamgauge.graph_baseline.problem.linearisation import LinearModel
+from slamgauge.graph_baseline.problem.linearisation import LinearModel, Triple
 from slamgauge.jit import inner, kernel
 
 DEPENDENT = 1e-24  # a squared column of Hx whose remaining share is smaller is a combination of the columns before it
+
+INEXACT = 1e-3  # smaller entries of I - Q Q' are computed without a difference
 
 
 class Scans(NamedTuple):
@@ -105,7 +107,7 @@ def eliminate_poses(
                 maps[k - begin, i, j] = front.M[i, j]
                 B[i, j] = 0.0
         if reduce_scan(scans, model, damping, k, columns, R, X):
-            add_scan(scans, model, k, X, front.information, B)
+            add_scan(scans, model, k, columns, X, front.information, B)
             whiten(R, front, chain.T[k], B, width)
             correct(front, chain.T[k], B, width)
 
@@ -188,32 +190,43 @@ def squared_length(column: Float, used: int) -> float:
 
 
 @inner
-def add_scan(scans: Scans, model: LinearModel, k: int, X: Float, information: Float, B: Float) -> None:
-    """Add [r, Hm]' [r, Hm] - X' X of a scan to the information, and write X to the columns of its landmarks in B."""
-    begin, end = scans.first[k], scans.first[k + 1]
+def add_scan(scans: Scans, model: LinearModel, k: int, columns: Float, X: Float, information: Float, B: Float) -> None:
+    """Add [r, Hm]' [r, Hm] - X' X of a scan to the information, and write X to the columns of its landmarks in B.
+
+    Args:
+        scans: observations by pose.
+        model: linearised at pose k.
+        k: pose of the scan.
+        columns: Q of the scan, transposed.
+        X: of the scan.
+        information: of the landmarks.
+        B: (3, n) zeros.
+    """
+    begin, end, dim = scans.first[k], scans.first[k + 1], model.r.shape[1]
     for row in range(begin, end):
         at = 1 + 2 * scans.slot[row]
         if at < 0:
             continue
-        for i in range(model.r.shape[1]):
-            r, x, y = model.r[row, i], model.Hm[row, i, 0], model.Hm[row, i, 1]
-            information[at, 0] += x * r
-            information[at + 1, 0] += y * r
-            information[at, at] += x * x
-            information[at + 1, at] += x * y
-            information[at + 1, at + 1] += y * y
-        column = 1 + 2 * (row - begin)
+        column, q = 1 + 2 * (row - begin), 3 + dim * (row - begin)
+        outside = outside_of(columns, q, dim, 3 + dim * (end - begin))
+        for i in range(dim):
+            x, y, rest = model.Hm[row, i, 0], model.Hm[row, i, 1], model.r[row, i]
+            for j in range(3):
+                rest -= columns[j, q + i] * X[j, 0]
+            information[at, 0] += x * rest
+            information[at + 1, 0] += y * rest
+            for n in range(dim):
+                share = outside[i + n]
+                information[at, at] += x * share * model.Hm[row, n, 0]
+                information[at + 1, at] += y * share * model.Hm[row, n, 0]
+                information[at + 1, at + 1] += y * share * model.Hm[row, n, 1]
         for j in range(3):
-            x, y = X[j, column], X[j, column + 1]
-            information[at, 0] -= x * X[j, 0]
-            information[at + 1, 0] -= y * X[j, 0]
-            B[j, at] += x
-            B[j, at + 1] += y
+            B[j, at] += X[j, column]
+            B[j, at + 1] += X[j, column + 1]
         for other in range(begin, end):
-            to = 1 + 2 * scans.slot[other]
-            if to < 0 or to > at:
+            to, o = 1 + 2 * scans.slot[other], 1 + 2 * (other - begin)
+            if to < 0 or to > at or other == row:
                 continue
-            o = 1 + 2 * (other - begin)
             for i in range(2):
                 for n in range(2):
                     information[at + i, to + n] -= (
@@ -221,6 +234,37 @@ def add_scan(scans: Scans, model: LinearModel, k: int, X: Float, information: Fl
                     )
     for j in range(3):
         B[j, 0] = X[j, 0]
+
+
+@inner
+def outside_of(columns: Float, q: int, dim: int, used: int) -> Triple:
+    """Return entries 00, 01 and 11 of I - Q_i Q_i', for the rows q..q+dim-1 of Q; I - Q Q' is a projection.
+
+    If these rows determine the pose, the difference loses its digits. It equals its square plus Q_i S Q_i', where S is
+    the sum of Q_j' Q_j over the other rows: this has no small difference.
+    """
+    last = q + dim - 1
+    a, b = (columns[0, q], columns[1, q], columns[2, q]), (columns[0, last], columns[1, last], columns[2, last])
+    p00, p11, p01 = 1.0 - dot(a, a), 1.0 - dot(b, b), -dot(a, b)
+    if dim == 1:
+        p01, p11, b = 0.0, 1.0, (0.0, 0.0, 0.0)
+    if min(p00, p11) - abs(p01) > INEXACT:
+        return p00, p01, p11
+    k00, k01, k11 = p00 * p00 + p01 * p01, p01 * (p00 + p11), p01 * p01 + p11 * p11
+    for n in range(used):
+        if n < q or n > last:
+            other = columns[0, n], columns[1, n], columns[2, n]
+            along_a, along_b = dot(a, other), dot(b, other)
+            k00 += along_a * along_a
+            k01 += along_a * along_b
+            k11 += along_b * along_b
+    return k00, k01, k11
+
+
+@inner
+def dot(a: Triple, b: Triple) -> float:
+    """Return a' b."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @inner

@@ -1,7 +1,7 @@
 """Solution of a linearised graph by its Schur complement: the step and all covariances.
 
-Poses are eliminated piece by piece (`elimination`); usually the whole path is one piece. The remaining information about
-the landmarks, and about poses at cuts of a long path, is factorised (`multifrontal`). Then cov(landmarks) is its
+Poses are eliminated piece by piece (`elimination`); usually the whole path is one piece. The remaining information
+about the landmarks, and about poses at cuts of a long path, is factorised (`multifrontal`). Then cov(landmarks) is its
 inverse, and cov(pose) = V + A cov(landmarks) A' with the smoothed map A and covariance V of the pose given the
 landmarks. In a piece, an unknown last pose is treated as a noise-free observation of that pose.
 
