@@ -26,8 +26,6 @@ from slamgauge.validation import (
 
 Kind = Literal["filtered", "smoothed"]
 AXES = ("x", "y", "heading")
-TIGHT = 1e-4  # largest relative gap of a certified minimum
-SAME = 1e-6  # largest relative difference of the costs of the same minimum
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,47 +72,6 @@ class MapHistory:
 
     def __eq__(self, other: object) -> bool:
         return equal(self, other)
-
-
-@dataclass(frozen=True, slots=True)
-class Certificate:
-    """An optimum compared with the minimum that a certified start leads to (`graph_baseline.certified`).
-
-    Costs are half the sum of squared weighted residuals.
-
-    Attributes:
-        surrogate_cost: smallest cost found of the surrogate, the recording with isotropic noise.
-        lower_bound: no path and map has a lower surrogate cost.
-        reached_cost: cost of the minimum of the recording that the surrogate's minimum leads to.
-        optimum_cost: cost of the optimum.
-        bounds_optimum: whether `lower_bound` also holds for the cost of the recording.
-    """
-
-    surrogate_cost: float
-    lower_bound: float
-    reached_cost: float
-    optimum_cost: float
-    bounds_optimum: bool
-
-    def __post_init__(self) -> None:
-        for name in ("surrogate_cost", "lower_bound", "reached_cost", "optimum_cost"):
-            store(self, **{name: _as_figure(f"certificate.{name}", getattr(self, name))})
-        store(self, bounds_optimum=bool(self.bounds_optimum))
-
-    @property
-    def relative_gap(self) -> float:
-        """Return the difference of surrogate cost and lower bound, relative to max(cost, 1)."""
-        return (self.surrogate_cost - self.lower_bound) / max(self.surrogate_cost, 1.0)
-
-    @property
-    def is_tight(self) -> bool:
-        """Return whether the gap is at most TIGHT: the surrogate's minimum is the global one."""
-        return self.relative_gap <= TIGHT
-
-    @property
-    def is_same_minimum(self) -> bool:
-        """Return whether reached cost and optimum cost are equal, to SAME relative to max(cost, 1)."""
-        return abs(self.reached_cost - self.optimum_cost) <= SAME * max(self.optimum_cost, 1.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -185,7 +142,6 @@ class Estimate:
             measurements, at the last pose and some earlier poses (see `graph_baseline.causal`). Pose differences are
             in sigmas of the separate optimum; differences of sigmas are relative. Infinite if an optimum was not found;
             None if not checked.
-        certificate: comparison with the minimum from a certified start; None if not requested.
     """
 
     kind: Kind
@@ -203,7 +159,6 @@ class Estimate:
     chi_square: float | None = None
     chi_square_dof: int | None = None
     optimum_check: float | None = None
-    certificate: Certificate | None = None
 
     def __post_init__(self) -> None:
         if self.kind not in ("filtered", "smoothed"):

@@ -16,11 +16,12 @@ from slamgauge.arrays import Float, Int
 from slamgauge.covariances import without_negative_eigenvalues
 from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline.hindsight import batch, bearing_only_optimum, optimum_from, optimum_near
+from slamgauge.graph_baseline.problem.objective import Objective
 from slamgauge.graph_baseline.problem.preparation import Problem, prepare, relative_to_start, with_association
 from slamgauge.graph_baseline.problem.undetermined import UndeterminedError
-from slamgauge.graph_baseline.solver.cost_estimate import require_memory_for
 from slamgauge.graph_baseline.solver.incremental import SHORT, IncrementalOptimum
-from slamgauge.graph_baseline.solver.multistart import chi_square_of, explained_by_noise
+from slamgauge.graph_baseline.solver.memory_estimate import require_memory_for
+from slamgauge.graph_baseline.solver.search import degrees_of_freedom, explained_by_noise
 from slamgauge.recording import Recording
 from slamgauge.se2 import wrap
 from slamgauge.sensors import SENSORS
@@ -96,7 +97,8 @@ def _with_map(
     path, landmarks = incremental.path_and_map()
     ids = recording.landmark
     association = np.where(np.isin(ids, incremental.landmark_ids), ids, -1)
-    chi_square, freedom = chi_square_of(recording.associated(association), path, landmarks)
+    used = prepare(recording, association)
+    chi_square, freedom = 2.0 * Objective(used).at(path, landmarks).cost, degrees_of_freedom(used)
     farthest = np.inf
     if not incremental.unconverged_steps:
         farthest = _last_distance(recording, estimate, path, landmarks)

@@ -17,7 +17,7 @@ from slamgauge.covariances import without_negative_eigenvalues
 from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline import gtsam_conversions as convert
 from slamgauge.graph_baseline.gtsam_incremental import Factors, isam2_path
-from slamgauge.graph_baseline.problem import preparation
+from slamgauge.graph_baseline.problem import placement, preparation
 from slamgauge.graph_baseline.problem.undetermined import explained
 from slamgauge.recording import Recording
 
@@ -62,10 +62,10 @@ def gtsam_batch(recording: Recording, association: Int | None = None, initial: E
             path = isam2_path(problem, motion_factors(problem, START_NOISE), observations)
         else:
             path = preparation.path_from_start(initial, recording)
-        used = preparation.are_placed(problem, path)
+        used = placement.are_placed(problem, path)
         placed = problem.only(used)
         landmark_ids = placed.landmark_ids
-        initial_values = convert.make_values(path, landmark_ids, preparation.landmarks_at_median(placed, path))
+        initial_values = convert.make_values(path, landmark_ids, placement.landmarks_at_median(placed, path))
 
         graph = gtsam.NonlinearFactorGraph()
         for factor in [*motion_factors(problem), *compress(observations, used)]:
@@ -107,7 +107,7 @@ def observation_factors(problem: preparation.Problem) -> Factors:
     Raises:
         UserError: the observations do not determine a landmark.
     """
-    preparation.require_placeable(problem)
+    placement.require_placeable(problem)
     measured, covs = preparation.as_range_bearing(problem)
     steps, names = problem.observation_step.tolist(), problem.landmark.tolist()
     factors: Factors = []

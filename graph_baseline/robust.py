@@ -1,29 +1,31 @@
 """The hindsight optimum without outliers.
 
-GTSAM's graduated non-convexity with truncated least squares (Yang, Antonante, Tzoumas and Carlone, "Graduated
-non-convexity for robust spatial perception", RA-L 5(2), 2020) selects the inliers among the observations. Prior and
-odometry are inliers. `batch` then computes the optimum of the inliers.
+Graduated non-convexity (`robust_fit`) selects the inliers among the observations. `batch` computes their optimum, and
+the observations that fit it are the next inliers, until they do not change: a local minimum of truncated least squares.
+Prior and odometry are inliers.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from slamgauge.arrays import Int
+from slamgauge.arrays import Int, Marks
 from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline.hindsight import batch
-from slamgauge.graph_baseline.problem.preparation import are_placed, prepare, relative_to_start, with_association
-from slamgauge.graph_baseline.solver.gtsam_start import find_inliers
-from slamgauge.graph_baseline.solver.motion_elimination import reduce_to_key_poses
-from slamgauge.graph_baseline.solver.multistart import first_guess
+from slamgauge.graph_baseline.problem.objective import Objective
+from slamgauge.graph_baseline.problem.placement import are_placed
+from slamgauge.graph_baseline.problem.preparation import Problem, prepare, relative_to_start, with_association
+from slamgauge.graph_baseline.solver.robust_fit import outlier_limit, robust_fit, squared_residuals
 from slamgauge.recording import Recording
 
-INLIER_PROBABILITY = 0.999  # probability that the cost of a correct observation is below the truncation
+MOST_ROUNDS = 10  # of optimum and selection; observations near the limit may be selected in turn
 
 
 @relative_to_start
 def robust_batch(recording: Recording, association: Int | None = None) -> Estimate:
     """Return `batch` without the observations that are inconsistent with the others; their `association` is -1.
+
+    An observation is an outlier if its squared Mahalanobis residual is above the 0.999 quantile of chi-square.
 
     Args:
         recording: measurements.
@@ -33,12 +35,22 @@ def robust_batch(recording: Recording, association: Int | None = None) -> Estima
         UserError: as `batch`.
     """
     problem = prepare(recording, association)
-    path = problem.dead_reckoning
-    placed = are_placed(problem, path)
-    seen = problem.only(placed)
-    short, key = reduce_to_key_poses(seen)
-    poses, landmarks = first_guess(seen)
-    inliers = find_inliers(short, poses[key], landmarks, INLIER_PROBABILITY)
-    trusted = np.full(len(problem.landmark), -1)
-    trusted[np.flatnonzero(placed)[inliers]] = seen.landmark[inliers]
-    return with_association(batch(problem, trusted), association)
+    placed = are_placed(problem, problem.dead_reckoning)
+    fits = np.zeros(len(placed), dtype=bool)
+    fits[placed] = robust_fit(problem.only(placed)).squared < outlier_limit(problem)
+    found = batch(problem, np.where(fits, problem.landmark, -1))
+    for _ in range(MOST_ROUNDS):
+        before, fits = fits, _fit(problem, found)
+        if np.array_equal(fits, before):
+            break
+        found = batch(problem, np.where(fits, problem.landmark, -1))
+    return with_association(found, association)
+
+
+def _fit(problem: Problem, optimum: Estimate) -> Marks:
+    """Return a mask (M,) of the observations that fit an optimum, of landmarks in its map."""
+    mapped = np.isin(problem.landmark, optimum.landmark_ids)
+    squared = squared_residuals(Objective(problem.only(mapped)), optimum.poses, optimum.landmarks)
+    fits = np.zeros(len(mapped), dtype=bool)
+    fits[mapped] = squared < outlier_limit(problem)
+    return fits

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from slamgauge.compare.cli.machine import compile_optima
 from slamgauge.ekf.advanced.window.warm_up import compile_window_once
 from slamgauge.ekf.kernels import warm_up
 from slamgauge.ekf.maps.correction_table import RULES
-from slamgauge.graph_baseline.solver.warm_up import compile_graphs_once
 
 
 def compile_kernels() -> None:
@@ -18,7 +18,7 @@ def compile_kernels() -> None:
     warm_up.compile_joint_association()
     warm_up.compile_numpy_filters_once()
     compile_window_once()
-    compile_graphs_once()
+    compile_optima()
 
 
 if __name__ == "__main__":

@@ -26,8 +26,9 @@ EXTRAS = ("distributed",)
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "firefox")
 WARM_UPS = {  # module and function that compile or load kernels
     "filter": ("slamgauge.ekf.kernels.warm_up", "compile_ekf"),
-    "graph": ("slamgauge.graph_baseline.solver.warm_up", "compile_graphs_once"),
+    "graph": ("slamgauge.compare.cli.machine", "compile_optima"),
 }
+KERNELS = ("slamgauge.ekf.kernels.warm_up", "slamgauge.graph_baseline")  # an import registers the folder of the files
 MISSING, BROKEN = "missing", "broken: "
 MEGABYTE, GIGABYTE = 1e6, 1e9
 
@@ -94,7 +95,7 @@ class Doctor:
         if self.clear_cache:
             from slamgauge.kernel_cache import clear_kept
 
-            for module, _ in WARM_UPS.values():  # imports the kernels of each folder, whose files are removed
+            for module in KERNELS:
                 importlib.import_module(module)
             print(f"kept machine code: {clear_kept()} files removed", file=sys.stderr)
         found = examine()
@@ -146,6 +147,15 @@ def _blas() -> str:
         return f"{used['name']} {used['version']}"
 
     return f"numpy: {named(np)}; scipy: {named(scipy)}"
+
+
+def compile_optima() -> None:
+    """Run `causal` on one second of a scenario: it compiles or loads the kernels of graphs."""
+    from slamgauge.compare.scenarios.scenario import load_scenario
+    from slamgauge.compare.scenarios.simulation import simulate
+    from slamgauge.graph_baseline import causal
+
+    causal(simulate(load_scenario("q1-short-dense", ["trajectory.duration=1"]), 0)[1])
 
 
 def _warm(module: str, warm_up: str) -> str:

@@ -111,9 +111,6 @@ class Tests:
     twins: int = 0
     """Simulated twins of the consistency test without ground truth, for example 99 (docs/no_ground_truth.md)."""
 
-    certify: bool = False
-    """Compare batch with the minimum from a certified start (docs/certified.md); not for bearing-only recordings."""
-
 
 @dataclass
 class Evaluate(WithPage):
@@ -172,10 +169,6 @@ class Evaluate(WithPage):
         from slamgauge.ekf.settings import Robustness
 
         recording = load_recording(self.recording)
-        if self.test.certify:
-            from slamgauge.graph_baseline.certified import require_certifiable
-
-            require_certifiable(recording)
         beside = self.recording.with_name("truth.npz")
         path = self.truth or (beside if beside.exists() else None)
         truth = None if path is None else load_truth(path, recording)
@@ -246,7 +239,6 @@ class Scoring:
         from slamgauge.compare.estimators.loading import load_each
         from slamgauge.compare.estimators.running import with_stand_ins
         from slamgauge.compare.scoring.comparison import (
-            certified,
             compare_estimators,
             metrics,
             table,
@@ -269,8 +261,6 @@ class Scoring:
             comparison = replace(comparison, failures=failures | comparison.failures, study=self.study)
             if self.test.twins:
                 comparison = tested_without_truth(comparison, self.test.twins)
-            if self.test.certify:
-                comparison = certified(comparison)
             content = metrics(comparison, self.scenario, self.seed, self.scenario_text)
             done = self.output.show(content, table(comparison)) and not comparison.failures
             if folder is not None and self.out is not None:

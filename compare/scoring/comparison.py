@@ -18,7 +18,6 @@ from slamgauge.compare.scoring.optimum_figures import is_in_doubt, is_misfit
 from slamgauge.compare.scoring.optimum_notes import (
     MARK,
     beats_the_optimum_in_a_run,
-    certified_minimum,
     contradicting,
     distance_from_optimum,
     doubt,
@@ -208,22 +207,6 @@ def tested_without_truth(comparison: Comparison, twins: int) -> Comparison:
     return replace(comparison, without_truth=tested_filters(comparison.recording, comparison.estimates, optimum, twins))
 
 
-def certified(comparison: Comparison) -> Comparison:
-    """Return the comparison with the certificate of its hindsight optimum.
-
-    Raises:
-        UserError: the hindsight optimum is not among the estimates, or its recording has no certificate.
-    """
-    from slamgauge.graph_baseline.certified import certificate  # loads the optima
-
-    if "smoothed" not in comparison.optima:
-        raise UserError("certify: compares the optimum of all measurements; add batch to --estimators")
-    name = comparison.optima["smoothed"]
-    optimum = comparison.estimates[name]
-    found = replace(optimum, certificate=certificate(comparison.recording, optimum))
-    return replace(comparison, estimates=comparison.estimates | {name: found})
-
-
 def remarks(comparison: Comparison) -> list[str]:
     """Return notes on the run: first that it is one run, then the optima's associations and empty columns."""
     scores = comparison.scores.values()
@@ -237,7 +220,6 @@ def remarks(comparison: Comparison) -> list[str]:
         found.append(under_associations(comparison.stand_ins))
     else:
         found.append(without_misleading(optima, comparison.truth))
-    found += [certified_minimum(name, comparison.estimates[name].certificate) for name in optima]
     found += empty_columns("run", lambda key: all(score.figure(key) is None for score in scores))
     return [line for line in found if line]
 

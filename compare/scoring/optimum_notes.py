@@ -18,7 +18,7 @@ from slamgauge.compare.scoring.scores import pose_covs_of
 from slamgauge.compare.scoring.text_table import interval_cell
 from slamgauge.compare.scoring.trajectory_error import pose_errors
 from slamgauge.display import counted
-from slamgauge.estimate import Certificate, Estimate
+from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.sensors import SENSORS
 from slamgauge.truth import NOBODY, Truth
@@ -106,19 +106,6 @@ def contradicting(recording: Recording, optimum: Estimate) -> str | None:
     steps, ids = used.observation_step[rows[:FEW]].tolist(), used.landmark[rows[:FEW]].tolist()
     worst = ", ".join(f"step {step} landmark {name}" for step, name in zip(steps, ids, strict=True))
     return f"a robust fit rejects {counted(len(rows), 'observation')}, check ids; the largest residuals: {worst}"
-
-
-def certified_minimum(name: str, found: Certificate | None) -> str | None:
-    """Return the gap of a certified start, and whether its minimum is the optimum; None without a certificate."""
-    if found is None:
-        return None
-    if found.is_same_minimum:
-        where = f"leads to the minimum of {name}"
-    else:
-        where = f"leads to cost {found.reached_cost:.8g}, {name} has {found.optimum_cost:.8g}"
-    start = "certified start" if found.is_tight else "start, not certified,"
-    text = f"{start} (surrogate cost {found.surrogate_cost:.6g}, relative gap {found.relative_gap:.1e}) {where}"
-    return f"{text}; no path and map costs less than {found.lower_bound:.6g}" if found.bounds_optimum else text
 
 
 def under_associations(names: Sequence[str]) -> str:

@@ -20,7 +20,7 @@ from slamgauge.compare.storage.covariance_columns import upper_triangles
 from slamgauge.compare.storage.npz_file import NONE_KNOWN, read_npz
 from slamgauge.compare.storage.regular_files import read_bytes
 from slamgauge.errors import UserError
-from slamgauge.estimate import Certificate, Estimate, MapHistory, RayLog
+from slamgauge.estimate import Estimate, MapHistory, RayLog
 from slamgauge.notices import tell_once
 from slamgauge.recording import Recording
 from slamgauge.truth import Truth
@@ -28,7 +28,7 @@ from slamgauge.truth import Truth
 Record = TypeVar("Record", Recording, Truth, Estimate)
 
 LONGEST_WORD = 40  # characters
-RECORDS_WITHIN: set[type[object]] = {Certificate, RayLog, MapHistory}  # records inside an `Estimate`
+RECORDS_WITHIN: set[type[object]] = {RayLog, MapHistory}  # records inside an `Estimate`
 
 
 @contextmanager

@@ -14,8 +14,7 @@ from __future__ import annotations
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.graph_baseline.problem.linearisation import LinearModel
-from slamgauge.graph_baseline.problem.preparation import prior_cov_in_body
+from slamgauge.graph_baseline.problem.preparation import Problem, prior_cov_in_body
 from slamgauge.recording import Recording
 from slamgauge.se2 import between, chain, compose, exp, log, right_jacobian, rotation, wrap
 
@@ -37,6 +36,12 @@ class MotionNoise:
     def cost(self, poses: Float) -> float:
         """Return half the sum of squared whitened residuals of poses (N+1, 3), without constrained directions."""
         return 0.5 * float(np.square(self._coordinates(self.residuals(poses)) / self._root).sum())
+
+    def violation(self, poses: Float) -> float:
+        """Return the largest residual of poses (N+1, 3) in constrained directions [m or rad]."""
+        residuals = self.residuals(poses)
+        allowed = np.einsum("nij,nj->ni", self._axes, self._coordinates(residuals)) * self._scale
+        return float(np.abs(residuals - allowed).max())
 
     def satisfying_constraints(self, poses: Float) -> Float:
         """Return poses (N+1, 3) with the residuals of `poses`, but zero residuals in constrained directions."""
@@ -61,7 +66,7 @@ class MotionNoise:
 
 
 def retract_pointwise(
-    model: LinearModel, noise: MotionNoise, poses: Float, landmarks: Float, dx: Float, dm: Float
+    problem: Problem, noise: MotionNoise, poses: Float, landmarks: Float, dx: Float, dm: Float
 ) -> tuple[Float, Float]:
     """Return path and map after a step (N+1, 3), (L, 2): each point moves by V(turn) step, V(t) = (R(t) - I) / (t J).
 
@@ -69,26 +74,28 @@ def retract_pointwise(
     turn of a landmark is the mean turn of the poses that observe it.
     """
     turn = dx[:, 2]
-    seen = np.maximum(np.bincount(model.slot, minlength=len(dm)), 1)
-    turn_of_landmark = np.bincount(model.slot, turn[model.step], minlength=len(dm)) / seen
+    seen = np.maximum(np.bincount(problem.slot, minlength=len(dm)), 1)
+    turn_of_landmark = np.bincount(problem.slot, turn[problem.observation_step], minlength=len(dm)) / seen
     path = np.column_stack([poses[:, :2] + exp(dx)[:, :2], wrap(poses[:, 2] + turn)])
     return noise.satisfying_constraints(path), landmarks + exp(np.column_stack([dm, turn_of_landmark]))[:, :2]
 
 
 def retract_by_motions(
-    model: LinearModel, noise: MotionNoise, poses: Float, landmarks: Float, dx: Float, dm: Float
+    problem: Problem, noise: MotionNoise, poses: Float, landmarks: Float, dx: Float, dm: Float
 ) -> tuple[Float, Float]:
     """Return path and map after a step (N+1, 3), (L, 2) that changes the residuals of the motions.
 
     A turn of one motion rotates all later poses. A landmark moves with the pose of its first observation, plus its step
     relative to this pose.
     """
-    change = dx.copy()
-    change[1:] -= np.einsum("nij,nj->ni", model.F, dx[:-1])
+    change, moved = dx.copy(), np.diff(poses[:, :2], axis=0)
+    change[1:] -= dx[:-1]
+    change[1:, 0] += moved[:, 1] * dx[:-1, 2]
+    change[1:, 1] -= moved[:, 0] * dx[:-1, 2]
     change[:, :2] = np.einsum("nji,nj->ni", rotation(poses[:, 2]), change[:, :2])
     residual = noise.residuals(poses)
     path = noise.path(residual + np.linalg.solve(right_jacobian(residual), change[:, :, None])[:, :, 0])
-    at = model.step[np.unique(model.slot, return_index=True)[1]]
+    at = problem.observation_step[problem.first_row]
     offset = landmarks - poses[at, :2]
     across = np.column_stack([-offset[:, 1], offset[:, 0]])
     offset += dm - dx[at, :2] - across * dx[at, 2:]

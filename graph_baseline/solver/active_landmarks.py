@@ -2,30 +2,38 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from slamgauge.arrays import Float, Int
 from slamgauge.back_projection import positions_seen
+from slamgauge.graph_baseline.problem.linearisation import GraphArrays
 from slamgauge.graph_baseline.problem.placement import SURE, triangulate_one
 from slamgauge.graph_baseline.problem.preparation import Problem
-from slamgauge.graph_baseline.problem.residuals import Measured
-from slamgauge.graph_baseline.solver.linear_problem import State
 from slamgauge.sensors import SENSORS
 
 CERTAIN = SURE / 2  # sigma over distance; a landmark with a smaller value is not checked again
 
 
+class State(NamedTuple):
+    """A path and a map; used entries come first."""
+
+    poses: Float  # (N+1, 3)
+    landmarks: Float  # (L, 2)
+
+
 class ActiveLandmarks:
-    """Slots of the active landmarks in `state`, and of the observations in `measured`.
+    """Slots of the active landmarks in `state`, and of the observations in `arrays`.
 
     Args:
         recording: known association.
-        measured: the recording as arrays for kernels; this class writes its `slot`.
+        arrays: the recording as arrays for kernels; this class writes its `slot`.
         state: current path and map; this class writes the position of a landmark that becomes active.
     """
 
-    def __init__(self, recording: Problem, measured: Measured, state: State) -> None:
-        self._recording, self._measured, self._state = recording, measured, state
+    def __init__(self, recording: Problem, arrays: GraphArrays, state: State) -> None:
+        self._recording, self._arrays, self._state = recording, arrays, state
         self._ids = recording.landmark
         self._slot: dict[int, int] = {}
         self._uncertain: set[int] = set()
@@ -44,33 +52,33 @@ class ActiveLandmarks:
 
     def map_scan(self, newest: int) -> None:
         """Assign slots to the observations of the newest scan; new bearing-only landmarks wait without a slot."""
-        first, last = self._measured.first[newest : newest + 2]
+        first, last = self._arrays.first[newest : newest + 2]
         for row in range(first, last):
             name = int(self._ids[row])
             if name not in self._slot and SENSORS[self._recording.sensor].places_landmarks:
                 self._map(name, positions_seen(self._recording, np.array([row]), self._state.poses)[0])
-            self._measured.slot[row] = self._slot.get(name, -1)
+            self._arrays.slot[row] = self._slot.get(name, -1)
 
     def map_waiting(self, newest: int, but: set[int]) -> set[int]:
         """Assign slots to waiting landmarks, except `but`, that their bearings place; return these ids."""
-        rows = np.arange(self._measured.first[newest + 1])
+        rows = np.arange(self._arrays.first[newest + 1])
         found, ids = set[int](), self._ids[: len(rows)]
-        for name in sorted({*ids[self._measured.slot[rows] < 0].tolist()} - but):
+        for name in sorted({*ids[self._arrays.slot[rows] < 0].tolist()} - but):
             landmark, sigma = triangulate_one(self._recording, rows[ids == name], self._state.poses)
             if np.isfinite(sigma):
                 self._map(name, landmark)
-                self._measured.slot[rows[ids == name]] = self._slot[name]
+                self._arrays.slot[rows[ids == name]] = self._slot[name]
                 found.add(name)
         return found
 
     def waiting_in_scan(self, newest: int) -> list[int]:
         """Return the ids of waiting landmarks that the newest pose observes."""
-        rows = slice(*self._measured.first[newest : newest + 2])
-        return self._ids[rows][self._measured.slot[rows] < 0].tolist()
+        rows = slice(*self._arrays.first[newest : newest + 2])
+        return self._ids[rows][self._arrays.slot[rows] < 0].tolist()
 
     def any_placed(self, newest: int, names: list[int], path: Float) -> bool:
         """Return whether bearings from a path (newest+1, 3) place any of the landmarks `names`."""
-        ids = self._ids[: self._measured.first[newest + 1]]
+        ids = self._ids[: self._arrays.first[newest + 1]]
         rows = (np.flatnonzero(ids == name) for name in names)
         return any(np.isfinite(triangulate_one(self._recording, each, path)[1]) for each in rows)
 
@@ -89,8 +97,8 @@ class ActiveLandmarks:
         """Assign slots to exactly the landmarks (L, 2) with the given ids (L,)."""
         self._slot = {name: slot for slot, name in enumerate(ids.tolist())}
         self._state.landmarks[: len(ids)] = landmarks
-        rows = self._measured.first[newest + 1]
-        self._measured.slot[:rows] = [self._slot.get(name, -1) for name in self._ids[:rows].tolist()]
+        rows = self._arrays.first[newest + 1]
+        self._arrays.slot[:rows] = [self._slot.get(name, -1) for name in self._ids[:rows].tolist()]
 
     def recheck_all(self) -> None:
         """Mark all landmarks as uncertain, so that `remove_unplaced` checks them."""
@@ -103,7 +111,7 @@ class ActiveLandmarks:
 
     def _is_placed(self, newest: int, name: int) -> bool:
         """Return whether its bearings place a landmark; mark a landmark with a small sigma as certain."""
-        rows = np.flatnonzero(self._ids[: self._measured.first[newest + 1]] == name)
+        rows = np.flatnonzero(self._ids[: self._arrays.first[newest + 1]] == name)
         if np.isfinite(triangulate_one(self._recording, rows, self._state.poses, CERTAIN)[1]):
             self._uncertain.remove(name)
             return True

@@ -1,9 +1,10 @@
-"""Chord steps to the minimum of an incremental optimum.
+"""Path, map and linear system of an incremental optimum: new scans, chord steps to the minimum, relinearisation.
 
-Chord (simplified Newton) steps use each pose's matrices from the time when it was added (`pose_elimination`) and the
-gradient at the current state (`chord_kernels`). They converge to a point where the gradient of the exact cost is zero.
-If they converge too slowly, all matrices are relinearised. Steps are accelerated (`anderson`) in large maps, where a
-relinearisation costs as much as many chord steps, and in any map after a relinearisation was necessary.
+The linear system is linearised at one state, `at`: a pose joins it where it is when its scan is added, a landmark where
+it is when it becomes active. Chord steps (`chord_kernels`) use its matrices with the gradient at the current state.
+They converge to a point where the gradient of the exact cost is zero. If they converge too slowly, all poses are
+eliminated again at the current state. Steps are accelerated (`anderson`) in large maps, where that costs as much as
+many chord steps, and in any map after it was necessary.
 """
 
 from __future__ import annotations
@@ -12,18 +13,18 @@ import math
 
 import numpy as np
 from numpy.linalg import LinAlgError
-from scipy.linalg import get_lapack_funcs
+from scipy.linalg import get_lapack_funcs, solve_triangular
 
 from slamgauge.arrays import Float
-from slamgauge.graph_baseline.problem.residuals import Measured
-from slamgauge.graph_baseline.solver import chord_kernels, linear_problem, pose_elimination
-from slamgauge.graph_baseline.solver.active_landmarks import ActiveLandmarks
+from slamgauge.graph_baseline.problem.linearisation import GraphArrays, empty_model, linearise
+from slamgauge.graph_baseline.solver import chord_kernels
+from slamgauge.graph_baseline.solver.active_landmarks import ActiveLandmarks, State
 from slamgauge.graph_baseline.solver.anderson import AndersonAcceleration
-from slamgauge.graph_baseline.solver.linear_problem import State
+from slamgauge.graph_baseline.solver.elimination import Scans, eliminate_poses, empty_chain, empty_front
 from slamgauge.graph_baseline.solver.multifrontal import EXHAUSTED
-from slamgauge.graph_baseline.solver.smoother import own_blocks_of_inverse
+from slamgauge.graph_baseline.solver.smoother import CHUNK, own_blocks
 
-factorise, solved = get_lapack_funcs(("potrf", "potrs"), dtype=np.float64)
+factorise, solve_factored, solve_lower = get_lapack_funcs(("potrf", "potrs", "trtrs"), dtype=np.float64)
 
 CONVERGED = 0.003  # largest remaining step, in sigmas of the newest pose and of the predicted observations
 RATE = 0.2  # smallest assumed ratio of consecutive chord steps
@@ -36,13 +37,14 @@ GROWN = 10.0  # chord steps diverge if a step exceeds the smallest one by this f
 MAX_STEPS = 20
 PASSES = 2  # Gauss-Newton steps on the newest scan
 EXACT = 1e-9  # a smaller standard deviation is treated as zero [m or rad]
+NOT_DAMPED = np.zeros(3)
 
 
 class ChordDescent:
     """Current path and map, and the linear system of the poses added so far.
 
     Args:
-        measured: known association.
+        arrays: the problem; slots are those of the active landmarks.
         state: current poses and landmarks, which this class changes.
         mapped: the active landmarks.
 
@@ -52,12 +54,14 @@ class ChordDescent:
         chi_square: sum of squared residuals at the last chord step.
     """
 
-    def __init__(self, measured: Measured, state: State, mapped: ActiveLandmarks) -> None:
-        self._measured, self._state, self._mapped = measured, state, mapped
-        sizes = len(state.poses), len(state.landmarks), *measured.value.shape
-        self._linear = linear_problem.allocate_linear(*sizes)
-        self._before = linear_problem.allocate_state(*sizes[:2])  # prediction of the newest pose and the map
-        self._step = chord_kernels.allocate_chord(*sizes)
+    def __init__(self, arrays: GraphArrays, state: State, mapped: ActiveLandmarks) -> None:
+        poses, landmarks, sizes = len(state.poses), len(state.landmarks), arrays.value.shape
+        self._arrays, self._state, self._mapped = arrays, state, mapped
+        self._scans = Scans(arrays.first, arrays.slot)
+        self._at = State(np.zeros((poses, 3)), np.zeros((landmarks, 2)))
+        self._model, self._now = empty_model(poses, *sizes), empty_model(poses, *sizes)  # at `at`; at the state
+        self._chain, self._front = empty_chain(poses), empty_front(2 * landmarks)
+        self._step = chord_kernels.empty_step(poses, landmarks, *sizes)
         self._acceleration: AndersonAcceleration | None = None  # None: steps are not accelerated
         self._sizes: list[float] = []  # sizes of the steps since the last relinearisation
         self._factor: Float = np.zeros((0, 0))  # (2L, 2L) lower triangular factor of the landmarks' information
@@ -66,46 +70,56 @@ class ChordDescent:
         self.sigma = np.full(3, np.inf)
         self.chi_square = 0.0
 
-    def add_pose(self, pose: Float) -> None:
-        """Append the predicted newest pose (3,)."""
-        self.newest += 1
-        self._state.poses[self.newest] = self._linear.at.poses[self.newest] = pose
-
     def newest_cov(self) -> Float:
         """Return the covariance (3, 3) of the newest pose, world frame, from the current matrices."""
         if self._newest_cov is None:
-            self._newest_cov = np.empty((3, 3))
-            pose_elimination.newest_covariance(self._linear, self._factor, self._newest_cov)
+            width = len(self._factor)
+            spread = solve_lower(self._factor.T, self._front.M[:, 1 : 1 + width].T, trans=1)[0] if width else 0.0
+            cov = self._front.P + spread.T @ spread if width else self._front.P
+            self._newest_cov = 0.5 * (cov + cov.T)
         return self._newest_cov
 
     def landmark_covs(self) -> Float:
         """Return the covariances (L, 2, 2) [m^2] of the landmarks."""
-        return own_blocks_of_inverse(self._factor)
+        identity = np.eye(len(self._factor))
+        return own_blocks(solve_triangular(self._factor, identity, trans=1, lower=True, check_finite=False))
 
-    def add_newest_scan(self, mapped: int) -> Float | None:
-        """Add the newest scan with PASSES Gauss-Newton steps on it; landmarks from number `mapped` on are new.
+    # --- new poses and scans ---------------------------------------------------------------------
+
+    def add_pose(self, pose: Float) -> None:
+        """Append the predicted newest pose (3,)."""
+        self.newest += 1
+        self._state.poses[self.newest] = self._at.poses[self.newest] = pose
+
+    def add_newest_pose(self) -> bool:
+        """Add the newest pose and its scan at the current state; return False if that is impossible."""
+        linearise(self._arrays, *self._at, (self.newest, self.newest + 1), self._model)
+        return self._eliminate(self.newest)
+
+    def add_newest_scan(self, new: int) -> Float | None:
+        """Add the newest scan with PASSES Gauss-Newton steps on it; the last `new` active landmarks are new.
 
         Returns:
             The change (3,) of the newest pose; None if the matrices do not determine all landmarks.
         """
-        k, count, state, linear, before = self.newest, len(self._mapped), self._state, self._linear, self._before
-        before.poses[k], before.landmarks[:count] = state.poses[k], state.landmarks[:count]
-        linear.at.landmarks[mapped:count] = state.landmarks[mapped:count]
-        information = linear.information[: 2 * count, : 2 * count]
-        saved = linear.M.copy(), linear.newest_cov.copy(), information.copy()
-        step = np.zeros(3)
+        k, count, state, at, front = self.newest, len(self._mapped), self._state, self._at, self._front
+        added, width, step = slice(count - new, count), 1 + 2 * count, np.zeros(3)
+        predicted, mapped = state.poses[k].copy(), state.landmarks[:count].copy()
+        saved = front.M[:, :width].copy(), front.P.copy(), front.information[:width, :width].copy()
         for again in range(PASSES):
             if again:
-                linear.M[:], linear.newest_cov[:], information[:] = saved
-                linear.at.poses[k] = state.poses[k]
-                linear.at.landmarks[mapped:count] = state.landmarks[mapped:count]
-            if not (self._eliminate_poses(before, k) and self._factorise()):
+                front.M[:, :width], front.P[:], front.information[:width, :width] = saved
+            at.poses[k], at.landmarks[added] = state.poses[k], state.landmarks[added]
+            chord_kernels.linearise_newest(self._arrays, at, state, (predicted, mapped), k, self._now, self._model)
+            front.M[:, 0], front.information[:width, 0] = 0.0, 0.0  # earlier steps are at their minimum
+            if not (self._eliminate(k) and self._factorise()):
                 return None
-            landmarks = self._solve(linear.rhs[: 2 * count])
-            step = linear.pose_step + linear.M[:, : 2 * count] @ landmarks
-            state.poses[k] = before.poses[k] + step
-            state.landmarks[:count] = before.landmarks[:count] + landmarks.reshape(-1, 2)
+            moved = self._solve(-front.information[1:width, 0])
+            step = front.M[:, 0] + front.M[:, 1:width] @ moved
+            state.poses[k], state.landmarks[:count] = predicted + step, mapped + moved.reshape(-1, 2)
         return step
+
+    # --- chord steps -----------------------------------------------------------------------------
 
     def converge(self) -> bool:
         """Take chord steps, with relinearisations where they shrink too slowly; return whether they converged."""
@@ -130,7 +144,7 @@ class ChordDescent:
 
     def _is_ratio_uncertain(self) -> bool:
         """Return whether the ratio of consecutive steps varies: steps are accelerated, or residuals above the noise."""
-        measured = self._measured.first[self.newest + 1] * self._measured.value.shape[1]
+        measured = self._scans.first[self.newest + 1] * self._model.r.shape[1]
         return self._acceleration is not None or self.chi_square > MISFIT * measured
 
     def _chord_step(self) -> float:
@@ -140,31 +154,24 @@ class ChordDescent:
             Size of the step before acceleration in standard deviations: the larger change of the newest pose and of the
             predicted observations; NaN if the step is not finite.
         """
-        measured, linear, state, step = self._measured, self._linear, self._state, self._step
-        k, count = self.newest, len(self._mapped)
-        change, self.chi_square = chord_kernels.compute_defects(measured, linear, state, k, step)
+        k, state, step = self.newest, self._state, self._step
+        self.chi_square, change = chord_kernels.compute_gradient(self._arrays, state, k, self._model, self._now, step)
         if change * self._reach() > STALE and not self.relinearise():
             return np.nan
-        chord_kernels.smooth(linear, k, step)
-        chord_kernels.subtract_pose_step(measured, linear, k, step)
-        step.landmark[:count] = self._solve(step.landmark[:count].ravel()).reshape(-1, 2)
-        chord_kernels.subtract_landmark_step(measured, linear, k, step)
-        chord_kernels.smooth(linear, k, step)
-        chord_kernels.predict_changes(measured, linear, k, step)
-        seen = step.seen[: measured.first[k + 1]].ravel()
-        size = max(float(np.linalg.norm(seen)), float(np.max(np.abs(step.pose[k]) / self.sigma)))
+        seen = chord_kernels.solve_step(self._scans, self._model, self._chain, self._factor, k, step)
+        size = max(seen, float(np.max(np.abs(step.pose[k]) / self.sigma)))
         if not size < np.inf:
             return np.nan
         if self._acceleration is not None:
-            self._accelerate(self._acceleration, seen)
-        chord_kernels.move(measured, state, k, count, step)
+            self._accelerate(self._acceleration)
+        chord_kernels.move(self._scans, state.poses[: k + 1], state.landmarks[: len(self._mapped)], step)
         return size
 
-    def _accelerate(self, acceleration: AndersonAcceleration, seen: Float) -> None:
-        """Accelerate the step, which changes the predicted observations by `seen` (s,) standard deviations."""
-        step, k, count = self._step, self.newest, len(self._mapped)
-        parts = step.pose[: k + 1], step.landmark[:count]
-        scaled = np.concatenate([seen, step.pose[k] / self.sigma])
+    def _accelerate(self, acceleration: AndersonAcceleration) -> None:
+        """Accelerate the step so that predicted observations and the newest pose change least, in sigmas."""
+        step, k = self._step, self.newest
+        parts = step.pose[: k + 1], step.landmark[: len(self._mapped)]
+        scaled = np.concatenate([step.seen[: self._scans.first[k + 1]].ravel(), step.pose[k] / self.sigma])
         mixed = acceleration.accelerate(np.concatenate([each.ravel() for each in parts]), scaled)
         acceleration.record(mixed)
         for part, moved in zip(parts, np.split(mixed, [3 * k + 3]), strict=True):
@@ -175,41 +182,42 @@ class ChordDescent:
 
         A relative error of a Jacobian times this factor is an error of the observation in sigmas.
         """
-        return max(1.0, float(np.sqrt(np.sum(self._linear.N[self.newest] * self.newest_cov()))))
+        H = self._model.Hx[slice(*self._scans.first[self.newest : self.newest + 2])].reshape(-1, 3)
+        return max(1.0, math.sqrt(float(np.sum(H @ self.newest_cov() * H))))
 
     def relinearise(self) -> bool:
         """Eliminate all poses again at the current state; return whether the result determines all landmarks."""
         self._sizes, self._acceleration = [], None if self._acceleration is None else AndersonAcceleration()
-        k, count, at = self.newest, len(self._mapped), self._linear.at
-        at.poses[: k + 1] = self._state.poses[: k + 1]
-        at.landmarks[:count] = self._state.landmarks[:count]
-        self._linear.information[: 2 * count, : 2 * count] = 0.0
-        return self._eliminate_poses(self._state, 0) and self._factorise()
+        end, at, front = self.newest + 1, self._at, self._front
+        at.poses[:end], at.landmarks[:] = self._state.poses[:end], self._state.landmarks
+        linearise(self._arrays, *at, (0, end), self._model)
+        front.M[:], front.P[:], front.information[:] = 0.0, 0.0, 0.0
+        return self._eliminate(0) and self._factorise()
 
-    def add_newest_pose(self) -> bool:
-        """Add the newest pose and its scan at the current state; return False if that is impossible."""
-        return self._eliminate_poses(self._state, self.newest)
+    # --- linear system ---------------------------------------------------------------------------
 
-    def _eliminate_poses(self, before: State, since: int) -> bool:
-        """Eliminate the poses from number `since` on; `before` contains the predicted newest pose and map.
-
-        Returns False if it is impossible, because a landmark at the pose that observes it has no Jacobian.
-        """
-        landmarks, until = len(self._mapped), self.newest + 1
-        self._newest_cov = None
+    def _eliminate(self, since: int) -> bool:
+        """Eliminate the poses from number `since` on; return False if their matrices are not finite."""
+        width, end, self._newest_cov = 1 + 2 * len(self._mapped), self.newest + 1, None
+        information = self._front.information[:width, :width]
         try:
-            pose_elimination.eliminate_poses(
-                self._measured, self._linear, self._state, before, landmarks, (since, until)
-            )
+            for first in range(since, end, CHUNK):
+                last = min(first + CHUNK, end)
+                maps, rows = np.empty((2, last - first, 3, width))
+                eliminate_poses(
+                    self._scans, self._model, NOT_DAMPED, self._chain, self._front, (first, last), maps, rows
+                )
+                stacked = rows.reshape(-1, width)
+                information += stacked.T @ stacked
         except LinAlgError:
             return False
         return True
 
     def _factorise(self) -> bool:
         """Factorise the landmarks' information; return False if it is indefinite or only rounding."""
-        width = 2 * len(self._mapped)
-        information = self._linear.information[:width, :width]
-        upper, indefinite = factorise(information.T) if width else (information, 0)
+        width = 1 + 2 * len(self._mapped)
+        information = self._front.information[1:width, 1:width]
+        upper, indefinite = factorise(information.T) if width > 1 else (information, 0)
         if indefinite or (np.square(upper.diagonal()) < EXHAUSTED * information.diagonal()).any():
             return False
         self._factor = upper.T
@@ -218,4 +226,5 @@ class ChordDescent:
         return True
 
     def _solve(self, right: Float) -> Float:
-        return solved(self._factor.T, right)[0] if len(right) else right
+        """Return the solution x of Lambda x = right for the landmarks' information Lambda."""
+        return solve_factored(self._factor.T, right)[0] if len(right) else right

@@ -1,10 +1,12 @@
 """Chord (simplified Newton) steps of an incremental optimum, compiled.
 
-A chord step uses the gradient of the exact cost at the current state, but each pose's matrices from the time when it
-was added (`pose_elimination`). It costs a few hundred operations per pose instead of a product of L x L matrices. At
-convergence the gradient is zero, so outdated matrices cost steps but no accuracy. With zero variances the gradient by
-the poses would be infinite. The step therefore uses the multipliers l_k of the motions, and the defect W_k l_k - w_k
-of each motion's noise w_k.
+A chord step uses the gradient of the exact cost at the current state, but each pose's matrices P and T from the state
+at which it was eliminated (`elimination`). It costs a few hundred operations per pose instead of a product of L x L
+matrices. At convergence the gradient is zero, so outdated matrices cost steps but no accuracy.
+
+With zero variances the gradient by the poses would be infinite. The step therefore uses the multipliers of the motions:
+l_k = F' l_{k+1} + Hx' r at the current state. The noise -c_k of a motion should be -W_k l_k, and c_k - W_k l_k is its
+defect.
 
 Source: Shamanskii (1967), Newton steps with a constant matrix.
 """
@@ -17,200 +19,261 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.graph_baseline.problem.residuals import (
-    Measured,
-    cosine_sine,
-    observation_residual,
-    observation_row,
-    step_residual,
-)
-from slamgauge.graph_baseline.solver.linear_problem import Linear, State
-from slamgauge.graph_baseline.solver.matrices_3x3 import multiply
+from slamgauge.graph_baseline.problem.linearisation import GraphArrays, LinearModel, Triple, linearise
+from slamgauge.graph_baseline.solver.active_landmarks import State
+from slamgauge.graph_baseline.solver.elimination import Chain, Scans
 from slamgauge.jit import inner, kernel
-from slamgauge.se2_kernels import exp, right_jacobian, wrap
+from slamgauge.se2_kernels import exp, wrap
 
 
-class Chord(NamedTuple):
+class ChordStep(NamedTuple):
     """A chord step, and the intermediate results of its recursions."""
 
     pose: Float  # (N+1, 3)
     landmark: Float  # (L, 2) first the negative gradient of the cost, then the step
-    rhs: Float  # (N+1, 3) negative gradient of the cost that the landmarks' step adds
-    defect: Float  # (N+1, 3) W l - w
+    rhs: Float  # (N+1, 3) negative gradient by the poses that the landmarks' step adds
+    defect: Float  # (N+1, 3)
     mean: Float  # (N+1, 3)
     seen: Float  # (M, d) change of every predicted observation, in sigmas
 
 
-def allocate_chord(poses: int, landmarks: int, observations: int, dim: int) -> Chord:
-    """Allocate a chord step."""
+def empty_step(poses: int, landmarks: int, observations: int, dim: int) -> ChordStep:
+    """Return a chord step of zeros."""
     rhs, defect, mean = np.zeros((3, poses, 3))
-    seen = np.zeros((observations, dim))
-    return Chord(np.zeros((poses, 3)), np.zeros((landmarks, 2)), rhs, defect, mean, seen)
+    return ChordStep(np.zeros((poses, 3)), np.zeros((landmarks, 2)), rhs, defect, mean, np.zeros((observations, dim)))
 
 
 @kernel
-def compute_defects(measured: Measured, linear: Linear, state: State, newest: int, chord: Chord) -> tuple[float, float]:
-    """Compute the defects of all motions and the negative gradient by the landmarks, of the exact cost at `state`.
+def linearise_newest(
+    arrays: GraphArrays,
+    at: State,
+    state: State,
+    predicted: tuple[Float, Float],
+    newest: int,
+    now: LinearModel,
+    model: LinearModel,
+) -> None:
+    """Linearise the newest scan at `at`, with residuals of the current state, extrapolated to a predicted state.
+
+    Relative to the predicted pose (3,) and map (l, 2), the motion has no residual.
+    """
+    (pose, mapped), steps = predicted, (newest, newest + 1)
+    linearise(arrays, at.poses, at.landmarks, steps, model)
+    linearise(arrays, state.poses, state.landmarks, steps, now)
+    for i in range(3):
+        model.c[newest, i] = 0.0
+    x, y = pose[0] - state.poses[newest, 0], pose[1] - state.poses[newest, 1]
+    t = pose[2] - state.poses[newest, 2]
+    for row in range(arrays.first[newest], arrays.first[newest + 1]):
+        slot = arrays.slot[row]
+        if slot < 0:
+            continue
+        mx = mapped[slot, 0] - state.landmarks[slot, 0]
+        my = mapped[slot, 1] - state.landmarks[slot, 1]
+        for i in range(model.r.shape[1]):
+            of_pose = model.Hx[row, i, 0] * x + model.Hx[row, i, 1] * y + model.Hx[row, i, 2] * t
+            of_landmark = model.Hm[row, i, 0] * mx + model.Hm[row, i, 1] * my
+            model.r[row, i] = now.r[row, i] + of_pose + of_landmark
+
+
+@kernel
+def compute_gradient(
+    arrays: GraphArrays, state: State, newest: int, model: LinearModel, now: LinearModel, step: ChordStep
+) -> tuple[float, float]:
+    """Linearise all poses at the current state, and compute the defects and the negative gradient by the landmarks.
+
+    Args:
+        arrays: the problem.
+        state: current path and map.
+        newest: pose.
+        model: linearised where the poses were eliminated.
+        now: gets the model at the current state.
+        step: gets defects and gradient.
 
     Returns:
-        The relative change of the Jacobians since their linearisation, and the sum of squared residuals. The change is
-        the larger one of two: observations by landmarks, and the newest pose by earlier headings. The sum is exact if
-        the defects are zero: the noise of a motion is then W l, and its weighted square l' W l.
+        The sum of squared residuals, and `staleness`. The sum is exact if the defects are zero: the noise of a motion
+        is then -W l, and its weighted square l' W l.
     """
-    poses, landmarks_at = state
-    chord.landmark[:] = 0.0
-    chord.rhs[: newest + 1] = 0.0
-    sensor, dim = measured.sensor, measured.value.shape[1]
-    l0, l1, l2 = 0.0, 0.0, 0.0
-    moved, norm, squares = 0.0, 0.0, 0.0
-    turned, length = 0.0, 0.0
-    lever = np.zeros(2)  # from pose k - 1 to the newest pose, at the linearisation point
-    heading = cosine_sine(poses[newest])
+    linearise(arrays, state.poses, state.landmarks, (0, newest + 1), now)
+    l0, l1, l2, squares = 0.0, 0.0, 0.0, 0.0
+    step.landmark[:] = 0.0
     for k in range(newest, -1, -1):
-        if k > 0:
-            lever += linear.lever[k]
-            fx, fy = poses[k - 1, 1] - poses[newest, 1], poses[newest, 0] - poses[k - 1, 0]
-            turned += (fx - lever[0]) ** 2 + (fy - lever[1]) ** 2
-            length += fx * fx + fy * fy
-        if k < newest:
-            l2 += (poses[k, 1] - poses[k + 1, 1]) * l0 + (poses[k + 1, 0] - poses[k, 0]) * l1
-        for row in range(measured.first[k], measured.first[k + 1]):
-            slot = measured.slot[row]
+        for row in range(arrays.first[k], arrays.first[k + 1]):
+            slot = arrays.slot[row]
             if slot < 0:
                 continue
-            ex, ey = landmarks_at[slot, 0] - poses[k, 0], landmarks_at[slot, 1] - poses[k, 1]
-            r0, r1, a00, a01, a10, a11 = observation_residual(sensor, observation_row(measured, row), heading, ex, ey)
-            squares += r0 * r0 + r1 * r1
-            g0, g1 = a00 * r0 + a10 * r1, a01 * r0 + a11 * r1
-            norm += a00 * a00 + a01 * a01 + a10 * a10 + a11 * a11
-            moved += (a00 - linear.Hm[row, 0, 0]) ** 2 + (a01 - linear.Hm[row, 0, 1]) ** 2
-            if dim == 2:
-                moved += (a10 - linear.Hm[row, 1, 0]) ** 2 + (a11 - linear.Hm[row, 1, 1]) ** 2
-            chord.landmark[slot, 0] -= g0
-            chord.landmark[slot, 1] -= g1
-            l0 += g0
-            l1 += g1
-            l2 += g1 * ex - g0 * ey
-        start = measured.start if k == 0 else poses[k - 1]
-        heading_before = cosine_sine(start)
-        x, y, t = step_residual(start, heading_before, measured.motion[k], measured.motion_turn[k], poses[k])
-        j00, j01, j02, j12 = right_jacobian(x, y, t)
-        c, s = heading
-        b0, b1 = c * l0 + s * l1, c * l1 - s * l0  # b: multipliers in the body frame; t: multipliers of the residual
-        t0, t1, t2 = j00 * b0 - j01 * b1, j01 * b0 + j00 * b1, j02 * b0 + j12 * b1 + l2
-        Q = measured.motion_cov[k]
-        q0 = Q[0, 0] * t0 + Q[0, 1] * t1 + Q[0, 2] * t2
-        q1 = Q[1, 0] * t0 + Q[1, 1] * t1 + Q[1, 2] * t2
-        q2 = Q[2, 0] * t0 + Q[2, 1] * t1 + Q[2, 2] * t2
-        squares += t0 * q0 + t1 * q1 + t2 * q2
-        d0, d1 = j00 * q0 + j01 * q1 + j02 * q2 - x, j00 * q1 - j01 * q0 + j12 * q2 - y
-        chord.defect[k, 0], chord.defect[k, 1], chord.defect[k, 2] = c * d0 - s * d1, s * d0 + c * d1, q2 - t
-        heading = heading_before
-    seen, walked = moved / norm if norm > 0.0 else 0.0, turned / length if length > 0.0 else 0.0
-    return math.sqrt(max(seen, walked)), squares
+            for i in range(now.r.shape[1]):
+                r = now.r[row, i]
+                squares += r * r
+                step.landmark[slot, 0] -= now.Hm[row, i, 0] * r
+                step.landmark[slot, 1] -= now.Hm[row, i, 1] * r
+                l0 += now.Hx[row, i, 0] * r
+                l1 += now.Hx[row, i, 1] * r
+                l2 += now.Hx[row, i, 2] * r
+        n0, n1, n2 = times(now.W, k, (l0, l1, l2))
+        squares += n0 * l0 + n1 * l1 + n2 * l2
+        step.defect[k, 0], step.defect[k, 1], step.defect[k, 2] = now.c[k, 0] - n0, now.c[k, 1] - n1, now.c[k, 2] - n2
+        l2 += now.lever[k, 0] * l0 + now.lever[k, 1] * l1
+    return squares, staleness(arrays, now, model, newest)
 
 
-@kernel
-def smooth(linear: Linear, newest: int, chord: Chord) -> None:
-    """Compute the step of every pose for its defects and right-hand sides, with fixed landmarks."""
-    mean, G, P, N = chord.mean, linear.G, linear.P, linear.N
-    x, ahead, total = np.zeros(3), np.zeros(3), np.zeros(3)
-    for k in range(newest + 1):
-        if k > 0:
-            x[0] += linear.lever[k, 0] * x[2]
-            x[1] += linear.lever[k, 1] * x[2]
-        for i in range(3):
-            x[i] += chord.defect[k, i]
-        for i in range(3):
-            mean[k, i] = total[i] = x[i]
-            for j in range(3):
-                total[i] += P[k, i, j] * chord.rhs[k, j]
-        multiply(G[k], total, x)
-    for k in range(newest, -1, -1):
-        if k < newest:
-            ahead[2] += linear.lever[k + 1, 0] * ahead[0] + linear.lever[k + 1, 1] * ahead[1]
-        for i in range(3):
-            ahead[i] += chord.rhs[k, i]
-        for i in range(3):
-            total[i] = mean[k, i]
-            for j in range(3):
-                total[i] += P[k, i, j] * ahead[j]
-        multiply(G[k], total, chord.pose[k])
-        for i in range(3):
-            for j in range(3):
-                ahead[i] -= N[k, i, j] * chord.pose[k, j]
+@inner
+def staleness(arrays: GraphArrays, now: LinearModel, model: LinearModel, newest: int) -> float:
+    """Return the relative change of the Jacobians from `model` to `now`.
 
-
-@kernel
-def subtract_pose_step(measured: Measured, linear: Linear, newest: int, chord: Chord) -> None:
-    """Subtract Hm' Hx dx, with the step dx of the poses, from the landmarks' right-hand side."""
-    for k in range(newest + 1):
-        for row in range(measured.first[k], measured.first[k + 1]):
-            slot = measured.slot[row]
-            if slot < 0:
-                continue
-            for i in range(measured.value.shape[1]):
-                h = linear.Hx[row, i]
-                seen = h[0] * chord.pose[k, 0] + h[1] * chord.pose[k, 1] + h[2] * chord.pose[k, 2]
+    It is the larger one of two: observations by landmarks, and the newest pose by earlier headings.
+    """
+    moved, norm, turned, length = 0.0, 0.0, 0.0, 0.0
+    before, after = (0.0, 0.0), (0.0, 0.0)  # levers from pose k - 1 to the newest pose
+    for k in range(newest, 0, -1):
+        before = before[0] + model.lever[k, 0], before[1] + model.lever[k, 1]
+        after = after[0] + now.lever[k, 0], after[1] + now.lever[k, 1]
+        turned += (after[0] - before[0]) ** 2 + (after[1] - before[1]) ** 2
+        length += after[0] ** 2 + after[1] ** 2
+    for row in range(arrays.first[newest + 1]):
+        if arrays.slot[row] >= 0:
+            for i in range(now.r.shape[1]):
                 for j in range(2):
-                    chord.landmark[slot, j] -= linear.Hm[row, i, j] * seen
+                    norm += now.Hm[row, i, j] ** 2
+                    moved += (now.Hm[row, i, j] - model.Hm[row, i, j]) ** 2
+    return math.sqrt(max(moved / norm if norm > 0.0 else 0.0, turned / length if length > 0.0 else 0.0))
 
 
 @kernel
-def subtract_landmark_step(measured: Measured, linear: Linear, newest: int, chord: Chord) -> None:
-    """Set the right-hand sides of the poses to -Hx' Hm dm, with the step dm of the landmarks."""
-    chord.rhs[: newest + 1] = 0.0
-    for k in range(newest + 1):
-        for row in range(measured.first[k], measured.first[k + 1]):
-            slot = measured.slot[row]
-            if slot < 0:
-                continue
-            for i in range(measured.value.shape[1]):
-                h = linear.Hm[row, i]
-                seen = h[0] * chord.landmark[slot, 0] + h[1] * chord.landmark[slot, 1]
-                for j in range(3):
-                    chord.rhs[k, j] -= linear.Hx[row, i, j] * seen
+def solve_step(scans: Scans, model: LinearModel, chain: Chain, factor: Float, newest: int, step: ChordStep) -> float:
+    """Compute the chord step from defects and gradient; return the length of the change of predicted observations.
 
-
-@kernel
-def predict_changes(measured: Measured, linear: Linear, newest: int, chord: Chord) -> None:
-    """Compute the change of every predicted observation by the step."""
+    Args:
+        scans: observations by pose.
+        model: linearised where the poses were eliminated.
+        chain: of the eliminated poses.
+        factor: (2L, 2L) lower triangular Cholesky factor of the landmarks' information.
+        newest: pose.
+        step: with defects and gradient.
+    """
+    step.rhs[: newest + 1] = 0.0
+    smooth(model, chain, newest, step)
+    Hx, Hm, pose, landmark, dim = model.Hx, model.Hm, step.pose, step.landmark, model.r.shape[1]
     for k in range(newest + 1):
-        for row in range(measured.first[k], measured.first[k + 1]):
-            slot = measured.slot[row]
-            for i in range(measured.value.shape[1]):
-                change = 0.0
+        for row in range(scans.first[k], scans.first[k + 1]):
+            slot = scans.slot[row]
+            if slot >= 0:
+                for i in range(dim):
+                    change = Hx[row, i, 0] * pose[k, 0] + Hx[row, i, 1] * pose[k, 1] + Hx[row, i, 2] * pose[k, 2]
+                    landmark[slot, 0] -= Hm[row, i, 0] * change
+                    landmark[slot, 1] -= Hm[row, i, 1] * change
+    solve_factored(factor, landmark.ravel())
+    for k in range(newest + 1):
+        for row in range(scans.first[k], scans.first[k + 1]):
+            slot = scans.slot[row]
+            for i in range(dim):
                 if slot >= 0:
-                    h, pose, landmark = linear.Hx[row, i], chord.pose[k], chord.landmark[slot]
-                    change += h[0] * pose[0] + h[1] * pose[1] + h[2] * pose[2]
-                    change += linear.Hm[row, i, 0] * landmark[0] + linear.Hm[row, i, 1] * landmark[1]
-                chord.seen[row, i] = change
+                    change = Hm[row, i, 0] * landmark[slot, 0] + Hm[row, i, 1] * landmark[slot, 1]
+                    for j in range(3):
+                        step.rhs[k, j] -= Hx[row, i, j] * change
+                    step.seen[row, i] = change
+                else:
+                    step.seen[row, i] = 0.0
+    smooth(model, chain, newest, step)
+    squares = 0.0
+    for k in range(newest + 1):
+        for row in range(scans.first[k], scans.first[k + 1]):
+            if scans.slot[row] >= 0:
+                for i in range(dim):
+                    change = Hx[row, i, 0] * pose[k, 0] + Hx[row, i, 1] * pose[k, 1] + Hx[row, i, 2] * pose[k, 2]
+                    step.seen[row, i] += change
+                    squares += step.seen[row, i] ** 2
+    return math.sqrt(squares)
+
+
+@inner
+def solve_factored(factor: Float, x: Float) -> None:
+    """Replace the first entries of x by (L L')^-1 x, for a lower triangular L."""
+    for i in range(len(factor)):
+        for j in range(i):
+            x[i] -= factor[i, j] * x[j]
+        x[i] /= factor[i, i]
+    for i in range(len(factor) - 1, -1, -1):
+        x[i] /= factor[i, i]
+        for j in range(i):
+            x[j] -= factor[i, j] * x[i]
+
+
+@inner
+def smooth(model: LinearModel, chain: Chain, newest: int, step: ChordStep) -> None:
+    """Compute the step of every pose for its defects and right-hand sides, with fixed landmarks."""
+    rhs, defect, mean, x = step.rhs, step.defect, step.mean, (0.0, 0.0, 0.0)
+    for k in range(newest + 1):
+        x0, x1 = x[0] + model.lever[k, 0] * x[2], x[1] + model.lever[k, 1] * x[2]
+        x = x0 + defect[k, 0], x1 + defect[k, 1], x[2] + defect[k, 2]
+        mean[k, 0], mean[k, 1], mean[k, 2] = x
+        x = observe(chain, k, x, (rhs[k, 0], rhs[k, 1], rhs[k, 2]))[0]
+    a = 0.0, 0.0, 0.0
+    for k in range(newest, -1, -1):
+        a = a[0] + rhs[k, 0], a[1] + rhs[k, 1], a[2] + rhs[k, 2]
+        x, b = observe(chain, k, (mean[k, 0], mean[k, 1], mean[k, 2]), a)
+        step.pose[k, 0], step.pose[k, 1], step.pose[k, 2] = x
+        a0, a1 = a[0] - b[0], a[1] - b[1]
+        a = a0, a1, a[2] - b[2] + model.lever[k, 0] * a0 + model.lever[k, 1] * a1
+
+
+@inner
+def observe(chain: Chain, k: int, x: Triple, rhs: Triple) -> tuple[Triple, Triple]:
+    """Return z - P b and b = T' T z, with z = x + P rhs."""
+    z = plus(x, times(chain.P, k, rhs))
+    b = times_transposed(chain.T, k, times(chain.T, k, z))
+    return plus(z, times(chain.P, k, (-b[0], -b[1], -b[2]))), b
+
+
+@inner
+def plus(x: Triple, y: Triple) -> Triple:
+    """Return x + y."""
+    return x[0] + y[0], x[1] + y[1], x[2] + y[2]
+
+
+@inner
+def times(A: Float, k: int, x: Triple) -> Triple:
+    """Return A_k x for matrices A (n, 3, 3)."""
+    return (
+        A[k, 0, 0] * x[0] + A[k, 0, 1] * x[1] + A[k, 0, 2] * x[2],
+        A[k, 1, 0] * x[0] + A[k, 1, 1] * x[1] + A[k, 1, 2] * x[2],
+        A[k, 2, 0] * x[0] + A[k, 2, 1] * x[1] + A[k, 2, 2] * x[2],
+    )
+
+
+@inner
+def times_transposed(A: Float, k: int, x: Triple) -> Triple:
+    """Return A_k' x for matrices A (n, 3, 3)."""
+    return (
+        A[k, 0, 0] * x[0] + A[k, 1, 0] * x[1] + A[k, 2, 0] * x[2],
+        A[k, 0, 1] * x[0] + A[k, 1, 1] * x[1] + A[k, 2, 1] * x[2],
+        A[k, 0, 2] * x[0] + A[k, 1, 2] * x[1] + A[k, 2, 2] * x[2],
+    )
 
 
 @kernel
-def move(measured: Measured, state: State, newest: int, landmarks: int, chord: Chord) -> None:
-    """Move path and map by a chord step, each point by V(turn) step, V(t) = (R(t) - I) / (t J).
+def move(scans: Scans, poses: Float, landmarks: Float, step: ChordStep) -> None:
+    """Move poses (n, 3) and landmarks (l, 2) by a chord step, each point by V(turn) step, V(t) = (R(t) - I) / (t J).
 
     A rotation of all points about a common centre then keeps all distances; an additive step would stretch them. The
     turn of a landmark is the mean turn of the poses that observe it.
     """
-    turns, seen = np.zeros(landmarks), np.zeros(landmarks)
-    for k in range(newest + 1):
-        turn = chord.pose[k, 2]
-        for row in range(measured.first[k], measured.first[k + 1]):
-            slot = measured.slot[row]
-            if slot < 0:
-                continue
-            turns[slot] += turn
-            seen[slot] += 1.0
-        retract_point(state.poses[k], chord.pose[k], turn)
-        state.poses[k, 2] = wrap(state.poses[k, 2] + turn)
-    for slot in range(landmarks):
-        retract_point(state.landmarks[slot], chord.landmark[slot], turns[slot] / max(seen[slot], 1.0))
+    turns, seen = np.zeros(len(landmarks)), np.zeros(len(landmarks))
+    for k in range(len(poses)):
+        turn = step.pose[k, 2]
+        for row in range(scans.first[k], scans.first[k + 1]):
+            slot = scans.slot[row]
+            if slot >= 0:
+                turns[slot] += turn
+                seen[slot] += 1.0
+        move_point(poses[k], step.pose[k], turn)
+        poses[k, 2] = wrap(poses[k, 2] + turn)
+    for slot in range(len(landmarks)):
+        move_point(landmarks[slot], step.landmark[slot], turns[slot] / max(seen[slot], 1.0))
 
 
 @inner
-def retract_point(point: Float, step: Float, turn: float) -> None:
+def move_point(point: Float, step: Float, turn: float) -> None:
     """Move a point by V(turn) step."""
     x, y = exp(step[0], step[1], turn)
     point[0] += x

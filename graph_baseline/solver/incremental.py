@@ -1,14 +1,11 @@
 """Incremental smoothing with chord steps (`chord_descent`): the optimum of the measurements up to each step.
 
-The optimum is the path and the map with the smallest sum of squared whitened residuals. A chord step is a Newton step
-with the exact gradient, but with matrices that were linearised at an earlier state.
+The optimum is the path and the map with the smallest sum of squared whitened residuals.
 
 Each step of the recording adds a scan, and moves the newest pose and the map by the linear system of all steps so far.
 It neither moves older poses nor corrects the linearisation error. Chord steps over the whole path do both: they
-converge to a point where the gradient of the exact cost is zero. They run at every scan up to SHORT poses. Later they
-run when the expected error of the newest pose exceeds MAX_ERROR, or after MAX_SCANS scans. The expected error grows
-with the squared corrections of the newest pose. If chord steps find no minimum, or if the cost and its increase both
-fail chi-square tests, `multistart` searches for a minimum from several starts.
+converge to a point where the gradient of the exact cost is zero. `Schedule` decides at which scans they run. If they
+find no minimum, damped steps follow, then a search from dead reckoning and from the current path.
 
 A bearing-only landmark is added when the path of the optimum and its bearings determine its position, and removed when
 they no longer do.
@@ -16,29 +13,21 @@ they no longer do.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 
 from slamgauge.arrays import Float, Int
+from slamgauge.graph_baseline.problem.linearisation import graph_arrays
+from slamgauge.graph_baseline.problem.objective import Objective
+from slamgauge.graph_baseline.problem.placement import landmarks_at_median
 from slamgauge.graph_baseline.problem.preparation import Problem, prepare
-from slamgauge.graph_baseline.problem.residuals import measured_of
 from slamgauge.graph_baseline.problem.undetermined import UndeterminedError
-from slamgauge.graph_baseline.solver.active_landmarks import ActiveLandmarks
+from slamgauge.graph_baseline.solver.active_landmarks import ActiveLandmarks, State
 from slamgauge.graph_baseline.solver.chord_descent import ChordDescent
-from slamgauge.graph_baseline.solver.isotropic_surrogate import surrogate_start
 from slamgauge.graph_baseline.solver.levenberg_marquardt import Minimum, damped_descent
-from slamgauge.graph_baseline.solver.linear_problem import allocate_state
-from slamgauge.graph_baseline.solver.multistart import (
-    Start,
-    descent_start,
-    explained_by_noise,
-    growing_start,
-    inflated_noise_start,
-    placed_minimum,
-)
-from slamgauge.graph_baseline.solver.warm_up import compile_graphs_once
+from slamgauge.graph_baseline.solver.search import Start, explained_by_noise, placed_minimum
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain, compose, wrap
 from slamgauge.sensors import SENSORS
@@ -46,10 +35,9 @@ from slamgauge.sensors import SENSORS
 SHORT = 100  # poses; up to this length chord steps run at every scan
 MAX_SCANS = 64  # largest number of scans between two convergences
 MAX_ERROR = 0.003  # largest expected error of the newest pose between two convergences [sigmas]
-PATIENCE = 0.7  # smallest ratio of the expected error rates after and before a convergence
+LOWEST_RATIO = 0.7  # smallest ratio of the expected error rates after and before a convergence
 LOWER = 1.0 - 1e-6  # another minimum counts as lower if its squared residuals are below this share
-NEXT_SEARCH = 1.2  # step of the next search, relative to the step of a failed one
-NEXT_LOWER_SEARCH = 2.0  # the same for searches of a lower minimum
+NEXT_SEARCH = 1.2  # step of the next search, relative to the step of the last one
 
 
 class MinimumSwitch(NamedTuple):
@@ -57,6 +45,34 @@ class MinimumSwitch(NamedTuple):
 
     path: Float
     landmark_ids: Int
+
+
+class Schedule:
+    """The scans at which chord steps run: when the expected error of the newest pose is too large.
+
+    The error grows with the squared corrections of the newest pose since the last convergence, in squared sigmas. Each
+    convergence measures how fast it grows.
+    """
+
+    def __init__(self) -> None:
+        self._scans, self._squared_motion, self._error_rate = 0, 0.0, np.inf
+
+    def add(self, step: Float) -> None:
+        """Count a scan that corrected the newest pose by a step (3,) in sigmas."""
+        self._scans += 1
+        self._squared_motion += float(np.max(np.square(step)))
+
+    def is_due(self, newest: int) -> bool:
+        """Return whether chord steps are due at the newest pose."""
+        error = self._squared_motion * self._error_rate
+        return newest <= SHORT or self._scans >= MAX_SCANS or error > MAX_ERROR
+
+    def restart(self, change: Float) -> None:
+        """Begin again after a convergence that changed the newest pose by (3,) sigmas."""
+        expected = LOWEST_RATIO * self._error_rate if np.isfinite(self._error_rate) else 0.0
+        error = float(np.max(np.abs(change)))
+        self._error_rate = max(error / max(self._squared_motion, 1e-6), expected)
+        self._scans, self._squared_motion = 0, 0.0
 
 
 class IncrementalOptimum:
@@ -72,18 +88,17 @@ class IncrementalOptimum:
     """
 
     def __init__(self, recording: Recording) -> None:
-        compile_graphs_once()
-        recording = self._recording = prepare(recording)
-        self._measured = measured_of(recording)
-        poses, landmarks = recording.steps + 1, len(recording.landmark_ids)
-        self._state = allocate_state(poses, landmarks)
-        self._mapped = ActiveLandmarks(recording, self._measured, self._state)
-        self._descent = ChordDescent(self._measured, self._state, self._mapped)
-        self._scans, self._squared_motion = 0, 0.0  # since the last convergence; motion in squared sigmas
-        self._error_rate = np.inf  # error of the newest pose [sigmas] per squared motion
+        problem = self._problem = prepare(recording)
+        self._places_landmarks = SENSORS[problem.sensor].places_landmarks
+        self._arrays = graph_arrays(problem)
+        self._arrays.slot[:] = -1
+        self._state = State(np.zeros((problem.steps + 1, 3)), np.zeros((len(problem.landmark_ids), 2)))
+        self._mapped = ActiveLandmarks(problem, self._arrays, self._state)
+        self._descent = ChordDescent(self._arrays, self._state, self._mapped)
+        self._schedule = Schedule()
         self.converged = True
         self.unconverged_steps = 0
-        self._next_search = self._next_lower_search = self._next_misfit_search = 0
+        self._next_search = 0  # step before which no other search begins
         self._freedom = 0  # degrees of freedom of the last minimum
         self.switches: list[MinimumSwitch] = []
 
@@ -121,14 +136,10 @@ class IncrementalOptimum:
     # --- steps -----------------------------------------------------------------------------------
 
     def add_step(self) -> None:
-        """Add the next pose and its scan.
-
-        After a failed search, poses and scans are only stored. The next search starts when the path is NEXT_SEARCH
-        times as long.
-        """
+        """Add the next pose and its scan. After a failed search they are only stored until the next search."""
         k = self._newest + 1
-        last = self._state.poses[k - 1]
-        self._descent.add_pose(compose(last, self._measured.motion[k]) if k else self._measured.start)
+        start = self._arrays.start
+        self._descent.add_pose(compose(self._state.poses[k - 1], self._arrays.motion[k]) if k else start)
         if not self.converged:
             self._descent.add_newest_pose()
             if k >= self._next_search:
@@ -143,26 +154,25 @@ class IncrementalOptimum:
             self._converge(relinearise=True)
         else:
             self._search()
-        if not SENSORS[self._recording.sensor].places_landmarks:
+        if not self._places_landmarks:
             self._converge_with_placed_landmarks()
         self.converged = self.converged and self._descent.relinearise()
 
     def _add_scan(self) -> None:
-        """Add the newest scan; take chord steps if the expected error is too large, or if many scans were added."""
+        """Add the newest scan; take chord steps if they are due."""
         k, mapped = self._newest, len(self._mapped)
-        if self._measured.first[k] == self._measured.first[k + 1]:
+        if self._arrays.first[k] == self._arrays.first[k + 1]:
             self._descent.add_newest_pose()
             return
         self._mapped.map_scan(k)
-        step = self._descent.add_newest_scan(mapped)
+        step = self._descent.add_newest_scan(len(self._mapped) - mapped)
         if step is None:
             self._converge(relinearise=True)
         else:
-            self._scans += 1
-            self._squared_motion += float(np.max(np.square(step / self._descent.sigma)))
-            if k <= SHORT or self._scans >= MAX_SCANS or self._squared_motion * self._error_rate > MAX_ERROR:
+            self._schedule.add(step / self._descent.sigma)
+            if self._schedule.is_due(k):
                 self._converge()
-        if not SENSORS[self._recording.sensor].places_landmarks:
+        if not self._places_landmarks:
             self._converge_with_placed_landmarks()
 
     def _converge_with_placed_landmarks(self) -> None:
@@ -171,7 +181,7 @@ class IncrementalOptimum:
         This corresponds to `placed_minimum`. Each landmark is added at most once, because a search may remove it again.
         """
         if self.converged and self._newest >= self._next_search and self._may_map_more():
-            self._search_more_landmarks()
+            self._search()
         tried = set[int]()
         while self.converged and (placed := self._mapped.map_waiting(self._newest, tried)):
             tried |= placed
@@ -181,74 +191,6 @@ class IncrementalOptimum:
             self._mapped.recheck_all()
         if self.converged and self._mapped.remove_unplaced(self._newest):
             self._converge(relinearise=True)
-
-    def _converge(self, *, relinearise: bool = False) -> None:
-        """Go to the minimum of the exact cost by chord steps, else by damped steps after SHORT poses, else by a search.
-
-        If all fail, path and map are the ones before the chord steps.
-        """
-
-        def chord_steps() -> bool:
-            return (not relinearise or self._descent.relinearise()) and self._descent.converge()
-
-        k, last, last_chi_square = self._newest, self.newest_pose(), self._descent.chi_square
-        self.converged = self._descends(chord_steps) or (k > SHORT and self._descends(self._converge_damped))
-        if self.converged:
-            if self._is_cost_unlikely(last_chi_square):
-                self._search_lower()
-        elif k < self._next_misfit_search:
-            self._next_search = self._next_misfit_search
-        else:
-            self._search()
-        self._freedom = self._degrees_of_freedom()
-        change = self.newest_pose() - last
-        change[2] = wrap(change[2])
-        error = float(np.max(np.abs(change) / self._descent.sigma))
-        expected = PATIENCE * self._error_rate if np.isfinite(self._error_rate) else 0.0
-        self._error_rate = max(error / max(self._squared_motion, 1e-6), expected)
-        self._scans, self._squared_motion = 0, 0.0
-
-    def _descends(self, descent: Callable[[], bool]) -> bool:
-        """Run a descent; return whether it converged. If not, path and map are the ones before it."""
-        k, count, state = self._newest, len(self._mapped), self._state
-        start = state.poses[: k + 1].copy(), state.landmarks[:count].copy()
-        converged = descent()
-        if not converged:
-            state.poses[: k + 1], state.landmarks[:count] = start
-        return converged
-
-    def _converge_damped(self) -> bool:
-        """Take damped steps, then chord steps; return whether they converged.
-
-        Damped steps need fewer iterations than a search. They converge where large odometry noise makes the predicted
-        pose so uncertain that chord steps diverge.
-        """
-        k, order = self._newest, np.argsort(self.landmark_ids)
-        part = self._recording.first(k)
-        part = part.only(np.isin(part.landmark, self.landmark_ids))
-        found = damped_descent(part, *self.path_and_map())
-        self._state.poses[: k + 1], self._state.landmarks[order] = found.poses, found.landmarks
-        return self._descent.relinearise() and self._descent.converge()
-
-    def _is_cost_unlikely(self, last_chi_square: float) -> bool:
-        """Return whether the squared residuals and their increase since the last minimum both fail chi-square tests."""
-        freedom = self._degrees_of_freedom()
-        if self._newest < self._next_lower_search or explained_by_noise(self._descent.chi_square, freedom):
-            return False
-        return not explained_by_noise(self._descent.chi_square - last_chi_square, max(freedom - self._freedom, 1))
-
-    def _degrees_of_freedom(self) -> int:
-        """Return the number of observed values of active landmarks, minus two for each of these landmarks."""
-        taken = self._measured.slot[: self._measured.first[self._newest + 1]] >= 0
-        return int(taken.sum()) * self._recording.observation.shape[1] - 2 * len(self._mapped)
-
-    def _search(self) -> None:
-        """Search for a minimum; a failure delays the next search."""
-        found = self._search_result()
-        self.converged = found is not None and self._move_to(*found)
-        if not self.converged:
-            self._next_search = int(NEXT_SEARCH * self._newest) + 1
-        self._delay_searches()
 
     def _may_map_more(self) -> bool:
         """Return whether a search may activate more landmarks.
@@ -263,52 +205,77 @@ class IncrementalOptimum:
         waiting = self._mapped.waiting_in_scan(self._newest)
         return bool(waiting) and self._mapped.any_placed(self._newest, waiting, self._dead_reckoned())
 
-    def _search_more_landmarks(self) -> None:
-        """Search for a minimum with more active landmarks; a failure delays the next search."""
-        found = self._search_result()
-        if found is not None and len(found[1].landmarks) > len(self._mapped):
-            self.converged = self._move_to(*found)
-        else:
-            self._next_search = int(NEXT_SEARCH * self._newest) + 1
+    # --- descents and searches -------------------------------------------------------------------
 
-    def _search_lower(self) -> None:
-        """Search for a lower minimum."""
-        found = self._search_result()
-        if found is not None and 2.0 * found[1].cost <= LOWER * self._descent.chi_square:
-            self.converged = self._move_to(*found)
-        self._delay_searches()
+    def _converge(self, *, relinearise: bool = False) -> None:
+        """Go to the minimum of the exact cost by chord steps, else by damped steps, else by a search.
 
-    def _delay_searches(self) -> None:
-        """Delay the next searches if noise does not explain the cost.
-
-        After SHORT poses this includes the searches after chord steps without a minimum, because data that contradict
-        the model may have no smooth minimum.
+        If all fail, path and map are the ones before. If noise explains neither the cost at the minimum nor its
+        increase, a search for a lower minimum follows.
         """
-        if not explained_by_noise(self._descent.chi_square, self._degrees_of_freedom()):
-            self._next_lower_search = int(NEXT_LOWER_SEARCH * self._newest) + 1
-            if self._newest > SHORT:
-                self._next_misfit_search = int(NEXT_SEARCH * self._newest) + 1
+        last, last_chi_square, state = self.newest_pose(), self._descent.chi_square, self._copied_state()
+        self.converged = (not relinearise or self._descent.relinearise()) and self._descent.converge()
+        if not self.converged:
+            self._restore(state)
+            self.converged = self._converge_damped()
+        if not self.converged:
+            self._restore(state)
+        freedom = self._degrees_of_freedom()
+        if self._newest >= self._next_search and not (self.converged and self._is_explained(last_chi_square, freedom)):
+            self._search()
+        self._freedom = self._degrees_of_freedom()
+        change = self.newest_pose() - last
+        change[2] = wrap(change[2])
+        self._schedule.restart(change / self._descent.sigma)
 
-    def _search_result(self) -> tuple[Int, Minimum] | None:
-        """Search from several starts; return association (M,), -1 for unused observations, and minimum, or None."""
-        k = self._newest
-        part, here = self._recording.first(k), self._state.poses[: k + 1].copy()
+    def _copied_state(self) -> tuple[Float, Float]:
+        return self._state.poses[: self._newest + 1].copy(), self._state.landmarks[: len(self._mapped)].copy()
+
+    def _restore(self, state: tuple[Float, Float]) -> None:
+        self._state.poses[: self._newest + 1], self._state.landmarks[: len(self._mapped)] = state
+
+    def _converge_damped(self) -> bool:
+        """Take damped steps, then chord steps; return whether they converged.
+
+        They converge where large odometry noise makes the predicted pose so uncertain that chord steps diverge.
+        """
+        k, order = self._newest, np.argsort(self.landmark_ids)
+        part = self._problem.first(k)
+        part = part.only(np.isin(part.landmark, self.landmark_ids))
+        found = damped_descent(Objective(part), *self.path_and_map())
+        self._state.poses[: k + 1], self._state.landmarks[order] = found.poses, found.landmarks
+        return self._descent.relinearise() and self._descent.converge()
+
+    def _is_explained(self, last_chi_square: float, freedom: int) -> bool:
+        """Return whether noise explains the squared residuals, or their increase since the last minimum."""
+        added = self._descent.chi_square - last_chi_square, max(freedom - self._freedom, 1)
+        return explained_by_noise(self._descent.chi_square, freedom) or explained_by_noise(*added)
+
+    def _degrees_of_freedom(self) -> int:
+        """Return the number of observed values of active landmarks, minus two for each of these landmarks."""
+        taken = self._arrays.slot[: self._arrays.first[self._newest + 1]] >= 0
+        return int(taken.sum()) * self._problem.observation.shape[1] - 2 * len(self._mapped)
+
+    def _search(self) -> None:
+        """Search for a minimum that is lower or has more landmarks, and go there; the next search is delayed."""
+        self._next_search = int(NEXT_SEARCH * self._newest) + 1
+        part, here = self._problem.first(self._newest), self._state.poses[: self._newest + 1].copy()
 
         def starts(part: Problem, path: Float) -> Iterator[Start]:
-            yield lambda: descent_start(part, path)
-            places_landmarks = SENSORS[part.sensor].places_landmarks
-            yield lambda: surrogate_start(part) if places_landmarks else inflated_noise_start(part, path)
-            yield lambda: descent_start(part, here)
-            yield lambda: growing_start(part)
+            yield lambda: (path, landmarks_at_median(part, path))
+            yield lambda: (here, landmarks_at_median(part, here))
 
         try:
-            return placed_minimum(part, self._dead_reckoned(), starts)
+            taken, found = placed_minimum(part, self._dead_reckoned(), starts)
         except UndeterminedError:
-            return None
+            return
+        more = len(found.landmarks) - len(self._mapped)
+        if not self.converged or more > 0 or (more == 0 and 2.0 * found.cost <= LOWER * self._descent.chi_square):
+            self.converged = self._move_to(taken, found)
 
     def _dead_reckoned(self) -> Float:
         """Return the path (k+1, 3) of dead reckoning."""
-        return chain(self._recording.prior_mean, self._recording.odometry[: self._newest])
+        return chain(self._problem.prior_mean, self._problem.odometry[: self._newest])
 
     def _move_to(self, taken: Int, found: Minimum) -> bool:
         """Go to the minimum of a search; return whether the linear system there determines all landmarks."""

@@ -6,35 +6,38 @@ order, then the path is projected on the constraints (`retraction`).
 
 from __future__ import annotations
 
-from operator import itemgetter
 from typing import NamedTuple
 
 import numpy as np
 from numpy.linalg import LinAlgError
 
 from slamgauge.arrays import Float
-from slamgauge.graph_baseline.problem.linearisation import LinearModel, linearise, whitened_residuals
-from slamgauge.graph_baseline.problem.preparation import Problem, require_placeable
+from slamgauge.graph_baseline.problem.linearisation import LinearModel
+from slamgauge.graph_baseline.problem.objective import Objective, Point
+from slamgauge.graph_baseline.problem.placement import least_known_landmark
+from slamgauge.graph_baseline.problem.preparation import Problem
 from slamgauge.graph_baseline.problem.retraction import MotionNoise, retract_by_motions, retract_pointwise
-from slamgauge.graph_baseline.problem.undetermined import UndeterminedError
+from slamgauge.graph_baseline.problem.undetermined import UndeterminedError, undetermined_variable
 from slamgauge.graph_baseline.solver.anderson import AndersonAcceleration, largest_entry
-from slamgauge.graph_baseline.solver.reduced_scans import NOT_DAMPED, Damping
-from slamgauge.graph_baseline.solver.smoother import Solution, damped_step, solve_at
+from slamgauge.graph_baseline.solver.elimination import Scans
+from slamgauge.graph_baseline.solver.partition import Plan, plan
+from slamgauge.graph_baseline.solver.smoother import NOT_DAMPED, Damping, Solution, damped_step, solve
 from slamgauge.se2 import wrap
 from slamgauge.sensors import SENSORS
 
 MAX_STEPS = 200
 NEAR = 1e-6  # damped steps stop at this decrease of the cost, relative to the cost and to its expected value
-TOO_NEAR = 1e-4  # smallest distance of a landmark and a pose that observes it [m]
-RISEN = 1e-3  # relative increase of the cost that shows that Gauss-Newton converged to another stationary point
+GENTLE, STRONGER, WEAKER, UNDAMPED = 1e-4, 10.0, 0.1, 1e-8  # damping relative to the mean information of a scan
+
+MAX_NEWTON_STEPS = 60
 NEGLIGIBLE = 1e-8  # size of a step that ends the iteration [standard deviations]
 RESOLVED = 1e-3  # largest last step that counts as rounding, if residuals fit the noise [standard deviations]
 MISFIT = 10.0  # largest factor on RESOLVED for residuals larger than the noise, because rounding grows with them
-PATIENCE = 6  # largest number of steps without a new smallest step
+STALLED = 6  # largest number of steps without a new smallest step
 HOPELESS = 1e6  # size of a step at which the iteration diverges [standard deviations]
+RISEN = 1e-3  # relative increase of the cost that shows that Gauss-Newton converged to another stationary point
 EXACT = 1e-9  # a smaller standard deviation is treated as zero [m or rad]
-MAX_NEWTON_STEPS = 60
-GENTLE, STRONGER, WEAKER, UNDAMPED = 1e-4, 10.0, 0.1, 1e-8  # damping relative to the mean information of a scan
+TOO_NEAR = 1e-4  # smallest distance of a landmark and a pose that observes it [m]
 
 
 class Minimum(NamedTuple):
@@ -46,90 +49,79 @@ class Minimum(NamedTuple):
     cost: float
 
 
-class NearMinimum(NamedTuple):
-    """Poses (N+1, 3) and landmarks (L, 2) near a minimum, and half their squared residuals."""
-
-    poses: Float
-    landmarks: Float
-    cost: float
-    merit: Merit
-
-
-class Merit:
-    """Cost of paths and maps of a recording that satisfy the constraints of zero variances."""
-
-    def __init__(self, recording: Problem) -> None:
-        self._recording = recording
-        self.noise = MotionNoise(recording)
-
-    def __call__(self, poses: Float, landmarks: Float) -> float:
-        """Return half the sum of squared whitened residuals, infinite if it is undefined."""
-        with np.errstate(all="ignore"):
-            seen = whitened_residuals(self._recording, self._recording.slot, poses, landmarks)
-            cost = self.noise.cost(poses) + 0.5 * float(np.square(seen).sum())
-        return cost if np.isfinite(cost) else np.inf
-
-
-def damped_descent(recording: Problem, poses: Float, landmarks: Float, most: int = MAX_STEPS) -> NearMinimum:
+def damped_descent(objective: Objective, poses: Float, landmarks: Float, most: int = MAX_STEPS) -> Point:
     """Take Levenberg-Marquardt steps until the decrease of the cost is small.
 
     Args:
-        recording: known association.
+        objective: cost.
         poses: (N+1, 3) starting path.
         landmarks: (L, 2) starting map.
         most: largest number of steps.
     """
-    merit = Merit(recording)
-    poses = merit.noise.satisfying_constraints(poses)
-    cost, factor, expected = merit(poses, landmarks), 0.0, 1.0 + recording.observation.size / 2.0
+    point = objective.at(objective.noise.satisfying_constraints(poses), landmarks)
+    planned, factor, expected = planned_at(objective, point), 0.0, 1.0 + objective.problem.observation.size / 2.0
     for _ in range(most):
-        model = linearise(recording, recording.slot, poses, landmarks)
-        scale = _mean_information(model, len(landmarks))
-        while True:
-            found, tried = _damped_trial(model, merit, poses, landmarks, scale, factor)
-            if found <= cost or factor > 1.0 / UNDAMPED:
-                break
+        scale = _mean_information(point.model, objective.problem)
+        tried = _damped_trial(objective, point, planned, scale, factor)
+        while tried.cost > point.cost and factor < 1.0 / UNDAMPED:
             factor = max(STRONGER * factor, GENTLE)
-        if found > cost:
+            tried = _damped_trial(objective, point, planned, scale, factor)
+        if tried.cost > point.cost or tried.cost == np.inf:
             break
-        decrease, cost, (poses, landmarks) = cost - found, found, tried
+        decrease, point = point.cost - tried.cost, tried
         factor = WEAKER * factor if factor > UNDAMPED else 0.0
-        if decrease <= NEAR * max(cost, expected):
+        if decrease <= NEAR * max(point.cost, expected):
             break
-    return NearMinimum(poses, landmarks, cost, merit)
+    return point
 
 
-def descend(recording: Problem, poses: Float, landmarks: Float, iterations: int = 40) -> tuple[Float, Float]:
-    """Return path and map after damped steps; replaces GTSAM's optimiser (`gtsam_start`) if it is not installed."""
-    require_placeable(recording)
-    found = damped_descent(recording, poses, landmarks, iterations)
-    return found.poses, found.landmarks
+def planned_at(objective: Objective, point: Point) -> Plan:
+    """Return the order in which the linear problem is solved."""
+    return plan(scans_of(objective), point.model, len(point.landmarks))
 
 
-def _damped_trial(
-    model: LinearModel, merit: Merit, poses: Float, landmarks: Float, scale: Damping, factor: float
-) -> tuple[float, tuple[Float, Float]]:
-    """Return cost, path and map after a damped step with the better retraction; infinite cost if no step exists."""
+def scans_of(objective: Objective) -> Scans:
+    """Return the observations by pose."""
+    return Scans(objective.arrays.first, objective.arrays.slot)
+
+
+def solved_at(objective: Objective, point: Point) -> Solution:
+    """Return step and covariances at a point.
+
+    Raises:
+        UndeterminedError: the observations do not determine the landmarks.
+    """
+    try:
+        return solve(point.model, scans_of(objective), planned_at(objective, point))
+    except LinAlgError:
+        raise undetermined_variable("l", least_known_landmark(objective.problem)[0]) from None
+
+
+def _damped_trial(objective: Objective, point: Point, planned: Plan, scale: Damping, factor: float) -> Point:
+    """Return the point after a damped step with the better retraction; its cost is infinite if no step exists."""
     damping = Damping(factor * scale.pose, factor * scale.landmark, factor * scale.motion)
     try:
-        step = damped_step(model, len(landmarks), damping)
-        ways = [move(model, merit.noise, poses, landmarks, *step) for move in (retract_pointwise, retract_by_motions)]
+        step = damped_step(point.model, scans_of(objective), planned, damping)
+        ways = [
+            retract(objective.problem, objective.noise, point.poses, point.landmarks, *step)
+            for retract in (retract_pointwise, retract_by_motions)
+        ]
     except LinAlgError:
-        return np.inf, (poses, landmarks)
-    return min(((merit(*way), way) for way in ways), key=itemgetter(0))
+        return point._replace(cost=np.inf)
+    return min((objective.at(*way) for way in ways), key=lambda each: each.cost)
 
 
-def _mean_information(model: LinearModel, landmarks: int) -> Damping:
+def _mean_information(model: LinearModel, problem: Problem) -> Damping:
     """Return the mean information of a scan about its pose and its motion, and of all scans about a landmark."""
-    poses = max(len(np.unique(model.step)), 1)
-    by_pose = np.square(model.Hx).sum(axis=(0, 1)) / poses
+    scans = max(len(np.unique(problem.observation_step)), 1)
+    by_pose = np.square(model.Hx).sum(axis=(0, 1)) / scans
     by_pose[:2] = by_pose[:2].mean()
-    by_landmark = float(np.square(model.Hm).sum()) / (2 * max(landmarks, 1))
-    by_motion = float(np.einsum("nii,i->", model.W, by_pose)) / max(len(model.W), 1)
+    by_landmark = float(np.square(model.Hm).sum()) / (2 * max(len(problem.landmark_ids), 1))
+    by_motion = float(np.einsum("nii,i->", model.W[1:], by_pose)) / max(problem.steps, 1)
     return Damping(by_pose, by_landmark, by_motion)
 
 
-def gauss_newton_minimum(recording: Problem, start: NearMinimum) -> Minimum:
+def gauss_newton_minimum(objective: Objective, start: Point) -> Minimum:
     """Take Gauss-Newton steps until they are negligible or limited by rounding; return the minimum.
 
     Gauss-Newton neglects the second derivatives of residuals. With large residuals it converges slowly or not at all,
@@ -138,56 +130,51 @@ def gauss_newton_minimum(recording: Problem, start: NearMinimum) -> Minimum:
     Raises:
         UndeterminedError: no minimum exists, or rounding prevents convergence.
     """
-    poses, landmarks, cost, merit = start
-    _refuse_landmarks_at_poses(recording, poses, landmarks)
-    sigmas = _sigmas(solve_at(recording, *start[:2]))
-    weight, acceleration = 1.0 / np.concatenate([each.ravel() for each in sigmas]), AndersonAcceleration()
-    best, smallest, stalled = (poses, landmarks), np.inf, 0
+    _refuse_landmarks_at_poses(objective.problem, start)
+    weight = 1.0 / np.concatenate([each.ravel() for each in _sigmas(solved_at(objective, start))])
+    planned, acceleration = planned_at(objective, start), AndersonAcceleration()
+    point, best, smallest, stalled = start, start, np.inf, 0
     for _ in range(MAX_NEWTON_STEPS):
-        model = linearise(recording, recording.slot, poses, landmarks)
         try:
-            step = damped_step(model, len(landmarks), NOT_DAMPED)
+            step = damped_step(point.model, scans_of(objective), planned, NOT_DAMPED)
         except LinAlgError:
             break
-        ahead = retract_pointwise(model, merit.noise, poses, landmarks, *step)
-        apart = _apart(ahead, (poses, landmarks))
-        size = largest_entry(weight * apart)
+        ahead = retract_pointwise(objective.problem, objective.noise, point.poses, point.landmarks, *step)
+        move = _apart(ahead, point[:2])
+        size = largest_entry(weight * move)
+        stalled = 0 if size < smallest else stalled + 1
         if size < smallest:
-            best, smallest, stalled = (poses, landmarks), size, 0
-        else:
-            stalled += 1
+            best, smallest = point, size
         if size < NEGLIGIBLE:
-            best = ahead
-        if size < NEGLIGIBLE or stalled > PATIENCE or not size < HOPELESS:
+            best = objective.at(*ahead)
+        if size < NEGLIGIBLE or stalled > STALLED or not size < HOPELESS:
             break
-        before = poses, landmarks
-        poses, landmarks = _displaced(before, acceleration.accelerate(apart, weight * apart), merit.noise)
-        acceleration.record(_apart((poses, landmarks), before))
-    misfit = np.sqrt(2.0 * cost / max(recording.observation.size, 1))
+        reached = _displaced(point, acceleration.accelerate(move, weight * move), objective.noise)
+        acceleration.record(_apart(reached, point[:2]))
+        point = objective.at(*reached)
+    misfit = np.sqrt(2.0 * start.cost / max(objective.problem.observation.size, 1))
     if not smallest < RESOLVED * np.clip(misfit, 1.0, MISFIT):
-        raise UndeterminedError(_why_no_minimum(recording, *best, smallest))
-    ended = merit(*best)
-    if ended > cost + RISEN * (1.0 + cost):
+        raise UndeterminedError(_why_no_minimum(objective, best, smallest))
+    if best.cost > start.cost + RISEN * (1.0 + start.cost):
         raise UndeterminedError(
-            f"batch: no minimum, the last steps increase the cost by {ended - cost:.2g} nats: the measurements hardly "
-            "determine a direction; add observations with smaller covariances or from other places"
+            f"batch: no minimum, the last steps increase the cost by {best.cost - start.cost:.2g} nats: the "
+            "measurements hardly determine a direction; add observations with smaller covariances or from other places"
         )
-    return Minimum(*best, solve_at(recording, *best), ended)
+    return Minimum(best.poses, best.landmarks, solved_at(objective, best), best.cost)
 
 
-def _apart(point: tuple[Float, Float], other: tuple[Float, Float]) -> Float:
-    """Return the difference (3N+3+2L,) of two points, which contain poses and landmarks."""
-    poses, landmarks = (a - b for a, b in zip(point, other, strict=True))
+def _apart(one: tuple[Float, Float], other: tuple[Float, Float]) -> Float:
+    """Return the difference (3N+3+2L,) of poses and landmarks."""
+    poses, landmarks = one[0] - other[0], one[1] - other[1]
     poses[:, 2] = wrap(poses[:, 2])
     return np.concatenate([poses.ravel(), landmarks.ravel()])
 
 
-def _displaced(point: tuple[Float, Float], move: Float, noise: MotionNoise) -> tuple[Float, Float]:
+def _displaced(point: Point, move: Float, noise: MotionNoise) -> tuple[Float, Float]:
     """Return poses and landmarks after a move (3N+3+2L,), projected on the constraints of zero variances."""
-    poses, landmarks = point
-    path = poses + move[: poses.size].reshape(poses.shape)
+    path = point.poses + move[: point.poses.size].reshape(-1, 3)
     path[:, 2] = wrap(path[:, 2])
-    return noise.satisfying_constraints(path), landmarks + move[poses.size :].reshape(landmarks.shape)
+    return noise.satisfying_constraints(path), point.landmarks + move[point.poses.size :].reshape(-1, 2)
 
 
 def _sigmas(solution: Solution) -> tuple[Float, Float]:
@@ -197,29 +184,28 @@ def _sigmas(solution: Solution) -> tuple[Float, Float]:
     return np.where(poses > EXACT, poses, np.inf), np.where(landmarks > EXACT, landmarks, np.inf)
 
 
-def _refuse_landmarks_at_poses(recording: Problem, poses: Float, landmarks: Float) -> None:
+def _refuse_landmarks_at_poses(problem: Problem, point: Point) -> None:
     """Raise if a landmark is at a pose that observes it, where range and bearing are not smooth."""
-    if not SENSORS[recording.sensor].has_bearing or not len(recording.slot):
+    if not SENSORS[problem.sensor].has_bearing or not len(problem.slot):
         return
-    distance = np.hypot(*(landmarks[recording.slot] - poses[recording.observation_step, :2]).T)
+    distance = np.hypot(*(point.landmarks[problem.slot] - point.poses[problem.observation_step, :2]).T)
     row = int(np.argmin(distance))
     if distance[row] < TOO_NEAR:
         raise UndeterminedError(
-            f"batch: no minimum, landmark {recording.landmark[row]} moves to {distance[row]:.2g} m "
-            f"from pose {recording.observation_step[row]} that observes it, where range and bearing are not smooth; "
+            f"batch: no minimum, landmark {problem.landmark[row]} moves to {distance[row]:.2g} m "
+            f"from pose {problem.observation_step[row]} that observes it, where range and bearing are not smooth; "
             "check ids and covariances"
         )
 
 
-def _why_no_minimum(recording: Problem, poses: Float, landmarks: Float, size: float) -> str:
+def _why_no_minimum(objective: Objective, point: Point, size: float) -> str:
     """Return a message with the last step and the largest residual at the end of the iteration."""
-    with np.errstate(all="ignore"):
-        misfit = np.sqrt(np.square(whitened_residuals(recording, recording.slot, poses, landmarks)).sum(axis=1))
+    misfit = np.sqrt(objective.squared_residuals(point))
     opening = f"batch: no minimum, the last step is of {size:.2g} sigma"
     worst = int(np.argmax(np.nan_to_num(misfit, nan=np.inf))) if len(misfit) else -1
     if worst >= 0 and not misfit[worst] < 6.0:
         return (
-            f"{opening}; observation {worst} of landmark {recording.landmark[worst]} has the largest residual, "
+            f"{opening}; observation {worst} of landmark {objective.problem.landmark[worst]} has the largest residual, "
             f"{misfit[worst]:.2g} sigma: check ids and covariances, or run robust-batch"
         )
     return f"{opening}: double precision cannot resolve these covariances; reduce the ratio of largest and smallest"

@@ -1,9 +1,9 @@
 """Robust fit of a recording with outliers: graduated non-convexity with the Geman-McClure loss.
 
 An observation with squared Mahalanobis residual d2 gets the weight (c / (c + d2))^2. The first c exceeds all residuals,
-so that nearly all observations count equally; then it decreases to `OUTLIER`, and the outliers lose their weight. A few
-damped steps adapt path and map to each c. The start is dead reckoning with each landmark at the median of the positions
-that its observations give, so that misread ids do not move landmarks.
+so that nearly all observations count equally; then it decreases to the limit of outliers, and these lose their weight.
+A few damped steps adapt path and map to each c. The start is dead reckoning with each landmark at the median of the
+positions that its observations give, so that misread ids do not move landmarks.
 
 Source: Yang, Antonante, Tzoumas and Carlone, "Graduated non-convexity for robust spatial perception", RA-L 5(2), 2020.
 """
@@ -16,9 +16,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import chdtri
 
-from slamgauge.arrays import Float, Int, Marks
-from slamgauge.graph_baseline.problem.linearisation import whitened_residuals
-from slamgauge.graph_baseline.problem.preparation import Problem, in_frame_of_start, landmarks_at_median, prepare
+from slamgauge.arrays import Float, Int
+from slamgauge.graph_baseline.problem.objective import Objective
+from slamgauge.graph_baseline.problem.placement import landmarks_at_median
+from slamgauge.graph_baseline.problem.preparation import Problem, in_frame_of_start, prepare
 from slamgauge.graph_baseline.solver.levenberg_marquardt import damped_descent
 from slamgauge.recording import Recording
 
@@ -34,28 +35,32 @@ class RobustFit(NamedTuple):
     poses: Float
     landmarks: Float
     squared: Float
-    limit: float  # of the squared residuals of inliers
-
-    @property
-    def inliers(self) -> Marks:
-        """Return a mask (M,) of the observations that fit path and map."""
-        return self.squared < self.limit
 
 
-def robust_fit(recording: Problem) -> RobustFit:
-    """Return path and map that fit most observations of a sensor that places landmarks."""
-    poses = recording.dead_reckoning
-    landmarks = landmarks_at_median(recording, poses)
-    limit = float(chdtri(recording.observation.shape[1], OUTLIER))
-    squared = _squared_residuals(recording, poses, landmarks)
+def robust_fit(problem: Problem) -> RobustFit:
+    """Return path and map that fit most observations."""
+    objective, poses = Objective(problem), problem.dead_reckoning
+    landmarks = landmarks_at_median(problem, poses)
+    limit = outlier_limit(problem)
+    squared = squared_residuals(objective, poses, landmarks)
     c = 2.0 * float(squared.max(initial=limit))
     while c > limit:
         c = max(c / DECREASE, limit)
         weight = np.square(c / (c + squared))
-        weighted = replace(recording, observation_cov=recording.observation_cov / weight[:, None, None])
-        poses, landmarks = damped_descent(weighted, poses, landmarks, STEPS)[:2]
-        squared = _squared_residuals(recording, poses, landmarks)
-    return RobustFit(poses, landmarks, squared, limit)
+        weighted = replace(problem, observation_cov=problem.observation_cov / weight[:, None, None])
+        poses, landmarks = damped_descent(Objective(weighted), poses, landmarks, STEPS)[:2]
+        squared = squared_residuals(objective, poses, landmarks)
+    return RobustFit(poses, landmarks, squared)
+
+
+def outlier_limit(problem: Recording) -> float:
+    """Return the squared Mahalanobis residual above which an observation is an outlier."""
+    return float(chdtri(problem.observation.shape[1], OUTLIER))
+
+
+def squared_residuals(objective: Objective, poses: Float, landmarks: Float) -> Float:
+    """Return the squared Mahalanobis residuals (M,) of the observations, LARGEST if they are larger or undefined."""
+    return np.fmin(objective.squared_residuals(objective.at(poses, landmarks)), LARGEST)
 
 
 def rejected_observations(recording: Recording) -> Int:
@@ -64,13 +69,7 @@ def rejected_observations(recording: Recording) -> Int:
     Args:
         recording: known association, and a sensor that places landmarks.
     """
-    fit = robust_fit(prepare(in_frame_of_start(recording)))
-    rows = np.flatnonzero(~fit.inliers)
-    return rows[np.argsort(-fit.squared[rows], kind="stable")]
-
-
-def _squared_residuals(recording: Problem, poses: Float, landmarks: Float) -> Float:
-    """Return the squared Mahalanobis residuals (M,) of the observations, LARGEST if they are larger or undefined."""
-    with np.errstate(all="ignore"):
-        squared = np.square(whitened_residuals(recording, recording.slot, poses, landmarks)).sum(axis=1)
-    return np.fmin(squared, LARGEST)
+    problem = prepare(in_frame_of_start(recording))
+    squared = robust_fit(problem).squared
+    rows = np.flatnonzero(squared >= outlier_limit(problem))
+    return rows[np.argsort(-squared[rows], kind="stable")]

@@ -27,12 +27,6 @@ SMALLEST = {
         "causal steps:",
         "bars missed:",
     ),
-    "certified": (  # 2 s
-        "--recordings 3 --seed 1",
-        "compared ",
-        "same minimum ",
-        "steps from landmarks from recordings",
-    ),
     "fuzz": (  # 5 s
         "--cases 100 --seed 0",
         "input tried refused in one line accepted traceback hang crash silently altered",

@@ -14,11 +14,16 @@ from slamgauge.arrays import Float, Int, Marks
 from slamgauge.compare.studies.study_run import run_seed
 from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline import UndeterminedError, batch, causal, cost, robust_batch
+from slamgauge.graph_baseline.problem.objective import Objective
 from slamgauge.graph_baseline.problem.placement import SURE
 from slamgauge.graph_baseline.problem.preparation import Problem, prepare
-from slamgauge.graph_baseline.solver import multistart
-from slamgauge.graph_baseline.solver.levenberg_marquardt import Minimum, damped_descent, gauss_newton_minimum
-from slamgauge.graph_baseline.solver.smoother import solve_at
+from slamgauge.graph_baseline.solver import search
+from slamgauge.graph_baseline.solver.levenberg_marquardt import (
+    Minimum,
+    damped_descent,
+    gauss_newton_minimum,
+    solved_at,
+)
 from slamgauge.recording import Recording
 from slamgauge.se2 import between, chain, log, wrap
 from slamgauge.triangulation import triangulate
@@ -169,8 +174,9 @@ def test_the_truth_as_start_leads_to_no_lower_minimum(seed: int):
     assert truth.landmarks is not None
     problem = prepare(recording)
     ids = problem.landmark_ids
-    near = damped_descent(problem, truth.poses, truth.landmarks[ids])
-    poses, landmarks = gauss_newton_minimum(problem, near)[:2]
+    objective = Objective(problem)
+    near = damped_descent(objective, truth.poses, truth.landmarks[ids])
+    poses, landmarks = gauss_newton_minimum(objective, near)[:2]
     assert cost_of(recording, answer(estimate)) <= cost(recording, poses, ids, landmarks) * (1 + 1e-6)
 
 
@@ -227,13 +233,13 @@ def test_the_search_adds_each_landmark_at_most_once(monkeypatch: pytest.MonkeyPa
             raise failure
         found.append(part.landmark_ids[0])
         assert len(found) < 10, "the search does not end"
-        positions = np.ones((1, 2))
-        return Minimum(path, positions, solve_at(part, path, positions), 1.0)
+        positions, objective = np.ones((1, 2)), Objective(part)
+        return Minimum(path, positions, solved_at(objective, objective.at(path, positions)), 1.0)
 
-    def no_starts(_: Problem, __: Float) -> list[multistart.Start]:
+    def no_starts(_: Problem, __: Float) -> list[search.Start]:
         return []
 
-    monkeypatch.setattr(multistart, "are_placed", placed)
-    monkeypatch.setattr(multistart, "lowest_minimum", lowest)
-    association = multistart.placed_minimum(recording, path, no_starts)[0]
+    monkeypatch.setattr(search, "are_placed", placed)
+    monkeypatch.setattr(search, "lowest_minimum", lowest)
+    association = search.placed_minimum(recording, path, no_starts)[0]
     assert set(association) == {-1, second}

@@ -13,7 +13,7 @@ from slamgauge.ekf import ekf_slam, textbook_ekf
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimator
 from slamgauge.graph_baseline import batch, causal, causal_bound, hindsight_bound
-from slamgauge.graph_baseline.problem.preparation import MAX_LANDMARK_SIGMA
+from slamgauge.graph_baseline.problem.placement import MAX_LANDMARK_SIGMA
 from slamgauge.recording import Recording
 from slamgauge.se2 import between, rotation, wrap
 from slamgauge.sensors import Sensor

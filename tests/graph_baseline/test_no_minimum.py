@@ -11,13 +11,14 @@ import pytest
 from slamgauge.arrays import Float
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
-from slamgauge.graph_baseline import batch, causal
-from slamgauge.graph_baseline.problem.linearisation import linearise
-from slamgauge.graph_baseline.problem.preparation import require_known_landmarks
+from slamgauge.graph_baseline import UndeterminedError, batch, causal
+from slamgauge.graph_baseline.problem.objective import Objective
+from slamgauge.graph_baseline.problem.preparation import Problem, prepare, require_known_landmarks
+from slamgauge.graph_baseline.solver import incremental
 from slamgauge.graph_baseline.solver.chord_descent import ChordDescent
 from slamgauge.graph_baseline.solver.incremental import IncrementalOptimum, MinimumSwitch
-from slamgauge.graph_baseline.solver.reduced_scans import Damping
-from slamgauge.graph_baseline.solver.smoother import damped_step
+from slamgauge.graph_baseline.solver.levenberg_marquardt import planned_at, scans_of
+from slamgauge.graph_baseline.solver.smoother import Damping, damped_step
 from slamgauge.se2 import chain
 from tests.reference.random_recordings import random_recording
 
@@ -39,7 +40,7 @@ def test_optimum_check_is_infinite_if_some_steps_have_no_minimum(monkeypatch: py
         with monkeypatch.context() as patch:
             if len(converged) in failing:
                 patch.setattr(ChordDescent, "converge", does_not_converge)
-                patch.setattr(IncrementalOptimum, "_search_result", search_fails)
+                patch.setattr(IncrementalOptimum, "_search", search_fails)
             add_step(incremental)
         converged.append(incremental.converged)
 
@@ -52,15 +53,16 @@ def test_optimum_check_is_infinite_if_some_steps_have_no_minimum(monkeypatch: py
 def test_failed_searches_for_a_minimum_are_not_repeated_at_every_step(monkeypatch: pytest.MonkeyPatch) -> None:
     searches: list[int] = []
 
-    def search_fails(incremental: IncrementalOptimum) -> None:
-        searches.append(len(incremental.landmark_ids))
+    def search_fails(problem: Problem, *_: object) -> None:
+        searches.append(problem.steps)
+        raise UndeterminedError("no minimum")
 
-    monkeypatch.setattr(IncrementalOptimum, "_search_result", search_fails)
+    monkeypatch.setattr(incremental, "placed_minimum", search_fails)
     monkeypatch.setattr(ChordDescent, "converge", does_not_converge)
-    incremental = IncrementalOptimum(random_recording(0, steps=300)[1])
+    optimum = IncrementalOptimum(random_recording(0, steps=300)[1])
     for _ in range(301):
-        incremental.add_step()
-    assert incremental.unconverged_steps > 290
+        optimum.add_step()
+    assert optimum.unconverged_steps > 290
     assert len(searches) < 30
 
 
@@ -88,33 +90,33 @@ def test_an_observed_position_of_zero_is_valid(optimum: Callable[..., Estimate])
 def test_damping_limits_motions_between_poses_without_observations() -> None:
     recording = random_recording(1, steps=20)[1]
     recording = recording.only((recording.observation_step < 5) | (recording.observation_step > 15))
-    assert recording.landmark is not None
-    ids, slot = np.unique(recording.landmark, return_inverse=True)
-    rng = np.random.default_rng(0)
+    rng, problem = np.random.default_rng(0), prepare(recording)
     path = chain(recording.prior_mean, recording.odometry + rng.normal(0.0, 0.05, recording.odometry.shape))
-    model = linearise(recording, slot, path, rng.normal(size=(len(ids), 2)))
-    strong = damped_step(model, len(ids), Damping(np.full(3, 1e12), 1e12, 1e12))
+    objective = Objective(problem)
+    point = objective.at(path, rng.normal(size=(len(problem.landmark_ids), 2)))
+    problem_at = point.model, scans_of(objective), planned_at(objective, point)
+    strong = damped_step(*problem_at, Damping(np.full(3, 1e12), 1e12, 1e12))
     assert max(np.abs(each).max() for each in strong) < 1e-6
-    free = damped_step(model, len(ids), Damping(np.full(3, 1e12), 1e12, 0.0))
+    free = damped_step(*problem_at, Damping(np.full(3, 1e12), 1e12, 0.0))
     assert np.abs(free[0]).max() > 1e-3
 
 
 def test_an_unlikely_increase_of_the_cost_starts_a_search_for_a_lower_minimum(monkeypatch: pytest.MonkeyPatch) -> None:
     recording = random_recording(3, steps=30)[1]
-    incremental = IncrementalOptimum(recording)
+    optimum_so_far = IncrementalOptimum(recording)
     for _ in range(recording.steps):
-        incremental.add_step()
+        optimum_so_far.add_step()
 
     def converge_with_high_cost(descent: ChordDescent) -> bool:
         descent.chi_square = 1e6
         return True
 
     monkeypatch.setattr(ChordDescent, "converge", converge_with_high_cost)
-    incremental.add_step()
+    optimum_so_far.add_step()
     optimum = batch(recording)
     assert optimum.pose_covs is not None
     sigma = np.sqrt(np.diag(optimum.pose_covs[-1]))
-    assert np.abs(incremental.newest_pose() - optimum.poses[-1]).max() < 1e-6 * sigma.min()
+    assert np.abs(optimum_so_far.newest_pose() - optimum.poses[-1]).max() < 1e-6 * sigma.min()
 
 
 @pytest.mark.parametrize("error", [0.0, 3.0])

@@ -10,6 +10,7 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 
+import gtsam
 import numpy as np
 import pytest
 
@@ -17,8 +18,8 @@ from slamgauge.arrays import Float
 from slamgauge.ekf import dead_reckoning, ekf_slam, riekf
 from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline import batch, causal, cost
+from slamgauge.graph_baseline.gtsam_batch import motion_factors, observation_factors
 from slamgauge.graph_baseline.problem.preparation import prepare
-from slamgauge.graph_baseline.solver.gtsam_start import build_graph
 from slamgauge.recording import Recording
 from slamgauge.se2 import between, compose, rotation
 from tests.reference.exact_graph import as_values, exact_graph, marginals, solve_graph
@@ -41,6 +42,14 @@ SENSORS = pytest.mark.parametrize("sensor", ["range-bearing", "position"])
 SLIP = pytest.mark.parametrize("slip", [True, False], ids=["slip", "no-slip"])
 SEEDS = pytest.mark.parametrize("seed", range(3))
 OPTIMA = pytest.mark.parametrize("estimator", [batch, causal])
+
+
+def gtsam_batch_graph(recording: Recording) -> gtsam.NonlinearFactorGraph:
+    """Return the graph of `gtsam_batch`."""
+    graph, problem = gtsam.NonlinearFactorGraph(), prepare(recording)
+    for factor in [*motion_factors(problem), *observation_factors(problem)]:
+        graph.add(factor)
+    return graph
 
 
 # --- scipy ---------------------------------------------------------------------------------------
@@ -117,7 +126,7 @@ def test_cost_is_gtsams_error_at_any_path_and_map(seed: int, sensor: str) -> Non
         assert ours == pytest.approx(exact_graph(recording).error(values), rel=1e-10)
         assert cost(recording, poses, found.ids[::-1], landmarks[::-1]) == pytest.approx(ours, rel=1e-13)
         if sensor == "range-bearing":
-            assert ours == pytest.approx(build_graph(prepare(recording)).error(values), rel=1e-10)
+            assert ours == pytest.approx(gtsam_batch_graph(recording).error(values), rel=1e-10)
 
 
 @SEEDS
@@ -130,7 +139,7 @@ def test_the_position_sensor_is_solved_exactly_and_not_as_range_and_bearing(seed
     away = np.abs(pose_difference(polar, found)).max()
     assert 0.01 < away < 0.06
     if slip:  # without slip the graph has regularising noise
-        built = solve_graph(build_graph(prepare(recording)), values)
+        built = solve_graph(gtsam_batch_graph(recording), values)
         np.testing.assert_allclose(pose_difference(built, found._replace(poses=polar)), 0.0, atol=1e-6)
 
 

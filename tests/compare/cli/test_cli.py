@@ -237,14 +237,6 @@ def test_the_page_is_opened_with_open(
     assert capsys.readouterr().err.endswith(f"no browser was found; open {tmp_path / 'a page' / 'report.html'}\n")
 
 
-def test_evaluate_prints_the_certificate_of_batch(stored: Path, capsys: pytest.CaptureFixture[str]):
-    assert run("evaluate", stored / "recording.npz", "--estimators", "batch", "--certify", "--json") == 0
-    notes = json.loads(capsys.readouterr().out)["notes"]
-    assert any(note.startswith("certified start ") and "leads to the minimum of batch" in note for note in notes)
-    assert run("evaluate", stored / "recording.npz", "--estimators", "ekf", "--certify") == 2
-    assert "add batch to --estimators" in capsys.readouterr().err
-
-
 def test_evaluate_without_truth_has_no_errors(stored: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     shutil.copy(stored / "recording.npz", tmp_path)
     arguments = ("evaluate", tmp_path / "recording.npz", "--estimators", "riekf,causal", "--json")

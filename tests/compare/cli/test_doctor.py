@@ -42,7 +42,7 @@ def test_the_table_has_a_line_for_each(capsys: pytest.CaptureFixture[str]):
     [
         ("compare.cli.machine.LIBRARIES", ("numpy", "no-such-library"), "no-such-library    missing"),
         (
-            "graph_baseline.solver.warm_up.compile_graphs_once",
+            "compare.cli.machine.compile_optima",
             Mock(side_effect=ImportError("libgtsam.so:\nwrong ELF class")),
             "graph kernels      broken: ImportError: libgtsam.so: wrong ELF class",
         ),
@@ -61,7 +61,7 @@ def test_only_stored_machine_code_is_removed(
 ):
     for name in ("models.observe-12.py311.nbi", "models.observe-12.py311.1.nbc", "models.cpython-311.pyc"):
         (tmp_path / name).touch()
-    for module, _ in machine.WARM_UPS.values():
+    for module in machine.KERNELS:
         importlib.import_module(module)  # registers their folders
     monkeypatch.setattr(kernel_cache, "_folders", {tmp_path: None})
     assert main(["doctor", "--clear-cache"]) == 0

@@ -12,12 +12,12 @@ from pathlib import Path
 
 import pytest
 
+from slamgauge.compare.cli.machine import compile_optima
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.scoring.runs import Runs
 from slamgauge.compare.storage.manifest import MANIFEST
 from slamgauge.compare.studies import study
 from slamgauge.compare.studies.summary import EstimatorSummary, summarise
-from slamgauge.graph_baseline.solver.warm_up import compile_graphs_once
 from tests.reference.command_line import Refuse, command_after, contents
 
 
@@ -87,7 +87,7 @@ def test_a_study_says_that_its_folder_was_removed_while_it_ran(
 )
 def test_a_run_that_is_interrupted_or_terminated_leaves_nothing_behind(refuse: Refuse, number: int, status: int):
     before = contents(refuse.out.parent)
-    compile_graphs_once()  # compilation sometimes swallows an interrupt
+    compile_optima()  # compilation sometimes swallows an interrupt
     arguments = ("q1-long-dense", "--set", "trajectory.duration=500", "--estimators", "causal", "--out", refuse.out)
     # pytest may run in the background, where interrupts are ignored
     heed = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"

@@ -18,7 +18,6 @@ from slamgauge.compare.scoring.optimum_figures import CHECK_LIMIT
 from slamgauge.compare.scoring.optimum_notes import (
     MARK,
     beats_the_optimum,
-    certified_minimum,
     contradicting,
     fit_of_the_model,
     is_too_near_the_truth,
@@ -26,7 +25,7 @@ from slamgauge.compare.scoring.optimum_notes import (
     mean_fit,
 )
 from slamgauge.compare.scoring.scores import evaluate
-from slamgauge.estimate import Certificate, Estimate
+from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.truth import Truth
 from tests.reference import example_records as examples
@@ -260,7 +259,7 @@ def test_a_run_without_observations_is_told(max_range: float, is_told: bool) -> 
     assert ("no landmark was observed: all estimates are dead reckoning" in text) == is_told
 
 
-# --- misread ids and certificates ----------------------------------------------------------------
+# --- misread ids ---------------------------------------------------------------------------------
 
 
 def long_run() -> Recording:
@@ -291,16 +290,3 @@ def test_understated_noise_is_not_blamed_on_observations():
     note = contradicting(stated, batch(stated))
     assert note is not None and note.endswith("of the observations: check the stated noise")
     assert contradicting(recording, batch(recording)) is None
-
-
-def test_a_certificate_is_one_note():
-    same = Certificate(10.0, 9.9999, 30.0, 30.0, bounds_optimum=False)
-    start = "certified start (surrogate cost 10, relative gap 1.0e-05) leads to "
-    assert certified_minimum("batch", None) is None
-    assert certified_minimum("batch", same) == f"{start}the minimum of batch"
-    assert certified_minimum("batch", replace(same, reached_cost=29.0)) == f"{start}cost 29, batch has 30"
-    assert certified_minimum("batch", replace(same, bounds_optimum=True)) == (
-        f"{start}the minimum of batch; no path and map costs less than 9.9999"
-    )
-    loose = certified_minimum("batch", replace(same, lower_bound=5.0))
-    assert loose is not None and loose.startswith("start, not certified, (surrogate cost 10")
