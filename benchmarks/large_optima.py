@@ -31,9 +31,9 @@ from large_maps import field
 
 from slamgauge import batch, simulate
 from slamgauge.compare.scenarios.scenario import Scenario
-from slamgauge.graph_baseline.problem.linearisation import linearise
-from slamgauge.graph_baseline.solver.chain_partition import plan
-from slamgauge.graph_baseline.solver.motion_elimination import eliminate_motions
+from slamgauge.graph_baseline.problem.objective import Objective
+from slamgauge.graph_baseline.problem.preparation import prepare
+from slamgauge.graph_baseline.solver.levenberg_marquardt import planned_at, scans_of
 from slamgauge.graph_baseline.solver.multifrontal import largest
 from slamgauge.graph_baseline.solver.smoother import solve
 
@@ -64,18 +64,17 @@ def measured(landmarks: int, sights: int) -> Figures:
     estimate = batch(recording)
     seconds = perf_counter() - start
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
-    assert recording.landmark is not None
     assert estimate.landmarks is not None
     assert estimate.chi_square is not None
     assert estimate.chi_square_dof is not None
-    ids, slot = np.unique(recording.landmark, return_inverse=True)
-    model = linearise(recording, slot, estimate.poses, estimate.landmarks)
+    objective = Objective(prepare(recording))
+    point = objective.at(estimate.poses, estimate.landmarks)
+    planned = planned_at(objective, point)
     start = perf_counter()
-    solve(model, len(ids))
+    solve(point.model, scans_of(objective), planned)
     once = perf_counter() - start
-    planned = plan(eliminate_motions(model), len(ids))
     return Figures(
-        len(ids),
+        planned.landmarks,
         len(np.unique(recording.observation_step)),
         len(recording.observation),
         seconds,

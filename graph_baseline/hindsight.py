@@ -121,8 +121,8 @@ def start_of(incremental: IncrementalOptimum, problem: Problem) -> tuple[Float, 
 def _starts(problem: Problem, path: Float) -> Iterator[Start]:
     """Yield functions that return starting poses (N+1, 3) and landmarks (L, 2): from the path, and others.
 
-    The robust fit takes a fifth of the time of the incremental optimum. It is the last start of bearing-only recordings,
-    whose landmarks depend on the path.
+    The robust fit takes a fifth of the time of the incremental optimum. For bearing-only recordings it is the last
+    start, because their landmarks depend on the path.
     """
     odometry = problem.dead_reckoning
     yield lambda: (path, landmarks_at_median(problem, path))

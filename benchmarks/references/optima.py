@@ -257,7 +257,7 @@ def grown_once(recording: Recording) -> Generator[None, None, None]:
                 break
             starts.append(hindsight.start_of(growing, prepare(here.first(k))))
 
-    def growing_start(part: Recording, _most_switches: float = np.inf) -> tuple[Float, Float]:
+    def growing_start(part: Recording) -> tuple[Float, Float]:
         if part.steps < len(starts):
             return starts[part.steps]
         raise UndeterminedError("the first steps have no minimum of their own")

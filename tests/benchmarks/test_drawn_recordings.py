@@ -11,10 +11,11 @@ from references.verdicts import COST_BAR
 
 from slamgauge.estimate import Estimator
 from slamgauge.graph_baseline import batch, causal
+from slamgauge.graph_baseline.problem.objective import Objective
 from slamgauge.graph_baseline.problem.preparation import in_frame_of_start, prepare
 from slamgauge.graph_baseline.problem.undetermined import UndeterminedError
 from slamgauge.graph_baseline.solver.levenberg_marquardt import damped_descent, gauss_newton_minimum
-from slamgauge.graph_baseline.solver.multistart import is_low
+from slamgauge.graph_baseline.solver.search import is_low
 
 
 def test_bearings_correct_the_path_from_which_they_place_landmarks():
@@ -67,7 +68,7 @@ def test_descent_follows_a_bent_valley_by_rotations_of_the_motions():
     """Steps with independent displacements of the poses advance by less than a tenth of a sigma each here."""
     recording = prepare(draw(2028, 1263).recording)
     model, path = Model(recording), recording.dead_reckoning
-    near = damped_descent(recording, path, model.sighted(model.relative(path)) + model.origin)
+    near = damped_descent(Objective(recording), path, model.sighted(model.relative(path)) + model.origin)
     found = model.minimum(model.unknowns(model.relative(near.poses), model.relative(near.landmarks)))
     assert near.cost == pytest.approx(found.cost, rel=1e-6)
     assert is_low(recording, found.cost)
@@ -134,7 +135,7 @@ def test_batch_on_first_steps_is_the_same_with_one_incremental_run():
 def test_newton_steps_do_not_end_uphill():
     """With three bearings of a landmark from two poses the cost falls towards infinity and is stationary elsewhere."""
     recording = placed_only(draw(2030, 1264).recording.first(1), np.array([0]))
-    here = prepare(in_frame_of_start(recording))
+    here = Objective(prepare(in_frame_of_start(recording)))
     poses = np.array([[0.0, 0.0, 0.0], [0.5841, 0.0050, -0.0436]])
     near = damped_descent(here, poses, np.array([[-45.0, 84.0]]))
     with pytest.raises(UndeterminedError, match="increase the cost by"):
