@@ -74,8 +74,10 @@ class ChordDescent:
         """Return the covariance (3, 3) of the newest pose, world frame, from the current matrices."""
         if self._newest_cov is None:
             width = len(self._factor)
-            spread = solve_lower(self._factor.T, self._front.M[:, 1 : 1 + width].T, trans=1)[0] if width else 0.0
-            cov = self._front.P + spread.T @ spread if width else self._front.P
+            cov = self._front.P
+            if width:
+                spread = solve_lower(self._factor.T, self._front.M[:, 1 : 1 + width].T, trans=1)[0]
+                cov = cov + spread.T @ spread
             self._newest_cov = 0.5 * (cov + cov.T)
         return self._newest_cov
 
