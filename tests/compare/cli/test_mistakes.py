@@ -237,7 +237,7 @@ def test_a_graph_that_does_not_fit_into_memory_is_refused_before_the_first_estim
     words = ("run", "q1-short-dense", "--set", many, "trajectory.duration=0.2", "--out", tmp_path / "out")
     monkeypatch.setattr("slamgauge.memory.free_memory", lambda: 2e9)
     line = mistake(*words, "--estimators", f"dead-reckoning,{graph}")
-    what = f"{graph} of 9000 landmarks in 3 scans"
+    what = f"{graph} of 9000 landmarks in 3 poses"
     assert re.fullmatch(rf"{what} needs [\d.]+ GB of memory, and 2.0 GB are free; .*", line)
 
 
