@@ -61,14 +61,14 @@ class StepNoise:
     def __init__(
         self,
         space: dict[str, Any],
-        read: set[str],
+        read: Collection[str],
         settings: dict[str, Any],
         used: Collection[str],
         recording: Recording,
         requested: Noise,
     ) -> None:
         self._space, self._recording = space, recording
-        self._found = _covariances(space, read)
+        self._found = _covariances(space, {*read})
         self._own = {**settings, **self._found}
         self.motion, self.observation = EXERCISE
         if self.observation not in used and np.shape(self._found.get(POSE, 0)) == (3, 3):
@@ -76,7 +76,7 @@ class StepNoise:
             self.motion, self.observation = POSE, others[0] if len(others) == 1 else POSE
         self._used = {self.motion, self.observation} & {*used}
         is_other = self.motion != POSE and np.shape(self._own.get(self.motion, 0)) == (3, 3)
-        self.replaced = set[str]() if requested == "file" else self._used - ({self.motion} if is_other else set())
+        self.replaced = frozenset[str]() if requested == "file" else self._used - ({self.motion} if is_other else set())
 
     def set(self, step: int, scan: Observations, heading: float) -> None:
         """Set the globals for a step that begins at a heading [rad]; step 0 has no motion."""

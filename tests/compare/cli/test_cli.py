@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-import resource
 import shutil
-import subprocess
-import sys
 import webbrowser
 from pathlib import Path
 from typing import Any
@@ -100,24 +97,6 @@ def test_help_of_large_commands_is_in_groups(command: str, capsys: pytest.Captur
     sizes = {name: len(re.findall(r"(?m)^\W* --", text)) for name, text in zip(groups[::2], groups[1::2], strict=True)}
     assert {"options", "page options", "output options"} <= sizes.keys()
     assert max(sizes.values()) <= 10
-
-
-@pytest.mark.parametrize(
-    ("words", "status"), [("--help", 0), ("--version", 0), ("run --help", 0), ("runn", 2), ("run q1 --sed 3", 2)]
-)
-def test_help_version_and_mistakes_take_little_processor_time(words: str, status: int, tmp_path: Path):
-    """Processor time does not depend on other programs as much as the time on the clock."""
-    script = Path(sys.executable).with_name("slamgauge")
-    for _ in range(10):  # at most: a start may load files from a cold disk, or share its core with other tests
-        before = resource.getrusage(resource.RUSAGE_CHILDREN)
-        done = subprocess.run([script, *words.split()], cwd=tmp_path, capture_output=True, text=True, check=False)
-        after = resource.getrusage(resource.RUSAGE_CHILDREN)
-        assert (done.returncode, "slamgauge" in done.stdout + done.stderr) == (status, True)
-        seconds = after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime
-        if seconds < 0.3:
-            break
-    else:
-        pytest.fail("each of ten starts took 0.3 s or more")
 
 
 @pytest.mark.parametrize("command", ["run", "evaluate", "bench"])
