@@ -12,19 +12,9 @@ from collections.abc import Generator, Sequence
 from contextlib import contextmanager
 from time import monotonic
 
-from slamgauge.compare.cli.animate import Animate
-from slamgauge.compare.cli.exercise import ExerciseCommand
-from slamgauge.compare.cli.export import Export
-from slamgauge.compare.cli.imports import Import
-from slamgauge.compare.cli.listings import Scenarios, Schema
-from slamgauge.compare.cli.machine import Bench, Doctor
 from slamgauge.compare.cli.options import EmptyPathError
-from slamgauge.compare.cli.parsing import Command, parse
-from slamgauge.compare.cli.recordings import Noise, Twin
-from slamgauge.compare.cli.run import Evaluate, Run
-from slamgauge.compare.cli.study import Budget, Study
+from slamgauge.compare.cli.parsing import Listed, parse
 from slamgauge.compare.cli.terminal import drop_output, prepare_streams, put
-from slamgauge.compare.cli.user_filters import Check, Grade
 from slamgauge.compare.storage.provenance import commanded
 from slamgauge.compare.storage.safe_names import shown
 from slamgauge.errors import UserError, no_room_for_library, refused_by_the_machine
@@ -38,23 +28,23 @@ ENDS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") i
 CLEANING_UP = 3.0  # s
 AGAIN = 0.1  # s: from an interrupt that Python has dropped to the next
 
-COMMANDS: dict[str, type[Command]] = {
-    "exercise": ExerciseCommand,
-    "scenarios": Scenarios,
-    "run": Run,
-    "evaluate": Evaluate,
-    "import": Import,
-    "export": Export,
-    "twin": Twin,
-    "study": Study,
-    "budget": Budget,
-    "noise": Noise,
-    "animate": Animate,
-    "check": Check,
-    "grade": Grade,
-    "bench": Bench,
-    "doctor": Doctor,
-    "schema": Schema,
+COMMANDS = {
+    "exercise": Listed("exercise:ExerciseCommand", "the settings of the exercise TP4: EKF, GTSAM batch and optimum"),
+    "scenarios": Listed("listings:Scenarios", "list the shipped scenarios"),
+    "run": Listed("run:Run", "simulate one run of a scenario and score estimators on it"),
+    "evaluate": Listed("run:Evaluate", "score estimators, your own among them, on a recording"),
+    "import": Listed("imports:Import", "convert the log of a robot, or a published recording"),
+    "export": Listed("export:Export", "write results in a format of other programs"),
+    "twin": Listed("recordings:Twin", "make a scenario that is like a recording"),
+    "study": Listed("study:Study", "many independent runs, their statistics and figures"),
+    "budget": Listed("study:Budget", "split a filter's error into its causes"),
+    "noise": Listed("recordings:Noise", "estimate the noise of a recording, with intervals"),
+    "animate": Listed("animate:Animate", "draw a run as a moving picture"),
+    "check": Listed("user_filters:Check", "test a filter; a failed check names the part that is wrong"),
+    "grade": Listed("user_filters:Grade", "grade a folder of submissions"),
+    "bench": Listed("machine:Bench", "measure step times for several map sizes"),
+    "doctor": Listed("machine:Doctor", "print what a bug report needs"),
+    "schema": Listed("listings:Schema", "print the JSON Schema of a result file"),
 }
 
 

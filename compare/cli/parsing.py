@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import re
+import dataclasses
 import sys
 from collections.abc import Mapping, Sequence
-from contextlib import redirect_stderr, redirect_stdout
-from inspect import getdoc
+from contextlib import redirect_stderr
+from importlib import import_module
 from io import StringIO
 from itertools import takewhile
-from typing import Annotated, Any, Protocol, Union
-
-import tyro
+from typing import Annotated, Any, NamedTuple, Protocol, Union, get_args, get_type_hints
 
 from slamgauge.errors import UserError
 from slamgauge.suggestions import did_you_mean, near_names
@@ -25,20 +23,35 @@ class Command(Protocol):
         ...
 
 
-CONFIG = (tyro.conf.OmitSubcommandPrefixes, tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff)
-ABOUT = (
-    "Is your EKF-SLAM overconfident, and how much accuracy does it lose? "
-    "(`slamgauge --version` prints its version, `slamgauge COMMAND --help` the options of a command.)"
-)
+class Listed(NamedTuple):
+    """A command in the list of commands: `module:class` in this folder, and what it does in a line of help."""
+
+    place: str
+    summary: str
+
+    def load(self) -> type[Command]:
+        """Import the class of the command."""
+        module, _, name = self.place.partition(":")
+        return getattr(import_module(f"slamgauge.compare.cli.{module}"), name)
+
+
+ABOUT = """usage: slamgauge COMMAND ...
+
+Is your EKF-SLAM overconfident, and how much accuracy does it lose?
+
+commands:
+"""
+MORE = """
+`slamgauge COMMAND --help` prints the options of a command, `slamgauge --version` the version, and
+`slamgauge --tyro-print-completion bash` (zsh, tcsh) a script that completes the words of a shell."""
+COMPLETION = "--tyro-print-completion"
+HELP = ("-h", "--help")
 BAD_INPUT = 2  # exit status
-IS_OPTION = re.compile(r"--|-[a-z]")  # -1 is a number
-OF_TYRO = ("-h", "--help", "--tyro-print-completion")  # options of `slamgauge` itself
-TOO_LONG = re.compile(r"Exceeds the limit \((\d+) digits\).*")  # Python's error for long numbers, with its advice
 REPEATED = ("For full helptext", "Argument helptext")  # beginnings of lines that only repeat --help
 
 
-def parse(words: Sequence[str], commands: Mapping[str, type[Command]]) -> Command:
-    """Return the command for the words after `slamgauge`.
+def parse(words: Sequence[str], commands: Mapping[str, Listed]) -> Command:
+    """Return the command for the words after `slamgauge`; only its module is imported.
 
     Raises:
         UserError: a command or option does not exist, or something is missing.
@@ -48,24 +61,37 @@ def parse(words: Sequence[str], commands: Mapping[str, type[Command]]) -> Comman
         raise UserError(f"no command is given; use one of {', '.join(commands)}, or --help")
     name = words[0]
     if name in commands:
-        return _parsed(commands[name], f"slamgauge {name}", words[1:])
-    if not name.startswith("-"):
-        raise UserError(f"{name}: no such command; {did_you_mean(name, commands)}")
-    if name not in OF_TYRO:
+        return _parsed(commands[name].load(), f"slamgauge {name}", words[1:])
+    if name in HELP:
+        print(ABOUT + "".join(f"  {name:9}  {each.summary}\n" for name, each in commands.items()) + MORE)
+        raise SystemExit(0)
+    if name == COMPLETION:
+        return _parsed(_any_of(commands), "slamgauge", words)
+    if name.startswith("-"):
         raise UserError(f"{name}: no option of `slamgauge`; {did_you_mean(name, ('--version', '--help'))}")
-    lines = {name: (getdoc(each) or "").partition("\n")[0] for name, each in commands.items()}
+    raise UserError(f"{name}: no such command; {did_you_mean(name, commands)}")
+
+
+def _any_of(commands: Mapping[str, Listed]) -> Any:
+    """Return the union of all commands."""
+    import tyro
+
+    subcommand = tyro.conf.subcommand
     alternatives = [
-        Annotated[each, tyro.conf.subcommand(name=name, description=lines[name])]  # pyrefly: ignore[invalid-annotation]
+        Annotated[each.load(), subcommand(name=name, description=each.summary)]  # pyrefly: ignore[invalid-annotation]
         for name, each in commands.items()
     ]
-    return _parsed(Union[tuple(alternatives)], "slamgauge", words, ABOUT)  # noqa: UP007 types known at run time only  # pyrefly: ignore[invalid-annotation]
+    return Union[tuple(alternatives)]  # noqa: UP007 types known at run time only  # pyrefly: ignore[invalid-annotation]
 
 
-def _parsed(kind: Any, program: str, words: Sequence[str], about: str | None = None) -> Command:
+def _parsed(kind: Any, program: str, words: Sequence[str]) -> Command:
+    import tyro
+
+    config = (tyro.conf.OmitSubcommandPrefixes, tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff)
     printed = StringIO()
     try:
         with redirect_stderr(printed):
-            return tyro.cli(kind, prog=program, description=about, args=words, config=CONFIG)
+            return tyro.cli(kind, prog=program, args=words, config=config)
     except SystemExit as end:
         if end.code != BAD_INPUT:
             sys.stdout.flush()
@@ -74,29 +100,30 @@ def _parsed(kind: Any, program: str, words: Sequence[str], about: str | None = N
 
 
 def _mistake(kind: Any, program: str, words: Sequence[str], printed: str) -> str:
-    """Return one line: an option that does not exist and the nearest that does, or the message that tyro printed."""
-    known = _options(kind, program, words)
+    """Return one line: an option that does not exist and the nearest that does, or the message in tyro's box."""
+    known = {"help", "h", *_options(kind)}
     for word in words:
         option = word.partition("=")[0]
-        if IS_OPTION.match(option) and known and option.replace("_", "-") not in known:
-            near = near_names(option.lstrip("-"), [each.lstrip("-") for each in known])  # dashes make no names near
-            meant = [each for each in known if each.lstrip("-") in near]
-            remedy = f"did you mean {meant[0]}?" if meant else f"`{program} --help` lists them"
+        name = option.lstrip("-").replace("_", "-")
+        is_option = option.startswith("--") or (option.startswith("-") and name[:1].isalpha())  # -1 is a number
+        if is_option and (name not in known or not option.startswith(("--", "-h"))):
+            near = near_names(name, sorted(known))  # dashes make no names near
+            remedy = f"did you mean --{near[0]}?" if near else f"`{program} --help` lists them"
             return f"{option}: no option of `{program}`; {remedy}"
-    lines = [line.strip("│| ") for line in printed.splitlines() if re.search(r"\w", line)][1:]  # inside tyro's box
-    message = " ".join(takewhile(lambda line: not line.startswith(REPEATED), lines))
-    message = TOO_LONG.sub(r"has more than \1 digits, give fewer", message)
+    lines = [line.strip("│| ") for line in printed.splitlines() if any(map(str.isalnum, line))]
+    message = " ".join(takewhile(lambda line: not line.startswith(REPEATED), lines[1:]))  # the first is the box's title
     return f"{message.rstrip('.')}; see `{program} --help`"
 
 
-def _options(kind: Any, program: str, words: Sequence[str]) -> set[str]:
-    """Return the options of a command: those at the head of a row of its help. Other options there are mentions."""
-    before = list(takewhile(lambda word: not word.startswith("-"), words))
-    printed = StringIO()
-    try:
-        with redirect_stdout(printed), redirect_stderr(StringIO()):
-            tyro.cli(kind, prog=program, args=[*before, "--help"], config=CONFIG)
-    except SystemExit:
-        pass
-    heads = re.findall(r"(?m)^[│ ] {1,2}(-.*?)(?:  |$)", printed.getvalue())
-    return {option for head in heads for option in re.findall(r"(?<![\w-])-(?:h|-[a-z][\w-]*)", head)}
+def _options(kind: Any) -> set[str]:
+    """Return the names of the options of a dataclass, of the dataclasses in its fields, and of its subcommands."""
+    if hasattr(kind, "__metadata__"):  # Annotated
+        return _options(kind.__origin__)
+    if not dataclasses.is_dataclass(kind):
+        return set[str]().union(*map(_options, get_args(kind)))
+    hints = get_type_hints(kind, include_extras=True)
+    found = set[str]()
+    for field in dataclasses.fields(kind):
+        parts = _options(hints[field.name])
+        found |= parts or {field.name.replace("_", "-")}
+    return found
