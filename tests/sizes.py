@@ -16,7 +16,6 @@ NOT_QUICK = (  # these start programs, simulate many runs, or take several secon
     "tests/compare/bench/",
     "tests/compare/checks/",
     "tests/compare/cli/",
-    "tests/compare/datasets/test_mat_arrays.py",
     "tests/compare/estimators/",
     "tests/compare/figures/test_animation.py",
     "tests/compare/figures/test_for_papers.py",
