@@ -43,7 +43,6 @@ LEVELS = {
         "noise",
         "grading",
         "bench",
-        "schemas",
         "figures",
         "report",
         "cli",

@@ -28,7 +28,6 @@ from slamgauge.compare.scoring.scores import Score
 from slamgauge.compare.studies.store import digest
 from slamgauge.compare.studies.study_run import run_seed
 from tests.reference.fast_commands import studies_in_a_thread
-from tests.reference.json_schemas import held
 
 from ..scoring.test_error_bounds import scores
 
@@ -154,7 +153,7 @@ def test_all_graded_is_status_0_and_json_has_the_rows(
     words = ["--scenario", str(scenario), "--runs", "2", "--seed", "7"]
     words += ["--reference", f"right={EXAMPLES}/student_ekf.py:ekf_slam"]
     assert main(["grade", str(tmp_path / "class"), *words, "--jobs", "1", "--json", "--out", str(tmp_path / "o")]) == 0
-    content = held("grades", json.loads(capsys.readouterr().out))
+    content = json.loads(capsys.readouterr().out)
     assert [(each["submission"], each["passed"]) for each in content] == [("anna", True), ("bert", False)]
     assert {(each["seed"], each["digest"]) for each in content} == {
         (7, digest(overridden_scenario(str(scenario), []), 7))
@@ -303,7 +302,7 @@ def test_other_noise_of_a_file_is_graded_too_and_the_same_noise_is_not(
         (tmp_path / f"class/{name}.py").write_text(source + noise)
     words = ["--scenario", str(scenario), "--runs", "3", "--seed", "0", "--jobs", "1", "--out", str(tmp_path / "out")]
     assert main(["grade", str(tmp_path / "class"), *words, "--json"]) == 0
-    root, same = held("grades", json.loads(capsys.readouterr().out))
+    root, same = json.loads(capsys.readouterr().out)
     assert (same["settings"], same["own_noise_ate_ratio"]) == ("", None)
     assert root["settings"].startswith("Q of the file, diag(")
     assert "a square is missing" in root["settings"]
