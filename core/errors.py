@@ -23,6 +23,10 @@ class UserError(ValueError):
     """
 
 
+class CovarianceError(UserError):
+    """Matrices that are no covariances."""
+
+
 def refused_by_the_machine(error: BaseException) -> bool:
     """Return whether the error or its cause is a lack of memory, disk space or connection: a retry may succeed."""
     refused = isinstance(error, OSError) and errno.errorcode.get(error.errno or 0) in _REFUSALS

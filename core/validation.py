@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from slamgauge.arrays import Float, Int, chunks, is_frozen
 from slamgauge.covariances import scale_of
-from slamgauge.errors import UserError
+from slamgauge.errors import CovarianceError, UserError
 from slamgauge.se2 import wrap
 
 LARGEST = 1e50  # largest valid input; products of a few such numbers are still finite
@@ -113,10 +113,20 @@ def as_covariances(name: str, value: object, shape: tuple[int | None, ...], *, d
     """Return positive semi-definite (or definite) matrices, exactly symmetric.
 
     If all rows are equal, one is stored, and the result is a view of it.
+
+    Raises:
+        CovarianceError: a matrix is no covariance.
     """
+    try:
+        return _covariances(name, value, shape, definite=definite)
+    except UserError as error:
+        raise CovarianceError(str(error)) from None
+
+
+def _covariances(name: str, value: object, shape: tuple[int | None, ...], *, definite: bool) -> Float:
     if isinstance(value, np.ndarray) and value.ndim == 3 and value.dtype.kind in REAL and is_one_for_all(value):
         _require_shape(name, value, shape)
-        one = as_covariances(name, value[:1].copy(), (1, *shape[1:]), definite=definite)
+        one = _covariances(name, value[:1].copy(), (1, *shape[1:]), definite=definite)
         one.setflags(write=False)
         return np.broadcast_to(one, value.shape)
     array = as_floats(name, value, shape)

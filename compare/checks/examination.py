@@ -16,7 +16,7 @@ from slamgauge.compare.checks import (
 )
 from slamgauge.compare.checks.check import Check, Need, NotJudgedError, OtherModelError, Subject
 from slamgauge.compare.checks.ignored_inputs import ignored_inputs, reason_not_judged
-from slamgauge.compare.estimators.user_code import OverdueError
+from slamgauge.compare.estimators.user_errors import OverdueError
 from slamgauge.compare.scoring.text_page import Grid, Page
 from slamgauge.compare.scoring.text_table import cell
 from slamgauge.errors import UserError

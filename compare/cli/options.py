@@ -34,11 +34,8 @@ RootSeed = Annotated[int, tyro.conf.arg(help="Root seed. The seed of each run is
 Repeated = Annotated[list[tuple[str, ...]], tyro.conf.UseAppendAction]
 Overrides = Annotated[Repeated, tyro.conf.arg(help="Override keys of the scenario: dotted.key=value ...")]
 Open = Annotated[bool, tyro.conf.arg(help=f"Open {REPORT} in the browser.")]
-Form = Annotated[
-    str, tyro.conf.arg(help="Form of your own code, if slamgauge does not recognise it: step, class, octave, ...")
-]
 Unconfined = Annotated[
-    bool, tyro.conf.arg(help="Do not deny your own code other files and the network (docs/your_filter.md).")
+    bool, tyro.conf.arg(help="No wall around your own code: for containers, which are walls (docs/your_filter.md).")
 ]
 PATIENCE = 600.0  # s
 LONGEST_TIMEOUT = 1e6  # s; `select` counts milliseconds in 31 bits
@@ -50,27 +47,22 @@ class OwnCode:
     """How your own estimators are run."""
 
     strict: bool = False
-    """Run your own code in a separate process that has no truth, and reject poses that depend on the future."""
+    """Run your own code behind a wall (bubblewrap) without the truth, and reject poses that depend on the future."""
 
-    timeout: float | None = None
-    """Run your own code in a separate process, and end a run after this time [s]. With --strict the default is 600."""
+    timeout: float = PATIENCE
+    """Largest time of a run of your own code, and of loading it [s]."""
 
     unconfined: Unconfined = False
 
     noise: Literal["recording", "file", "both"] = "recording"
     """Noise that your own code assumes: the recording's, that of its file, or one run with each."""
 
-    form: Form = ""
-
     def isolate(self, asked: list[Asked]) -> list[Asked]:
-        """Set noise and form of user code among the requests; isolate it if it is strict or has a time limit."""
-        from slamgauge.compare.estimators.requests import Isolation, isolated, with_noise_and_form
+        """Set noise and limits of user code among the requests."""
+        from slamgauge.compare.estimators.requests import Limits, with_limits, with_noise
 
-        asked = with_noise_and_form(asked, self.noise, self.form)
-        if not self.strict and self.timeout is None:
-            return asked
-        seconds = PATIENCE if self.timeout is None else require_timeout(self.timeout)
-        return isolated(asked, Isolation(seconds, self.strict, self.unconfined))
+        limits = Limits(require_timeout(self.timeout), self.strict and not self.unconfined)
+        return with_limits(with_noise(asked, self.noise), limits, strict=self.strict)
 
 
 @dataclass(frozen=True)

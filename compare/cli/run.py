@@ -199,7 +199,7 @@ class Evaluate(WithPage):
 def _stored_estimator(path: Path, recording: Recording) -> Estimator:
     """Return an estimator of the estimate in a file or in BAG:/TOPIC, or one that raises why it cannot be read."""
     from slamgauge.compare.estimators.running import StoredEstimate
-    from slamgauge.compare.estimators.user_code import UserCodeError
+    from slamgauge.compare.estimators.user_errors import UserCodeError
     from slamgauge.compare.storage.stored_results import load_stored
 
     def unreadable(_: Recording) -> Estimate:

@@ -12,7 +12,6 @@ import tyro
 from slamgauge.compare.cli.options import (
     NAMED,
     Folder,
-    Form,
     Overrides,
     Unconfined,
     WithPage,
@@ -39,30 +38,22 @@ class Check:
     estimator: tyro.conf.Positional[str]
     """A built-in name, or your own: [LABEL=]FILE.py or [LABEL=]FILE.py:callable. THIS LOADS AND RUNS THAT CODE."""
 
-    form: Form = ""
-
     seed: int = 0
     """Seed of the random recordings of the checks."""
 
     timeout: float = 60.0
     """Seconds that a check of your own code may take. If it takes longer, it fails and the others are not run."""
 
-    unconfined: Unconfined = False
-
     output: Output = field(default_factory=Output)
 
     def __call__(self) -> int:
         from slamgauge.compare.checks.examination import check_estimator, verdicts_json, verdicts_table
-        from slamgauge.compare.estimators.isolated_process import can_isolate
         from slamgauge.compare.estimators.loading import load
-        from slamgauge.compare.estimators.requests import Isolation, ask, isolated, with_noise_and_form
+        from slamgauge.compare.estimators.requests import Limits, ask, with_limits
 
         if self.seed < 0:
             raise UserError(f"seed {self.seed}: a seed must not be negative; give one >= 0")
-        # not strict: the check `no-future` compares estimates of beginnings
-        isolation = Isolation(require_timeout(self.timeout), strict=False, unconfined=self.unconfined)
-        requested = with_noise_and_form(ask([self.estimator]), "recording", self.form)
-        (asked,) = isolated(requested, isolation if can_isolate() else None)
+        (asked,) = with_limits(ask([self.estimator]), Limits(require_timeout(self.timeout)))
         verdicts = check_estimator(asked.label, load(asked), self.seed)
         printed = self.output.show(verdicts_json(verdicts), verdicts_table(verdicts))
         return 0 if printed and not any(verdict.is_failure for verdict in verdicts) else 1
@@ -103,8 +94,6 @@ class Grade(WithPage):
 
     unconfined: Unconfined = False
 
-    form: Form = ""
-
     work: Work = field(default_factory=Work)
 
     out: Folder | None = None
@@ -115,8 +104,9 @@ class Grade(WithPage):
         require_scenario(self.scenario)
         import secrets  # here: it is slow to start
 
-        from slamgauge.compare.estimators.isolated_process import require_isolation
-        from slamgauge.compare.estimators.requests import Isolation, ask
+        from slamgauge.compare.estimators.child import Limits
+        from slamgauge.compare.estimators.requests import ask
+        from slamgauge.compare.estimators.sandbox import require_wall
         from slamgauge.compare.grading.grade_output import grade_table, write_grades, write_pages
         from slamgauge.compare.grading.grading import GradeSettings, grade_folder
         from slamgauge.compare.grading.rubric import load_rubric
@@ -124,18 +114,18 @@ class Grade(WithPage):
         from slamgauge.compare.storage.result_files import GRADES, GRADESCOPE, PAGES, RESULTS, grade_files
         from slamgauge.compare.storage.safe_names import file_name
 
-        require_isolation("grade on Linux or macOS", unconfined=self.unconfined)
+        if not self.unconfined:
+            require_wall()
         out = self.out or Path("results") / f"grades-{file_name(self.folder.resolve().name)}"
         scenario, (reference,) = overridden_scenario(self.scenario, self.set), ask([self.reference])
         submissions = submissions_in(self.folder)
-        isolation = Isolation(require_timeout(self.timeout), strict=False, unconfined=self.unconfined)
-        rubric, submissions = load_rubric(self.rubric), [each.of_form(self.form) for each in submissions]
+        limits, rubric = Limits(require_timeout(self.timeout), not self.unconfined), load_rubric(self.rubric)
         writes = grade_files(each.name for each in submissions)
         outdated = [f"{PAGES}/*.md", f"{PAGES}/*.html", f"{GRADESCOPE}/*/{RESULTS}", RESULTS]
         with results_folder(out, writes, GRADES, outdated) as staged:
             with self.work.executor() as executor:
                 seed = secrets.randbits(32) if self.seed is None else self.seed
-                settings = GradeSettings(scenario, self.runs, seed, reference, isolation, rubric)
+                settings = GradeSettings(scenario, self.runs, seed, reference, limits, rubric)
                 grades = grade_folder(self.folder, submissions, settings, executor)
             if not any(each.is_graded for each in grades.grades):
                 first = grades.grades[0]

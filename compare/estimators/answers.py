@@ -6,7 +6,6 @@ What user code answers is compared field by field with what it may contain: the 
 from __future__ import annotations
 
 import json
-import os
 import tempfile
 import zipfile
 from collections.abc import Mapping
@@ -16,26 +15,19 @@ from typing import IO, Any, NamedTuple
 
 import numpy as np
 
-from slamgauge.compare.estimators.sources import Sources
-from slamgauge.compare.estimators.user_code import Address, UserCodeError
+from slamgauge.compare.estimators.user_errors import FormError, UserCodeError, WrongCovarianceError
 from slamgauge.compare.storage.files import flat_fields, load_estimate, load_recording
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 
-LONGEST_HEADER = 100_000  # bytes
+LONGEST_HEADER = 1_000_000  # bytes
 LONGEST_TEXT = 1000  # characters
 MOST_REMARKS = 100
 MOST_BYTES = 500_000_000  # largest estimate
+KINDS = {"form": FormError, "covariance": WrongCovarianceError}  # of errors, by the field `kind`
 FOLLOWING = "bytes"  # key of the size of what follows
 PIPES = "leave the pipes that it is given alone"
-
-
-class Spent(NamedTuple):
-    """Elapsed time and processor time of a run in the child process [s]."""
-
-    seconds: float
-    cpu_seconds: float
 
 
 class Answer(NamedTuple):
@@ -45,9 +37,10 @@ class Answer(NamedTuple):
     content: bytes
 
     @property
-    def reason(self) -> str:
-        """Why a result is missing; empty if it exists."""
-        return self.text("reason")
+    def error(self) -> UserCodeError | None:
+        """Why a result is missing; None if it exists."""
+        reason = self.text("reason")
+        return KINDS.get(self.text("kind"), UserCodeError)(reason) if reason else None
 
     def text(self, key: str) -> str:
         """Return a field as one printable line; empty if it is missing."""
@@ -70,14 +63,12 @@ class Answer(NamedTuple):
             raise wrong(f"{key} is not true or false")
         return value
 
-    def spent(self, elapsed: float) -> Spent:
-        """Return the times of a run that took at most `elapsed` seconds."""
-        most = Spent(elapsed, elapsed * (os.cpu_count() or 1) + 1.0)
-        for key, limit in most._asdict().items():
-            value = self.fields.get(key)
-            if not isinstance(value, int | float) or isinstance(value, bool) or not 0.0 <= value <= limit:
-                raise wrong(f"{key} is not from 0 to {limit:.3g} s")
-        return Spent(*(float(self.fields[key]) for key in Spent._fields))
+    def seconds(self, elapsed: float) -> float:
+        """Return the time of a run that took at most `elapsed` seconds."""
+        value = self.fields.get("seconds")
+        if not isinstance(value, int | float) or isinstance(value, bool) or not 0.0 <= value <= elapsed:
+            raise wrong(f"seconds is not from 0 to {elapsed:.3g} s")
+        return float(value)
 
     def estimate(self) -> Estimate:
         """Return the estimate that follows.
@@ -92,13 +83,12 @@ class Answer(NamedTuple):
             raise wrong("its estimate is not an npz file") from None
         if size > MOST_BYTES:
             raise UserCodeError(f"its estimate has {size / 1e6:.0f} MB; keep it below {MOST_BYTES / 1e6:.0f} MB")
-        with tempfile.NamedTemporaryFile(prefix="slamgauge-", suffix=".npz") as file:
-            file.write(self.content)
-            file.flush()
+        with tempfile.TemporaryDirectory(prefix="slamgauge-") as folder:
+            file = _written(self.content, folder)
             try:
-                return load_estimate(file.name)
+                return load_estimate(file)
             except UserError as error:
-                raise UserCodeError(str(error).removeprefix(f"{file.name}: ")) from None
+                raise UserCodeError(str(error).removeprefix(f"{file}: ")) from None
 
 
 def wrong(what: str) -> UserCodeError:
@@ -120,71 +110,37 @@ def message(fields: Mapping[str, object], record: Recording | Estimate | None = 
     return json.dumps({**fields, FOLLOWING: content.tell()}).encode() + b"\n" + content.getvalue()
 
 
-class Incoming:
-    """Messages that arrive in pieces."""
+def read_answer(stream: IO[bytes]) -> Answer | None:
+    """Read a message from a pipe; None at its end.
 
-    def __init__(self) -> None:
-        self._fields: dict[str, Any] | None = None
-        self._data = bytearray()
-
-    def add(self, piece: bytes) -> Answer | None:
-        """Add a piece; return the first message if it is whole, and keep what follows for the next call.
-
-        Raises:
-            UserCodeError: it is not a message, or too long.
-        """
-        self._data += piece
-        if self._fields is None:
-            line, end, _ = self._data.partition(b"\n")
-            if len(line) > LONGEST_HEADER:
-                raise wrong("too long a line")
-            if not end:
-                return None
-            self._fields = _fields(line)
-            del self._data[: len(line) + 1]
-        size = _following(self._fields)
-        if len(self._data) < size:
-            return None
-        answer = Answer(self._fields, bytes(self._data[:size]))
-        self._fields = None
-        del self._data[:size]
-        return answer
-
-
-def address_fields(where: Address) -> dict[str, object]:
-    """Return an address as JSON can contain it."""
-    sources = where.sources
-    if sources is None:
-        return where._asdict()
-    files = [(path, content.decode("latin-1")) for path, content in sources.files]
-    return {**where._asdict(), "sources": {"folder": sources.folder, "module": sources.module, "files": files}}
-
-
-def read_address(requests: IO[bytes]) -> Address:
-    """Read the address of user code from a pipe."""
-    return address_of(_fields(requests.readline()))
-
-
-def address_of(fields: dict[str, Any]) -> Address:
-    """Return the address with some `address_fields`."""
-    sources = fields["sources"]
-    if sources is not None:
-        files = tuple((path, text.encode("latin-1")) for path, text in sources["files"])
-        fields["sources"] = Sources(sources["folder"], sources["module"], files)
-    fields["strangers"] = tuple(fields["strangers"])
-    return Address(*(fields[name] for name in Address._fields))
-
-
-def read_recording(requests: IO[bytes]) -> Recording | None:
-    """Read a recording from a pipe; None at its end. The temporary folder must belong to this process alone."""
-    line = requests.readline()
-    if not line:
+    Raises:
+        UserCodeError: it is not a message, or too long.
+    """
+    line = stream.readline(LONGEST_HEADER + 1)
+    if len(line) > LONGEST_HEADER:
+        raise wrong("too long a line")
+    if not line.endswith(b"\n"):
         return None
-    file = Path(tempfile.gettempdir(), "given.npz")
-    file.write_bytes(requests.read(_following(_fields(line))))
-    recording = load_recording(file)
-    file.unlink()
-    return recording
+    fields = _fields(line)
+    size = _following(fields)
+    content = stream.read(size)
+    return Answer(fields, content) if len(content) == size else None
+
+
+def read_request(stream: IO[bytes]) -> tuple[dict[str, Any], Recording | None] | None:
+    """Read a request from a pipe: its fields, and the recording that follows; None at the end of the pipe."""
+    request = read_answer(stream)
+    if request is None or not request.content:
+        return None if request is None else (request.fields, None)
+    with tempfile.TemporaryDirectory(prefix="slamgauge-") as folder:
+        return request.fields, load_recording(_written(request.content, folder))
+
+
+def _written(content: bytes, folder: str) -> Path:
+    """Write an npz file into a folder."""
+    file = Path(folder, "record.npz")
+    file.write_bytes(content)
+    return file
 
 
 def _fields(line: bytes | bytearray) -> dict[str, Any]:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.compare.estimators.isolated_process import Isolated
-from slamgauge.compare.estimators.user_code import UserCodeError
+from slamgauge.compare.estimators.child import Host
+from slamgauge.compare.estimators.user_errors import UserCodeError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.se2 import wrap
@@ -17,24 +17,10 @@ SAME_POSE = 1e-5  # [m], [rad]: far above rounding, far below the effect of a me
 SAME_COV = 1e-3  # relative to the product of both sigmas
 
 
-class Strict(Isolated):
-    """An isolated estimator whose every run is checked."""
-
-    def __call__(self, recording: Recording) -> Estimate:
-        """Run the estimator and check its estimate.
-
-        Raises:
-            UserCodeError: it raised an error, or uses the future.
-        """
-        estimate = super().__call__(recording)
-        require_causal(self, recording, estimate)
-        return estimate
-
-
-def require_causal(estimator: Isolated, recording: Recording, estimate: Estimate) -> None:
+def require_causal(host: Host, recording: Recording, estimate: Estimate) -> None:
     """Refuse a filtered estimate that differs from the estimates of the recordings up to some steps.
 
-    Each is estimated in a new process, which has never received later measurements.
+    The process `host` estimates these in the order of their lengths; it has never received later measurements.
 
     Raises:
         UserCodeError: it uses the future, or its estimates differ from run to run.
@@ -44,16 +30,16 @@ def require_causal(estimator: Isolated, recording: Recording, estimate: Estimate
     parts = np.add(PARTS, np.random.default_rng().uniform(-JITTER, JITTER, len(PARTS)))
     steps = sorted({int(part * recording.steps) for part in parts} - {0})
     for step in steps:
-        what = _difference(estimate, estimator.run(recording.first(step)).estimate, step)
+        what = _difference(estimate, host.run(recording.first(step)).estimate, step)
         if what:
-            _require_repeatable(estimator, recording.first(step))
+            _require_repeatable(host, recording.first(step))
             remedy = "store a pose before the next step begins, or say kind='smoothed'"
             raise UserCodeError(f"uses the future: from the recording up to step {step} alone, {what}; {remedy}")
 
 
-def _require_repeatable(estimator: Isolated, recording: Recording) -> None:
+def _require_repeatable(host: Host, recording: Recording) -> None:
     """Refuse an estimator whose estimates of one recording differ: the check cannot judge it."""
-    answers = estimator.run(recording).estimate, estimator.run(recording).estimate
+    answers = host.run(recording).estimate, host.run(recording).estimate
     if _difference(*answers, last=len(answers[0].poses) - 1):
         remedy = "seed its random numbers, and draw them step by step"
         raise UserCodeError(f"its answers to one recording differ from run to run; {remedy}")

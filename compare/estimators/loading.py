@@ -4,32 +4,30 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
 from slamgauge.arrays import Marks
-from slamgauge.compare.estimators.answers import Spent
-from slamgauge.compare.estimators.captured_output import captured
-from slamgauge.compare.estimators.causality_check import Strict
-from slamgauge.compare.estimators.forms.form import remarks_of
-from slamgauge.compare.estimators.isolated_process import Isolated
+from slamgauge.compare.estimators.addresses import Noise
+from slamgauge.compare.estimators.causality_check import require_causal
+from slamgauge.compare.estimators.child import Host, Run, shared_host
 from slamgauge.compare.estimators.registry import REGISTRY, UNDER, Entry, entry_of
-from slamgauge.compare.estimators.requests import Asked, Chosen, ask
-from slamgauge.compare.estimators.user_code import Address
+from slamgauge.compare.estimators.requests import Asked, BuiltIn, Chosen, UserCode, ask
+from slamgauge.compare.estimators.user_errors import FormError
 from slamgauge.compare.scenarios.schema import Association
 from slamgauge.ekf.settings import NEAREST_NEIGHBOUR, PLAIN, FilterSettings, Initialisation, Robustness
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, Estimator
-from slamgauge.notices import tell_first
 from slamgauge.recording import Recording
 from slamgauge.truth import NOBODY
 
 
 @dataclass(frozen=True)
 class LoadedEstimator:
-    """An estimator with its entry of the registry; `form` describes user code and its loading."""
+    """An estimator with its entry of the registry; `form` describes user code."""
 
     entry: Entry
     estimate: Estimator
@@ -39,9 +37,40 @@ class LoadedEstimator:
         """Run the estimator."""
         return self.estimate(recording)
 
-    def remarks(self, recording: Recording) -> list[str]:
-        """Return remarks on the last run of user code."""
-        return remarks_of(self.estimate, recording)
+
+@dataclass
+class HostedEstimator:
+    """User code as an estimator, which runs in its child process.
+
+    Attributes:
+        host: the process.
+        noise: noise that it assumes.
+        strict: whether filtered estimates are checked for use of the future; prefixes run in a process of their own.
+        last: the last run; None before.
+    """
+
+    host: Host
+    noise: Noise = "recording"
+    strict: bool = False
+    last: Run | None = None
+
+    def __call__(self, recording: Recording) -> Estimate:
+        """Run the code.
+
+        Raises:
+            UserCodeError: it raised an error, exceeded its limits, or uses the future.
+        """
+        self.last = None
+        self.last = self.host.run(recording, self.noise)
+        if self.strict:
+            with closing(Host(self.host.where, self.host.limits)) as prefixes:
+                require_causal(prefixes, recording, self.last.estimate)
+        return self.last.estimate
+
+    @property
+    def remarks(self) -> list[str]:
+        """Remarks on the last run."""
+        return [] if self.last is None else self.last.remarks
 
 
 def load_estimators(
@@ -56,8 +85,8 @@ def load_estimators(
     Args:
         chosen: names of the registry, where `causal@ekf` is `causal` with the associations of `ekf`, and so for every
             graph and filter; addresses `[LABEL=]FILE.py:callable` or `[LABEL=]package.module:callable` of user code in
-            any form of `slamgauge.adapters`; or a mapping from labels to these or to callables. User code is loaded and
-            run; its imports are searched in the folder of the file, or the current folder, first.
+            any form of `slamgauge.adapters`; or a mapping from labels to these or to callables. User code at an address
+            is loaded and run in a child process, in the folder of the file or else the current folder.
         association: how filters associate a recording without ids. By default, and with `method` known, they use the
             nearest neighbour with gate 9.
         initialisation: how filters initialise landmarks in bearing-only recordings.
@@ -97,44 +126,32 @@ def load(
     robust: Robustness = PLAIN,
     announced: bool = True,
 ) -> LoadedEstimator:
-    """Load one estimator with the settings of `load_estimators`; user code is loaded afresh and runs.
+    """Load one estimator with the settings of `load_estimators`; user code is loaded, and runs.
 
     If `announced`, the form of user code is printed on standard error.
     """
-    if asked.is_bound:
+    if isinstance(asked, BuiltIn) and asked.is_bound:
         remedy = "`slamgauge study` compares the errors of many runs with it"
         raise UserError(f"{asked.name}: is a bound, which estimates nothing; {remedy}")
-    if asked.name:
+    if isinstance(asked, BuiltIn):
         return _ours(entry_of(asked.name), _settings(association, initialisation, frames, robust))
-    from slamgauge.compare.estimators.adapters import FORM_NAMES, adapted_callable  # here: it loads the filters
-
-    form, entry = "", Entry(name=asked.label, kind=None, role="user")
-    if asked.where is not None and asked.isolation is not None:
-        isolated = Strict if asked.isolation.strict else Isolated
-        estimator = isolated(asked.where, asked.isolation.timeout, unconfined=asked.isolation.unconfined)
-        form = estimator.begin()
-    elif asked.where is not None:
-        estimator, form = _adapted_quietly(asked.label, asked.where)
+    entry = Entry(name=asked.label, kind=None, role="user")
+    if isinstance(asked, UserCode):
+        host = shared_host(asked.where, asked.limits)
+        form = host.begin()
+        estimator: Estimator = HostedEstimator(host, asked.noise, asked.strict)
     else:
-        assert asked.call is not None
         if (built_in := entry_behind(asked.call)) is not None:
             return LoadedEstimator(built_in, asked.call)
-        estimator, form = adapted_callable(asked.call, asked.label)
+        from slamgauge.compare.estimators.adapters import adapted  # here: it loads the filters
+
+        try:
+            estimator, form = adapted(asked.call)
+        except FormError as error:
+            raise UserError(f"estimator {asked.label}: {error} (docs/your_filter.md has a wrapper)") from None
     if announced and form:
         print(f"{asked.label}: {form}", file=sys.stderr)
-        tell_first("form", f"forms follow from the code; --form NAME says otherwise ({', '.join(FORM_NAMES)})")
     return LoadedEstimator(entry, estimator, form)
-
-
-def _adapted_quietly(label: str, where: Address) -> tuple[Estimator, str]:
-    """Return `adapted(where)`; what the file prints is kept away, and an error shows its first lines."""
-    from slamgauge.compare.estimators.adapters import adapted
-
-    with captured(label) as output:
-        try:
-            return adapted(where)
-        except UserError as error:
-            raise UserError(f"{error}{output.as_reason}") from error
 
 
 def without(optimum: Estimator, informed: Recording, misleading: Marks | None) -> Estimator:
@@ -146,10 +163,16 @@ def without(optimum: Estimator, informed: Recording, misleading: Marks | None) -
     return LoadedEstimator(entry, partial(graph, association=np.where(misleading, NOBODY, informed.landmark)))
 
 
-def spent_by(estimator: Estimator) -> Spent | None:
-    """Return the times of the last run of an isolated estimator; None for any other."""
+def seconds_of(estimator: Estimator) -> float | None:
+    """Return the computing time of the last run of user code in a child process; None for any other estimator."""
     within = estimator.estimate if isinstance(estimator, LoadedEstimator) else estimator
-    return within.spent if isinstance(within, Isolated) else None
+    return within.last.seconds if isinstance(within, HostedEstimator) and within.last is not None else None
+
+
+def remarks_of(estimator: Estimator) -> list[str]:
+    """Return what users should know about the last run of their code, for example replaced settings."""
+    within = estimator.estimate if isinstance(estimator, LoadedEstimator) else estimator
+    return [*getattr(within, "remarks", [])]
 
 
 def entry_behind(estimator: Estimator) -> Entry | None:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from slamgauge.arrays import distinct
 from slamgauge.compare.estimators.registry import FILTERS, GRAPHS, UNDER
-from slamgauge.compare.estimators.requests import Asked
+from slamgauge.compare.estimators.requests import Asked, BuiltIn
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.memory import require_memory
 from slamgauge.recording import Recording
@@ -37,7 +37,7 @@ def require_room_for_estimates(recording: Recording, asked: Sequence[Asked]) -> 
     needed = float(ESTIMATE_BYTES) * recording.steps * len(asked)
     require_memory(needed, what, "give fewer, or a shorter run")
     landmarks = 0 if recording.landmark is None else len(distinct(recording.landmark))
-    for each in asked:
+    for each in (each for each in asked if isinstance(each, BuiltIn)):
         if each.name in FILTERS:
             what = f"{each.label}: the covariance of {landmarks} landmarks"
             require_memory(8.0 * (3 + 2 * landmarks) ** 2, what, "give fewer landmarks, or leave it out")

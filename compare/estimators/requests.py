@@ -5,48 +5,29 @@ from __future__ import annotations
 import hashlib
 import inspect
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Literal
+from typing import ClassVar, Literal
 
+from slamgauge.compare.estimators.addresses import Address, Noise, address, require_label
+from slamgauge.compare.estimators.child import Limits
 from slamgauge.compare.estimators.registry import BOUND, BOUNDS, HINDSIGHT_BOUND, entry_of, is_ours
-from slamgauge.compare.estimators.user_code import Address, Noise, address, require_label
+from slamgauge.compare.estimators.sandbox import require_wall
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimator
 
 
 @dataclass(frozen=True)
-class Isolation:
-    """Settings of user code in a child process (`isolated_process`).
-
-    Attributes:
-        timeout: largest time of a run [s].
-        strict: whether filtered estimates are checked for use of the future (`causality_check`).
-        unconfined: whether it runs without a wall (`wall`).
-    """
-
-    timeout: float
-    strict: bool
-    unconfined: bool = False
-
-
-@dataclass(frozen=True)
-class Asked:
-    """A requested estimator.
-
-    Attributes:
-        label: name of its rows and files of results.
-        name: name in the registry, for built-in estimators.
-        where: address of user code.
-        call: callable given in Python.
-        isolation: how user code is isolated; None runs it in this process.
-    """
+class BuiltIn:
+    """A built-in estimator: `label` names its rows and files of results, `name` is its name in the registry."""
 
     label: str
-    name: str = ""
-    where: Address | None = None
-    call: Estimator | None = None
-    isolation: Isolation | None = None
+    name: str
+
+    @property
+    def key(self) -> str:
+        """Key of its results in stores."""
+        return self.label
 
     @property
     def is_bound(self) -> bool:
@@ -56,29 +37,62 @@ class Asked:
     @property
     def is_told(self) -> bool:
         """Whether it receives true noise and associations: a yardstick of the others."""
-        return bool(self.name) and (self.is_bound or entry_of(self.name).is_informed)
+        return self.is_bound or entry_of(self.name).is_informed
+
+
+@dataclass(frozen=True)
+class _User:
+    """Code of a user, which receives the recording only."""
+
+    label: str
+    is_bound: ClassVar[bool] = False
+    is_told: ClassVar[bool] = False
+
+
+@dataclass(frozen=True)
+class UserCode(_User):
+    """User code at an address, which runs in a child process (`child`).
+
+    Attributes:
+        where: its address.
+        noise: noise that it assumes.
+        limits: its time, and whether it runs behind a wall.
+        strict: whether filtered estimates are checked for use of the future (`causality_check`).
+    """
+
+    where: Address
+    noise: Noise = "recording"
+    limits: Limits = field(default_factory=Limits)
+    strict: bool = False
 
     @property
     def key(self) -> str:
-        """Key of its results in stores, with the digest of user code: edited code is another estimator."""
-        if self.where is not None:
-            digest = self.where.installed if self.where.sources is None else self.where.sources.digest
-            apart = "" if self.isolation is None else f" {self.isolation.timeout:g}s strict={self.isolation.strict}"
-            chosen = [text for text in (self.where.form, self.where.noise) if text not in ("", "recording")]
-            return " ".join([self.label, self.where.attribute, digest[:16], *chosen]) + apart
-        if self.call is not None:
-            return f"{self.label} {_digest_of(self.call)[:16]}"
-        return self.label
+        """Key of its results in stores, with the digest of its folder: edited code is another estimator."""
+        settings = [*(["noise=file"] if self.noise == "file" else []), *(["strict"] if self.strict else [])]
+        return " ".join([self.label, self.where.attribute, self.where.digest[:16], *settings])
 
 
+@dataclass(frozen=True)
+class GivenCallable(_User):
+    """A callable given in Python, which runs in this process."""
+
+    call: Estimator
+
+    @property
+    def key(self) -> str:
+        """Key of its results in stores, with the digest of the file that defines it."""
+        return f"{self.label} {_digest_of(self.call)[:16]}"
+
+
+Asked = BuiltIn | UserCode | GivenCallable
 Chosen = Sequence[str | Asked] | Mapping[str, str | Estimator]  # names and addresses; or these by label
 
 
 def ask(chosen: Chosen) -> list[Asked]:
     """Parse estimators: names, addresses `[LABEL=]FILE.py:callable`, or a mapping from labels to these or callables.
 
-    `bound` means both bounds, causal and hindsight. Sources of user code are read now: later edits of the file do not
-    change the request.
+    `bound` means both bounds, causal and hindsight. The folder of user code is read now: later edits do not change the
+    request.
 
     Raises:
         UserError: an unknown name, an address of a wrong form, or two estimators with one label.
@@ -90,42 +104,40 @@ def ask(chosen: Chosen) -> list[Asked]:
     else:
         both = BOUNDS if HINDSIGHT_BOUND not in chosen else [BOUND]
         chosen = [name for each in chosen for name in (both if each == BOUND else [each])]
-        asked = [each if isinstance(each, Asked) else _asked("", each) for each in chosen]
+        asked = [_asked("", each) if isinstance(each, str) else each for each in chosen]
     labels = [each.label for each in asked]
     for each in asked:
-        is_taken = not each.name and is_ours(each.label)
+        is_taken = not isinstance(each, BuiltIn) and is_ours(each.label)
         if is_taken or labels.count(each.label) > 1:
-            text = each.label if each.where is None else each.where.text
+            text = each.where.text if isinstance(each, UserCode) else each.label
             why = "is a built-in estimator" if is_taken else "is given twice"
             raise UserError(f"estimator {text!r}: {each.label} {why}; write another LABEL= in front")
     return asked
 
 
-def isolated(asked: Sequence[Asked], isolation: Isolation | None) -> list[Asked]:
-    """Isolate user code among the requests; built-in estimators and callables of this process are unchanged.
+def with_limits(asked: Sequence[Asked], limits: Limits, *, strict: bool = False) -> list[Asked]:
+    """Set the limits of user code among the requests.
 
     Raises:
-        UserError: this system cannot isolate user code, or not behind a wall.
+        UserError: it must run behind a wall, and this system has none.
     """
-    from slamgauge.compare.estimators.isolated_process import require_isolation
-
-    if isolation is not None and any(each.where is not None for each in asked):
-        remedy = "leave out --strict and --timeout for code that you trust"
-        require_isolation(remedy, unconfined=isolation.unconfined)
-    return [each if each.where is None else replace(each, isolation=isolation) for each in asked]
+    is_there = any(isinstance(each, UserCode) for each in asked)
+    if is_there and limits.is_walled:
+        require_wall()
+    return [replace(each, limits=limits, strict=strict) if isinstance(each, UserCode) else each for each in asked]
 
 
-def with_noise_and_form(asked: Sequence[Asked], noise: Noise | Literal["both"], form: str = "") -> list[Asked]:
-    """Set the noise and the form of user code among the requests; `both` requests each with its own noise, too."""
+def with_noise(asked: Sequence[Asked], noise: Noise | Literal["both"]) -> list[Asked]:
+    """Set the noise that user code assumes; `both` requests each with its own noise, too."""
     found: list[Asked] = []
     for each in asked:
-        if each.where is None:
+        if not isinstance(each, UserCode) or noise == "recording":
             found.append(each)
             continue
-        kinds = ("recording", "file") if noise == "both" else (noise,)
-        for kind in kinds:
-            label = f"{each.label} (own noise)" if noise == "both" and kind == "file" else each.label
-            found.append(replace(each, label=label, where=each.where._replace(noise=kind, form=form)))
+        if noise == "both":
+            found.append(each)
+        label = f"{each.label} (own noise)" if noise == "both" else each.label
+        found.append(replace(each, label=label, noise="file"))
     return found
 
 
@@ -145,11 +157,11 @@ def labels_among(names: Sequence[str], among: Collection[str], otherwise: str) -
 def _asked(label: str, what: str | Estimator) -> Asked:
     if not isinstance(what, str):
         require_label(label, label)
-        return Asked(label, call=what)
+        return GivenCallable(label, what)
     if not set(":=/\\") & set(what) and not what.endswith(".py"):
-        return Asked(label or what, entry_of(what).name)
+        return BuiltIn(label or what, entry_of(what).name)
     where = address(what)
-    return Asked(label or where.label, where=where)
+    return UserCode(label or where.label, where)
 
 
 def _digest_of(call: Estimator) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from functools import partial
 from time import perf_counter
@@ -12,13 +11,12 @@ from typing import cast
 import numpy as np
 
 from slamgauge.arrays import Marks
-from slamgauge.compare.estimators.captured_output import captured
-from slamgauge.compare.estimators.forms.form import remarks_of
-from slamgauge.compare.estimators.loading import LoadedEstimator, entry_behind, spent_by, without
+from slamgauge.compare.estimators.loading import LoadedEstimator, entry_behind, load, remarks_of, seconds_of, without
 from slamgauge.compare.estimators.registry import INFORMED, OPTIMA, UNDER, Entry
-from slamgauge.compare.estimators.user_code import OverdueError, reason_of
+from slamgauge.compare.estimators.requests import Asked, UserCode
+from slamgauge.compare.estimators.user_errors import UserCodeError, reason_of
 from slamgauge.compare.storage.progress import counted, refreshed
-from slamgauge.errors import UserError
+from slamgauge.errors import CovarianceError, UserError
 from slamgauge.estimate import Estimate, Estimator, Kind
 from slamgauge.notices import tell_first
 from slamgauge.recording import Recording
@@ -46,33 +44,40 @@ def run_estimator(
 
     Raises:
         UserError: the estimator raised an error, or its estimate does not fit the recording.
-        OverdueError: the estimator exceeded its timeout.
+        OverdueError, CovarianceError: of these kinds, if its reason is that.
     """
     entry = entry_behind(estimator)
     is_built_in = entry is not None and entry.role != "user"
-    start, output = perf_counter(), None
+    start = perf_counter()
     try:
-        # built-in estimators print nothing
-        with nullcontext() if is_built_in else captured(name) as output:
-            estimate = cast("object", estimator(recording))
+        estimate = cast("object", estimator(recording))
     except (Exception, SystemExit) as error:
         if is_built_in and not isinstance(error, UserError):
             raise
         reason = str(error) if is_built_in else reason_of(error)
-        reason += "" if output is None else output.as_reason
-        kind = OverdueError if isinstance(error, OverdueError) else UserError
+        kind = type(error) if isinstance(error, UserCodeError | CovarianceError) else UserError
         raise kind(f"estimator {name}: {reason}") from error
     if remarked and not is_built_in:
-        tell_remarks(name, remarks_of(estimator, recording))
-    spent = spent_by(estimator)
-    seconds = perf_counter() - start if spent is None else spent.seconds
-    return _checked(name, estimate, recording), seconds
+        tell_remarks(name, remarks_of(estimator))
+    seconds = perf_counter() - start
+    return _checked(name, estimate, recording), seconds_of(estimator) or seconds
 
 
 def tell_remarks(name: str, remarks: Iterable[str]) -> None:
     """Print remarks on user code, each once: values in them, after the first comma, may differ between runs."""
     for remark in remarks:
         tell_first(f"{name}: {remark.partition(',')[0]}", f"{name}: {remark}")
+
+
+def try_out(asked: Asked, recording: Recording) -> None:
+    """Run user code on the first two steps of a recording, so that a refusal is printed before any run.
+
+    Raises:
+        UserError: the code cannot be loaded, has none of the forms, or fails.
+    """
+    if isinstance(asked, UserCode):
+        estimator = load(replace(asked, strict=False), announced=False)
+        run_estimator(asked.label, estimator, recording.first(min(2, recording.steps)), remarked=False)
 
 
 def _checked(name: str, estimate: object, recording: Recording) -> Estimate:
@@ -123,7 +128,7 @@ class SideBySide:
         except UserError as error:
             self.failures[name] = str(error)
             return
-        self.remarks[name] = remarks_of(estimator, recording)
+        self.remarks[name] = remarks_of(estimator)
         if not (isinstance(estimator, LoadedEstimator) and isinstance(estimator.estimate, StoredEstimate)):
             self.seconds[name] = seconds
         if is_optimum:

@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
+from slamgauge.compare.estimators.child import Limits
 from slamgauge.compare.estimators.memory_check import require_room_for_runs
-from slamgauge.compare.estimators.requests import Asked, Isolation
+from slamgauge.compare.estimators.requests import Asked
 from slamgauge.compare.grading.grades import Grade, figure_remarks, grade
 from slamgauge.compare.grading.rubric import Rubric
 from slamgauge.compare.grading.submissions import Submission
@@ -36,7 +37,7 @@ class GradeSettings:
         runs: number of runs, at least 2.
         seed: root seed, a non-negative number.
         reference: estimator whose results submissions are compared with.
-        isolation: largest time of a run of a submission, and whether it runs without a wall.
+        limits: largest time of a run of a submission, and whether it runs behind a wall.
         rubric: weights of the points.
     """
 
@@ -44,7 +45,7 @@ class GradeSettings:
     runs: int
     seed: int
     reference: Asked
-    isolation: Isolation
+    limits: Limits
     rubric: Rubric
 
 
@@ -127,7 +128,7 @@ def _graded(submission: Submission, settings: GradeSettings, runs: Sequence[Run]
     try:
         if where is None:
             return grade(name, Trial(reason=submission.reason), scores, settings.rubric)
-        trial = run_trial(where, name, settings.scenario, runs, settings.isolation, settings.rubric.needed_checks)
+        trial = run_trial(where, name, settings.scenario, runs, settings.limits, settings.rubric.needed_checks)
         return grade(name, trial, scores, settings.rubric)
     except Exception as error:  # noqa: BLE001 see above
         return grade(name, Trial(reason=failure_text(error)), scores, settings.rubric)

@@ -4,22 +4,18 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from slamgauge.compare.estimators.adapters import NAMES
+from slamgauge.compare.estimators.addresses import Address
 from slamgauge.compare.estimators.answers import printable
-from slamgauge.compare.estimators.pair_files import partner_file
-from slamgauge.compare.estimators.sources import sources_of
-from slamgauge.compare.estimators.syntax_tree import parsed, read_source
-from slamgauge.compare.estimators.user_code import Address
+from slamgauge.compare.estimators.code_folder import read_folder
 from slamgauge.compare.storage.files import explained
 from slamgauge.errors import UserError
 
 LONGEST_NAME = 100  # bytes, so that it can name a page
 MAIN = ("submission.py", "main.py")  # main file of a folder with several files, the first of them that exists
-DEFINED = {*NAMES, "correction_step", "update"}  # functions of a known form
-METHODS = {"predict", "update"}, {"predict", "correct"}  # of a class of a known form
 
 
 @dataclass(frozen=True)
@@ -35,10 +31,6 @@ class Submission:
     name: str
     where: Address | None
     reason: str = ""
-
-    def of_form(self, form: str) -> Submission:
-        """Return the submission with the name of its form; empty if the form follows from the code."""
-        return self if self.where is None else replace(self, where=self.where._replace(form=form))
 
 
 def submissions_in(folder: Path) -> list[Submission]:
@@ -59,7 +51,7 @@ def submissions_in(folder: Path) -> list[Submission]:
         raise UserError(f"{folder}: contains no submission; give a folder of Python files, or of folders with them")
     stems = [each.stem if _is_python(each) else each.name for each in given]
     names = _distinct(stems, [each.name for each in given])
-    return [_submission(folder, path, name, tuple(stems)) for path, name in zip(given, names, strict=True)]
+    return [_submission(path, name) for path, name in zip(given, names, strict=True)]
 
 
 def _distinct(stems: Sequence[str], files: Sequence[str]) -> list[str]:
@@ -71,23 +63,24 @@ def _distinct(stems: Sequence[str], files: Sequence[str]) -> list[str]:
     ]
 
 
-def _submission(folder: Path, path: Path, name: str, stems: tuple[str, ...]) -> Submission:
-    """Return the submission at a path; files of other submissions (`stems`) hide no library from it."""
+def _submission(path: Path, name: str) -> Submission:
+    """Return the submission at a path: a file alone, or a folder with all that it contains."""
     try:
         if not path.is_file() and not _folders_with_python(path):
             return Submission(
                 name, None, f"{path.name}: is or has no Python file (pipes and broken links are none); hand in a file"
             )
         file = path if path.is_file() else _main_file(path)
-        inside = (folder, path.name) if file is None else (file.parent, file.stem)
         if file is not None and "." in file.stem:
             return Submission(name, None, f"{file.name}: no Python module can have a dot in its name; rename the file")
         place = str(path if file is None else file)
-        strangers = tuple(each for each in stems if each != path.name) if inside[0] == folder else ()
-        sources = sources_of(*inside, strangers, folder if inside[0] == folder else path)
-        if not sources.files:
+        if file is None:
+            code = read_folder(path.parent, path.name, path)
+        else:
+            code = read_folder(file.parent, file.stem, file if file == path else None)
+        if not code.files or not Path(place).resolve().is_relative_to(path.parent.resolve()):
             return Submission(name, None, f"{path.name}: is a link to a file elsewhere; put the file in its place")
-        return Submission(name, Address(place, name, place, "", sources, strangers))
+        return Submission(name, Address(place, name, place, "", code))
     except UserError as error:
         return Submission(name, None, str(error))
     except OSError as error:
@@ -109,8 +102,7 @@ def _main_file(submission: Path) -> Path | None:
     if folders[0] != submission:
         files = [each for folder in folders for each in _python_files(folder)]
     named = [each for each in files if each.name in MAIN]
-    pairs = [each for each in files if partner_file(each) is not None][:1]  # two functions in two files
-    found = files if len(files) == 1 else named or pairs or [each for each in files if _defines_a_form(each)]
+    found = files if len(files) == 1 else named or [each for each in files if _defines_a_form(each)]
     if len(found) != 1:
         names = ", ".join(each.relative_to(submission).as_posix() for each in files)
         raise UserError(f"{submission.name}: may be {names}; call the one that counts {MAIN[0]}")
@@ -132,20 +124,18 @@ def _python_files(folder: Path) -> list[Path]:
 
 
 def _defines_a_form(path: Path) -> bool:
-    """Return whether a file defines, at its top level, a function or class of a known form. The file does not run.
-
-    Raises:
-        UserError: the file is too large.
-        OSError: the file cannot be read.
-    """
-    body = parsed(read_source(path)).body
-    classes = [each for each in body if isinstance(each, ast.ClassDef)]
+    """Return whether a file defines, at its top level, a callable that counts or an online class; it does not run."""
+    try:
+        body = ast.parse(path.read_bytes()).body
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        return False
     names = {each.name for each in body if isinstance(each, ast.FunctionDef | ast.ClassDef)}
     for each in body:
         if isinstance(each, ast.Assign):
             names |= {target.id for target in each.targets if isinstance(target, ast.Name)}
+    classes = [each for each in body if isinstance(each, ast.ClassDef)]
     methods = [{part.name for part in each.body if isinstance(part, ast.FunctionDef)} for each in classes]
-    return bool(names & DEFINED) or any(needed <= found for found in methods for needed in METHODS)
+    return bool(names & {*NAMES}) or any({"predict", "update"} <= found for found in methods)
 
 
 def _is_python(path: Path) -> bool:

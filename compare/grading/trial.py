@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from contextlib import closing
+from contextlib import ExitStack, closing
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -16,13 +16,14 @@ import numpy as np
 from slamgauge.arrays import Float
 from slamgauge.compare.checks.check import Check
 from slamgauge.compare.checks.examination import Verdict, check_estimator
+from slamgauge.compare.estimators.addresses import Address
 from slamgauge.compare.estimators.causality_check import require_causal
-from slamgauge.compare.estimators.isolated_process import Isolated
-from slamgauge.compare.estimators.loading import load, without
+from slamgauge.compare.estimators.child import Host, Limits
+from slamgauge.compare.estimators.forms.wrapper import shortened
+from slamgauge.compare.estimators.loading import HostedEstimator, load, without
 from slamgauge.compare.estimators.registry import CAUSAL
-from slamgauge.compare.estimators.requests import Asked, Isolation, ask
+from slamgauge.compare.estimators.requests import Asked, ask
 from slamgauge.compare.estimators.running import run_estimator
-from slamgauge.compare.estimators.user_code import Address
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.scenarios.simulation import simulate, simulate_informed
 from slamgauge.compare.scoring.scores import Score, evaluate
@@ -96,64 +97,66 @@ def reference_run(scenario: Scenario, seed: int, reference: Asked) -> Run:
 
 
 def run_trial(
-    where: Address, name: str, scenario: Scenario, runs: Sequence[Run], isolation: Isolation, checks: Sequence[Check]
+    where: Address, name: str, scenario: Scenario, runs: Sequence[Run], limits: Limits, checks: Sequence[Check]
 ) -> Trial:
     """Run a submission on all runs, then the checks if they apply to such recordings.
+
+    Runs, the shorter recordings of the causality check, and checks have a process each.
 
     Args:
         where: its file.
         name: its name in error messages.
         scenario: scenario of the runs.
         runs: the same runs of the reference.
-        isolation: largest time of a run, and whether it runs without a wall.
+        limits: largest time of a run, and whether it runs behind a wall.
         checks: checks that it is judged by.
     """
     trial = Trial()
-    with closing(Isolated(where, isolation.timeout, unconfined=isolation.unconfined)) as estimator:
+    with ExitStack() as open_ones:
+        host, prefixes, checked = (open_ones.enter_context(closing(Host(where, limits))) for _ in range(3))
         try:
-            trial.form = estimator.begin() or "estimate(recording)"
-            trial.callable = estimator.where.attribute
-            _run_all(trial, estimator, name, scenario, runs)
+            trial.form = host.begin() or "estimate(recording)"
+            trial.callable = host.where.attribute
+            _run_all(trial, host, prefixes, name, scenario, runs)
             if not SENSORS[scenario.sensor.kind].has_range or scenario.association.method != "known":
                 trial.no_checks = NO_IDS
             else:
-                trial.verdicts = check_estimator(name, estimator, checks=checks)
+                trial.verdicts = check_estimator(name, HostedEstimator(checked), checks=checks)
         except UserError as error:
             is_done = len(trial.scores) == len(runs)
             which = "small recording of the checks: " if is_done else f"run {len(trial.scores)}: " if trial.form else ""
-            text = str(error).removeprefix(f"estimator {name}: ").removeprefix(f"estimator {where.text}: ")
+            text = shortened(error).removeprefix(f"estimator {name}: ").removeprefix(f"estimator {where.text}: ")
             trial.reason = f"{which}{text}"
-        trial.output = estimator.last_output
+        trial.output = host.last_output
     return trial
 
 
-def _run_all(trial: Trial, estimator: Isolated, name: str, scenario: Scenario, runs: Sequence[Run]) -> None:
+def _run_all(trial: Trial, host: Host, prefixes: Host, name: str, scenario: Scenario, runs: Sequence[Run]) -> None:
     """Add the scores of all runs to a trial; the first, the middle and the last one are checked for causality."""
-    has_own_noise = False
+    estimator, has_own_noise = HostedEstimator(host), False
     for number, run in enumerate(runs):
         truth, recording = simulate(scenario, run.seed)
-        estimate, seconds = run_estimator(name, estimator, recording)
-        if number == 0:
-            trial.settings, has_own_noise = estimator.remarks(recording), estimator.replaces_noise
+        estimate, seconds = run_estimator(name, estimator, recording, remarked=False)
+        if number == 0 and estimator.last is not None:
+            trial.settings, has_own_noise = estimator.remarks, estimator.last.replaces_noise
         if number in (0, len(runs) // 2, len(runs) - 1):
-            require_causal(estimator, recording, estimate)
+            require_causal(prefixes, recording, estimate)
         trial.scores.append(_scored(truth, recording, estimate, run.optimum, seconds))
     if has_own_noise:
-        trial.own_noise = _own_noise_scores(estimator, name, scenario, runs)
+        trial.own_noise = _own_noise_scores(host, name, scenario, runs)
 
 
-def _own_noise_scores(estimator: Isolated, name: str, scenario: Scenario, runs: Sequence[Run]) -> list[Score]:
+def _own_noise_scores(host: Host, name: str, scenario: Scenario, runs: Sequence[Run]) -> list[Score]:
     """Return the scores with the noise of the file; without scores if it fails with that noise."""
     scores: list[Score] = []
-    where, unconfined = estimator.where._replace(noise="file"), estimator.unconfined
-    with closing(Isolated(where, estimator.timeout, unconfined=unconfined)) as other:
-        for run in runs:
-            truth, recording = simulate(scenario, run.seed)
-            try:
-                estimate, seconds = run_estimator(f"{name}, noise of the file", other, recording)
-            except UserError:
-                return []
-            scores.append(_scored(truth, recording, estimate, None, seconds))
+    estimator = HostedEstimator(host, noise="file")
+    for run in runs:
+        truth, recording = simulate(scenario, run.seed)
+        try:
+            estimate, seconds = run_estimator(f"{name}, noise of the file", estimator, recording, remarked=False)
+        except UserError:
+            return []
+        scores.append(_scored(truth, recording, estimate, None, seconds))
     return scores
 
 

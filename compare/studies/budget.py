@@ -18,7 +18,7 @@ import numpy as np
 from slamgauge.arrays import Float
 from slamgauge.compare.estimators.loading import load
 from slamgauge.compare.estimators.registry import CAUSAL, FILTERS, FIXED_LAG, HINDSIGHT
-from slamgauge.compare.estimators.requests import Asked, ask
+from slamgauge.compare.estimators.requests import Asked, BuiltIn, ask
 from slamgauge.compare.estimators.running import run_estimator
 from slamgauge.compare.scenarios.scenario import Scenario, as_scenario, scenario_text
 from slamgauge.compare.scenarios.schema import Assumed
@@ -180,7 +180,7 @@ def error_budget(
     scenario = as_scenario(scenario)
     (asked,) = ask([filter_name])
     _smoother(lag)  # a bad lag is refused before any run
-    if asked.name and asked.name not in FILTERS:
+    if isinstance(asked, BuiltIn) and asked.name not in FILTERS:
         raise UserError(
             f"filter: {filter_name!r} is not a filter whose error can be split; use {', '.join(FILTERS)}, or your own"
         )

@@ -22,7 +22,6 @@ from importlib.metadata import version
 from typing import TYPE_CHECKING, ParamSpec, TypeVar, cast
 
 from slamgauge.blas_threads import pin_blas_threads
-from slamgauge.compare.estimators.captured_output import belong_to, command
 from slamgauge.errors import UserError
 from slamgauge.version import __version__
 
@@ -50,7 +49,7 @@ class _Processes(Executor):
         context = multiprocessing.get_context("spawn")  # a fork would inherit BLAS threads and locks
         if hasattr(signal, "SIGHUP"):  # not on Windows
             _start_tracker()
-        return ProcessPoolExecutor(self._jobs, mp_context=context, initializer=_begin_work, initargs=(command(),))
+        return ProcessPoolExecutor(self._jobs, mp_context=context, initializer=_begin_work)
 
     def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
         """Submit a run, to new processes if the others have died."""
@@ -119,12 +118,8 @@ def _start_tracker() -> None:
             signal.signal(signal.SIGHUP, handler)
 
 
-def _begin_work(command: str) -> None:
-    """Ignore interrupts and a closed terminal, which the parent handles, and exit when the parent has ended.
-
-    Workers share the parent's files of output.
-    """
-    belong_to(command)
+def _begin_work() -> None:
+    """Ignore interrupts and a closed terminal, which the parent handles, and exit when the parent has ended."""
     for name in ("SIGINT", "SIGHUP"):
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), signal.SIG_IGN)

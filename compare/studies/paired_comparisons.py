@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from slamgauge.arrays import Float
 from slamgauge.compare.estimators.registry import BOUNDS, DEAD_RECKONING, is_optimum
-from slamgauge.compare.estimators.requests import Asked
+from slamgauge.compare.estimators.requests import Asked, BuiltIn
 from slamgauge.compare.scoring.aggregation import late_means
 from slamgauge.compare.scoring.intervals import Interval, Paired, compare_paired
 from slamgauge.compare.scoring.runs import Runs, paired
@@ -37,9 +37,11 @@ def compare_user_code(asked: Sequence[Asked], loaded: Mapping[str, Runs]) -> tup
 
     Each user estimator is compared with each built-in filter of the same kind, filtered or smoothed.
     """
-    built_in = [each for each in asked if each.name and not each.is_told and each.name != DEAD_RECKONING]
+    built_in = [
+        each for each in asked if isinstance(each, BuiltIn) and not each.is_told and each.name != DEAD_RECKONING
+    ]
     sentences: list[tuple[str, str]] = []
-    for mine in (each.label for each in asked if not each.name):
+    for mine in (each.label for each in asked if not isinstance(each, BuiltIn)):
         for other in (each.label for each in built_in if loaded[each.label].kind == loaded[mine].kind):
             found = _compared(loaded[mine], loaded[other]).get("ate_m")
             if found is None or found.ratio is None:

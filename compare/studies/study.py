@@ -12,9 +12,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 from slamgauge.compare.estimators.memory_check import require_room_for_runs
-from slamgauge.compare.estimators.requests import Asked, Chosen, ask, labels_among
-from slamgauge.compare.estimators.running import tell_remarks
+from slamgauge.compare.estimators.requests import Asked, Chosen, UserCode, ask, labels_among
+from slamgauge.compare.estimators.running import tell_remarks, try_out
 from slamgauge.compare.scenarios.scenario import Scenario, as_scenario, scenario_text
+from slamgauge.compare.scenarios.simulation import simulate
 from slamgauge.compare.scoring.runs import Runs
 from slamgauge.compare.storage.manifest import require_free
 from slamgauge.compare.storage.progress import counted
@@ -150,6 +151,9 @@ def _run_missing(store: StudyStore, work: _Work, runs: int) -> list[Failure]:
     results = Counter(run for run, key in stored if run < runs and key in labels)
     complete = sum(count == len(labels) for count in results.values())
     missing = ((run, [each for each in work.asked if (run, each.key) not in stored]) for run in range(runs))
+    if complete < runs:
+        for each in (each for each in work.asked if isinstance(each, UserCode)):
+            try_out(each, simulate(work.scenario, run_seed(work.seed, 0))[1])
     refused: list[Failure] = []
     lost: list[_Task] = []
     in_a_row = 0

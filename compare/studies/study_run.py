@@ -8,10 +8,9 @@ from time import perf_counter
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.compare.estimators.forms.form import remarks_of
-from slamgauge.compare.estimators.loading import load, without
+from slamgauge.compare.estimators.loading import load, remarks_of, without
 from slamgauge.compare.estimators.registry import entry_of
-from slamgauge.compare.estimators.requests import Asked, Chosen, ask
+from slamgauge.compare.estimators.requests import Asked, BuiltIn, Chosen, ask
 from slamgauge.compare.estimators.running import run_estimator
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.scenarios.simulation import simulate_informed
@@ -65,7 +64,7 @@ def run_once(scenario: Scenario, seed: int, estimators: Chosen) -> list[Outcome]
 def _outcome(scenario: Scenario, asked: Asked, truth: Truth, recording: Recording) -> Outcome:
     remarks: tuple[str, ...] = ()
     try:
-        if asked.is_bound:
+        if isinstance(asked, BuiltIn) and asked.is_bound:
             return _bound(asked, truth, recording)
         estimator = load(
             asked, scenario.association, scenario.initialisation_settings, robust=scenario.robustness, announced=False
@@ -74,7 +73,7 @@ def _outcome(scenario: Scenario, asked: Asked, truth: Truth, recording: Recordin
         if asked.is_told:
             estimator = without(estimator, recording, truth.misleading)
         estimate, seconds = run_estimator(asked.label, estimator, recording, remarked=False)
-        remarks = (*remarks, *remarks_of(estimator, recording))
+        remarks = (*remarks, *remarks_of(estimator))
         series = step_series(truth, estimate)
         distances = np.hypot(series[0], series[1])  # equal to the last bit to stores of earlier versions
         figures = map_figures(truth, recording, estimate, None) | filter_figures(estimate)
@@ -91,7 +90,7 @@ def _outcome(scenario: Scenario, asked: Asked, truth: Truth, recording: Recordin
         return replace(_failed(asked.key, error), remarks=remarks)
 
 
-def _bound(asked: Asked, truth: Truth, recording: Recording) -> Outcome:
+def _bound(asked: BuiltIn, truth: Truth, recording: Recording) -> Outcome:
     """Return the outcome of an estimator whose errors are the standard deviations of the bound."""
     entry = entry_of(asked.name)
     begun = perf_counter()

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from slamgauge.compare.estimators.user_code import UserCodeError
+from slamgauge.compare.estimators.user_errors import UserCodeError
 from slamgauge.compare.storage.csv_folder import read_estimate_csv, write_recording_csv
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, Kind

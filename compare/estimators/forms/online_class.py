@@ -12,16 +12,14 @@ parameters, ids, values and covariances. Other parts of the protocol are optiona
 
 from __future__ import annotations
 
-import inspect
 from dataclasses import dataclass
 from time import perf_counter
 from typing import Any
 
 import numpy as np
 
-from slamgauge.compare.estimators.forms.signatures import called, parameters, required
-from slamgauge.compare.estimators.fresh_modules import Code, Fresh
-from slamgauge.compare.estimators.user_code import Callee, UserCodeError
+from slamgauge.compare.estimators.forms.signatures import parameters, required
+from slamgauge.compare.estimators.user_errors import UserCodeError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Observations, Recording
 
@@ -29,19 +27,31 @@ START = ("sensor", "prior_mean", "prior_cov")
 MAP = ("landmark_ids", "landmarks", "landmark_covs")
 
 
-def description(given: Fresh) -> str | None:
-    """Return a short text, `online class NAME(PARAMETERS)`, or None if the callable is not an online class."""
-    kind = given.callee
-    if not inspect.isclass(kind) or not all(callable(getattr(kind, name, None)) for name in ("predict", "update")):
-        return None
-    return f"online class {kind.__name__}({', '.join(_constructed_with(kind))})"
+def is_online_class(given: object) -> bool:
+    """Return whether a callable is a class with the methods of an online filter."""
+    return isinstance(given, type) and not lacks(given)
+
+
+def lacks(given: type) -> str:
+    """Return the names of methods that a class lacks, or whose parameters are others; empty for an online class.
+
+    `pose` and `pose_cov` may be set by the constructor: they are read after every step.
+    """
+    wanted = {"predict": ("increment", "cov"), "update": ("observations",)}
+    sizes = {"predict": (2,), "update": (1, len(Observations._fields))}
+    found: list[str] = []
+    for name, words in wanted.items():
+        method = getattr(given, name, None)
+        if not callable(method) or len(required(method)) - 1 not in sizes[name]:  # the first is `self`
+            found.append(f"{name}({', '.join(words)})")
+    return ", ".join(found)
 
 
 @dataclass(frozen=True)
 class OnlineClass:
-    """An online class as an estimator; `code` loads the class again for each run."""
+    """An online class as an estimator."""
 
-    code: Code
+    kind: type
 
     def __call__(self, recording: Recording) -> Estimate:
         """Run a new object of the class over a recording, and return its estimate.
@@ -53,38 +63,41 @@ class OnlineClass:
         poses, pose_covs = np.empty((steps + 1, 3)), np.empty((steps + 1, 3, 3))
         nis, nis_dof, seconds = np.zeros(steps + 1), np.zeros(steps + 1, np.int64), np.zeros(steps + 1)
         associated, has_nis = [np.zeros(0, np.int64)], True
-        with self.code.fresh() as fresh:
-            slam = _made(fresh.callee, recording)
-            takes_fields = len(required(slam.update)) == len(Observations._fields)
-            for step, scan in enumerate(recording.scans()):
-                start = perf_counter()
-                if step > 0:
-                    called(slam.predict, recording.odometry[step - 1].copy(), recording.odometry_cov[step - 1].copy())
-                if len(scan.value):
-                    returned = _update(slam, scan, takes_fields=takes_fields)
-                    associated.append(np.array(getattr(slam, "associated", np.zeros(0)), np.int64))
-                    has_nis = has_nis and isinstance(returned, tuple) and len(returned) == 2
-                    nis[step], nis_dof[step] = returned if has_nis else (0.0, 0)
-                seconds[step] = perf_counter() - start
-                poses[step], pose_covs[step] = slam.pose, slam.pose_cov
-            fields: dict[str, Any] = {name: getattr(slam, name) for name in MAP if hasattr(slam, name)}
-            slots = np.concatenate(associated)
-            if hasattr(slam, "associated") and len(slots) == len(recording.observation):
-                fields["association"] = slam.standing(slots) if hasattr(slam, "standing") else slots
+        slam = _made(self.kind, recording)
+        takes_fields = len(required(slam.update)) == len(Observations._fields)
+        for step, scan in enumerate(recording.scans()):
+            start = perf_counter()
+            if step > 0:
+                slam.predict(recording.odometry[step - 1].copy(), recording.odometry_cov[step - 1].copy())
+            if len(scan.value):
+                returned = _update(slam, scan, takes_fields=takes_fields)
+                associated.append(np.array(getattr(slam, "associated", np.zeros(0)), np.int64))
+                has_nis = has_nis and isinstance(returned, tuple) and len(returned) == 2
+                nis[step], nis_dof[step] = returned if has_nis else (0.0, 0)
+            seconds[step] = perf_counter() - start
+            poses[step], pose_covs[step] = slam.pose, slam.pose_cov
+        fields: dict[str, Any] = {name: getattr(slam, name) for name in MAP if hasattr(slam, name)}
+        slots = np.concatenate(associated)
+        if hasattr(slam, "associated") and len(slots) == len(recording.observation):
+            fields["association"] = slam.standing(slots) if hasattr(slam, "standing") else slots
         if has_nis:
             fields |= {"nis": nis, "nis_dof": nis_dof}
         return Estimate("filtered", poses, pose_covs, seconds=seconds, **fields)
 
 
-def _made(kind: Callee, recording: Recording) -> Any:
+def _made(kind: type, recording: Recording) -> Any:
     names = _constructed_with(kind)
     lacking = [name for name in required(kind) if name not in names]
     if lacking:
+        what = f"its constructor needs {', '.join(lacking)}"
+        raise UserCodeError(f"{what}; take {', '.join(START)}, some or none of them, or write a wrapper that does")
+    slam = kind(**{name: getattr(recording, name) for name in names})
+    lacking = [name for name in ("pose", "pose_cov") if not hasattr(slam, name)]
+    if lacking:
         raise UserCodeError(
-            f"its constructor needs {', '.join(lacking)}; take {', '.join(START)}, some or none of them, "
-            "or store the state as mu and Sigma or as x and P and take x0, P0, Q, R"
+            f"it lacks {' and '.join(lacking)}; set them in the constructor, or write a wrapper that does"
         )
-    return kind(**{name: getattr(recording, name) for name in names})
+    return slam
 
 
 def _constructed_with(kind: object) -> list[str]:
@@ -93,4 +106,4 @@ def _constructed_with(kind: object) -> list[str]:
 
 def _update(slam: Any, scan: Observations, *, takes_fields: bool) -> Any:
     scan = Observations(None if scan.landmark is None else scan.landmark.copy(), scan.value.copy(), scan.cov.copy())
-    return called(slam.update, *scan) if takes_fields else called(slam.update, scan)
+    return slam.update(*scan) if takes_fields else slam.update(scan)

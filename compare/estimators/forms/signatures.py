@@ -1,25 +1,12 @@
-"""Calls of user functions: parameters, returned pairs, and a clear message where old code meets today's numpy."""
+"""Parameters of user functions and classes."""
 
 from __future__ import annotations
 
 import inspect
-from pathlib import Path
+from collections.abc import Callable
+from typing import Any
 
-import numpy as np
-
-from slamgauge.compare.estimators.user_code import Callee, UserCodeError, user_frames
-
-# what numpy writes if an array is given for a number
-NO_NUMBER = ("can be converted to Python scalars", "setting an array element with a sequence")
-
-
-class ArrayForNumberError(UserCodeError):
-    """User code takes an array for a number; `what` names file, line and source."""
-
-    def __init__(self, what: str) -> None:
-        self.what = what
-        remedy = "write the element, u[0, 0] for u[0] of a column"
-        super().__init__(f"{what}, which numpy {np.__version__} refuses; {remedy}")
+Callee = Callable[..., Any]
 
 
 def parameters(given: object) -> list[inspect.Parameter]:
@@ -36,30 +23,7 @@ def required(given: object) -> list[str]:
     return [each.name for each in parameters(given) if each.default is each.empty]
 
 
-def called(function: Callee, *arguments: object) -> object:
-    """Call a user function.
-
-    Raises:
-        ArrayForNumberError: it passes an array to numpy where a number is needed.
-        Exception: other errors of the function, unchanged.
-    """
-    try:
-        return function(*arguments)
-    except (TypeError, ValueError) as error:
-        frames = user_frames(error)
-        if not frames or not any(text in str(error) for text in NO_NUMBER):
-            raise
-        at = frames[-1]
-        what = f"{Path(at.filename).name}, line {at.lineno}: `{at.line}` takes an array for a number"
-        raise ArrayForNumberError(what) from error
-
-
-def pair(returned: object, name: str) -> list[object]:
-    """Return the parts of a returned tuple, at least two.
-
-    Raises:
-        UserCodeError: the function `name` returned something else.
-    """
-    if not isinstance(returned, tuple | list) or len(returned) < 2:
-        raise UserCodeError(f"{name} returned a {type(returned).__name__}; return state and covariance")
-    return [*returned]
+def spelt(given: object) -> str:
+    """Return a callable with its parameters, for messages: `class EKF(Q, R)`."""
+    kind = "class " if isinstance(given, type) else ""
+    return f"{kind}{getattr(given, '__name__', repr(given))}({', '.join(each.name for each in parameters(given))})"

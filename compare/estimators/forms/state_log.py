@@ -2,39 +2,16 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Callable
-from functools import partial
-from time import perf_counter
-
 import numpy as np
 
 from slamgauge.arrays import Float, Int
-from slamgauge.compare.estimators.user_code import UserCodeError
+from slamgauge.compare.estimators.user_errors import UserCodeError
 from slamgauge.estimate import Estimate
-from slamgauge.recording import Observations, Recording
+from slamgauge.recording import Recording
 from slamgauge.validation import REAL
 
 LARGEST_MAP = 100  # landmarks of a state; more are refused if they are also
 DUPLICATES = 5  # times as many as the recording has
-
-
-class Steps(ABC):
-    """A filter of a user with the recording that it runs over.
-
-    Attributes:
-        names: names of state and covariance, for error messages.
-    """
-
-    names: tuple[str, str] = ("xEst", "PEst")
-
-    @abstractmethod
-    def advanced(self, step: int, scan: Observations) -> tuple[object, object]:
-        """Move one step on; return state and covariance."""
-
-    def ids(self, scan: Observations) -> Int | None:
-        """Return the ids (m,) of a scan after its step; None if the associations are unknown."""
-        return scan.landmark
 
 
 class StateLog:
@@ -49,7 +26,6 @@ class StateLog:
 
     def __init__(self, recording: Recording) -> None:
         self._recording = recording
-        self._names = Steps.names
         self._ids: list[int] = []
         self._is_named = True
         self._poses = [recording.prior_mean]
@@ -57,44 +33,19 @@ class StateLog:
         self._seconds = [0.0]
         self._state, self._cov = self._poses[0], self._covs[0]
 
-    @property
-    def steps(self) -> int:
-        """Number of steps that are logged."""
-        return len(self._poses) - 1
-
-    def run(self, steps: Steps) -> Estimate:
-        """Log a filter over the whole recording; return its estimate.
-
-        Raises:
-            UserCodeError: state and covariance have wrong or different sizes, or are not finite.
-        """
-        self._names = steps.names
-        for step, scan in enumerate(self._recording.scans()):
-            self.step(step, partial(steps.ids, scan), partial(steps.advanced, step, scan))
-        return self.estimate()
-
-    def step(
-        self,
-        number: int,
-        observed: Int | Callable[[], Int | None] | None,
-        advance: Callable[[], tuple[object, object]],
-    ) -> None:
-        """Call `advance` and log the state and covariance that it returns.
+    def add(self, number: int, returned: tuple[object, object], ids: Int | None, seconds: float) -> None:
+        """Log a step.
 
         Args:
             number: number of the step, one above that of the last call, or 0.
-            observed: (m,) ids of its observations; None if they are unknown; or a function that returns this after
-                the step.
-            advance: moves the filter one step on.
+            returned: state and covariance after the step.
+            ids: (m,) ids of its observations; None if they are unknown.
+            seconds: computing time.
 
         Raises:
             UserCodeError: state and covariance have wrong or different sizes, or are not finite.
         """
-        start = perf_counter()
-        state, cov = advance()
-        seconds = perf_counter() - start
-        ids = observed() if callable(observed) else observed
-        self._state, self._cov = self._checked(number, state, cov)
+        self._state, self._cov = _checked(number, *returned)
         del self._poses[number:], self._covs[number:], self._seconds[number:]
         self._poses.append(self._state[:3])
         self._covs.append((self._cov[:3, :3] + self._cov[:3, :3].T) / 2)
@@ -137,17 +88,18 @@ class StateLog:
             seconds=np.array(self._seconds),
         )
 
-    def _checked(self, number: int, state: object, cov: object) -> tuple[Float, Float]:
-        """Return copies (3+2n,) and (3+2n, 3+2n), whatever shape the state has."""
-        (x, P), (x_name, P_name) = (_array(state), _array(cov)), self._names
-        size = x.size
-        if size < 3 or not size % 2 or P.shape != (size, size):
-            what = f"{x_name} {x.shape} and {P_name} {P.shape}"
-            raise UserCodeError(f"step {number}: returned {what}; return (3+2n, 1) and (3+2n, 3+2n)")
-        for name, array in ((x_name, x), (P_name, P)):
-            if not np.isfinite(array).all():
-                raise UserCodeError(f"step {number}: {name} is not finite from here on; look for what divides by zero")
-        return x.reshape(-1), P
+
+def _checked(number: int, state: object, cov: object) -> tuple[Float, Float]:
+    """Return copies (3+2n,) and (3+2n, 3+2n), whatever shape the state has."""
+    x, P = _array(state), _array(cov)
+    size = x.size
+    if size < 3 or not size % 2 or P.shape != (size, size):
+        what = f"xEst {x.shape} and PEst {P.shape}"
+        raise UserCodeError(f"step {number}: returned {what}; return (3+2n, 1) and (3+2n, 3+2n)")
+    for name, array in (("xEst", x), ("PEst", P)):
+        if not np.isfinite(array).all():
+            raise UserCodeError(f"step {number}: {name} is not finite from here on; look for what divides by zero")
+    return x.reshape(-1), P
 
 
 def _array(value: object) -> Float:

@@ -1,4 +1,4 @@
-"""Step functions of the exercise: `ekf_slam(xEst, PEst, u, y) -> xEst, PEst`.
+"""Step functions of the exercise and of PythonRobotics: `ekf_slam(xEst, PEst, u, y) -> xEst, PEst`.
 
 State (3+2n, 1), u (2, 1) = speed [m/s] and yaw rate [rad/s], y (m, 3) = range [m], bearing [rad], id. The function
 reads globals of its module: DT [s], Q (2, 2) of u, Py (2, 2), KNOWN_DATA_ASSOCIATION (`step_settings`). An increment
@@ -10,157 +10,165 @@ return a third value (rays and their weights), and y = [bearing, id], or [range,
 
 from __future__ import annotations
 
-import inspect
-from collections.abc import Callable
+from copy import deepcopy
 from dataclasses import dataclass, field
-from functools import partial
+from time import perf_counter
 from typing import Any
 
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.compare.estimators.forms.columns import column, use_columns
-from slamgauge.compare.estimators.forms.inputs import step_length
-from slamgauge.compare.estimators.forms.signatures import ArrayForNumberError, called, pair, parameters, required
+from slamgauge.compare.estimators.addresses import Noise
+from slamgauge.compare.estimators.forms.columns import column
+from slamgauge.compare.estimators.forms.signatures import Callee, parameters, required
 from slamgauge.compare.estimators.forms.state_log import StateLog
-from slamgauge.compare.estimators.forms.step_settings import SETTINGS, STATE_AND_INPUT, StepSettings, is_setting
-from slamgauge.compare.estimators.forms.step_source import is_a_dict, width_of_bearings
-from slamgauge.compare.estimators.fresh_modules import Code, Fresh
-from slamgauge.compare.estimators.user_code import Callee, Noise, UserCodeError
+from slamgauge.compare.estimators.forms.step_settings import SETTINGS, STATE_AND_INPUT, StepSettings, step_length
+from slamgauge.compare.estimators.forms.step_source import (
+    names_read,
+    starts_where_called,
+    step_length_hint,
+    width_of_bearings,
+)
+from slamgauge.compare.estimators.user_errors import UserCodeError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Observations, Recording
 from slamgauge.sensors import SENSORS
 
+PLAIN = (bool, int, float, complex, str, type(None), np.ndarray, np.generic)  # types of globals that start as they were
 
-def description(given: Fresh) -> str | None:
-    """Describe a step function; return None for anything else."""
-    if len(required(given.callee)) < STATE_AND_INPUT or inspect.isclass(given.callee):
-        return None
-    return f"step function of the exercise ({', '.join(each.name for each in parameters(given.callee))})"
+
+def is_step_function(given: object) -> bool:
+    """Return whether a callable has the parameters of a step function."""
+    return callable(given) and not isinstance(given, type) and len(required(given)) >= STATE_AND_INPUT
+
+
+def lacks(given: Callee) -> str:
+    """Return what a callable with the parameters of a step function lacks; empty if it is one."""
+    if "DT" in names_read(given) or "DT" in (each.name for each in parameters(given)):
+        return ""
+    hint = step_length_hint(given)
+    return f"DT, the length of a step [s], which it reads nowhere; {hint or 'two functions need the wrapper'}"
 
 
 @dataclass
 class StepFunction:
-    """A step function as an estimator.
+    """A step function as an estimator; every run finds the globals of its module as they were before.
 
     Attributes:
-        code: source of the function.
-        noise: assumed noise: that of the recording, or Q and Py of its file.
-        found: remarks on the last run.
+        function: the function.
+        noise: assumed noise: that of the recording, or that of its file.
+        remarks: sentences on the last run: settings of the file that are replaced or kept.
         replaces_noise: whether the noise of the recording replaced another one of the file in the last run.
     """
 
-    code: Code
+    function: Callee
     noise: Noise = "recording"
-    found: list[str] = field(default_factory=list, compare=False, repr=False)
+    remarks: list[str] = field(default_factory=list, compare=False, repr=False)
     replaces_noise: bool = field(default=False, init=False, compare=False, repr=False)
 
     def __call__(self, recording: Recording) -> Estimate:
         """Run the function over a recording; for a scan at step 0, u and Q are zero.
 
-        If numpy refuses an array of one element as a number, the function runs again with columns (`columns`).
-
         Raises:
             UserCodeError: u, y and globals cannot express the recording, or the function returns no state.
         """
         _require_expressible(recording)
+        space: dict[str, Any] = getattr(self.function, "__globals__", {})
+        before = dict(space)
+        space.update({name: deepcopy(value) for name, value in before.items() if _is_data(value)})
         try:
-            return self._run(recording, array=lambda value: value)
-        except ArrayForNumberError as error:
-            estimate = self._run(recording, array=column)
-            remedy = "its arrays of one element are converted to numbers"
-            self.found.append(f"{error.what}, which numpy {np.__version__} refuses; {remedy}")
-            return estimate
+            return self._run(recording)
+        finally:
+            space.update(before)
+            for name in space.keys() - before.keys():
+                del space[name]
 
-    def remarks(self, _recording: Recording) -> list[str]:
-        """Return the remarks on the last run."""
-        return [*self.found]
-
-    def _run(self, recording: Recording, array: Callable[[Any], Any]) -> Estimate:
-        log = StateLog(recording)
-        with self.code.fresh() as fresh:
-            if array is column:
-                use_columns(getattr(fresh.callee, "__globals__", {}))
-            stepper = _Stepper(fresh.callee, recording, self.noise, array)
-            self.found[:] = stepper.settings.remarks()
-            self.replaces_noise = stepper.settings.replaces_noise
-            for step, scan in enumerate(recording.scans()):
-                if step > 0 or len(scan.value):
-                    ids = scan.landmark if stepper.settings.shows_ids else None
-                    log.step(step, ids, stepper.advance_by(step, scan))
+    def _run(self, recording: Recording) -> Estimate:
+        settings, log = StepSettings(self.function, recording, self.noise), StateLog(recording)
+        self.remarks, self.replaces_noise = settings.remarks(), settings.replaces_noise
+        rest = [each for each in parameters(self.function)[STATE_AND_INPUT:] if each.name not in SETTINGS]
+        shared = [each.name for each in rest if _is_setting(each.name, settings.space)]
+        passed = _first_values(self.function, shared, settings.space)
+        width = 3
+        if recording.observation.shape[1] == 1:
+            width = width_of_bearings(self.function, STATE_AND_INPUT - 1, settings.observation_cov)
+        x: Any = recording.prior_mean.reshape(3, 1).copy()
+        P: Any = recording.prior_cov.copy()
+        for step, scan in enumerate(recording.scans()):
+            if step == 0 and not len(scan.value):
+                continue
+            settings.set(step, scan, heading=float(np.asarray(x).flat[2]))
+            named = settings.named() | {name: settings.space[name] for name in shared} | passed
+            ids = scan.landmark if settings.shows_ids else None
+            u, y = column(_input(recording, step)), column(_observed(scan, ids is not None, width))
+            start = perf_counter()
+            returned = self.function(column(x), column(P), u, y, **named)
+            seconds = perf_counter() - start
+            if not isinstance(returned, tuple | list) or len(returned) < 2:
+                kind = type(returned).__name__
+                raise UserCodeError(f"the step function returned a {kind}; return state and covariance")
+            x, P, *more = returned
+            log.add(step, (x, P), ids, seconds)
+            passed = _passed_on(self.function, passed, more)
         return log.estimate()
 
 
-class _Stepper:
-    """A step function with its settings and the state that it returned last."""
+def _first_values(function: Callee, shared: list[str], space: dict[str, Any]) -> dict[str, Any]:
+    """Return the start of the values that the function returns after state and covariance and takes again, by name.
 
-    def __init__(self, function: Callee, recording: Recording, noise: Noise, array: Callable[[Any], Any]) -> None:
-        self.settings = StepSettings(function, recording, noise)
-        self._function, self._recording, self._array = function, recording, array
-        rest = [each for each in parameters(function)[STATE_AND_INPUT:] if each.name not in SETTINGS]
-        space = self.settings.space
-        self._globals = [each.name for each in rest if is_setting(each, space)]
-        self._passed_on = _passed_on([each for each in rest if each.name not in self._globals])
-        self._values = {each.name: _first(function, each, space) for each in self._passed_on}
-        self._x: object = recording.prior_mean.reshape(3, 1).copy()
-        self._P: object = recording.prior_cov.copy()
-        self._y_width = 3
-        if recording.observation.shape[1] == 1:
-            self._y_width = width_of_bearings(function, STATE_AND_INPUT - 1, self.settings.observation_cov)
+    It is the default of the parameter, a global of its name, or the value with which the file calls the function.
 
-    def advance_by(self, step: int, scan: Observations) -> Any:
-        """Set the globals and return a function that calls the step function, for `StateLog.step`."""
-        self.settings.set(step, scan, heading=float(np.asarray(self._x).flat[2]))
-        space, array = self.settings.space, self._array
-        matrix = np.asmatrix if self.settings.uses_matrices else np.asarray
-        named = {name: array(value) for name, value in self.settings.named().items()}
-        named |= {name: space[name] for name in self._globals}
-        u, y = array(matrix(self._input(step))), array(matrix(self._observations(scan)))
-
-        def advance() -> tuple[object, object]:
-            bound = partial(self._function, **named, **self._values)
-            x, P = array(matrix(np.array(self._x))), array(np.array(self._P))
-            self._x, self._P, *third = pair(called(bound, x, P, u, y), "the step function")
-            self._pass_on(third)
-            return self._x, self._P
-
-        return advance
-
-    def _pass_on(self, returned: list[object]) -> None:
-        """Store what the function returned after state and covariance, as arguments of the next step."""
-        names = [*self._values]
-        required_names = [each.name for each in self._passed_on if each.default is each.empty]
-        if 0 < len(returned) < len(required_names):
-            what = "only one value can" if len(returned) == 1 else f"only {len(returned)} values can"
-            raise UserCodeError(f"parameters {', '.join(required_names)}: {what} be passed on from step to step")
-        self._values.update(zip(names, returned, strict=False))
-
-    def _input(self, step: int) -> Float:
-        """Return the control u (2, 1): speed [m/s], yaw rate [rad/s]."""
-        if step == 0:
-            return np.zeros((2, 1))
-        return self._recording.odometry[step - 1, [0, 2]].reshape(2, 1) / step_length(self._recording, step)
-
-    def _observations(self, scan: Observations) -> Float:
-        """Return the scan as y (m, 3) or (m, 2): unknown ranges are NaN, unknown ids in the last column are -1."""
-        shown = scan.landmark if self.settings.shows_ids else None
-        ids = np.full(len(scan.value), -1) if shown is None else shown
-        y = np.column_stack([scan.value, ids.astype(np.float64)])
-        unknown = np.full((len(y), self._y_width - y.shape[1]), np.nan)
-        return np.hstack([unknown, y])
+    Raises:
+        UserCodeError: none of these exists.
+    """
+    rest = [(number, each) for number, each in enumerate(parameters(function)) if number >= STATE_AND_INPUT]
+    rest = [(number, each) for number, each in rest if each.name not in (*SETTINGS, *shared)]
+    found: dict[str, Any] = {}
+    for number, each in [pair for pair in rest if pair[1].default is pair[1].empty] or rest[:1]:
+        starts = [each.default] if each.default is not each.empty else []
+        starts = starts or ([space[each.name]] if each.name in space else starts_where_called(function, number))
+        if not starts:
+            what = f"its parameter {each.name} has no value at the start"
+            raise UserCodeError(f"{what}; give it a default, or write a global {each.name} = ... in the file")
+        found[each.name] = starts[0]
+    return found
 
 
-def _passed_on(rest: list[inspect.Parameter]) -> list[inspect.Parameter]:
-    """Return the parameters that take the values returned after state and covariance; one of those with a default."""
-    without_default = [each for each in rest if each.default is each.empty]
-    return without_default or rest[:1]
+def _passed_on(function: Callee, passed: dict[str, Any], returned: list[Any]) -> dict[str, Any]:
+    """Return the values of the next step: those that the function returned, or if it returned none those before."""
+    needed = [name for name in passed if name in required(function)]
+    if 0 < len(returned) < len(needed):
+        what = "only one value can" if len(returned) == 1 else f"only {len(returned)} values can"
+        raise UserCodeError(f"parameters {', '.join(needed)}: {what} be passed on from step to step")
+    return passed | dict(zip(passed, returned, strict=False))
 
 
-def _first(function: Callee, parameter: inspect.Parameter, space: dict[str, Any]) -> object:
-    """Return a value that is passed on, at the start: default of its parameter, global, or an empty list or dict."""
-    if parameter.default is not parameter.empty:
-        return parameter.default
-    return space.get(parameter.name, {} if is_a_dict(function, parameter.name) else [])
+def _is_setting(name: str, space: dict[str, Any]) -> bool:
+    """Return whether a parameter has a global of its name; lists, dicts and sets are passed on from step to step."""
+    return name in space and not isinstance(space[name], list | dict | set)
+
+
+def _is_data(value: object) -> bool:
+    """Return whether a value consists of numbers, texts and arrays."""
+    if isinstance(value, dict):
+        return all(_is_data(each) for pair in value.items() for each in pair)
+    if isinstance(value, list | tuple | set | frozenset):
+        return all(map(_is_data, value))
+    return isinstance(value, PLAIN)
+
+
+def _input(recording: Recording, step: int) -> Float:
+    """Return the control u (2, 1): speed [m/s], yaw rate [rad/s]."""
+    if step == 0:
+        return np.zeros((2, 1))
+    return recording.odometry[step - 1, [0, 2]].reshape(2, 1) / step_length(recording, step)
+
+
+def _observed(scan: Observations, shows_ids: bool, width: int) -> Float:
+    """Return the scan as y (m, 3) or (m, 2): unknown ranges are NaN, unknown ids in the last column are -1."""
+    ids = scan.landmark if shows_ids and scan.landmark is not None else np.full(len(scan.value), -1)
+    y = np.column_stack([scan.value, ids.astype(np.float64)])
+    return np.hstack([np.full((len(y), width - y.shape[1]), np.nan), y])
 
 
 def _require_expressible(recording: Recording) -> None:

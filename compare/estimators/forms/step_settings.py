@@ -1,35 +1,40 @@
 """Settings of a step function: DT, KNOWN_DATA_ASSOCIATION, M_DIST_TH and its noise, globals or parameters.
 
-The recording's values replace those of the file. Every replaced value is named in the remarks of the run. These are
-kept:
+The exercise has Q (2, 2), noise of u, and Py (2, 2), noise of an observation. PythonRobotics has Cx (3, 3), noise of
+the pose in a step in the world frame; the only covariance (2, 2) that the function reads is that of an observation.
+
+The recording's values replace those of the file. The remarks of the run name every replaced value. These are kept:
 
 * KNOWN_DATA_ASSOCIATION = 0: the function gets no ids and associates on its own;
-* M_DIST_TH, which is 9.0 for a function that takes it as a parameter and has no value for it. In a file with Cx it fits
-  the noise of the file only: 13.8 replaces it where the recording's noise replaces that of the file;
+* M_DIST_TH. In a file with Cx it fits the noise of the file only: 13.8 replaces it where that noise is replaced;
 * the noise of the file if it is requested;
-* noise under other names than those of `step_noise`: it cannot be set to that of a recording.
+* noise under other names, and a Cx that is the noise of observations, too: no recording has such noise.
 """
 
 from __future__ import annotations
 
-import inspect
 from copy import deepcopy
 from typing import Any
 
-from slamgauge.compare.estimators.forms.inputs import CLOSE, step_length
-from slamgauge.compare.estimators.forms.signatures import parameters
-from slamgauge.compare.estimators.forms.step_noise import EXERCISE, POSE, StepNoise
+import numpy as np
+
+from slamgauge.arrays import Float
+from slamgauge.compare.estimators.addresses import Noise
+from slamgauge.compare.estimators.forms.signatures import Callee, parameters
 from slamgauge.compare.estimators.forms.step_source import names_read
-from slamgauge.compare.estimators.user_code import Callee, Noise, UserCodeError
+from slamgauge.compare.estimators.user_errors import UserCodeError
 from slamgauge.ekf.settings import PLAIN
 from slamgauge.recording import Observations, Recording
+from slamgauge.se2 import rotation
 
 STATE_AND_INPUT = 4  # parameters that every variant has
 KNOWN = "KNOWN_DATA_ASSOCIATION"
-DISTANCE, USUAL_DISTANCE = "M_DIST_TH", 9.0  # squared Mahalanobis distance; value of the exercise
+DISTANCE = "M_DIST_TH"  # squared Mahalanobis distance
 WIDE_DISTANCE = PLAIN.gate  # one correct observation in a thousand has a larger distance
+EXERCISE, POSE = ("Q", "Py"), "Cx"
 SETTINGS = ("DT", *EXERCISE, KNOWN, DISTANCE)
 IDS = "trueLandmarkId"  # list of ids, empty at the start, in files of the exercise
+CLOSE = 1e-3  # largest relative difference of equal settings
 
 
 class StepSettings:
@@ -38,31 +43,44 @@ class StepSettings:
     Args:
         function: the step function, as new.
         recording: the recording of the run.
-        noise: assumed noise: that of the recording, or Q and Py of the file.
+        noise: assumed noise: that of the recording, or that of the file.
 
     Raises:
-        UserCodeError: the function does not use DT, or a setting has no value.
+        UserCodeError: a setting has no value.
     """
 
     def __init__(self, function: Callee, recording: Recording, noise: Noise) -> None:
         self.space: dict[str, Any] = getattr(function, "__globals__", {})
-        self._recording = recording
+        self._recording, self._read = recording, names_read(function)
         self._parameters = {each.name: each for each in parameters(function)[STATE_AND_INPUT:]}
-        self._read = names_read(function)
-        self._file = self._values_of_the_file()
+        defaults = {name: each.default for name, each in self._parameters.items() if each.default is not each.empty}
+        covariances = {name: value for name in self._read if (value := _covariance(self.space.get(name))) is not None}
+        settings = {name: value for name, value in {**defaults, **self.space}.items() if name in SETTINGS}
+        self._file: dict[str, Any] = deepcopy(covariances | settings)
         self._used = {*self.space, *self._parameters}
-        self._noise = StepNoise(self.space, self._read, self._file, self._used, recording, noise)
-        has_ids = recording.landmark is not None
-        self._reads_known = KNOWN in {*self._read, *self._parameters}
-        is_known = self._file.get(KNOWN, True) if self._reads_known else DISTANCE not in self._read
-        self.shows_ids = has_ids and bool(is_known)
-        if DISTANCE in self._parameters and DISTANCE not in self._file:
-            self.space[DISTANCE] = USUAL_DISTANCE
+        self._motion, self._observation = EXERCISE
+        if self._observation not in self._used and np.shape(self._file.get(POSE, 0)) == (3, 3):
+            others = [name for name, value in covariances.items() if value.shape == (2, 2)]
+            self._motion, self._observation = POSE, others[0] if len(others) == 1 else ""
+        self._replaced = self._replaced_noise() if noise == "recording" else frozenset[str]()
+        reads_known = KNOWN in {*self._read, *self._parameters}
+        is_known = self._file.get(KNOWN, True) if reads_known else DISTANCE not in self._read
+        self.shows_ids = recording.landmark is not None and bool(is_known)
         if self._replaces_distance:
             self.space[DISTANCE] = WIDE_DISTANCE
         if IDS in self._read:
             self.space.setdefault(IDS, [])
-        self._require_values()
+        known = {"DT", KNOWN, *self._replaced, *self.space}
+        for name, each in self._parameters.items():
+            if name in SETTINGS and name not in known and each.default is each.empty:
+                raise UserCodeError(f"no global has the value of its parameter {name}; give it a default")
+
+    def _replaced_noise(self) -> frozenset[str]:
+        if not self._observation:
+            return frozenset()
+        is_other = self._motion != POSE and np.shape(self._file.get(self._motion, 0)) == (3, 3)
+        own = {self._motion} if is_other else frozenset[str]()
+        return frozenset({self._motion, self._observation} & self._used - own)
 
     @property
     def observation_cov(self) -> Any:
@@ -72,27 +90,63 @@ class StepSettings:
     @property
     def replaces_noise(self) -> bool:
         """Whether the noise of the recording replaces another one of the file."""
-        return self._noise.replaces_noise
-
-    @property
-    def uses_matrices(self) -> bool:
-        """Whether the function uses `numpy.matrix`, for which `*` is the product of matrices."""
-        return "matrix" in self._read
+        return any(self._remark(name) for name in self._replaced)
 
     def named(self) -> dict[str, Any]:
         """Return arguments for parameters of these names."""
         return {name: self.space[name] for name in self._parameters if name in SETTINGS and name in self.space}
 
     def set(self, step: int, scan: Observations, heading: float) -> None:
-        """Set the globals of a step that begins at a heading [rad]."""
+        """Set the globals of a step that begins at a heading [rad]; step 0 has no motion."""
         self.space["DT"] = step_length(self._recording, step)
         if KNOWN in self._used:
             self.space[KNOWN] = int(self.shows_ids)
-        self._noise.set(step, scan, heading)
+        if self._motion in self._replaced:
+            self.space[self._motion] = self._motion_cov(step, heading)
+        elif self._motion in self._file and np.shape(self._file[self._motion]) in ((2, 2), (3, 3)):
+            self.space[self._motion] = self._file[self._motion] * (step > 0)
+        if self._observation in self._replaced and len(scan.value):
+            self.space[self._observation] = self._observation_cov(step, scan)
+
+    def _motion_cov(self, step: int, heading: float) -> Float:
+        """Return the covariance (2, 2) of speed and yaw rate, or (3, 3) of the motion in the world frame."""
+        cov = increment_cov(self._recording, step) * (step > 0)
+        if self._motion != POSE:
+            return cov[np.ix_([0, 2], [0, 2])] / step_length(self._recording, step) ** 2
+        turn = np.eye(3)
+        turn[:2, :2] = rotation(heading)
+        return turn @ cov @ turn.T
+
+    def _observation_cov(self, step: int, scan: Observations) -> Float:
+        """Return the covariance of an observation; a bearing-only recording keeps the file's variance of ranges."""
+        given: Float = scan.cov[0]
+        if not (scan.cov == given).all():
+            what = f"step {step}: observations of one scan have different noise"
+            raise UserCodeError(f"{what}, which one {self._observation} cannot express; take its own, --noise file")
+        cov = _numbers(self._file.get(self._observation, given))
+        if cov.size == 1 and cov > 0:  # None is NaN
+            if len(given) == 1:
+                return given.reshape(cov.shape).copy()
+            what = f"it is a bearing-only file, since its {self._observation} is one variance"
+            remedy = "use `study` or `grade` on a bearing-only scenario (q4-ring)"
+            other = f"a file that takes ranges needs {self._observation} of {len(given)} rows"
+            raise UserCodeError(f"{what}; this recording, as those of `check`, has ranges; {remedy}; {other}")
+        if cov.ndim != 2 or len({*cov.shape}) != 1 or len(cov) < len(given):
+            what = f"its {self._observation} must be a square matrix of at least {len(given)} rows"
+            raise UserCodeError(f"{what}, for the noise of an observation; mend it, or take its own, --noise file")
+        cov[-len(given) :, -len(given) :] = given
+        return cov
 
     def remarks(self) -> list[str]:
         """Return a sentence for each setting of the file that is replaced, or kept against the recording."""
-        found = [self._dt_remark(), self._association_remark(), *self._noise.remarks()]
+        found = [self._dt_remark(), self._association_remark()]
+        found += [self._remark(name) for name in (self._motion, self._observation)]
+        missing = [name for name in (self._motion, self._observation) if name and name not in self._used]
+        if missing:
+            found.append(f"noise of its own: the file has no {' and no '.join(missing)}")
+        if not self._observation:
+            what = f"{POSE} of the file, {_shown(self._file[POSE])}, is kept"
+            found.append(f"{what}: it is the noise of motion and of observations, and no recording has such noise")
         if self._replaces_distance:
             why = f"that of the file fits its {POSE}, which is replaced"
             found.append(f"{DISTANCE} of the file, {self._file[DISTANCE]}, is replaced by {WIDE_DISTANCE}: {why}")
@@ -100,21 +154,7 @@ class StepSettings:
 
     @property
     def _replaces_distance(self) -> bool:
-        return POSE in self._noise.replaced and DISTANCE in self._file
-
-    def _values_of_the_file(self) -> dict[str, Any]:
-        """Return copies of the settings that the file has, as globals or defaults of parameters."""
-        defaults = {name: each.default for name, each in self._parameters.items() if each.default is not each.empty}
-        found = {name: {**defaults, **self.space}[name] for name in SETTINGS if name in {**defaults, **self.space}}
-        return deepcopy(found)
-
-    def _require_values(self) -> None:
-        if "DT" not in self._used:
-            raise UserCodeError("has neither a global nor a parameter DT, the length of a step [s]; use that name")
-        known = {"DT", KNOWN, *self._noise.replaced, *self.space}
-        for name, each in self._parameters.items():
-            if name in SETTINGS and name not in known and each.default is each.empty:
-                raise UserCodeError(f"no global has the value of its parameter {name}; give it a default")
+        return POSE in self._replaced and DISTANCE in self._file
 
     def _dt_remark(self) -> str:
         own, given = self._file.get("DT"), step_length(self._recording, 1)
@@ -123,18 +163,71 @@ class StepSettings:
         return f"DT of the file, {own:g} s, is replaced by the recording's, {given:.4g} s"
 
     def _association_remark(self) -> str:
+        reads_known = KNOWN in {*self._read, *self._parameters}
         if self._recording.landmark is None:
             what = f"{KNOWN} of the file, {self._file.get(KNOWN)}, is replaced by 0: the recording has no ids"
-            return what if self._file.get(KNOWN) and self._reads_known else ""
+            return what if self._file.get(KNOWN) and reads_known else ""
         if self.shows_ids:
             return ""
-        why = f"{KNOWN} is 0" if self._reads_known else f"it uses {DISTANCE} and not {KNOWN}"
+        why = f"{KNOWN} is 0" if reads_known else f"it uses {DISTANCE} and not {KNOWN}"
         return f"associates on its own and gets no ids, since {why} in the file; its map has no ids and is not graded"
 
+    def _remark(self, name: str) -> str:
+        """Compare a covariance of the file with that of the recording; return an empty text if they are equal."""
+        own, recording, frame = self._file.get(name), self._recording, ""
+        if own is None or not name or (self._motion == POSE and not self._observation):
+            return ""
+        if name == self._observation and len(recording.observation_cov):
+            given: Float = recording.observation_cov[0]
+        elif name == self._motion and recording.steps:
+            length = step_length(recording, 1)
+            given = increment_cov(recording, 1)
+            frame = " (body frame)" if name == POSE else ""
+            given = given if name == POSE else given[np.ix_([0, 2], [0, 2])] / length**2
+        else:
+            return ""
+        values = np.atleast_2d(_numbers(own))
+        if values.shape == (2, 2) and len(given) == 1:
+            values = values[-1:, -1:]
+        if values.shape == given.shape and np.allclose(values, given, rtol=CLOSE, atol=1e-12 * abs(given).max()):
+            return ""
+        is_root = values.shape == given.shape and np.allclose(values, np.sqrt(abs(given)), rtol=CLOSE, atol=0.0)
+        hint = ": it has standard deviations, a square is missing" if is_root else ""
+        if name in self._replaced:
+            return f"{name} of the file, {_shown(own)}, is replaced by the recording's, {_shown(given)}{hint}{frame}"
+        return f"assumes {name} of the file, {_shown(own)}, where the recording has {_shown(given)}{hint}{frame}"
 
-def is_setting(parameter: inspect.Parameter, space: dict[str, Any]) -> bool:
-    """Return whether a parameter after y has a global of its name that is no list, dict or set.
 
-    Lists, dicts and sets are values that the function passes on from step to step.
-    """
-    return parameter.name in space and not isinstance(space[parameter.name], list | dict | set)
+def step_length(recording: Recording, step: int) -> float:
+    """Return the length of a step [s]; a scan at step 0 has that of step 1."""
+    last = min(max(step, 1), recording.steps)
+    return float(recording.stamps[last] - recording.stamps[last - 1]) if last else 1.0
+
+
+def increment_cov(recording: Recording, step: int) -> Float:
+    """Return the covariance (3, 3) of the increment of a step [m, m, rad]; step 0 has that of step 1."""
+    return recording.odometry_cov[max(step, 1) - 1].copy() if recording.steps else np.zeros((3, 3))
+
+
+def _covariance(value: object) -> Float | None:
+    """Return a copy of a square matrix of 1 to 3 rows; None for other values."""
+    is_square = isinstance(value, np.ndarray) and value.ndim == 2 and value.shape in ((1, 1), (2, 2), (3, 3))
+    return value.copy() if is_square else None  # pyrefly: ignore[missing-attribute]
+
+
+def _numbers(value: object) -> Float:
+    """Return a copy of a value as an array of numbers; an empty array if it is not one."""
+    try:
+        return np.array(value, np.float64)
+    except (TypeError, ValueError):
+        return np.zeros(0)
+
+
+def _shown(value: object) -> str:
+    """Return a matrix in few characters, `diag(0.09, 0.0027)` if it is diagonal."""
+    array = _numbers(value)
+    if not array.size:
+        return repr(value)[:40]
+    if array.ndim == 2 and len({*array.shape}) == 1 and not (array - np.diag(np.diag(array))).any():
+        return f"diag({', '.join(f'{each:.3g}' for each in np.diag(array))})"
+    return np.array2string(array, precision=3, separator=", ").replace("\n", "")

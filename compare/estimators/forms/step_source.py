@@ -1,56 +1,50 @@
-"""What the source of a step function reads: global names, columns of y, and the values that it passes on."""
+"""What the source of a step function reads: global names, columns of y, the step length, starts of passed values."""
 
 from __future__ import annotations
 
 import ast
 import inspect
 import textwrap
+from collections.abc import Iterator
 from types import CodeType, FunctionType
 from typing import Any
 
 import numpy as np
 
-from slamgauge.compare.estimators.forms.signatures import parameters
-from slamgauge.compare.estimators.user_code import Callee
+from slamgauge.compare.estimators.forms.signatures import Callee, parameters
 
-OF_DICTS = ("get", "items", "keys", "setdefault", "values")
-
-
-def tree_of(function: Callee) -> ast.AST:
-    """Parse the source of a function; return an empty module if Python does not find it."""
-    try:
-        return ast.parse(textwrap.dedent(inspect.getsource(function)))
-    except (OSError, TypeError, SyntaxError):
-        return ast.Module([], [])
+STEP_LENGTHS = ("dt", "delta_t", "dT", "Ts", "time_step")  # usual names besides DT
 
 
 def names_read(function: Callee) -> set[str]:
     """Return the global names that a function and the functions of its module that it calls read."""
+    return {name for each in _called(function) for name in each.co_names}
+
+
+def step_length_hint(function: Callee) -> str:
+    """Return where a function reads a step length under another name; empty if it is not found."""
     space: dict[str, Any] = getattr(function, "__globals__", {})
-    found: set[str] = set()
-    waiting = [getattr(function, "__code__", None)]
+    for name in names_read(function):
+        if name in STEP_LENGTHS and isinstance(space.get(name), int | float):
+            return f"its {name} = {space[name]:g} is a global of another name: call it DT"
+        for each in parameters(space.get(name)) if isinstance(space.get(name), FunctionType) else []:
+            if each.name in STEP_LENGTHS and isinstance(each.default, int | float):
+                return f"{name}() takes {each.name} = {each.default:g} by default: pass it DT where it is called"
+    return ""
+
+
+def _called(function: Callee) -> Iterator[CodeType]:
+    """Yield the code of a function and of the functions of its module that it calls."""
+    space: dict[str, Any] = getattr(function, "__globals__", {})
+    waiting, found = [getattr(function, "__code__", None)], set[CodeType]()
     while waiting:
         code = waiting.pop()
-        if not isinstance(code, CodeType):
-            continue
-        waiting += [each for each in code.co_consts if isinstance(each, CodeType)]
-        for name in {*code.co_names} - found:
-            found.add(name)
-            value = space.get(name)
-            if isinstance(value, FunctionType) and value.__globals__ is space:
-                waiting.append(value.__code__)
-    return found
-
-
-def is_a_dict(function: Callee, name: str) -> bool:
-    """Return whether a function uses one of its parameters as a dict."""
-    for node in ast.walk(tree_of(function)):
-        if not isinstance(node, ast.Subscript | ast.Attribute):
-            continue
-        is_dict = isinstance(node.ctx, ast.Store) if isinstance(node, ast.Subscript) else node.attr in OF_DICTS
-        if is_dict and isinstance(node.value, ast.Name) and node.value.id == name:
-            return True
-    return False
+        if isinstance(code, CodeType) and code not in found:
+            found.add(code)
+            yield code
+            called = (space.get(name) for name in code.co_names)
+            waiting += [each for each in code.co_consts if isinstance(each, CodeType)]
+            waiting += [each.__code__ for each in called if isinstance(each, FunctionType)]
 
 
 def width_of_bearings(function: Callee, number: int, Py: Any) -> int:
@@ -59,7 +53,7 @@ def width_of_bearings(function: Callee, number: int, Py: Any) -> int:
     They follow from the highest column that the code reads, or else from the rows of Py.
     """
     name = parameters(function)[number].name
-    read = max((_last_column(node, name) for node in ast.walk(tree_of(function))), default=0)
+    read = max((_last_column(node, name) for node in ast.walk(_tree(function))), default=0)
     if read:
         return 3 if read > 1 else 2
     return 3 if np.shape(Py)[:1] == (2,) else 2
@@ -73,3 +67,45 @@ def _last_column(node: ast.AST, name: str) -> int:
     end = column.upper if isinstance(column, ast.Slice) else column
     value = end.value if isinstance(end, ast.Constant) else 0
     return value - isinstance(column, ast.Slice) if isinstance(value, int) else 0
+
+
+def starts_where_called(function: Callee, number: int) -> list[Any]:
+    """Return the value of the parameter `number` where the file calls the function; an empty list if it is not found.
+
+    The value is an expression, or a variable that the calling function has assigned one before.
+    """
+    module, name = inspect.getmodule(function), getattr(function, "__name__", "")
+    whole = _tree(module)
+    for scope in (*(each for each in ast.walk(whole) if isinstance(each, ast.FunctionDef)), whole):
+        for call in ast.walk(scope):
+            if isinstance(call, ast.Call) and ast.unparse(call.func) == name and len(call.args) > number:
+                given = call.args[number]
+                found = _assigned(scope, given.id, call.lineno) if isinstance(given, ast.Name) else given
+                if found is not None:
+                    try:
+                        return [eval(ast.unparse(found), dict(vars(module)))]  # it is the user's own code
+                    except NameError:  # of a local variable
+                        continue
+    return []
+
+
+def _assigned(scope: ast.AST, name: str, before: int) -> ast.expr | None:
+    """Return the first expression that a function assigns to a name above a line."""
+    for node in ast.walk(scope):
+        if isinstance(node, ast.Assign) and node.lineno < before:
+            for target in node.targets:
+                pairs = [(target, node.value)]
+                if isinstance(target, ast.Tuple) and isinstance(node.value, ast.Tuple):
+                    pairs = [*zip(target.elts, node.value.elts, strict=False)]
+                for each, value in pairs:
+                    if isinstance(each, ast.Name) and each.id == name:
+                        return value
+    return None
+
+
+def _tree(given: object) -> ast.AST:
+    """Parse the source of a function or module; return an empty module if Python does not find it."""
+    try:
+        return ast.parse(textwrap.dedent(inspect.getsource(given)))  # pyrefly: ignore[bad-argument-type]
+    except (OSError, TypeError, SyntaxError):
+        return ast.Module([], [])

@@ -1,0 +1,117 @@
+"""The folder of user code: its files, their digest, and a copy on another machine or behind a wall.
+
+Files of the folder count, and those of the folders in it that contain Python files, at any depth: Python files, and
+other files of at most `LARGEST` bytes. Hidden files, links that lead out of the folder and stored truths do not.
+"""
+
+from __future__ import annotations
+
+import atexit
+import functools
+import hashlib
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+
+from slamgauge.errors import UserError
+
+LARGEST = 1_000_000  # bytes of a file
+MOST_FILES = 1000
+MOST_BYTES = 20_000_000  # of all files together; those that would exceed it are left out
+TRUTH = "truth.npz"
+
+
+@dataclass(frozen=True)
+class CodeFolder:
+    """Files of user code.
+
+    Attributes:
+        folder: absolute path.
+        module: name of the module, as code of the folder would import it.
+        files: (path relative to the folder, content) of each file.
+    """
+
+    folder: str
+    module: str
+    files: tuple[tuple[str, bytes], ...]
+
+    @functools.cached_property
+    def digest(self) -> str:
+        """SHA-256 of all files and their names."""
+        return _digest(self.files)
+
+    def __hash__(self) -> int:
+        return hash((self.folder, self.module, self.digest))
+
+    def place(self) -> Path:
+        """Return the folder if its files are unchanged; otherwise, for example on another machine, a copy."""
+        with suppress(OSError):
+            if all(Path(self.folder, path).read_bytes() == content for path, content in self.files):
+                return Path(self.folder)
+        return _copied(self)
+
+    def copy_to(self, place: Path) -> None:
+        """Write the files into a folder."""
+        for path, content in self.files:
+            (place / path).parent.mkdir(parents=True, exist_ok=True)
+            (place / path).write_bytes(content)
+
+
+def read_folder(folder: Path, module: str, only: Path | None = None) -> CodeFolder:
+    """Read the folder of a module, or one file or folder in it `only`.
+
+    Raises:
+        UserError: a Python file is too large.
+        OSError: a file cannot be read.
+    """
+    folder, found = folder.resolve(), dict[str, bytes]()
+    room = MOST_BYTES
+    for path in [only.resolve()] if only is not None and only.is_file() else _listed(only or folder):
+        size = path.stat().st_size
+        if size > LARGEST and path.suffix == ".py":
+            raise UserError(f"{path.name}: has more than {LARGEST / 1e6:g} MB; keep data in files of their own")
+        if size <= min(LARGEST, room) and len(found) < MOST_FILES and path.is_relative_to(folder):
+            found[path.relative_to(folder).as_posix()] = path.read_bytes()
+            room -= size
+    return CodeFolder(str(folder), module, tuple(sorted(found.items())))
+
+
+def _listed(folder: Path) -> Iterator[Path]:
+    """Yield the files of a folder, Python files first, then those of the folders in it that contain Python files."""
+    entries = sorted(each for each in folder.resolve().iterdir() if each.name[0] != "." and each.name != TRUTH)
+    files = [each for each in entries if each.is_file() and each.resolve() == each and each.suffix != ".pyc"]
+    yield from sorted(files, key=lambda each: each.suffix != ".py")
+    for each in entries:
+        if each.is_dir() and not each.is_symlink() and any(each.glob("*.py")):
+            yield from _listed(each)
+
+
+def installed_digest(name: str) -> str:
+    """Return the SHA-256 of the installed module or package that a name begins with; empty if it is not found."""
+    with suppress(ImportError, ValueError, OSError):
+        spec = find_spec(name.partition(".")[0])
+        if spec is not None and spec.origin is not None and Path(spec.origin).is_file():
+            origin = Path(spec.origin)
+            files = [origin] if spec.submodule_search_locations is None else sorted(origin.parent.rglob("*.py"))
+            return _digest(tuple((str(each), each.read_bytes()) for each in files))
+    return ""
+
+
+def _digest(files: tuple[tuple[str, bytes], ...]) -> str:
+    total = hashlib.sha256()
+    for path, content in files:
+        total.update(f"{path} {len(content)} ".encode() + content)
+    return total.hexdigest()
+
+
+@functools.lru_cache(maxsize=64)
+def _copied(code: CodeFolder) -> Path:
+    """Write the files into a temporary folder, which is removed when this process ends."""
+    folder = Path(tempfile.mkdtemp(prefix="slamgauge-own-"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    code.copy_to(folder)
+    return folder

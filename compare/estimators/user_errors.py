@@ -1,0 +1,66 @@
+"""Errors of user code, told in one line with the line of the user's file."""
+
+from __future__ import annotations
+
+import importlib
+import sysconfig
+import traceback
+from pathlib import Path
+
+from slamgauge import errors
+from slamgauge.errors import CovarianceError, UserError
+
+MOST = 1000  # characters of an error's text
+LIBRARIES = tuple({sysconfig.get_path(name) for name in ("stdlib", "purelib", "platlib")})
+SILENT = (Path(errors.__file__).parent, Path(__file__).parent, Path(__file__).parent / "forms")  # they run user code
+
+
+class UserCodeError(UserError):
+    """User code did what its form does not allow; the message is complete."""
+
+
+class OverdueError(UserCodeError):
+    """User code exceeded its time limit."""
+
+
+class FormError(UserCodeError):
+    """User code has none of the forms: what it has, what is missing, and the wrapper to copy."""
+
+
+class WrongCovarianceError(UserCodeError, CovarianceError):
+    """User code returned an estimate with a covariance that is none."""
+
+
+def reason_of(error: BaseException, folder: str = "") -> str:
+    """Return in one line why user code returned no estimate; a line of a file in `folder` is named first."""
+    return str(error) if isinstance(error, UserCodeError) else where_it_broke(error, folder)
+
+
+def where_it_broke(error: BaseException, folder: str = "") -> str:
+    """Return the error in one line, with the last line of the user's files that it passed through."""
+    what = f"it raised {type(error).__name__}: {_message_of(error)}"
+    if not isinstance(error, SyntaxError):  # its message names the line
+        frames = [each for each in user_frames(error) if not each.filename.startswith(("<", importlib.__file__))]
+        frames = [each for each in frames if not each.filename.startswith(LIBRARIES)] or frames
+        frames = [each for each in frames if folder and each.filename.startswith(folder)] or frames
+        what += "".join(f" ({Path(frame.filename).name}, line {frame.lineno})" for frame in frames[-1:])
+    remedy = "mend it and run again"
+    if isinstance(error, FileNotFoundError) and isinstance(error.filename, str):
+        name = Path(error.filename).name
+        remedy = f"read {name} below `if __name__ == '__main__':`, or open Path(__file__).parent / {name!r}"
+    return f"{what}; {remedy}"
+
+
+def _message_of(error: BaseException) -> str:
+    """Return the text of an error in one line, at most `MOST` characters; user code may have written its `__str__`."""
+    try:
+        text = str(error)[:MOST]
+    except Exception as another:  # noqa: BLE001 user code may raise anything
+        return f"(no message: its text raised {type(another).__name__})"
+    return " ".join(text.split()) or "(no message)"
+
+
+def user_frames(error: BaseException) -> list[traceback.FrameSummary]:
+    """Return the frames of an error outside the folders of slamgauge that run user code."""
+    frames = traceback.extract_tb(error.__traceback__)
+    return [frame for frame in frames if Path(frame.filename).parent not in SILENT]

@@ -1,0 +1,224 @@
+"""Work of a process with user code: load the code as `python FILE.py` would, adapt it, and run it on recordings.
+
+    python -P -m slamgauge.compare.estimators.worker [walled]
+
+Requests come on standard input and answers leave on standard output, which the code does not see; what it prints goes
+to standard error. The first request is the address, each other one a recording. The module is loaded again for every
+run; behind a wall every run is a fork of this process.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+import shutil
+import sys
+import threading
+from collections.abc import Mapping
+from contextlib import suppress
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
+from time import perf_counter, sleep
+from types import ModuleType
+from typing import IO, Any, cast
+
+import numpy as np
+
+from slamgauge.compare.estimators.adapters import adapted, callable_of
+from slamgauge.compare.estimators.answers import message, read_request
+from slamgauge.compare.estimators.forms.step_function import StepFunction
+from slamgauge.compare.estimators.user_errors import FormError, UserCodeError, reason_of
+from slamgauge.errors import CovarianceError, UserError
+from slamgauge.estimate import Estimate, Estimator
+from slamgauge.recording import Recording
+from slamgauge.suggestions import did_you_mean
+
+WALLED = "walled"
+ANSWERED = 77  # status of a fork that has answered
+ALIVE = 1.0  # s between looks whether slamgauge still runs
+OLD_NAMES = {"float": float, "int": int, "bool": bool, "object": object, "complex": complex, "str": str}
+OLD_NAMES |= {"Inf": np.inf, "Infinity": np.inf, "NaN": np.nan, "NAN": np.nan, "PINF": np.inf, "NINF": -np.inf}
+OLD_NAMES |= {
+    "float_": np.float64,
+    "complex_": np.complex128,
+    "product": np.prod,
+    "row_stack": np.vstack,
+    "mat": np.asmatrix,
+}
+
+
+class Code:
+    """User code at an address.
+
+    Args:
+        where: `folder`, `module`, `attribute`, `place`, and `files`, the Python files of the folder.
+    """
+
+    def __init__(self, where: Mapping[str, Any]) -> None:
+        self._where = where
+        self._folder = str(where["folder"])
+        self._files = {str(Path(self._folder, path)) for path in where["files"]}
+        self.attribute: str = where["attribute"]
+        self._loaded: tuple[Estimator, str] | None = None
+
+    def load(self) -> str:
+        """Load the module and adapt its callable; return its form in words.
+
+        Raises:
+            FormError: it has none of the forms.
+            UserError: the module cannot be loaded, or has no such callable.
+        """
+        try:
+            module = self._module()
+        except (Exception, SystemExit) as error:
+            missing = error.name or "" if isinstance(error, ModuleNotFoundError) else ""
+            if missing and f"{self._where['module']}.".startswith(f"{missing}."):  # not one that the module imports
+                raise UserError(
+                    f"no module {missing!r} is found; run in its folder or install it, or give its file"
+                ) from None
+            raise UserError(f"cannot be loaded, {reason_of(error, self._folder)}") from error
+        self.attribute = self.attribute or callable_of(module)
+        if not hasattr(module, self.attribute):
+            remedy = did_you_mean(self.attribute, vars(module), "name a callable Recording -> Estimate of that module")
+            raise UserError(f"{self._where['place']} has no {self.attribute!r}; {remedy}")
+        given = getattr(module, self.attribute)
+        if not callable(given):
+            raise UserError(f"is a {type(given).__name__}; give a callable Recording -> Estimate")
+        self._loaded = adapted(given)
+        return self._loaded[1]
+
+    def _module(self) -> ModuleType:
+        """Import the module; a file whose name an imported module has is loaded under another."""
+        for name, module in [*sys.modules.items()]:
+            file = getattr(module, "__file__", None)
+            if file is not None and file in self._files:
+                del sys.modules[name]
+        name, file = self._where["module"], str(Path(self._folder, f"{self._where['module']}.py"))
+        if file not in self._files:
+            return importlib.import_module(name)
+        spec = spec_from_file_location(f"_{name}" if name in sys.modules else name, file)
+        assert spec is not None and spec.loader is not None
+        module = sys.modules[spec.name] = module_from_spec(spec)
+        spec.loader.exec_module(module)
+        return module
+
+    def run(self, recording: Recording, noise: str) -> tuple[Mapping[str, object], Estimate | None]:
+        """Return times and remarks of a run, and its estimate; or why it has no estimate."""
+        try:
+            if self._loaded is None:
+                self.load()
+            (estimator, _), self._loaded = cast("tuple[Estimator, str]", self._loaded), None
+            if noise == "file":
+                if not isinstance(estimator, StepFunction):
+                    raise UserCodeError("its form has no noise to choose; leave out --noise")  # noqa: TRY301
+                estimator.noise = noise
+            start = perf_counter()
+            estimate = cast("object", estimator(recording))
+            seconds = perf_counter() - start
+        except (Exception, SystemExit) as error:  # noqa: BLE001 user code may raise anything
+            most = "; its process may take 4 GB" if isinstance(error, MemoryError) and WALLED in sys.argv else ""
+            return failure(error, f"{reason_of(error, self._folder)}{most}"), None
+        if not isinstance(estimate, Estimate):
+            return {"reason": f"returned a {type(estimate).__name__}; return a slamgauge.Estimate"}, None
+        remarks, replaces = getattr(estimator, "remarks", []), getattr(estimator, "replaces_noise", False)
+        return {"seconds": seconds, "remarks": remarks, "replaces_noise": replaces}, estimate
+
+
+def failure(error: BaseException, reason: str) -> Mapping[str, object]:
+    """Return the fields of an answer without a result."""
+    kinds = {"form": FormError, "covariance": CovarianceError}
+    return {"reason": reason, "kind": next((kind for kind, each in kinds.items() if isinstance(error, each)), "")}
+
+
+def serve(requests: IO[bytes], answers: IO[bytes], *, walled: bool) -> None:
+    """Answer requests until their pipe ends."""
+    _answer(answers, {})
+    first = read_request(requests)
+    if first is None:
+        return
+    where, _ = first
+    sys.argv, sys.dont_write_bytecode = [where["place"], *sys.argv[1:]], True
+    sys.path.insert(0, where["folder"])
+    code = Code(where)
+    try:
+        form = code.load()
+    except UserError as error:
+        _answer(answers, {**failure(error, str(error)), "attribute": code.attribute})
+        return
+    _answer(answers, {"attribute": code.attribute, "form": form})
+    while (request := read_request(requests)) is not None:
+        fields, recording = request
+        assert recording is not None
+        if not walled:
+            _answer(answers, *code.run(recording, fields["noise"]))
+        elif pid := os.fork():
+            status = os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
+            if status != ANSWERED:
+                how = f"was ended by {_signal_name(-status)}" if status < 0 else f"ended with status {status}"
+                _answer(answers, {"reason": f"its process {how}{' before the run was done' if status >= 0 else ''}"})
+        else:
+            _answer(answers, *code.run(recording, fields["noise"]))
+            os._exit(ANSWERED)
+
+
+def _signal_name(number: int) -> str:
+    import signal
+
+    return signal.Signals(number).name
+
+
+def _answer(out: IO[bytes], fields: Mapping[str, object], estimate: Estimate | None = None) -> None:
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(OSError, ValueError, AttributeError):  # user code may have closed it
+            stream.flush()
+    out.write(message(fields, estimate))
+    out.flush()
+
+
+def _own_pipes() -> tuple[IO[bytes], IO[bytes]]:
+    """Take the pipes of requests and answers away from the standard streams."""
+    requests, answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
+    null = os.open(os.devnull, os.O_RDONLY)
+    os.dup2(null, 0)
+    os.dup2(2, 1)
+    os.close(null)
+    return requests, answers
+
+
+def _end_with_parent(parent: int) -> None:
+    """End this process when slamgauge has ended without ending it."""
+    while os.getppid() == parent:
+        sleep(ALIVE)
+    os._exit(1)
+
+
+def _limit() -> None:
+    """Limit what this process and those that it starts may take; its caches begin with those of the user."""
+    import resource
+
+    from slamgauge.compare.estimators.sandbox import CACHES, HOME, LIMITS
+
+    for name, most in LIMITS.items():
+        what = getattr(resource, f"RLIMIT_{name}")
+        least = min(each for each in (*resource.getrlimit(what), most) if each != resource.RLIM_INFINITY)
+        resource.setrlimit(what, (least, least))
+    for place in filter(os.path.isdir, os.environ.get(CACHES, "").split(os.pathsep)):
+        shutil.copytree(place, f"{HOME}/.cache/{Path(place).name}", copy_function=os.symlink, dirs_exist_ok=True)
+
+
+def main() -> None:
+    """Serve the requests of one slamgauge process."""
+    walled = sys.argv[1:] == [WALLED]
+    requests, answers = _own_pipes()
+    if walled:
+        _limit()
+    else:
+        threading.Thread(target=_end_with_parent, args=[os.getppid()], daemon=True).start()
+    for name, value in OLD_NAMES.items():
+        if name not in vars(np):
+            setattr(np, name, value)
+    serve(requests, answers, walled=walled)
+
+
+if __name__ == "__main__":
+    main()
