@@ -34,13 +34,6 @@ SMALLEST = {
         "arguments ",
         "all 100 ",
     ),
-    "class_of_forms": (  # 30 s
-        "--runs 2 --only online",
-        "form file passed points reason",
-        "online class right yes ",
-        "online class sign in F no ",
-        "7 files, 2 runs of q1-short-dense: ",
-    ),
     "compile_times": ("--only=--version", "command first [s] kernels again [s]", "--version "),
     "consistency_test": (  # 4 s
         "--runs 1 --twins 3 --set trajectory.duration=2 --estimators riekf --q 1,1.5",
@@ -79,11 +72,10 @@ SMALLEST = {
         "zhang2017: Zhang, Wu,",
     ),
     "seeded_bugs": (  # 20 s
-        "--seeds 1 --forms 1",
+        "--seeds 1",
         "bug named check caught other checks that fail",
         "(none) - - -",
         "wrong sign in F prediction-jacobian 1/1 - ",
-        "Octave course: no heading in place truth-recovered 1/1 - ",
     ),
     "verdict_power": (  # 3 s
         "--trials 20",

@@ -15,8 +15,6 @@ from slamgauge.arrays import Float
 from slamgauge.compare.checks.check import Need, Subject
 from slamgauge.compare.checks.examination import CHECKS, check_estimator
 from slamgauge.compare.checks.ignored_inputs import ignored_inputs
-from slamgauge.compare.estimators.adapters import adapted
-from slamgauge.compare.estimators.user_code import address
 from slamgauge.ekf import ekf_slam
 from slamgauge.estimate import Estimator
 
@@ -155,52 +153,3 @@ def test_mixed_landmarks_are_no_failure_but_a_wrong_jacobian_is():
         return found if recording.landmark is None else Estimate("filtered", found.poses, found.pose_covs)
 
     assert failed(wrong)[0] == {"prediction-jacobian"}
-
-
-COURSE = """
-import numpy as np
-
-def prediction_step(mu, sigma, u):
-    mu, a = mu.copy(), mu[2] + u.r1
-    G = np.eye(len(mu))
-    G[0, 2], G[1, 2] = -u.t * np.sin(a), u.t * np.cos(a)
-    mu[:3] += [u.t * np.cos(a), u.t * np.sin(a), u.r1 + u.r2]
-    sigma = G @ sigma @ G.T
-    sigma[:3, :3] += np.diag([0.1, 0.1, 0.01])
-    return mu, sigma
-
-def correction_step(mu, sigma, z, observed):
-    for each in z:
-        at = 3 + 2 * each.id
-        if not observed[each.id]:
-            a = mu[2] + each.bearing
-            mu[at : at + 2] = mu[:2] + each.range * np.array([np.cos(a), np.sin(a)])
-            observed[each.id] = True
-        d = mu[at : at + 2] - mu[:2]
-        q = d @ d
-        r = np.sqrt(q)
-        H = np.zeros((2, len(mu)))
-        H[:, :3] = [[-d[0] / r, -d[1] / r, 0], [d[1] / q, -d[0] / q, -1]]
-        H[:, at : at + 2] = -H[:, :2]
-        v = np.array([each.range - r, each.bearing - np.arctan2(d[1], d[0]) + mu[2]])
-        v[1] = np.arctan2(np.sin(v[1]), np.cos(v[1]))
-        K = sigma @ H.T @ np.linalg.inv(H @ sigma @ H.T + 0.01 * np.eye(2))
-        mu, sigma = mu + K @ v, sigma - K @ H @ sigma
-    return mu, sigma, observed
-"""
-
-
-def test_functions_of_the_course_with_their_own_noise(tmp_path: Path):
-    bugs = {
-        "": "",
-        "-u.t * np.sin(a), u.t": "prediction-jacobian",
-        "np.arctan2(np.sin(v[1]), np.cos(v[1]))": "innovation-wrap",
-        "[u.t * np.cos(a),": "truth-recovered",
-    }
-    mended = dict(zip(bugs, ("", "u.t * np.sin(a), u.t", "v[1]", "[u.t * np.cos(a + u.r2),"), strict=True))
-    for number, (text, named) in enumerate(bugs.items()):
-        (tmp_path / f"course_{number}.py").write_text(COURSE.replace(text, mended[text]) if text else COURSE)
-        estimator, _ = adapted(address(f"{tmp_path}/course_{number}.py:prediction_step"))
-        broken, unjudged = failed(estimator)
-        assert unjudged >= UNJUDGED
-        assert broken == ({named} if named else set())

@@ -11,7 +11,7 @@ import pytest
 from slamgauge import dead_reckoning
 from slamgauge.compare.checks.examination import CHECKS, OVERDUE, check_estimator
 from slamgauge.compare.cli.main import main
-from slamgauge.compare.estimators.user_code import OverdueError
+from slamgauge.compare.estimators.user_errors import OverdueError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from tests.reference.command_line import Module, Refuse, run

@@ -8,12 +8,11 @@ from textwrap import dedent
 import pytest
 
 from slamgauge.compare.estimators.loading import load
-from slamgauge.compare.estimators.requests import Isolation, ask, isolated
+from slamgauge.compare.estimators.requests import Limits, ask, with_limits
 from slamgauge.compare.estimators.running import run_estimator
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
-from tests.reference.course_files import STYLES
 
 from .conftest import EXAMPLES, short
 
@@ -37,7 +36,7 @@ def later(rows):
 
 
 def run(what: str, recording: Recording | None = None) -> Estimate:
-    (asked,) = isolated(ask([f"mine={what}"]), Isolation(120.0, strict=True))
+    (asked,) = with_limits(ask([f"mine={what}"]), Limits(120.0), strict=True)
     return run_estimator("mine", load(asked, announced=False), recording or short())[0]
 
 
@@ -127,13 +126,3 @@ def test_unseeded_random_numbers_are_another_error(tmp_path: Path):
     """
     with pytest.raises(UserError, match="differ from run to run; seed its random numbers"):
         run(written(tmp_path, source))
-
-
-def test_a_diverging_file_of_the_octave_course_does_not_use_the_future(tmp_path: Path):
-    """Its errors grow from rounding, which would differ if its arrays had room for landmarks that come later."""
-    style = STYLES["dicts from 1"]
-    wrong = style.source.replace("mu + (K @ difference)", "mu - (K @ difference)")
-    assert wrong != style.source
-    (tmp_path / "mine.py").write_text(wrong)
-    estimate = run(f"{tmp_path / 'mine.py'}:prediction_step", short("q1-short-dense", "trajectory.duration=6"))
-    assert abs(estimate.poses).max() > 1e6

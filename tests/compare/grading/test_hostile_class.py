@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from slamgauge.compare.estimators.wall import kind_of_wall
+from slamgauge.compare.estimators.sandbox import has_wall
 
-pytestmark = pytest.mark.skipif(kind_of_wall() == "none", reason="this system permits neither namespaces nor bwrap")
+pytestmark = pytest.mark.skipif(not has_wall(), reason="this system has no bwrap")
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
 SCENARIO = 'extends = "q1-short-dense"\n\n[trajectory]\nduration = 3.0\n'
@@ -22,14 +22,14 @@ import numpy as np
 from pathlib import Path
 import slamgauge
 from slamgauge import Estimate, chain
-from slamgauge.compare.estimators import isolated_worker
+worker = sys.modules['__main__']
 
-message = isolated_worker.message
+message = worker.message
 
 def forged(**changes):
     def answer(fields, estimate=None):
         return message({**fields, **changes} if "seconds" in fields else fields, estimate)
-    isolated_worker.message = answer
+    worker.message = answer
 
 def estimate(recording):
     poses = chain(recording.prior_mean, recording.odometry)
@@ -47,7 +47,7 @@ ATTACKS = {
     ),
     "killed": ("os.kill(os.getpid(), signal.SIGKILL)", "its process was ended by SIGKILL"),
     "nan": ("forged(seconds=float('nan'))", "wrong answer (seconds is not from 0 to"),
-    "huge": ("forged(cpu_seconds=10**400)", "wrong answer (cpu_seconds is not from 0 to"),
+    "huge": ("forged(seconds=10**400)", "wrong answer (seconds is not from 0 to"),
     "left": (
         """place = Path('/dev/shm/poses')
     if recording.steps == 30:
@@ -85,7 +85,7 @@ ATTACKS = {
         raise OSError(ctypes.get_errno(), 'not traced')""",
         "not traced",
     ),
-    "everybody": ("os.kill(-1, signal.SIGKILL)", "No such process"),
+    "everybody": ("os.kill(-1, signal.SIGKILL)", "its process "),
     "flood": ("for _ in range(100): print('x' * 1_000_000)", "it printed more than 10 MB in a run"),
     "deaf": (
         """for each in signal.SIGTERM, signal.SIGINT, signal.SIGHUP:
