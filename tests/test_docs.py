@@ -14,6 +14,8 @@ import pytest
 
 from slamgauge.compare.cli.main import main
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[1]
 FLOORS = ("core", "ekf", "graph_baseline", "compare")
 PACKAGES = sorted({path.parent for floor in FLOORS for path in (ROOT / floor).rglob("__init__.py")})

@@ -16,6 +16,8 @@ from slamgauge.compare.scenarios.trajectory import Segments
 from slamgauge.ekf import ekf_slam
 from tests.reference.json_schemas import held
 
+pytestmark = pytest.mark.slow
+
 
 def test_the_plain_numpy_filter_is_the_same_filter() -> None:
     _, recording = simulate(workload(20), 3)

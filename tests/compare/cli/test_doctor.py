@@ -14,6 +14,8 @@ from slamgauge import __version__, kernel_cache
 from slamgauge.compare.cli import machine
 from slamgauge.compare.cli.main import main
 
+pytestmark = pytest.mark.slow
+
 
 def test_versions_and_findings(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("OPENBLAS_NUM_THREADS", "3")

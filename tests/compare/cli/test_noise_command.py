@@ -12,6 +12,8 @@ from slamgauge import load_recording, load_scenario, save, simulate
 from slamgauge.compare.cli.main import main
 from tests.reference.json_schemas import held
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:

@@ -20,6 +20,8 @@ from slamgauge.recording import Recording
 from tests.reference.command_line import Module, Refuse, run
 from tests.reference.json_schemas import held
 
+pytestmark = pytest.mark.slow
+
 RIGHT = """
 from slamgauge import Estimate, chain
 def estimate(recording):  # dead reckoning: a filter would load the compiler first, in every process

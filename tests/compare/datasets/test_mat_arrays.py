@@ -14,6 +14,8 @@ from slamgauge.compare.datasets import mat_arrays
 from slamgauge.compare.datasets.mat_arrays import read_mat
 from slamgauge.errors import UserError
 
+pytestmark = pytest.mark.slow
+
 FIELDS: dict[str, Any] = {
     "t": np.linspace(0.0, 1.0, 40)[:, None],
     "single": np.arange(6, dtype=np.float32).reshape(2, 3),

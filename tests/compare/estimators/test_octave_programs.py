@@ -20,6 +20,8 @@ from tests.reference.external_programs import program
 
 from .conftest import short
 
+pytestmark = pytest.mark.full  # hundreds of starts of Octave
+
 EXAMPLE = Path(__file__).parents[3] / "examples/octave"
 JUDGED = [check for check in CHECKS if check.name != "step-time"]  # a start of Octave takes most of the time
 GIVEN_NOISE = {  # edits of the example that use the noise of the recording

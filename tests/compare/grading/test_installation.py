@@ -14,6 +14,8 @@ from slamgauge.compare.grading import installation
 from slamgauge.compare.grading.installation import installed_files, require_same
 from slamgauge.errors import UserError
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:

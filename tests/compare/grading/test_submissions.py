@@ -13,6 +13,8 @@ from slamgauge.compare.grading.remarks import source_remarks
 from slamgauge.compare.grading.submissions import submissions_in
 from slamgauge.errors import UserError
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.mark.parametrize(
     ("files", "names"),

@@ -10,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from slamgauge import find_noise, load_scenario, simulate
 from slamgauge.compare.noise.estimation import Noise
@@ -22,6 +23,8 @@ from slamgauge.compare.studies.study import run_study
 from slamgauge.compare.studies.sweep import Sweep, sweep_table
 
 from .conftest import unexplained
+
+pytestmark = pytest.mark.slow
 
 
 def page_of(folder: Path, name: str, content: object) -> str:

@@ -117,6 +117,7 @@ def test_bootstrap_of_blocks_of_one_is_that_of_independent_values():
     assert whole == pytest.approx(np.full(len(whole), values.mean()))
 
 
+@pytest.mark.full  # a statistic of many series
 def test_the_interval_contains_the_mean_of_a_correlated_series():
     """Of 200 series 180 do, and at least 170 must; an interval for independent values contains 97."""
     inside = 0

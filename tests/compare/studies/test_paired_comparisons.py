@@ -24,6 +24,8 @@ from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from tests.reference.json_schemas import held
 
+pytestmark = pytest.mark.slow
+
 Run = Callable[..., Summary]
 Load = Callable[..., dict[str, Runs]]
 

@@ -12,6 +12,8 @@ from slamgauge import UserError
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.studies.study_table import latex_text, read_study_table
 
+pytestmark = pytest.mark.slow
+
 
 def interval(mean: float) -> dict[str, float]:
     return {"mean": mean, "low": mean - 0.5, "high": mean + 0.5}

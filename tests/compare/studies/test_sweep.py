@@ -20,6 +20,8 @@ from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from tests.reference.json_schemas import held
 
+pytestmark = pytest.mark.slow
+
 SHORT = ["start=sampled", "trajectory.duration=3"]
 BOTH = ("ekf", "causal")
 

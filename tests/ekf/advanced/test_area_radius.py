@@ -16,7 +16,7 @@ from slamgauge.estimate import Estimator
 from slamgauge.graph_baseline import batch, causal
 from slamgauge.recording import Recording
 
-pytestmark = pytest.mark.usefixtures("no_notices_yet")
+pytestmark = [pytest.mark.usefixtures("no_notices_yet"), pytest.mark.slow]
 
 
 def along_a_road(landmarks: int, near: float, stride: float) -> Recording:

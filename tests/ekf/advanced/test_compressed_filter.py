@@ -15,6 +15,8 @@ from slamgauge.recording import Observations, Recording
 from slamgauge.se2 import between, rotation
 from tests.reference.random_recordings import random_recording
 
+pytestmark = pytest.mark.slow
+
 BOTH = pytest.mark.parametrize("correction", ["standard", "right-invariant"])
 
 

@@ -24,6 +24,8 @@ from tests.reference.circles import Estimator
 from tests.reference.jacobians import assert_jacobian
 from tests.reference.random_recordings import random_recording
 
+pytestmark = pytest.mark.slow
+
 ANGLES = [0.0, 1e-9, 0.7, -2.0, math.pi - 1e-9, -math.pi + 1e-9]
 J = np.array([[0.0, -1.0], [1.0, 0.0]])
 

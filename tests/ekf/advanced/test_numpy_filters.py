@@ -34,6 +34,8 @@ from tests.reference.circles import (
 from tests.reference.random_recordings import bearing_only, random_recording
 from tests.reference.textbook_numpy_filters import textbook_riukf, textbook_robocentric_ekf
 
+pytestmark = pytest.mark.slow
+
 RELATIVES = pytest.mark.parametrize("estimator", [riukf, robocentric_ekf])
 BELIEFS = pytest.mark.parametrize("belief_of", [InvariantBelief, RobocentricBelief])
 SENSORS = pytest.mark.parametrize("sensor", ["range-bearing", "position"])
@@ -50,6 +52,7 @@ BeliefOf = Callable[[str, Float, Float], MovingBelief]
 # --- textbooks -----------------------------------------------------------------------------------
 
 
+@pytest.mark.full  # another seed is in the usual run
 @TEXTBOOKS
 @SENSORS
 @pytest.mark.parametrize("seed", range(2))
@@ -102,6 +105,7 @@ def test_nis_and_nees_are_chi_square(estimator: Estimator) -> None:
     assert outside(of_textbook, 3 * RUNS, STEPS + 1) > STEPS / 4
 
 
+@pytest.mark.full  # 6 instead of 12 degrees are usual
 def test_nees_of_sigma_points_in_invariant_coordinates_is_chi_square_for_an_uncertain_heading() -> None:
     """With 12 degrees the additive error is not Gaussian."""
     nees = np.asarray(sum(invariant_nees(*run) for run in run_all(riukf, "position", 0.2, RUNS)))

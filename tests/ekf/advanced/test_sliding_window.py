@@ -25,6 +25,8 @@ from tests.reference.circles import STEPS, additive_nees, back_and_forth, covs_o
 from tests.reference.random_recordings import random_recording, recording_of
 from tests.reference.textbook_window import textbook_sliding_window
 
+pytestmark = pytest.mark.slow
+
 VICTORIA_PARK = Path(__file__).parents[2] / "../shared/data/victoria_park/victoria_park.txt"
 SENSORS = pytest.mark.parametrize("sensor", ["range-bearing", "position", "bearing"])
 
@@ -47,6 +49,7 @@ def off(estimate: Estimate, optimum: Estimate) -> tuple[Float, Float]:
 # --- references ----------------------------------------------------------------------------------
 
 
+@pytest.mark.full  # others are usual
 @pytest.mark.usefixtures("to_the_end")
 @SENSORS
 @pytest.mark.parametrize("lag", [1, 4])
@@ -83,6 +86,7 @@ def test_a_window_that_holds_everything_is_the_optimum(sensor: str, noise: float
         assert sigmas[-1] < 1e-4
 
 
+@pytest.mark.full  # others are usual
 @pytest.mark.parametrize("fixed", [False, True])
 @pytest.mark.parametrize("scenario", ["q1-short-dense", "q4-ring"])
 def test_a_window_that_holds_everything_is_the_causal_optimum(scenario: str, fixed: bool) -> None:
@@ -235,6 +239,7 @@ def far_and_near(seed: int) -> Recording:
     )
 
 
+@pytest.mark.full  # another seed is in the usual run
 @pytest.mark.parametrize("seed", range(3))
 def test_a_landmark_at_the_horizon_causes_no_error(seed: int) -> None:
     estimate = sliding_window(far_and_near(seed), lag=60)

@@ -28,6 +28,8 @@ from slamgauge.se2 import rotation, wrap
 from slamgauge.sensor_kernels import BEARING, POSITION, RANGE_BEARING
 from tests.reference.jacobians import assert_jacobian, differentiate
 
+pytestmark = pytest.mark.slow
+
 PI = math.pi
 SENSORS = pytest.mark.parametrize("sensor", [RANGE_BEARING, POSITION, BEARING])
 HEADINGS = pytest.mark.parametrize("heading", [0.0, PI, -PI + 1e-9, -2.5])

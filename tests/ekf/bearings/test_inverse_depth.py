@@ -19,6 +19,8 @@ from slamgauge.se2 import rotation, wrap
 from tests.reference.jacobians import assert_jacobian
 from tests.reference.textbook import J, exp_action
 
+pytestmark = pytest.mark.slow
+
 CORRECTIONS = pytest.mark.parametrize("correction", RULES)
 POSE = np.array([0.7, -1.2, 0.4])
 AWKWARD = [0.15, 0.0, -0.1, -3.0, 20.0, 1e-9]

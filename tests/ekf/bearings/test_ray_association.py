@@ -17,6 +17,8 @@ from slamgauge.ekf.maps.map_edits import replace_map
 from slamgauge.se2 import wrap
 from tests.reference.textbook_association import Scan, brute_force_ambiguous, brute_force_joint
 
+pytestmark = pytest.mark.slow
+
 METHODS = pytest.mark.parametrize("method", ["nearest-neighbour", "jcbb"])
 J = np.array([[0.0, -1.0], [1.0, 0.0]])
 

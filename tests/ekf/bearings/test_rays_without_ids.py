@@ -19,6 +19,8 @@ from slamgauge.errors import UserError
 from slamgauge.recording import Observations, Recording
 from slamgauge.se2 import chain, wrap
 
+pytestmark = pytest.mark.slow
+
 METHODS = pytest.mark.parametrize("method", ["nearest-neighbour", "jcbb"])
 
 

@@ -7,7 +7,11 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from tests.reference.installed_copy import first_and_later_use
+
+pytestmark = pytest.mark.slow
 
 PROGRAM = (
     "import numpy as np; from slamgauge.ekf import SlamFilter;"

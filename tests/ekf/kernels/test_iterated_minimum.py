@@ -17,6 +17,8 @@ from slamgauge.se2 import wrap
 from tests.reference.random_recordings import random_recording
 from tests.reference.textbook import textbook_iekf
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.mark.parametrize(
     ("sensor", "seed"),
