@@ -45,7 +45,6 @@ LEVELS = {
         "noise",
         "grading",
         "bench",
-        "schemas",
         "figures",
         "report",
         "cli",

@@ -9,7 +9,6 @@ import pytest
 
 import slamgauge
 from slamgauge.compare.checks.examination import CHECKS, check_estimator
-from slamgauge.compare.checks.step_time_check import step_time
 from slamgauge.compare.estimators.forms.form import remarks_of
 from slamgauge.compare.estimators.loading import load_estimators
 from slamgauge.compare.scenarios.scenario import load_scenario
@@ -21,9 +20,6 @@ from tests.reference.class_files import GROWING, NTNU, WITH_ROOM
 
 from .conftest import Own, short
 
-pytestmark = pytest.mark.slow
-
-TIMELESS = [check for check in CHECKS if check is not step_time]
 INIT = "def __init__(self, x0, P0, Q, R):"
 PREDICT, UPDATE = "def predict(self, v, w, dt):", "def update(self, z, landmark_id):"
 ONE = "\n\n    def one(self, z, landmark_id):"
@@ -120,7 +116,6 @@ def ratios(mine: Estimator) -> list[float]:
     return [ate(mine(recording), truth) / ate(ekf_slam(recording), truth) for truth, recording in runs]
 
 
-@pytest.mark.full  # three other styles are usual
 @pytest.mark.parametrize("style", STYLES)
 def test_right_classes_agree_with_ekf(tmp_path: Path, capsys: pytest.CaptureFixture[str], style: str):
     words, changes = STYLES[style]
@@ -165,7 +160,6 @@ def test_a_class_that_moves_on_arcs_is_told_its_bias(tmp_path: Path):
     assert text in remarks[1]
 
 
-@pytest.mark.full  # one shape is usual
 @pytest.mark.parametrize("shape", ["assert z.ndim == 1", "z = z[:, :2].ravel()"])
 def test_the_class_of_ntnu_associates_by_itself(tmp_path: Path, capsys: pytest.CaptureFixture[str], shape: str):
     source = changed(NTNU, {"        NIS = 1.0\n": f"        NIS = 1.0\n        {shape}\n"})
@@ -214,4 +208,4 @@ def test_right_files_pass_all_checks(tmp_path: Path, source: str, kind: str):
 
 
 def failed(mine: Estimator) -> set[str]:
-    return {each.name for each in check_estimator("mine", mine, 0, TIMELESS) if each.is_failure}
+    return {each.name for each in check_estimator("mine", mine, 0, CHECKS) if each.is_failure}
