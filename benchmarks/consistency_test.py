@@ -29,7 +29,7 @@ from references.seeded_bugs import SEEDED, seeded_ekf
 from slamgauge import batch, causal, ekf_slam, riekf
 from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
 from slamgauge.compare.scenarios.simulation import simulate
-from slamgauge.compare.scoring.hausman import (
+from slamgauge.compare.scoring.without_truth import (
     ConsistencyTest,
     Figures,
     consistency_test,

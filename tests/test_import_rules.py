@@ -42,7 +42,6 @@ LEVELS = {
         "noise",
         "grading",
         "bench",
-        "schemas",
         "figures",
         "report",
         "cli",

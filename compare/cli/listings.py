@@ -1,17 +1,11 @@
-"""Commands that print what is installed with slamgauge: `slamgauge scenarios` and `schema`."""
+"""The shipped scenarios: `slamgauge scenarios`."""
 
 from __future__ import annotations
 
 import sys
 from dataclasses import dataclass
-from importlib.resources import files
-from typing import Literal
 
-import tyro
-
-from slamgauge.compare.cli.terminal import Output, put
-
-Kind = Literal["metrics", "summary", "sweep", "budget", "grades", "noise", "bench", "check", "scenarios", "doctor"]
+from slamgauge.compare.cli.terminal import Output
 
 
 @dataclass
@@ -34,19 +28,3 @@ class Scenarios:
         page = Page(tuple(f"{name:{width}}  {text}" for name, text in found))
         output = Output(self.json, wide=not sys.stdout.isatty())
         return 0 if output.show([{"name": name, "description": text} for name, text in found], page) else 1
-
-
-@dataclass
-class Schema:
-    """Print the JSON Schema of a result file or of the output of --json, with meanings and units.
-
-    For example:
-      slamgauge schema metrics
-    """
-
-    kind: tyro.conf.Positional[Kind]
-    """The name of the file, or of the command that prints it."""
-
-    def __call__(self) -> int:
-        schema = files("slamgauge.compare.schemas") / f"{self.kind}.json"
-        return 0 if put(schema.read_text(encoding="utf-8").rstrip()) else 1

@@ -44,7 +44,6 @@ COMMANDS = {
     "grade": Listed("user_filters:Grade", "grade a folder of submissions"),
     "bench": Listed("machine:Bench", "measure step times for several map sizes"),
     "doctor": Listed("machine:Doctor", "print what a bug report needs"),
-    "schema": Listed("listings:Schema", "print the JSON Schema of a result file"),
 }
 
 

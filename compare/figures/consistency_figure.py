@@ -14,7 +14,7 @@ from slamgauge.compare.figures.plot_style import MARK_COLOR, TRUTH_COLOR, legend
 
 def save_consistency_figure(out: Path, entries: Mapping[str, Any], title: str) -> None:
     """Write the figure `consistency` into `out`; `entries` are those of `without_truth` in metrics.json, by filter."""
-    from slamgauge.compare.scoring.hausman import BAND  # loads the optima
+    from slamgauge.compare.scoring.without_truth import BAND  # loads the optima
 
     with printed(out / "consistency", 3.0, title) as figure:
         axes = figure.subplots()

@@ -11,7 +11,7 @@ from dataclasses import replace
 from typing import Any
 
 from slamgauge.compare.estimators.registry import CAUSAL, HINDSIGHT
-from slamgauge.compare.scoring import optimum_figures, proper_scores, verdicts
+from slamgauge.compare.scoring import optimum_figures, verdicts
 from slamgauge.compare.scoring.aggregation import (
     OverRuns,
     excess_over,
@@ -124,26 +124,6 @@ CATALOGUE = (
         "log_score",
         "log score: mean over time of -log p of the true pose [m, m, rad] under the estimate's Gaussian [nats]",
         measure=log_score,
-    ),
-    _of_run(
-        "crps_m",
-        "mean over time and over x and y of the continuous ranked probability score of the position",
-        measure=proper_scores.mean_crps,
-    ),
-    _of_run(
-        "energy_score_m",
-        "mean over time of the energy score of the position, the CRPS of a vector",
-        measure=proper_scores.mean_energy_score,
-    ),
-    _of_run(
-        "pit_histogram",
-        "share of the steps in ten bins of the probability of the ellipse through the true position: 0.1 if right",
-        measure=proper_scores.pit_histogram,
-    ),
-    _of_run(
-        "ate_interval_m",
-        "ends of a 95 % interval of the ATE within the run (stationary bootstrap)",
-        measure=proper_scores.ate_interval,
     ),
     _of_both(
         "nis_per_dof",

@@ -42,7 +42,7 @@ from slamgauge.truth import Truth, require_same_run
 from slamgauge.validation import require_type
 
 if TYPE_CHECKING:
-    from slamgauge.compare.scoring.hausman import ConsistencyTest
+    from slamgauge.compare.scoring.without_truth import ConsistencyTest
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class Comparison:
     of the estimator, `optima` are the names of the optima by kind. `failures` has the reason, in a line, for each
     estimator without a score. `stand_ins` are optima with the associations of an estimator, if the true ones are
     unknown. `study` is a command of many runs, if the recording is simulated. `remarks` are those on user code, for
-    example replaced settings. `without_truth` has the tests of `hausman` on filters.
+    example replaced settings. `without_truth` has the tests of `scoring.without_truth` on filters.
     """
 
     truth: Truth | None
@@ -199,7 +199,7 @@ def tested_without_truth(comparison: Comparison, twins: int) -> Comparison:
     Raises:
         UserError: the hindsight optimum is not among the estimates.
     """
-    from slamgauge.compare.scoring.hausman import tested_filters  # loads the optima
+    from slamgauge.compare.scoring.without_truth import tested_filters  # loads the optima
 
     if "smoothed" not in comparison.optima:
         raise UserError("twins: the test needs the optimum of all measurements; add batch to --estimators")

@@ -154,7 +154,6 @@ def test_each_mistake_in_a_scenario_file_is_a_line(refuse: Refuse, tmp_path: Pat
         ("run q1-long-dense --sead 1", "--sead: no option of `slamgauge run`; did you mean --seed?"),
         ("run q1-long-dense -seed 1", "-seed: no option of `slamgauge run`; did you mean --seed?"),
         ("twin log.npz --run 3", "--run: no option of `slamgauge twin`; `slamgauge twin --help` lists"),
-        ("schema metrics --json", "--json: no option of `slamgauge schema`; `slamgauge schema --help` lists"),
         ("import csv log --set=a.b=1 --ouut x", "--ouut: no option of `slamgauge import`; did you mean"),
         ("run q1-long-dense --seed x", "Error parsing --seed: "),
         ("run q1-long-dense more", "Unrecognized options: more; see `slamgauge run --help`"),

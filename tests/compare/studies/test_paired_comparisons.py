@@ -22,7 +22,6 @@ from slamgauge.compare.studies.summary import Summary, summary_table
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
-from tests.reference.json_schemas import held
 
 Run = Callable[..., Summary]
 Load = Callable[..., dict[str, Runs]]
@@ -111,7 +110,7 @@ def test_the_command_compares(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     words = ["study", "q1-long-dense", "--set", "trajectory.duration=2", "--jobs", "1", "--out", out, "--runs", "3"]
     assert main([*words, "--estimators", "ekf,riekf", "--against", "ekf"]) == 0
     assert "\nagainst ekf  runs" in capsys.readouterr().out
-    content = held("summary", json.loads((tmp_path / "out/summary.json").read_text()))
+    content = json.loads((tmp_path / "out/summary.json").read_text())
     assert content["against"]["ekf"]["riekf"]["ate_m"]["runs"] == content["runs"] == 3
     assert np.isfinite(content["against"]["ekf"]["riekf"]["ate_m"]["p_value"])
     assert main([*words, "--sweep", "association.gate=1,9", "--against", "ekf"]) == 2
