@@ -78,7 +78,7 @@ def test_an_invalid_lag_is_refused_in_one_line(lag: object) -> None:
 def test_the_lag_may_be_a_numpy_integer_or_exceed_the_recording() -> None:
     _, recording = random_recording(0)
     of_three, of_all = fixed_lag(recording, lag=3), fixed_lag(recording, lag=recording.steps)
-    np.testing.assert_array_equal(fixed_lag(recording, lag=np.int64(3)).poses, of_three.poses)
+    np.testing.assert_array_equal(fixed_lag(recording, lag=np.int64(3)).poses, of_three.poses)  # pyrefly: ignore[bad-argument-type]
     np.testing.assert_array_equal(fixed_lag(recording, lag=10**400).poses, of_all.poses)
 
 
