@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from slamgauge.compare.cli.machine import compile_optima
-from slamgauge.ekf.advanced.window.warm_up import compile_window_once
 from slamgauge.ekf.kernels import warm_up
 from slamgauge.ekf.maps.correction_table import RULES
 
@@ -16,8 +15,6 @@ def compile_kernels() -> None:
         warm_up.compile_bearings(rule.retract)
     warm_up.compile_nearest_neighbour()
     warm_up.compile_joint_association()
-    warm_up.compile_numpy_filters_once()
-    compile_window_once()
     compile_optima()
 
 

@@ -113,13 +113,6 @@ def test_drawn_pictures_are_functions():
     assert {*named} == {*re.findall(r"^def (\w+)", drawings, re.MULTILINE)}
 
 
-def test_hooks_are_the_checks():
-    config = (ROOT / ".pre-commit-config.yaml").read_text(encoding="utf-8")
-    checks = runpy.run_path(str(ROOT / "tests/__main__.py"))["CHECKS"]
-    assert re.findall(r"entry: \.venv/bin/python -m tests (\w+)$", config, re.MULTILINE) == [*checks]
-    assert "http" not in config
-
-
 def test_no_page_or_program_names_a_place_on_somebodys_machine():
     listed = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=False).stdout.split()
     places = re.compile(r"/(?:home|Users|root|work)/\w+")

@@ -30,7 +30,6 @@ LEVELS = {
         "slam_filter",
         "associating_filter",
         "bearings",
-        "advanced",
     ),
     "slamgauge.graph_baseline": ("problem", "gtsam_conversions", "gtsam_incremental", "gtsam_batch", "solver"),
     "slamgauge.compare": (

@@ -81,7 +81,7 @@ seed = 3
 KEYS = (
     *("sensor.max_range", "sensor.field_of_view_deg", "sensor.kind", "trajectory.duration", "trajectory.speed"),
     *("prior.mean", "prior.variances", "association.gate", "association.method", "association.node_limit"),
-    *("fis.beta", "fis.alpha", "fis.s_min", "fis.s_max", "inverse_depth.mean", "delayed.poses", "initialisation"),
+    *("fis.beta", "fis.alpha", "fis.s_min", "fis.s_max", "delayed.poses", "initialisation"),
     *(
         "landmarks.random.count",
         "landmarks.random",

@@ -20,15 +20,13 @@ from slamgauge.ekf.kernels.joint_compatibility import Limits, mark_ambiguous, se
 from slamgauge.ekf.kernels.joint_update import are_sound
 from slamgauge.ekf.kernels.linear_update import append_linear, linear_update
 from slamgauge.ekf.kernels.linearisation import innovations_of
-from slamgauge.ekf.kernels.prediction import is_semidefinite, predict
+from slamgauge.ekf.kernels.prediction import predict
 from slamgauge.ekf.kernels.sequential_association import Gates, Sequential, update_sequentially
 from slamgauge.ekf.kernels.slots import find_slots
 from slamgauge.ekf.kernels.student_t_weights import inflate_noise
 from slamgauge.ekf.kernels.workspace import Workspace, allocate
 from slamgauge.jit import direct
 from slamgauge.kernel_cache import compiling
-from slamgauge.se2_kernels import wrap
-from slamgauge.sensor_kernels import locate_all, observe_all
 from slamgauge.triangulation import triangulate
 
 
@@ -102,17 +100,6 @@ def compile_bearings(retract: Callable[..., object]) -> None:
         map_edits.remove_landmark(belief, 0)
         retract(belief, np.zeros(belief.size), work.deferred)
         triangulate(np.zeros((1, 3)), np.zeros(1), np.ones(1), 1.0)
-
-
-@functools.cache
-def compile_numpy_filters_once() -> None:
-    """Compile the kernels that the numpy filters call, once per process."""
-    with compiling("numpy-filter kernels", 14):
-        is_semidefinite(np.zeros((3, 3)))
-        are_sound(0, np.ones((1, 2)), np.eye(2)[None])
-        wrap(0.0)
-        observe_all(0, np.ones((1, 2)))
-        locate_all(0, np.ones((1, 2)))
 
 
 def _robot_and_landmark() -> tuple[Belief, Workspace]:
