@@ -5,7 +5,6 @@ from __future__ import annotations
 import ast
 import importlib
 import re
-import runpy
 import shlex
 import subprocess
 from pathlib import Path
