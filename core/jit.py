@@ -28,6 +28,7 @@ from numba.extending import overload, register_jitable
 from slamgauge.arrays import select
 from slamgauge.notices import tell_once
 
+NUMBA: Any = config  # its variables have no types
 Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
 
@@ -40,12 +41,12 @@ NOT_STORED = "{}: no compiled code can be stored there; kernels are compiled aga
 
 def kernel(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
     """Compile a function that Python calls, on its first call; other kernels may call it too."""
-    folder, before = caches(), config.CACHE_DIR
-    config.CACHE_DIR = "" if folder is None else str(folder)  # not for functions of users
+    folder, before = caches(), NUMBA.CACHE_DIR
+    NUMBA.CACHE_DIR = "" if folder is None else str(folder)  # not for functions of users
     try:
         return njit(cache=folder is not None, error_model="numpy")(function)
     finally:
-        config.CACHE_DIR = before
+        NUMBA.CACHE_DIR = before
 
 
 def inner(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
@@ -91,8 +92,8 @@ def caches() -> Path | None:
 
 def parent() -> Path:
     """Return the folder in which each version has its folder of machine code."""
-    if config.CACHE_DIR:
-        return Path(config.CACHE_DIR) / "slamgauge"
+    if NUMBA.CACHE_DIR:
+        return Path(NUMBA.CACHE_DIR) / "slamgauge"
     return Path(os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser()) / "slamgauge"
 
 

@@ -11,11 +11,11 @@ from typing import cast
 
 import llvmlite.binding as llvm
 import numpy as np
-from numba import config, types
+from numba import types
 from numba.extending import get_cython_function_address
 
 from slamgauge.arrays import Float
-from slamgauge.jit import inner
+from slamgauge.jit import NUMBA, inner
 
 
 def _fortran(library: str, routine: str, arguments: int) -> Callable[..., None]:
@@ -177,6 +177,6 @@ def _subtract_product(out: Float, W: Float, T: Float) -> None:
     out -= W.T @ T
 
 
-if config.DISABLE_JIT:
+if NUMBA.DISABLE_JIT:
     cholesky, solve_factor, combine_rows = _cholesky, _solve_factor, _combine_rows
     subtract_gram, add_outer_pair, subtract_product = _subtract_gram, _add_outer_pair, _subtract_product

@@ -62,7 +62,7 @@ def test_compiled_code_in_a_folder_that_cannot_be_written_is_loaded(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     run(program(tmp_path), tmp_path)
-    monkeypatch.setattr(jit.config, "CACHE_DIR", str(tmp_path))
+    monkeypatch.setattr(jit.NUMBA, "CACHE_DIR", str(tmp_path))
     monkeypatch.setattr(jit, "is_writable", lambda _: False)
     found = jit.caches.__wrapped__()
     assert found is not None
@@ -74,7 +74,7 @@ def test_compiled_code_in_a_folder_that_cannot_be_written_is_loaded(
 def test_without_a_folder_one_line_says_that_kernels_are_compiled_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(jit.config, "CACHE_DIR", str(tmp_path))
+    monkeypatch.setattr(jit.NUMBA, "CACHE_DIR", str(tmp_path))
     monkeypatch.setattr(jit, "is_writable", lambda _: False)
     jit.caches.__wrapped__()
     assert capsys.readouterr().err == f"slamgauge: {jit.NOT_STORED.format(jit.parent() / jit.digest())}\n"
