@@ -1,4 +1,4 @@
-"""How Sphinx makes one site of this folder: `sphinx-build docs build/site`, or `sphinx-build -t online docs build/site`."""
+"""How Sphinx makes one site of this folder, `sphinx-build docs build/site`, with `-t online` for references elsewhere."""
 
 from __future__ import annotations
 

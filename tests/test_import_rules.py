@@ -54,8 +54,6 @@ LIBRARIES = {
     "slamgauge": {"numpy"},
     "slamgauge.jit": {"numba"},
     "slamgauge.display": {"numpy", "pandas"},
-    "slamgauge.kernel_cache": {"numba"},
-    "slamgauge.linked_code": {"numba"},
     "slamgauge.ekf": {"numpy", "scipy"},
     "slamgauge.ekf.kernels.blas": {"numba", "llvmlite"},
     "slamgauge.graph_baseline": {"numpy", "scipy", "gtsam"},

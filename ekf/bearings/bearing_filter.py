@@ -19,7 +19,6 @@ from slamgauge.ekf.bearings.initialiser import Initialiser
 from slamgauge.ekf.bearings.rays import RayInitialiser
 from slamgauge.ekf.bearings.transaction import transaction_with
 from slamgauge.ekf.kernels.individual_compatibility import NONE
-from slamgauge.ekf.kernels.warm_up import compile_bearings
 from slamgauge.ekf.maps.correction_table import Correction, Rule
 from slamgauge.ekf.maps.divergence_monitor import DivergenceMonitor
 from slamgauge.ekf.maps.input_checks import ids_of, require_gate, require_ids, require_robustness, rows_of
@@ -59,7 +58,6 @@ class BearingFilter:
         initialisation = Rays() if initialisation is None else initialisation
         self._gate = require_robustness(robust).known_gate
         self._map = LandmarkMap("bearing", prior_mean, prior_cov, correction, landmarks=32, tails=robust.tails)
-        compile_bearings(self._map.correction.rule.retract)
         self._provisional = _initialiser(self._map, initialisation)
         self._points: dict[int, int] = {}  # landmark: its id in the map
         self._step = 0
