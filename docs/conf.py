@@ -1,4 +1,4 @@
-"""How Sphinx makes one site of this folder, `sphinx-build docs build/site`, with `-t online` for references elsewhere."""
+"""How Sphinx makes one site of this folder: `sphinx-build docs build/site`, and with `-t online` links elsewhere."""
 
 from __future__ import annotations
 
