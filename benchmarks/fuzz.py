@@ -30,7 +30,7 @@ import tyro
 from fuzzing.cases import ACCEPTED, OUTCOMES, REFUSED, names, run_cases
 from tqdm import tqdm
 
-from slamgauge.compare.scoring.text_table import aligned
+from slamgauge.compare.scoring.text_page import aligned
 
 INTERRUPTED = 130
 
@@ -63,7 +63,7 @@ def main(
     rows = {name: [counts[name, outcome] for outcome in OUTCOMES] for name in all_names}
     rows["all"] = [sum(column) for column in zip(*rows.values(), strict=True)]
     cells = [[name, str(sum(row)), *map(str, row)] for name, row in rows.items()]
-    print("\n".join(aligned([["input", "tried", *OUTCOMES], *cells], 1)))
+    print("\n".join(aligned([["input", "tried", *OUTCOMES], *cells], {0})))
     print(*bad[:worst], sep="\n", end="\n" if bad else "")
     if only is not None and not bad:
         print(*counts)

@@ -62,7 +62,7 @@ def test_published_figures_lie_within_the_sampling_error_of_both(
 
 
 def test_the_textbook_filter_is_inconsistent_and_its_relatives_are_not(summary: Summary) -> None:
-    sure, honest = summary.estimators["ekf"].nees_heading, summary.estimators["riekf"].nees_heading
+    sure, honest = summary.estimators["ekf"]["nees_heading"], summary.estimators["riekf"]["nees_heading"]
     assert sure is not None
     assert sure.low is not None
     assert honest is not None
@@ -70,5 +70,5 @@ def test_the_textbook_filter_is_inconsistent_and_its_relatives_are_not(summary: 
     assert honest.high is not None
     assert honest.low <= 1.0 <= honest.high
     assert sure.low > 1.0
-    share = {name: summary.estimators[name].nees_share_inside_band or 0.0 for name in ("ekf", "fej-ekf", "riekf")}
+    share = {name: summary.estimators[name]["nees_share_inside_band"] or 0.0 for name in ("ekf", "fej-ekf", "riekf")}
     assert share["ekf"] < 0.5 < 0.98 < min(share["riekf"], share["fej-ekf"])

@@ -76,13 +76,13 @@ def test_delayed_landmarks_keep_the_right_invariant_filter_consistent(scenario: 
 def test_the_best_initialisation_is_within_the_bars():
     """Time-mean NEES/3; on the other seeds 1.15 and 0.98; resampled, 0.8 % and none of the means exceed the bar."""
     for initialisation in ("inverse-depth", "delayed"):
-        found = [score.nees_pose for score in of("q4-ring", initialisation, "riekf")]
+        found = [score["nees_pose"] for score in of("q4-ring", initialisation, "riekf")]
         assert np.mean([nees for nees in found if nees is not None]) / 3 <= 1.5
 
 
 def test_rays_make_the_textbook_filter_overconfident():
     """Its time-mean NEES/3 on the other seeds is 2.6; resampled, 0.4 % of the means of 20 runs come below 1.5."""
-    found = [score.nees_pose for score in of("q4-ring", "fis", "ekf")]
+    found = [score["nees_pose"] for score in of("q4-ring", "fis", "ekf")]
     assert np.mean([nees for nees in found if nees is not None]) / 3 > 1.5
 
 
@@ -90,9 +90,9 @@ def test_rays_make_the_textbook_filter_overconfident():
 @pytest.mark.parametrize("name", FILTERS)
 def test_every_ray_becomes_a_point(scenario: str, name: str):
     for score in of(scenario, "fis", name):
-        assert score.rays is not None
-        assert score.rays.left == 0
-        assert score.rays.collapsed == score.landmarks_true
+        assert score["rays"] is not None
+        assert score["rays"].left == 0
+        assert score["rays"].collapsed == score["landmarks_true"]
 
 
 def test_the_sliding_window_is_as_good_as_the_causal_optimum():
@@ -106,4 +106,4 @@ def test_bearings_of_one_degree_without_ids_cost_hardly_any_accuracy():
     sharp = "sensor.sigma_bearing_deg=1"
     methods = [(sharp, f"association.method={method}") for method in ("jcbb", "known")]
     blind, known = (scores("q4-ring", ("riekf",), 6, each)["riekf"] for each in methods)
-    assert sum(each.ate_m or np.nan for each in blind) <= 1.1 * sum(each.ate_m or np.nan for each in known)
+    assert sum(each["ate_m"] or np.nan for each in blind) <= 1.1 * sum(each["ate_m"] or np.nan for each in known)

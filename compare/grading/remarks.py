@@ -83,7 +83,7 @@ def figure_remarks(runs: Mapping[str, Sequence[Score]], reference: str) -> dict[
     alike: dict[tuple[float | None, ...], list[str]] = defaultdict(list)
     for name, scores in runs.items():
         if scores:
-            alike[tuple(each.ate_m for each in scores)].append(name)
+            alike[tuple(each["ate_m"] for each in scores)].append(name)
     remarks: dict[str, list[str]] = {}
     for names in alike.values():
         for name in names:
