@@ -3,7 +3,7 @@ r"""Damage every input of slamgauge at random and count what is refused, accepte
     python benchmarks/fuzz.py [--cases 2000] [--first 0] [--seed 0] [--only 17] [--seconds 20] [--memory 2.5] \
         [--worst 20]
 
-Each case damages one input: npz, MATLAB, CSV, TOML, g2o, MRCLAM, DLR, Freiburg and Victoria Park files, estimates,
+Each case damages one input: npz, MATLAB, CSV, TOML, g2o, MRCLAM and Victoria Park files, estimates,
 stores of studies, `--set`, or arguments of a command. A warning counts as a traceback, and so does a refusal of several
 lines, except refusals of scenarios (a line per mistake) and of the argument parser. A filter runs on each accepted
 recording. An input is `silently altered` if it was accepted and the result differs from the content of the file

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from slamgauge import compile_progress
+from slamgauge import jit
 from slamgauge.compare.cli import terminal
 from slamgauge.compare.estimators.wall import NO_WALL, kind_of_wall
 from slamgauge.compare.figures import plot_style
@@ -86,8 +86,8 @@ def whole_lines(monkeypatch: pytest.MonkeyPatch):
 
 @pytest.fixture(autouse=True)
 def silent_compiler(monkeypatch: pytest.MonkeyPatch):
-    """Disable messages about loading of kernels, which `core/test_compile_progress.py` tests."""
-    monkeypatch.setattr(compile_progress, "ANNOUNCE_AFTER", 3600.0)
+    """Disable the message about a first use, which `core/test_jit.py` tests."""
+    monkeypatch.setattr(jit, "announce", lambda: None)
 
 
 @pytest.fixture

@@ -28,7 +28,6 @@ LEVELS = {
         "slam_filter",
         "associating_filter",
         "bearings",
-        "advanced",
     ),
     "slamgauge.graph_baseline": ("problem", "gtsam_conversions", "gtsam_incremental", "gtsam_batch", "solver"),
     "slamgauge.compare": (
@@ -53,8 +52,6 @@ LIBRARIES = {
     "slamgauge": {"numpy"},
     "slamgauge.jit": {"numba"},
     "slamgauge.display": {"numpy", "pandas"},
-    "slamgauge.kernel_cache": {"numba"},
-    "slamgauge.linked_code": {"numba"},
     "slamgauge.ekf": {"numpy", "scipy"},
     "slamgauge.ekf.kernels.blas": {"numba", "llvmlite"},
     "slamgauge.graph_baseline": {"numpy", "scipy", "gtsam"},

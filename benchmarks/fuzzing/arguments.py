@@ -21,8 +21,6 @@ COMMANDS = (
     "import victoria-park p.txt --out p --max-range 5",
     "import csv p.txt --out c --set noise.forward=0.1",
     "import mrclam p --robot 1 --out m --turn 0.1",
-    "import dlr p.txt --out d",
-    "import freiburg p.txt --out f --range-sigma 0.1",
     "import lost-in-the-woods p.txt --out w --lateral-slip 0.02",
     "export r.npz --format g2o --out g --lend 0.1",
     "export r.npz --format csv --out x",

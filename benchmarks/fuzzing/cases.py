@@ -19,8 +19,6 @@ from fuzzing.targets import Target, targets
 from slamgauge import Recording, UserError
 from slamgauge.compare.scenarios.scenario import ScenarioError
 from slamgauge.ekf.estimators import ekf_slam
-from slamgauge.ekf.kernels.corrections import retract_standard
-from slamgauge.ekf.kernels.warm_up import compile_bearings, compile_joint_association, compile_nearest_neighbour
 from slamgauge.errors import refused_by_the_machine
 
 REFUSED, ACCEPTED = "refused in one line", "accepted"
@@ -42,10 +40,7 @@ class Result(NamedTuple):
 
 @cache
 def all_targets() -> dict[str, Target]:
-    """Make the inputs once, and compile the kernels that filters use on them."""
-    compile_nearest_neighbour()
-    compile_joint_association()
-    compile_bearings(retract_standard)
+    """Make the inputs once."""
     with tempfile.TemporaryDirectory() as folder:
         return {target.name: target for target in targets(Path(folder))}
 

@@ -31,8 +31,6 @@ from scipy.io import loadmat, savemat
 from fuzzing.mutations import WORDS, Mutation, changed_bytes, changed_mat, changed_npz, changed_pages, changed_text
 from slamgauge import Estimate, Recording, Truth, load_scenario, simulate
 from slamgauge.compare.datasets.csv_log import read_csv_log
-from slamgauge.compare.datasets.dlr import read_dlr
-from slamgauge.compare.datasets.freiburg import read_freiburg
 from slamgauge.compare.datasets.g2o import read_g2o
 from slamgauge.compare.datasets.lost_in_the_woods import read_lost_in_the_woods
 from slamgauge.compare.datasets.mrclam import read_mrclam
@@ -83,7 +81,7 @@ seed = 3
 KEYS = (
     *("sensor.max_range", "sensor.field_of_view_deg", "sensor.kind", "trajectory.duration", "trajectory.speed"),
     *("prior.mean", "prior.variances", "association.gate", "association.method", "association.node_limit"),
-    *("fis.beta", "fis.alpha", "fis.s_min", "fis.s_max", "inverse_depth.mean", "delayed.poses", "initialisation"),
+    *("fis.beta", "fis.alpha", "fis.s_min", "fis.s_max", "delayed.poses", "initialisation"),
     *(
         "landmarks.random.count",
         "landmarks.random",
@@ -273,8 +271,6 @@ LOGS: dict[str, tuple[Mapping[str, str], Read]] = {
         lambda folder: read_g2o(folder / "graph.toro", isam=True, drop_loop_edges=True).recording,
     ),
     "mrclam": (robot_logs.MRCLAM, lambda folder: read_mrclam(folder).recording),
-    "dlr": (robot_logs.DLR, lambda folder: read_dlr(folder / "log.txt").recording),
-    "freiburg": (robot_logs.FREIBURG, lambda folder: read_freiburg(folder).recording),
 }
 
 

@@ -12,7 +12,6 @@ from slamgauge.compare.checks import (
     exact_measurement_checks,
     id_and_frame_checks,
     prediction_checks,
-    step_time_check,
     update_checks,
 )
 from slamgauge.compare.checks.check import Check, Need, NotJudgedError, OtherModelError, Subject
@@ -30,7 +29,6 @@ CHECKS = (
     *update_checks.CHECKS,
     *id_and_frame_checks.CHECKS,
     *covariance_checks.CHECKS,
-    step_time_check.step_time,
 )
 
 

@@ -146,47 +146,6 @@ class Mrclam(Format):
 
 
 @dataclass
-class Dlr(Format):
-    """A landmark log in the form of the DLR Spatial Cognition data set (no ground truth).
-
-    PATH is the file, with lines STEP and LANDMARK. If some observations have ids, those with the id -1 are dropped.
-    """
-
-    without_ids: bool = False
-    """Drop the ids and keep all observations. Filters then associate."""
-
-    def __call__(self) -> Imported:
-        from slamgauge.compare.datasets.dlr import read_dlr
-
-        return read_dlr(self.path, with_ids=not self.without_ids)
-
-
-@dataclass
-class Freiburg(Format):
-    """A log of the SLAM course at Freiburg: sensor_data.dat, and world.dat in its folder for the true landmarks.
-
-    PATH is the log or its folder. It contains no noise. The defaults fit simulated logs; give the noise of your log.
-    """
-
-    rotation_sigma: float = 0.005
-    """Standard deviation of each of the two turns of a step [rad]."""
-
-    translation_sigma: float = 0.01
-    """Standard deviation of the distance of a step [m]."""
-
-    range_sigma: float = 0.1
-    """Standard deviation of ranges [m]."""
-
-    bearing_sigma: float = 0.1
-    """Standard deviation of bearings [rad]."""
-
-    def __call__(self) -> Imported:
-        from slamgauge.compare.datasets.freiburg import read_freiburg
-
-        return read_freiburg(self.path, **self.options())
-
-
-@dataclass
 class VictoriaPark(Format):
     """The Victoria Park recording, victoria_park.txt as distributed with the examples of GTSAM (no ground truth)."""
 
@@ -272,8 +231,6 @@ class Import:
         | Annotated[G2o, tyro.conf.subcommand(name="g2o")]
         | Annotated[Bag, tyro.conf.subcommand(name="bag")]
         | Annotated[Mrclam, tyro.conf.subcommand(name="mrclam")]
-        | Annotated[Dlr, tyro.conf.subcommand(name="dlr")]
-        | Annotated[Freiburg, tyro.conf.subcommand(name="freiburg")]
         | Annotated[VictoriaPark, tyro.conf.subcommand(name="victoria-park")]
         | Annotated[LostInTheWoods, tyro.conf.subcommand(name="lost-in-the-woods")]
     )

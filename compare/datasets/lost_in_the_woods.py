@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import zlib
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 
 from slamgauge.arrays import Float
 from slamgauge.compare.datasets.imported_log import of_file, require_max_range, require_sigmas
-from slamgauge.compare.datasets.mat_arrays import read_mat
+from slamgauge.compare.storage.files import explained
 from slamgauge.errors import UserError
 from slamgauge.recording import Recording
 from slamgauge.se2 import compose, wrap
@@ -18,6 +20,9 @@ from slamgauge.validation import LARGEST
 _COLUMNS = ("t", "v", "om", "x_true", "y_true", "th_true", "true_valid")
 _SCALARS = ("d", "r_var", "b_var", "v_var", "om_var")
 _TABLES = ("r", "b", "l")
+
+# errors of loadmat at damaged files
+DAMAGED = (OSError, ValueError, TypeError, LookupError, ArithmeticError, NotImplementedError, MemoryError, zlib.error)
 
 Fields = dict[str, Float]
 
@@ -92,19 +97,31 @@ def _sensor_increments(fields: Fields, lateral_slip: float) -> tuple[Float, Floa
 
 def _read_fields(path: str | Path) -> Fields:
     """Read columns (N+1,), tables (N+1, L) and (L, 2) and scalars (); refuse missing, infinite and misshapen ones."""
+    from scipy.io import loadmat  # imported here because it is slow and only this format needs it
+    from scipy.io.matlab import MatReadError
+
     names = (*_COLUMNS, *_SCALARS, *_TABLES)
-    raw = read_mat(Path(path), names)
+    with explained(path, "read"):
+        content = Path(path).read_bytes()
+    try:
+        raw = loadmat(BytesIO(content), variable_names=names)
+    except (MatReadError, *DAMAGED) as error:
+        what = " ".join(str(error).split())[:200]
+        raise UserError(f"{path}: not a whole MATLAB 5 file ({what}); copy it again, or save it with -v7") from None
     for name in names:
         if name not in raw:
             raise UserError(f"{path}: field {name} is missing; give dataset2.mat of Lost in the Woods")
-        if not (np.abs(raw[name]) < LARGEST).all():
-            raise UserError(f"{path}: field {name} must have finite numbers; correct it")
     steps, landmarks = len(raw["t"]), len(raw["l"])
     shapes = dict.fromkeys(_COLUMNS, (steps, 1)) | dict.fromkeys(_SCALARS, (1, 1))
     shapes |= dict.fromkeys(("r", "b"), (steps, landmarks)) | {"l": (landmarks, 2)}
     for name, shape in shapes.items():
+        if not isinstance(raw[name], np.ndarray) or raw[name].dtype.kind not in "biuf":
+            raise UserError(f"{path}: field {name} is not a matrix of real numbers; correct it")
         if raw[name].shape != shape:
             raise UserError(f"{path}: field {name} has shape {raw[name].shape}, not {shape}; correct it")
+        raw[name] = raw[name].astype(np.float64)
+        if not (np.abs(raw[name]) < LARGEST).all():
+            raise UserError(f"{path}: field {name} must have finite numbers; correct it")
     if not steps:
         raise UserError(f"{path}: field t has no steps; give dataset2.mat of Lost in the Woods")
     return raw | {name: raw[name][:, 0] for name in _COLUMNS} | {name: raw[name][0, 0] for name in _SCALARS}

@@ -74,7 +74,7 @@ def class_table(rows: list[Row]) -> Table:
             figure(_number(row, "points"), "{:g}"),
             Cell("see below" if row["remarks"] else "-"),
             *(figure(_number(row, key), form) for key, _, _, form in FIGURES),
-            Cell(str(len(row["failed_laws"].split())), len(row["failed_laws"].split())),
+            Cell(str(len(row["failed_checks"].split())), len(row["failed_checks"].split())),
             figure(_number(row, "seconds_per_run"), "{:.2f}"),
         ]
         for row in rows
@@ -88,7 +88,7 @@ def _number(row: Row, key: str) -> float | None:
 
 def check_table(rows: list[Row]) -> Table:
     """Return a table of the checks that any of these submissions fails."""
-    failed = {name: [row["submission"] for row in rows if name in row["failed_laws"].split()] for name in CHECKS}
+    failed = {name: [row["submission"] for row in rows if name in row["failed_checks"].split()] for name in CHECKS}
     heads = [*CHECK_HEADS, Head("failed by", help="submissions that fail the check", words=True)]
     cells = [
         [Cell(name), Cell(CHECKS[name].figure), Cell(CHECKS[name].blame), Cell(", ".join(submissions))]

@@ -60,11 +60,6 @@ SMALLEST = {
         "twin ",
         "0 of 5 cases are bad",
     ),
-    "large_maps": (  # 2 s
-        "--landmarks 20",
-        "landmarks filter median [ms] mean [ms] p95 [ms] worst [ms] difference memory/P",
-        "20 compressed ",
-    ),
     "large_optima": (  # 7 s
         "--landmarks 20,40",
         "landmarks scans seen batch [s] one [s] pieces front memory [GB] chi2/dof",

@@ -24,14 +24,12 @@ from slamgauge.compare.scoring.trajectory_error import pose_errors
 from slamgauge.ekf import (
     AssociatingFilter,
     Association,
-    CompressedFilter,
     FilterSettings,
     Robustness,
     SlamFilter,
     ekf_slam,
     riekf,
 )
-from slamgauge.ekf.estimators import drive
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
 from slamgauge.ekf.maps.map_edits import replace_map
 from slamgauge.ekf.maps.matching import innovations
@@ -107,18 +105,6 @@ def test_weights_without_ids_equal_those_with_ids(
     np.testing.assert_allclose(unknown.pose_cov, known.pose_cov, atol=1e-12)
     assert len(unknown.landmark_ids) == 1
     assert np.abs(plain.pose - known.pose).max() > 1e-4
-
-
-@pytest.mark.parametrize("robust", [Robustness("gate", gate=6.0), STUDENT], ids=["gate", "student-t"])
-def test_the_compressed_filter_gives_the_same(robust: Robustness) -> None:
-    _, recording = random_recording(5, steps=60)
-    recording = with_outliers(recording)
-    start = ("range-bearing", recording.prior_mean, recording.prior_cov)
-    one, other = SlamFilter(*start, robust=robust), CompressedFilter(*start, area_radius=4.0, robust=robust)
-    for _ in zip(drive(one, recording), drive(other, recording), strict=True):
-        np.testing.assert_array_equal(one.associated, other.associated)
-    np.testing.assert_allclose(other.pose, one.pose, atol=1e-8)
-    np.testing.assert_allclose(other.cov, one.cov, atol=1e-8)
 
 
 def test_the_gate_of_the_settings_equals_the_gate_of_update() -> None:

@@ -39,23 +39,3 @@ MRCLAM = {
     "Robot2_Groundtruth.dat": "10.2 1 2 3.1\n10.9 2 2 -3.1\n11.9 3 2 -3.0\n12.8 3 2 -3.0\n",
     "Landmark_Groundtruth.dat": "6 1.0 2.0 0.001 0.001\n7 3.0 4.0 0.001 0.001\n",
 }
-DLR = {
-    "log.txt": """\
-# a comment
-STEP largemap.0000 0.1 -0.5 0.02 1e-5 1e-6 4e-5 2e-6 -3e-6 2e-4
-LANDMARK -0.25 -3.1 0.9 0.0017 0.0002 0.0038 4
-LANDMARK_C 0.4 -3.0 0.8 0.0017 0 0.0037 -1
-STEP largemap.0001 0.0 -0.4 0.0 1e-5 0 4e-5 0 0 2e-4
-LANDMARK -0.3 -2.7 0.9 0.0017 0 0.0038 4
-""",
-}
-FREIBURG = {
-    "sensor_data.dat": """\
-ODOMETRY 0.1 2.0 -0.3
-SENSOR 1 2.0 0.5
-SENSOR 2 3.0 4.0
-ODOMETRY 0.0 1.0 0.0
-SENSOR 1 1.5 0.7
-""",
-    "world.dat": "1 2 1\n2 0 4\n3 9 9\n",
-}

@@ -8,22 +8,20 @@ import numpy as np
 from scipy.io import savemat
 
 from slamgauge import Recording, Truth, load_scenario, simulate
-from tests.reference.robot_logs import DLR, FREIBURG, G2O, MRCLAM
+from tests.reference.robot_logs import G2O, MRCLAM
 
 SHORT = ("trajectory.duration=6", "trajectory.step=0.1")
 
 
 def write_published_logs(folder: Path) -> None:
-    """Write `dataset2.mat`, `victoria_park.txt`, `graph.g2o`, `landmarks.txt`, `data`, `MRCLAM_Dataset1`."""
+    """Write `dataset2.mat`, `victoria_park.txt`, `graph.g2o` and `MRCLAM_Dataset1`."""
     truth, recording = simulate(load_scenario("q1-short-dense", SHORT), 1)
     savemat(folder / "dataset2.mat", lost_in_the_woods(truth, recording))
     (folder / "victoria_park.txt").write_text(victoria_park(recording))
     (folder / "graph.g2o").write_text(G2O["graph.g2o"])
-    (folder / "landmarks.txt").write_text(DLR["log.txt"])
-    for name, files in (("data", FREIBURG), ("MRCLAM_Dataset1", MRCLAM)):
-        (folder / name).mkdir()
-        for file, text in files.items():
-            (folder / name / file.replace("Robot2", "Robot1")).write_text(text)
+    (folder / "MRCLAM_Dataset1").mkdir()
+    for file, text in MRCLAM.items():
+        (folder / "MRCLAM_Dataset1" / file.replace("Robot2", "Robot1")).write_text(text)
 
 
 def lost_in_the_woods(truth: Truth, recording: Recording) -> dict[str, object]:

@@ -13,10 +13,9 @@ from tests.reference.course_files import BUGS, STYLES, with_bug
 
 # checks of sizes and of random recordings that take most of the time are run for one style only
 REFERENCE = "dicts from 1"
-TIMELESS = [check for check in CHECKS if check.name != "step-time"]
 QUICK = [
     check
-    for check in TIMELESS
+    for check in CHECKS
     if check.name
     in (
         "truth-recovered",
@@ -36,7 +35,7 @@ def failed(source: str, name: str, folder: Path, *, is_full: bool) -> set[str]:
     file.write_text(source)
     estimator, _ = adapted(address(f"{file}:{name}"))
     return {
-        each.name for each in check_estimator("mine", estimator, 0, TIMELESS if is_full else QUICK) if each.is_failure
+        each.name for each in check_estimator("mine", estimator, 0, CHECKS if is_full else QUICK) if each.is_failure
     }
 
 

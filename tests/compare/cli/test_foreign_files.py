@@ -50,7 +50,7 @@ IN_THE_WAY = [
     *(("study", name) for name in ("study.sqlite", "study.sqlite-wal", "summary.json", "ratios.svg", "nees.png/")),
     *(("sweep", name) for name in ("sweep.json", "sweep.png", "association.gate=9/study.sqlite", "association.gate=9")),
     *(("sweep", name) for name in ("association.gate=9/summary.json", "association.gate=4/nis.svg", "optimum")),
-    *(("grade", name) for name in ("grades.csv", "grades.xml/", "submissions", "submissions/dead.md")),
+    *(("grade", name) for name in ("grades.csv", "submissions", "submissions/dead.md")),
     *(("noise", name) for name in ("noise.json", "noise.png", "noise.svg/")),
     *(("animate", name) for name in ("animation.gif", "animation.mp4", "animation.gif/")),
 ]

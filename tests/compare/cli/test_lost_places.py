@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from slamgauge.compare.cli.machine import compile_optima
+from slamgauge.compare.cli.machine import WARM_UPS, run_shortly
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.scoring.runs import Runs
 from slamgauge.compare.storage.manifest import MANIFEST
@@ -87,7 +87,7 @@ def test_a_study_says_that_its_folder_was_removed_while_it_ran(
 )
 def test_a_run_that_is_interrupted_or_terminated_leaves_nothing_behind(refuse: Refuse, number: int, status: int):
     before = contents(refuse.out.parent)
-    compile_optima()  # compilation sometimes swallows an interrupt
+    run_shortly(*WARM_UPS["graph"])  # compilation sometimes swallows an interrupt
     arguments = ("q1-long-dense", "--set", "trajectory.duration=500", "--estimators", "causal", "--out", refuse.out)
     # pytest may run in the background, where interrupts are ignored
     heed = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"

@@ -13,13 +13,11 @@ from fuzzing.mutations import changed_text
 
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.datasets.csv_log import read_csv_log
-from slamgauge.compare.datasets.dlr import read_dlr
-from slamgauge.compare.datasets.freiburg import read_freiburg
 from slamgauge.compare.datasets.g2o import read_g2o
 from slamgauge.compare.datasets.mrclam import read_mrclam
 from slamgauge.compare.storage.csv_folder import read_recording_csv
 from slamgauge.errors import UserError
-from tests.reference.robot_logs import CSV, DLR, FREIBURG, G2O, MRCLAM, TORO
+from tests.reference.robot_logs import CSV, G2O, MRCLAM, TORO
 
 OWN = {  # files of `slamgauge export --format csv`
     "start.csv": "stamp,x,y,theta,cov_xx,cov_xy,cov_xt,cov_yy,cov_yt,cov_tt\n0,0,0,0,0.1,0,0,0.1,0,0.01\n",
@@ -34,8 +32,6 @@ FORMATS: dict[str, tuple[dict[str, str], Reader]] = {
     "g2o": (G2O, lambda folder: read_g2o(folder / "graph.g2o")),
     "toro": (TORO, lambda folder: read_g2o(folder / "graph.toro", isam=True, drop_loop_edges=True)),
     "mrclam": (MRCLAM, read_mrclam),
-    "dlr": (DLR, lambda folder: read_dlr(folder / "log.txt")),
-    "freiburg": (FREIBURG, read_freiburg),
 }
 FILES = [(name, file) for name, (files, _) in FORMATS.items() for file in files]
 
@@ -98,7 +94,7 @@ def test_line_ends_and_byte_order_marks_make_no_difference(name: str, file: str,
         assert read_or_refused(read, tmp_path) == ""
 
 
-@pytest.mark.parametrize("name", ["csv", "g2o", "mrclam", "dlr", "freiburg"])
+@pytest.mark.parametrize("name", ["csv", "g2o", "mrclam"])
 def test_commands_refuse_missing_files(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     assert main(["import", name, str(tmp_path / "none"), "--out", str(tmp_path / "out")]) == 2
     error = capsys.readouterr().err

@@ -64,7 +64,7 @@ def test_the_summary_agrees_with_the_runs(scenario: Scenario, run: Run) -> None:
             scores.append(evaluate(truth, recording, estimate))
             paths.append(np.square(estimate.poses[:, :2] - truth.poses[:, :2]).sum(axis=1))
             last.append(np.sqrt(np.diag(estimate.pose_covs[-1])))
-        ates[name] = np.array([score.ate_m for score in scores])
+        ates[name] = np.array([score["ate_m"] for score in scores])
         nees[name] = np.array([score.nees for score in scores])
         errors[name], sigmas[name] = np.array(paths), np.array(last)
     low, high = (bound / 6 for bound in chi2_band(0.999, 18))
