@@ -56,7 +56,7 @@ def test_published_figures_lie_within_the_sampling_error_of_both(
     """Both means have a sampling error: together sqrt(1 + RUNS / 100) times ours, taken at 99 % instead of 95."""
     widen = np.sqrt(1 + RUNS / 100) * 2.58 / 1.96
     for key, figure in published.items():
-        interval = getattr(summary.estimators[name], key)
+        interval = summary.estimators[name][key]
         half = widen * (interval.high - interval.low) / 2
         assert abs(interval.mean - figure) <= half, key
 
