@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[1]
 IMPORTS = "import slamgauge.ekf, slamgauge.compare; from slamgauge import SlamFilter; print(SlamFilter.__name__)"
 NOTEBOOK = """
@@ -29,7 +31,7 @@ def test_recording():
 """  # compiles no kernel, which would take half a minute in a new clone
 
 
-@pytest.fixture(scope="module", params=[".", "-e ."])
+@pytest.fixture(scope="module", params=["-e .", pytest.param(".", marks=pytest.mark.full)])
 def clone(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Make a clone and a virtual environment that uses the dependencies of this one, without downloads."""
     clone = tmp_path_factory.mktemp("clone") / "slamgauge-clone"
@@ -73,10 +75,12 @@ def test_python_m_slamgauge_runs_in_the_root_of_the_clone(clone: Path):
     assert slamgauge.__version__ in output(clone, "-m", "slamgauge", "--version")
 
 
+@pytest.mark.full  # pip install -e . is usual
 def test_a_notebook_runs_in_the_root_of_the_clone(clone: Path):
     assert output(clone, "-c", NOTEBOOK) == "SlamFilter"
 
 
+@pytest.mark.full  # pip install -e . is usual
 def test_pytest_of_a_users_file_runs_in_the_root_of_the_clone(clone: Path):
     (clone / "test_mine.py").write_text(USER_TEST, encoding="utf-8")
     assert "1 passed" in output(clone, "-m", "pytest", "-p", "no:cacheprovider", "test_mine.py")

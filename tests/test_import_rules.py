@@ -12,6 +12,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[1]
 FOLDERS = {"core": "slamgauge", **{name: f"slamgauge.{name}" for name in ("ekf", "graph_baseline", "compare")}}
 

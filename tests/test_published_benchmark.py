@@ -10,6 +10,8 @@ import pytest
 
 from slamgauge import Summary, load_scenario, run_study, simulate
 
+pytestmark = pytest.mark.full  # statistics of a published benchmark
+
 PUBLISHED_EKF = {
     "heading_rmse_rad": np.deg2rad(3.02),
     "position_rmse_m": 0.67,

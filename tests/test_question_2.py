@@ -16,6 +16,8 @@ from slamgauge.compare.studies.study_run import run_seed
 from slamgauge.ekf import FilterSettings
 from tests.reference.question_scores import Expected, graded_scores, scores
 
+pytestmark = pytest.mark.full  # the exercise's figures, statistics of many runs
+
 FILTERS = ("ekf", "riekf")
 RUNS = 24  # without the optimum; seeds 0 ..
 GRADED_RUNS = 5  # next to the optimum; the first of them

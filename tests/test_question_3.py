@@ -15,6 +15,8 @@ from slamgauge import assert_error_bounds, load_scenario, simulate
 from slamgauge.compare.scenarios.simulation import informed
 from tests.reference.question_scores import Expected, graded_scores, scores
 
+pytestmark = pytest.mark.full  # the exercise's figures, statistics of many runs
+
 FILTERS = ("ekf", "riekf")
 RUNS = 50  # without the optimum; seeds 0 ..
 GRADED_RUNS = 20  # next to the optimum; the first of them

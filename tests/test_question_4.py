@@ -15,6 +15,8 @@ import pytest
 from slamgauge import Score, assert_error_bounds
 from tests.reference.question_scores import graded_scores, scores
 
+pytestmark = pytest.mark.full  # the exercise's figures, statistics of many runs
+
 FILTERS = ("ekf", "riekf")
 RUNS = {"q4-three-landmarks": 30, "q4-ring": 20}  # without the optimum; seeds 0 ..
 GRADED_RUNS = {"q4-three-landmarks": 20, "q4-ring": 8}  # next to the optimum; the first of them

@@ -15,6 +15,9 @@ from pathlib import Path
 import pytest
 
 from tests.kernels import compile_kernels
+from tests.marks import in_full
+
+pytestmark = pytest.mark.slow
 
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 
@@ -101,8 +104,11 @@ def test_every_benchmark_is_run_here():
     assert {*SMALLEST} == {path.stem for path in BENCHMARKS.glob("*.py")}
 
 
+LONG = ("class_of_forms", "interruptions", "seeded_bugs")  # they start many programs
+
+
 @pytest.mark.usefixtures("compiled_kernels")
-@pytest.mark.parametrize("name", SMALLEST)
+@pytest.mark.parametrize("name", [*(name for name in SMALLEST if name not in LONG), *in_full(LONG)])
 def test_a_benchmark_prints_its_table(name: str, tmp_path: Path):
     arguments, *expected = SMALLEST[name]
     command = [sys.executable, BENCHMARKS / f"{name}.py", *arguments.split()]

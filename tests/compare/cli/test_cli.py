@@ -18,6 +18,8 @@ from slamgauge.compare.storage.files import load_estimate, load_recording, load_
 from slamgauge.compare.storage.manifest import MANIFEST
 from tests.reference.command_line import SHORT, Module, arrays, metrics_of, run
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[3]
 DATA = ROOT / "../shared/data"
 VICTORIA_PARK = DATA / "victoria_park/victoria_park.txt"
@@ -299,6 +301,7 @@ def imported_and_scored(capsys: pytest.CaptureFixture[str], out: Path, *words: o
     return printed.err, json.loads(capsys.readouterr().out)
 
 
+@pytest.mark.full  # a real recording of 6968 steps
 @pytest.mark.skipif(not VICTORIA_PARK.exists(), reason=f"{VICTORIA_PARK} is not there")
 def test_victoria_park(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     note, metrics = imported_and_scored(capsys, tmp_path / "park", "victoria-park", VICTORIA_PARK)
@@ -310,6 +313,7 @@ def test_victoria_park(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     assert all(entry["ate_m"] is None for entry in metrics["estimators"].values())
 
 
+@pytest.mark.full  # a real recording of 12608 steps
 @pytest.mark.skipif(not LOST_IN_THE_WOODS.exists(), reason=f"{LOST_IN_THE_WOODS} is not there")
 def test_lost_in_the_woods(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     words = ("lost-in-the-woods", LOST_IN_THE_WOODS, "--max-range", 5)

@@ -12,7 +12,7 @@ from slamgauge.compare.storage.manifest import MANIFEST, owned
 from tests.reference.command_line import contents
 from tests.reference.robot_logs import CSV
 
-pytestmark = pytest.mark.usefixtures("studies_in_a_thread", "empty_pictures")
+pytestmark = [pytest.mark.usefixtures("studies_in_a_thread", "empty_pictures"), pytest.mark.slow]
 
 PARK = "ODOMETRY 0 1 1 0 0.5 1e-4 0 0 4e-6 0 4e-6\nLANDMARK 0 2 6 8 0.4 0 0.4\n"
 SHORT = ("--set", "trajectory.duration=3")
@@ -100,6 +100,7 @@ def put(folder: Path, name: str) -> Path:
     return path
 
 
+@pytest.mark.full  # many program starts
 @pytest.mark.parametrize("name", COMMANDS)
 def test_files_with_unlucky_names_survive_byte_for_byte(
     name: str, command: Callable[[str, Path], int], tmp_path: Path, monkeypatch: pytest.MonkeyPatch

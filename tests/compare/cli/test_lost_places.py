@@ -20,6 +20,8 @@ from slamgauge.compare.studies import study
 from slamgauge.compare.studies.summary import EstimatorSummary, summarise
 from tests.reference.command_line import Refuse, command_after, contents
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.mark.parametrize("place", ["FILE", "FILE/run", "/proc/nowhere/run", "/proc/run", "/sys/run"])
 def test_places_that_cannot_be_written(stored: Path, tmp_path: Path, refuse: Refuse, place: str):
@@ -80,7 +82,7 @@ def test_a_study_says_that_its_folder_was_removed_while_it_ran(
     [
         ("new folder", signal.SIGINT, 130),
         ("older results", signal.SIGINT, 130),
-        ("new folder", signal.SIGTERM, 143),
+        pytest.param("new folder", signal.SIGTERM, 143, marks=pytest.mark.full),
         ("older results", signal.SIGHUP, 129),
     ],
     indirect=["refuse"],

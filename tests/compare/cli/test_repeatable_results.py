@@ -18,6 +18,8 @@ import pytest
 from slamgauge.compare.cli.main import main
 from tests.reference.fast_commands import studies_in_a_thread
 
+pytestmark = pytest.mark.slow
+
 EXAMPLES = Path(__file__).parents[3] / "examples"
 SHORT = ("q1-short-dense", "--set", "trajectory.duration=3")
 COMMANDS = (

@@ -23,6 +23,8 @@ from slamgauge.recording import Recording
 
 from .conftest import EXAMPLES, Own, agree, short
 
+pytestmark = pytest.mark.slow
+
 VARIANTS = ("wrong_jacobian", "no_cross_covariance", "no_wrap")
 
 # corrects mapped landmarks of a scan in one update, then adds new ones, as `ekf` does

@@ -28,6 +28,8 @@ from slamgauge.recording import Recording
 
 from .conftest import short
 
+pytestmark = pytest.mark.slow
+
 SHORT = ["start=sampled", "trajectory.duration=4"]
 
 

@@ -27,6 +27,8 @@ from tests.reference import wild_steps
 
 from .conftest import EXAMPLES, short
 
+pytestmark = pytest.mark.slow
+
 MINE = "from helper import chosen\ndef estimate(recording):\n    return chosen(recording)\n"
 HELPER = "from slamgauge.ekf import {} as chosen\n"
 SHORT = ["start=sampled", "trajectory.duration=2"]

@@ -20,6 +20,8 @@ from tests.reference import wild_steps
 
 from .conftest import short
 
+pytestmark = pytest.mark.slow
+
 Loaded = Callable[..., LoadedEstimator]
 
 

@@ -31,6 +31,8 @@ from tests.reference.fast_commands import studies_in_a_thread
 
 from ..scoring.test_error_bounds import scores
 
+pytestmark = pytest.mark.slow
+
 RUBRIC = load_rubric()
 EXAMPLES = Path(__file__).parents[3] / "examples"
 SCENARIO = 'extends = "q1-short-dense"\n\n[trajectory]\nduration = 6.0\n'
@@ -277,6 +279,7 @@ def _relative(score: Score, best: float | None, check: float | None = None) -> S
     return with_figures(score, ratio_to_optimum=score["ate_m"] / best, yardstick_check_sigma=check, seconds_total=1.0)
 
 
+@pytest.mark.full  # tests/compare/estimators has this
 @pytest.mark.usefixtures("studies_in_a_thread")
 def test_no_file_of_the_folder_hides_a_library_from_the_others(
     scenario: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -291,6 +294,7 @@ def test_no_file_of_the_folder_hides_a_library_from_the_others(
     assert capsys.readouterr().out.endswith("3 of 3 graded, 3 passed\n")
 
 
+@pytest.mark.full  # tests/compare/estimators has the noise of files
 @pytest.mark.usefixtures("studies_in_a_thread")
 def test_other_noise_of_a_file_is_graded_too_and_the_same_noise_is_not(
     scenario: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -18,6 +18,8 @@ from slamgauge.compare.scoring.table import Cell, Head, Table
 
 from .conftest import unexplained
 
+pytestmark = pytest.mark.slow
+
 BARE = re.compile(r"^(?:export )?(?:async )?(?:function|class|const|let) +(\w+)", re.MULTILINE)
 SOURCES = {name: (ASSETS / "modules" / f"{name}.js").read_text(encoding="utf-8") for name in MODULES}
 

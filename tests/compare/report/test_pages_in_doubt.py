@@ -26,6 +26,8 @@ from slamgauge.compare.studies.sweep import Sweep, sweep_table
 
 from .conftest import unexplained
 
+pytestmark = pytest.mark.slow
+
 
 def page_of(folder: Path, name: str, content: object) -> str:
     (folder / name).write_text(json.dumps(content))

@@ -26,6 +26,8 @@ from tests.reference import fast_commands
 
 from .conftest import SCRIPT_NAME, Reader, publish, unexplained
 
+pytestmark = pytest.mark.slow
+
 RUNS = 4
 NOW = "return document.getElementById(arguments[0]).textContent"
 

@@ -135,6 +135,7 @@ def test_impossible_bounds_are_refused(bounds: dict[str, Any], message: str) -> 
         assert_error_bounds(bounds.pop("score", resting_run(0)), **bounds)
 
 
+@pytest.mark.full  # a statistic of 300 groups of runs
 def test_right_runs_fail_as_often_as_the_levels_say() -> None:
     """Failures of 300 groups of 5 runs at 90 %: binomial, two-sided false-alarm rate 0.1 % each (3.29 sigma)."""
     groups = [[resting_run(5 * group + run) for run in range(5)] for group in range(300)]

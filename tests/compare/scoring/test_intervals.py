@@ -51,6 +51,7 @@ def test_a_ratio_of_proportional_figures_is_exact() -> None:
     assert ends(ratio_interval(3 * below, below)) == pytest.approx((3.0, 3.0, 3.0))
 
 
+@pytest.mark.full  # a statistic of many samples
 def test_95_percent_intervals_contain_the_true_figure_95_times_in_100() -> None:
     """1000 samples of 300 runs; a coverage of 95 % leaves these bounds once in 100 (binomial)."""
     rng = np.random.default_rng(1)

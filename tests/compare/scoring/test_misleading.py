@@ -25,6 +25,8 @@ from slamgauge.graph_baseline import batch
 from slamgauge.truth import Truth
 from tests.reference import example_records as examples
 
+pytestmark = pytest.mark.slow
+
 SHORT = ("start=sampled", "trajectory.duration=20")
 BAD = ("sensor.outlier_rate=0.05", "sensor.clutter_rate=0.3")
 
@@ -120,6 +122,7 @@ def test_over_runs_the_whole_interval_must_be_much_off() -> None:
     assert [is_misfit_in_runs(fit) for fit in (None, *fits)] == [False, False, False, True, True]
 
 
+@pytest.mark.full  # many runs
 def test_accepted_outliers_are_in_the_budget() -> None:
     """They are in the rung of associations: the optimum with them is worse than the one without."""
     shorter = (*SHORT, "trajectory.duration=8")

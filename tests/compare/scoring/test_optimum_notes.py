@@ -225,6 +225,7 @@ def chance(seed: int, scale: float, sampled: float = 1.0) -> tuple[Truth, Estima
     return truth, Estimate("filtered", other, covs), Estimate("filtered", errors, covs)
 
 
+@pytest.mark.full  # a statistic of many runs
 def test_a_run_of_a_right_filter_is_rarely_too_near_the_truth():
     """Probability 0.0005 each at most: more than 5 of 2000 have one of 6e-4."""
     assert sum(is_too_near_the_truth(*chance(seed, 1.0)) for seed in range(2000)) <= 5

@@ -30,6 +30,8 @@ from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline import causal_bound, hindsight_bound
 from slamgauge.recording import Recording
 
+pytestmark = pytest.mark.slow
+
 NAMES = ("ekf", "batch", "bound")
 SHORT = ["start=sampled", "trajectory.duration=4"]
 

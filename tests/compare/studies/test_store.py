@@ -29,6 +29,8 @@ from slamgauge.compare.studies.study_run import Outcome
 from slamgauge.compare.studies.summary import Summary
 from slamgauge.errors import UserError
 
+pytestmark = pytest.mark.slow
+
 Run = Callable[..., Summary]
 Load = Callable[..., dict[str, Runs]]
 

@@ -36,6 +36,8 @@ from slamgauge.recording import Recording
 
 from .conftest import figures_of
 
+pytestmark = pytest.mark.slow
+
 EXAMPLE = Path(__file__).parents[3] / "examples/student_ekf.py"
 
 Run = Callable[..., Summary]
@@ -202,6 +204,7 @@ def test_bad_input_is_refused_before_anything_is_written(
     assert not (tmp_path / "new").exists()
 
 
+@pytest.mark.full  # tests/compare/estimators has a cluster
 def test_processes_and_a_dask_cluster_give_the_same_figures_bit_for_bit(run: Run, tmp_path: Path) -> None:
     from distributed import LocalCluster
 

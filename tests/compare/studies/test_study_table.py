@@ -13,6 +13,8 @@ from slamgauge.compare.cli.main import main
 from slamgauge.compare.scoring.table_files import escaped
 from slamgauge.compare.studies.study_table import study_table
 
+pytestmark = pytest.mark.slow
+
 
 def interval(mean: float) -> dict[str, float]:
     return {"mean": mean, "low": mean - 0.5, "high": mean + 0.5}

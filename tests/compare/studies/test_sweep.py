@@ -19,6 +19,8 @@ from slamgauge.compare.studies.sweep import Sweep, run_sweep, split_sweep, sweep
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 
+pytestmark = pytest.mark.slow
+
 SHORT = ["start=sampled", "trajectory.duration=3"]
 BOTH = ("ekf", "causal")
 
