@@ -51,7 +51,7 @@ def test_error_against_the_optimum(scenario: str, name: str):
 @CASES
 def test_map_size(scenario: str, name: str):
     mean, deviation = EXPECTED[scenario, name].mapped
-    mapped = [score.landmarks_mapped for score in scores(scenario, FILTERS, RUNS)[name]]
+    mapped = [score["landmarks_mapped"] for score in scores(scenario, FILTERS, RUNS)[name]]
     assert abs(np.mean(mapped) - mean) <= 3.3 * deviation * np.sqrt(1 / RUNS + 1 / 400)  # both are samples
 
 

@@ -72,13 +72,13 @@ def test_delayed_landmarks_keep_the_right_invariant_filter_consistent(scenario: 
 
 def test_the_best_initialisation_is_within_the_bars():
     """Time-mean NEES/3; on the other seeds 0.98; resampled, none of the means exceeds the bar."""
-    found = [score.nees_pose for score in of("q4-ring", "delayed", "riekf")]
+    found = [score["nees_pose"] for score in of("q4-ring", "delayed", "riekf")]
     assert np.mean([nees for nees in found if nees is not None]) / 3 <= 1.5
 
 
 def test_rays_make_the_textbook_filter_overconfident():
     """Its time-mean NEES/3 on the other seeds is 2.6; resampled, 0.4 % of the means of 20 runs come below 1.5."""
-    found = [score.nees_pose for score in of("q4-ring", "fis", "ekf")]
+    found = [score["nees_pose"] for score in of("q4-ring", "fis", "ekf")]
     assert np.mean([nees for nees in found if nees is not None]) / 3 > 1.5
 
 
@@ -86,6 +86,6 @@ def test_rays_make_the_textbook_filter_overconfident():
 @pytest.mark.parametrize("name", FILTERS)
 def test_every_ray_becomes_a_point(scenario: str, name: str):
     for score in of(scenario, "fis", name):
-        assert score.rays is not None
-        assert score.rays.left == 0
-        assert score.rays.collapsed == score.landmarks_true
+        assert score["rays"] is not None
+        assert score["rays"].left == 0
+        assert score["rays"].collapsed == score["landmarks_true"]
