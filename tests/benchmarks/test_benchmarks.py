@@ -30,20 +30,6 @@ SMALLEST = {
         "causal steps:",
         "bars missed:",
     ),
-    "fuzz": (  # 5 s
-        "--cases 100 --seed 0",
-        "input tried refused in one line accepted traceback hang crash silently altered",
-        "recording npz ",
-        "arguments ",
-        "all 100 ",
-    ),
-    "class_of_forms": (  # 30 s
-        "--runs 2 --only online",
-        "form file passed points reason",
-        "online class right yes ",
-        "online class sign in F no ",
-        "7 files, 2 runs of q1-short-dense: ",
-    ),
     "compile_times": ("--only=--version", "command first [s] kernels again [s]", "--version "),
     "consistency_test": (  # 4 s
         "--runs 1 --twins 3 --set trajectory.duration=2 --estimators riekf --q 1,1.5",
@@ -56,12 +42,6 @@ SMALLEST = {
         "20 studies from 2 runs; wrong and decided share with 10, 20, 50, 100 runs",
         "q3-scale-0.1-landmarks 3.1 wrong ",
         "sum wrong ",
-    ),
-    "interruptions": (  # 20 s
-        "--only twin --moments 1",
-        "command time [s] bad cases of 5",
-        "twin ",
-        "0 of 5 cases are bad",
     ),
     "large_optima": (  # 7 s
         "--landmarks 20,40",
@@ -104,7 +84,7 @@ def test_every_benchmark_is_run_here():
     assert {*SMALLEST} == {path.stem for path in BENCHMARKS.glob("*.py")}
 
 
-LONG = ("class_of_forms", "interruptions", "seeded_bugs")  # they start many programs
+LONG = ("seeded_bugs",)  # tests/compare/checks has them
 
 
 @pytest.mark.usefixtures("compiled_kernels")
