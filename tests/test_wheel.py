@@ -15,7 +15,7 @@ import pytest
 pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).parents[1]
-FOLDERS = {"core": "", "ekf": "ekf", "graph_baseline": "graph_baseline", "compare": "compare"}  # in the wheel's slamgauge
+FOLDERS = {"core": "", "ekf": "ekf", "graph_baseline": "graph_baseline", "compare": "compare"}
 KINDS = ("*.py", "*.toml", "*.html", "*.css", "*.js", "*.mplstyle", "py.typed")
 
 
