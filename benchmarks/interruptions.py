@@ -30,7 +30,7 @@ from typing import Any, NamedTuple
 
 import tyro
 
-from slamgauge.compare.storage.manifest import MANIFEST
+from slamgauge.compare.storage.staged_folder import MARK
 
 ROOT = Path(__file__).parents[1]
 SCENARIO = "q1-short-dense"
@@ -189,7 +189,7 @@ def results(folder: Path) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for file in folder.rglob("*"):
         name = str(file.relative_to(folder))
-        if file.suffix == ".json" and file.name not in (MANIFEST, "bench.json"):
+        if file.suffix == ".json" and file.name not in (MARK, "bench.json"):
             found[name] = without_clock(json.loads(file.read_text()))
         elif file.suffix == ".csv":
             found[name] = without_clock([*csv.DictReader(file.read_text().splitlines())])

@@ -22,7 +22,6 @@ from slamgauge.compare.figures.axes import label_plane
 from slamgauge.compare.figures.plot_style import DEAD_RECKONING, LEGEND, PRINT, save_printed, sheet
 from slamgauge.compare.storage.files import explained
 from slamgauge.compare.storage.progress import tracked
-from slamgauge.compare.storage.result_files import METRICS
 from slamgauge.compare.storage.staged_folder import staged_folder
 from slamgauge.compare.storage.stored_results import Results, load_results
 from slamgauge.errors import UserError
@@ -72,7 +71,7 @@ def animate(folder: Path, names: Sequence[str], seconds: float, fps: int, form: 
     steps = np.linspace(0, results.recording.steps, frames).round().astype(int).tolist()
     rate: Any = frames / seconds  # typed as int by the writers, but floats work
     files = files_of(form)
-    staged = staged_folder(folder, files, last=files[0], remedy="move it away", beside=METRICS)
+    staged = staged_folder(folder, files, last=files[0])
     with staged as stage, mpl.rc_context(SCREEN):
         if form == "strip":
             with explained(folder, "written"):

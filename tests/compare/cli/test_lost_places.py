@@ -15,7 +15,7 @@ import pytest
 from slamgauge.compare.cli.machine import compile_optima
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.scoring.runs import Runs
-from slamgauge.compare.storage.manifest import MANIFEST
+from slamgauge.compare.storage.staged_folder import MARK
 from slamgauge.compare.studies import study
 from slamgauge.compare.studies.summary import EstimatorSummary, summarise
 from tests.reference.command_line import Refuse, command_after, contents
@@ -56,7 +56,7 @@ def test_a_disk_that_fills_up_at_the_figure_costs_that_alone(stored: Path, refus
     assert re.fullmatch(expected, lost)
     assert written == f"written to {refuse.out}"
     assert {path.name for path in refuse.out.iterdir()} == {
-        *("recording.npz", "truth.npz", "metrics.json", "estimates", "trajectories", MANIFEST)
+        *("recording.npz", "truth.npz", "metrics.json", "estimates", "trajectories", MARK)
     }
 
 
