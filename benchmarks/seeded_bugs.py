@@ -3,7 +3,7 @@
     python benchmarks/seeded_bugs.py [--seeds 20] [--forms 2]
 
 The tables have a row for each right filter and for each bug: the check that is named for the bug, the number of seeds
-for which it fails, and the other checks that fail. `step-time` does not run: it judges time, not estimates.
+for which it fails, and the other checks that fail.
 `--forms` is the number of seeds for the files. The exit status is 1 if a named check passes, another check fails, or a
 right filter fails a check.
 """
@@ -24,12 +24,11 @@ sys.path.insert(0, str(Path(__file__).parent))  # Python with PYTHONSAFEPATH doe
 from references.class_files import FORMS, submissions
 from references.seeded_bugs import SEEDED, seeded_ekf
 
-from slamgauge.compare.checks.examination import CHECKS, check_estimator
+from slamgauge.compare.checks.examination import check_estimator
 from slamgauge.compare.estimators.adapters import adapted, found_in
 from slamgauge.compare.estimators.user_code import address
 from slamgauge.estimate import Estimator
 
-JUDGED = [check for check in CHECKS if check.name != "step-time"]
 NAMED = {  # bugs of `class_files.BUGS`
     "right": "",
     "sign in F": "prediction-jacobian",
@@ -78,7 +77,7 @@ def files(folder: Path) -> dict[str, tuple[Estimator, str]]:
 
 def failures(estimator: Estimator, seeds: int) -> Counter[str]:
     """Return for how many seeds each check fails."""
-    verdicts = (check_estimator("mine", estimator, seed, JUDGED) for seed in range(seeds))
+    verdicts = (check_estimator("mine", estimator, seed) for seed in range(seeds))
     return Counter(verdict.name for each in verdicts for verdict in each if verdict.is_failure)
 
 

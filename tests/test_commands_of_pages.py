@@ -23,9 +23,10 @@ import pytest
 
 from slamgauge.compare.cli.main import COMMANDS, main
 from slamgauge.compare.scenarios import scenario, scenario_files
+from tests.marks import in_full
 from tests.reference.synthetic_logs import write_published_logs
 
-pytestmark = pytest.mark.usefixtures("studies_in_a_thread", "empty_pictures")
+pytestmark = [pytest.mark.usefixtures("studies_in_a_thread", "empty_pictures"), pytest.mark.slow]
 
 ROOT = Path(__file__).parents[1]
 MADE = runpy.run_path(str(ROOT / "docs/make_figures.py"))
@@ -100,7 +101,11 @@ def run_line(line: str, expected: set[int], page: str) -> None:
         subprocess.run(["bash", "-euc", line], check=True, capture_output=True)
 
 
-@pytest.mark.parametrize("page", PAGES)
+# tests/compare/cli has the commands of the other pages in the usual run
+SHORT = ("README.md", "index.md", "your_robot.md", "association.md", "scenarios.md")
+
+
+@pytest.mark.parametrize("page", [*SHORT, *in_full(page for page in PAGES if page not in SHORT)])
 def test_every_command_of_a_page(page: str, small: Path):
     found = [each for each in blocks(PAGES[page]) if not ELSEWHERE.search(each[2])]
     shown = "\n".join(block for mark, _, block in found if mark != "as")
@@ -132,6 +137,7 @@ def test_the_first_two_commands_of_the_readme_make_pages_with_answer_and_verdict
         assert text in (small / folder / "report.html").read_text(encoding="utf-8")
 
 
+@pytest.mark.full  # tests/compare/studies has a study on a cluster
 @pytest.mark.parametrize("scheme", ["tcp", "tls"])
 def test_the_cluster_of_a_page(scheme: str, tmp_path: Path):
     """Certificates first, then scheduler, workers and study at the same time."""

@@ -16,6 +16,8 @@ import pytest
 from slamgauge import assert_error_bounds
 from tests.reference.question_scores import graded_scores, scores
 
+pytestmark = pytest.mark.full  # the exercise's figures, statistics of many runs
+
 FILTERS = ("dead-reckoning", "ekf", "riekf")
 MAPS = ("q1-short-dense", "q1-long-dense", "q1-long-sparse")
 LEVEL = 0.999

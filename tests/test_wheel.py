@@ -13,6 +13,8 @@ import pytest
 
 from tests.reference.installed_copy import PACKAGES, ROOT, lend_kernels, run_in
 
+pytestmark = pytest.mark.slow
+
 SCENARIOS = sorted(path.stem for path in (ROOT / "compare/scenarios").glob("*.toml"))
 
 

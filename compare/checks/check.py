@@ -9,8 +9,6 @@ from typing import Literal
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.compare.estimators.cpu_time import cpu_seconds
-from slamgauge.compare.estimators.loading import spent_by
 from slamgauge.compare.estimators.running import run_estimator
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, Estimator
@@ -69,13 +67,6 @@ class Subject:
             return replace(estimate, landmark_ids=names)
         self.is_confused = True
         return Estimate(estimate.kind, estimate.poses, estimate.pose_covs)
-
-    def cpu_seconds(self, recording: Recording) -> float:
-        """Return the processor time [s] of one run, including the programs that it calls."""
-        start = cpu_seconds()
-        run_estimator(self.name, self.estimator, recording, remarked=False)
-        spent = spent_by(self.estimator)
-        return cpu_seconds() - start if spent is None else spent.cpu_seconds
 
 
 def pose_covs_of(estimate: Estimate) -> Float:

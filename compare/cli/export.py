@@ -107,12 +107,12 @@ class Export:
 
     def _write_study_table(self) -> None:
         from slamgauge.compare.storage.staged_folder import staged_files
-        from slamgauge.compare.studies.study_table import read_study_table
+        from slamgauge.compare.studies.study_table import study_table
 
         if self.format not in ("csv", "latex", "markdown"):
             raise UserError(f"format: {self.format} is not for the table of a study; use csv, latex or markdown")
         keys, estimators = split_names(self.columns), split_names(self.estimators)
-        text = read_study_table(self.path, keys, estimators, intervals=not self.means_only).text(self.format)
+        text = study_table(self.path, self.format, keys, estimators, intervals=not self.means_only)
         if self.out in (OUT, STANDARD_OUTPUT):
             put(text.rstrip("\n"))
             return

@@ -142,7 +142,7 @@ class Evaluate(WithPage):
     robust: Literal["none", "gate", "student-t"] = "none"
     """How filters protect their updates from outliers (docs/association.md)."""
 
-    initialisation: Literal["fis", "inverse-depth", "delayed"] = "fis"
+    initialisation: Literal["fis", "delayed"] = "fis"
     """How filters add landmarks if the recording is bearing-only."""
 
     reach: float = 10.0

@@ -108,7 +108,7 @@ class Grade(WithPage):
     work: Work = field(default_factory=Work)
 
     out: Folder | None = None
-    """Folder of grades.csv, grades.xml (JUnit), submissions/NAME.md and gradescope/NAME/results.json. If not given:
+    """Folder of grades.csv, submissions/NAME.md and gradescope/NAME/results.json. If not given:
     results/grades-FOLDER."""
 
     def __call__(self) -> int:

@@ -1,25 +1,22 @@
-"""Output of grades: a table for the terminal, files for spreadsheets and JUnit, and a page for each submission."""
+"""Output of grades: a table for the terminal, files for spreadsheets and Gradescope, and a page for each submission."""
 
 from __future__ import annotations
 
 import html
 import json
 from pathlib import Path
-from xml.etree import ElementTree
 
 from slamgauge.compare.checks.examination import verdicts_table
 from slamgauge.compare.grading.grades import Grade
 from slamgauge.compare.grading.gradescope import gradescope_json
 from slamgauge.compare.grading.grading import Grades
 from slamgauge.compare.grading.rubric import Mark
-from slamgauge.compare.scoring.text_page import Grid, Page
-from slamgauge.compare.scoring.text_table import cell, interval_cell
+from slamgauge.compare.scoring.table import Head, Table, cell, interval_cell
+from slamgauge.compare.scoring.text_page import Page
 from slamgauge.compare.storage.best_effort import Drawing, decorate
 from slamgauge.compare.storage.csv_cells import write_csv
 from slamgauge.compare.storage.files import explained
-from slamgauge.compare.storage.provenance import origin
-from slamgauge.compare.storage.result_files import GRADES, GRADES_XML, GRADESCOPE, PAGES, RESULTS, RUBRIC
-from slamgauge.compare.storage.safe_names import shown
+from slamgauge.compare.storage.result_files import GRADES, GRADESCOPE, PAGES, RESULTS, RUBRIC
 
 HEAD = ("ATE [m]", "x", "NEES/3", "x", "sigma x", "heading sigma x", "x causal", "checks failed", "time [s]")
 
@@ -28,14 +25,15 @@ def grade_table(grades: Grades) -> Page:
     """Return a table with a row for the reference and for each submission, and below it the reasons for failures."""
     name = grades.reference_grade.submission
     head = ["submission", "verdict", "points", *(f"{title} {name}" if title[-1:] == "x" else title for title in HEAD)]
-    rows = [head, [f"({name})", "reference", "-", *_cells(grades.reference_grade)]]
+    rows = [[f"({name})", "reference", "-", *_cells(grades.reference_grade)]]
     rows += [[each.submission, verdict(each), f"{each.mark.points:g}", *_cells(each)] for each in grades.grades]
     reasons = [f"{each.submission}: {'; '.join(each.reasons)}" for each in grades.grades if each.reasons]
     reasons += [
         f"{each.submission}, for the teacher: {'; '.join(each.remarks)}" for each in grades.grades if each.remarks
     ]
     graded, passed = (sum(getattr(each, name) for each in grades.grades) for name in ("is_graded", "passed"))
-    return Page((Grid(rows, words=2), *reasons, f"{graded} of {len(grades.grades)} graded, {passed} passed"))
+    heads = [Head(title, words=place < 2) for place, title in enumerate(head)]
+    return Page((Table.of(heads, rows), *reasons, f"{graded} of {len(grades.grades)} graded, {passed} passed"))
 
 
 def verdict(grade: Grade) -> str:
@@ -60,7 +58,7 @@ def _cells(grade: Grade) -> list[str]:
 
 
 def write_grades(folder: Path, grades: Grades) -> None:
-    """Write grades.csv, grades.xml, the rubric and the results for Gradescope into an existing folder.
+    """Write grades.csv, the rubric and the results for Gradescope into an existing folder.
 
     Raises:
         UserError: a file cannot be written.
@@ -70,7 +68,6 @@ def write_grades(folder: Path, grades: Grades) -> None:
         with (folder / GRADES).open("w", encoding="utf-8", newline="") as file:
             cells = ([str(it).lower() if isinstance(it, bool) else it for it in row.values()] for row in rows)
             write_csv(file, [rows[0], *cells])  # spreadsheets read true and false
-        ElementTree.ElementTree(_junit(grades)).write(folder / GRADES_XML, encoding="utf-8", xml_declaration=True)
         (folder / RUBRIC).write_text(grades.settings.rubric.text, encoding="utf-8")
         for each in grades.grades:
             results = json.dumps(gradescope_json(each), indent=2, allow_nan=False)
@@ -146,26 +143,3 @@ def _points(mark: Mark) -> list[str]:
 def _verbatim(text: str) -> list[str]:
     """Return indented lines, so that no text of a submission ends the block."""
     return [f"    {line}" for line in text.splitlines()]
-
-
-def _junit(grades: Grades) -> ElementTree.Element:
-    failures = sum(each.is_graded and not each.passed for each in grades.grades)
-    errors = sum(not each.is_graded for each in grades.grades)
-    counts = {"tests": str(len(grades.grades)), "failures": str(failures), "errors": str(errors)}
-    suite = ElementTree.Element("testsuite", {"name": f"slamgauge grade {grades.settings.scenario.name}", **counts})
-    properties = ElementTree.SubElement(suite, "properties")
-    for name, value in origin(grades.scenario_text).items():
-        if value is not None:
-            ElementTree.SubElement(properties, "property", name=name, value=value)
-    for each in grades.grades:
-        seconds = sum(score.seconds_total or 0.0 for score in each.trial.scores)
-        case = ElementTree.SubElement(
-            suite, "testcase", classname=shown(grades.folder.name), name=each.submission, time=f"{seconds:.3f}"
-        )
-        told = ElementTree.SubElement(case, "properties")
-        for name, points in (("points", each.mark.points), ("max_points", each.mark.total)):
-            ElementTree.SubElement(told, "property", name=name, value=f"{points:g}")
-        if each.reasons:
-            kind = "failure" if each.is_graded else "error"
-            ElementTree.SubElement(case, kind, message="; ".join(each.reasons))
-    return suite

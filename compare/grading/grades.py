@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -93,7 +94,7 @@ class Grade:
             "settings": "; ".join(self.trial.settings),
             "kind": self.kind,
             "runs": len(self.trial.scores),
-            "failed_laws": " ".join(self.failed_checks),
+            "failed_checks": " ".join(self.failed_checks),
             "seconds_per_run": self.seconds,
         }
         for key, interval in figures.items():
@@ -103,23 +104,21 @@ class Grade:
         return row
 
 
-def grade(
-    submission: str, trial: Trial, reference: Sequence[Score], rubric: Rubric, remarks: Sequence[str] = ()
-) -> Grade:
+def grade(submission: str, trial: Trial, reference: Sequence[Score], rubric: Rubric) -> Grade:
     """Grade a trial by comparison with the scores of the reference on the same runs, with points by the rubric."""
-    told = tuple(printable(each) for each in remarks)
     if trial.reason is not None:
         reason = printable(trial.reason)
         mark = rubric.nothing(reason)
-        return Grade(submission=submission, trial=trial, reasons=(reason,), mark=mark, remarks=told)
+        return Grade(submission=submission, trial=trial, reasons=(reason,), mark=mark)
     scores = trial.scores
     ratios = against_reference(scores, reference)
     ratio = ratio_interval(ates(scores), optimum_ates(scores))
     reasons: list[str] = []
-    kinds = [each.kind for each in scores if each.kind != reference[0].kind]
+    kinds = [each["kind"] for each in scores if each["kind"] != reference[0]["kind"]]
     if kinds:
-        reasons.append(f"its poses are {kinds[0]}; {reference[0].kind} poses are required")
-    is_in_doubt = share_of_doubt(np.array([each.yardstick_check_sigma for each in scores], dtype=np.float64))
+        required = reference[0]["kind"]
+        reasons.append(f"its poses are {kinds[0]}; {required} poses are required")
+    is_in_doubt = share_of_doubt(np.array([each["yardstick_check_sigma"] for each in scores], dtype=np.float64))
     too_good = None if is_in_doubt else beats_the_optimum(ratio, int(np.isfinite(optimum_ates(scores)).sum()))
     if too_good:
         reasons.append(too_good)
@@ -133,12 +132,31 @@ def grade(
         trial=trial,
         reasons=tuple(reasons),
         mark=rubric.mark(ratios.ate, nees, other, trial.verdicts, reasons[0] if kinds else ""),
-        remarks=told,
-        kind=scores[0].kind,
+        kind=scores[0]["kind"],
         ate_m=mean_interval(ates(scores)),
         nees=nees,
         reference=ratios,
         ratio_to_optimum=ratio,
         own_noise=against_reference(trial.own_noise, reference) if trial.own_noise else None,
-        seconds=float(np.median([each.seconds_total or 0.0 for each in scores])),
+        seconds=float(np.median([each["seconds_total"] or 0.0 for each in scores])),
     )
+
+
+def figure_remarks(runs: Mapping[str, Sequence[Score]], reference: str) -> dict[str, list[str]]:
+    """Return remarks on submissions whose errors are identical, to the last bit, in every run.
+
+    Args:
+        runs: scores of each run, by name of the submission, and those of the reference by its name.
+        reference: name of the reference.
+    """
+    alike: dict[tuple[float | None, ...], list[str]] = defaultdict(list)
+    for name, scores in runs.items():
+        if scores:
+            alike[tuple(each["ate_m"] for each in scores)].append(name)
+    remarks: dict[str, list[str]] = {}
+    for names in alike.values():
+        for name in names:
+            others = [f"the reference {each}" if each == reference else each for each in names if each != name]
+            if others:
+                remarks[name] = [f"same figures as {', '.join(others)}"]
+    return remarks

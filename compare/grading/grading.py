@@ -10,9 +10,7 @@ from typing import Any, TypeVar
 
 from slamgauge.compare.estimators.memory_check import require_room_for_runs
 from slamgauge.compare.estimators.requests import Asked, Isolation
-from slamgauge.compare.grading.grades import Grade, grade
-from slamgauge.compare.grading.installation import installed_files, require_same
-from slamgauge.compare.grading.remarks import figure_remarks, source_remarks
+from slamgauge.compare.grading.grades import Grade, figure_remarks, grade
 from slamgauge.compare.grading.rubric import Rubric
 from slamgauge.compare.grading.submissions import Submission
 from slamgauge.compare.grading.trial import Run, Trial, reference_run, run_trial
@@ -90,7 +88,7 @@ def grade_folder(
         executor: runs submissions, one at a time on each of its workers.
 
     Raises:
-        UserError: settings are out of range, the reference fails, or files of slamgauge have changed.
+        UserError: settings are out of range, or the reference fails.
     """
     scenario, runs, seed, reference = settings.scenario, settings.runs, settings.seed, settings.reference
     if runs < 2:
@@ -109,21 +107,19 @@ def grade_folder(
         references.append(done)
     scores, rubric = [each.score for each in references], settings.rubric
     arguments = [(each, settings, references) for each in submissions]
-    before = installed_files()
     found = dict(_results(executor, _graded, arguments, "submission"))
-    require_same(before)
     grades = [
         done if isinstance(done := found[place], Grade) else grade(each.name, Trial(reason=LOST), scores, rubric)
         for place, each in enumerate(submissions)
     ]
     own = f"({reference.label})"
     same = figure_remarks({each.submission: each.trial.scores for each in grades} | {own: scores}, own)
-    marked = [replace(each, remarks=(*each.remarks, *same.get(each.submission, ()))) for each in grades]
+    marked = [replace(each, remarks=tuple(same.get(each.submission, ()))) for each in grades]
     return Grades(folder, settings, grade(reference.label, Trial(scores=scores), scores, rubric), tuple(marked))
 
 
 def _graded(submission: Submission, settings: GradeSettings, runs: Sequence[Run]) -> Grade:
-    """Run and grade a submission, and remark on its sources.
+    """Run and grade a submission.
 
     Any error is its reason, so that the others have their grades. Only this function and `main` catch all errors.
     """
@@ -132,7 +128,7 @@ def _graded(submission: Submission, settings: GradeSettings, runs: Sequence[Run]
         if where is None:
             return grade(name, Trial(reason=submission.reason), scores, settings.rubric)
         trial = run_trial(where, name, settings.scenario, runs, settings.isolation, settings.rubric.needed_checks)
-        return grade(name, trial, scores, settings.rubric, source_remarks(where.sources, where.strangers))
+        return grade(name, trial, scores, settings.rubric)
     except Exception as error:  # noqa: BLE001 see above
         return grade(name, Trial(reason=failure_text(error)), scores, settings.rubric)
 

@@ -79,7 +79,9 @@ def of_this_version(path: Path) -> Generator[None]:
     """Turn a missing key or wrong type in the content of `path` into a one-line `UserError`."""
     try:
         yield
-    except (LookupError, TypeError, AttributeError):
+    except UserError:
+        raise
+    except (LookupError, TypeError, ValueError, AttributeError):
         raise UserError(f"{path}: written by another version, or changed by hand; run its command again") from None
 
 

@@ -38,7 +38,7 @@ TWIN_FILES = (TWIN, TWIN_PATH, TWIN_MOTION, TWIN_SIGHTINGS)
 BENCH = "bench.json"
 BENCH_FILES = (BENCH, *pictures("bench"))
 
-GRADES, GRADES_XML, RUBRIC = "grades.csv", "grades.xml", "rubric.toml"
+GRADES, RUBRIC = "grades.csv", "rubric.toml"
 GRADESCOPE, RESULTS = "gradescope", "results.json"  # folder with a folder per submission, and its file
 PAGES = "submissions"  # folder with a page per submission
 
@@ -54,7 +54,7 @@ def grade_files(submissions: Iterable[str]) -> list[str]:
     names = [*submissions]
     pages = [f"{PAGES}/{name}.{kind}" for name in names for kind in ("md", "html")]
     results = [f"{GRADESCOPE}/{name}/{RESULTS}" for name in names] + [RESULTS] * (len(names) == 1)
-    return [GRADES, GRADES_XML, RUBRIC, REPORT, *pages, *results]
+    return [GRADES, RUBRIC, REPORT, *pages, *results]
 
 
 def comparison_files(estimators: Iterable[str]) -> list[str]:

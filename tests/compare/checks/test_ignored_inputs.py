@@ -19,8 +19,10 @@ from slamgauge.compare.estimators.adapters import adapted
 from slamgauge.compare.estimators.user_code import address
 from slamgauge.ekf import ekf_slam
 from slamgauge.estimate import Estimator
+from tests.marks import in_full
 
-TIMELESS = [check for check in CHECKS if check.name != "step-time"]
+pytestmark = pytest.mark.slow
+
 Q, R = np.diag([0.03, 0.01, 0.02]) ** 2, np.diag([0.1, 0.05]) ** 2
 UNJUDGED = {
     *("odometry-noise-size", "time-step", "measurement-noise", "zero-prior", "sound-covariances"),
@@ -46,7 +48,7 @@ def own_noise(recording: Recording, bug: str = "", Q: Float = Q, R: Float = R) -
 
 def failed(estimator: Estimator, seed: int = 0) -> tuple[set[str], set[str]]:
     """Return the names of failed checks, and of those that do not judge."""
-    verdicts = check_estimator("mine", estimator, seed, TIMELESS)
+    verdicts = check_estimator("mine", estimator, seed, CHECKS)
     return {each.name for each in verdicts if each.is_failure}, {each.name for each in verdicts if each.passed is None}
 
 
@@ -97,7 +99,7 @@ def test_random_estimates_ignore_nothing():
     assert ignored_inputs(Subject("mine", jittered)) == set()
 
 
-@pytest.mark.parametrize("scale", [0.1, 1.0, 10.0])
+@pytest.mark.parametrize("scale", [1.0, *in_full([0.1, 10.0])])
 def test_a_right_filter_with_its_own_noise_fails_no_check(scale: float):
     for seed in range(5):
         found = failed(partial(own_noise, Q=scale * Q, R=scale * R), seed)
@@ -105,14 +107,15 @@ def test_a_right_filter_with_its_own_noise_fails_no_check(scale: float):
 
 
 def test_the_reason_names_the_ignored_noise():
-    verdicts = {each.name: each for each in check_estimator("mine", own_noise, 0, TIMELESS)}
+    verdicts = {each.name: each for each in check_estimator("mine", own_noise, 0, CHECKS)}
     assert verdicts["time-step"].blame == "not judged: it ignores the odometry noise of the recording"
     only_r = {
-        each.name: each.blame for each in check_estimator("mine", partial(own_noise, Q=np.zeros((3, 3))), 0, TIMELESS)
+        each.name: each.blame for each in check_estimator("mine", partial(own_noise, Q=np.zeros((3, 3))), 0, CHECKS)
     }
     assert only_r["measurement-noise"] == "not judged: it ignores the observation noise of the recording"
 
 
+@pytest.mark.full  # bugs of other filters are usual
 @pytest.mark.parametrize("bug", SEEDED)
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")  # bugs may overflow
 def test_bugs_of_a_filter_with_its_own_noise(bug: str):
@@ -144,7 +147,7 @@ def test_a_filter_that_associates_by_itself():
 
 
 def test_mixed_landmarks_are_no_failure_but_a_wrong_jacobian_is():
-    verdicts = {each.name: each for each in check_estimator("mine", merging, 0, TIMELESS)}
+    verdicts = {each.name: each for each in check_estimator("mine", merging, 0, CHECKS)}
     assert not [each.name for each in verdicts.values() if each.is_failure]
     why = "not judged: its own association may have confused landmarks"
     assert verdicts["truth-recovered"].blame == why

@@ -17,6 +17,8 @@ from slamgauge.compare.storage.stored_results import load_stored
 from slamgauge.estimate import Estimate
 from tests.reference.random_recordings import random_recording
 
+pytestmark = pytest.mark.slow
+
 SHORT = ("--set", "trajectory.duration=3")
 
 

@@ -11,7 +11,7 @@ from slamgauge.compare.cli.main import main
 from slamgauge.compare.storage.staged_folder import MARK
 from tests.reference.robot_logs import CSV
 
-pytestmark = pytest.mark.usefixtures("studies_in_a_thread", "empty_pictures")
+pytestmark = [pytest.mark.usefixtures("studies_in_a_thread", "empty_pictures"), pytest.mark.slow]
 
 PARK = "ODOMETRY 0 1 1 0 0.5 1e-4 0 0 4e-6 0 4e-6\nLANDMARK 0 2 6 8 0.4 0 0.4\n"
 SHORT = ("--set", "trajectory.duration=3")

@@ -12,13 +12,15 @@ from pathlib import Path
 
 import pytest
 
-from slamgauge.compare.cli.machine import compile_optima
+from slamgauge.compare.cli.machine import WARM_UPS, run_shortly
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.scoring.runs import Runs
 from slamgauge.compare.storage.staged_folder import MARK
 from slamgauge.compare.studies import study
 from slamgauge.compare.studies.summary import EstimatorSummary, summarise
 from tests.reference.command_line import Refuse, command_after, contents
+
+pytestmark = pytest.mark.slow
 
 
 @pytest.mark.parametrize("place", ["FILE", "FILE/run", "/proc/nowhere/run", "/proc/run", "/sys/run"])
@@ -80,14 +82,14 @@ def test_a_study_says_that_its_folder_was_removed_while_it_ran(
     [
         ("new folder", signal.SIGINT, 130),
         ("older results", signal.SIGINT, 130),
-        ("new folder", signal.SIGTERM, 143),
+        pytest.param("new folder", signal.SIGTERM, 143, marks=pytest.mark.full),
         ("older results", signal.SIGHUP, 129),
     ],
     indirect=["refuse"],
 )
 def test_a_run_that_is_interrupted_or_terminated_leaves_nothing_behind(refuse: Refuse, number: int, status: int):
     before = contents(refuse.out.parent)
-    compile_optima()  # compilation sometimes swallows an interrupt
+    run_shortly(*WARM_UPS["graph"])  # compilation sometimes swallows an interrupt
     arguments = ("q1-long-dense", "--set", "trajectory.duration=500", "--estimators", "causal", "--out", refuse.out)
     # pytest may run in the background, where interrupts are ignored
     heed = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"

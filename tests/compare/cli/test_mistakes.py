@@ -20,6 +20,8 @@ from slamgauge import load_scenario, save, simulate
 from slamgauge.compare.estimators.memory_check import require_room_for_runs
 from tests.reference.command_line import Refuse, arrays, run
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[3]
 MANY = "100000000"
 

@@ -11,6 +11,8 @@ import pytest
 from slamgauge import load_recording, load_scenario, save, simulate
 from slamgauge.compare.cli.main import main
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:

@@ -13,6 +13,8 @@ from slamgauge.compare.cli.main import REFUSED, main
 from slamgauge.errors import refused_by_the_machine
 from tests.reference.command_line import command_after
 
+pytestmark = pytest.mark.slow
+
 POINTS = 'trajectory={kind="waypoints",points=[[0,0],[0,0]],speed=1,yaw_rate=1,step=0.1}'
 
 

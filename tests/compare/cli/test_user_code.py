@@ -4,20 +4,19 @@ from __future__ import annotations
 
 import json
 import re
-from contextlib import closing
 from pathlib import Path
 
 import pytest
 
-from slamgauge import dead_reckoning, load_scenario, simulate
-from slamgauge.compare.checks import check as check_module
+from slamgauge import dead_reckoning
 from slamgauge.compare.checks.examination import CHECKS, OVERDUE, check_estimator
 from slamgauge.compare.cli.main import main
-from slamgauge.compare.estimators.isolated_process import Isolated
-from slamgauge.compare.estimators.user_code import OverdueError, address
+from slamgauge.compare.estimators.user_code import OverdueError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from tests.reference.command_line import Module, Refuse, run
+
+pytestmark = pytest.mark.slow
 
 RIGHT = """
 from slamgauge import Estimate, chain
@@ -118,24 +117,10 @@ def test_check_of_a_filter_that_cannot_run_is_one_line(capsys: pytest.CaptureFix
 
 
 @pytest.mark.usefixtures("folder")
-def test_check_finds_the_future_and_times_the_code_where_it_runs(capsys: pytest.CaptureFixture[str]):
+def test_check_finds_the_future(capsys: pytest.CaptureFixture[str]):
     assert main(["check", own("shifted"), "--json"]) == 1
     verdicts = {each["name"]: each["passed"] for each in json.loads(capsys.readouterr().out)}
     assert verdicts["no-future"] is False
-    assert verdicts["step-time"] is True
-
-
-def test_processor_time_is_that_of_the_isolated_process(folder: Path):
-    (folder / "busy.py").write_text(
-        "from time import thread_time\nfrom slamgauge import riekf\n"
-        "def estimate(recording):\n"
-        "    end = thread_time() + 0.5\n"
-        "    while thread_time() < end:\n        pass\n"
-        "    return riekf(recording)\n"
-    )
-    recording = simulate(load_scenario("q1-short-dense", ["trajectory.duration=1"]), 0)[1]
-    with closing(Isolated(address("busy.py:estimate"), 60.0)) as estimator:
-        assert check_module.Subject("busy", estimator).cpu_seconds(recording) >= 0.5
 
 
 def test_a_check_after_one_that_took_too_long_is_not_run():

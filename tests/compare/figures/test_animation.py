@@ -25,6 +25,8 @@ from slamgauge.estimate import Estimate
 from slamgauge.truth import Truth
 from tests.reference.example_rays import STEPS, estimate_with_rays, half_loop
 
+pytestmark = pytest.mark.slow
+
 WITH_RAYS = estimate_with_rays()
 NO_HISTORY = replace(WITH_RAYS, rays=None, history=None)
 SMOOTHED = replace(NO_HISTORY, kind="smoothed")

@@ -12,9 +12,11 @@ from slamgauge.compare.grading.rubric import Mark, load_rubric
 from slamgauge.compare.scoring.intervals import Interval
 from slamgauge.errors import UserError
 
+pytestmark = pytest.mark.slow
+
 RUBRIC = load_rubric()
 PASSED = [Verdict(each.name, True, 0.0, each.bound, each.blame) for each in CHECKS]
-WEIGHTS = {"truth-recovered": 6.0, "step-time": 0.0}
+WEIGHTS = {"truth-recovered": 6.0, "standing-robot-in-noise": 0.0}
 
 
 def mark(ate: float = 1.0, nees: float | None = 1.0, other: float = 1.0, verdicts: list[Verdict] = PASSED) -> Mark:
@@ -32,12 +34,12 @@ def test_the_default_rubric_weighs_every_check_and_a_right_filter_has_all_points
     found = mark()
     assert found.points == 100
     assert points_of(found)["truth-recovered"] == (6.0, 6.0)
-    assert not {"step-time", "standing-robot"} & {*points_of(found)}
+    assert not {"standing-robot-in-noise", "standing-robot"} & {*points_of(found)}
 
 
 def test_checks_without_weight_run_only_if_a_weighted_check_presupposes_them():
     omitted = {each.name for each in CHECKS} - {each.name for each in RUBRIC.needed_checks}
-    assert omitted == {"step-time", "standing-robot-in-noise"}
+    assert omitted == {"standing-robot-in-noise"}
 
 
 @pytest.mark.parametrize(

@@ -9,9 +9,10 @@ import pytest
 
 from slamgauge.compare.estimators import wall
 from slamgauge.compare.estimators.sources import added_folders
-from slamgauge.compare.grading.remarks import source_remarks
 from slamgauge.compare.grading.submissions import submissions_in
 from slamgauge.errors import UserError
+
+pytestmark = pytest.mark.slow
 
 
 @pytest.mark.parametrize(
@@ -73,7 +74,6 @@ def test_a_submission_is_its_folder_without_what_lies_above_or_behind_links(tmp_
     assert not [*added_folders(Path(eve.folder), eve.files[0][1], eve.top)]
     assert found["fay"].reason == "fay: is a link to a file elsewhere; put the file in its place"
     assert found["ida"].reason == "ida.py: has more than 1 MB; keep data in files of their own"
-    assert source_remarks(sources["jon"], ("bob", "jon")) == ["uses the submission bob"]
 
 
 def test_a_missing_folder(tmp_path: Path):

@@ -26,6 +26,8 @@ from tests.reference import fast_commands
 
 from .conftest import SCRIPT_NAME, Reader, publish, unexplained
 
+pytestmark = pytest.mark.slow
+
 RUNS = 4
 NOW = "return document.getElementById(arguments[0]).textContent"
 
@@ -186,7 +188,7 @@ def budget(folder: Path) -> None:
 def grades(folder: Path) -> None:
     row = {"submission": 'a "<b>', "passed": "false", "graded": "true", "reason": f"{SCRIPT_NAME}; two"}
     row |= {"points": "47", "max_points": "100", "remarks": 'same "<i>" figures', "settings": "Q of the file <b>"}
-    row |= {"failed_laws": "heading-wrap", "seconds_per_run": "0.5", "seed": "7", "digest": "of q1-long-dense"}
+    row |= {"failed_checks": "heading-wrap", "seconds_per_run": "0.5", "seed": "7", "digest": "of q1-long-dense"}
     row |= {f"{key}{end}": "" for key, *_ in FIGURES for end in ("", "_low", "_high")}
     row |= {"ate_m": "0.3", "ate_m_low": "0.2", "ate_m_high": "0.4"}
     with (folder / "grades.csv").open("w", encoding="utf-8", newline="") as file:
