@@ -56,9 +56,14 @@ def run_estimator(
         with nullcontext() if is_built_in else captured(name) as output:
             estimate = cast("object", estimator(recording))
     except (Exception, SystemExit) as error:
-        if is_built_in and not isinstance(error, UserError):
-            raise
-        reason = str(error) if is_built_in else reason_of(error)
+        reason = reason_of(error)
+        if is_built_in:
+            is_defect = not isinstance(error, UserError)
+            reason = (
+                f"{type(error).__name__}: {error} (a defect of slamgauge: please report it)"
+                if is_defect
+                else str(error)
+            )
         reason += "" if output is None else output.as_reason
         kind = OverdueError if isinstance(error, OverdueError) else UserError
         raise kind(f"estimator {name}: {reason}") from error

@@ -190,7 +190,7 @@ def read_json(path: Path, command: str) -> Any:
 def _load(path: str | Path, kind: type[Record], recording: Recording | None = None) -> Record:
     values = _read(path)
     ids = None if recording is None else recording.landmark
-    if ids is not None and np.array_equal(values.get("association"), ids):
+    if ids is not None and "association" in values and np.array_equal(values["association"], ids):
         values["association"] = ids
     return _made(path, kind, values)
 
