@@ -124,7 +124,7 @@ class Study(WithPage):
         """Run a study; return whether everything succeeded."""
         from slamgauge.compare.figures.publishing import write_study
         from slamgauge.compare.storage.staged_folder import require_ours
-        from slamgauge.compare.studies.study import load_runs, require_kept, run_study
+        from slamgauge.compare.studies.study import load_runs, run_study
         from slamgauge.compare.studies.summary import summary_table
 
         scenario = overridden_scenario(self.scenario, self.set)
@@ -135,7 +135,6 @@ class Study(WithPage):
             summary = run_study(*arguments, against=split_names(self.against))
         worse = gate is not None and is_worse(summary, gate)
         printed = self.output.show(summary.to_json(), summary_table(summary))
-        require_kept(self.out, summary.runs)
         runs = load_runs(scenario, summary.runs, self.seed, asked, self.out)
         done = write_study(self.out, summary, runs, scenario.trajectory.step) and printed
         return done and not summary.failures and not worse

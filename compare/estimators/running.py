@@ -18,7 +18,7 @@ from slamgauge.compare.estimators.loading import LoadedEstimator, entry_behind, 
 from slamgauge.compare.estimators.registry import INFORMED, OPTIMA, UNDER, Entry
 from slamgauge.compare.estimators.user_code import OverdueError, reason_of
 from slamgauge.compare.storage.progress import counted, refreshed
-from slamgauge.errors import UserError
+from slamgauge.errors import UserError, failure_text
 from slamgauge.estimate import Estimate, Estimator, Kind
 from slamgauge.notices import tell_first
 from slamgauge.recording import Recording
@@ -56,14 +56,9 @@ def run_estimator(
         with nullcontext() if is_built_in else captured(name) as output:
             estimate = cast("object", estimator(recording))
     except (Exception, SystemExit) as error:
-        reason = reason_of(error)
-        if is_built_in:
-            is_defect = not isinstance(error, UserError)
-            reason = (
-                f"{type(error).__name__}: {error} (a defect of slamgauge: please report it)"
-                if is_defect
-                else str(error)
-            )
+        if is_built_in and not isinstance(error, UserError):
+            raise
+        reason = str(error) if is_built_in else reason_of(error)
         reason += "" if output is None else output.as_reason
         kind = OverdueError if isinstance(error, OverdueError) else UserError
         raise kind(f"estimator {name}: {reason}") from error
@@ -127,6 +122,9 @@ class SideBySide:
             self.estimates[name], seconds = run_estimator(name, estimator, recording)
         except UserError as error:
             self.failures[name] = str(error)
+            return
+        except Exception as error:  # noqa: BLE001 a defect of one estimator does not cost the results of the others
+            self.failures[name] = f"estimator {name}: {failure_text(error)}"
             return
         self.remarks[name] = remarks_of(estimator, recording)
         if not (isinstance(estimator, LoadedEstimator) and isinstance(estimator.estimate, StoredEstimate)):

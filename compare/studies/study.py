@@ -22,7 +22,7 @@ from slamgauge.compare.storage.staged_folder import begin_folder
 from slamgauge.compare.studies.executors import lost_worker
 from slamgauge.compare.studies.paired_comparisons import compare_against, compare_user_code
 from slamgauge.compare.studies.store import StudyStore, begin_store, digest, open_store
-from slamgauge.compare.studies.store_file import require_whole, sole_use
+from slamgauge.compare.studies.store_file import sole_use
 from slamgauge.compare.studies.study_run import Outcome, run_once, run_seed
 from slamgauge.compare.studies.summary import Failure, Summary, run_figures, summarise
 from slamgauge.errors import UserError
@@ -116,25 +116,13 @@ def load_runs(
     """Return the stored runs of each estimator, for figures and statistics in user code.
 
     Raises:
-        UserError: the store does not exist, has another study, or is damaged.
+        UserError: the store does not exist, has another study, or cannot be used.
     """
     scenario, out = as_scenario(scenario), Path(out)
     if not (out / STORE).exists():
         raise UserError(f"{out / STORE}: no study is there; make one with run_study")
     with open_store(out / STORE, scenario, seed) as store:
-        require_whole(out / STORE)
         return {each.label: store.load(each.key, runs) for each in ask(estimators)}
-
-
-def require_kept(out: Path, runs: int) -> None:
-    """Refuse to continue after `run_study` if the folder `out` was removed while the study ran.
-
-    Raises:
-        UserError: the store does not exist any more.
-    """
-    if not (out / STORE).exists():
-        what = f"was removed or renamed while the study ran; its {runs} runs are not stored there"
-        raise UserError(f"{out}: {what}; put the folder back, or give the same command again")
 
 
 def _run_missing(store: StudyStore, work: _Work, runs: int) -> list[Failure]:

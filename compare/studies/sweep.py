@@ -24,7 +24,7 @@ from slamgauge.compare.storage.result_files import SWEEP
 from slamgauge.compare.storage.staged_folder import begin_folder, require_ours
 from slamgauge.compare.studies.store import digest
 from slamgauge.compare.studies.stored_study import load_study, optima_beside
-from slamgauge.compare.studies.study import load_runs, require_kept, run_study
+from slamgauge.compare.studies.study import load_runs, run_study
 from slamgauge.compare.studies.summary import (
     Failure,
     Summary,
@@ -181,7 +181,6 @@ def _run_parts(
         if asked:
             part = run_study(simulated, runs, seed, asked, where, executor)
             failures, comparisons = failures + part.failures, comparisons + part.comparisons
-            require_kept(where, part.runs)
             loaded |= load_runs(simulated, runs, seed, asked, where)
     content = (scenario.name, runs, seed, digest(scenario, seed), failures, summarise(loaded))
     return Summary(*content, scenario_text=scenario_text(scenario), comparisons=comparisons), loaded

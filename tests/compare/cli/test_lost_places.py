@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import shutil
 import signal
 import subprocess
 import time
@@ -13,11 +12,7 @@ from pathlib import Path
 import pytest
 
 from slamgauge.compare.cli.machine import WARM_UPS, run_shortly
-from slamgauge.compare.cli.main import main
-from slamgauge.compare.scoring.runs import Runs
 from slamgauge.compare.storage.staged_folder import MARK
-from slamgauge.compare.studies import study
-from slamgauge.compare.studies.summary import EstimatorSummary, summarise
 from tests.reference.command_line import Refuse, command_after, contents
 
 pytestmark = pytest.mark.slow
@@ -60,21 +55,6 @@ def test_a_disk_that_fills_up_at_the_figure_costs_that_alone(stored: Path, refus
     assert {path.name for path in refuse.out.iterdir()} == {
         *("recording.npz", "truth.npz", "metrics.json", "estimates", "trajectories", MARK)
     }
-
-
-@pytest.mark.parametrize("sweep", [(), ("--sweep", "assumed.scale=1,2")])
-def test_a_study_says_that_its_folder_was_removed_while_it_ran(
-    sweep: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
-    def summarise_late(loaded: dict[str, Runs]) -> dict[str, EstimatorSummary]:
-        shutil.rmtree(tmp_path / "out")
-        return summarise(loaded)
-
-    monkeypatch.setattr(study, "summarise", summarise_late)
-    words = ["study", "q1-short-dense", "--runs", "2", "--jobs", "1", "--estimators", "dead-reckoning"]
-    assert main([*words, *sweep, "--out", str(tmp_path / "out")]) == 2
-    last = capsys.readouterr().err.splitlines()[-1]
-    assert re.search(r"out\S*: was removed or renamed while the study ran; its 2 runs are not stored there; put", last)
 
 
 @pytest.mark.parametrize(
