@@ -2,7 +2,7 @@
 
     python benchmarks/large_optima.py [--landmarks 1000,2000,5000,10000] [--sights 10]
 
-The robot drives through a field in lanes (`large_maps.py`) with about `--sights` landmarks in view, none nearer than
+The robot drives through a field in lanes with about `--sights` landmarks in view, none nearer than
 half a metre. The columns are: landmarks, scans and observations; seconds of `batch` with the covariances of all poses
 and landmarks; seconds of one linear problem with its covariances, its pieces, and the unknowns of its largest front;
 largest memory of the process, Python and libraries included; chi-square over its degrees of freedom. The last lines
@@ -17,17 +17,12 @@ pin_blas_threads()
 
 import multiprocessing
 import resource
-import sys
 from itertools import pairwise
-from pathlib import Path
 from time import perf_counter
 from typing import NamedTuple
 
-sys.path.insert(0, str(Path(__file__).parent))  # Python with PYTHONSAFEPATH does not look there
-
 import numpy as np
 import tyro
-from large_maps import field
 
 from slamgauge import batch, simulate
 from slamgauge.compare.scenarios.scenario import Scenario
@@ -52,6 +47,25 @@ class Figures(NamedTuple):
     front: int
     memory: float  # GB
     misfit: float
+
+
+def field(landmarks: int, sights: int) -> Scenario:
+    """Return a square field with a landmark per two square metres, crossed in lanes 4 m apart, 2 m per step."""
+    side = np.sqrt(2.0 * landmarks)
+    lanes = np.arange(2.0, side, 4.0)
+    ends = [((0.0, side) if lane % 2 == 0 else (side, 0.0)) for lane in range(len(lanes))]
+    points = [(x, y) for y, both in zip(lanes.tolist(), ends, strict=True) for x in both]
+    reach = np.sqrt(2.0 * sights / np.pi)
+    return Scenario.model_validate(
+        {
+            "name": f"field-{landmarks}",
+            "description": f"a field of {landmarks} landmarks",
+            "trajectory": {"kind": "waypoints", "step": 1.0, "speed": 2.0, "yaw_rate": 4.0, "points": points},
+            "motion": {"sigma_speed": 0.01, "sigma_yaw_rate_deg": 0.1},
+            "sensor": {"kind": "range-bearing", "max_range": reach, "sigma_range": 0.1, "sigma_bearing_deg": 1.0},
+            "landmarks": {"random": {"count": landmarks, "box": (0.0, 0.0, side, side)}},
+        }
+    )
 
 
 def measured(landmarks: int, sights: int) -> Figures:

@@ -1,87 +1,62 @@
-"""Compilation of kernels by numba on first use; `kernel_cache` stores the machine code on disk."""
+"""Compilation of kernels by numba on first use.
+
+A kernel is a function that Python calls: its machine code is stored on disk together with that of all functions that it
+calls. The folder is named after a digest of the sources of all kernels, so that no old code runs after a change;
+NUMBA_CACHE_DIR names another place for these folders. With NUMBA_DISABLE_JIT=1 kernels are plain Python functions that
+a debugger can enter.
+"""
 
 from __future__ import annotations
 
-import inspect
+import atexit
+import gc
+import hashlib
+import os
+import shutil
+import tempfile
 from collections.abc import Callable
+from contextlib import suppress
+from functools import cache
+from importlib.util import find_spec
+from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
-from numba import njit, typeof
-from numba.core.dispatcher import Dispatcher
-from numba.core.types import unliteral
+from numba import config, njit, typeof
+from numba.core import event
 from numba.extending import overload, register_jitable
 
 from slamgauge.arrays import select
-from slamgauge.kernel_cache import cache_of
-from slamgauge.linked_code import compile_for_kernels
+from slamgauge.notices import tell_once
 
+NUMBA: Any = config  # its variables have no types
 Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
 
+PACKAGES = ("slamgauge", "slamgauge.ekf", "slamgauge.graph_baseline")  # with kernels
+MARK = b"slamgauge.jit"  # in every module with kernels
+FORMULAS = ("arrays.py", "se2.py", "sensors.py", "validation.py")  # functions and numbers that kernels compile
+FIRST_USE = "compiling kernels on first use, once for each version ..."
+NOT_STORED = "{}: no compiled code can be stored there; kernels are compiled again in each process; set NUMBA_CACHE_DIR"
+
 
 def kernel(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
-    """Compile `function` on first call; machine code is cached on disk if possible."""
-    return _compiled(function, callable_from_python=True)
+    """Compile a function that Python calls, on its first call; other kernels may call it too."""
+    folder, before = caches(), NUMBA.CACHE_DIR
+    NUMBA.CACHE_DIR = "" if folder is None else str(folder)  # not for functions of users
+    try:
+        return njit(cache=folder is not None, error_model="numpy")(function)
+    finally:
+        NUMBA.CACHE_DIR = before
 
 
 def inner(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
-    """Compile a kernel that only kernels call: without an entry from Python, which halves the time of small ones."""
-    return _compiled(function, callable_from_python=False)
-
-
-def callable_in_kernels(*functions: Callable[..., object]) -> None:
-    """Let kernels call these plain Python functions: each kernel compiles them with itself."""
-    for function in functions:
-        register_jitable(function)
+    """Let kernels call a Python function: they compile it with themselves."""
+    return register_jitable(error_model="numpy")(function)
 
 
 def replaced_in_kernels(function: Callable[..., object], by: Callable[..., object]) -> None:
-    """Let kernels compile `by` where they call `function`; both have the same parameters and annotations."""
-    template = inspect.signature(function)
-
-    def chosen(*_: object) -> Callable[..., object]:
-        return by
-
-    chosen.__signature__ = template  # pyrefly: ignore[missing-attribute]
-    overload(function)(chosen)
-
-
-def _choose(condition: Any, one: Any, other: Any) -> Any:
-    """Return `select` for numbers."""
-    return one if condition else other
-
-
-replaced_in_kernels(select, _choose)
-
-
-def _compiled(function: Callable[Arguments, Result], *, callable_from_python: bool) -> Callable[Arguments, Result]:
-    """Compile `function` without an entry from Python for other kernels, and separately with one if it is needed."""
-    inside = _dispatcher(function, callable_from_python=False)
-    template = inside.get_call_template
-
-    def without_literals(arguments: Any, keywords: Any) -> Any:
-        """Replace types of single numbers, which numba gives to numbers written in a call, by `int64` or `float64`."""
-        return template([*map(unliteral, arguments)], keywords)
-
-    inside.get_call_template = without_literals
-    if not callable_from_python:
-        return inside
-    outside = _dispatcher(function, callable_from_python=True)
-    outside.get_call_template, outside.get_overload = without_literals, inside.get_overload  # for calls in kernels
-    return outside
-
-
-def _dispatcher(function: Callable[..., object], *, callable_from_python: bool) -> Any:
-    options: dict[str, Any] = {  # numba's stubs lack the last two
-        "error_model": "numpy",
-        "no_cfunc_wrapper": True,
-        "no_cpython_wrapper": not callable_from_python,
-    }
-    dispatcher: Any = njit(**options)(function)
-    if not callable_from_python:
-        compile_for_kernels(dispatcher)
-    dispatcher._cache = cache_of(function, callable_from_python=callable_from_python)  # in place of numba's own
-    return dispatcher
+    """Let kernels compile `by` where they call `function`; both have the same parameters."""
+    overload(function, jit_options={"error_model": "numpy"}, strict=False)(lambda *_: by)
 
 
 def direct(function: Callable[Arguments, Result], *arguments: object) -> Callable[Arguments, Result]:
@@ -90,6 +65,87 @@ def direct(function: Callable[Arguments, Result], *arguments: object) -> Callabl
     Calls of the machine code skip numba's check of argument types (1 us for a dozen arrays): the types must be the same
     each time. A plain Python function is returned unchanged.
     """
-    if not isinstance(function, Dispatcher):
-        return function
-    return function.compile(tuple(map(typeof, arguments)))
+    compiled: Any = function
+    return compiled.compile(tuple(map(typeof, arguments))) if hasattr(function, "signatures") else function
+
+
+@cache
+def caches() -> Path | None:
+    """Return the folder of the machine code of these sources; None if no folder can be written to.
+
+    A folder that can only be read is copied to a temporary one.
+    """
+    folder = parent() / digest()
+    if is_writable(folder):
+        return folder
+    with suppress(OSError):
+        copied = Path(tempfile.mkdtemp(prefix="slamgauge-kernels-"))
+        atexit.register(shutil.rmtree, copied, ignore_errors=True)
+        if folder.is_dir():
+            shutil.copytree(folder, copied, dirs_exist_ok=True)
+        else:
+            tell_once(NOT_STORED.format(folder))
+        return copied
+    tell_once(NOT_STORED.format(folder))
+    return None
+
+
+def parent() -> Path:
+    """Return the folder in which each version has its folder of machine code."""
+    if NUMBA.CACHE_DIR:
+        return Path(NUMBA.CACHE_DIR) / "slamgauge"
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser()) / "slamgauge"
+
+
+def digest() -> str:
+    """Return a digest of the names and contents of all sources with kernels or formulas."""
+    found = hashlib.sha256()
+    for package in PACKAGES:
+        spec = find_spec(package)
+        folders = [] if spec is None else spec.submodule_search_locations or []
+        for path in sorted(file for folder in folders for file in Path(folder).rglob("*.py")):
+            source = path.read_bytes()
+            if MARK in source or path.name in FORMULAS:
+                found.update(f"{package} {path.name} {len(source)}\n".encode() + source)
+    return found.hexdigest()[:16]
+
+
+def is_writable(folder: Path) -> bool:
+    """Make a folder; return whether a file can be written there."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            return True
+    except OSError:
+        return False
+
+
+class _Compilation(event.Listener):
+    """Prints a line before a compilation, and disables the garbage collector, which takes a tenth of its time."""
+
+    def on_start(self, event: Any) -> None:
+        if gc.isenabled():
+            gc.disable()
+            event.data["restart"] = True
+        if event.data["dispatcher"].py_func.__module__.partition(".")[0] == "slamgauge":
+            announce()
+
+    def on_end(self, event: Any) -> None:
+        if event.data.pop("restart", False):
+            gc.enable()
+
+
+def announce() -> None:
+    """Print that kernels are compiled."""
+    tell_once(FIRST_USE)
+
+
+event.register("numba:compile", _Compilation())
+
+
+def _choose(condition: Any, one: Any, other: Any) -> Any:
+    """Return `select` for numbers."""
+    return one if condition else other
+
+
+replaced_in_kernels(select, _choose)

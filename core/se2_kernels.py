@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from slamgauge.jit import callable_in_kernels, inner, kernel, replaced_in_kernels
+from slamgauge.jit import inner, replaced_in_kernels
 from slamgauge.se2 import (
     exp_xy,
     half_cotangent,
@@ -36,11 +36,10 @@ def _jacobian_coefficients(turn: Any) -> tuple[Any, Any, Any, Any]:
     return c, s, (turn - math.sin(turn)) / (turn * turn), s / turn
 
 
-callable_in_kernels(mean_cos_sin)
 replaced_in_kernels(half_cotangent, _half_cotangent)
 replaced_in_kernels(jacobian_coefficients, _jacobian_coefficients)
-wrap = kernel(wrap_angle)  # (angle) -> angle
-mean_rotation = kernel(mean_cos_sin)  # (turn) -> (cosine, sine) of V(turn)
+wrap = inner(wrap_angle)  # (angle) -> angle
+mean_rotation = inner(mean_cos_sin)  # (turn) -> (cosine, sine) of V(turn)
 exp = inner(exp_xy)  # (x, y, turn) -> (x, y)
 log = inner(log_xy)  # (x, y, turn) -> (x, y)
 right_jacobian = inner(right_jacobian_entries)  # (x, y, turn) -> (j00, j01, j02, j12)

@@ -6,10 +6,7 @@ is 0 and carries no information.
 
 from __future__ import annotations
 
-import numpy as np
-
-from slamgauge.arrays import Float
-from slamgauge.jit import callable_in_kernels, inner, kernel
+from slamgauge.jit import inner
 from slamgauge.se2_kernels import wrap
 from slamgauge.sensor_models import bearing, position, range_bearing
 from slamgauge.sensors import MIN_BEARING_DISTANCE, SENSORS
@@ -22,13 +19,13 @@ HAS_RANGE = tuple(each.has_range for each in _BY_CODE)
 HAS_BEARING = tuple(each.has_bearing for each in _BY_CODE)
 PLACES_LANDMARKS = tuple(each.places_landmarks for each in _BY_CODE)
 
-callable_in_kernels(bearing.gradient)
+inner(bearing.gradient)
 _observe_polar, _locate_polar = inner(range_bearing.observe), inner(range_bearing.locate)
 _observe_position, _locate_position = inner(position.observe), inner(position.locate)
 _observe_bearing = inner(bearing.observe)
 
 
-@kernel
+@inner
 def observe(sensor: int, dx: float, dy: float) -> tuple[float, float, float, float, float, float]:
     """Return the prediction (z0, z1) for a landmark at delta = (dx, dy), and A = dz/d(delta) row by row.
 
@@ -42,7 +39,7 @@ def observe(sensor: int, dx: float, dy: float) -> tuple[float, float, float, flo
     return _observe_polar(dx, dy, MIN_BEARING_DISTANCE)
 
 
-@kernel
+@inner
 def locate(sensor: int, z0: float, z1: float) -> tuple[float, float, float, float, float, float]:
     """Return delta = (dx, dy) of a landmark observed as (z0, z1), and B = d(delta)/dz row by row.
 
@@ -53,31 +50,7 @@ def locate(sensor: int, z0: float, z1: float) -> tuple[float, float, float, floa
     return _locate_polar(z0, z1)
 
 
-@kernel
+@inner
 def wrap_innovation(sensor: int, row: int, value: float) -> float:
     """Return the difference of two observations in a row, wrapped into (-pi, pi] if the row is an angle."""
     return wrap(value) if IS_ANGLE[sensor][row] else value
-
-
-@kernel
-def observe_all(sensor: int, deltas: Float) -> tuple[Float, Float]:
-    """Return predictions (m, 2) for landmarks at deltas (m, 2), and A (m, 2, 2) of each: `observe` of many."""
-    values, jacobians = np.empty((len(deltas), 2)), np.empty((len(deltas), 2, 2))
-    for i in range(len(deltas)):
-        z0, z1, a00, a01, a10, a11 = observe(sensor, deltas[i, 0], deltas[i, 1])
-        values[i, 0], values[i, 1] = z0, z1
-        jacobians[i, 0, 0], jacobians[i, 0, 1] = a00, a01
-        jacobians[i, 1, 0], jacobians[i, 1, 1] = a10, a11
-    return values, jacobians
-
-
-@kernel
-def locate_all(sensor: int, values: Float) -> tuple[Float, Float]:
-    """Return deltas (m, 2) of landmarks observed as values (m, 2), and B (m, 2, 2) of each: `locate` of many."""
-    deltas, jacobians = np.empty((len(values), 2)), np.empty((len(values), 2, 2))
-    for i in range(len(values)):
-        dx, dy, b00, b01, b10, b11 = locate(sensor, values[i, 0], values[i, 1])
-        deltas[i, 0], deltas[i, 1] = dx, dy
-        jacobians[i, 0, 0], jacobians[i, 0, 1] = b00, b01
-        jacobians[i, 1, 0], jacobians[i, 1, 1] = b10, b11
-    return deltas, jacobians

@@ -7,8 +7,6 @@ from slamgauge.lazy_names import homes_of, importer
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from slamgauge.ekf.advanced.compressed_filter import CompressedFilter as CompressedFilter
-    from slamgauge.ekf.advanced.sliding_window import SlidingWindowFilter as SlidingWindowFilter
     from slamgauge.ekf.associating_filter import AssociatingFilter as AssociatingFilter
     from slamgauge.ekf.bearings.bearing_filter import BearingFilter as BearingFilter
     from slamgauge.ekf.estimators import (
@@ -18,16 +16,12 @@ if TYPE_CHECKING:
         iekf as iekf,
         oc_ekf as oc_ekf,
         riekf as riekf,
-        riukf as riukf,
-        robocentric_ekf as robocentric_ekf,
-        sliding_window as sliding_window,
     )
     from slamgauge.ekf.online_filter import OnlineFilter as OnlineFilter
     from slamgauge.ekf.settings import (
         Association as Association,
         Delayed as Delayed,
         FilterSettings as FilterSettings,
-        InverseDepth as InverseDepth,
         MapManagement as MapManagement,
         Rays as Rays,
         Robustness as Robustness,

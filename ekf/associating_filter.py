@@ -21,7 +21,6 @@ from slamgauge.arrays import Float, Int
 from slamgauge.ekf.kernels.individual_compatibility import NONE
 from slamgauge.ekf.kernels.joint_compatibility import Limits
 from slamgauge.ekf.kernels.sequential_association import Gates
-from slamgauge.ekf.kernels.warm_up import compile_map_edits, compile_nearest_neighbour
 from slamgauge.ekf.maps.correction_table import Correction, Rule, sequential_of
 from slamgauge.ekf.maps.divergence_monitor import DivergenceMonitor
 from slamgauge.ekf.maps.duplicate_landmarks import robot_of
@@ -71,11 +70,8 @@ class AssociatingFilter(PointFilter):
         rule = self._map.correction.rule
         if association.method == "nearest-neighbour":
             sequential_of(rule)
-            compile_nearest_neighbour()
         else:
             self._matcher = Matcher(self._map)
-        if association.map_management is not None:
-            compile_map_edits(rule.retract)
         self._association = association
         self._tracks = Tracks(self._map, association.map_management)
         self._associated: Int = np.zeros(0, dtype=np.int64)

@@ -2,37 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import replace
+from collections.abc import Iterator
 from time import perf_counter
 from typing import NamedTuple
 
 import numpy as np
 
-from slamgauge.arrays import Float, distinct, freeze
-from slamgauge.ekf.advanced.area_radius import area_that_pays
-from slamgauge.ekf.advanced.compressed_filter import CompressedFilter
-from slamgauge.ekf.advanced.numpy_filter import MovingBelief, NumpyFilter
-from slamgauge.ekf.advanced.robocentric import RobocentricBelief
-from slamgauge.ekf.advanced.sigma_points import InvariantBelief
-from slamgauge.ekf.advanced.sliding_window import KEPT, LAG, SlidingWindowFilter
+from slamgauge.arrays import distinct, freeze
 from slamgauge.ekf.associating_filter import AssociatingFilter
 from slamgauge.ekf.bearings.bearing_filter import BearingFilter
 from slamgauge.ekf.history import Associations, History
-from slamgauge.ekf.maps.correction_table import CORRECTIONS, RULES, Correction
+from slamgauge.ekf.maps.correction_table import CORRECTIONS, Correction
 from slamgauge.ekf.maps.input_checks import without_rounding
 from slamgauge.ekf.online_filter import OnlineFilter
 from slamgauge.ekf.settings import DEFAULTS, FilterSettings
 from slamgauge.ekf.slam_filter import SlamFilter
 from slamgauge.estimate import Estimate
 from slamgauge.memory import require_memory
-from slamgauge.notices import tell_once
 from slamgauge.recording import Recording
 from slamgauge.sensors import SENSORS
 from slamgauge.validation import require_type
 
 ROOM = 1.5  # memory of a filter divided by that of its covariance
-ROOM_IN_NUMPY = 5.0  # the same for filters in numpy: their steps allocate new arrays
 
 
 def ekf_slam(recording: Recording, settings: FilterSettings = DEFAULTS) -> Estimate:
@@ -43,7 +34,7 @@ def ekf_slam(recording: Recording, settings: FilterSettings = DEFAULTS) -> Estim
         settings: association, initialisation of bearing-only landmarks, robustness, and frames of the map's history.
 
     Raises:
-        UserError: a bearing-only recording without ids, and an initialisation that needs ids.
+        UserError: a bearing-only recording without ids.
     """
     return _run(recording, "ekf", settings)
 
@@ -74,48 +65,6 @@ def iekf(recording: Recording, settings: FilterSettings = DEFAULTS) -> Estimate:
 def riekf(recording: Recording, settings: FilterSettings = DEFAULTS) -> Estimate:
     """Right-invariant EKF-SLAM (Barrau and Bonnabel, arXiv 1510.06263); called as `ekf_slam`."""
     return _run(recording, "riekf", settings)
-
-
-def riukf(recording: Recording) -> Estimate:
-    """Right-invariant filter with sigma points (UKF-M; Brossard, Barrau and Bonnabel, ICRA 2020).
-
-    Args:
-        recording: known association; `range-bearing` or `position`.
-
-    Raises:
-        UserError: a bearing-only recording, or no ids.
-    """
-    return _in_numpy(recording, InvariantBelief)
-
-
-def robocentric_ekf(recording: Recording) -> Estimate:
-    """EKF-SLAM with the map in the robot's frame (Castellanos et al., Robotics and Autonomous Systems 2007).
-
-    Args:
-        recording: known association; `range-bearing` or `position`.
-
-    Raises:
-        UserError: a bearing-only recording, or no ids.
-    """
-    return _in_numpy(recording, RobocentricBelief)
-
-
-def sliding_window(recording: Recording, lag: int = LAG) -> Estimate:
-    """Sliding-window filter: it relinearises its last steps at every scan (Sibley, Matthies and Sukhatme, JFR 2010).
-
-    Args:
-        recording: known association; any sensor.
-        lag: number of relinearised steps, at least 1.
-
-    Raises:
-        UserError: no ids, an invalid lag, or no solution in double precision.
-    """
-    require_type("recording", recording, Recording)
-    slam = SlidingWindowFilter(recording.sensor, recording.prior_mean, recording.prior_cov, lag)
-    poses = int(min(lag, recording.steps))
-    kept = int(KEPT * poses) if not SENSORS[recording.sensor].places_landmarks else 0
-    _require_room(_landmarks_of(recording), ROOM_IN_NUMPY, poses, kept)
-    return replace(_driven(slam, recording, frames=0), nis=None, nis_dof=None)
 
 
 def dead_reckoning(recording: Recording) -> Estimate:
@@ -158,13 +107,6 @@ def _run(recording: Recording, estimator: str, settings: FilterSettings) -> Esti
     return _driven(online_filter(recording, CORRECTIONS[estimator], settings), recording, settings.frames)
 
 
-def _in_numpy(recording: Recording, belief: Callable[[str, Float, Float], MovingBelief]) -> Estimate:
-    require_type("recording", recording, Recording)
-    _require_room(_landmarks_of(recording), ROOM_IN_NUMPY)
-    start = belief(recording.sensor, recording.prior_mean, recording.prior_cov)
-    return _driven(NumpyFilter(recording.sensor, start), recording, frames=0)
-
-
 def _driven(slam: OnlineFilter, recording: Recording, frames: int) -> Estimate:
     steps = recording.steps
     poses, pose_covs = np.empty((steps + 1, 3)), np.empty((steps + 1, 3, 3))
@@ -199,21 +141,12 @@ def online_filter(recording: Recording, correction: Correction, settings: Filter
     start = (recording.prior_mean, recording.prior_cov, correction)
     robust = settings.robust
     if not SENSORS[recording.sensor].places_landmarks:
-        association = settings.association if recording.landmark is None else None
-        return BearingFilter(*start, settings.initialisation, association, robust)
+        return BearingFilter(*start, settings.initialisation, robust)
     if recording.landmark is None:
         return AssociatingFilter(recording.sensor, *start, settings.association, robust)
     landmarks = _landmarks_of(recording)
-    _require_room(landmarks, ROOM)
-    radius = area_that_pays(recording, correction)
-    if radius is None:
-        return SlamFilter(recording.sensor, *start, landmarks=landmarks, robust=robust)
-    name = RULES[correction].estimator
-    tell_once(f"{landmarks} landmarks: {name} uses compressed updates (CompressedFilter): the same result in less time")
-    prior = recording.prior_mean, recording.prior_cov
-    compressed = CompressedFilter(recording.sensor, *prior, radius, correction, robust)
-    compressed.reserve(landmarks)
-    return compressed
+    _require_room(landmarks)
+    return SlamFilter(recording.sensor, *start, landmarks=landmarks, robust=robust)
 
 
 def _landmarks_of(recording: Recording) -> int:
@@ -221,17 +154,7 @@ def _landmarks_of(recording: Recording) -> int:
     return 0 if recording.landmark is None else len(distinct(recording.landmark))
 
 
-def _require_room(landmarks: int, room: float, window: int = 0, kept: int = 0) -> None:
-    """Refuse a map that does not fit into memory: `room` times its covariance, and the poses of a window.
-
-    Args:
-        landmarks: number in the map.
-        room: needed memory divided by that of the covariance.
-        window: poses in the window.
-        kept: poses that stay in the state when they leave the window.
-    """
-    size = 3 + 2 * landmarks + 3 * kept
-    what, remedy = f"the covariance of {landmarks} landmarks", "give fewer landmarks"
-    if window:
-        what, remedy = f"{what} and a window of {window} steps", f"{remedy}, or a shorter lag"
-    require_memory(8.0 * size * (room * size + 3 * window), what, remedy)
+def _require_room(landmarks: int) -> None:
+    """Refuse a map whose covariance does not fit into memory."""
+    size = 3 + 2 * landmarks
+    require_memory(8.0 * ROOM * size * size, f"the covariance of {landmarks} landmarks", "give fewer landmarks")

@@ -6,7 +6,6 @@ The filter is `riekf`; if outliers are assumed, each row of an observation has a
 
 from __future__ import annotations
 
-import functools
 from typing import NamedTuple
 
 import numpy as np
@@ -19,7 +18,6 @@ from slamgauge.ekf.kernels.workspace import allocate
 from slamgauge.ekf.maps.correction_table import BLOCK
 from slamgauge.ekf.maps.input_checks import start_of
 from slamgauge.errors import UserError
-from slamgauge.kernel_cache import compiling
 from slamgauge.recording import Recording
 from slamgauge.sensors import SENSORS
 
@@ -65,7 +63,6 @@ class Log:
         self._landmarks = int(self._order.slots.max(initial=-1)) + 1
         most = int(np.diff(self._order.first).max(initial=0))
         self._work = allocate(most, 3 + 2 * self._landmarks, BLOCK)
-        _compile_once()
 
     def innovations(
         self, odometry: Float, odometry_cov: Float, observation: Float, observation_cov: Float, tails: Tails
@@ -108,14 +105,3 @@ def _ordered(steps: Int, ids: Int, last_step: int) -> tuple[Int, Order]:
     first = np.searchsorted(steps[kept], np.arange(last_step + 2))
     many_new = np.bincount(steps[kept], weights=new[kept], minlength=last_step + 1).astype(np.int64)
     return kept, Order(first, first[1:] - many_new, slot_of[landmark[kept]])
-
-
-@functools.cache
-def _compile_once() -> None:
-    """Compile (or load from the cache) the kernels, once per process."""
-    order = Order(np.array([0, 1, 2]), np.array([0, 2]), np.zeros(2, dtype=np.int64))
-    seen = np.tile(np.array([1.0, 0.0]), (2, 1))
-    measured = Measured(0, np.zeros((1, 3)), np.zeros((1, 3, 3)), seen, np.tile(np.eye(2), (2, 1, 1)))
-    with compiling("likelihood kernels", 49):
-        belief, work = allocate_belief(1), allocate(1, 5, 1)
-        run_log(belief, order, measured, gaussian_tails(), work, Rows(*np.zeros((4, 4))))

@@ -121,31 +121,6 @@ class Rays:
 
 
 @dataclass(frozen=True)
-class InverseDepth:
-    """Prior of a landmark in inverse depth, and its conversion into a point (`bearings.inverse_depth`).
-
-    The defaults are for a sensor that reaches 10 m: 1.5 / reach and 0.5 / reach, so that two standard deviations cover
-    0.4 to 2 times the reach, where most landmarks come into view.
-
-    Attributes:
-        mean: inverse distance of a new landmark [1/m].
-        sigma: its standard deviation [1/m].
-        linearity: index below which a landmark becomes a point.
-        gate: largest squared Mahalanobis distance of a bearing (1 degree of freedom).
-        lost_after: bearings in a row that fail the gate, after which a landmark is deleted.
-    """
-
-    mean: float = setting(0.15, lambda reach: 1.5 / reach, above=0)
-    sigma: float = setting(0.05, lambda reach: 0.5 / reach, above=0)
-    linearity: float = setting(0.1, above=0)
-    gate: float = setting(9.0, above=0)
-    lost_after: int = setting(3, at_least=1)
-
-    def __post_init__(self) -> None:
-        check(self)
-
-
-@dataclass(frozen=True)
 class Delayed:
     """Window of poses from which landmarks are triangulated (`bearings.delayed`).
 
@@ -163,7 +138,7 @@ class Delayed:
         check(self)
 
 
-Initialisation = Rays | InverseDepth | Delayed
+Initialisation = Rays | Delayed
 
 
 @dataclass(frozen=True)

@@ -2,23 +2,28 @@
 
 from __future__ import annotations
 
-from slamgauge.compare.cli.machine import compile_optima
-from slamgauge.ekf.advanced.window.warm_up import compile_window_once
-from slamgauge.ekf.kernels import warm_up
-from slamgauge.ekf.maps.correction_table import RULES
+from dataclasses import replace
+
+from slamgauge import batch, causal, load_scenario, simulate
+from slamgauge.ekf import Association, Delayed, FilterSettings, MapManagement, Robustness, ekf_slam, iekf, riekf
+
+JOINT = Association("jcbb", map_management=MapManagement())
 
 
 def compile_kernels() -> None:
-    """Compile (or load) the kernels of all filters and of the optimum."""
-    for rule in RULES.values():
-        warm_up.compile_steps(rule.update, heavy_tails=True)
-        warm_up.compile_map_edits(rule.retract)
-        warm_up.compile_bearings(rule.retract)
-    warm_up.compile_nearest_neighbour()
-    warm_up.compile_joint_association()
-    warm_up.compile_numpy_filters_once()
-    compile_window_once()
-    compile_optima()
+    """Compile (or load) the kernels of all filters and of the optimum by runs of two seconds."""
+    ranges, bearings = (
+        simulate(load_scenario(name, ["trajectory.duration=2"]), 0)[1] for name in ("q1-short-dense", "q4-ring")
+    )
+    for estimator in (ekf_slam, iekf, riekf):
+        estimator(ranges, FilterSettings(robust=Robustness("student-t")))
+        for association in (Association(), JOINT):
+            estimator(replace(ranges, landmark=None), FilterSettings(association))
+        for settings in (FilterSettings(), FilterSettings(initialisation=Delayed())):
+            estimator(bearings, settings)
+    for recording in (ranges, bearings):
+        causal(recording)
+        batch(recording)
 
 
 if __name__ == "__main__":

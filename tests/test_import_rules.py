@@ -12,6 +12,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[1]
 FOLDERS = {"core": "slamgauge", **{name: f"slamgauge.{name}" for name in ("ekf", "graph_baseline", "compare")}}
 
@@ -28,7 +30,6 @@ LEVELS = {
         "slam_filter",
         "associating_filter",
         "bearings",
-        "advanced",
     ),
     "slamgauge.graph_baseline": ("problem", "gtsam_conversions", "gtsam_incremental", "gtsam_batch", "solver"),
     "slamgauge.compare": (
@@ -53,12 +54,10 @@ LIBRARIES = {
     "slamgauge": {"numpy"},
     "slamgauge.jit": {"numba"},
     "slamgauge.display": {"numpy", "pandas"},
-    "slamgauge.kernel_cache": {"numba"},
-    "slamgauge.linked_code": {"numba"},
     "slamgauge.ekf": {"numpy", "scipy"},
     "slamgauge.ekf.kernels.blas": {"numba", "llvmlite"},
     "slamgauge.graph_baseline": {"numpy", "scipy", "gtsam"},
-    "slamgauge.compare": {"numpy", "scipy", "tqdm", "distributed", "filelock"},
+    "slamgauge.compare": {"numpy", "scipy", "tqdm", "distributed", "filelock", "pydantic", "pydantic_core"},
     "slamgauge.compare.datasets.bag_file": {"apsw", "rosbags"},
     "slamgauge.compare.scenarios": {"pydantic", "pydantic_core"},
     "slamgauge.compare.figures": {"matplotlib"},

@@ -124,7 +124,7 @@ def landmarks_behind(subject: Subject, rng: np.random.Generator) -> float:
     bound=ROUNDING,
     blame="the wrapping of the heading or of the innovation, which must work for any number of turns",
     excused_to=10.0 * ROUNDING,
-    limit="sigma points (riukf) predict the mean of a curved distribution, which moves the estimate by a few 1e-6; "
+    limit="sigma points predict the mean of a curved distribution, which moves the estimate by a few 1e-6; "
     "a wrong wrap causes errors of whole turns",
     after=("innovation-wrap",),
 )

@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 import tyro
 
@@ -23,7 +22,6 @@ class Animate:
 
     For example:
       slamgauge animate first-run --estimators ekf,riekf --seconds 20 --fps 25
-      slamgauge animate first-run --format strip
     """
 
     folder: tyro.conf.Positional[Folder]
@@ -38,19 +36,16 @@ class Animate:
     fps: int = 10
     """Frames per second. More frames make a larger GIF."""
 
-    format: Literal["usual", "gif", "mp4", "webm", "strip"] = "usual"
-    """usual: gif, and mp4 if ffmpeg is installed. strip: six moments side by side for print, as png and svg."""
-
     def __call__(self) -> int:
-        from slamgauge.compare.figures.animation import animate, files_of
+        from slamgauge.compare.figures.animation import FILES, animate
         from slamgauge.compare.storage.result_files import METRICS, SUMMARY
 
         status, folder = 0, self.folder
         if (folder / SUMMARY).is_file() and not (folder / METRICS).is_file():
             folder = self.folder / "worst-run"
             status = self._repeat_worst_run(folder)
-        missing = animate(folder, split_names(self.estimators), self.seconds, self.fps, self.format)
-        written = [name for name in files_of(self.format) if not (missing and name.endswith(".mp4"))]
+        missing = animate(folder, split_names(self.estimators), self.seconds, self.fps)
+        written = FILES[:1] if missing else FILES
         print(f"written to {folder}: {', '.join(written)}", file=sys.stderr)
         if missing:
             print(f"animation.mp4 was not written: {missing}", file=sys.stderr)

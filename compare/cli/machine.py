@@ -24,11 +24,7 @@ LONGEST = 12  # digits of a map size: Python parses some thousands
 LIBRARIES = ("numpy", "scipy", "numba", "llvmlite", "matplotlib", "pydantic", "tyro", "tqdm")
 EXTRAS = ("distributed",)
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "firefox")
-WARM_UPS = {  # module and function that compile or load kernels
-    "filter": ("slamgauge.ekf.kernels.warm_up", "compile_ekf"),
-    "graph": ("slamgauge.compare.cli.machine", "compile_optima"),
-}
-KERNELS = ("slamgauge.ekf.kernels.warm_up", "slamgauge.graph_baseline")  # an import registers the folder of the files
+WARM_UPS = {"filter": ("slamgauge.ekf", "ekf_slam"), "graph": ("slamgauge.graph_baseline", "causal")}  # estimators
 MISSING, BROKEN = "missing", "broken: "
 MEGABYTE, GIGABYTE = 1e6, 1e9
 
@@ -93,11 +89,10 @@ class Doctor:
         from slamgauge.compare.scoring.text_page import Page
 
         if self.clear_cache:
-            from slamgauge.kernel_cache import clear_kept
-
-            for module in KERNELS:
-                importlib.import_module(module)
-            print(f"kept machine code: {clear_kept()} files removed", file=sys.stderr)
+            files = _machine_code()
+            for file in files:
+                file.unlink(missing_ok=True)
+            print(f"kept machine code: {len(files)} files removed", file=sys.stderr)
         found = examine()
         Output(self.json).show(found, Page(tuple(f"{name:17}  {text}" for name, text in found.items())))
         return 1 if any(text == MISSING or text.startswith(BROKEN) for text in found.values()) else 0
@@ -113,7 +108,7 @@ def examine() -> dict[str, str]:
     found |= {name: _version(name, "not installed (an extra)") for name in EXTRAS}
     found["BLAS"] = _attempt(_blas)
     found["threads"] = ", ".join(f"{name}={os.environ[name]}" for name in VARIABLES if name in os.environ)
-    found |= {f"{kernels} kernels": _attempt(partial(_warm, *warm_up)) for kernels, warm_up in WARM_UPS.items()}
+    found |= {f"{kernels} kernels": _attempt(partial(run_shortly, *each)) for kernels, each in WARM_UPS.items()}
     found["kept machine code"] = _attempt(_kept)
     found["browser"] = next(filter(None, map(shutil.which, BROWSERS)), "none found (pages open in any)")
     found["ffmpeg"] = shutil.which("ffmpeg") or "none found (animations are GIF only)"
@@ -149,28 +144,30 @@ def _blas() -> str:
     return f"numpy: {named(np)}; scipy: {named(scipy)}"
 
 
-def compile_optima() -> None:
-    """Run `causal` on one second of a scenario: it compiles or loads the kernels of graphs."""
+def run_shortly(module: str, estimator: str) -> str:
+    """Run an estimator on one second of a scenario, which compiles or loads its kernels."""
     from slamgauge.compare.scenarios.scenario import load_scenario
     from slamgauge.compare.scenarios.simulation import simulate
-    from slamgauge.graph_baseline import causal
 
-    causal(simulate(load_scenario("q1-short-dense", ["trajectory.duration=1"]), 0)[1])
-
-
-def _warm(module: str, warm_up: str) -> str:
     begin = perf_counter()
-    getattr(importlib.import_module(module), warm_up)()
+    recording = simulate(load_scenario("q1-short-dense", ["trajectory.duration=1"]), 0)[1]
+    getattr(importlib.import_module(module), estimator)(recording)
     return f"ready in {perf_counter() - begin:.1f} s"
 
 
-def _kept() -> str:
-    from slamgauge.kernel_cache import kept_files
+def _machine_code() -> list[Path]:
+    """Return the stored files of kernels."""
+    from slamgauge.jit import caches
 
-    kept = kept_files()
-    sizes = [file.stat().st_size for files in kept.values() for file in files]
-    where = ", ".join(map(str, kept)) or "nowhere: no folder is writable; name one in NUMBA_CACHE_DIR"
-    return f"{len(sizes)} files, {sum(sizes) / MEGABYTE:.1f} MB, {where}"
+    folder = caches()
+    return [] if folder is None else [*folder.rglob("*.nb[ic]")]
+
+
+def _kept() -> str:
+    from slamgauge.jit import caches
+
+    files = _machine_code()
+    return f"{len(files)} files, {sum(file.stat().st_size for file in files) / MEGABYTE:.1f} MB, {caches()}"
 
 
 def _memory() -> str:

@@ -123,20 +123,18 @@ class Study(WithPage):
     def _study(self, asked: list[Asked]) -> bool:
         """Run a study; return whether everything succeeded."""
         from slamgauge.compare.figures.publishing import write_study
-        from slamgauge.compare.storage.manifest import require_free
-        from slamgauge.compare.storage.result_files import STUDY_FILES
-        from slamgauge.compare.studies.study import load_runs, require_kept, run_study
+        from slamgauge.compare.storage.staged_folder import require_ours
+        from slamgauge.compare.studies.study import load_runs, run_study
         from slamgauge.compare.studies.summary import summary_table
 
         scenario = overridden_scenario(self.scenario, self.set)
-        require_free(self.out, STUDY_FILES)
+        require_ours(self.out)
         gate = None if self.gate.baseline is None else self._open_gate(self.gate.baseline, scenario, asked)
         with self.work.executor() as executor:
             arguments = (scenario, self.runs, self.seed, asked, self.out, executor)
             summary = run_study(*arguments, against=split_names(self.against))
         worse = gate is not None and is_worse(summary, gate)
         printed = self.output.show(summary.to_json(), summary_table(summary))
-        require_kept(self.out, summary.runs)
         runs = load_runs(scenario, summary.runs, self.seed, asked, self.out)
         done = write_study(self.out, summary, runs, scenario.trajectory.step) and printed
         return done and not summary.failures and not worse

@@ -17,7 +17,6 @@ import numpy as np
 
 from slamgauge.arrays import Float, Int
 from slamgauge.compare.storage.files import read_text
-from slamgauge.compare.storage.regular_files import require_regular
 from slamgauge.errors import UserError
 from slamgauge.suggestions import did_you_mean
 
@@ -143,8 +142,6 @@ def opened(path: Path, msgs: Sequence[Path] = ()) -> Generator[Bag]:
     of_rosbags = (AnyReaderError, Ros1Error, Ros2Error, SerdeError, TypesysError)
     damaged = (*of_rosbags, sqlite3.Error, DatabaseError, struct.error, OSError)
     try:
-        for each in path.iterdir() if path.is_dir() else filter(Path.exists, [path]):
-            require_regular(each)
         own = {name: text for folder in msgs for name, text in _definitions(folder)}
         types = {key: value for name, text in own.items() for key, value in get_types_from_msg(text, name).items()}
         default = get_typestore(Stores.ROS1_NOETIC if path.suffix == ".bag" else Stores.ROS2_HUMBLE)

@@ -16,7 +16,6 @@ from slamgauge.arrays import Float, Int
 from slamgauge.compare.datasets.imported_log import Imported, of_file
 from slamgauge.compare.datasets.log_mistakes import quick_fit, refuse_mistakes, wrong_noise
 from slamgauge.compare.storage.path_doubts import path_doubts
-from slamgauge.ekf.kernels.warm_up import compile_ekf
 from slamgauge.recording import Recording
 from slamgauge.se2 import rotation
 from slamgauge.sensors import SENSORS, innovation, predict
@@ -130,7 +129,6 @@ def _agreement(recording: Recording) -> tuple[float, list[str]]:
     Raises:
         UserError: they agree once a mistake is undone.
     """
-    compile_ekf()  # its messages are shown, those of the passes are not
     fit, estimate = quick_fit(recording)
     if len(recording.observation) < FEW:
         return fit.share, []

@@ -1,6 +1,6 @@
 """Lines of users' text files with their places, so that each error names file and line.
 
-Files are UTF-8, or UTF-16 with a byte order mark, with any line ends. Text after a # and empty lines are ignored.
+Files are UTF-8, with any line ends. Text after a # and empty lines are ignored.
 """
 
 from __future__ import annotations

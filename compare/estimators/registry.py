@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from slamgauge.truth import Truth
 
 DEAD_RECKONING = "dead-reckoning"  # faint in figures, absent from pictures of a map
-FIXED_LAG, SLIDING_WINDOW = LAGGING = ("fixed-lag", "sliding-window")  # fixed-lag-50: a window of 50 steps
+FIXED_LAG = "fixed-lag"  # fixed-lag-50: a window of 50 steps
 LAG = "0|[1-9][0-9]{0,8}"  # pattern of the steps at the end of a name
 UNDER = "@"  # causal@ekf: causal with the associations of ekf
 
@@ -113,24 +113,6 @@ _ENTRIES = (
     Entry("iekf", "slamgauge.ekf:iekf", "filter", look=Look("#775522", (0, (9, 2)))),
     Entry("riekf", "slamgauge.ekf:riekf", "filter", look=Look("#0077BB", (0, (4, 1, 1, 1)))),
     Entry(
-        "riukf",
-        "slamgauge.ekf:riukf",
-        note="right-invariant, with sigma points",
-        look=Look("#AA4499", (0, (2, 1, 5, 1))),
-    ),
-    Entry(
-        "robocentric-ekf",
-        "slamgauge.ekf:robocentric_ekf",
-        note="map in the robot's frame",
-        look=Look("#117733", (0, (8, 1, 2, 1))),
-    ),
-    Entry(
-        SLIDING_WINDOW,
-        "slamgauge.ekf:sliding_window",
-        note=f"filter, relinearises the last 100 steps; {SLIDING_WINDOW}-50: the last 50",
-        look=Look("#661100", (0, (5, 1, 1, 1, 1, 1))),
-    ),
-    Entry(
         FIXED_LAG,
         "slamgauge.graph_baseline:fixed_lag",
         "graph",
@@ -215,7 +197,7 @@ def entry_of(name: str) -> Entry:
         return replace(entry, name=name, role="graph", note="", title="", look=None)
     if under and entry is not None:
         remedy = f"write GRAPH@FILTER with one of {', '.join(GRAPHS)} and one of {', '.join(FILTERS)}"
-    elif (stem := graph.rpartition("-")[0]) in LAGGING and graph[len(stem) + 1 :].isdecimal():
+    elif (stem := graph.rpartition("-")[0]) == FIXED_LAG and graph[len(stem) + 1 :].isdecimal():
         remedy = f"write {stem}-N with a number N of steps from 1 to 999999999"
     else:
         remedy = did_you_mean(graph, REGISTRY)
@@ -225,7 +207,7 @@ def entry_of(name: str) -> Entry:
 def _plain_entry_of(name: str) -> Entry | None:
     """Return the entry of a name without `@`; None if it is unknown."""
     stem, _, steps = name.rpartition("-")
-    if stem in LAGGING and re.fullmatch(LAG, steps):
+    if stem == FIXED_LAG and re.fullmatch(LAG, steps):
         return replace(REGISTRY[stem], name=name, note="", lag=int(steps))
     return (REGISTRY | BOUNDS).get(name)
 

@@ -26,7 +26,6 @@ from slamgauge.ekf.setting_rules import fitted
 from slamgauge.ekf.settings import Association as FilterAssociation
 from slamgauge.ekf.settings import Delayed as DelayedSettings
 from slamgauge.ekf.settings import Initialisation, MapManagement, Method, Rays, Robustness
-from slamgauge.ekf.settings import InverseDepth as InverseDepthSettings
 from slamgauge.errors import UserError
 from slamgauge.se2 import between
 from slamgauge.sensors import SENSORS
@@ -97,9 +96,8 @@ class Association(Section):
 # keys, defaults and rules are those of the filters' settings
 Update = section_of("Update", __name__, Robustness)
 Fis = section_of("Fis", __name__, Rays)
-InverseDepth = section_of("InverseDepth", __name__, InverseDepthSettings)
 Delayed = section_of("Delayed", __name__, DelayedSettings)
-INITIALISATIONS = {"fis": Rays, "inverse-depth": InverseDepthSettings, "delayed": DelayedSettings}
+INITIALISATIONS = {"fis": Rays, "delayed": DelayedSettings}
 
 
 class Scenario(Section):
@@ -121,9 +119,8 @@ class Scenario(Section):
     assumed: Assumed = Assumed()
     association: Association = Association()
     update: Update = Update()
-    initialisation: Literal["fis", "inverse-depth", "delayed"] = "fis"
+    initialisation: Literal["fis", "delayed"] = "fis"
     fis: Fis = Fis()
-    inverse_depth: InverseDepth = InverseDepth()
     delayed: Delayed = Delayed()
     landmarks: Landmarks
 

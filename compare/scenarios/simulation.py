@@ -11,7 +11,7 @@ from slamgauge.arrays import Float, Int, freeze
 from slamgauge.compare.scenarios.measurement_errors import covs
 from slamgauge.compare.scenarios.observation_simulation import Observed, Streams, observe
 from slamgauge.compare.scenarios.scenario import Scenario, as_scenario
-from slamgauge.compare.scenarios.schema import Association, Assumed, Delayed, Fis, InverseDepth, Update
+from slamgauge.compare.scenarios.schema import Association, Assumed, Delayed, Fis, Update
 from slamgauge.covariances import square_roots
 from slamgauge.errors import UserError
 from slamgauge.recording import Recording
@@ -124,7 +124,7 @@ def informed(scenario: Scenario) -> Scenario:
     It is equal for all scenarios with the same measurements.
     """
     default = {"assumed": Assumed(), "association": Association(), "update": Update(), "initialisation": "fis"}
-    default |= {"fis": Fis(), "inverse_depth": InverseDepth(), "delayed": Delayed()}
+    default |= {"fis": Fis(), "delayed": Delayed()}
     return scenario.model_copy(update={"name": "optimum", "description": "", **default})
 
 

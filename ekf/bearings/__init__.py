@@ -1,1 +1,1 @@
-"""Bearing-only SLAM: landmarks start as rays, in inverse depth, or delayed."""
+"""Bearing-only SLAM: landmarks start as rays, or delayed."""

@@ -1,7 +1,7 @@
 """The online filter for bearing-only sensors.
 
-A landmark starts as a provisional landmark of the initialiser: as a ray of members (`rays`), in inverse depth
-(`inverse_depth`), or waiting for more bearings (`delayed`). Later it becomes a point of the map. A scan corrects with
+A landmark starts as a provisional landmark of the initialiser: as a ray of members (`rays`), or
+waiting for more bearings (`delayed`). Later it becomes a point of the map. A scan corrects with
 all bearings of points at once, then with those of provisional landmarks.
 """
 
@@ -16,26 +16,20 @@ from numpy.typing import ArrayLike
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf.bearings.delayed import DelayedInitialiser
 from slamgauge.ekf.bearings.initialiser import Initialiser
-from slamgauge.ekf.bearings.inverse_depth import InverseDepthInitialiser
-from slamgauge.ekf.bearings.ray_association import RayAssociation
 from slamgauge.ekf.bearings.rays import RayInitialiser
 from slamgauge.ekf.bearings.transaction import transaction_with
 from slamgauge.ekf.kernels.individual_compatibility import NONE
-from slamgauge.ekf.kernels.warm_up import compile_bearings
 from slamgauge.ekf.maps.correction_table import Correction, Rule
 from slamgauge.ekf.maps.divergence_monitor import DivergenceMonitor
 from slamgauge.ekf.maps.input_checks import ids_of, require_gate, require_ids, require_robustness, rows_of
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
-from slamgauge.ekf.maps.map_edits import merge_landmarks, remove_landmark
 from slamgauge.ekf.maps.matching import are_within
 from slamgauge.ekf.online_filter import Members, joined, points
-from slamgauge.ekf.settings import PLAIN, Association, Delayed, Initialisation, InverseDepth, Rays, Robustness
+from slamgauge.ekf.settings import PLAIN, Delayed, Initialisation, Rays, Robustness
 from slamgauge.errors import UserError
 from slamgauge.estimate import RayLog
 from slamgauge.recording import Observations
 from slamgauge.validation import are_among
-
-NOBODY = -2  # owner of a slot that is not associated with bearings
 
 
 class BearingFilter:
@@ -46,12 +40,11 @@ class BearingFilter:
         prior_cov: (3, 3) its covariance; zero is legal.
         correction: see `SlamFilter`.
         initialisation: how landmarks are initialised; by default as rays.
-        association: how bearings are associated; None if they have ids.
         robust: how updates by points are guarded against outliers; provisional landmarks have the gate of their
-            initialisation, bearings without ids that of the association.
+            initialisation.
 
     Raises:
-        UserError: an unknown correction or method, an invalid prior, or an association without rays.
+        UserError: an unknown correction or initialisation, or an invalid prior.
     """
 
     def __init__(
@@ -60,23 +53,14 @@ class BearingFilter:
         prior_cov: ArrayLike,
         correction: Correction | Rule = "standard",
         initialisation: Initialisation | None = None,
-        association: Association | None = None,
         robust: Robustness = PLAIN,
     ) -> None:
         initialisation = Rays() if initialisation is None else initialisation
-        if not (association is None or isinstance(cast("object", association), Association)):
-            raise UserError(
-                f"association: {association!r} is not an Association; give Association(method, gate), or None"
-            )
-        if association is not None and not isinstance(initialisation, Rays):
-            raise UserError("association: only rays can be associated; give ids, or use ekf.Rays")
         self._gate = require_robustness(robust).known_gate
         self._map = LandmarkMap("bearing", prior_mean, prior_cov, correction, landmarks=32, tails=robust.tails)
-        compile_bearings(self._map.correction.rule.retract)
         self._provisional = _initialiser(self._map, initialisation)
         self._points: dict[int, int] = {}  # landmark: its id in the map
         self._step = 0
-        self._association = None if association is None else RayAssociation(self._map, association)
         self._associated: Int = np.zeros(0, dtype=np.int64)
         self._monitor = DivergenceMonitor(self._map.correction.rule)
 
@@ -126,8 +110,7 @@ class BearingFilter:
         return self._associated
 
     def standing(self, ids: Int) -> Int:
-        """Return the present ids of earlier ids: that of the merged landmark, or -1 if deleted or unconfirmed."""
-        ids = ids if self._association is None else self._association.survivors(ids)
+        """Return the ids, -1 for deleted landmarks."""
         return np.where(are_among(ids, self.landmark_ids), ids, NONE)
 
     def ray_log(self, members: Int) -> RayLog | None:
@@ -138,8 +121,6 @@ class BearingFilter:
         """Move by a body-frame increment; see `SlamFilter.predict`."""
         self._map.correction.predict(increment, cov)
         self._step += 1
-        if self._association is not None:
-            self._association.clock.open_step()
         self._associated = self._associated[:0]
 
     def update(self, observations: Observations, gate: float | None = None) -> tuple[float, int]:
@@ -154,43 +135,24 @@ class BearingFilter:
             The normalised innovation squared of the points and its degrees of freedom.
 
         Raises:
-            UserError: no ids for a filter without association, wrong shapes, a number that is not finite, a variance
+            UserError: no ids, wrong shapes, a number that is not finite, a variance
                 that is not positive, or no update in double precision; the filter is unchanged.
         """
         gate = self._gate if gate is None else gate
         require_gate(gate)
         given, given_covs = rows_of(observations, 1)
-        known = None if self._association is not None else ids_of(observations, len(given))
+        known = ids_of(observations, len(given))
         if not len(given):
             self._associated = self._associated[:0]
             return 0.0, 0
         values, covs = np.asarray(given, np.float64), np.asarray(given_covs, np.float64)
         self._map.correction.require_sound(values, covs)
-        parts = [self._provisional, self, *([] if self._association is None else [self._association])]
-        is_one_part = known is not None and all(each in self._points for each in known.tolist())
-        with nullcontext() if is_one_part else transaction_with(self._map, *parts):
-            if self._association is not None:
-                ids = self._association.associate(self._owners(), values, covs)
-            else:
-                ids = self._without_outliers(np.asarray(known), values, covs, gate)
+        is_one_part = all(each in self._points for each in known.tolist())
+        with nullcontext() if is_one_part else transaction_with(self._map, self._provisional, self):
+            ids = self._without_outliers(known, values, covs, gate)
             result = self._update_all(ids.tolist(), values, covs)
             self._associated = ids.copy()
-            if self._association is not None:
-                self._manage(self._association)
         return self._monitor.checked(result)
-
-    def _manage(self, association: RayAssociation) -> None:
-        """Remove landmarks that the association gives up, and merge duplicates that it finds."""
-        rays = np.array([*self._provisional.counts], dtype=np.int64)
-        for landmark in association.given_up(rays, self._point_landmarks()).tolist():
-            self._forget(landmark)
-        while len(pairs := association.agreed(self._owners(), self._point_landmarks())):
-            for kept, gone in pairs.tolist():
-                association.join(kept, gone)
-                slot, other = self._slots_of_points([kept, gone]).tolist()
-                merge_landmarks(self._map, slot, other)
-                del self._points[gone]
-                self._associated = np.where(self._associated == gone, kept, self._associated)
 
     def _without_outliers(self, ids: Int, values: Float, covs: Float, gate: float | None) -> Int:
         """Return the ids (m,), NONE for bearings of points beyond the gate."""
@@ -234,29 +196,11 @@ class BearingFilter:
         """(P,) landmarks that are points."""
         return np.array([*self._points], dtype=np.int64)
 
-    def _forget(self, landmark: int) -> None:
-        """Remove a landmark from the state."""
-        if landmark in self._points:
-            remove_landmark(self._map, int(self._map.state.slots_of(np.array(self._points.pop(landmark)))))
-        else:
-            self._provisional.forget(self._step, landmark)
-
-    def _owners(self) -> Int:
-        """Landmark (n,) of each slot of the state."""
-        owners = np.full(len(self._map.state.ids), NOBODY)
-        for landmark, member in self._points.items():
-            owners[self._map.state.slots_of(np.array(member))] = landmark
-        for landmark, members in self._provisional.member_ids().items():
-            owners[self._map.state.slots_of(members)] = landmark
-        return owners
-
     def _landmarks(self) -> Members:
-        """Return a row for every confirmed landmark, points first; of a ray the heaviest member, else the nearest."""
+        """Return a row for every landmark, points first; of a ray the heaviest member, else the nearest."""
         rows = self.whole_map()
         order = np.lexsort((-rows.number, rows.weight, rows.landmark))
         heaviest = order[np.diff(rows.landmark[order], append=NONE) != 0]
-        if self._association is not None:
-            heaviest = heaviest[self._association.confirmed[rows.landmark[heaviest]]]
         heaviest.sort()
         landmark, number, weight = rows.landmark[heaviest], rows.number[heaviest], rows.weight[heaviest]
         return Members(landmark, number, weight, rows.position[heaviest], rows.cov[heaviest])
@@ -271,8 +215,6 @@ class BearingFilter:
 def _initialiser(landmarks: LandmarkMap, initialisation: Initialisation) -> Initialiser:
     if isinstance(initialisation, Rays):
         return RayInitialiser(landmarks, initialisation)
-    if isinstance(initialisation, InverseDepth):
-        return InverseDepthInitialiser(landmarks, initialisation)
     if isinstance(cast("object", initialisation), Delayed):
         return DelayedInitialiser(landmarks, initialisation)
-    raise UserError(f"initialisation: {initialisation!r} is not known; give Rays(), InverseDepth() or Delayed()")
+    raise UserError(f"initialisation: {initialisation!r} is not known; give Rays() or Delayed()")

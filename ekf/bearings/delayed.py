@@ -99,15 +99,6 @@ class DelayedInitialiser:
         """Return no rows: a waiting landmark has no position."""
         return NO_MEMBERS
 
-    def member_ids(self) -> dict[int, Int]:
-        """Return nothing: a waiting landmark has no slot."""
-        return {}
-
-    def forget(self, step: int, landmark: int) -> None:  # noqa: ARG002
-        """Drop a landmark's bearings."""
-        del self._sights[landmark]
-        self._drop_unused()
-
     def _distance_from_clone(self) -> float:
         """Return the robot's distance from the last clone [m]; infinite without clones."""
         if not self._clones:

@@ -72,11 +72,3 @@ class Initialiser(Protocol):
     def members(self) -> Members:
         """Return possible positions of the landmarks; a landmark without position has no row."""
         ...
-
-    def member_ids(self) -> dict[int, Int]:
-        """Return the ids in the `LandmarkMap` of members that can be associated with bearings, by landmark."""
-        ...
-
-    def forget(self, step: int, landmark: int) -> None:
-        """Remove a provisional landmark from the state."""
-        ...

@@ -218,10 +218,6 @@ class RayInitialiser:
         """Number of members of each ray, by id of the landmark."""
         return {landmark: len(ray.members) for landmark, ray in self._rays.items()}
 
-    def member_ids(self) -> dict[int, Int]:
-        """Return the ids in the map of the members of each ray, by id of the landmark."""
-        return {landmark: ray.members for landmark, ray in self._rays.items()}
-
     def members(self) -> Members:
         """Return every member of every ray."""
         if not self._rays:

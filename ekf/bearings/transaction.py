@@ -8,13 +8,11 @@ from contextlib import contextmanager
 from typing import Any
 
 from slamgauge.ekf.bearings.initialiser import RayRecorder
-from slamgauge.ekf.bearings.inverse_depth import Depth
 from slamgauge.ekf.maps.landmark_ids import Ids
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
-from slamgauge.ekf.maps.scan_clock import ScanClock
 from slamgauge.ekf.maps.transaction import transaction
 
-MUTABLE = (Depth, Ids, RayRecorder, ScanClock)  # types of changing objects within parts
+MUTABLE = (Ids, RayRecorder)  # types of changing objects within parts
 
 
 @contextmanager

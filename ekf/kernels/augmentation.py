@@ -6,7 +6,7 @@ import math
 
 from slamgauge.arrays import Float
 from slamgauge.ekf.kernels.belief import Belief, resized
-from slamgauge.jit import kernel
+from slamgauge.jit import inner, kernel
 from slamgauge.sensor_kernels import locate
 
 
@@ -21,7 +21,7 @@ def augment(sensor: int, belief: Belief, values: Float, covs: Float) -> None:
         append_landmark(sensor, longer, belief.point, values[i], covs[i])
 
 
-@kernel
+@inner
 def append_landmark(sensor: int, belief: Belief, point: Float, z: Float, R: Float) -> None:
     """Append a landmark observed at z: P_l. = J_r P_r., P_ll = J_r P_rr J_r' + J_z R J_z'.
 

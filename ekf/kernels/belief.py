@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float, Marks
-from slamgauge.jit import kernel
+from slamgauge.jit import inner
 
 ROBOT = 3  # entries of the robot: x, y, heading
 AT_POINT = 0  # form of Jacobians: evaluated at a belief's `point`, without projection
@@ -49,13 +49,13 @@ def enlarged(belief: Belief, size: int) -> Belief:
     return Belief(state, point, cov, marks, used, belief.form)
 
 
-@kernel
+@inner
 def resized(belief: Belief, size: int) -> Belief:
     """Return a belief of the same arrays with `size` entries in use."""
     return Belief(belief.state, belief.point, belief.cov, belief.points, size, belief.form)
 
 
-@kernel
+@inner
 def at_place(belief: Belief, place: Float) -> Belief:
     """Return a belief with the same covariance and the state `place` (capacity,), where Jacobians are taken too."""
     return Belief(place, place, belief.cov, belief.points, belief.size, AT_POINT)

@@ -1,7 +1,7 @@
 """BLAS and LAPACK routines as kernels.
 
 The routines are part of scipy. They are registered under fixed names, so that cached machine code finds them in every
-process.
+process. With NUMBA_DISABLE_JIT=1 their numpy forms, at the end of this module, replace them.
 """
 
 from __future__ import annotations
@@ -12,18 +12,17 @@ from typing import cast
 import llvmlite.binding as llvm
 import numpy as np
 from numba import types
-from numba.core.types import ExternalFunction
 from numba.extending import get_cython_function_address
 
 from slamgauge.arrays import Float
-from slamgauge.jit import kernel
+from slamgauge.jit import NUMBA, inner
 
 
 def _fortran(library: str, routine: str, arguments: int) -> Callable[..., None]:
     """Return a BLAS or LAPACK routine of scipy, callable from kernels with `arguments` pointers."""
     name = f"slamgauge_{routine}"
     llvm.add_symbol(name, get_cython_function_address(f"scipy.linalg.cython_{library}", routine))
-    return cast("Callable[..., None]", ExternalFunction(name, types.void(*[types.voidptr] * arguments)))
+    return cast("Callable[..., None]", types.ExternalFunction(name, types.void(*[types.voidptr] * arguments)))
 
 
 _dsyrk = _fortran("blas", "dsyrk", 10)
@@ -42,7 +41,7 @@ _UNIT_STRIDE = np.array([1], dtype=np.int32)
 # Fortran reads row-major matrices as their transposes: the upper triangle here is the lower one ("L") there.
 
 
-@kernel
+@inner
 def cholesky(S: Float, rows: int) -> bool:
     """Factor S[:rows, :rows] = U'U in place, upper triangle only; return True if S is positive definite."""
     sizes = np.array([rows, S.shape[1], 0], dtype=np.int32)
@@ -50,7 +49,7 @@ def cholesky(S: Float, rows: int) -> bool:
     return sizes[2] == 0
 
 
-@kernel
+@inner
 def solve_factor(S: Float, W: Float, rows: int, size: int) -> None:
     """W[:rows, :size] <- U'^-1 W; S contains the factor U from `cholesky`."""
     sizes = np.array([size, rows, S.shape[1], W.shape[1]], dtype=np.int32)
@@ -69,7 +68,7 @@ def solve_factor(S: Float, W: Float, rows: int, size: int) -> None:
     )
 
 
-@kernel
+@inner
 def subtract_gram(P: Float, W: Float, rows: int, size: int) -> None:
     """P <- P - W'W on the upper triangle of P[:size, :size], for W[:rows, :size]."""
     sizes = np.array([size, rows, P.shape[1], W.shape[1]], dtype=np.int32)
@@ -87,7 +86,7 @@ def subtract_gram(P: Float, W: Float, rows: int, size: int) -> None:
     )
 
 
-@kernel
+@inner
 def add_outer_pair(P: Float, u: Float, v: Float, size: int) -> None:
     """P <- P + u v' + v u' on the upper triangle of P[:size, :size]."""
     sizes = np.array([size, P.shape[1]], dtype=np.int32)
@@ -104,7 +103,7 @@ def add_outer_pair(P: Float, u: Float, v: Float, size: int) -> None:
     )
 
 
-@kernel
+@inner
 def combine_rows(W: Float, weights: Float, out: Float, rows: int, size: int) -> None:
     """out[:size] = W' weights for W[:rows, :size]."""
     sizes = np.array([size, rows, W.shape[1]], dtype=np.int32)
@@ -123,7 +122,7 @@ def combine_rows(W: Float, weights: Float, out: Float, rows: int, size: int) -> 
     )
 
 
-@kernel
+@inner
 def subtract_product(out: Float, W: Float, T: Float) -> None:
     """Out <- out - W'T for `out` (m, n), W (r, m) and T (r, n), which may be parts of larger arrays."""
     (rows, height), width, bytes_each = W.shape, T.shape[1], T.itemsize
@@ -144,3 +143,40 @@ def subtract_product(out: Float, W: Float, T: Float) -> None:
         out.ctypes,
         sizes[5:].ctypes,
     )
+
+
+# --- the same in numpy, for kernels that are plain Python functions -------------------------------
+
+
+def _cholesky(S: Float, rows: int) -> bool:
+    try:
+        upper = np.linalg.cholesky(np.triu(S[:rows, :rows]) + np.triu(S[:rows, :rows], 1).T).T
+    except np.linalg.LinAlgError:
+        return False
+    S[:rows, :rows] = upper + np.tril(S[:rows, :rows], -1)
+    return True
+
+
+def _solve_factor(S: Float, W: Float, rows: int, size: int) -> None:
+    W[:rows, :size] = np.linalg.solve(np.triu(S[:rows, :rows]).T, W[:rows, :size])
+
+
+def _subtract_gram(P: Float, W: Float, rows: int, size: int) -> None:
+    P[:size, :size] -= np.triu(W[:rows, :size].T @ W[:rows, :size])
+
+
+def _add_outer_pair(P: Float, u: Float, v: Float, size: int) -> None:
+    P[:size, :size] += np.triu(np.outer(u[:size], v[:size]) + np.outer(v[:size], u[:size]))
+
+
+def _combine_rows(W: Float, weights: Float, out: Float, rows: int, size: int) -> None:
+    out[:size] = W[:rows, :size].T @ weights[:rows]
+
+
+def _subtract_product(out: Float, W: Float, T: Float) -> None:
+    out -= W.T @ T
+
+
+if NUMBA.DISABLE_JIT:
+    cholesky, solve_factor, combine_rows = _cholesky, _solve_factor, _combine_rows
+    subtract_gram, add_outer_pair, subtract_product = _subtract_gram, _add_outer_pair, _subtract_product

@@ -42,7 +42,7 @@ from slamgauge.ekf.kernels.covariance import mirror_robot_block
 from slamgauge.ekf.kernels.deferred_downdate import Deferred, defer
 from slamgauge.ekf.kernels.joint_update import joint_update
 from slamgauge.ekf.kernels.workspace import Workspace
-from slamgauge.jit import kernel
+from slamgauge.jit import inner, kernel
 from slamgauge.se2_kernels import mean_rotation, wrap
 
 
@@ -80,7 +80,7 @@ def retract_right_invariant(belief: Belief, dx: Float, deferred: Deferred) -> No
     transform_covariance(belief, u, deferred)
 
 
-@kernel
+@inner
 def move_additively(state: Float, size: int, dx: Float) -> None:
     """Add dx to all entries."""
     for i in range(size):
@@ -88,7 +88,7 @@ def move_additively(state: Float, size: int, dx: Float) -> None:
     state[2] = wrap(state[2])
 
 
-@kernel
+@inner
 def move_invariantly(belief: Belief, dx: Float) -> Float:
     """Move every point by V(dtheta) dx and all other entries by dx; return u (size,) of T = I + u e_theta'."""
     state, turn, u = belief.state, dx[2], np.empty(belief.size)
@@ -106,7 +106,7 @@ def move_invariantly(belief: Belief, dx: Float) -> Float:
     return u
 
 
-@kernel
+@inner
 def transform_covariance(belief: Belief, u: Float, deferred: Deferred) -> None:
     """P <- T P T' = P + u a' + a u' with a = P e_theta + u P_theta,theta / 2, for T = I + u e_theta'.
 
@@ -130,7 +130,7 @@ def transform_covariance(belief: Belief, u: Float, deferred: Deferred) -> None:
         mirror_robot_block(cov)
 
 
-@kernel
+@inner
 def _move(state: Float, dx: Float, u: Float, i: int, v_cos: float, v_sin: float) -> None:
     """Move the point at entry i by V dx, and set its entries of u to J V dx."""
     move_x = v_cos * dx[i] - v_sin * dx[i + 1]

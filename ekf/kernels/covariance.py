@@ -7,13 +7,13 @@ import math
 import numpy as np
 
 from slamgauge.arrays import Float, Int
-from slamgauge.jit import kernel
+from slamgauge.jit import inner, kernel
 
 TILE = 64  # rows of `cov` that fit into the processor's cache during a strided pass
 ROUNDING = 1e-8  # tolerance of a correlation: ten times that of `slamgauge.validation`
 
 
-@kernel
+@inner
 def is_symmetric(one: float, other: float, product: float, largest: float) -> bool:
     """Return whether two opposite entries of a covariance are equal up to rounding.
 
@@ -22,7 +22,7 @@ def is_symmetric(one: float, other: float, product: float, largest: float) -> bo
     return abs(one - other) <= ROUNDING * math.sqrt(abs(product)) + 1e-14 * largest
 
 
-@kernel
+@inner
 def mirror_robot_block(cov: Float) -> None:
     """Copy the upper triangle of the robot's block to its lower triangle."""
     cov[1, 0] = cov[0, 1]
@@ -30,7 +30,7 @@ def mirror_robot_block(cov: Float) -> None:
     cov[2, 1] = cov[1, 2]
 
 
-@kernel
+@inner
 def project_covariance(cov: Float, size: int, slots: Int, jacobian: Float, W: Float) -> None:
     """Compute W[:2m, :size] = H P from the upper triangle of P."""
     for i in range(len(slots)):
@@ -44,7 +44,7 @@ def project_covariance(cov: Float, size: int, slots: Int, jacobian: Float, W: Fl
             _project_landmark(cov, tile, 3 + 2 * slots[i], 2 * i, jacobian, W)
 
 
-@kernel
+@inner
 def _project_landmark(cov: Float, tile: tuple[int, int], landmark: int, k: int, jacobian: Float, W: Float) -> None:
     """Add the landmark's part of H P to rows k and k + 1 of W, in the columns from `tile[0]` to `tile[1]`."""
     first, last = tile
@@ -61,7 +61,7 @@ def _project_landmark(cov: Float, tile: tuple[int, int], landmark: int, k: int, 
         W[k + 1, j] += b3 * px + b4 * py
 
 
-@kernel
+@inner
 def innovation_covariance(W: Float, slots: Int, jacobian: Float, observation_cov: Float, S: Float) -> None:
     """Compute the upper triangle of S = H P H' + R from W = H P."""
     rows = 2 * len(slots)
@@ -93,7 +93,7 @@ def noise(R: Float, second_row: Float) -> tuple[float, float, float]:
     return R[0, 0], R[0, 1] if informative else 0.0, R[1, 1]
 
 
-@kernel
+@inner
 def projected(cov: Float, h: Float, landmark: int) -> tuple[float, float, float]:
     """Return H P H' of one observation, from the upper triangle of P: entries (0, 0), (0, 1) and (1, 1)."""
     block = np.empty((5, 5))
@@ -113,7 +113,7 @@ def projected(cov: Float, h: Float, landmark: int) -> tuple[float, float, float]
     return s00, s01, s11
 
 
-@kernel
+@inner
 def squared_distance(v0: float, v1: float, s00: float, s01: float, s11: float) -> float:
     """Return the squared Mahalanobis distance v' S^-1 v, infinite if S is not positive definite."""
     determinant = s00 * s11 - s01 * s01

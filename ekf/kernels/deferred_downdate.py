@@ -17,7 +17,7 @@ from slamgauge.arrays import Float, Int
 from slamgauge.ekf.kernels.belief import ROBOT
 from slamgauge.ekf.kernels.blas import subtract_gram, subtract_product
 from slamgauge.ekf.kernels.covariance import mirror_robot_block
-from slamgauge.jit import kernel
+from slamgauge.jit import inner, kernel
 
 ENTRIES = 100  # state entries per row of L; with fewer, P fits into the processor's caches and deferring is slower
 PANEL = 128  # rows of P that are changed in one product if L and R differ
@@ -38,7 +38,7 @@ def allocate_deferred(sides: int, room: int, capacity: int) -> Deferred:
     return Deferred(np.zeros((sides, room, capacity)), np.zeros(1, dtype=np.int64))
 
 
-@kernel
+@inner
 def may_defer(deferred: Deferred, rows: int, size: int) -> bool:
     """Return whether a scan with `rows` rows is deferred.
 
@@ -49,7 +49,7 @@ def may_defer(deferred: Deferred, rows: int, size: int) -> bool:
     return (0 < used <= room - rows) or (ENTRIES * rows <= size and 2 * rows <= room)
 
 
-@kernel
+@inner
 def defer(cov: Float, size: int, deferred: Deferred, L: Float, R: Float) -> None:
     """P <- P - L'R; the covariances between landmarks are deferred."""
     if deferred.used[0] + len(L) > deferred.rows.shape[1]:
@@ -77,7 +77,7 @@ def defer(cov: Float, size: int, deferred: Deferred, L: Float, R: Float) -> None
     deferred.used[0] = last
 
 
-@kernel
+@inner
 def subtract_deferred(deferred: Deferred, size: int, slots: Int, jacobian: Float, W: Float) -> None:
     """W[:2m, :size] <- W - H L'R: correct the H P of `project_covariance` for the deferred rows."""
     count, height = deferred.used[0], 2 * len(slots)

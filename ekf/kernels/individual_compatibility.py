@@ -19,7 +19,7 @@ from slamgauge.arrays import Float, Int, Marks
 from slamgauge.ekf.kernels.belief import Belief
 from slamgauge.ekf.kernels.covariance import noise, squared_distance
 from slamgauge.ekf.kernels.linearisation import linearise
-from slamgauge.jit import kernel
+from slamgauge.jit import inner, kernel
 from slamgauge.sensor_kernels import HAS_RANGE, PLACES_LANDMARKS
 
 NONE = -1  # no landmark
@@ -82,7 +82,7 @@ def find_compatible(sensor: int, belief: Belief, values: Float, covs: Float, gat
     return count
 
 
-@kernel
+@inner
 def _find_near(sensor: int, belief: Belief, values: Float, covs: Float, gate: float, pairs: Pairs) -> int:
     """Fill `pairs` with all pairs that the lower bound of d^2 does not exclude; return their number."""
     point = belief.point
@@ -111,7 +111,7 @@ class Reach(NamedTuple):
     heading: float  # standard deviation of the heading [rad], 0 if the measurement does not depend on it
 
 
-@kernel
+@inner
 def reach_of(sensor: int, z: Float, R: Float, cov: Float) -> Reach:
     """Return the terms for an observation z (2,) with covariance R (2, 2), and the covariance `cov` of the belief."""
     robot = math.sqrt(max(cov[0, 0] + cov[1, 1], 0.0))
@@ -123,7 +123,7 @@ def reach_of(sensor: int, z: Float, R: Float, cov: Float) -> Reach:
     return Reach(math.sqrt(z[0] ** 2 + z[1] ** 2), R[0, 0] + R[1, 1], robot, heading)
 
 
-@kernel
+@inner
 def is_within_reach(reach: Reach, belief: Belief, landmark: int, lever: float, gate: float) -> bool:
     """Return whether the landmark at entry `landmark` may have d^2 <= gate.
 
@@ -177,7 +177,7 @@ def keep_pairs(pairs: Pairs, kept: Int) -> Pairs:
     return first_pairs(pairs, count)
 
 
-@kernel
+@inner
 def _sort_by_distance(pairs: Pairs, count: int) -> None:
     """Fill `by_distance` for the first `count` pairs."""
     first = 0
@@ -191,7 +191,7 @@ def _sort_by_distance(pairs: Pairs, count: int) -> None:
         first = last
 
 
-@kernel
+@inner
 def pair_covariance(cov: Float, pairs: Pairs, a: int, b: int, out: Float) -> None:
     """Compute `out` (2, 2) = H_a P H_b' for the pairs a and b, from the upper triangle of P."""
     la, lb = 3 + 2 * pairs.slot[a], 3 + 2 * pairs.slot[b]
@@ -214,7 +214,7 @@ def pair_covariance(cov: Float, pairs: Pairs, a: int, b: int, out: Float) -> Non
             out[i, j] = total
 
 
-@kernel
+@inner
 def add_noise(R: Float, second_row: Float, S: Float) -> None:
     """S <- S + R for one observation (see `covariance.noise`)."""
     r00, r01, r11 = noise(R, second_row)

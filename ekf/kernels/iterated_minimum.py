@@ -30,7 +30,7 @@ from slamgauge.ekf.kernels.belief import AT_POINT, Belief
 from slamgauge.ekf.kernels.blas import add_outer_pair, cholesky, subtract_gram
 from slamgauge.ekf.kernels.covariance import noise
 from slamgauge.ekf.kernels.linearisation import linearise
-from slamgauge.jit import kernel
+from slamgauge.jit import inner
 from slamgauge.sensor_kernels import HAS_BEARING
 
 GAUSS_NEWTON = 3  # smallest number of Gauss-Newton passes
@@ -69,7 +69,7 @@ class Terms(NamedTuple):
     downhill: Float  # (n,) -g
 
 
-@kernel
+@inner
 def find_minimum(place: Float, P: Float, seen: Seen, passes: int) -> bool:
     """Move `place` (n,), robot and landmarks, from the prior's mean with covariance P (n, n) to the minimum.
 
@@ -123,7 +123,7 @@ def find_minimum(place: Float, P: Float, seen: Seen, passes: int) -> bool:
     return False
 
 
-@kernel
+@inner
 def square_root(P: Float) -> Float:
     """Return lower triangular L (n, n) with L L' = P; a column is zero if its remaining variance is rounding."""
     size = len(P)
@@ -143,7 +143,7 @@ def square_root(P: Float) -> Float:
     return L
 
 
-@kernel
+@inner
 def misfit(place: Float, seen: Seen, terms: Terms) -> float:
     """Linearise at `place` and fill `terms`; return half of r'r."""
     marks = np.ones(len(place) // 2, dtype=np.bool_)
@@ -159,7 +159,7 @@ def misfit(place: Float, seen: Seen, terms: Terms) -> float:
     return 0.5 * total
 
 
-@kernel
+@inner
 def silence(blind: Marks, innovation: Float, jacobian: Float) -> None:
     """Set innovation and Jacobian of the bearings marked in `blind` to zero."""
     for i in range(len(blind)):
@@ -168,7 +168,7 @@ def silence(blind: Marks, innovation: Float, jacobian: Float) -> None:
             jacobian[2 * i + 1] = 0.0
 
 
-@kernel
+@inner
 def _note_blind(seen: Seen, terms: Terms) -> None:
     """Mark the observations whose bearing has no information at the place of the last `misfit`."""
     for i in range(len(seen.blind)):
@@ -177,7 +177,7 @@ def _note_blind(seen: Seen, terms: Terms) -> None:
             seen.blind[i] = True
 
 
-@kernel
+@inner
 def _whitener(R: Float, second_row: Float) -> tuple[float, float, float]:
     """Return entries (0, 0), (1, 0) and (1, 1) of lower triangular T (2, 2) with T'T = R^-1."""
     r00, r01, r11 = noise(R, second_row)
@@ -187,7 +187,7 @@ def _whitener(R: Float, second_row: Float) -> tuple[float, float, float]:
     return 1.0 / u00, -u01 / (u00 * u11), 1.0 / u11
 
 
-@kernel
+@inner
 def _move(place: Float, mean: Float, L: Float, u: Float) -> None:
     """Set `place` to mean + L u."""
     for i in range(len(place)):
@@ -197,7 +197,7 @@ def _move(place: Float, mean: Float, L: Float, u: Float) -> None:
         place[i] = mean[i] + total
 
 
-@kernel
+@inner
 def _expand(place: Float, L: Float, u: Float, seen: Seen, terms: Terms, exact: bool) -> bool:
     """Fill B and -g of `terms` at the place of the last `misfit`; return False if they are not finite."""
     size, B, A = len(place), terms.B, terms.A
@@ -214,7 +214,7 @@ def _expand(place: Float, L: Float, u: Float, seen: Seen, terms: Terms, exact: b
     return math.isfinite(np.sum(downhill)) and math.isfinite(np.sum(B))
 
 
-@kernel
+@inner
 def _direction(terms: Terms, damping: float, step: Float) -> float:
     """Set `step` to -(B + damping I)^-1 g; return the decrement, infinite if the matrix is not positive definite."""
     size, F = len(step), terms.F
@@ -238,7 +238,7 @@ def _direction(terms: Terms, damping: float, step: Float) -> float:
     return math.sqrt(squared)
 
 
-@kernel
+@inner
 def _project(L: Float, seen: Seen, terms: Terms) -> None:
     """Compute A = T H L."""
     H, A = terms.jacobian, terms.A
@@ -254,7 +254,7 @@ def _project(L: Float, seen: Seen, terms: Terms) -> None:
             A[k + 1, j] = t10 * first + t11 * second
 
 
-@kernel
+@inner
 def _add_gram(B: Float, A: Float) -> None:
     """Compute the upper triangle of B = I + A'A."""
     size = len(B)
@@ -267,7 +267,7 @@ def _add_gram(B: Float, A: Float) -> None:
             B[a, b] = -B[a, b]
 
 
-@kernel
+@inner
 def _subtract_curvature(place: Float, L: Float, seen: Seen, terms: Terms) -> None:
     """B <- B - sum_k q_k L' (d^2 h_k / dx^2) L.
 

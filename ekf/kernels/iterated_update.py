@@ -21,7 +21,7 @@ from slamgauge.ekf.kernels.joint_update import are_sound, whiten
 from slamgauge.ekf.kernels.linearisation import linearise_scan, subtract_projection
 from slamgauge.ekf.kernels.rounding_limits import EXHAUSTED, NO_MINIMUM, are_variances_lost
 from slamgauge.ekf.kernels.workspace import Workspace
-from slamgauge.jit import kernel
+from slamgauge.jit import inner, kernel
 from slamgauge.se2_kernels import wrap
 
 MAX_PASSES = 2000  # hundreds are needed if the rays of bearings contradict each other, else rarely more than a dozen
@@ -78,7 +78,7 @@ def iterate(sensor: int, belief: Belief, count: int, work: Workspace, passes: in
     return nis, informative
 
 
-@kernel
+@inner
 def involved_entries(slots: Int) -> tuple[Int, Int]:
     """Return the entries of the robot and of the landmarks in `slots` (m,), and the slot of each among these (m,)."""
     entries, local = np.empty(ROBOT + 2 * len(slots), dtype=np.int64), np.empty(len(slots), dtype=np.int64)
@@ -98,7 +98,7 @@ def involved_entries(slots: Int) -> tuple[Int, Int]:
     return entries[: ROBOT + 2 * found].copy(), local
 
 
-@kernel
+@inner
 def block(cov: Float, entries: Int) -> Float:
     """Return the covariance (n, n) of the entries, both triangles, from the upper triangle of P."""
     P = np.empty((len(entries), len(entries)))

@@ -100,7 +100,7 @@ def search_jointly(
     return best, nodes
 
 
-@kernel
+@inner
 def _root(pairs: Pairs, gate: float, observations: int) -> Branch:
     """Return the empty set."""
     rows, first, last = _rows_to_place(pairs, gate, observations)
@@ -109,13 +109,13 @@ def _root(pairs: Pairs, gate: float, observations: int) -> Branch:
     return Branch(rows, first, last, first.copy(), np.full(depths, NONE), placed, total, _empty(depths))
 
 
-@kernel
+@inner
 def _empty(most: int) -> Joint:
     """Allocate arrays for `most` pairs."""
     return Joint(np.full(most, NONE), np.zeros((2 * most, 2 * most)), np.zeros(2 * most))
 
 
-@kernel
+@inner
 def _descend(branch: Branch, depth: int, c: int, total: float) -> None:
     """Choose pair c, or NONE, at this depth, and start the next depth with the nearest landmark of its observation."""
     n = branch.placed[depth]
@@ -128,7 +128,7 @@ def _descend(branch: Branch, depth: int, c: int, total: float) -> None:
         branch.cursor[depth + 1] = branch.first[depth + 1]
 
 
-@kernel
+@inner
 def _copy_slots(branch: Branch, depth: int, pairs: Pairs, best: Int) -> None:
     """Copy the slots of the set, from depth 0 to this depth, to `best`."""
     best[:] = NONE
@@ -137,7 +137,7 @@ def _copy_slots(branch: Branch, depth: int, pairs: Pairs, best: Int) -> None:
             best[branch.rows[d]] = pairs.slot[branch.chosen[d]]
 
 
-@kernel
+@inner
 def _rows_to_place(pairs: Pairs, gate: float, observations: int) -> tuple[Int, Int, Int]:
     """Return observations with pairs inside the gate, fewest first, and the range of `by_distance` of each."""
     first, last = np.zeros(observations, dtype=np.int64), np.zeros(observations, dtype=np.int64)
@@ -152,7 +152,7 @@ def _rows_to_place(pairs: Pairs, gate: float, observations: int) -> tuple[Int, I
     return rows, first[rows], last[rows]
 
 
-@kernel
+@inner
 def _is_taken(pairs: Pairs, taken: Int, n: int, c: int) -> bool:
     """Return whether one of the first n pairs has the landmark of pair c."""
     for k in range(n):  # noqa: SIM110 numba compiles no generator expressions
@@ -161,7 +161,7 @@ def _is_taken(pairs: Pairs, taken: Int, n: int, c: int) -> bool:
     return False
 
 
-@kernel
+@inner
 def _extend(cov: Float, covs: Float, pairs: Pairs, joint: Joint, n: int, c: int) -> float:
     """Add pair c to the first n pairs: two columns of U and two rows of y; return the increase of the joint d^2."""
     taken, U, y = joint
@@ -236,7 +236,7 @@ def mark_ambiguous(cov: Float, covs: Float, pairs: Pairs, slots: Int, limits: Li
     return ambiguous, nodes
 
 
-@kernel
+@inner
 def _crossed(pairs: Pairs, a: int, b: int) -> int:
     """Return the pair of a's observation and b's landmark, or NONE if they are not compatible."""
     for c in range(len(pairs.slot)):
@@ -245,7 +245,7 @@ def _crossed(pairs: Pairs, a: int, b: int) -> int:
     return NONE
 
 
-@kernel
+@inner
 def _joint_distance(cov: Float, covs: Float, pairs: Pairs, taken: Int) -> float:
     """Return the joint d^2 of the pairs `taken`."""
     room, total = _empty(len(taken)), 0.0

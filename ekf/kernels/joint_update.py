@@ -19,7 +19,7 @@ from slamgauge.ekf.kernels.deferred_downdate import apply_deferred, defer, may_d
 from slamgauge.ekf.kernels.linearisation import Linearised, linearise_scan, subtract_projection
 from slamgauge.ekf.kernels.rounding_limits import EXHAUSTED, LARGEST, LEAST, are_pivots_lost, are_variances_lost
 from slamgauge.ekf.kernels.workspace import Workspace
-from slamgauge.jit import kernel
+from slamgauge.jit import inner, kernel
 from slamgauge.sensor_kernels import HAS_RANGE
 
 SAFE = 1e-3  # share of the information that would exhaust double precision; below it, no backup of P is needed
@@ -42,7 +42,7 @@ class JointUpdate(NamedTuple):
     dof: int  # degrees of freedom of the NIS
 
 
-@kernel
+@inner
 def joint_update(sensor: int, belief: Belief, count: int, work: Workspace) -> JointUpdate:
     """P <- P - W'W for the first `count` observations of `work`; return the correction dx of the state.
 
@@ -84,7 +84,7 @@ def joint_update(sensor: int, belief: Belief, count: int, work: Workspace) -> Jo
     return JointUpdate(dx, nis, informative)
 
 
-@kernel
+@inner
 def whiten(belief: Belief, scan: Linearised, first: int, last: int, work: Workspace) -> Gain:
     """Return the gain of observations first..last of a scan, computed in the arrays W and S of `work`.
 
@@ -104,7 +104,7 @@ def whiten(belief: Belief, scan: Linearised, first: int, last: int, work: Worksp
     return Gain(S, W, y, nis)
 
 
-@kernel
+@inner
 def divide_by_factor(S: Float, W: Float, y: Float, rows: int, size: int) -> float:
     """Factor S = U'U, S <- U, W <- U'^-1 W and y <- U'^-1 y; return y'y.
 
@@ -127,7 +127,7 @@ def divide_by_factor(S: Float, W: Float, y: Float, rows: int, size: int) -> floa
     return squared
 
 
-@kernel
+@inner
 def _backup(belief: Belief, scan: Linearised, block: int) -> Float:
     """Return a copy of P if a block after the first might exhaust double precision, else an empty array.
 
@@ -151,7 +151,7 @@ def _backup(belief: Belief, scan: Linearised, block: int) -> Float:
     return belief.cov[:needed, :needed].copy()
 
 
-@kernel
+@inner
 def _restore(cov: Float, backup: Float) -> None:
     """Copy a backup (n, n) of P to its first rows and columns."""
     for i in range(len(backup)):

@@ -15,10 +15,10 @@ from slamgauge.ekf.kernels.belief import Belief
 from slamgauge.ekf.kernels.blas import combine_rows, subtract_gram
 from slamgauge.ekf.kernels.covariance import mirror_robot_block
 from slamgauge.ekf.kernels.joint_update import divide_by_factor
-from slamgauge.jit import kernel
+from slamgauge.jit import inner, kernel
 
 
-@kernel
+@inner
 def project_columns(cov: Float, size: int, columns: Int, jacobian: Float, W: Float) -> None:
     """Compute W[:rows, :size] = H P."""
     W[: len(jacobian), :size] = 0.0

@@ -11,7 +11,7 @@ from slamgauge.arrays import Float, Int
 from slamgauge.ekf.kernels.belief import Belief
 from slamgauge.ekf.kernels.covariance import noise, projected
 from slamgauge.ekf.kernels.workspace import Workspace
-from slamgauge.jit import kernel
+from slamgauge.jit import inner, kernel
 from slamgauge.sensor_kernels import observe, wrap_innovation
 
 PROJECTED = 1  # form of Jacobians (`Belief.form`): evaluated at the belief's state, then projected
@@ -26,7 +26,7 @@ class Linearised(NamedTuple):
     noise_cov: Float  # (m, 2, 2)
 
 
-@kernel
+@inner
 def linearise_scan(sensor: int, belief: Belief, count: int, work: Workspace) -> tuple[Linearised, int]:
     """Linearise the first `count` observations of `work`; return them and the number of rows with information.
 
@@ -37,7 +37,7 @@ def linearise_scan(sensor: int, belief: Belief, count: int, work: Workspace) -> 
     return Linearised(slots, jacobian, innovation, work.observation_cov[:count]), informative
 
 
-@kernel
+@inner
 def linearise(sensor: int, belief: Belief, slots: Int, observation: Float, innovation: Float, jacobian: Float) -> int:
     """Fill `innovation` (2m,) and the compact `jacobian` (2m, 5) of observations (m, 2).
 
@@ -74,7 +74,7 @@ def linearise(sensor: int, belief: Belief, slots: Int, observation: Float, innov
     return informative
 
 
-@kernel
+@inner
 def project_on_observable(point: Float, landmark: int, h: Float) -> None:
     """Replace h (5,) by the nearest row (Euclidean norm) with h N = 0: translation and rotation stay unobservable.
 
@@ -113,7 +113,7 @@ def innovations_of(
     return innovation, S
 
 
-@kernel
+@inner
 def subtract_projection(dx: Float, scan: Linearised, first: int, last: int) -> None:
     """Subtract H dx from the innovations of observations first..last."""
     for i in range(first, last):

@@ -30,7 +30,7 @@ from slamgauge.ekf.kernels.outlier_likelihood import (
 from slamgauge.ekf.kernels.prediction import predict
 from slamgauge.ekf.kernels.rounding_limits import are_variances_lost
 from slamgauge.ekf.kernels.workspace import Workspace
-from slamgauge.jit import kernel
+from slamgauge.jit import inner, kernel
 
 WHOLE = -1
 
@@ -75,7 +75,7 @@ def run_log(belief: Belief, order: Order, measured: Measured, tails: Tails, work
     return WHOLE
 
 
-@kernel
+@inner
 def _load(order: Order, measured: Measured, start: int, end: int, work: Workspace) -> None:
     """Copy observations start..end into the workspace."""
     for i in range(start, end):
@@ -87,7 +87,7 @@ def _load(order: Order, measured: Measured, start: int, end: int, work: Workspac
                 work.observation_cov[k, a, b] = measured.observation_cov[i, a, b]
 
 
-@kernel
+@inner
 def _update(sensor: int, belief: Belief, tails: Tails, is_lost: bool, work: Workspace, rows: Rows) -> bool:
     """Correct with the first observations of `work` and fill their `rows`; return False if no update exists.
 

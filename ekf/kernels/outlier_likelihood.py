@@ -22,7 +22,7 @@ import math
 from typing import NamedTuple
 
 from slamgauge.arrays import Float, Int
-from slamgauge.jit import inner, kernel
+from slamgauge.jit import inner
 
 GAUSSIAN, MIXTURE, STUDENT_T = 0, 1, 2
 LEAST_WEIGHT = 1e-12
@@ -56,7 +56,7 @@ class Rows(NamedTuple):
     log_likelihood: Float  # (2M,)
 
 
-@kernel
+@inner
 def weigh(e: float, v: float, row: int, tails: Tails) -> tuple[float, float]:
     """Return log-likelihood and weight of a conditional innovation e with variance v, for `row` 0 or 1."""
     law, normal = tails.law[row], -0.5 * (math.log(v) + e * e / v) - HALF_LOG_TWO_PI
@@ -75,7 +75,7 @@ def weigh(e: float, v: float, row: int, tails: Tails) -> tuple[float, float]:
     return normal, 1.0
 
 
-@kernel
+@inner
 def factor_weighing(S: Float, y: Float, jacobian: Float, tails: Tails, is_lost: bool, rows: Rows) -> bool:
     """Factor S = U'U in place with pivots divided by weights, y <- U'^-1 y, and fill the `rows` of y.
 
@@ -105,14 +105,14 @@ def factor_weighing(S: Float, y: Float, jacobian: Float, tails: Tails, is_lost: 
     return True
 
 
-@kernel
+@inner
 def rows_between(rows: Rows, start: int, end: int) -> Rows:
     """Return the rows of observations start..end, as views."""
     part = slice(2 * start, 2 * end)
     return Rows(rows.innovation[part], rows.variance[part], rows.weight[part], rows.log_likelihood[part])
 
 
-@kernel
+@inner
 def longest_run(tails: Tails) -> float:
     """Return the length of a run of outliers whose probability is INCREDIBLE."""
     longest = 1e9  # no limit without a mixture
@@ -122,7 +122,7 @@ def longest_run(tails: Tails) -> float:
     return longest
 
 
-@kernel
+@inner
 def continued(run: Run, slots: Int, rows: Rows, start: int, end: int) -> Run:
     """Return the run of doubted observations after the observations start..end."""
     for i in range(start, end):

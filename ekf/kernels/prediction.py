@@ -12,7 +12,7 @@ from slamgauge.arrays import Float
 from slamgauge.ekf.kernels.belief import Belief
 from slamgauge.ekf.kernels.covariance import ROUNDING, is_symmetric, mirror_robot_block
 from slamgauge.ekf.kernels.rounding_limits import LARGEST
-from slamgauge.jit import kernel
+from slamgauge.jit import inner, kernel
 from slamgauge.se2_kernels import wrap
 
 
@@ -53,7 +53,7 @@ def predict(belief: Belief, increment: Float, increment_cov: Float) -> bool:
     return True
 
 
-@kernel
+@inner
 def is_semidefinite(Q: Float) -> bool:
     """Return whether Q (3, 3) is symmetric and positive semi-definite up to rounding; zero is valid.
 
@@ -82,13 +82,13 @@ def is_semidefinite(Q: Float) -> bool:
     return yy > 0.0 and tt - yt * yt / yy > 0.0
 
 
-@kernel
+@inner
 def _unit(variance: float) -> float:
     """Return the standard deviation, or 1 if the variance is not positive."""
     return math.sqrt(variance) if variance > 0.0 else 1.0
 
 
-@kernel
+@inner
 def _add_increment_noise(cov: Float, c: float, s: float, Q: Float) -> None:
     """Add G Q G' with G = blkdiag(R(heading), 1) to the robot's block, and mirror this block."""
     qx0, qx1, qx2 = c * Q[0, 0] - s * Q[1, 0], c * Q[0, 1] - s * Q[1, 1], c * Q[0, 2] - s * Q[1, 2]

@@ -11,7 +11,7 @@ import math
 
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf.kernels.belief import ROBOT
-from slamgauge.jit import kernel
+from slamgauge.jit import inner
 
 LARGEST = 1e50  # limit of measured values; sums of their squares stay finite
 LEAST = 1e-13  # smallest difference, relative to its minuend
@@ -19,7 +19,7 @@ EXHAUSTED = math.inf  # NIS of an update that exhausts double precision
 NO_MINIMUM = -math.inf  # NIS of an iterated update that finds no minimum
 
 
-@kernel
+@inner
 def are_pivots_lost(U: Float, cov: Float, slots: Int, jacobian: Float) -> bool:
     """Return whether a pivot of S = U'U = H P H' + R is only rounding of H P H'."""
     for i in range(len(slots)):
@@ -33,7 +33,7 @@ def are_pivots_lost(U: Float, cov: Float, slots: Int, jacobian: Float) -> bool:
     return False
 
 
-@kernel
+@inner
 def are_variances_lost(cov: Float, slots: Int, W: Float, rows: int) -> bool:
     """Return whether P - W'W is only rounding for the robot's position, its heading or a landmark in `slots`.
 
@@ -47,7 +47,7 @@ def are_variances_lost(cov: Float, slots: Int, W: Float, rows: int) -> bool:
     return False
 
 
-@kernel
+@inner
 def _is_lost(cov: Float, W: Float, rows: int, first: int, count: int) -> bool:
     """Return whether the sum of `count` variances from entry `first` on is only rounding."""
     before, taken = 0.0, 0.0

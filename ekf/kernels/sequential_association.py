@@ -36,7 +36,7 @@ from slamgauge.ekf.kernels.linearisation import linearise
 from slamgauge.ekf.kernels.rounding_limits import EXHAUSTED, LEAST, NO_MINIMUM, are_variances_lost
 from slamgauge.ekf.kernels.student_t_weights import inflation
 from slamgauge.ekf.kernels.workspace import Workspace
-from slamgauge.jit import kernel
+from slamgauge.jit import inner, kernel
 from slamgauge.sensor_kernels import HAS_RANGE
 
 ROBOT_ALONE = np.zeros(0, dtype=np.int64)
@@ -139,7 +139,7 @@ def update_sequentially(
     return SequentialUpdate(slots, nis, informative, belief.size)
 
 
-@kernel
+@inner
 def _apply_block(belief: Belief, rows: int, form: Sequential, anchor: Float, work: Workspace) -> bool:
     """P <- T (P0 - W'W) T' for the first `rows` rows of W.
 
@@ -156,7 +156,7 @@ def _apply_block(belief: Belief, rows: int, form: Sequential, anchor: Float, wor
     return True
 
 
-@kernel
+@inner
 def _moved_from(anchor: Float, belief: Belief) -> Float:
     """Return u (size,) with J (state - anchor) for every point."""
     state, u = belief.state, np.empty(belief.size)
@@ -166,7 +166,7 @@ def _moved_from(anchor: Float, belief: Belief) -> Float:
     return u
 
 
-@kernel
+@inner
 def _compare(step: Step, belief: Belief) -> Compared:
     """Linearise the observation for the landmark in slot `step.one`, and compute its innovation covariance."""
     work, i = step.work, step.row
@@ -190,13 +190,13 @@ def _compare(step: Step, belief: Belief) -> Compared:
     return Compared(v, h, g, informative, s00 + r00, s01 + r01, s11 + r11)
 
 
-@kernel
+@inner
 def _distance(pair: Compared) -> float:
     """Return the squared Mahalanobis distance of the observation and the landmark."""
     return squared_distance(pair.v[0], pair.v[1], pair.s00, pair.s01, pair.s11)
 
 
-@kernel
+@inner
 def _turn_to_anchor(state: Float, anchor: Float, landmark: int, h: Float) -> None:
     """H <- H T: transform H to the coordinates of the anchor."""
     for k in range(2):
@@ -205,7 +205,7 @@ def _turn_to_anchor(state: Float, anchor: Float, landmark: int, h: Float) -> Non
         h[k, 2] += h[k, 4] * (state[landmark] - anchor[landmark])
 
 
-@kernel
+@inner
 def _nearest(step: Step, belief: Belief, gates: Gates, slots: Int) -> int:
     """Return the slot of the nearest landmark within the gate, NEW if no landmark is near, or NONE for an outlier.
 
@@ -232,7 +232,7 @@ def _nearest(step: Step, belief: Belief, gates: Gates, slots: Int) -> int:
     return NONE if doubtful else NEW
 
 
-@kernel
+@inner
 def _lever(step: Step, belief: Belief, landmark: int) -> float:
     """Return an upper bound of the change of the measurement with the heading of P0 [m/rad]."""
     lever = 0.0
@@ -246,7 +246,7 @@ def _lever(step: Step, belief: Belief, landmark: int) -> float:
     return lever
 
 
-@kernel
+@inner
 def _is_among(slots: Int, i: int, slot: int) -> bool:
     """Return whether one of the first i observations has the landmark in `slot`."""
     for k in range(i):  # noqa: SIM110 numba compiles no generator expressions
@@ -255,7 +255,7 @@ def _is_among(slots: Int, i: int, slot: int) -> bool:
     return False
 
 
-@kernel
+@inner
 def _append(step: Step, belief: Belief) -> None:
     """Map a new landmark at the observation: append its columns of P0 and of W."""
     work, state, x, y = step.work, belief.state, belief.size, belief.size + 1
@@ -268,7 +268,7 @@ def _append(step: Step, belief: Belief) -> None:
         w[y] = w[1] + lever_x * w[2]
 
 
-@kernel
+@inner
 def _update(step: Step, belief: Belief) -> tuple[float, int]:
     """Correct the state with the observation and add two rows to W; return the NIS and its degrees of freedom."""
     if step.form.passes > 1:
@@ -287,7 +287,7 @@ def _update(step: Step, belief: Belief) -> tuple[float, int]:
     return nis, informative
 
 
-@kernel
+@inner
 def _iterate(step: Step, belief: Belief) -> tuple[float, int]:
     """Move the state to a minimum of the cost of prior and observation; return the same as `_update`."""
     work, i, state, dx = step.work, step.row, belief.state, np.empty(belief.size)
@@ -314,7 +314,7 @@ def _iterate(step: Step, belief: Belief) -> tuple[float, int]:
     return nis, informative
 
 
-@kernel
+@inner
 def _gain(step: Step, belief: Belief, there: Belief, dx: Float) -> tuple[float, int]:
     """Add two rows to W and fill dx, with Jacobians of the belief `there`; return the NIS and its dof."""
     work, size, landmark = step.work, belief.size, 3 + 2 * step.one[0]
@@ -345,7 +345,7 @@ def _gain(step: Step, belief: Belief, there: Belief, dx: Float) -> tuple[float, 
     return y0 * y0 + y1 * y1, pair.informative
 
 
-@kernel
+@inner
 def _refer_to_prior(state: Float, place: Float, landmark: int, h: Float, v: Float) -> None:
     """Subtract H (state - place) from the innovation v, which was computed at `place`."""
     for k in range(2):

@@ -18,11 +18,11 @@ from slamgauge.arrays import Float, Int
 from slamgauge.ekf.kernels.belief import Belief
 from slamgauge.ekf.kernels.covariance import squared_distance
 from slamgauge.ekf.kernels.linearisation import innovations_of
-from slamgauge.jit import kernel
+from slamgauge.jit import inner, kernel
 from slamgauge.sensor_kernels import DIM
 
 
-@kernel
+@inner
 def inflation(sensor: int, distance: float, freedom: float) -> float:
     """Return 1 / w of an observation at a squared Mahalanobis distance, for `freedom` degrees of freedom."""
     return max(1.0, (freedom + distance) / (freedom + DIM[sensor]))

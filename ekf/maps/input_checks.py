@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from slamgauge.arrays import Float, Int, chunks
 from slamgauge.covariances import scale_of, without_negative_eigenvalues
 from slamgauge.ekf.kernels.rounding_limits import EXHAUSTED, LARGEST, NO_MINIMUM
-from slamgauge.ekf.setting_rules import is_number, require
+from slamgauge.ekf.setting_rules import require
 from slamgauge.ekf.settings import Association, Robustness
 from slamgauge.errors import UserError
 from slamgauge.recording import Observations
@@ -61,12 +61,6 @@ def require_room(landmarks: int) -> int:
     if count < 0 or isinstance(landmarks, bool):
         raise UserError(f"landmarks: {landmarks!r} is not a number of landmarks; give a whole number, at least 0")
     return count
-
-
-def require_radius(area_radius: float) -> None:
-    """Refuse a radius [m] that is not a number above 0."""
-    if not (is_number(area_radius) and area_radius > 0.0):
-        raise UserError(f"area_radius: {area_radius!r} m is not a distance; choose it above 0")
 
 
 def require_gate(gate: float | None) -> None:

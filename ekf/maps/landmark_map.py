@@ -11,7 +11,6 @@ from slamgauge.arrays import Float, Int
 from slamgauge.ekf.kernels.joint_update import are_sound
 from slamgauge.ekf.kernels.linear_update import linear_update
 from slamgauge.ekf.kernels.student_t_weights import inflate_noise
-from slamgauge.ekf.kernels.warm_up import compile_steps
 from slamgauge.ekf.kernels.workspace import Workspace, allocate
 from slamgauge.ekf.maps.correction_table import Correction, Rule, rule_of
 from slamgauge.ekf.maps.input_checks import explain_increment, explain_scan, load_increment, require_sensor, why_not
@@ -52,7 +51,6 @@ class LandmarkMap:
         require_sensor(sensor, tuple(SENSORS))
         rule = rule_of(correction)
         self.state = MapState(prior_mean, prior_cov, rule, landmarks)
-        compile_steps(rule.update, heavy_tails=tails < math.inf)
         self.correction = MapCorrection(self.state, sensor, rule, tails)
 
 

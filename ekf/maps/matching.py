@@ -16,7 +16,6 @@ from slamgauge.ekf.kernels.individual_compatibility import (
 from slamgauge.ekf.kernels.joint_compatibility import Limits, mark_ambiguous, search_jointly
 from slamgauge.ekf.kernels.linearisation import innovations_of
 from slamgauge.ekf.kernels.sequential_association import Gates, update_sequentially
-from slamgauge.ekf.kernels.warm_up import compile_joint_association
 from slamgauge.ekf.maps.correction_table import sequential_of
 from slamgauge.ekf.maps.input_checks import explain_scan
 from slamgauge.ekf.maps.landmark_ids import Ids
@@ -28,7 +27,6 @@ class Matcher:
     """Compares observations (m, d), with covariances (m, d, d), with the landmarks of a map."""
 
     def __init__(self, landmarks: LandmarkMap) -> None:
-        compile_joint_association()
         self._map = landmarks
         self._room = allocate_pairs(0)
 

@@ -9,12 +9,9 @@ import pytest
 
 from slamgauge import load_scenario, simulate
 from slamgauge.ekf import (
-    Association,
     BearingFilter,
     Delayed,
     FilterSettings,
-    InverseDepth,
-    MapManagement,
     Rays,
     ekf_slam,
     riekf,
@@ -29,9 +26,7 @@ from slamgauge.estimate import Estimate, MapHistory, RayLog
 from slamgauge.recording import Recording
 from tests.reference.random_recordings import random_recording
 
-INITIALISATIONS = pytest.mark.parametrize(
-    "initialisation", [Rays(), InverseDepth(), Delayed()], ids=["rays", "inverse-depth", "delayed"]
-)
+INITIALISATIONS = pytest.mark.parametrize("initialisation", [Rays(), Delayed()], ids=["rays", "delayed"])
 
 
 def ring() -> Recording:
@@ -142,19 +137,10 @@ def test_members_are_those_of_the_filter_at_that_step(initialisation: Initialisa
 # --- the log of rays -----------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("initialisation", "association"),
-    [(Rays(), None), (InverseDepth(), None), (Rays(), Association("jcbb", map_management=MapManagement()))],
-    ids=["rays", "inverse-depth", "rays without ids"],
-)
-def test_the_log_agrees_with_the_maps(initialisation: Rays | InverseDepth, association: Association | None) -> None:
+def test_the_log_agrees_with_the_maps() -> None:
     """Birth: first map with the ray. End: first map without it. Survivor: number of the last member."""
-    recording = ring()
-    if association is None:
-        association = Association()
-    else:
-        recording = replace(recording, landmark=None)
-    estimate = ekf_slam(recording, FilterSettings(association, initialisation, recording.steps + 1))
+    recording, rays = ring(), Rays()
+    estimate = ekf_slam(recording, FilterSettings(initialisation=rays, frames=recording.steps + 1))
     log, history = rays_of(estimate), history_of(estimate)
     counted = [((history.step == step) & (history.member >= 0)).sum() for step in range(recording.steps + 1)]
     np.testing.assert_array_equal(log.members, counted)
@@ -169,11 +155,7 @@ def test_the_log_agrees_with_the_maps(initialisation: Rays | InverseDepth, assoc
         assert steps.tolist() == [*range(int(log.birth[row]), last + 1)]
         distances = log.distances[row][np.isfinite(log.distances[row])]
         assert history.member[as_ray & (history.step == log.birth[row])].tolist() == [*range(len(distances))]
-        if isinstance(initialisation, Rays):
-            expected = distances_and_sigmas(initialisation)[0]
-        else:
-            expected = [1.0 / initialisation.mean]
-        np.testing.assert_array_equal(distances, expected)
+        np.testing.assert_array_equal(distances, distances_and_sigmas(rays)[0])
         if log.survivor[row] >= 0:
             assert log.survivor[row] in history.member[as_ray & (history.step == last)]
             assert history.member[alive & (history.step == end)].tolist() == [POINT]

@@ -10,7 +10,7 @@ import pytest
 
 from slamgauge.compare.scenarios.scenario import ScenarioError, load_scenario
 from slamgauge.ekf.setting_rules import fitted
-from slamgauge.ekf.settings import Association, Delayed, InverseDepth, MapManagement, Rays, Robustness
+from slamgauge.ekf.settings import Association, Delayed, MapManagement, Rays, Robustness
 from slamgauge.errors import UserError
 
 
@@ -44,8 +44,6 @@ from slamgauge.errors import UserError
         (Rays, {"s_max": float("inf")}, "s_max: inf is not a finite number; choose it above 0"),
         (Rays, {"s_max": -1.0}, "s_max: -1.0 is out of range; choose it above 0"),
         (Rays, {"lost_after": 2.5}, "lost_after: 2.5 is not a whole number; choose it at least 1"),
-        (InverseDepth, {"mean": float("inf")}, "mean: inf is not a finite number; choose it above 0"),
-        (InverseDepth, {"sigma": float("inf")}, "sigma: inf is not a finite number; choose it above 0"),
         (Delayed, {"spacing": float("inf")}, "spacing: inf is not a finite number; choose it at least 0"),
         (Delayed, {"poses": "many"}, "poses: 'many' is not a whole number; choose it at least 3"),
         (Rays, {"alpha": 1.0}, "alpha: 1.0 is out of range; choose it above 0 and below 1"),
@@ -55,12 +53,6 @@ from slamgauge.errors import UserError
         (Rays, {"s_max": 0.5}, "s_max: 0.5 m must be beyond s_min, 3.0 m; choose it larger"),
         (Rays, {"threshold": 1.0}, "threshold: 1.0 is out of range; choose it above 0 and below 1"),
         (Rays, {"gate": 0.0}, "gate: 0.0 is out of range; choose it above 0"),
-        (InverseDepth, {"mean": 0.0}, "mean: 0.0 is out of range; choose it above 0"),
-        (InverseDepth, {"mean": float("nan")}, "mean: nan is not a finite number; choose it above 0"),
-        (InverseDepth, {"sigma": 0.0}, "sigma: 0.0 is out of range; choose it above 0"),
-        (InverseDepth, {"linearity": -1.0}, "linearity: -1.0 is out of range; choose it above 0"),
-        (InverseDepth, {"gate": 0.0}, "gate: 0.0 is out of range; choose it above 0"),
-        (InverseDepth, {"lost_after": 0}, "lost_after: 0 is out of range; choose it at least 1"),
         (Delayed, {"poses": 2}, "poses: 2 is out of range; choose it at least 3"),
         (Delayed, {"spacing": -0.1}, "spacing: -0.1 is out of range; choose it at least 0"),
         (Delayed, {"spacing": float("nan")}, "spacing: nan is not a finite number; choose it at least 0"),
@@ -77,7 +69,7 @@ def test_invalid_settings(kind: type, chosen: dict[str, object], message: str):
         kind(**chosen)
 
 
-@pytest.mark.parametrize("kind", [Association, MapManagement, Rays, InverseDepth, Delayed])
+@pytest.mark.parametrize("kind", [Association, MapManagement, Rays, Delayed])
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), -1, "1", True, None, 1j, [1.0]], ids=str)
 def test_every_number_of_a_setting_is_checked(kind: type, value: object):
     numbers = [each.name for each in fields(kind) if isinstance(each.default, (int, float))]
@@ -95,7 +87,7 @@ def test_numpy_numbers_become_python_numbers():
 
 
 @pytest.mark.parametrize("reach", [0.0, -1.0, float("nan"), float("inf"), "10", None, True], ids=str)
-@pytest.mark.parametrize("kind", [Rays, InverseDepth, Delayed])
+@pytest.mark.parametrize("kind", [Rays, Delayed])
 def test_invalid_reaches(kind: type, reach: object):
     with pytest.raises(UserError, match=r"^reach: \S+ is not a distance; give metres above 0, for example 10$"):
         fitted(kind, reach)  # pyrefly: ignore[bad-argument-type]
@@ -105,18 +97,18 @@ def test_probation_may_equal_the_number_of_observations():
     assert MapManagement(sights=10, probation=10).sights == 10
 
 
-@pytest.mark.parametrize("kind", [Rays, InverseDepth, Delayed])
+@pytest.mark.parametrize("kind", [Rays, Delayed])
 def test_the_defaults_are_for_a_reach_of_ten_metres(kind: type):
     assert fitted(kind, 10.0) == kind()
 
 
 def test_chosen_values_are_kept_and_others_fitted():
-    assert fitted(InverseDepth, 20.0, sigma=0.5, mean=None) == InverseDepth(mean=0.075, sigma=0.5)
+    assert fitted(Rays, 20.0, s_max=15.0, s_min=None) == Rays(s_min=6.0, s_max=15.0)
 
 
 @pytest.mark.parametrize(
     ("section", "kind", "initialisation"),
-    [("fis", Rays, "fis"), ("inverse_depth", InverseDepth, "inverse-depth"), ("delayed", Delayed, "delayed")],
+    [("fis", Rays, "fis"), ("delayed", Delayed, "delayed")],
 )
 def test_a_scenario_can_set_every_field(section: str, kind: type, initialisation: str):
     chosen = {each.name: 2 * getattr(kind(), each.name) for each in fields(kind) if each.name != "alpha"}

@@ -13,6 +13,8 @@ import pytest
 
 from slamgauge.compare.cli import main as entry
 
+pytestmark = pytest.mark.slow
+
 INTERRUPTED = 128 + signal.SIGINT
 MOST_LINES = 200
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import shutil
 import signal
 import subprocess
 import time
@@ -12,13 +11,11 @@ from pathlib import Path
 
 import pytest
 
-from slamgauge.compare.cli.machine import compile_optima
-from slamgauge.compare.cli.main import main
-from slamgauge.compare.scoring.runs import Runs
-from slamgauge.compare.storage.manifest import MANIFEST
-from slamgauge.compare.studies import study
-from slamgauge.compare.studies.summary import EstimatorSummary, summarise
+from slamgauge.compare.cli.machine import WARM_UPS, run_shortly
+from slamgauge.compare.storage.staged_folder import MARK
 from tests.reference.command_line import Refuse, command_after, contents
+
+pytestmark = pytest.mark.slow
 
 
 @pytest.mark.parametrize("place", ["FILE", "FILE/run", "/proc/nowhere/run", "/proc/run", "/sys/run"])
@@ -56,23 +53,8 @@ def test_a_disk_that_fills_up_at_the_figure_costs_that_alone(stored: Path, refus
     assert re.fullmatch(expected, lost)
     assert written == f"written to {refuse.out}"
     assert {path.name for path in refuse.out.iterdir()} == {
-        *("recording.npz", "truth.npz", "metrics.json", "estimates", "trajectories", MANIFEST)
+        *("recording.npz", "truth.npz", "metrics.json", "estimates", "trajectories", MARK)
     }
-
-
-@pytest.mark.parametrize("sweep", [(), ("--sweep", "assumed.scale=1,2")])
-def test_a_study_says_that_its_folder_was_removed_while_it_ran(
-    sweep: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
-    def summarise_late(loaded: dict[str, Runs]) -> dict[str, EstimatorSummary]:
-        shutil.rmtree(tmp_path / "out")
-        return summarise(loaded)
-
-    monkeypatch.setattr(study, "summarise", summarise_late)
-    words = ["study", "q1-short-dense", "--runs", "2", "--jobs", "1", "--estimators", "dead-reckoning"]
-    assert main([*words, *sweep, "--out", str(tmp_path / "out")]) == 2
-    last = capsys.readouterr().err.splitlines()[-1]
-    assert re.search(r"out\S*: was removed or renamed while the study ran; its 2 runs are not stored there; put", last)
 
 
 @pytest.mark.parametrize(
@@ -80,14 +62,14 @@ def test_a_study_says_that_its_folder_was_removed_while_it_ran(
     [
         ("new folder", signal.SIGINT, 130),
         ("older results", signal.SIGINT, 130),
-        ("new folder", signal.SIGTERM, 143),
+        pytest.param("new folder", signal.SIGTERM, 143, marks=pytest.mark.full),
         ("older results", signal.SIGHUP, 129),
     ],
     indirect=["refuse"],
 )
 def test_a_run_that_is_interrupted_or_terminated_leaves_nothing_behind(refuse: Refuse, number: int, status: int):
     before = contents(refuse.out.parent)
-    compile_optima()  # compilation sometimes swallows an interrupt
+    run_shortly(*WARM_UPS["graph"])  # compilation sometimes swallows an interrupt
     arguments = ("q1-long-dense", "--set", "trajectory.duration=500", "--estimators", "causal", "--out", refuse.out)
     # pytest may run in the background, where interrupts are ignored
     heed = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"

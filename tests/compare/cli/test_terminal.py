@@ -15,6 +15,8 @@ from slamgauge.compare.cli.main import COMMANDS, main
 from tests.kernels import compile_kernels
 from tests.reference import fast_commands
 
+pytestmark = pytest.mark.slow
+
 COMMAND = [sys.executable, "-m", "slamgauge"]
 RUN = ("run", "q1-short-dense", "--set", "trajectory.duration=1", "--estimators", "ekf", "--out", "out")
 STUDY = ["study", "q1-short-dense", "--set", "trajectory.duration=1", "--runs", "2", "--jobs", "1"]

@@ -15,6 +15,8 @@ from slamgauge.recording import Recording
 
 from .conftest import Own, agree, short
 
+pytestmark = pytest.mark.slow
+
 ONLINE = """
 from slamgauge.ekf import SlamFilter
 made = []

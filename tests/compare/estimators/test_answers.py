@@ -13,6 +13,8 @@ from slamgauge.compare.estimators import answers
 from slamgauge.compare.estimators.answers import Answer, message, read_answer
 from slamgauge.compare.estimators.user_errors import UserCodeError
 
+pytestmark = pytest.mark.slow
+
 ESTIMATE = Estimate("filtered", np.zeros((3, 3)))
 
 

@@ -16,6 +16,8 @@ from slamgauge.recording import Recording
 
 from .conftest import EXAMPLES, short
 
+pytestmark = pytest.mark.slow
+
 HEAD = """
 from dataclasses import replace
 import numpy as np

@@ -12,7 +12,10 @@ import pytest
 
 from slamgauge.compare.estimators.sandbox import has_wall
 
-pytestmark = pytest.mark.skipif(not has_wall(), reason="this system has no bwrap")
+pytestmark = [
+    pytest.mark.skipif(not has_wall(), reason="this system has no bwrap"),
+    pytest.mark.slow,
+]
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
 SCENARIO = 'extends = "q1-short-dense"\n\n[trajectory]\nduration = 3.0\n'

@@ -11,6 +11,8 @@ from slamgauge.compare.grading.submissions import submissions_in
 
 from ..scoring.test_error_bounds import scores
 
+pytestmark = pytest.mark.slow
+
 STEP = "def ekf_slam(xEst, PEst, u, y): ...\n"
 
 
@@ -34,10 +36,10 @@ def test_identical_figures_are_named_on_both_sides():
         ({"__init__.py": "", "main.py": STEP}, "folder"),
         ({"main.py": "", "other.py": STEP}, "main"),
         ({"plots.py": "", "filter.py": STEP}, "filter"),
-        ({"plots.py": "", "filter.py": "class A:\n    def predict(s): ...\n    def correct(s): ..."}, "filter"),
+        ({"plots.py": "", "filter.py": "class A:\n    def predict(s): ...\n    def update(s): ..."}, "filter"),
         ({"plots.py": "def f(): ...", "filter.py": "estimate = make()"}, "filter"),
         ({"broken.py": "def (", "filter.py": STEP}, "filter"),
-        ({"plots.py": "def f():\n    def estimate(): ...", "filter.py": "1 / 0\ndef correction_step(): ..."}, "filter"),
+        ({"plots.py": "def f():\n    def estimate(): ...", "filter.py": "1 / 0\ndef ekf_slam(): ..."}, "filter"),
         ({"one.py": STEP, "two.py": STEP}, ""),
         ({"one.py": "", "two.py": ""}, ""),
         ({"TP4/filter.py": STEP, "TP4/plots.py": "", "utils/angle.py": ""}, "filter"),
@@ -50,7 +52,7 @@ def test_the_main_file_of_a_folder(tmp_path: Path, files: dict[str, str], main: 
         (tmp_path / "folder" / name).write_text(content)
     (found,) = submissions_in(tmp_path)
     if main:
-        assert found.where is not None and found.where.sources is not None
-        assert found.where.sources.module == main
+        assert found.where is not None and found.where.code is not None
+        assert found.where.code.module == main
     else:
         assert found.reason == f"folder: may be {', '.join(files)}; call the one that counts submission.py"

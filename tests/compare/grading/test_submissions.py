@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from slamgauge.compare.estimators import wall
-from slamgauge.compare.estimators.sources import added_folders
 from slamgauge.compare.grading.submissions import submissions_in
 from slamgauge.errors import UserError
+
+pytestmark = pytest.mark.slow
 
 
 @pytest.mark.parametrize(
@@ -32,19 +32,6 @@ def test_names_of_submissions_are_distinct(tmp_path: Path, files: list[str], nam
     assert [each.name for each in submissions_in(tmp_path)] == names
 
 
-def test_packages_are_no_strangers_to_their_own_code(tmp_path: Path):
-    for name in ("package", "alone"):
-        (tmp_path / name).mkdir()
-        (tmp_path / name / "__init__.py").write_text("")
-    (tmp_path / "numpy.py").write_text("")
-    strangers = {each.name: each.where and each.where.strangers for each in submissions_in(tmp_path)}
-    assert strangers == {
-        "alone": ("numpy", "package"),
-        "numpy": ("alone", "numpy", "package"),
-        "package": ("alone", "numpy"),
-    }
-
-
 def test_a_submission_is_its_folder_without_what_lies_above_or_behind_links(tmp_path: Path):
     for name in ("secret.txt", "solution.py", "class/bob.py"):
         (tmp_path / name).parent.mkdir(exist_ok=True)
@@ -61,15 +48,12 @@ def test_a_submission_is_its_folder_without_what_lies_above_or_behind_links(tmp_
     (tmp_path / "class/ida.py").write_text("import bob\n" + "#" * 1_000_000)
     (tmp_path / "class/jon.py").write_text("import bob\n")
     found = {each.name: each for each in submissions_in(tmp_path / "class")}
-    sources = {name: each.where.sources for name, each in found.items() if each.where and each.where.sources}
-    assert {name: [path for path, _ in each.files] for name, each in sources.items()} == {
-        "bob": ["bob.py"],
-        "eve": ["main.py"],
-        "gus": ["gus.py"],
-        "jon": ["bob.py", "jon.py"],
+    files = {
+        name: [path for path, _ in each.where.code.files]
+        for name, each in found.items()
+        if each.where and each.where.code
     }
-    eve = sources["eve"]
-    assert not [*added_folders(Path(eve.folder), eve.files[0][1], eve.top)]
+    assert files == {"bob": ["bob.py"], "eve": ["main.py"], "gus": ["gus.py"], "jon": ["jon.py"]}
     assert found["fay"].reason == "fay: is a link to a file elsewhere; put the file in its place"
     assert found["ida"].reason == "ida.py: has more than 1 MB; keep data in files of their own"
 
@@ -92,5 +76,3 @@ def test_a_submission_that_is_no_file_has_a_row_and_hides_nothing_from_others(tm
     for name, place in (("bob", "bob.py"), ("carl", "carl.py"), ("eve", "eve")):
         assert reasons[name] == f"{place}: {no_file}"
     assert reasons["dora"] == "" and "fred" in reasons
-    seen = wall.view(str(tmp_path), ["dora.py"], [], [*reasons])
-    assert {Path(path).name for path in seen.hidden} == {"bob.py", "eve"}

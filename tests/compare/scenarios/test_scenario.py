@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from slamgauge.compare.scenarios.scenario import load_scenario, shipped_scenarios
-from slamgauge.ekf.settings import Delayed, InverseDepth, Rays
+from slamgauge.ekf.settings import Delayed, Rays
 
 from .conftest import GOOD, Write, segmented
 
@@ -99,7 +99,6 @@ sigma_position = 0.1
     [
         ("sensor.max_range=7", Rays, {"s_max": 7.0}),
         ("fis.s_max=20", Rays, {"s_max": 20.0}),
-        ("sensor.max_range=20 initialisation=inverse-depth", InverseDepth, {"mean": 0.075, "sigma": 0.025}),
         ("sensor.max_range=20 initialisation=delayed", Delayed, {"spacing": 0.4}),
         ("initialisation=delayed delayed.spacing=0.1", Delayed, {"spacing": 0.1}),
     ],

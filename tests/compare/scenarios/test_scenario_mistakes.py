@@ -194,9 +194,8 @@ def test_mistakes_of_the_association():
             "fis.s_min=1e-307",
             "fis.beta: 1.7 gives 1337 members from s_min to s_max; choose it larger, for 1000 members at most",
         ),
-        ("initialisation=ekf", "initialisation: must be 'fis', 'inverse-depth' or 'delayed', not 'ekf'"),
+        ("initialisation=ekf", "initialisation: must be 'fis' or 'delayed', not 'ekf'"),
         ("delayed.poses=2", "delayed.poses: 2 is out of range; choose it at least 3"),
-        ("inverse_depth.mean=0", "inverse_depth.mean: 0.0 is out of range; choose it above 0"),
         ("sensor.sigma_range=1", "sensor.sigma_range: a bearing sensor has none; remove it or change kind"),
     ],
 )

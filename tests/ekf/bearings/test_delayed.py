@@ -20,6 +20,8 @@ from slamgauge.se2 import compose, rotation, wrap
 from slamgauge.triangulation import triangulate
 from tests.reference.jacobians import assert_jacobian
 
+pytestmark = pytest.mark.slow
+
 CORRECTIONS = pytest.mark.parametrize("correction", RULES)
 J = np.array([[0.0, -1.0], [1.0, 0.0]])
 SIGMA = np.deg2rad(1.0)
@@ -282,17 +284,3 @@ def test_ids_of_clones_and_points_are_used_once() -> None:
     assert len(retired) > 50
     places = inner.state.positions[inner.state.slots_of(np.array([*points.values()]))]
     assert np.hypot(*(places - landmarks[[*points]]).T).max() < 1.0
-
-
-def test_a_removed_landmark_takes_its_poses_with_it() -> None:
-    inner = LandmarkMap("bearing", np.zeros(3), np.zeros((3, 3)), "standard", landmarks=0)
-    waiting = DelayedInitialiser(inner, Delayed())
-    waiting.observe(0, [4, 5], np.zeros((2, 1)), np.ones((2, 1, 1)))
-    inner.correction.predict([1.0, 0.0, 0.0], Q)
-    waiting.observe(1, [5], np.zeros((1, 1)), np.ones((1, 1, 1)))
-    assert len(inner.state.ids) == 4
-    waiting.forget(1, 5)
-    assert [*waiting.counts] == [4]
-    assert len(inner.state.ids) == 2
-    waiting.forget(1, 4)
-    assert len(inner.state.cov) == 3

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from slamgauge.arrays import Float
-from slamgauge.ekf import ekf_slam, fej_ekf, iekf, oc_ekf, riekf, riukf, robocentric_ekf
+from slamgauge.ekf import ekf_slam, fej_ekf, iekf, oc_ekf, riekf
 from slamgauge.ekf.maps.input_checks import without_rounding
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
@@ -19,8 +19,6 @@ from tests.reference.random_recordings import random_recording
 
 FAMILY = [ekf_slam, fej_ekf, oc_ekf, iekf, riekf]
 FILTERS = pytest.mark.parametrize("estimator", FAMILY)
-RELATIVES = [riukf, robocentric_ekf]
-ALL = pytest.mark.parametrize("estimator", [*FAMILY, *RELATIVES])
 SENSORS = pytest.mark.parametrize("sensor", ["range-bearing", "position"])
 Estimator = Callable[..., Estimate]
 FAR_APART = r"^(observation|pose_covs)[^\n]*too far apart for double precision[^\n]*$"
@@ -62,19 +60,7 @@ def test_sigmas_of_1e6_and_1e_minus_7_give_a_result_or_an_error(
         estimator(recording)
 
 
-@pytest.mark.parametrize("estimator", RELATIVES)
-@SENSORS
-@pytest.mark.parametrize("prior", [USUAL, np.zeros(3)])
-def test_filters_in_numpy_also_report_motions_far_wider_than_observations(
-    estimator: Estimator, sensor: str, prior: Float
-) -> None:
-    """The robocentric filter does not depend on the prior; sigma points lose little for such nonlinear motions."""
-    _, recording = random_recording(3, sensor=sensor, steps=10, landmarks=4, noise=0.01)
-    with pytest.raises(UserError, match=FAR_APART):
-        estimator(with_sigmas(recording, prior, FAR, SMALL))
-
-
-@ALL
+@FILTERS
 @SENSORS
 @pytest.mark.parametrize("prior", [np.zeros(3), np.array([1.0, 0.0, 0.0]), np.array([1e4, 1e4, 0.1])])
 @pytest.mark.parametrize("motion", [np.zeros(3), np.array([0.5, 0.0, 0.0]), np.array([0.0, 0.0, 0.1])])
@@ -85,7 +71,7 @@ def test_singular_covariances_are_accepted(estimator: Estimator, sensor: str, pr
     assert (np.diagonal(estimate.pose_covs, axis1=1, axis2=2) >= 0.0).all()
 
 
-@ALL
+@FILTERS
 @SENSORS
 @pytest.mark.parametrize("line", [[1.0, 0.0, 0.0], [1.0, 0.0, 1.0], [1.0, 1.0, 1.0], [0.3, 0.1, -0.2]])
 def test_motion_noise_of_rank_one_from_a_known_start(estimator: Estimator, sensor: str, line: list[float]) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from slamgauge import load_scenario, simulate
-from slamgauge.ekf import AssociatingFilter, BearingFilter, CompressedFilter, SlamFilter
+from slamgauge.ekf import AssociatingFilter, BearingFilter, SlamFilter
 from slamgauge.ekf.estimators import drive
 from slamgauge.ekf.online_filter import OnlineFilter
 from slamgauge.ekf.settings import Association, Rays
@@ -21,7 +21,6 @@ SIGMA = 1e-3  # m, noise of observations
 MAKE: dict[str, Callable[[], OnlineFilter]] = {
     "fej-ekf": lambda: SlamFilter("position", *START, "first-estimates"),
     "riekf": lambda: AssociatingFilter("position", *START, "right-invariant", Association(gate=1e12)),
-    "the filter": lambda: CompressedFilter("position", *START, 5.0),
 }
 
 

@@ -15,15 +15,10 @@ from slamgauge.ekf import (
     AssociatingFilter,
     Association,
     BearingFilter,
-    CompressedFilter,
     MapManagement,
     OnlineFilter,
     SlamFilter,
-    SlidingWindowFilter,
 )
-from slamgauge.ekf.advanced.numpy_filter import NumpyFilter
-from slamgauge.ekf.advanced.robocentric import RobocentricBelief
-from slamgauge.ekf.advanced.sigma_points import InvariantBelief
 from slamgauge.ekf.kernels.corrections import update_standard
 from slamgauge.ekf.maps.correction_table import Rule
 from slamgauge.errors import UserError
@@ -33,20 +28,13 @@ START = (np.array([0.1, 0.2, 0.3]), 1e-4 * np.eye(3))
 JCBB, MANAGED = Association("jcbb"), Association("jcbb", map_management=MapManagement())
 FILTERS: dict[str, Callable[[], OnlineFilter]] = {
     "SlamFilter": lambda: SlamFilter("range-bearing", *START),
-    "CompressedFilter": lambda: CompressedFilter("range-bearing", *START, area_radius=5.0),
     "nearest neighbour": lambda: AssociatingFilter("range-bearing", *START),
     "jcbb": lambda: AssociatingFilter("range-bearing", *START, association=JCBB),
     "managed": lambda: AssociatingFilter("range-bearing", *START, association=MANAGED),
-    "riukf": lambda: NumpyFilter("range-bearing", InvariantBelief("range-bearing", *START)),
-    "robocentric": lambda: NumpyFilter("range-bearing", RobocentricBelief("range-bearing", *START)),
-    "SlidingWindowFilter": lambda: SlidingWindowFilter("range-bearing", *START, lag=3),
     "BearingFilter": lambda: BearingFilter(*START),
-    "BearingFilter without ids": lambda: BearingFilter(*START, association=JCBB),
 }
 EVERY = pytest.mark.parametrize("kind", FILTERS)
-IDS = pytest.mark.parametrize(
-    "kind", ["SlamFilter", "CompressedFilter", "riukf", "robocentric", "SlidingWindowFilter", "BearingFilter"]
-)
+IDS = pytest.mark.parametrize("kind", ["SlamFilter", "BearingFilter"])
 
 
 def scan(kind: str, count: int = 3, first: int = 0) -> Observations:
@@ -73,7 +61,7 @@ refusing = cache(started)  # one filter of each kind is enough, because refusals
 
 
 def belief_of(slam: OnlineFilter) -> list[Float | Int]:
-    whole = slam.belief.cov if isinstance(slam, NumpyFilter) else getattr(slam, "cov", slam.pose_cov)
+    whole = getattr(slam, "cov", slam.pose_cov)
     return [slam.pose, slam.pose_cov, whole, slam.landmark_ids, slam.landmarks, slam.landmark_covs, slam.associated]
 
 
@@ -257,24 +245,6 @@ def test_empty_lists_are_empty_scans(kind: str, empty: object) -> None:
     assert len(slam.associated) == 0
 
 
-def test_a_refused_scan_does_not_end_the_area_of_a_compressed_filter() -> None:
-    slam = CompressedFilter("position", *START, area_radius=0.3)
-    slam.update(Observations(np.arange(1), np.ones((1, 2)), np.eye(2)[None]))
-    slam.predict([0.2, 0.0, 0.1], 1e-4 * np.eye(3))
-    before = {key: np.copy(value) for key, value in vars(slam).items() if isinstance(value, np.ndarray)}
-    good = Observations(np.arange(2), np.ones((2, 2)), np.tile(np.eye(2), (2, 1, 1)))
-    broken = [good._replace(landmark=np.array([0, -1])), good._replace(cov=-good.cov), good._replace(value=good.cov)]
-    for each in broken:
-        with pytest.raises(UserError):
-            slam.update(each)
-    with pytest.raises(UserError):
-        slam.update(good, gate=-1.0)
-    for key, value in before.items():
-        np.testing.assert_array_equal(getattr(slam, key), value)
-    slam.update(good)
-    assert not np.array_equal(before["_entry"], vars(slam)["_entry"])
-
-
 @IDS
 @pytest.mark.parametrize(
     ("ids", "match"),
@@ -328,12 +298,11 @@ def test_a_user_rule_is_used_or_refused() -> None:
 # --- outliers ------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("kind", ["SlamFilter", "CompressedFilter"])
-def test_observations_beyond_the_gate_are_rejected(kind: str) -> None:
+def test_observations_beyond_the_gate_are_rejected() -> None:
     """The result equals that without them; `associated` has -1 for them."""
-    gated, told = started(kind), started(kind)
-    assert isinstance(gated, (SlamFilter, CompressedFilter))
-    ids, (_, values, covs) = np.arange(5), scan(kind, count=5)  # two are new
+    gated, told = started("SlamFilter"), started("SlamFilter")
+    assert isinstance(gated, SlamFilter)
+    ids, (_, values, covs) = np.arange(5), scan("SlamFilter", count=5)  # two are new
     values[:3] += [[0.0, 0.0], [2.0, 0.0], [0.0, 0.01]]
     kept = np.array([0, 2, 3, 4])
     result = gated.update(Observations(ids, values, covs), gate=20.0)
@@ -365,11 +334,11 @@ def test_bearings_of_points_beyond_the_gate_are_rejected() -> None:
     np.testing.assert_array_equal(gated.cov, told.cov)
 
 
-@pytest.mark.parametrize("kind", ["SlamFilter", "CompressedFilter", "BearingFilter"])
+@pytest.mark.parametrize("kind", ["SlamFilter", "BearingFilter"])
 @pytest.mark.parametrize("gate", [0.0, -1.0, np.nan, np.inf, "9", [9.0], True], ids=str)
 def test_invalid_gates(kind: str, gate: object) -> None:
     def act(slam: OnlineFilter) -> None:
-        assert isinstance(slam, (SlamFilter, CompressedFilter, BearingFilter))
+        assert isinstance(slam, (SlamFilter, BearingFilter))
         slam.update(scan(kind), gate=gate)  # pyrefly: ignore[bad-argument-type]
 
     assert_refused(kind, act, r"^gate: \S+ (is out of range|is not a finite number); choose it above 0$")

@@ -1,0 +1,98 @@
+"""Compiled code is stored for its sources, read from folders that cannot be written, and can be switched off."""
+
+from __future__ import annotations
+
+import os
+import stat
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from slamgauge import jit
+
+STEP = """
+import numpy as np
+from slamgauge import Observations
+from slamgauge.ekf import SlamFilter
+for correction in ("standard", "right-invariant", "iterated"):
+    slam = SlamFilter("range-bearing", np.zeros(3), np.diag([1e-2, 1e-2, 1e-4]), correction)
+    for z in ([3.0, 0.1], [2.9, 0.1]):
+        slam.predict([0.1, 0.0, 0.0], np.diag([1e-4, 0.0, 1e-6]))
+        slam.update(Observations(np.array([4]), np.array([z]), np.diag([1e-2, 1e-3])[None]))
+    print(*slam.pose.round(12), *slam.pose_cov.ravel().round(12), slam.map.state.cov.round(12).sum())
+"""
+KERNEL = """
+from slamgauge.jit import caches, kernel
+@kernel
+def twice(x: float) -> float:
+    return 2.0 * x
+print(twice(1.0), len(twice.stats.cache_hits))
+"""
+
+
+def run(code: str, folder: Path, **variables: str) -> tuple[list[str], str]:
+    """Run a program with machine code in a folder; return its output lines and what it prints on standard error."""
+    variables = {**os.environ, "NUMBA_CACHE_DIR": str(folder), **variables}
+    done = subprocess.run([sys.executable, "-c", code], env=variables, capture_output=True, text=True, check=True)
+    return done.stdout.splitlines(), done.stderr
+
+
+def program(folder: Path) -> str:
+    """Return code that runs a file with a kernel; numba stores nothing for code without a file."""
+    (folder / "code").mkdir()
+    (folder / "code/program.py").write_text(KERNEL, encoding="utf-8")
+    return f"import sys; sys.path.insert(0, {str(folder / 'code')!r}); import program"
+
+
+def test_a_filter_step_without_compilation_gives_the_same(tmp_path: Path) -> None:
+    plain, error = run(STEP, tmp_path, NUMBA_DISABLE_JIT="1")
+    assert error == ""
+    assert plain == run(STEP, jit.parent().parent)[0]
+    assert len(plain) == 3
+
+
+def test_compiled_code_is_stored_and_loaded(tmp_path: Path) -> None:
+    code = program(tmp_path)
+    assert [run(code, tmp_path)[0] for _ in range(2)] == [["2.0 0"], ["2.0 1"]]
+
+
+def test_compiled_code_in_a_folder_that_cannot_be_written_is_loaded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run(program(tmp_path), tmp_path)
+    monkeypatch.setattr(jit.NUMBA, "CACHE_DIR", str(tmp_path))
+    monkeypatch.setattr(jit, "is_writable", lambda _: False)
+    found = jit.caches.__wrapped__()
+    assert found is not None
+    assert found != tmp_path
+    assert [path.name for path in found.rglob("*.nbi")] == [path.name for path in tmp_path.rglob("*.nbi")]
+
+
+@pytest.mark.usefixtures("no_notices_yet")
+def test_without_a_folder_one_line_says_that_kernels_are_compiled_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(jit.NUMBA, "CACHE_DIR", str(tmp_path))
+    monkeypatch.setattr(jit, "is_writable", lambda _: False)
+    jit.caches.__wrapped__()
+    assert capsys.readouterr().err == f"slamgauge: {jit.NOT_STORED.format(jit.parent() / jit.digest())}\n"
+
+
+@pytest.mark.skipif(os.name == "nt" or os.geteuid() == 0, reason="root writes everywhere")
+def test_a_folder_without_permission_cannot_be_written(tmp_path: Path) -> None:
+    tmp_path.chmod(stat.S_IRUSR | stat.S_IXUSR)
+    assert not jit.is_writable(tmp_path / "new")
+
+
+def test_a_change_of_any_kernel_source_changes_the_folder(monkeypatch: pytest.MonkeyPatch) -> None:
+    before, read = jit.digest(), Path.read_bytes
+    for name in ("se2.py", "blas.py", "elimination.py"):
+        monkeypatch.setattr(Path, "read_bytes", lambda path, n=name: read(path) + b"#" * (path.name == n))
+        assert jit.digest() != before
+
+
+def test_the_first_compilation_prints_one_line(tmp_path: Path) -> None:
+    assert run(STEP, tmp_path)[1] == f"slamgauge: {jit.FIRST_USE}\n"
+    assert run(STEP, tmp_path)[1] == ""
