@@ -20,8 +20,8 @@ from scipy.special import chdtri
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf.kernels.individual_compatibility import NONE
 from slamgauge.ekf.kernels.joint_compatibility import Limits
-from slamgauge.ekf.kernels.sequential_association import Gates
-from slamgauge.ekf.maps.correction_table import Correction, Rule, sequential_of
+from slamgauge.ekf.kernels.nearest_neighbour import Gates
+from slamgauge.ekf.maps.correction_table import Correction, Rule
 from slamgauge.ekf.maps.divergence_monitor import DivergenceMonitor
 from slamgauge.ekf.maps.duplicate_landmarks import robot_of
 from slamgauge.ekf.maps.input_checks import require_robustness, require_sensor, rows_of
@@ -44,7 +44,7 @@ class AssociatingFilter(PointFilter):
         sensor: `range-bearing` or `position`.
         prior_mean: (3,) start pose.
         prior_cov: (3, 3) its covariance; zero is legal.
-        correction: see `SlamFilter`; the nearest neighbour needs a rule with a `sequential` form.
+        correction: see `SlamFilter`.
         association: method, gate and map management.
         robust: `student-t` or `none`; the gate is that of the association.
 
@@ -68,9 +68,7 @@ class AssociatingFilter(PointFilter):
         if not isinstance(cast("object", association), Association):
             raise UserError(f"association: {association!r} is not an Association; give Association(method, gate)")
         rule = self._map.correction.rule
-        if association.method == "nearest-neighbour":
-            sequential_of(rule)
-        else:
+        if association.method != "nearest-neighbour":
             self._matcher = Matcher(self._map)
         self._association = association
         self._tracks = Tracks(self._map, association.map_management)
@@ -152,7 +150,7 @@ class AssociatingFilter(PointFilter):
         return self._monitor.checked((nis, dof))
 
     def _one_by_one(self, values: Float, covs: Float) -> tuple[Int, float, int]:
-        gates = Gates(float(self._association.gate), float(self._widest_gate), self._map.correction.tails)
+        gates = Gates(float(self._association.gate), float(self._widest_gate))
         slots, nis, dof = update_nearest(self._map, self._tracks.new_ids, values, covs, gates)
         return np.where(slots == NONE, NONE, self._map.state.ids[slots]), nis, dof
 

@@ -20,7 +20,7 @@ from slamgauge.ekf.kernels.individual_compatibility import (
     first_pairs,
 )
 from slamgauge.ekf.kernels.joint_compatibility import Limits, mark_ambiguous, search_jointly
-from slamgauge.ekf.kernels.sequential_association import Gates
+from slamgauge.ekf.kernels.nearest_neighbour import Gates
 from slamgauge.ekf.maps.correction_table import Correction
 from slamgauge.ekf.maps.landmark_ids import Ids
 from slamgauge.ekf.maps.map_edits import replace_map
