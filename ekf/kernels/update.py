@@ -54,11 +54,11 @@ from slamgauge.validation import LARGEST
 LEAST = 1e-13  # smallest difference of two numbers, relative to the larger one, that is more than rounding
 SAFE = 1e-3  # share of the information that would exhaust double precision; below it, no backup of P is needed
 EXHAUSTED = math.inf  # NIS of an update that exhausts double precision
-NO_MINIMUM = -math.inf  # NIS of an iterated update that does not converge
-PASSES = 200  # most passes of the iterated filter
-HALVED_AFTER = 20  # passes after which its steps are halved, again and again
+PASSES = 100  # most passes of the iterated filter; the result of the last one counts
+HALVED_AFTER = 10  # passes after which its steps are halved, again and again
 ROUNDING = 1e-14  # of a state entry, relative to 1 m or its value
 SETTLED = 1e-10  # step of its last pass, in standard deviations of the prior
+LAST_DIGITS = 1e-6  # a smaller step that no longer shrinks is rounding
 
 
 class Form(NamedTuple):
@@ -132,7 +132,7 @@ def correction(
     height, nis, shortening = 2 * (last - first), 0.0, 1.0
     slots, jacobian = work.slots[first:last], work.jacobian[2 * first : 2 * last]
     y, W = work.innovation[2 * first : 2 * last], work.W[pending.rows : pending.rows + height]
-    there, offset, informative = belief, done, 0
+    there, offset, informative, before = belief, done, 0, math.inf
     for k in range(form.passes):
         dof = linearise(sensor, there, slots, work.observation[first:last], y, jacobian)
         subtract_projection(offset, slots, jacobian, y)
@@ -157,9 +157,10 @@ def correction(
                 longest = max(longest, step * step / belief.cov[j, j])
             offset[j] -= step
             there.state[j] = state[j] - offset[j]
-        if longest < (shortening * SETTLED) ** 2:
+        if longest < (shortening * SETTLED) ** 2 or (longest < LAST_DIGITS**2 and longest > 0.1 * before):
             return nis, informative
-    return NO_MINIMUM, informative
+        before = longest
+    return nis, informative
 
 
 @inner

@@ -10,9 +10,7 @@ import numpy as np
 from slamgauge.arrays import Float, Int, Marks
 from slamgauge.ekf.kernels import map_edits as kernels
 from slamgauge.ekf.kernels.augmentation import augment
-from slamgauge.ekf.kernels.belief import ROBOT, Belief, allocate_workspace
 from slamgauge.ekf.kernels.linear_update import append_linear
-from slamgauge.ekf.kernels.update import retract
 from slamgauge.ekf.maps.input_checks import DIVERGED
 from slamgauge.ekf.maps.landmark_map import LandmarkMap, two_rows
 from slamgauge.errors import UserError
@@ -102,21 +100,3 @@ def merge_landmarks(landmarks: LandmarkMap, kept: int, gone: int) -> None:
 def find_duplicates(landmarks: LandmarkMap, slots: Int, apart: Marks, gate: float) -> Int:
     """Return pairs of slots (p, 2) that may be the same landmark; see `kernels.map_edits.find_duplicates`."""
     return kernels.find_duplicates(landmarks.state.belief, slots, apart, gate)
-
-
-def robot_if_merged(landmarks: LandmarkMap, pairs: Int) -> tuple[Float, Float]:
-    """Return the pose (3,) and its covariance (3, 3) after merging pairs of slots (p, 2), without a change."""
-    state, belief = landmarks.state, landmarks.state.belief
-    slots, places = np.unique(pairs, return_inverse=True)
-    columns = np.concatenate([np.arange(ROBOT), (ROBOT + 2 * slots[:, None] + [0, 1]).ravel()])
-    entries = belief.state[columns]
-    point = entries if belief.point is belief.state else belief.point[columns]
-    marginal = Belief(entries, point, state.block(columns), belief.points[slots], len(columns), belief.form)
-    work = allocate_workspace(1, len(columns), 1)
-    for a, b in places.reshape(-1, 2).tolist():
-        update = kernels.equate_landmarks(marginal, a, b)
-        if np.isfinite(update.nis):
-            retract(marginal, update.dx, landmarks.correction.form.invariant, work)
-    pose = entries[:3].copy()
-    pose[:2] += state.origin
-    return pose, marginal.cov[:3, :3].copy()

@@ -10,11 +10,9 @@ from slamgauge.ekf.kernels.individual_compatibility import (
     Pairs,
     allocate_pairs,
     find_compatible,
-    find_located,
     first_pairs,
-    keep_pairs,
 )
-from slamgauge.ekf.kernels.joint_compatibility import Limits, mark_ambiguous, search_jointly
+from slamgauge.ekf.kernels.joint_compatibility import search_jointly
 from slamgauge.ekf.kernels.linearisation import innovations_of
 from slamgauge.ekf.maps.input_checks import explain_scan
 from slamgauge.ekf.maps.landmark_ids import Ids
@@ -33,7 +31,7 @@ class Matcher:
         """Return the pairs of an observation and a landmark within `gate` (squared Mahalanobis).
 
         The pairs are valid until the next call. The second result is the covariances (m, 2, 2) as kernels read them,
-        which the other methods take.
+        which `jointly_compatible` takes.
         """
         code, belief = self._map.correction.code, self._map.state.belief
         observation, noise_cov = two_rows(values, covs)
@@ -43,26 +41,12 @@ class Matcher:
             count = find_compatible(code, belief, observation, noise_cov, gate, self._room)
         return first_pairs(self._room, count), noise_cov
 
-    def located(self, pairs: Pairs, covs: Float, vagueness: float, recent: Marks) -> Pairs:
-        """Return the pairs whose landmarks have a known place relative to the robot.
-
-        See `kernels.individual_compatibility.find_located`.
-        """
-        return keep_pairs(pairs, find_located(self._cov, covs, pairs, vagueness, recent))
-
     def jointly_compatible(self, pairs: Pairs, covs: Float, gate: float, quantiles: Float, node_limit: int) -> Int:
         """Return the slots (m,) of the best joint association, -1 for none.
 
         See `kernels.joint_compatibility.search_jointly`.
         """
         return search_jointly(self._cov, covs, pairs, gate, quantiles, node_limit)[0]
-
-    def ambiguous(self, pairs: Pairs, covs: Float, slots: Int, limits: Limits) -> Marks:
-        """Mark the observations (m,) that another association than `slots` (m,) explains nearly as well.
-
-        See `kernels.joint_compatibility.mark_ambiguous`.
-        """
-        return mark_ambiguous(self._cov, covs, pairs, slots, limits)[0]
 
     @property
     def _cov(self) -> Float:
