@@ -58,7 +58,7 @@ PASSES = 100  # most passes of the iterated filter; the result of the last one c
 HALVED_AFTER = 10  # passes after which its steps are halved, again and again
 ROUNDING = 1e-14  # of a state entry, relative to 1 m or its value
 SETTLED = 1e-10  # step of its last pass, in standard deviations of the prior
-LAST_DIGITS = 1e-6  # a smaller step that no longer shrinks is rounding
+LAST_DIGITS = 1e-8  # a smaller step that no longer shrinks is rounding
 
 
 class Form(NamedTuple):
@@ -157,7 +157,7 @@ def correction(
                 longest = max(longest, step * step / belief.cov[j, j])
             offset[j] -= step
             there.state[j] = state[j] - offset[j]
-        if longest < (shortening * SETTLED) ** 2 or (longest < LAST_DIGITS**2 and longest > 0.1 * before):
+        if longest < (shortening * SETTLED) ** 2 or (longest < LAST_DIGITS**2 and longest > 0.8 * before):
             return nis, informative
         before = longest
     return nis, informative
