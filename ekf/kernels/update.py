@@ -8,7 +8,8 @@ covariance decreases by K S K' = W'W. The filters differ in three places:
   N = [I, J p; 0, 1; I, J l]. The observability-constrained filter takes them at the newest estimate and replaces H by
   the nearest matrix with H N = 0 (`linearisation.project_on_observable`).
 * **Iteration.** The iterated filter repeats the gain with Jacobians at the result (Gauss-Newton):
-  x_{i+1} = x^ + K_i (z - h(x_i) - H_i (x^ - x_i)). If the passes do not settle, later ones take shorter steps.
+  x_{i+1} = x^ + K_i (z - h(x_i) - H_i (x^ - x_i)). After a pass that was longer than the one before, later ones
+  are half as long.
 * **Retraction.** The others add dx. The error xi of the right-invariant filter is defined by theta = theta^ + xi_theta
   and p = R(xi_theta) p^ + V(xi_theta) xi_p (the same for landmarks). To first order it is xi = D^-1 (additive error),
   D = [I, J p; 0, 1] with landmark rows [I, J l]. Prediction, Jacobians and augmentation are therefore those of the
@@ -54,11 +55,10 @@ from slamgauge.validation import LARGEST
 LEAST = 1e-13  # smallest difference of two numbers, relative to the larger one, that is more than rounding
 SAFE = 1e-3  # share of the information that would exhaust double precision; below it, no backup of P is needed
 EXHAUSTED = math.inf  # NIS of an update that exhausts double precision
-PASSES = 100  # most passes of the iterated filter; the result of the last one counts
-HALVED_AFTER = 10  # passes after which its steps are halved, again and again
+PASSES = 1000  # most passes of the iterated filter; the result of the last one counts
 ROUNDING = 1e-14  # of a state entry, relative to 1 m or its value
 SETTLED = 1e-10  # step of its last pass, in standard deviations of the prior
-LAST_DIGITS = 1e-8  # a smaller step that no longer shrinks is rounding
+LAST_DIGITS = 1e-7  # a smaller step that does not shrink is rounding
 
 
 class Form(NamedTuple):
@@ -148,8 +148,6 @@ def correction(
             return nis, informative
         if k == 0:
             offset, there = np.zeros(belief.size), at_place(belief, state.copy())
-        if k % HALVED_AFTER == HALVED_AFTER - 1:
-            shortening *= 0.5
         longest = 0.0
         for j in range(belief.size):
             step = shortening * (dx[j] + offset[j])  # offset: minus the correction so far
@@ -157,8 +155,10 @@ def correction(
                 longest = max(longest, step * step / belief.cov[j, j])
             offset[j] -= step
             there.state[j] = state[j] - offset[j]
-        if longest < (shortening * SETTLED) ** 2 or (longest < LAST_DIGITS**2 and longest > 0.8 * before):
+        if longest < (shortening * SETTLED) ** 2 or (longest < LAST_DIGITS**2 and longest >= before):
             return nis, informative
+        if longest > before:
+            shortening *= 0.5
         before = longest
     return nis, informative
 
