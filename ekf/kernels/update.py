@@ -57,7 +57,7 @@ SAFE = 1e-3  # share of the information that would exhaust double precision; bel
 EXHAUSTED = math.inf  # NIS of an update that exhausts double precision
 PASSES = 1000  # most passes of the iterated filter; the result of the last one counts
 ROUNDING = 1e-14  # of a state entry, relative to 1 m or its value
-SETTLED = 1e-10  # step of its last pass, in standard deviations of the prior
+SETTLED = 1e-13  # step of its last pass, in standard deviations of the prior
 LAST_DIGITS = 1e-7  # a smaller step that does not shrink is rounding
 
 
