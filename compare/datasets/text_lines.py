@@ -25,6 +25,7 @@ from slamgauge.validation import LARGEST
 LARGEST_ID = 2**53  # not every larger whole number is a float64
 REMARKS = ("#", "%")  # first characters of lines of tables that are remarks, or names of columns
 EXCEL = re.compile(r"sep=(.)", re.IGNORECASE)
+NOTHING: Mapping[str, str] = {}
 PATIENCE = 2.0  # seconds of reading before a terminal shows progress
 
 
@@ -62,6 +63,11 @@ class Line:
         if not number.is_integer() or not least <= number < LARGEST_ID:
             raise self.refused(f"{self.words[at][:40]!r} is not an id", f"give a whole number from {least} below 2**53")
         return int(number)
+
+
+def shown_stamp(seconds: float) -> str:
+    """Return a stamp [s] with all its digits, at most nine behind the point."""
+    return f"{seconds:.9f}".rstrip("0").rstrip(".")
 
 
 def _number(word: str) -> float:
@@ -124,12 +130,15 @@ def read_table(path: Path, form: str) -> tuple[list[Line], Float]:
     return lines, np.array([line.numbers(0) for line in lines])
 
 
-def read_tagged(path: Path, forms: Mapping[str, str]) -> dict[str, list[Line]]:
+def read_tagged(
+    path: Path, forms: Mapping[str, str], unsupported: Mapping[str, str] = NOTHING
+) -> dict[str, list[Line]]:
     """Read the lines of a file by their first word, the tag.
 
     Args:
         path: The file.
         forms: Form of the lines of each tag, for example `SENSOR id range bearing`; "" allows any number of words.
+        unsupported: What lines of further tags contain, which are refused.
 
     Raises:
         UserError: the file cannot be read, a tag is unknown, or a line does not have the form of its tag.
@@ -137,6 +146,8 @@ def read_tagged(path: Path, forms: Mapping[str, str]) -> dict[str, list[Line]]:
     lines: dict[str, list[Line]] = {tag: [] for tag in forms}
     for line in read_lines(path):
         tag = line.words[0]
+        if tag in unsupported:
+            raise line.refused(f"{tag} is {unsupported[tag]}, which is not supported", "leave such lines out")
         if tag not in forms:
             raise line.refused(f"{tag[:30]!r} is an unknown tag", did_you_mean(tag[:30], forms))
         if forms[tag]:
