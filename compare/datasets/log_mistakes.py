@@ -21,8 +21,9 @@ from slamgauge.recording import Recording
 from slamgauge.sensors import SENSORS
 
 BOUND = 0.999  # probability of the largest normalised innovation that agrees
-DOUBTED = 0.5  # share of observations that agree, below which mistakes are tried
+DOUBTED = 0.75  # share of observations that agree, below which mistakes are tried
 CONVINCING = 0.9  # smallest share with which a mistake is found
+INSIDE = 0.7  # share of the observations that an offset must leave within the steps
 SMALL = 0.4  # median of NIS / dof, about 0.8 if the noise is right; lower if lengths are so small that anything agrees
 RESOLVED = 3.0  # smallest ratio of typical lengths and their standard deviation, below which no mistake is found
 SHIFTS = tuple(0.5 * each for each in range(-10, 11) if each)  # s: offsets of two clocks that are tried
@@ -118,16 +119,23 @@ def refuse_mistakes(recording: Recording, stated: Fit) -> None:
 
 def clock_offset(recording: Recording, stated: Fit) -> str:
     """Return with which offset of their stamps the observations agree with one place per landmark; "" if with none."""
-    if stated.share >= DOUBTED:
+    if stated.share >= DOUBTED or _lengths_are_noise(recording):
         return ""
-    fits = {shift: quick_fit(_shifted(recording, shift))[0] for shift in SHIFTS}
+    fits = {shift: quick_fit(_shifted(recording, shift))[0] for shift in SHIFTS if _most_are_inside(recording, shift)}
+    if not fits:
+        return ""
     best = max(fits, key=lambda shift: (fits[shift].share, -fits[shift].mean))
     if fits[best].share <= CONVINCING:
         return ""
-    what = f"{stated.share:.1%} of the observations agree with one place per landmark, but {fits[best].share:.1%} if"
-    return (
-        f"{what} their stamps are {abs(best):g} s {'late' if best < 0.0 else 'early'}; give both files the same clock"
-    )
+    what = f"{stated.share:.1%} of the observations agree with one place per landmark, but {fits[best].share:.1%}"
+    remedy = "give both files the same clock"
+    return f"{what} if their stamps are {abs(best):g} s {'late' if best < 0.0 else 'early'}; {remedy}"
+
+
+def _most_are_inside(recording: Recording, shift: float) -> bool:
+    """Return whether most observations are within the steps if they are shifted by some seconds."""
+    at = recording.stamps[recording.observation_step] + shift
+    return float(np.mean((at >= recording.stamps[0]) & (at <= recording.stamps[-1]))) > INSIDE
 
 
 def _lengths_are_noise(recording: Recording) -> bool:

@@ -22,7 +22,8 @@ from slamgauge.sensors import SENSORS, innovation, predict
 from slamgauge.truth import Truth
 
 FEW, PASS = 20, 2000  # observations: fewer show no doubts; observations of a quick pass
-POOR = 0.5  # share of observations that agree, below which a log without a known mistake is warned of
+POOR = 0.9  # share of observations that agree, below which a log without a known mistake is warned of
+POOR_BEARINGS = 0.5  # the same for bearing-only landmarks, with which the filter of the pass is itself inconsistent
 DIFFERS, FACTOR = 3.0, 0.1  # deviation of the mean NIS in its standard deviations, and from 1: the noise does not fit
 NOISE = 20.0  # factor between residuals and stated noise
 FASTEST, QUICKEST, LONGEST = 50.0, 2.0 * np.pi, 10.0  # m/s, rad/s, s: typical speed and step, large yaw rate
@@ -139,11 +140,11 @@ def _agreement(recording: Recording) -> tuple[float, list[str]]:
     if offset:
         return fit.share, [offset]
     refuse_mistakes(recording, fit)
-    if fit.share < POOR:
+    has_range = SENSORS[recording.sensor].name != "bearing"
+    if fit.share < (POOR if has_range else POOR_BEARINGS):
         what = f"only {fit.share:.1%} of the observations agree with one place per landmark"
         return fit.share, [f"{what}; check units, signs, stamps and ids, and the noise (`slamgauge noise`)"]
-    # the filter of the pass is itself inconsistent with bearing-only landmarks
-    if SENSORS[recording.sensor].name != "bearing" and abs(fit.deviation) > DIFFERS and abs(fit.mean - 1.0) > FACTOR:
+    if has_range and abs(fit.deviation) > DIFFERS and abs(fit.mean - 1.0) > FACTOR:
         what = f"the measurements do not fit their stated noise (the mean NIS / dof is {fit.mean:.2g} instead of 1)"
         return fit.share, [f"{what}: `slamgauge noise RECORDING` finds the noise that they support"]
     return fit.share, []

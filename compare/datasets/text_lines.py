@@ -8,7 +8,6 @@ from __future__ import annotations
 import csv
 import io
 import math
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,7 +23,6 @@ from slamgauge.validation import LARGEST
 
 LARGEST_ID = 2**53  # not every larger whole number is a float64
 REMARKS = ("#", "%")  # first characters of lines of tables that are remarks, or names of columns
-EXCEL = re.compile(r"sep=(.)", re.IGNORECASE)
 NOTHING: Mapping[str, str] = {}
 PATIENCE = 2.0  # seconds of reading before a terminal shows progress
 
@@ -85,8 +83,7 @@ def read_lines(path: Path, *, comment: str = "#", separators: str = "") -> Itera
         path: The file.
         comment: Begins a remark that ends with its line; "" for none.
         separators: Characters that may separate words, which may be quoted. The first of them in the first line that
-            does not begin with # or % is used; if it has none of them, white space is. A first line `sep=;` of Excel
-            names another one.
+            does not begin with # or % is used; if it has none of them, white space is.
 
     Raises:
         UserError: the file cannot be read, or is not a text.
@@ -95,13 +92,12 @@ def read_lines(path: Path, *, comment: str = "#", separators: str = "") -> Itera
     tell_if_cut(path, content)
     text = io.StringIO(content, newline=None)
     first = next((line for line in text if line.strip() and line.lstrip()[0] not in REMARKS), "")
-    named = EXCEL.fullmatch(first.strip(" \r\n")) if separators else None
-    separator = named[1] if named else next((each for each in separators if each in first), None)
+    separator = next((each for each in separators if each in first), None)
     text.seek(0)
     shown = tqdm(text, desc=path.name, delay=PATIENCE, disable=None, leave=False, unit="line")
     for number, line in enumerate(shown, start=1):
         words = line.partition(comment)[0] if comment else line
-        if words.strip() and not (named and line == first):
+        if words.strip():
             yield Line(path, number, [word.strip() for word in _split(words, separator)])
 
 
