@@ -53,8 +53,8 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 @pytest.hookimpl(tryfirst=True)
 def pytest_cmdline_main(config: pytest.Config) -> None:
     """Run all tests on all cores, and chosen files in this process; some tests wait, hence one worker more."""
-    chosen = config.args != config.getini("testpaths")
-    if not chosen and config.option.numprocesses is None and not config.option.usepdb:
+    is_worker, chosen = hasattr(config, "workerinput"), config.args != config.getini("testpaths")
+    if not (is_worker or chosen or config.option.usepdb) and config.option.numprocesses is None:
         config.option.numprocesses = (os.cpu_count() or 1) + 1
         config.option.dist = "loadfile"
 

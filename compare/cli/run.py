@@ -82,10 +82,9 @@ class Run(WithPage):
         from slamgauge.compare.estimators.memory_check import require_room_for_estimates
         from slamgauge.compare.scenarios.scenario import scenario_text
         from slamgauge.compare.scenarios.simulation import simulate_informed
-        from slamgauge.compare.storage.manifest import require_free
-        from slamgauge.compare.storage.result_files import comparison_files
+        from slamgauge.compare.storage.staged_folder import require_ours
 
-        require_free(out, comparison_files(each.label for each in asked))
+        require_ours(out)
         truth, recording, informed = simulate_informed(scenario, self.seed)
         require_room_for_estimates(informed, asked)
         settings = (scenario.association, scenario.initialisation_settings, scenario.robustness)

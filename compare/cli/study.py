@@ -123,13 +123,12 @@ class Study(WithPage):
     def _study(self, asked: list[Asked]) -> bool:
         """Run a study; return whether everything succeeded."""
         from slamgauge.compare.figures.publishing import write_study
-        from slamgauge.compare.storage.manifest import require_free
-        from slamgauge.compare.storage.result_files import STUDY_FILES
+        from slamgauge.compare.storage.staged_folder import require_ours
         from slamgauge.compare.studies.study import load_runs, run_study
         from slamgauge.compare.studies.summary import summary_table
 
         scenario = overridden_scenario(self.scenario, self.set)
-        require_free(self.out, STUDY_FILES)
+        require_ours(self.out)
         gate = None if self.gate.baseline is None else self._open_gate(self.gate.baseline, scenario, asked)
         with self.work.executor() as executor:
             arguments = (scenario, self.runs, self.seed, asked, self.out, executor)

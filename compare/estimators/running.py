@@ -18,7 +18,7 @@ from slamgauge.compare.estimators.loading import LoadedEstimator, entry_behind, 
 from slamgauge.compare.estimators.registry import INFORMED, OPTIMA, UNDER, Entry
 from slamgauge.compare.estimators.user_code import OverdueError, reason_of
 from slamgauge.compare.storage.progress import counted, refreshed
-from slamgauge.errors import UserError
+from slamgauge.errors import UserError, failure_text
 from slamgauge.estimate import Estimate, Estimator, Kind
 from slamgauge.notices import tell_first
 from slamgauge.recording import Recording
@@ -122,6 +122,9 @@ class SideBySide:
             self.estimates[name], seconds = run_estimator(name, estimator, recording)
         except UserError as error:
             self.failures[name] = str(error)
+            return
+        except Exception as error:  # noqa: BLE001 a defect of one estimator does not cost the results of the others
+            self.failures[name] = f"estimator {name}: {failure_text(error)}"
             return
         self.remarks[name] = remarks_of(estimator, recording)
         if not (isinstance(estimator, LoadedEstimator) and isinstance(estimator.estimate, StoredEstimate)):

@@ -19,7 +19,6 @@ from slamgauge.compare.figures.animation_scene import DOTS, Scene
 from slamgauge.compare.figures.plot_style import DEAD_RECKONING, PRINT
 from slamgauge.compare.storage.files import explained
 from slamgauge.compare.storage.progress import tracked
-from slamgauge.compare.storage.result_files import METRICS
 from slamgauge.compare.storage.staged_folder import staged_folder
 from slamgauge.compare.storage.stored_results import load_results
 from slamgauge.errors import UserError
@@ -59,7 +58,7 @@ def animate(folder: Path, names: Sequence[str], seconds: float, fps: int) -> str
     frames = min(_frames(seconds, fps), results.recording.steps + 1)
     steps = np.linspace(0, results.recording.steps, frames).round().astype(int).tolist()
     rate: Any = frames / seconds  # typed as int by the writers, but floats work
-    staged = staged_folder(folder, FILES, last=GIF, remedy="move it away", beside=METRICS)
+    staged = staged_folder(folder, FILES, last=GIF)
     with staged as stage, mpl.rc_context(SCREEN):
         scene = Scene(results, shown, mapped)
         with explained(folder, "written"):

@@ -88,7 +88,7 @@ def write_pages(out: Path, grades: Grades) -> bool:
         return write
 
     pages = {f"{PAGES}/{each.submission}": writes(each) for each in grades.grades}
-    return decorate(out, GRADES, pages, [f"{name}.md" for name in pages])
+    return decorate(out, pages, [f"{name}.md" for name in pages])
 
 
 def _page(grade: Grade, grades: Grades) -> str:

@@ -43,7 +43,7 @@ def publish_exercise(out: Path, exercise: Exercise, found: Sequence[QuestionResu
     def write(stage: Path) -> None:
         (stage / REPORT).write_text(exercise_page(stage, out / RUN_0, exercise, found), encoding="utf-8", newline="\n")
 
-    return decorate(out, EXERCISE, {"figures": draw, "report": write}, [name for name in files if name != EXERCISE])
+    return decorate(out, {"figures": draw, "report": write}, [name for name in files if name != EXERCISE])
 
 
 def exercise_page(figures: Path, run_0: Path, exercise: Exercise, found: Sequence[QuestionResult]) -> str:

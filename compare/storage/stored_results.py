@@ -37,6 +37,7 @@ from slamgauge.truth import Truth, require_same_run
 MATCH, MAX_GAP = 1e-3, 1.0  # s: see `at_steps`
 LARGEST = 1e150  # its square is still finite
 UNIT, TILTED = 1e-3, 0.1  # largest error of a quaternion's length, and qx or qy of a robot that stands level
+WORDS = {"time": "stamp", "timestamp": "stamp", "t": "stamp", "heading": "theta", "yaw": "theta"}
 TUM = 8  # columns without covariances
 TRIANGLES = (6, 21)  # numbers of values in the triangle of a covariance of x, y, heading, or of a pose in space
 
@@ -95,8 +96,10 @@ def load_stored(path: Path, recording: Recording) -> Estimate:
         return load_estimate(path)
     if path.suffix != ".csv":
         estimate = _read_tum(path, recording.stamps)
-    elif read_text(path).lstrip().startswith("stamp"):
-        rows = parse_rows(str(path), read_lines(path), ("stamp", *POSE), ("stamp", *POSE, *POSE_COV))
+    elif _in_our_words(read_text(path).lstrip().partition("\n")[0]).startswith("stamp"):
+        lines = read_lines(path)
+        lines[0] = _in_our_words(lines[0])
+        rows = parse_rows(str(path), lines, ("stamp", *POSE), ("stamp", *POSE, *POSE_COV))
         rows = rows[np.argsort(rows[:, 0], kind="stable")]
         covs = from_triangles(rows[:, 4:], 3) if rows.shape[1] > 4 else None
         estimate = at_steps(str(path), rows[:, 0], rows[:, 1:4], covs, recording.stamps)
@@ -104,6 +107,11 @@ def load_stored(path: Path, recording: Recording) -> Estimate:
         estimate = read_estimate_csv(path, "filtered", recording.steps)
     tell_doubts(str(path), estimate, recording)
     return estimate
+
+
+def _in_our_words(header: str) -> str:
+    """Return a header with our names of the stamp and of the heading."""
+    return ",".join(WORDS.get(word.strip(), word.strip()) for word in header.split(","))
 
 
 def tell_doubts(where: str, estimate: Estimate, recording: Recording) -> None:

@@ -20,6 +20,7 @@ import numpy as np
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.scoring.catalogue import STORED
 from slamgauge.compare.scoring.runs import SERIES, Runs
+from slamgauge.compare.storage.files import explained
 from slamgauge.compare.studies.store_file import INSERT, SCHEMA, TABLES, connected
 from slamgauge.compare.studies.study_run import Outcome
 from slamgauge.errors import UserError
@@ -111,6 +112,8 @@ def begin_store(path: Path, scenario: Scenario, seed: int) -> None:
         "scenario": scenario.model_dump_json(),
         "seed": str(seed),
     }
+    with explained(path, "written"):
+        path.touch()
     with connected(path) as connection:
         connection.execute("PRAGMA journal_mode = WAL")
         connection.executescript(TABLES)

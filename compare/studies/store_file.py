@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import sqlite3
 from collections.abc import Generator
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 
-from filelock import Timeout
+from filelock import FileLock, Timeout
 
 from slamgauge.compare.storage.files import explained
 from slamgauge.compare.storage.result_files import LOCK
 from slamgauge.compare.storage.safe_names import shown
-from slamgauge.compare.storage.staged_folder import lock_file
 from slamgauge.errors import UserError
 
 # Raise it when `TABLES` or `SERIES` change, when the same scenario and seed give other measurements or an estimator of
@@ -50,13 +49,17 @@ def sole_use(path: Path) -> Generator[None]:
         UserError: another command adds to it.
     """
     file = path.with_name(f"{path.name}{LOCK}")
-    with ExitStack() as stack:
-        with explained(file, "written"):
-            try:
-                stack.enter_context(lock_file(file))
-            except Timeout:
-                raise UserError(f"{path}: another command is using it; wait for it, or give another --out") from None
+    lock = FileLock(file, timeout=0)
+    with explained(file, "written"):
+        try:
+            lock.acquire()
+        except Timeout:
+            raise UserError(f"{path}: another command is using it; wait for it, or give another --out") from None
+    try:
         yield
+    finally:
+        file.unlink(missing_ok=True)
+        lock.release()
 
 
 @contextmanager

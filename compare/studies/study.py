@@ -16,10 +16,9 @@ from slamgauge.compare.estimators.requests import Asked, Chosen, ask, labels_amo
 from slamgauge.compare.estimators.running import tell_remarks
 from slamgauge.compare.scenarios.scenario import Scenario, as_scenario, scenario_text
 from slamgauge.compare.scoring.runs import Runs
-from slamgauge.compare.storage.manifest import require_free
 from slamgauge.compare.storage.progress import counted
-from slamgauge.compare.storage.result_files import STORE, STORE_FILES
-from slamgauge.compare.storage.staged_folder import begin_file
+from slamgauge.compare.storage.result_files import STORE
+from slamgauge.compare.storage.staged_folder import begin_folder
 from slamgauge.compare.studies.executors import lost_worker
 from slamgauge.compare.studies.paired_comparisons import compare_against, compare_user_code
 from slamgauge.compare.studies.store import StudyStore, begin_store, digest, open_store
@@ -87,8 +86,7 @@ def run_study(
         raise UserError(f"seed: {seed} is negative; use a whole number >= 0")
     against = labels_among(against, [each.label for each in asked], "is not among --estimators")
     require_room_for_runs(runs, scenario, len(asked))
-    require_free(out, STORE_FILES)
-    begin_file(out, STORE)
+    begin_folder(out)
     with sole_use(out / STORE):
         begin_store(out / STORE, scenario, seed)
         with open_store(out / STORE, scenario, seed) as store:

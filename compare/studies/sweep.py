@@ -19,9 +19,9 @@ from slamgauge.compare.scoring.runs import Runs
 from slamgauge.compare.scoring.table import ESTIMATOR, Cell, Head, Table
 from slamgauge.compare.scoring.text_page import Page
 from slamgauge.compare.storage.files import of_this_version, read_json
-from slamgauge.compare.storage.manifest import require_folder, require_free
 from slamgauge.compare.storage.provenance import origin
-from slamgauge.compare.storage.result_files import OPTIMA, STORE_FILES, STUDY_FILES, SWEEP, SWEEP_FILES
+from slamgauge.compare.storage.result_files import SWEEP
+from slamgauge.compare.storage.staged_folder import begin_folder, require_ours
 from slamgauge.compare.studies.store import digest
 from slamgauge.compare.studies.stored_study import load_study, optima_beside
 from slamgauge.compare.studies.study import load_runs, run_study
@@ -145,7 +145,8 @@ def run_sweep(
         raise UserError("estimators: a sweep needs an estimator beside the optima; add a filter, for example ekf")
     folders = [f"{key}={value}" for value in values]
     besides = [optima_beside(out, scenario, seed)[0].parent for scenario in scenarios]
-    _require_free(out, folders, besides if optima else [])
+    require_ours(*map(out.joinpath, folders), *(besides if optima else []))
+    begin_folder(out)
     summaries: list[Summary] = []
     for scenario, folder, beside in zip(scenarios, map(out.joinpath, folders), besides, strict=True):
         parts = ((scenario, others, folder), (informed(scenario), optima, beside))
@@ -183,15 +184,6 @@ def _run_parts(
             loaded |= load_runs(simulated, runs, seed, asked, where)
     content = (scenario.name, runs, seed, digest(scenario, seed), failures, summarise(loaded))
     return Summary(*content, scenario_text=scenario_text(scenario), comparisons=comparisons), loaded
-
-
-def _require_free(out: Path, studies: Sequence[str], optima: Sequence[Path]) -> None:
-    """Refuse a sweep with studies and optima in these folders if it would replace a foreign file."""
-    require_free(out, SWEEP_FILES)
-    for folder in studies:
-        require_free(require_folder(out, folder), STUDY_FILES)
-    for folder in optima:
-        require_free(require_folder(require_folder(out, OPTIMA), folder.name), STORE_FILES)
 
 
 def sweep_table(sweep: Sweep) -> Page:

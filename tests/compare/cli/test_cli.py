@@ -15,7 +15,7 @@ import pytest
 from slamgauge.compare.cli import terminal
 from slamgauge.compare.estimators.registry import BOUNDS
 from slamgauge.compare.storage.files import load_estimate, load_recording, load_truth
-from slamgauge.compare.storage.manifest import MANIFEST
+from slamgauge.compare.storage.staged_folder import MARK
 from tests.reference.command_line import SHORT, Module, arrays, metrics_of, run
 
 pytestmark = pytest.mark.slow
@@ -116,7 +116,7 @@ def test_help_offers_no_estimator_that_the_command_refuses(command: str, capsys:
 def test_run_writes_every_file(stored: Path):
     names = {str(path.relative_to(stored)) for path in stored.rglob("*") if path.is_file()}
     assert names == {
-        MANIFEST,
+        MARK,
         "report.html",
         "recording.npz",
         "truth.npz",
@@ -306,7 +306,7 @@ def imported_and_scored(capsys: pytest.CaptureFixture[str], out: Path, *words: o
 def test_victoria_park(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     note, metrics = imported_and_scored(capsys, tmp_path / "park", "victoria-park", VICTORIA_PARK)
     assert "6968 steps, 3640 observations, no ground truth: written to " in note
-    assert {path.name for path in (tmp_path / "park").iterdir()} == {"recording.npz", MANIFEST}
+    assert {path.name for path in (tmp_path / "park").iterdir()} == {"recording.npz", MARK}
     assert metrics["truth"] is False
     assert metrics["estimators"]["riekf"]["final_distance_to_batch_m"] < 0.1
     assert metrics["estimators"]["ekf"]["final_distance_to_batch_m"] > 2.0
@@ -319,7 +319,7 @@ def test_lost_in_the_woods(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     words = ("lost-in-the-woods", LOST_IN_THE_WOODS, "--max-range", 5)
     note, metrics = imported_and_scored(capsys, tmp_path / "woods", *words)
     assert "12608 steps, 58135 observations, with ground truth" in note
-    assert {path.name for path in (tmp_path / "woods").iterdir()} == {"recording.npz", "truth.npz", MANIFEST}
+    assert {path.name for path in (tmp_path / "woods").iterdir()} == {"recording.npz", "truth.npz", MARK}
     ate = {name: entry["ate_m"] for name, entry in metrics["estimators"].items()}
     assert metrics["truth"] is True
     assert ate["batch"] <= 0.033

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from slamgauge.compare.cli.machine import WARM_UPS, run_shortly
-from slamgauge.compare.storage.manifest import MANIFEST
+from slamgauge.compare.storage.staged_folder import MARK
 from tests.reference.command_line import Refuse, command_after, contents
 
 pytestmark = pytest.mark.slow
@@ -54,7 +54,7 @@ def test_a_disk_that_fills_up_at_the_figure_costs_that_alone(stored: Path, refus
     assert re.fullmatch(expected, lost)
     assert written == f"written to {refuse.out}"
     assert {path.name for path in refuse.out.iterdir()} == {
-        *("recording.npz", "truth.npz", "metrics.json", "estimates", "trajectories", MANIFEST)
+        *("recording.npz", "truth.npz", "metrics.json", "estimates", "trajectories", MARK)
     }
 
 

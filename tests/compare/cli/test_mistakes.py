@@ -218,7 +218,6 @@ def test_estimates_that_do_not_fit_into_memory_are_refused_before_the_first(
     """A recording of 628 steps, with memory for the estimates of one filter, but not for those of three."""
     save(tmp_path / "r.npz", simulate("q1-short-dense", 0)[1])
     evaluate = ["evaluate", tmp_path / "r.npz", "--estimators"]
-    monkeypatch.setattr("slamgauge.compare.storage.npz_file.COPIES", 0.0)  # the recording can be read
     monkeypatch.setattr("slamgauge.memory.free_memory", lambda: 2e5)
     line = mistake(*evaluate, "ekf,riekf,fej-ekf")
     assert re.fullmatch(

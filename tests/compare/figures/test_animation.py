@@ -16,7 +16,7 @@ from PIL import Image
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.figures.animation_scene import Scene
 from slamgauge.compare.storage.files import save
-from slamgauge.compare.storage.manifest import MANIFEST, write_manifest
+from slamgauge.compare.storage.staged_folder import begin_folder
 from slamgauge.compare.storage.stored_results import Results, load_results
 from slamgauge.compare.studies.stored_study import load_study
 from slamgauge.errors import UserError
@@ -49,7 +49,8 @@ def folder(tmp_path: Path) -> Path:
 
 def write(folder: Path, estimates: dict[str, Estimate]) -> None:
     truth, recording = half_loop()
-    (folder / "estimates").mkdir(parents=True)
+    begin_folder(folder)
+    (folder / "estimates").mkdir()
     save(folder / "recording.npz", recording)
     save(folder / "truth.npz", truth)
     for name, estimate in estimates.items():
@@ -154,9 +155,8 @@ def test_without_a_video_the_gif_is_the_only_new_file(
     monkeypatch.setenv("PATH", str(tmp_path))
     before = contents(folder)
     (folder / "animation.mp4").write_bytes(b"old")
-    write_manifest(folder, ["animation.mp4"], within=folder)
     assert animate(folder, *SHORT) == 0
-    assert contents(folder).keys() - before.keys() == {"animation.gif", MANIFEST}
+    assert contents(folder).keys() - before.keys() == {"animation.gif"}
     lines = [f"written to {folder}: animation.gif", f"animation.mp4 was not written: {reason}", ""]
     assert capsys.readouterr() == ("", "\n".join(lines))
 
@@ -192,7 +192,6 @@ def test_an_interrupted_animation_leaves_nothing(
 ):
     """Interrupted while the GIF is drawn, and while the video is drawn."""
     (folder / "animation.gif").write_bytes(b"old")
-    write_manifest(folder, ["animation.gif"], within=folder)
     before = contents(folder)
     shown: list[int] = []
     show: Callable[[Scene, int], None] = Scene.show

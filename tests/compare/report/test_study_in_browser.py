@@ -19,6 +19,7 @@ from slamgauge.compare.report.grade_page import FIGURES
 from slamgauge.compare.report.publishing import pages_of
 from slamgauge.compare.report.rerun_command import command_of_run
 from slamgauge.compare.storage.best_effort import decorate
+from slamgauge.compare.storage.staged_folder import begin_folder
 from slamgauge.compare.studies.budget import RUNGS, summarise_budget
 from slamgauge.compare.studies.stored_study import StoredStudy, load_study
 from slamgauge.compare.studies.study import load_runs, run_study
@@ -224,9 +225,8 @@ def test_the_page_of_grades_links_to_the_submissions(reader: Reader, tmp_path: P
 
 
 def test_results_are_kept_if_the_page_fails(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    begin_folder(tmp_path)
     (tmp_path / "budget.json").write_text("{}")
-    assert not decorate(
-        tmp_path, "budget.json", {"report": lambda _: pages_of(tmp_path / "budget.json")}, ["report.html"]
-    )
+    assert not decorate(tmp_path, {"report": lambda _: pages_of(tmp_path / "budget.json")}, ["report.html"])
     assert "budget.json: written by another version, or changed by hand" in capsys.readouterr().err
     assert (tmp_path / "budget.json").exists()

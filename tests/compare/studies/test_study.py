@@ -24,8 +24,7 @@ from slamgauge.compare.scoring.aggregation import FIRST_STEP
 from slamgauge.compare.scoring.consistency import chi2_band
 from slamgauge.compare.scoring.runs import Runs
 from slamgauge.compare.scoring.scores import evaluate
-from slamgauge.compare.storage.manifest import MANIFEST, write_manifest
-from slamgauge.compare.storage.staged_folder import begin_file
+from slamgauge.compare.storage.staged_folder import MARK, begin_folder
 from slamgauge.compare.studies import study_run as study_run
 from slamgauge.compare.studies.executors import dask_cluster, local_processes
 from slamgauge.compare.studies.study_run import run_seed
@@ -144,7 +143,7 @@ def test_a_store_of_another_study_is_refused(run: Run, overrides: list[str], see
 
 
 def test_a_text_file_is_refused_as_store(run: Run, tmp_path: Path) -> None:
-    begin_file(tmp_path, "study.sqlite")
+    begin_folder(tmp_path)
     (tmp_path / "study.sqlite").write_text("not a database, but long enough to be read as one " * 50)
     with pytest.raises(UserError, match=r"is damaged \(file is not a database\); move it away"):
         run(1, ("ekf",))
@@ -156,7 +155,7 @@ def test_foreign_databases_are_refused_and_unchanged(run: Run, load: Load, tmp_p
     with closing(sqlite3.connect(path)) as connection, connection:
         connection.execute(f"CREATE TABLE {table}")
     before = path.read_bytes()
-    with pytest.raises(ValueError, match=r"study.sqlite: exists already, .* has not written it; move it"):
+    with pytest.raises(ValueError, match=r"exists already, .* has not made it .*; move it"):
         run(1, ("ekf",))
     with pytest.raises(ValueError, match=r"no such table|has no study"):
         load(1, ("ekf",))
@@ -164,31 +163,24 @@ def test_foreign_databases_are_refused_and_unchanged(run: Run, load: Load, tmp_p
     assert [each.name for each in tmp_path.iterdir()] == [path.name]
 
 
-def test_a_store_without_manifest_is_read_but_not_written(run: Run, load: Load, tmp_path: Path) -> None:
-    """Version 0.3 wrote no manifest."""
+def test_a_store_in_a_folder_without_mark_is_read_but_not_written(run: Run, load: Load, tmp_path: Path) -> None:
     run(1, ("ekf",))
-    (tmp_path / MANIFEST).unlink()
+    (tmp_path / MARK).unlink()
     assert len(load(1, ("ekf",))["ekf"].run) == 1
-    with pytest.raises(ValueError, match=r"study.sqlite: exists already.* give another --out"):
+    with pytest.raises(ValueError, match=r"exists already.* give another --out"):
         run(2, ("ekf",))
 
 
-@pytest.mark.parametrize("step", ["begin_file", "begin_store", "write_manifest"])
+@pytest.mark.parametrize("step", ["begin_folder", "begin_store"])
 def test_a_study_killed_while_it_makes_its_store_continues(
     run: Run, monkeypatch: pytest.MonkeyPatch, step: str
 ) -> None:
-    """Killed before the file exists, while it is empty, or before the manifest is complete."""
-    module = "storage.staged_folder" if step == "write_manifest" else "studies.study"
-    original, calls = write_manifest, list[object]()
 
-    def killed(*arguments: Any) -> None:
-        calls.append(arguments)
-        if step != "write_manifest" or len(calls) == 2:
-            raise KeyboardInterrupt
-        original(*arguments)
+    def killed(*_: Any) -> None:
+        raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr(f"slamgauge.compare.{module}.{step}", killed)
+        patch.setattr(f"slamgauge.compare.studies.study.{step}", killed)
         with pytest.raises(KeyboardInterrupt):
             run(1, ("ekf",))
     for runs in (1, 2):
