@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -86,3 +87,23 @@ def test_an_exception_of_a_built_in_estimator_costs_no_other_result(tmp_path: Pa
     printed = capsys.readouterr().out
     assert "estimator isam2: LinAlgError" in " ".join(printed.split())
     assert "\nekf " in printed
+
+
+def test_trajectories_are_scored_at_their_own_stamps_and_in_their_frame(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    """Every pose and every 20th pose of a filter have about the same NEES; a body frame is warned of."""
+    assert main(["import", "csv", str(CASES / "car"), "--out", str(tmp_path / "car")]) == 0
+    words = ["evaluate", str(tmp_path / "car/recording.npz"), "--estimators", "dead-reckoning", "--json", "--estimates"]
+    files = {name: str(CASES / f"car_estimates/car_{name}.tum") for name in ("1", "20", "body")}
+    capsys.readouterr()
+    assert main([*words, *(f"e{name}={path}" for name, path in files.items())]) == 0
+    printed = capsys.readouterr()
+    scores = json.loads(printed.out)["estimators"]
+    found = {name: (scores[f"e{name}"]["nees_pose"], scores[f"e{name}"]["ate_m"]) for name in files}
+    np.testing.assert_allclose(found["1"], (3.92, 0.329), rtol=0.003)
+    np.testing.assert_allclose(found["20"], (3.96, 0.327), rtol=0.003)
+    assert "has poses at 31 of 601 steps; only these are compared with the truth" in printed.err
+    assert "3.92 if its covariances are in the body frame" in printed.err
+    assert main([*words, f"body={files['body']}", "--covariance-frame", "body"]) == 0
+    assert json.loads(capsys.readouterr().out)["estimators"]["body"]["nees_pose"] == pytest.approx(3.92, rel=0.003)
