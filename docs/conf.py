@@ -1,4 +1,4 @@
-"""How Sphinx makes one site of this folder: `python -m tests pages`, or `sphinx-build -t online docs build/site`."""
+"""How Sphinx makes one site of this folder: `sphinx-build docs build/site`, and with `-t online` links elsewhere."""
 
 from __future__ import annotations
 

@@ -43,7 +43,7 @@ PIECE = re.compile(
     re.DOTALL | re.MULTILINE,
 )
 INSTALLED = re.compile(r"^(python3 -m venv .*?&& )?\.venv/bin/(?=slamgauge)", re.MULTILINE)
-CHECK = ".venv/bin/python -m tests"  # the command that is running these
+CHECK = ".venv/bin/pytest"  # the command that is running these
 SMALL = (  # sizes of a trial
     (re.compile(r"--runs \d+"), "--runs 2"),
     (re.compile(r"--twins \d+"), "--twins 19"),

@@ -29,7 +29,9 @@ def columns() -> str:
 
 def keys(file: str) -> str:
     """Return the figures of an estimator in metrics.json or summary.json."""
-    chosen = [each for each in CATALOGUE if (each.scored if file == "metrics" else each.over_runs is not None)]
+    chosen = [
+        each for each in CATALOGUE if (each.measure is not None if file == "metrics" else each.over_runs is not None)
+    ]
     rows = [f"| `{each.key}` | {each.unit} | {each.help} |" for each in chosen]
     return "\n".join(["| key | unit | meaning |", "|---|---|---|", *rows])
 

@@ -1,1 +1,1 @@
-"""Tests of slamgauge; `python -m tests` runs them and the other checks."""
+"""Tests of slamgauge, run by `pytest`."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import gc
-import re
+import os
 from collections.abc import Generator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,17 +11,18 @@ from typing import TYPE_CHECKING
 import pytest
 
 from slamgauge import jit
+from slamgauge.blas_threads import pin_blas_threads
 from slamgauge.compare.cli import terminal
-from slamgauge.compare.estimators.wall import NO_WALL, kind_of_wall
 from slamgauge.compare.figures import plot_style
 from slamgauge.notices import tell_once
+from tests.kernels import compile_kernels
 from tests.reference import fast_commands
-from tests.sizes import SIZES, size_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure  # imports numpy, which must not precede slamgauge: it pins BLAS's threads
 
-HERE = Path(__file__).parent
+pin_blas_threads()  # the tests run on all cores already
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # each program that tests start would compile all its modules
 
 
 def gtsam_is_missing() -> bool:
@@ -34,7 +35,7 @@ def gtsam_is_missing() -> bool:
 
 
 WITHOUT_GTSAM = gtsam_is_missing()
-OF_GTSAM = (
+OF_GTSAM = (  # they import it
     "test_gtsam_batch.py",
     "test_gtsam_fixed_lag.py",
     "test_gtsam_isam2.py",
@@ -42,34 +43,37 @@ OF_GTSAM = (
     "problem/test_linearisation.py",
     "test_optimum.py",
 )
-OPTIMA_OF_GTSAM = re.compile("robust.(batch|optimum)|fixed.lag")  # in the names of tests with an estimator as parameter
 collect_ignore = [f"graph_baseline/{name}" for name in OF_GTSAM if WITHOUT_GTSAM]
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    parser.addoption("--size", choices=SIZES, default="full", help="tests to run, see tests/sizes.py")
+    parser.addoption("--full", action="store_true", help="run also the tests marked `full`: long statistics, real logs")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_cmdline_main(config: pytest.Config) -> None:
+    """Run all tests on all cores, and chosen files in this process; some tests wait, hence one worker more."""
+    is_worker, chosen = hasattr(config, "workerinput"), config.args != config.getini("testpaths")
+    if not (is_worker or chosen or config.option.usepdb) and config.option.numprocesses is None:
+        config.option.numprocesses = (os.cpu_count() or 1) + 1
+        config.option.dist = "loadfile"
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Compile kernels once, before the workers would each do so."""
+    if getattr(config.option, "numprocesses", None) and not hasattr(config, "workerinput"):
+        compile_kernels()
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Select the tests of the size, and run long files first: a worker must not begin one when the others are done."""
-    size = SIZES.index(config.getoption("--size"))
-    larger = [item for item in items if SIZES.index(size_of(item.nodeid)) > size]
-    config.hook.pytest_deselected(items=larger)
-    items[:] = [item for item in items if SIZES.index(size_of(item.nodeid)) <= size]
-    items.sort(key=lambda item: (size_of(item.nodeid) == "quick", item.path.parent != HERE))
+    """Select the tests, and run slow files first: a worker must not begin one when the others are done."""
+    if not (config.getoption("--full") or "full" in config.getoption("-m")):
+        config.hook.pytest_deselected(items=[item for item in items if item.get_closest_marker("full")])
+        items[:] = [item for item in items if not item.get_closest_marker("full")]
+    items.sort(key=lambda item: item.get_closest_marker("slow") is None)
     for item in items:
-        needed = item.get_closest_marker("gtsam") is not None or OPTIMA_OF_GTSAM.search(item.name)
-        if WITHOUT_GTSAM and needed:
-            item.add_marker(pytest.mark.skip(reason="GTSAM cannot be had here"))
-
-
-@pytest.hookimpl(wrapper=True)
-def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestReport, pytest.TestReport]:
-    """Skip a test that fails because this system can build no wall around user code, and say so."""
-    report = yield
-    if report.failed and kind_of_wall() == "none" and NO_WALL in f"{report.longreprtext}{report.capstderr}":
-        report.outcome, report.longrepr = "skipped", (str(item.path), 0, f"Skipped: {NO_WALL}")
-    return report
+        if WITHOUT_GTSAM and item.get_closest_marker("gtsam"):
+            item.add_marker(pytest.mark.skip(reason="GTSAM cannot be imported"))
 
 
 def pytest_collection_finish() -> None:

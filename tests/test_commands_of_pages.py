@@ -9,11 +9,9 @@ either. Commands that wait for others run together in separate processes at the 
 
 from __future__ import annotations
 
-import os
 import re
 import runpy
 import shlex
-import socket
 import subprocess
 import sys
 import webbrowser
@@ -23,9 +21,10 @@ import pytest
 
 from slamgauge.compare.cli.main import COMMANDS, main
 from slamgauge.compare.scenarios import scenario, scenario_files
+from tests.marks import in_full
 from tests.reference.synthetic_logs import write_published_logs
 
-pytestmark = pytest.mark.usefixtures("studies_in_a_thread", "empty_pictures")
+pytestmark = [pytest.mark.usefixtures("studies_in_a_thread", "empty_pictures"), pytest.mark.slow]
 
 ROOT = Path(__file__).parents[1]
 MADE = runpy.run_path(str(ROOT / "docs/make_figures.py"))
@@ -100,7 +99,11 @@ def run_line(line: str, expected: set[int], page: str) -> None:
         subprocess.run(["bash", "-euc", line], check=True, capture_output=True)
 
 
-@pytest.mark.parametrize("page", PAGES)
+# tests/compare/cli has the commands of the other pages in the usual run
+SHORT = ("README.md", "index.md", "your_robot.md", "association.md", "scenarios.md")
+
+
+@pytest.mark.parametrize("page", [*SHORT, *in_full(page for page in PAGES if page not in SHORT)])
 def test_every_command_of_a_page(page: str, small: Path):
     found = [each for each in blocks(PAGES[page]) if not ELSEWHERE.search(each[2])]
     shown = "\n".join(block for mark, _, block in found if mark != "as")
@@ -122,46 +125,6 @@ def lines_of(block: str) -> list[str]:
     for sizes, smaller in SMALLER:
         lines = [sizes.sub(smaller, line) for line in lines]
     return lines
-
-
-def test_the_first_two_commands_of_the_readme_make_pages_with_answer_and_verdict(small: Path):
-    first, second = [line for _, _, block in blocks(PAGES["README.md"]) for line in lines_of(block)][:2]
-    assert main(shlex.split(first)[1:]) == 0
-    assert main(shlex.split(second)[1:]) == 0
-    for folder, text in (("results/exercise", "<strong>Question 1</strong>"), ("mine", "<strong>mine</strong>: ")):
-        assert text in (small / folder / "report.html").read_text(encoding="utf-8")
-
-
-@pytest.mark.parametrize("scheme", ["tcp", "tls"])
-def test_the_cluster_of_a_page(scheme: str, tmp_path: Path):
-    """Certificates first, then scheduler, workers and study at the same time."""
-    (tmp_path / "examples").symlink_to(ROOT / "examples")
-    with socket.socket() as found:
-        found.bind(("127.0.0.1", 0))
-        port = str(found.getsockname()[1])
-    here = {"8786": port, "scheduler-host": "127.0.0.1", "0.0.0.0": "127.0.0.1", "--nworkers 2": "--nworkers 1"}
-    here |= {"--runs 20": "--runs 2 --set trajectory.duration=3", "host 127.0.0.1 ": "host 127.0.0.1 --no-dashboard "}
-    shown = [block for mark, _, block in blocks(PAGES["how_many_runs.md"]) if mark == "by hand"]
-    of_tls = next(place for place, block in enumerate(shown) if "openssl" in block)
-    env = {**os.environ, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
-    waiting: list[subprocess.Popen[bytes]] = []
-    results: list[str] = []
-    try:
-        for block in shown[of_tls:] if scheme == "tls" else shown[:of_tls]:
-            text = re.sub("|".join(map(re.escape, here)), lambda found: here[found[0]], block)
-            if text.startswith("dask"):
-                command = shlex.split(text.replace("\\\n", " "))
-                waiting.append(subprocess.Popen(command, cwd=tmp_path, env=env, stderr=subprocess.DEVNULL))
-                continue
-            done = subprocess.run(["bash", "-euc", text], cwd=tmp_path, env=env, capture_output=True, check=False)
-            assert done.returncode == 0, done.stderr.decode()
-            results += re.findall(r"--out (\S+)", text)
-    finally:
-        for each in waiting:
-            each.terminate()
-            each.wait()
-    assert len(waiting) == 2
-    assert [(tmp_path / out / "summary.json").exists() for out in results] == [True]
 
 
 def test_pages_show_every_command():

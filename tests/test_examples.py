@@ -19,6 +19,8 @@ from slamgauge.recording import Recording
 from tests.kernels import compile_kernels
 from tests.reference.random_recordings import random_recording
 
+pytestmark = pytest.mark.slow
+
 EXAMPLES = Path(__file__).parents[1] / "examples"
 
 
@@ -57,6 +59,7 @@ def own_table(folder: Path) -> dict[str, dict[str, str]]:
     return rows(printed)
 
 
+@pytest.mark.full  # the README's commands run it
 def test_own_estimator(own_table: dict[str, dict[str, str]]):
     """On one fixed run the naive filter is worse than the optimum and very overconfident."""
     assert list(own_table) == ["own", "causal", "batch"]
@@ -65,6 +68,7 @@ def test_own_estimator(own_table: dict[str, dict[str, str]]):
     assert 0.0 < float(own_table["causal"]["NEES"]) < 5.0
 
 
+@pytest.mark.full  # tests/compare/cli has user code in `evaluate`
 def test_own_estimator_in_evaluate(folder: Path, own_table: dict[str, dict[str, str]]):
     """`evaluate` prints the same figures; the naive filter follows the robot."""
     run(folder, "-m", "slamgauge", "run", "q1-long-dense", "--estimators", "dead-reckoning", "--out", "first-run")

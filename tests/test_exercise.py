@@ -27,6 +27,9 @@ from slamgauge.compare.scoring.aggregation import reported_sigma
 from slamgauge.compare.scoring.runs import Runs, paired
 from slamgauge.compare.studies.executors import local_processes
 from slamgauge.compare.studies.study import load_runs, run_study
+from tests.marks import in_full
+
+pytestmark = pytest.mark.slow
 
 RUNS, SEED = 4, 7
 ROOT_SEED_OF_TABLE, RUNS_OF_TABLE = 100, 100
@@ -56,7 +59,10 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("exercise")
 
 
-@pytest.mark.parametrize("figure", SETTINGS)
+LONG = ("2.4", "ring")  # minutes
+
+
+@pytest.mark.parametrize("figure", [*(each for each in SETTINGS if each not in LONG), *in_full(LONG)])
 def test_error_and_sigma_of_the_ekf_against_the_optimum(figure: str, folder: Path):
     ratios = log_ratios(figure, folder, SEED, RUNS)
     for name, logs, mean, deviation in zip(

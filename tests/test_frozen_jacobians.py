@@ -23,6 +23,8 @@ from slamgauge.se2 import wrap
 from tests.reference.optimum import square_root
 from tests.reference.random_recordings import random_recording
 
+pytestmark = pytest.mark.slow
+
 # step, landmark slot, Hx, Hl, constant b and covariance R of 0 = Hx x + Hl l - b + noise
 Observed = tuple[int, int, Float, Float, Float, Float]
 

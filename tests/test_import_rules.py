@@ -12,6 +12,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[1]
 FOLDERS = {"core": "slamgauge", **{name: f"slamgauge.{name}" for name in ("ekf", "graph_baseline", "compare")}}
 
@@ -55,7 +57,7 @@ LIBRARIES = {
     "slamgauge.ekf": {"numpy", "scipy"},
     "slamgauge.ekf.kernels.blas": {"numba", "llvmlite"},
     "slamgauge.graph_baseline": {"numpy", "scipy", "gtsam"},
-    "slamgauge.compare": {"numpy", "scipy", "tqdm", "distributed", "filelock"},
+    "slamgauge.compare": {"numpy", "scipy", "tqdm", "distributed", "filelock", "pydantic", "pydantic_core"},
     "slamgauge.compare.datasets.bag_file": {"apsw", "rosbags"},
     "slamgauge.compare.scenarios": {"pydantic", "pydantic_core"},
     "slamgauge.compare.figures": {"matplotlib"},

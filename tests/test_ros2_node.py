@@ -18,6 +18,8 @@ from slamgauge.ekf import riekf
 from tests.reference.bags import Bags, detection, odometry_messages, scan_messages
 from tests.reference.random_recordings import random_recording
 
+pytestmark = pytest.mark.slow
+
 NODE = Path(__file__).parents[1] / "examples/ros2_node.py"
 
 

@@ -8,6 +8,8 @@ import pytest
 from slamgauge import load_estimators, load_scenario, simulate
 from slamgauge.arrays import Float
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def covariances() -> dict[str, Float]:

@@ -23,6 +23,8 @@ from slamgauge.recording import Recording
 from slamgauge.se2 import wrap
 from tests.reference.random_recordings import random_recording
 
+pytestmark = pytest.mark.slow
+
 Estimator = Callable[[Recording], Estimate]
 LEVELS = (1e-2, 1e-3, 1e-4)
 

@@ -20,8 +20,8 @@ from slamgauge.compare.estimators.requests import Chosen
 from slamgauge.compare.estimators.running import run_estimator
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.scenarios.simulation import simulate
-from slamgauge.compare.scoring.text_page import Grid, Page
-from slamgauge.compare.scoring.text_table import cell
+from slamgauge.compare.scoring.table import ESTIMATOR, Head, Table, cell
+from slamgauge.compare.scoring.text_page import Page
 from slamgauge.compare.storage.progress import counted
 from slamgauge.compare.storage.provenance import origin
 from slamgauge.ekf import SlamFilter
@@ -167,7 +167,8 @@ def bench_table(result: dict[str, Any]) -> Page:
         f"ratio_to_{YARDSTICK}": (f"x {YARDSTICK}", 1.0, "{:.3f}"),
         f"ratio_to_{CAUSAL}": (f"x {CAUSAL}", 1.0, "{:.4f}"),
     }
-    rows = [["estimator", "landmarks", *(title for title, _, _ in columns.values())]]
+    rows: list[list[str]] = []
+    heads = [ESTIMATOR, Head("landmarks"), *(Head(title) for title, _, _ in columns.values())]
     for name, by_size in result["estimators"].items():
         for size, figures in by_size.items():
             cells = [
@@ -177,4 +178,4 @@ def bench_table(result: dict[str, Any]) -> Page:
             rows.append([name, size, *cells])
     exponents = result["growth_exponent"].items()
     growth = [f"growth of {name}: landmarks^{cell(exponent, '{:.2f}')}" for name, exponent in exponents]
-    return Page((f"workload: {result['workload']}", "", Grid(rows), *growth))
+    return Page((f"workload: {result['workload']}", "", Table.of(heads, rows), *growth))

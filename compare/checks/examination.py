@@ -17,8 +17,8 @@ from slamgauge.compare.checks import (
 from slamgauge.compare.checks.check import Check, Need, NotJudgedError, OtherModelError, Subject
 from slamgauge.compare.checks.ignored_inputs import ignored_inputs, reason_not_judged
 from slamgauge.compare.estimators.user_code import OverdueError
-from slamgauge.compare.scoring.text_page import Grid, Page
-from slamgauge.compare.scoring.text_table import cell
+from slamgauge.compare.scoring.table import Head, Table, cell
+from slamgauge.compare.scoring.text_page import Page
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimator
 
@@ -153,8 +153,8 @@ def verdicts_table(verdicts: Sequence[Verdict]) -> Page:
     rows = [(each.name, _word(each), cell(each.figure, "{:.2g}"), f"{each.bound:g}") for each in verdicts]
     explanations = [f"{each.name}: {each.blame}" for each in verdicts if not each.passed or each.limit_of_method]
     failed = sum(each.is_failure for each in verdicts) or "none"
-    grid = Grid([("check", "verdict", "figure", "bound"), *rows], words=2)
-    return Page((grid, *explanations, f"{len(verdicts)} checks, {failed} failed"))
+    heads = [Head("check", words=True), Head("verdict", words=True), Head("figure"), Head("bound")]
+    return Page((Table.of(heads, rows), *explanations, f"{len(verdicts)} checks, {failed} failed"))
 
 
 def _word(verdict: Verdict) -> str:

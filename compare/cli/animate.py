@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 import tyro
 
@@ -23,7 +22,6 @@ class Animate:
 
     For example:
       slamgauge animate first-run --estimators ekf,riekf --seconds 20 --fps 25
-      slamgauge animate first-run --format strip
     """
 
     folder: tyro.conf.Positional[Folder]
@@ -38,19 +36,16 @@ class Animate:
     fps: int = 10
     """Frames per second. More frames make a larger GIF."""
 
-    format: Literal["usual", "gif", "mp4", "webm", "strip"] = "usual"
-    """usual: gif, and mp4 if ffmpeg is installed. strip: six moments side by side for print, as png and svg."""
-
     def __call__(self) -> int:
-        from slamgauge.compare.figures.animation import animate, files_of
+        from slamgauge.compare.figures.animation import FILES, animate
         from slamgauge.compare.storage.result_files import METRICS, SUMMARY
 
         status, folder = 0, self.folder
         if (folder / SUMMARY).is_file() and not (folder / METRICS).is_file():
             folder = self.folder / "worst-run"
             status = self._repeat_worst_run(folder)
-        missing = animate(folder, split_names(self.estimators), self.seconds, self.fps, self.format)
-        written = [name for name in files_of(self.format) if not (missing and name.endswith(".mp4"))]
+        missing = animate(folder, split_names(self.estimators), self.seconds, self.fps)
+        written = FILES[:1] if missing else FILES
         print(f"written to {folder}: {', '.join(written)}", file=sys.stderr)
         if missing:
             print(f"animation.mp4 was not written: {missing}", file=sys.stderr)
@@ -58,7 +53,7 @@ class Animate:
 
     def _repeat_worst_run(self, out: Path) -> int:
         """Repeat the run of a study with the largest ATE of the first of `estimators`; return the exit status."""
-        from slamgauge.compare.report.rerun_command import run_of_study
+        from slamgauge.compare.report.rerun_command import request_of, settings_of
         from slamgauge.compare.report.study_page import runs_to_look_at
         from slamgauge.compare.studies.stored_study import load_study
         from slamgauge.compare.studies.study_run import run_seed
@@ -70,6 +65,6 @@ class Animate:
             raise UserError(f"{self.folder}: {name} has no run with a known error; name another in --estimators")
         run = int(study.runs[name].run[worst])
         print(f"run {run}, the worst of {name}:", file=sys.stderr)
-        again, seed = run_of_study(study.content), run_seed(study.summary.seed, run)
+        again, seed = request_of(study.summary), run_seed(study.summary.seed, run)
         page = PageOptions(no_report=True)
-        return Run(again.scenario, seed, again.estimators, set=[tuple(again.settings)], out=out, page=page)()
+        return Run(again.scenario, seed, again.estimators, set=[tuple(settings_of(again))], out=out, page=page)()

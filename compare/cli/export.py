@@ -99,25 +99,24 @@ class Export:
         drawings = drawings_of(self.path, split_names(self.estimators), self.band)
         out = named_after(OUT, self.path) if self.out == OUT else self.out
         files = [f"{name}.{form}" for name in drawings]
-        remedy = "move it away or give another --out"
-        with staged_folder(out, files, files[0], remedy=remedy) as folder, printed_on(Sheet(self.width, (form,))):
+        with staged_folder(out, files, files[0]) as folder, printed_on(Sheet(self.width, (form,))):
             for draw in drawings.values():
                 draw(folder)
             written = [name for name in files if (folder / name).exists()]  # a drawing without data writes no file
         print(f"written to {out}: {', '.join(written)}", file=sys.stderr)
 
     def _write_study_table(self) -> None:
-        from slamgauge.compare.storage.staged_folder import staged_folder
-        from slamgauge.compare.studies.study_table import read_study_table
+        from slamgauge.compare.storage.staged_folder import staged_files
+        from slamgauge.compare.studies.study_table import study_table
 
         if self.format not in ("csv", "latex", "markdown"):
             raise UserError(f"format: {self.format} is not for the table of a study; use csv, latex or markdown")
         keys, estimators = split_names(self.columns), split_names(self.estimators)
-        text = read_study_table(self.path, keys, estimators, intervals=not self.means_only).text(self.format)
+        text = study_table(self.path, self.format, keys, estimators, intervals=not self.means_only)
         if self.out in (OUT, STANDARD_OUTPUT):
             put(text.rstrip("\n"))
             return
-        with staged_folder(self.out.parent, [self.out.name], last=self.out.name) as folder:
+        with staged_files(self.out.parent, [self.out.name]) as folder:
             (folder / self.out.name).write_text(text, encoding="utf-8")
         print(f"written to {self.out}", file=sys.stderr)
 
@@ -125,7 +124,7 @@ class Export:
         """Write recordings and estimates."""
         from slamgauge.compare.datasets.imported_log import of_file
         from slamgauge.compare.storage.csv_folder import LANDMARKS, RECORDING_FILES
-        from slamgauge.compare.storage.staged_folder import staged_folder
+        from slamgauge.compare.storage.staged_folder import staged_files, staged_folder
 
         if self.lend is not None and not 0.0 < self.lend < 1.0:
             raise UserError(f"lend: {self.lend:g} is not a small standard deviation; give one between 0 and 1")
@@ -135,12 +134,13 @@ class Export:
             self.out = Path(f"{named_after(OUT, self.path)}{'' if whole_folder else ENDINGS[self.format]}")
         if not whole_folder and not self.out.name:
             raise UserError(f"out: {self.out} is a folder; name the file to write")
-        parent, names = self.out.parent, (self.out.name,)
-        if whole_folder:
-            parent, names = self.out, RECORDING_FILES
-        elif self.format == "csv":
-            names = (self.out.name, LANDMARKS)
-        with staged_folder(parent, names, last=names[0]) as folder, of_file(self.path):
+        names = (self.out.name, LANDMARKS) if self.format == "csv" else (self.out.name,)
+        staged = (
+            staged_folder(self.out, RECORDING_FILES, last=RECORDING_FILES[0])
+            if whole_folder
+            else staged_files(self.out.parent, names)
+        )
+        with staged as folder, of_file(self.path):
             self._write(exported, folder if whole_folder else folder / self.out.name)
         print(f"written to {self.out}", file=sys.stderr)
 

@@ -38,12 +38,11 @@ class Format(ABC):
     def write(self) -> None:
         """Import the log and write its files."""
         from slamgauge.compare.storage.files import save
-        from slamgauge.compare.storage.manifest import require_free
-        from slamgauge.compare.storage.staged_folder import staged_folder
+        from slamgauge.compare.storage.staged_folder import require_ours, staged_folder
         from slamgauge.compare.storage.toml_tables import write_toml
 
         out = named_after(self.out, self.path)
-        require_free(out, IMPORTED)  # before long files are read
+        require_ours(out)  # before long files are read
         log = self()
         recording, truth, mapping = log.recording, log.truth, log.mapping
         from slamgauge.compare.datasets.plausibility import examine  # loads kernels, which a refusal need not wait for

@@ -59,14 +59,14 @@ class Bench:
         require_room_for_bench(sizes)
         with results_folder(self.out, BENCH_FILES, last=BENCH) as folder:
             result = run_bench(sizes, split_names(self.estimators))
-            done = self.output.show(result, bench_table(result))
+            self.output.show(result, bench_table(result))
             if folder is not None:
                 write_json(folder / BENCH, result)
-        if self.out is not None:
-            from slamgauge.compare.figures.publishing import draw_stored
+        if self.out is None:
+            return 0
+        from slamgauge.compare.figures.publishing import draw_stored
 
-            done = draw_stored(self.out, BENCH) and done
-        return 0 if done else 1
+        return 0 if draw_stored(self.out, BENCH) else 1
 
 
 @dataclass

@@ -193,7 +193,7 @@ def write_page(out: Path | None, beside: str, page: PageOptions) -> bool:
     from slamgauge.compare.report.publishing import pages_of, write_pages
     from slamgauge.compare.storage.best_effort import decorate
 
-    drawn = decorate(out, beside, {"report": lambda stage: write_pages(stage, pages_of(out / beside))}, [REPORT])
+    drawn = decorate(out, {"report": lambda stage: write_pages(stage, pages_of(out / beside))}, [REPORT])
     if drawn and page.open:
         open_page(out)
     return drawn

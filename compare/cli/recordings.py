@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -12,8 +13,6 @@ import tyro
 from slamgauge.compare.cli.options import Folder, WithPage, named_after, results_folder, write_page
 from slamgauge.compare.cli.terminal import Output
 from slamgauge.errors import UserError
-
-REMEDY = "move it away or give another --write"
 
 
 @dataclass
@@ -45,28 +44,26 @@ class Noise(WithPage):
         from slamgauge.compare.noise.report_text import noise_table
         from slamgauge.compare.scoring.comparison import digest
         from slamgauge.compare.storage.files import load_recording, save, write_json
-        from slamgauge.compare.storage.manifest import require_free
         from slamgauge.compare.storage.result_files import NOISE, NOISE_FILES
-        from slamgauge.compare.storage.staged_folder import staged_folder
+        from slamgauge.compare.storage.staged_folder import staged_files
 
         recording = load_recording(self.recording)
-        if self.write is not None:
-            if self.write.resolve() == self.recording.resolve():
-                raise UserError(f"{self.write}: is the recording itself; give another --write")
-            require_free(self.write.parent, [self.write.name], REMEDY)
-        with results_folder(self.out, NOISE_FILES, last=NOISE) as folder:
+        if self.write is not None and self.write.resolve() == self.recording.resolve():
+            raise UserError(f"{self.write}: is the recording itself; give another --write")
+        staged = nullcontext() if self.write is None else staged_files(self.write.parent, [self.write.name])
+        with staged as parent, results_folder(self.out, NOISE_FILES, last=NOISE) as folder:
             noise = find_noise(recording, systematic=self.systematic, heading=self.heading)
             content = noise_json(noise) | {"digest": digest(recording)}
-            done = self.output.show(content, noise_table(noise))
+            self.output.show(content, noise_table(noise))
             if folder is not None:
                 write_json(folder / NOISE, content)
-        if self.write is not None:
-            with staged_folder(self.write.parent, [self.write.name], self.write.name, remedy=REMEDY) as folder:
-                save(folder / self.write.name, noise.tuned)
+            if self.write is not None and parent is not None:
+                save(parent / self.write.name, noise.tuned)
+        done = True
         if self.out is not None:
             from slamgauge.compare.figures.publishing import draw_stored
 
-            done = draw_stored(self.out, NOISE) and done
+            done = draw_stored(self.out, NOISE)
         for place in filter(None, (self.out, self.write)):
             print(f"written to {place}", file=sys.stderr)
         return 0 if write_page(self.out, NOISE, self.page) and done else 1
@@ -98,14 +95,13 @@ class Twin:
         from slamgauge.compare.scoring.optimum_notes import fit_of_the_model
         from slamgauge.compare.scoring.text_page import Page
         from slamgauge.compare.storage.files import load_recording
-        from slamgauge.compare.storage.manifest import require_free
         from slamgauge.compare.storage.result_files import TWIN, TWIN_FILES
         from slamgauge.compare.storage.safe_names import shown
-        from slamgauge.compare.storage.staged_folder import staged_folder
+        from slamgauge.compare.storage.staged_folder import require_ours, staged_folder
         from slamgauge.compare.studies.twin import ASSOCIATES, make_twin, write_twin
 
         recording = load_recording(self.recording)
-        require_free(self.out, TWIN_FILES)
+        require_ours(self.out)
         twin = make_twin(recording)
         with staged_folder(self.out, TWIN_FILES, last=TWIN) as folder:
             write_twin(folder, twin, shown(f"{self.recording.parent.resolve().name}/{self.recording.name}"))

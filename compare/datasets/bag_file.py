@@ -17,7 +17,6 @@ import numpy as np
 
 from slamgauge.arrays import Float, Int
 from slamgauge.compare.storage.files import read_text
-from slamgauge.compare.storage.regular_files import require_regular
 from slamgauge.errors import UserError
 from slamgauge.suggestions import did_you_mean
 
@@ -130,6 +129,8 @@ def opened(path: Path, msgs: Sequence[Path] = ()) -> Generator[Bag]:
     Raises:
         UserError: the file is missing, cut or of another kind, here and while its messages are read.
     """
+    if path.suffix in (".bz2", ".gz", ".xz", ".zst", ".zip", ".tar"):
+        raise UserError(f"{path}: is a packed file; unpack it, and give the bag")
     try:
         from apsw import Error as DatabaseError
         from rosbags.highlevel import AnyReader, AnyReaderError
@@ -143,8 +144,6 @@ def opened(path: Path, msgs: Sequence[Path] = ()) -> Generator[Bag]:
     of_rosbags = (AnyReaderError, Ros1Error, Ros2Error, SerdeError, TypesysError)
     damaged = (*of_rosbags, sqlite3.Error, DatabaseError, struct.error, OSError)
     try:
-        for each in path.iterdir() if path.is_dir() else filter(Path.exists, [path]):
-            require_regular(each)
         own = {name: text for folder in msgs for name, text in _definitions(folder)}
         types = {key: value for name, text in own.items() for key, value in get_types_from_msg(text, name).items()}
         default = get_typestore(Stores.ROS1_NOETIC if path.suffix == ".bag" else Stores.ROS2_HUMBLE)

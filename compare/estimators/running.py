@@ -18,7 +18,7 @@ from slamgauge.compare.estimators.loading import LoadedEstimator, entry_behind, 
 from slamgauge.compare.estimators.registry import INFORMED, OPTIMA, UNDER, Entry
 from slamgauge.compare.estimators.user_code import OverdueError, reason_of
 from slamgauge.compare.storage.progress import counted, refreshed
-from slamgauge.errors import UserError
+from slamgauge.errors import UserError, failure_text
 from slamgauge.estimate import Estimate, Estimator, Kind
 from slamgauge.notices import tell_first
 from slamgauge.recording import Recording
@@ -28,13 +28,23 @@ FARTHEST = 1e12  # m, rad: far outside any map, and squares of errors are still 
 
 @dataclass(frozen=True)
 class StoredEstimate:
-    """An estimator that returns a stored estimate."""
+    """An estimator that returns a stored estimate.
+
+    `own` (N+1,) marks the steps of which it has a pose of its own; None for all. Other steps are not scored.
+    """
 
     estimate: Estimate
+    own: Marks | None = None
 
     def __call__(self, _recording: Recording, /) -> Estimate:
         """Return the estimate, for any recording."""
         return self.estimate
+
+
+def own_steps_of(estimator: Estimator) -> Marks | None:
+    """Return the steps of which a stored estimate has a pose of its own; None for all, and for other estimators."""
+    inner = estimator.estimate if isinstance(estimator, LoadedEstimator) else estimator
+    return inner.own if isinstance(inner, StoredEstimate) else None
 
 
 def run_estimator(
@@ -122,6 +132,9 @@ class SideBySide:
             self.estimates[name], seconds = run_estimator(name, estimator, recording)
         except UserError as error:
             self.failures[name] = str(error)
+            return
+        except Exception as error:  # noqa: BLE001 a defect of one estimator does not cost the results of the others
+            self.failures[name] = f"estimator {name}: {failure_text(error)}"
             return
         self.remarks[name] = remarks_of(estimator, recording)
         if not (isinstance(estimator, LoadedEstimator) and isinstance(estimator.estimate, StoredEstimate)):

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -318,11 +318,10 @@ def _runs_needed(scatter: float, distance: float, level: float) -> int | None:
 
 def to_json(conclusion: Conclusion, judgement: Judgement) -> dict[str, Any]:
     """Return the entry of a conclusion in exercise.json."""
-    ratio = None if judgement.ratio is None else judgement.ratio._asdict()
     low, high = conclusion.asserted
     return {
         **{key: getattr(conclusion, key) for key in ("id", "text", "hypothesis")},
         "asserted": [low, None if high == math.inf else high],
         **judgement._asdict(),
-        "ratio": ratio,
+        "ratio": None if judgement.ratio is None else asdict(judgement.ratio),
     }

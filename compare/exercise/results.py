@@ -16,7 +16,7 @@ from slamgauge.compare.exercise.settings import CAUSAL, EKF, GTSAM, QUESTIONS, S
 from slamgauge.compare.scoring.nan_stats import mean, rms
 from slamgauge.compare.scoring.optimum_notes import doubt_in_runs
 from slamgauge.compare.scoring.runs import Runs
-from slamgauge.compare.scoring.text_table import interval_cell
+from slamgauge.compare.scoring.table import interval_cell
 from slamgauge.compare.storage.provenance import origin
 from slamgauge.compare.studies.summary import EstimatorSummary, summarise
 
@@ -68,16 +68,16 @@ class SettingResult:
     @property
     def consistency(self) -> str:
         """`consistent`, `overconfident` or `cautious`, as far as the runs show; `-` without a NEES."""
-        if self.ekf.nees_pose_per_dof is None:
+        if self.ekf["nees_pose_per_dof"] is None:
             return "-"
-        if not any("a sigma" in fault for fault in self.ekf.faults):
+        if not any("a sigma" in fault for fault in self.ekf["faults"]):
             return "consistent"
-        return "overconfident" if self.ekf.nees_pose_per_dof.mean > 1.0 else "cautious"
+        return "overconfident" if self.ekf["nees_pose_per_dof"].mean > 1.0 else "cautious"
 
     @property
     def doubt(self) -> str | None:
         """Return that the causal optimum, the reference of the ratio, is in doubt in some runs; None if it is not."""
-        return doubt_in_runs(f"{self.setting.figure}: {CAUSAL}", self.estimators[CAUSAL].optimum_check_share)
+        return doubt_in_runs(f"{self.setting.figure}: {CAUSAL}", self.estimators[CAUSAL]["optimum_check_share"])
 
     def to_json(self) -> dict[str, Any]:
         """Return the entry of the setting in exercise.json."""
@@ -106,7 +106,7 @@ class QuestionResult:
         return f"{'; '.join(filter(None, parts))}."
 
     def _accuracy(self) -> str:
-        ratios = [(each.setting, each.ekf.ratio_to_causal) for each in self.settings]
+        ratios = [(each.setting, each.ekf["ratio_to_causal"]) for each in self.settings]
         known = sorted(((setting, ratio) for setting, ratio in ratios if ratio), key=lambda pair: pair[1].mean)
         if not known:
             return "no run has both the EKF and the causal optimum"
@@ -118,7 +118,7 @@ class QuestionResult:
     def _consistency(self) -> str:
         found: dict[str, list[str]] = {}
         for each in self.settings:
-            if each.ekf.nees_pose_per_dof is not None:
+            if each.ekf["nees_pose_per_dof"] is not None:
                 found.setdefault(each.consistency, []).append(each.setting.figure)
         parts = [f"{word} in {_listed(places)}" for word, places in found.items()]
         return f"it is {_listed(parts)}" if parts else ""

@@ -22,8 +22,8 @@ from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
 from slamgauge.compare.scenarios.simulation import informed, simulate
 from slamgauge.compare.scoring.loop_closures import closure_steps
 from slamgauge.compare.scoring.runs import Runs
-from slamgauge.compare.storage.manifest import require_folder, require_free
-from slamgauge.compare.storage.result_files import STORE_FILES, STUDIES, exercise_files
+from slamgauge.compare.storage.result_files import STUDIES
+from slamgauge.compare.storage.staged_folder import begin_folder, require_ours
 from slamgauge.compare.studies.store import digest
 from slamgauge.compare.studies.study import load_runs, run_study
 from slamgauge.compare.studies.study_run import run_seed
@@ -91,7 +91,7 @@ def run_exercise(names: Sequence[str], runs: int, seed: int, out: str | Path, ex
     questions, out = require_questions(tuple(names)), Path(out)
     if runs < 1:
         raise UserError(f"runs: {runs} is too few; give at least 1")
-    require_free(out, exercise_files(QUESTIONS, SETTINGS))
+    begin_folder(out)
     chosen = [each for name in questions for each in QUESTIONS[name].settings]
     conclusions = [each for each in CONCLUSIONS if each.question in questions]
     loaded = dict[tuple[str, str], Runs]()
@@ -117,13 +117,12 @@ def run_exercise(names: Sequence[str], runs: int, seed: int, out: str | Path, ex
 def parts(setting: Setting, seed: int, out: Path, *, with_optima: bool = True) -> list[Part]:
     """Return the studies of a setting: its filters, and its optima."""
     scenario = load_scenario(setting.scenario)
-    studies = require_folder(out, STUDIES)
+    studies = out / STUDIES
     found = [Part(scenario, FILTERS if with_optima else (EKF,), studies / setting.figure)]
     if with_optima:
         exact = informed(scenario)  # equal for settings with the same measurements
         found.append(Part(exact, OPTIMA, studies / f"optima-{digest(exact, seed)[:12]}"))
-    for part in found:
-        require_free(require_folder(studies, part.folder.name), STORE_FILES)
+    require_ours(*(part.folder for part in found))
     return found
 
 

@@ -1,7 +1,4 @@
-"""Tables of the exercise: accuracy and consistency, loop closures, landmarks, conclusions.
-
-The page of the exercise shows the same cells.
-"""
+"""Tables of the exercise: accuracy and consistency, loop closures, landmarks, conclusions."""
 
 from __future__ import annotations
 
@@ -12,93 +9,133 @@ from slamgauge.compare.exercise.results import AtClosure, QuestionResult, Settin
 from slamgauge.compare.exercise.settings import CAUSAL, EKF, GTSAM, QUESTIONS
 from slamgauge.compare.scoring.intervals import Interval
 from slamgauge.compare.scoring.optimum_notes import MARK
-from slamgauge.compare.scoring.text_page import Grid, Page
-from slamgauge.compare.scoring.text_table import NO_FIGURE, cell, interval_cell
+from slamgauge.compare.scoring.table import NO_FIGURE, Cell, Head, Table, cell, figure, from_to
+from slamgauge.compare.scoring.text_page import Page
 
-HEAD = ("fig", "setting")
-SCORES = (*HEAD, "EKF [m]", "GTSAM", "x causal", "NEES/3", "in 95%", "verdict")
-CLOSURES = ("fig", "lap", "at [s]", "EKF error [m]", "3σ [m]", "causal error", "3σ", "GTSAM")
-LANDMARKS = (*HEAD, "mapped", "of", "wrong associations")
-CONCLUSIONS = ("verdict", "conclusion of the exercise", "ratio", "interval", "runs needed", "ratio of")
+FIG = Head("fig", help="number of the figure in the handout; ring is a setting of slamgauge", words=True)
+SETTING = Head("setting", help="what the setting changes", words=True)
+SCORES = (
+    FIG,
+    SETTING,
+    Head("EKF [m]", help="RMS position error (ATE) of the EKF, mean over runs"),
+    Head("GTSAM", help="RMS position error of GTSAM batch, which uses all measurements [m]"),
+    Head("x causal", help="error of the EKF over that of the causal optimum, with 95 % interval"),
+    Head(
+        "NEES/3", help="normalised estimation error squared of the EKF's pose over its 3 degrees of freedom: 1 is ideal"
+    ),
+    Head("in 95%", help="share of the true positions inside the EKF's 95 % ellipses"),
+    Head("verdict", help="consistency of the EKF"),
+)
+CLOSURES = (
+    FIG,
+    Head("lap", help="lap of the loop closure, the first of its lap", words=True),
+    Head("at [s]", help="mean time of the loop closure"),
+    Head("EKF error [m]", help="RMS position error over runs just before the closure and at it"),
+    Head("3σ [m]", help="three times the RMS position sigma that the EKF claims, before and at the closure"),
+    Head("causal error", help="RMS position error of the causal optimum at the same steps [m]"),
+    Head("3σ", help="three times its RMS position sigma [m]"),
+    Head("GTSAM", help="RMS position error of GTSAM batch at the closure [m]"),
+)
+LANDMARKS = (
+    FIG,
+    SETTING,
+    Head("mapped", help="number of landmarks in the map of the EKF"),
+    Head("of", help="number of landmarks that were observed"),
+    Head("wrong associations", help="observations that the EKF assigned to another landmark than their own"),
+)
+CONCLUSIONS = (
+    Head("verdict", help="verdict on the conclusion", words=True),
+    Head("conclusion of the exercise", help="the conclusion in short", words=True, wraps=True),
+    Head("ratio", help="geometric mean over runs of the ratio"),
+    Head("interval", help="95 % interval of the ratio that holds for all conclusions of the exercise together"),
+    Head("runs needed", help="runs that would decide an undecided conclusion with 90 % probability"),
+)
+RATIO = Head(
+    "ratio of", help="two figures of the same run, with the numbers of their settings, and the range", words=True
+)
 
 
 def exercise_page(found: Sequence[QuestionResult], runs: int, failures: Sequence[str]) -> Page:
     """Return heading, tables and answer of each question, and at the end the failures."""
-    parts: list[Grid | str] = []
+    parts: list[Table | str] = []
     for each in found:
         parts += [f"Question {each.name[1:]}. {QUESTIONS[each.name].title}: {runs} runs of each setting", ""]
-        for rows in (scores(each.settings), closures(each.settings), landmarks(each.settings)):
-            if len(rows) > 1:
-                parts += [Grid(rows, words=2), ""]
-        if each.judgements:
-            rows = [row[:-1] for row in conclusions(each.judgements)]  # the page also shows which figures are compared
-            parts += [Grid(rows, words=2, sentences=1), ""]
+        tables = (
+            scores(each.settings),
+            closures(each.settings),
+            landmarks(each.settings),
+            conclusions(each.judgements),
+        )
+        for table in tables:
+            if table.rows:
+                parts += [table, ""]
         notes = [each.largest_correction(), *(setting.doubt for setting in each.settings)]
         parts += [_sentence(each.answer()), *filter(None, notes), ""]
     return Page((*parts[:-1], *failures))
 
 
-def scores(settings: Sequence[SettingResult]) -> list[Sequence[str]]:
-    """Return the rows of accuracy and consistency, with their head."""
-    return [SCORES, *map(_score, settings)]
+def scores(settings: Sequence[SettingResult]) -> Table:
+    """Return the table of accuracy and consistency."""
+    return Table(SCORES, [*map(_score, settings)], "Accuracy and consistency")
 
 
-def _score(each: SettingResult) -> list[str]:
-    ates = (_mean(each.estimators[name].ate_m, "{:.3f}") for name in (EKF, GTSAM))
-    nees, inside = each.ekf.nees_pose_per_dof, each.ekf.others["coverage_95"]
+def _score(each: SettingResult) -> list[Cell]:
+    ratio = figure(each.ekf["ratio_to_causal"], "{:.2f}")
     return [
-        *(each.setting.figure, each.setting.title, *ates),
-        interval_cell(each.ekf.ratio_to_causal, "{:.2f}") + MARK * bool(each.doubt),
-        *(_mean(nees, "{:.2f}"), _mean(inside, "{:.0%}"), each.consistency),
+        *(Cell(each.setting.figure), Cell(each.setting.title)),
+        *(mean_of(each.estimators[name]["ate_m"], "{:.3f}") for name in (EKF, GTSAM)),
+        ratio._replace(text=ratio.text + MARK * bool(each.doubt)),
+        mean_of(each.ekf["nees_pose_per_dof"], "{:.2f}"),
+        mean_of(each.ekf["coverage_95"], "{:.0%}"),
+        Cell(each.consistency),
     ]
 
 
-def closures(settings: Sequence[SettingResult]) -> list[Sequence[str]]:
-    """Return the rows of the first loop closure of each lap, with their head: figures just before and at it."""
+def closures(settings: Sequence[SettingResult]) -> Table:
+    """Return the table of the first loop closure of each lap: figures just before and at it."""
     rows = [
         [
-            *(each.setting.figure, str(closure.lap), f"{closure.time_s:.1f}"),
+            *(Cell(each.setting.figure), Cell(str(closure.lap)), figure(closure.time_s, "{:.1f}")),
             *(text for name in (EKF, CAUSAL) for text in _before_and_after(closure.estimators[name])),
-            cell(closure.estimators[GTSAM].error_after_m, "{:.2f}"),
+            figure(closure.estimators[GTSAM].error_after_m, "{:.2f}"),
         ]
         for each in settings
         for closure in each.closures
     ]
-    return [CLOSURES, *rows]
+    return Table(CLOSURES, rows, "The first loop closure of each lap")
 
 
-def _before_and_after(found: AtClosure) -> tuple[str, str]:
+def _before_and_after(found: AtClosure) -> list[Cell]:
     pairs = (found.error_before_m, found.error_after_m), (found.three_sigma_before_m, found.three_sigma_after_m)
-    error, sigma = (" → ".join(cell(each, "{:.2f}") for each in pair) for pair in pairs)
-    return error, sigma
+    return [Cell(" → ".join(cell(each, "{:.2f}") for each in pair), pair[0]) for pair in pairs]
 
 
-def landmarks(settings: Sequence[SettingResult]) -> list[Sequence[str]]:
-    """Return the rows of mapped landmarks and wrong associations, with their head; none with known association."""
+def landmarks(settings: Sequence[SettingResult]) -> Table:
+    """Return the table of mapped landmarks and wrong associations; no rows with known association."""
     rows = [
         [
-            *(each.setting.figure, each.setting.title, _mean(each.ekf.landmarks_mapped, "{:.1f}")),
-            *(cell(each.landmarks_true, "{:.1f}"), _mean(each.ekf.wrong_associations, "{:.1f}")),
+            *(Cell(each.setting.figure), Cell(each.setting.title), mean_of(each.ekf["landmarks_mapped"], "{:.1f}")),
+            *(figure(each.landmarks_true, "{:.1f}"), mean_of(each.ekf["wrong_associations"], "{:.1f}")),
         ]
         for each in settings
     ]
-    is_unknown = any(row[-1] not in (NO_FIGURE, "0.0") for row in rows)
-    return [LANDMARKS, *rows] if is_unknown else [LANDMARKS]
+    is_unknown = any(row[-1].text not in (NO_FIGURE, "0.0") for row in rows)
+    return Table(LANDMARKS, rows if is_unknown else [], "Landmarks and associations")
 
 
-def conclusions(judged: Sequence[tuple[Conclusion, Judgement]]) -> list[Sequence[str]]:
-    """Return the rows of conclusions, with their head."""
-    return [CONCLUSIONS, *(_conclusion(*pair) for pair in judged)]
+def conclusions(judged: Sequence[tuple[Conclusion, Judgement]], *, with_ratio: bool = False) -> Table:
+    """Return the table of conclusions; with the figures that a conclusion compares if `with_ratio`."""
+    heads, count = [*CONCLUSIONS, RATIO], len(CONCLUSIONS) + with_ratio
+    rows = [_conclusion(*pair)[:count] for pair in judged]
+    return Table(heads[:count], rows, "Conclusions of the exercise")
 
 
-def _conclusion(conclusion: Conclusion, judgement: Judgement) -> list[str]:
+def _conclusion(conclusion: Conclusion, judgement: Judgement) -> list[Cell]:
     ratio, needed = judgement.ratio, judgement.runs_needed
-    interval = NO_FIGURE
-    if ratio is not None and ratio.low is not None and ratio.high is not None:
-        interval = f"{ratio.low:.3g} to {ratio.high:.3g}"
+    interval = Cell(NO_FIGURE) if ratio is None or ratio.low is None else from_to(ratio.low, ratio.high, "{:.3g}")
     return [
-        *(judgement.verdict, conclusion.text, _mean(ratio, "{:.3g}"), interval),
-        *(NO_FIGURE if needed is None else str(needed), conclusion.hypothesis),
+        *(Cell(judgement.verdict), Cell(conclusion.text), mean_of(ratio, "{:.3g}"), interval),
+        *(Cell(NO_FIGURE if needed is None else str(needed), needed), Cell(conclusion.hypothesis)),
     ]
 
 
@@ -106,5 +143,6 @@ def _sentence(text: str) -> str:
     return text[0].upper() + text[1:]
 
 
-def _mean(interval: Interval | None, form: str) -> str:
-    return cell(None if interval is None else interval.mean, form)
+def mean_of(interval: Interval | None, form: str) -> Cell:
+    """Return a cell with the mean alone."""
+    return figure(None if interval is None else interval.mean, form)

@@ -1,4 +1,4 @@
-"""Animate a run (GIF; MP4 and WebM with ffmpeg), or draw a strip of moments for print."""
+"""Animate a run: GIF, and MP4 with ffmpeg."""
 
 from __future__ import annotations
 
@@ -8,36 +8,26 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from subprocess import CalledProcessError
-from typing import Any, Literal
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.animation import AbstractMovieWriter, FFMpegWriter, PillowWriter
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 from slamgauge.compare.estimators.requests import labels_among
-from slamgauge.compare.figures.animation_scene import DOTS, SHAPES, Scene, limits
-from slamgauge.compare.figures.axes import label_plane
-from slamgauge.compare.figures.plot_style import DEAD_RECKONING, LEGEND, PRINT, save_printed, sheet
+from slamgauge.compare.figures.animation_scene import DOTS, Scene
+from slamgauge.compare.figures.plot_style import DEAD_RECKONING, PRINT
 from slamgauge.compare.storage.files import explained
 from slamgauge.compare.storage.progress import tracked
-from slamgauge.compare.storage.result_files import METRICS
 from slamgauge.compare.storage.staged_folder import staged_folder
-from slamgauge.compare.storage.stored_results import Results, load_results
+from slamgauge.compare.storage.stored_results import load_results
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 
 LOG = logging.getLogger("matplotlib.animation")
-GIF, STRIP = "animation.gif", ("animation.png", "animation.svg")
-VIDEOS: dict[str, dict[str, Any]] = {  # files and options of ffmpeg
-    "animation.mp4": {},
-    "animation.webm": {"codec": "libvpx-vp9", "extra_args": ["-pix_fmt", "yuv420p"]},  # the format that players support
-}
-MOMENTS, COLUMNS = 6, {"page": 3, "column": 2}  # panels of a strip, and panels per row
-FOOT = {"page": 0.9, "column": 1.3}  # [in] for title and legend
+GIF, VIDEO = "animation.gif", "animation.mp4"
+FILES = (GIF, VIDEO)
 NO_FFMPEG = "ffmpeg is not on the PATH"
-Form = Literal["usual", "gif", "mp4", "webm", "strip"]
 MOST_MAPS = 3  # more maps would hide each other
 MOST_FRAMES = 600  # Pillow keeps all frames of a GIF in memory
 FASTEST = 50  # frames per second; viewers of GIFs are not faster
@@ -46,8 +36,8 @@ FASTEST = 50  # frames per second; viewers of GIFs are not faster
 SCREEN: dict[Any, Any] = {**PRINT, "savefig.bbox": None}
 
 
-def animate(folder: Path, names: Sequence[str], seconds: float, fps: int, form: Form = "usual") -> str | None:
-    """Write animation.gif and animation.mp4, or the requested form, into a folder of results.
+def animate(folder: Path, names: Sequence[str], seconds: float, fps: int) -> str | None:
+    """Write animation.gif and animation.mp4 into a folder of results.
 
     Args:
         folder: Folder that `slamgauge run` or `evaluate --out` wrote.
@@ -55,67 +45,25 @@ def animate(folder: Path, names: Sequence[str], seconds: float, fps: int, form: 
             shown with their maps (only the first if there are more than three), and the paths of smoothed ones.
         seconds: Duration [s].
         fps: Frames per second, at most one frame per step.
-        form: `usual`, `gif`, `mp4`, `webm`, or `strip` (a picture of six moments).
 
     Returns:
         The reason why animation.mp4 was not written, or None.
 
     Raises:
-        UserError: If the folder has no results or no such estimate, the duration is out of range, slamgauge did not
-            write an existing animation, or ffmpeg does not write the requested video.
+        UserError: If the folder has no results or no such estimate, the duration is out of range, or slamgauge did not
+            write an existing animation.
     """
-    if form in ("mp4", "webm") and not FFMpegWriter.isAvailable():
-        raise UserError(f"format {form}: {NO_FFMPEG}; install it (Debian's package ffmpeg), or give --format gif")
     results = load_results(folder)
     shown, mapped = _chosen(results.estimates, names)
-    frames = min(MOMENTS if form == "strip" else _frames(seconds, fps), results.recording.steps + 1)
+    frames = min(_frames(seconds, fps), results.recording.steps + 1)
     steps = np.linspace(0, results.recording.steps, frames).round().astype(int).tolist()
     rate: Any = frames / seconds  # typed as int by the writers, but floats work
-    files = files_of(form)
-    staged = staged_folder(folder, files, last=files[0], remedy="move it away", beside=METRICS)
+    staged = staged_folder(folder, FILES, last=GIF)
     with staged as stage, mpl.rc_context(SCREEN):
-        if form == "strip":
-            with explained(folder, "written"):
-                save_printed(_strip(results, shown, mapped, steps), stage / "animation")
-            return None
         scene = Scene(results, shown, mapped)
         with explained(folder, "written"):
-            if GIF in files:
-                _render(scene, PillowWriter(rate), stage / GIF, steps)
-            missing = [_render_video(scene, rate, stage / name, steps) for name in files if name in VIDEOS]
-            if form in ("mp4", "webm") and missing[0] is not None:
-                raise UserError(f"format {form}: {missing[0]}; give --format gif")
-    return next(iter(missing), None)
-
-
-def files_of(form: Form) -> tuple[str, ...]:
-    """Return the files of a form; the first one is always written."""
-    if form == "strip":
-        return STRIP
-    return (GIF, "animation.mp4") if form == "usual" else (f"animation.{form}",)
-
-
-def _strip(results: Results, shown: Mapping[str, Estimate], mapped: Mapping[str, Estimate], steps: list[int]) -> Figure:
-    """Draw the frames of the given steps side by side, with one legend."""
-    page, columns = sheet(), COLUMNS[sheet().width]
-    low, high = limits(results, shown, mapped)
-    rows = -(-len(steps) // columns)
-    height = page.inches / columns * float(np.clip((high - low)[1] / (high - low)[0], *SHAPES))
-    strip = Figure(figsize=(page.inches, rows * height + FOOT[page.width]), layout="constrained")
-    panels = strip.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
-    keys: list[Line2D] = []
-    for place, panel in enumerate(panels.flat):
-        if place >= len(steps):
-            panel.set_axis_off()
-            continue
-        scene = Scene(results, shown, mapped, panel)
-        for step in steps[max(place - 1, 0) : place + 1]:  # shows the observations since the previous moment
-            scene.show(step)
-        label_plane(panel, x=place + columns >= len(steps), y=place % columns == 0)
-        keys = scene.keys
-    strip.suptitle(results.title)
-    strip.legend(handles=keys, loc="outside lower center", ncols=page.legend_columns(len(keys)), **LEGEND)
-    return strip
+            _render(scene, PillowWriter(rate), stage / GIF, steps)
+            return _render_video(scene, rate, stage / VIDEO, steps)
 
 
 def _chosen(estimates: Mapping[str, Estimate], names: Sequence[str]) -> tuple[dict[str, Estimate], dict[str, Estimate]]:
@@ -154,7 +102,7 @@ def _render_video(scene: Scene, rate: Any, path: Path, steps: list[int]) -> str 
     """Write a video; return the reason if that fails, else None."""
     if not FFMpegWriter.isAvailable():
         return NO_FFMPEG
-    writer = FFMpegWriter(rate, **VIDEOS[path.name])
+    writer = FFMpegWriter(rate)
     try:
         _render(scene, writer, path, steps)
     except (CalledProcessError, BrokenPipeError):  # ffmpeg lacks the codec, or the disk is full

@@ -52,12 +52,10 @@ class Scene:
         results: Results,
         shown: Mapping[str, Estimate],
         mapped: Mapping[str, Estimate],
-        panel: Axes | None = None,
     ) -> None:
         """Create the artists: paths of the `shown` estimates, robots and maps of the `mapped` ones.
 
-        A map is that of the history, or else the final map. On a `panel` the caller draws a legend of the `keys`; by
-        default the axes are in a new figure.
+        A map is that of the history, or else the final map.
         """
         self._truth = Truth() if results.truth is None else results.truth
         self._recording = results.recording
@@ -65,12 +63,8 @@ class Scene:
         all_styles = styles(results.estimates)  # same styles as in the figure of the run
         chosen = {name: all_styles[name] for name in shown}
         low, high = limits(results, shown, mapped)
-        self.keys = list(_keys(self._truth, mapped, chosen))
-        if panel is None:
-            self.figure, ax, self._time = _layout(low, high, results.title, self.keys)
-        else:
-            ax, self._time = panel, panel.title
-            ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
+        keys = list(_keys(self._truth, mapped, chosen))
+        self.figure, ax, self._time = _layout(low, high, results.title, keys)
         size = ROBOT * float((high - low).max())
         if self._truth.landmarks is not None:
             ax.plot(*self._truth.landmarks.T, **TRUE_LANDMARK)

@@ -28,7 +28,7 @@ def save_budget_figure(out: Path, budget: ErrorBudget) -> None:
         size = 5.5 if narrow else 7.5
         before, doubtful = 0.0, budget.doubtful()
         for place, rung in enumerate(budget.rungs):
-            added, low, high = rung.increment_m2
+            added, low, high = rung.increment_m2.mean, rung.increment_m2.low, rung.increment_m2.high
             color, hatch = (BASE, "") if place == 0 else (COST, "///") if added >= 0 else (GAIN, "...")
             axes.bar(place, added, bottom=before, width=0.6, color=color, hatch=hatch, edgecolor="white", linewidth=0)
             if low is not None and high is not None:

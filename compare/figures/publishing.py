@@ -52,7 +52,7 @@ def draw_comparison(out: Path, comparison: Comparison, title: str) -> bool:
     truth, recording, estimates = comparison.truth, comparison.recording, comparison.estimates
     drawings = _drawings_of_run(truth, recording, estimates, title)
     drawings |= _without_truth(without_truth_entries(comparison), title)
-    return decorate(out, METRICS, drawings, RUN_PICTURES)
+    return decorate(out, drawings, RUN_PICTURES)
 
 
 def _without_truth(entries: Mapping[str, Any], title: str) -> Drawings:
@@ -67,20 +67,20 @@ def write_study(out: str | Path, summary: Summary, runs: dict[str, Runs], step: 
     """
     with staged_folder(out, (SUMMARY, *STUDY_PICTURES, REPORT), last=SUMMARY) as stage:
         write_json(stage / SUMMARY, summary.to_json())
-    return decorate(Path(out), SUMMARY, study_drawings(summary, runs, step), STUDY_PICTURES)
+    return decorate(Path(out), study_drawings(summary, runs, step), STUDY_PICTURES)
 
 
 def write_sweep(out: Path, sweep: Sweep) -> bool:
     """Write sweep.json, then the figure, into `out`; return whether the figure was written."""
     with staged_folder(out, SWEEP_FILES, last=SWEEP) as stage:
         write_json(stage / SWEEP, sweep.to_json())
-    return decorate(out, SWEEP, {"sweep": lambda stage: save_sweep_figure(stage, sweep)}, SWEEP_PICTURES)
+    return decorate(out, {"sweep": lambda stage: save_sweep_figure(stage, sweep)}, SWEEP_PICTURES)
 
 
 def draw_stored(out: Path, file: str) -> bool:
     """Draw the figure of the stored budget, noise or bench `file` in `out`; return whether it was written."""
     drawings = KINDS[file](out, (), None)
-    return decorate(out, file, drawings, pictures(*drawings))
+    return decorate(out, drawings, pictures(*drawings))
 
 
 def drawings_of(folder: Path, names: Sequence[str] = (), band: str | None = None) -> Drawings:

@@ -32,7 +32,7 @@ def save_sweep_figure(out: Path, sweep: Sweep) -> None:
         names = styles(sweep.summaries[0].estimators)
         for axes, (key, label) in zip(figure.subplots(rows, columns, sharex=True).flat, PANELS, strict=True):
             for name, style in names.items():
-                intervals = [summary.estimators[name].figure(key) for summary in sweep.summaries]
+                intervals = [summary.estimators[name][key] for summary in sweep.summaries]
                 title = REGISTRY[name].title if is_optimum(name) else name
                 _draw(axes, sweep.values, intervals, title, style, line=is_optimum(name) or name in BOUNDS)
             axes.set_ylabel(label)
@@ -48,9 +48,8 @@ def _draw(
     axes: Axes, values: tuple[str, ...], intervals: list[Interval | None], label: str, style: Style, *, line: bool
 ) -> None:
     """Draw means with their intervals; optima and bounds as lines without markers."""
-    found = sorted(
-        (place, each) for place, each in zip(_places(values).tolist(), intervals, strict=True) if each is not None
-    )
+    pairs = zip(_places(values).tolist(), intervals, strict=True)
+    found = sorted(((place, each) for place, each in pairs if each is not None), key=lambda pair: pair[0])
     if not found:
         return
     places, known = zip(*found, strict=True)

@@ -11,8 +11,8 @@ from slamgauge.compare.grading.grades import Grade
 from slamgauge.compare.grading.gradescope import gradescope_json
 from slamgauge.compare.grading.grading import Grades
 from slamgauge.compare.grading.rubric import Mark
-from slamgauge.compare.scoring.text_page import Grid, Page
-from slamgauge.compare.scoring.text_table import cell, interval_cell
+from slamgauge.compare.scoring.table import Head, Table, cell, interval_cell
+from slamgauge.compare.scoring.text_page import Page
 from slamgauge.compare.storage.best_effort import Drawing, decorate
 from slamgauge.compare.storage.csv_cells import write_csv
 from slamgauge.compare.storage.files import explained
@@ -25,14 +25,15 @@ def grade_table(grades: Grades) -> Page:
     """Return a table with a row for the reference and for each submission, and below it the reasons for failures."""
     name = grades.reference_grade.submission
     head = ["submission", "verdict", "points", *(f"{title} {name}" if title[-1:] == "x" else title for title in HEAD)]
-    rows = [head, [f"({name})", "reference", "-", *_cells(grades.reference_grade)]]
+    rows = [[f"({name})", "reference", "-", *_cells(grades.reference_grade)]]
     rows += [[each.submission, verdict(each), f"{each.mark.points:g}", *_cells(each)] for each in grades.grades]
     reasons = [f"{each.submission}: {'; '.join(each.reasons)}" for each in grades.grades if each.reasons]
     reasons += [
         f"{each.submission}, for the teacher: {'; '.join(each.remarks)}" for each in grades.grades if each.remarks
     ]
     graded, passed = (sum(getattr(each, name) for each in grades.grades) for name in ("is_graded", "passed"))
-    return Page((Grid(rows, words=2), *reasons, f"{graded} of {len(grades.grades)} graded, {passed} passed"))
+    heads = [Head(title, words=place < 2) for place, title in enumerate(head)]
+    return Page((Table.of(heads, rows), *reasons, f"{graded} of {len(grades.grades)} graded, {passed} passed"))
 
 
 def verdict(grade: Grade) -> str:
@@ -87,7 +88,7 @@ def write_pages(out: Path, grades: Grades) -> bool:
         return write
 
     pages = {f"{PAGES}/{each.submission}": writes(each) for each in grades.grades}
-    return decorate(out, GRADES, pages, [f"{name}.md" for name in pages])
+    return decorate(out, pages, [f"{name}.md" for name in pages])
 
 
 def _page(grade: Grade, grades: Grades) -> str:

@@ -114,10 +114,11 @@ def grade(submission: str, trial: Trial, reference: Sequence[Score], rubric: Rub
     ratios = against_reference(scores, reference)
     ratio = ratio_interval(ates(scores), optimum_ates(scores))
     reasons: list[str] = []
-    kinds = [each.kind for each in scores if each.kind != reference[0].kind]
+    kinds = [each["kind"] for each in scores if each["kind"] != reference[0]["kind"]]
     if kinds:
-        reasons.append(f"its poses are {kinds[0]}; {reference[0].kind} poses are required")
-    is_in_doubt = share_of_doubt(np.array([each.yardstick_check_sigma for each in scores], dtype=np.float64))
+        required = reference[0]["kind"]
+        reasons.append(f"its poses are {kinds[0]}; {required} poses are required")
+    is_in_doubt = share_of_doubt(np.array([each["yardstick_check_sigma"] for each in scores], dtype=np.float64))
     too_good = None if is_in_doubt else beats_the_optimum(ratio, int(np.isfinite(optimum_ates(scores)).sum()))
     if too_good:
         reasons.append(too_good)
@@ -131,13 +132,13 @@ def grade(submission: str, trial: Trial, reference: Sequence[Score], rubric: Rub
         trial=trial,
         reasons=tuple(reasons),
         mark=rubric.mark(ratios.ate, nees, other, trial.verdicts, reasons[0] if kinds else ""),
-        kind=scores[0].kind,
+        kind=scores[0]["kind"],
         ate_m=mean_interval(ates(scores)),
         nees=nees,
         reference=ratios,
         ratio_to_optimum=ratio,
         own_noise=against_reference(trial.own_noise, reference) if trial.own_noise else None,
-        seconds=float(np.median([each.seconds_total or 0.0 for each in scores])),
+        seconds=float(np.median([each["seconds_total"] or 0.0 for each in scores])),
     )
 
 
@@ -151,7 +152,7 @@ def figure_remarks(runs: Mapping[str, Sequence[Score]], reference: str) -> dict[
     alike: dict[tuple[float | None, ...], list[str]] = defaultdict(list)
     for name, scores in runs.items():
         if scores:
-            alike[tuple(each.ate_m for each in scores)].append(name)
+            alike[tuple(each["ate_m"] for each in scores)].append(name)
     remarks: dict[str, list[str]] = {}
     for names in alike.values():
         for name in names:

@@ -11,7 +11,7 @@ from slamgauge.compare.grading.rubric import Item
 def gradescope_json(grade: Grade) -> dict[str, Any]:
     """Return the content of results.json; remarks for the teacher are in `extra_data`, which students do not see."""
     mark, trial = grade.mark, grade.trial
-    seconds = sum(each.seconds_total or 0.0 for each in trial.scores)
+    seconds = sum(each["seconds_total"] or 0.0 for each in trial.scores)
     said = [*grade.reasons] or ["No criterion fails."]
     if trial.form:
         said.insert(0, f"Graded is {trial.callable}: {trial.form}.")

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from contextlib import closing
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -160,10 +160,10 @@ def _own_noise_scores(estimator: Isolated, name: str, scenario: Scenario, runs: 
 def _scored(truth: Truth, recording: Recording, estimate: Estimate, optimum: Estimate | None, seconds: float) -> Score:
     """Score an estimate, a filtered one also relative to the causal optimum."""
     score = evaluate(truth, recording, estimate, optimum if estimate.kind == "filtered" else None)
-    return replace(score, seconds_total=seconds if math.isfinite(seconds) else None)
+    return score.timed(seconds if math.isfinite(seconds) else None)
 
 
 def optimum_ates(scores: Sequence[Score]) -> Float:
     """Return the ATE (R,) [m] of the optimum that the scores are relative to; NaN where it is missing."""
-    pairs = [(each.ate_m, each.ratio_to_optimum) for each in scores]
+    pairs = [(each["ate_m"], each["ratio_to_optimum"]) for each in scores]
     return np.array([ate / ratio if ate and ratio else np.nan for ate, ratio in pairs])

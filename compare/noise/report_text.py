@@ -15,7 +15,8 @@ from slamgauge.compare.noise.estimation import Noise
 from slamgauge.compare.noise.likelihood import Interval
 from slamgauge.compare.noise.parameters import UNITS
 from slamgauge.compare.scoring.consistency import chi2_band
-from slamgauge.compare.scoring.text_page import Grid, Page
+from slamgauge.compare.scoring.table import Head, Table
+from slamgauge.compare.scoring.text_page import Page
 
 MANY = 5  # largest number of named landmarks
 SIGNIFICANT = "significant"
@@ -24,7 +25,7 @@ HEADINGS = ("noise", "found", "95 % interval", "verdict", "assumed")
 
 def noise_table(noise: Noise) -> Page:
     """Return the table and the sentences below it."""
-    rows: list[tuple[str, ...]] = [HEADINGS]
+    rows: list[tuple[str, ...]] = []
     for name, found in noise.parameters.items():
         assumed = noise.assumed[name]
         cells = (_figure(found.value), _interval(found), verdict(found, assumed), _figure(assumed))
@@ -32,7 +33,8 @@ def noise_table(noise: Noise) -> Page:
     for name, found in noise.systematic.items():
         cells = (f"{found.value:+.3g}", _interval(found), systematic_verdict(found), "0")
         rows.append((f"{name} [{UNITS[name]}]", *cells))
-    return Page((Grid(rows, len(HEADINGS), sentences=HEADINGS.index("verdict")), *lines(noise)))
+    heads = [Head(title, words=True, wraps=title == "verdict") for title in HEADINGS]
+    return Page((Table.of(heads, rows), *lines(noise)))
 
 
 def lines(noise: Noise) -> list[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from shutil import copy
 from typing import Any
@@ -15,40 +16,13 @@ from slamgauge.compare.exercise.results import QuestionResult
 from slamgauge.compare.exercise.running import Exercise, SettingRuns
 from slamgauge.compare.exercise.settings import CAUSAL, CAUSAL_OF_EKF, DEAD_RECKONING, EKF, GTSAM, QUESTIONS
 from slamgauge.compare.figures.exercise_figures import save_closure_figure, save_nees_figure
-from slamgauge.compare.report.page import render
+from slamgauge.compare.report.page import TERMS, render
 from slamgauge.compare.report.page_elements import Picture, origin, pictures
-from slamgauge.compare.report.tables import TERMS, Cell, Head, Table
 from slamgauge.compare.scoring.runs import Runs
 from slamgauge.compare.storage.best_effort import decorate
 from slamgauge.compare.storage.files import read_json
 from slamgauge.compare.storage.provenance import origin as provenance
 from slamgauge.compare.storage.result_files import EXERCISE, METRICS, REPORT, RUN_0, exercise_files
-
-HELP = {
-    "fig": "number of the figure in the handout; ring is a setting of slamgauge",
-    "setting": "what the setting changes",
-    "EKF [m]": "RMS position error (ATE) of the EKF, mean over runs",
-    "GTSAM": "RMS position error of GTSAM batch, which uses all measurements; at closures: at that step [m]",
-    "x causal": "error of the EKF over that of the causal optimum, with 95 % interval",
-    "NEES/3": "normalised estimation error squared of the EKF's pose over its 3 degrees of freedom: 1 is ideal",
-    "in 95%": "share of the true positions inside the EKF's 95 % ellipses",
-    "verdict": "consistency of the EKF, or verdict on a conclusion",
-    "lap": "lap of the loop closure, the first of its lap",
-    "at [s]": "mean time of the loop closure",
-    "EKF error [m]": "RMS position error over runs just before the closure and at it",
-    "3σ [m]": "three times the RMS position sigma that the EKF claims, before and at the closure",
-    "causal error": "RMS position error of the causal optimum at the same steps [m]",
-    "3σ": "three times its RMS position sigma [m]",
-    "mapped": "number of landmarks in the map of the EKF",
-    "of": "number of landmarks that were observed",
-    "wrong associations": "observations that the EKF assigned to another landmark than their own",
-    "conclusion of the exercise": "the conclusion in short",
-    "ratio of": "the conclusion as a statement about a ratio of two figures of the same run, with their figures",
-    "ratio": "geometric mean over runs of the ratio",
-    "interval": "95 % interval of the ratio that holds for all conclusions of the exercise together",
-    "runs needed": "number of runs that would decide an undecided conclusion with 90 % probability",
-}
-WORDS = ("fig", "setting", "verdict", "conclusion of the exercise", "ratio of")
 
 
 def publish_exercise(out: Path, exercise: Exercise, found: Sequence[QuestionResult]) -> bool:
@@ -69,7 +43,7 @@ def publish_exercise(out: Path, exercise: Exercise, found: Sequence[QuestionResu
     def write(stage: Path) -> None:
         (stage / REPORT).write_text(exercise_page(stage, out / RUN_0, exercise, found), encoding="utf-8", newline="\n")
 
-    return decorate(out, EXERCISE, {"figures": draw, "report": write}, [name for name in files if name != EXERCISE])
+    return decorate(out, {"figures": draw, "report": write}, [name for name in files if name != EXERCISE])
 
 
 def exercise_page(figures: Path, run_0: Path, exercise: Exercise, found: Sequence[QuestionResult]) -> str:
@@ -83,7 +57,7 @@ def exercise_page(figures: Path, run_0: Path, exercise: Exercise, found: Sequenc
     """
     questions = [_question(figures, run_0, exercise.settings[each.name], each) for each in found]
     every = [setting for each in found for setting in each.settings]
-    overview = _table("overview", "All settings", tables.scores(every))
+    overview = replace(tables.scores(every), caption="All settings", id="overview")
     return render(
         "exercise.html",
         kind="the exercise next to its optimum",
@@ -124,10 +98,15 @@ def _question(figures: Path, run_0: Path, ran: Sequence[SettingRuns], found: Que
         "answer": found.answer(),
         "correction": found.largest_correction(),
         "tables": [
-            _table(f"{name}-scores", "Accuracy and consistency", tables.scores(found.settings)),
-            _table(f"{name}-closures", "The first loop closure of each lap", tables.closures(found.settings)),
-            _table(f"{name}-landmarks", "Landmarks and associations", tables.landmarks(found.settings)),
-            _table(f"{name}-conclusions", "Conclusions of the exercise", tables.conclusions(found.judgements)),
+            replace(table, id=f"{name}-{place}")
+            for place, table in enumerate(
+                (
+                    tables.scores(found.settings),
+                    tables.closures(found.settings),
+                    tables.landmarks(found.settings),
+                    tables.conclusions(found.judgements, with_ratio=True),
+                )
+            )
         ],
         "pictures": pictures(figures, known),
         "settings": [_setting(run_0, each) for each in ran],
@@ -173,19 +152,3 @@ def _share_outside(runs: Runs) -> float:
     """Return the share of the steps of the first run at which the error in x or y exceeds three sigma."""
     error, sigma = (np.array([runs.series[f"{what}_{axis}"][0] for axis in "xy"]) for what in ("error", "sigma"))
     return float((np.abs(error) > 3.0 * sigma).any(axis=0).mean())
-
-
-def _table(name: str, caption: str, rows: Sequence[Sequence[str]]) -> Table:
-    """Return a table with the cells of the terminal."""
-    head, *body = rows
-    columns = [Head(title, HELP[title], title in WORDS) for title in head]
-    return Table(name, caption, columns, [[Cell(text, _number(text)) for text in row] for row in body])
-
-
-def _number(text: str) -> float | None:
-    """Return the first number of a cell, for sorting; None if it begins with a word."""
-    first = text.partition(" ")[0].rstrip("%")
-    try:
-        return float(first)
-    except ValueError:
-        return None

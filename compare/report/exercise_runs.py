@@ -14,7 +14,6 @@ from slamgauge.compare.scenarios.scenario import Scenario, scenario_text
 from slamgauge.compare.scenarios.simulation import simulate, simulate_informed
 from slamgauge.compare.scoring.comparison import compare_estimators, digest, metrics, write_comparison
 from slamgauge.compare.storage.files import read_json
-from slamgauge.compare.storage.manifest import require_folder
 from slamgauge.compare.storage.progress import counted
 from slamgauge.compare.storage.result_files import METRICS, RUN_0, comparison_files
 from slamgauge.compare.storage.staged_folder import staged_folder
@@ -31,7 +30,7 @@ def publish_first_runs(settings: list[SettingRuns], seed: int, out: Path, execut
     Raises:
         UserError: a foreign file would be replaced, or a folder cannot be written.
     """
-    folder = require_folder(out, RUN_0)
+    folder = out / RUN_0
     tasks = [(each.setting, each.scenario, run_seed(seed, 0), folder / each.setting.figure) for each in settings]
     missing = [task for task in tasks if not _is_complete(*task)]
     with counted(len(tasks), "setting", "run 0 with replay", len(tasks) - len(missing)) as progress:

@@ -9,7 +9,7 @@ from urllib.parse import quote
 from slamgauge.compare.checks.examination import CHECKS as ALL_CHECKS
 from slamgauge.compare.report.page import plain_page
 from slamgauge.compare.report.page_elements import origin
-from slamgauge.compare.report.tables import Cell, Head, Table, figure_cell, from_to
+from slamgauge.compare.scoring.table import Cell, Head, Table, figure, from_to
 from slamgauge.compare.storage.csv_cells import read_csv
 from slamgauge.compare.storage.result_files import GRADES, PAGES, REPORT
 
@@ -24,13 +24,13 @@ FIGURES = (
     ("own_noise_nees_ratio", "NEES x, own noise", "NEES over the reference's, with the noise of the file", "{:.2f}"),
     ("ratio_to_optimum", "ATE x causal optimum", "ATE divided by that of the causal optimum", "{:.3f}"),
 )
-SUBMISSION = Head("submission", "file name of the submission", words=True)
-REMARKS = Head("remarks", "remarks for the teacher, without effect on points and verdict", words=True)
-VERDICT = Head("verdict", "passed if no criterion fails", words=True)
+SUBMISSION = Head("submission", help="file name of the submission", words=True)
+REMARKS = Head("remarks", help="remarks for the teacher, without effect on points and verdict", words=True)
+VERDICT = Head("verdict", help="passed if no criterion fails", words=True)
 CHECK_HEADS = (
-    Head("check", "property of every right filter; slamgauge check runs all checks", words=True),
-    Head("measured quantity", "size of the violation", words=True),
-    Head("usual cause", "part of the filter that usually contains the mistake", words=True),
+    Head("check", help="property of every right filter; slamgauge check runs all checks", words=True),
+    Head("measured quantity", help="size of the violation", words=True),
+    Head("usual cause", help="part of the filter that usually contains the mistake", words=True),
 )
 Row = dict[str, str]
 
@@ -64,22 +64,22 @@ def verdict(row: Row) -> str:
 
 def class_table(rows: list[Row]) -> Table:
     """Return a table with a row for each submission and a link to its page."""
-    points = Head(f"points of {float(rows[0]['max_points']):g}", "points by the rubric")
-    heads = [SUBMISSION, VERDICT, points, REMARKS, *(Head(*each[1:3]) for each in FIGURES)]
-    heads += [Head("failed checks", "number of failed checks"), Head("time [s]", "median over runs")]
+    points = Head(f"points of {float(rows[0]['max_points']):g}", help="points by the rubric")
+    heads = [SUBMISSION, VERDICT, points, REMARKS, *(Head(title, help=meaning) for _, title, meaning, _ in FIGURES)]
+    heads += [Head("failed checks", help="number of failed checks"), Head("time [s]", help="median over runs")]
     cells = [
         [
             Cell(row["submission"], link=f"{PAGES}/{quote(row['submission'])}.html"),
             Cell(verdict(row)),
-            figure_cell(_number(row, "points"), "{:g}"),
+            figure(_number(row, "points"), "{:g}"),
             Cell("see below" if row["remarks"] else "-"),
-            *(figure_cell(_number(row, key), form) for key, _, _, form in FIGURES),
+            *(figure(_number(row, key), form) for key, _, _, form in FIGURES),
             Cell(str(len(row["failed_checks"].split())), len(row["failed_checks"].split())),
-            figure_cell(_number(row, "seconds_per_run"), "{:.2f}"),
+            figure(_number(row, "seconds_per_run"), "{:.2f}"),
         ]
         for row in rows
     ]
-    return Table("grades", "Submissions", heads, cells)
+    return Table(heads, cells, "Submissions", "grades")
 
 
 def _number(row: Row, key: str) -> float | None:
@@ -89,13 +89,13 @@ def _number(row: Row, key: str) -> float | None:
 def check_table(rows: list[Row]) -> Table:
     """Return a table of the checks that any of these submissions fails."""
     failed = {name: [row["submission"] for row in rows if name in row["failed_checks"].split()] for name in CHECKS}
-    heads = [*CHECK_HEADS, Head("failed by", "submissions that fail the check", words=True)]
+    heads = [*CHECK_HEADS, Head("failed by", help="submissions that fail the check", words=True)]
     cells = [
         [Cell(name), Cell(CHECKS[name].figure), Cell(CHECKS[name].blame), Cell(", ".join(submissions))]
         for name, submissions in failed.items()
         if submissions
     ]
-    return Table("checks", "Failed checks", heads, cells)
+    return Table(heads, cells, "Failed checks", "checks")
 
 
 CHECKS = {check.name: check for check in ALL_CHECKS}
@@ -106,22 +106,22 @@ def submission_page(folder: Path, row: Row, where: list[tuple[str, str, bool]]) 
     record = folder / PAGES / f"{row['submission']}.md"
     figures = [
         [
-            *(Cell(title), figure_cell(_number(row, key), form)),
+            *(Cell(title), figure(_number(row, key), form)),
             *(from_to(_number(row, f"{key}_low"), _number(row, f"{key}_high"), form), Cell(meaning)),
         ]
         for key, title, meaning, form in FIGURES
     ]
     heads = [
-        Head("metric", "name of the metric", words=True),
-        *(Head("mean", "mean over runs"), Head("95 % interval", "95 % interval of the mean")),
-        Head("meaning", "explanation of the metric", words=True),
+        Head("metric", help="name of the metric", words=True),
+        *(Head("mean", help="mean over runs"), Head("95 % interval", help="95 % interval of the mean")),
+        Head("meaning", help="explanation of the metric", words=True),
     ]
     reasons = row["reason"].split("; ") if row["reason"] else []
     return plain_page(
         kind="a submission",
         title=f"{row['submission']}: {verdict(row)}",
         lead=[("", reason) for reason in reasons] or [("", "no criterion fails")],
-        tables=[Table("figures", "Metrics", heads, figures if row["graded"] == "true" else []), check_table([row])],
+        tables=[Table(heads, figures if row["graded"] == "true" else [], "Metrics", "figures"), check_table([row])],
         origin=where,
         back=f"../{REPORT}",
         verbatim=html.unescape(record.read_text(encoding="utf-8")).splitlines() if record.is_file() else (),

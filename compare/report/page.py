@@ -10,7 +10,7 @@ import base64
 import hashlib
 import json
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import cache
 from importlib.resources import files
 from typing import Any, Literal
@@ -21,7 +21,7 @@ from markupsafe import Markup
 from numpy.typing import ArrayLike
 
 from slamgauge.compare.report.page_elements import Picture
-from slamgauge.compare.report.tables import Table, glossary
+from slamgauge.compare.scoring.table import Table, sized
 from slamgauge.compare.storage.safe_names import shown
 from slamgauge.version import __version__
 
@@ -31,6 +31,20 @@ MODULES = (
     *("unpack", "colours", "surface", "ticks", "download", "tables", "panel", "camera", "scene", "timeline", "player"),
     *("replay", "strip", "study", "start"),
 )
+TERMS = {
+    "run": (
+        ("causal optimum", "best estimate from the measurements up to each step, with the true noise (causal)"),
+        ("hindsight optimum", "best estimate from all measurements (batch)"),
+        (
+            "3-sigma ellipse",
+            "region that contains the true position with probability 98.9 % if the covariance is right",
+        ),
+    ),
+    "study": (
+        ("\u00b1", "half the width of the 95 % interval of the mean over runs"),
+        ("band", "interval of the mean for consistent estimates, at the stated level"),
+    ),
+}
 KINDS = {"f4": "<f4", "i4": "<i4", "u2": "<u2", "u1": "u1"}  # numpy types by their names in `unpack.js`
 IMPORT = re.compile(r"^import .*;\n", re.MULTILINE)
 EXPORT = re.compile(r"^export (?=function|class|const)", re.MULTILINE)
@@ -98,6 +112,12 @@ def plain_page(
     )
 
 
+def glossary(terms: Iterable[tuple[str, str]], tables: Iterable[Table]) -> list[tuple[str, str]]:
+    """Return terms and columns of tables with rows, each once."""
+    shown = [head for table in tables if table.rows for head in table.heads]
+    return [*dict.fromkeys([*terms, *((head.full, head.help) for head in shown if head.help)])]
+
+
 def policy(style: str, script: str) -> str:
     """Return a Content-Security-Policy that allows only this style sheet, this script and inline pictures."""
     return (
@@ -141,7 +161,7 @@ def _digest(text: str) -> str:
 @cache
 def _environment() -> Environment:
     loader = PackageLoader("slamgauge.compare.report", "templates")
-    return Environment(
+    environment = Environment(
         loader=loader,
         autoescape=select_autoescape(),
         undefined=StrictUndefined,
@@ -149,6 +169,8 @@ def _environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    environment.filters["sized"] = sized
+    return environment
 
 
 def _printable(value: object) -> object:

@@ -17,7 +17,7 @@ from slamgauge.compare.report.page_elements import Look
 from slamgauge.compare.scoring.consistency import chi2_band, squared_mahalanobis
 from slamgauge.compare.scoring.landmark_identity import wrong_sights
 from slamgauge.compare.scoring.loop_closures import closure_steps
-from slamgauge.compare.scoring.scores import pose_covs_of
+from slamgauge.compare.scoring.measured import pose_covs_of
 from slamgauge.compare.scoring.trajectory_error import distances, pose_errors
 from slamgauge.compare.storage.stored_results import Results
 from slamgauge.estimate import Estimate

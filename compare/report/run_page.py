@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Set as AbstractSet
 from pathlib import Path
 from typing import Any
 
 from slamgauge.compare.estimators.registry import OPTIMA, REGISTRY
 from slamgauge.compare.figures.plot_style import DEAD_RECKONING
-from slamgauge.compare.report.page import render
+from slamgauge.compare.report.page import TERMS, render
 from slamgauge.compare.report.page_elements import looks, origin, pictures
 from slamgauge.compare.report.replay_data import replay_data
-from slamgauge.compare.report.tables import ESTIMATOR, KIND, TERMS, Cell, Head, Table, figure_cell, figure_heads
-from slamgauge.compare.scoring.catalogue import RELATIVE, columns
-from slamgauge.compare.scoring.comparison import Comparison, optimum_notes
-from slamgauge.compare.scoring.optimum_figures import is_in_doubt, is_misfit
-from slamgauge.compare.scoring.optimum_notes import MARK
-from slamgauge.compare.scoring.text_table import cell
+from slamgauge.compare.scoring.comparison import Comparison, doubtful_kinds, optimum_notes, run_table
+from slamgauge.compare.scoring.table import ESTIMATOR, Cell, Head, Table, cell, figure
 from slamgauge.compare.storage.files import read_json
 from slamgauge.compare.storage.result_files import METRICS, REPORT
 from slamgauge.compare.storage.stored_results import Results, load_results
@@ -55,8 +50,8 @@ def run_page(folder: Path) -> dict[str, str]:
     optima: dict[Kind, str] = {each.kind: name for name, each in estimates.items() if OPTIMA.get(each.kind) == name}
     comparison = Comparison(truth, recording, estimates, {}, optima)
     by_kind = {kind: estimates[name] for kind, name in optima.items()}
-    doubtful = {kind for kind, each in by_kind.items() if is_in_doubt(each.optimum_check) or is_misfit(each)}
-    tables = (score_table(metrics, doubtful), closure_table(metrics), drift_table(metrics))
+    doubtful = doubtful_kinds(by_kind)
+    tables = (run_table(metrics["estimators"], doubtful), closure_table(metrics), drift_table(metrics))
     failures = [f"{each['estimator']} failed: {each['error']}" for each in metrics.get("failures", ())]
 
     def page(data: dict[str, Any]) -> str:
@@ -99,39 +94,24 @@ def _sentence(name: str, entry: dict[str, Any]) -> str:
     return "; ".join(parts)
 
 
-def score_table(metrics: dict[str, Any], doubtful: AbstractSet[str]) -> Table:
-    """Return the table of scores, filtered estimates before smoothed ones."""
-    found = columns("run")
-    rows: list[list[Cell]] = []
-    for name, entry in sorted(metrics["estimators"].items(), key=lambda item: item[1]["kind"]):
-        row = [Cell(name), Cell(entry["kind"])]
-        for _, key, form in found:
-            value = entry.get(key)
-            mark = MARK if value is not None and key in RELATIVE and entry["kind"] in doubtful else ""
-            row.append(figure_cell(value, form, mark))
-        rows.append(row)
-    heads = [ESTIMATOR, KIND, *figure_heads("run")]
-    return Table("scores", "Metrics of the whole run; click a column title to sort", heads, rows)
-
-
 def drift_table(metrics: dict[str, Any]) -> Table:
     """Return the table of relative pose errors by length of the path segments."""
     rows = [
         [
-            *(Cell(name), figure_cell(each["distance_m"], "{:g}"), figure_cell(each["translation_m"], "{:.3f}")),
-            *(figure_cell(each["heading_rad"], "{:.4f}"), figure_cell(each["pieces"], "{}")),
+            *(Cell(name), figure(each["distance_m"], "{:g}"), figure(each["translation_m"], "{:.3f}")),
+            *(figure(each["heading_rad"], "{:.4f}"), figure(each["pieces"], "{}")),
         ]
         for name, entry in metrics["estimators"].items()
         for each in entry.get("rpe_by_distance") or ()
     ]
     heads = [
         ESTIMATOR,
-        Head("over [m]", "length of the segments of the true path"),
-        Head("error [m]", "RMS translation error over a segment, relative to its start"),
-        Head("heading error [rad]", "RMS heading error over a segment, relative to its start"),
-        Head("segments", "number of segments"),
+        Head("over [m]", help="length of the segments of the true path"),
+        Head("error [m]", help="RMS translation error over a segment, relative to its start"),
+        Head("heading error [rad]", help="RMS heading error over a segment, relative to its start"),
+        Head("segments", help="number of segments"),
     ]
-    return Table("drift", "Relative pose errors over all segments of the true path of a length", heads, rows)
+    return Table(heads, rows, "Relative pose errors over all segments of the true path of a length", "drift")
 
 
 def closure_table(metrics: dict[str, Any]) -> Table:
@@ -139,22 +119,21 @@ def closure_table(metrics: dict[str, Any]) -> Table:
     keys = ("error_before_m", "error_after_m", "sigma_before_m", "sigma_after_m")
     heads = [
         ESTIMATOR,
-        Head("step", "step of the loop closure: a landmark is re-observed after at least 10 s"),
-        Head("error before [m]", "position error at the step before"),
-        Head("error after [m]", "position error at the step"),
-        Head("sigma before [m]", "reported position sigma at the step before"),
-        Head("sigma after [m]", "reported position sigma at the step"),
+        Head("step", help="step of the loop closure: a landmark is re-observed after at least 10 s"),
+        Head("error before [m]", help="position error at the step before"),
+        Head("error after [m]", help="position error at the step"),
+        Head("sigma before [m]", help="reported position sigma at the step before"),
+        Head("sigma after [m]", help="reported position sigma at the step"),
     ]
     entries = metrics["estimators"].items()
     closures = [(name, each) for name, entry in entries for each in entry.get("loop_closure") or ()]
     every = max(-(-len(closures) // MOST_CLOSURES), 1)
     rows = [
-        [Cell(name), Cell(str(closure["step"]), closure["step"])]
-        + [figure_cell(closure[key], "{:.3f}") for key in keys]
+        [Cell(name), Cell(str(closure["step"]), closure["step"])] + [figure(closure[key], "{:.3f}") for key in keys]
         for name, closure in closures[::every]
     ]
     which = "each loop closure" if every == 1 else f"1 in {every} loop closures"
-    return Table("closures", f"Position error and its sigma before and after {which}", heads, rows)
+    return Table(heads, rows, f"Position error and its sigma before and after {which}", "closures")
 
 
 def legend(results: Results) -> str:

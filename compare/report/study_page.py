@@ -7,35 +7,22 @@ from typing import Any
 
 import numpy as np
 
-from slamgauge.compare.report.page import pack, render
+from slamgauge.compare.report.page import TERMS, pack, render
 from slamgauge.compare.report.page_elements import Look, looks, origin, pictures
-from slamgauge.compare.report.rerun_command import command_of_run, swept
-from slamgauge.compare.report.tables import (
-    ESTIMATOR,
-    HELP,
-    TERMS,
-    Cell,
-    Head,
-    Table,
-    figure_cell,
-    figure_heads,
-    interval_of,
-    sized,
-)
+from slamgauge.compare.report.rerun_command import command_of_run, request_of
 from slamgauge.compare.scoring.aggregation import BAND_LEVEL, PerStep, nees_per_step, nis_per_step
-from slamgauge.compare.scoring.catalogue import columns
-from slamgauge.compare.scoring.intervals import Interval
+from slamgauge.compare.scoring.catalogue import BY_KEY
 from slamgauge.compare.scoring.ray_figures import describe
 from slamgauge.compare.scoring.runs import Runs
+from slamgauge.compare.scoring.table import ESTIMATOR, Cell, Head, Table, figure
 from slamgauge.compare.storage.result_files import REPORT
+from slamgauge.compare.studies.paired_comparisons import against_tables
 from slamgauge.compare.studies.stored_study import StoredStudy, load_study
 from slamgauge.compare.studies.study_run import run_seed
 from slamgauge.compare.studies.summary import (
     empty_column_lines,
+    estimator_table,
     failure_lines,
-    figure_cells,
-    is_bounded,
-    is_doubtful,
     optimum_lines,
     too_good_lines,
 )
@@ -54,8 +41,7 @@ PICTURES = {
     ),
     "ratios.png": ("Box plots of each run's ATE over the optimum's", "ATE of each run over the optimum's in that run."),
 }
-RUN, RUNS = Head("run", "number of the run, from 0"), Head("runs", "number of runs")
-COMPARED = {"ate_m": "ATE [m]", "nees_pose_per_dof": "NEES/3"}
+RUN = Head("run", help="number of the run, from 0")
 
 
 def study_page(folder: Path) -> dict[str, str]:
@@ -66,14 +52,14 @@ def study_page(folder: Path) -> dict[str, str]:
     """
     study = load_study(folder)
     summary = study.summary
-    shown, value = looks(summary.estimators), swept(study.content)
-    table, worst, every = summary_score_table(study), worst_table(study), run_table(study)
-    comparisons = comparison_tables(study.content)
+    shown, value = looks(summary.estimators), request_of(summary).swept
+    table, worst, every = estimator_table(summary), worst_table(study), run_table(study)
+    comparisons = against_tables(summary.against)
     text = render(
         "study.html",
         kind="a study",
         title=f"{summary.scenario}{f' at {value}' if value else ''}, {summary.runs} runs",
-        lead=[(name, each.verdict) for name, each in summary.estimators.items() if each.verdict],
+        lead=[(name, each["verdict"]) for name, each in summary.estimators.items() if each["verdict"]],
         notes=[
             *optimum_lines(summary),
             *empty_column_lines([summary], "study"),
@@ -84,7 +70,7 @@ def study_page(folder: Path) -> dict[str, str]:
         worst=worst,
         every=every,
         comparisons=comparisons,
-        rays=[(name, describe(each.rays)) for name, each in summary.estimators.items() if each.rays is not None],
+        rays=[(name, describe(each["rays"])) for name, each in summary.estimators.items() if each["rays"]],
         level=f"{BAND_LEVEL:.1%}",
         looks=shown,
         pictures=pictures(folder, PICTURES),
@@ -96,25 +82,6 @@ def study_page(folder: Path) -> dict[str, str]:
     return {REPORT: text}
 
 
-def summary_score_table(study: StoredStudy) -> Table:
-    """Return the table of means with their 95 % intervals."""
-    summary, bounded = study.summary, is_bounded(study.summary.estimators)
-    found = columns("study", bounded=bounded)
-    rows: list[list[Cell]] = []
-    for name, entry in summary.estimators.items():
-        texts = figure_cells(summary, entry, found, room_for_marks=is_doubtful(summary))
-        values = [entry.figure(key) for _, key, _ in found]
-        share = entry.nees_share_inside_band
-        values = [value.mean if isinstance(value, Interval) else value for value in values]
-        cells = [Cell(text, sized(value)) for text, value in zip(texts, values, strict=True)]
-        rows.append([Cell(name), Cell(str(entry.runs), entry.runs), *cells, figure_cell(share, "{:.1%}")])
-    band = Head(
-        f"in {BAND_LEVEL:.1%} band", "share of steps whose mean pose NEES over runs lies in its chi-square band"
-    )
-    heads = [ESTIMATOR, RUNS, *figure_heads("study", bounded=bounded), band]
-    return Table("summary", "Means over runs with their 95 % intervals; click a column title to sort", heads, rows)
-
-
 def worst_table(study: StoredStudy) -> Table:
     """Return the table of the worst and the median run of each estimator, with commands that repeat them."""
     rows: list[list[Cell]] = []
@@ -122,15 +89,15 @@ def worst_table(study: StoredStudy) -> Table:
         for which, at in runs_to_look_at(runs).items():
             if at is not None:
                 run, ate = int(runs.run[at]), float(runs.figures["ate_m"][at])
-                command = command_of_run(study.content, run_seed(study.summary.seed, run))
+                command = command_of_run(study.summary, run_seed(study.summary.seed, run))
                 rows.append([Cell(name), Cell(which), Cell(str(run), run), Cell(f"{ate:.3f}", ate), Cell(command)])
     heads = [
         ESTIMATOR,
-        Head("which", "run of the largest or of the median ATE", words=True),
-        *(RUN, Head("ATE [m]", HELP["ate_m"])),
-        Head("command", "repeats the run and writes its page with a replay", words=True),
+        Head("which", help="run of the largest or of the median ATE", words=True),
+        *(RUN, Head("ATE [m]", help=BY_KEY["ate_m"].help)),
+        Head("command", help="repeats the run and writes its page with a replay", words=True),
     ]
-    return Table("worst", "Worst and median runs by ATE", heads, rows)
+    return Table(heads, rows, "Worst and median runs by ATE", "worst")
 
 
 def runs_to_look_at(runs: Runs) -> dict[str, int | None]:
@@ -150,35 +117,11 @@ def run_table(study: StoredStudy) -> Table:
     }
     rows = [
         [Cell(str(run), run), Cell(str(run_seed(study.summary.seed, run)))]
-        + [figure_cell(by_run.get(run), "{:.4f}") for by_run in ates.values()]
+        + [figure(by_run.get(run), "{:.4f}") for by_run in ates.values()]
         for run in range(study.summary.runs)
     ]
-    heads = [RUN, Head("seed", "random seed of the run"), *(Head(name) for name in ates)]
-    return Table("runs", "ATE [m] of every run", heads, rows)
-
-
-def comparison_tables(content: dict[str, Any]) -> list[Table]:
-    """Return a table of paired comparisons for each reference estimator."""
-    tables: list[Table] = []
-    for name, others in content.get("against", {}).items():
-        rows = [_compared(label, key, each) for label, figures in others.items() for key, each in figures.items()]
-        heads = [ESTIMATOR, Head("metric", "metric compared on the same runs", words=True), RUNS]
-        heads += [
-            Head(f"ratio to {name}", f"mean divided by that of {name}"),
-            Head(f"difference to {name}", f"mean difference to {name}, run by run"),
-            Head("p", "p-value of the paired test of equal means"),
-        ]
-        tables.append(Table(f"against-{len(tables)}", f"Paired comparison with {name}", heads, rows))
-    return tables
-
-
-def _compared(label: str, key: str, found: dict[str, Any]) -> list[Cell]:
-    ratio, difference = interval_of(found["ratio"], "{:.3f}"), interval_of(found["difference"], "{:+.3f}")
-    return [
-        *(Cell(label), Cell(COMPARED.get(key, key)), Cell(str(found["runs"]), found["runs"])),
-        *(ratio, difference._replace(text=difference.text.replace("± +", "± "))),
-        figure_cell(found["p_value"], "{:.2g}"),
-    ]
+    heads = [RUN, Head("seed", help="random seed of the run"), *(Head(name) for name in ates)]
+    return Table(heads, rows, "ATE [m] of every run", "runs")
 
 
 def study_data(study: StoredStudy, shown: list[Look]) -> dict[str, Any]:
@@ -196,7 +139,7 @@ def study_data(study: StoredStudy, shown: list[Look]) -> dict[str, Any]:
         "ates": [pack(study.runs[each.name].figures["ate_m"] if each.name in ran else []) for each in shown],
         "runs": [pack(study.runs[each.name].run if each.name in ran else [], "i4") for each in shown],
         "commands": [
-            command_of_run(study.content, run_seed(study.summary.seed, run)) for run in range(study.summary.runs)
+            command_of_run(study.summary, run_seed(study.summary.seed, run)) for run in range(study.summary.runs)
         ],
     }
 

@@ -22,7 +22,6 @@ from slamgauge.compare.scenarios.scenario_files import ScenarioError, locate, sh
 from slamgauge.compare.scenarios.schema import Association, Scenario
 from slamgauge.compare.scenarios.section import Section
 from slamgauge.compare.scenarios.trajectory import KINDS, Segment, kind_of
-from slamgauge.compare.storage.regular_files import read_bytes
 from slamgauge.compare.storage.safe_names import shown
 from slamgauge.compare.storage.toml_tables import Table, parse_toml, toml_text
 from slamgauge.compare.storage.toml_tables import override as set_key
@@ -132,7 +131,7 @@ def _plain(value: object) -> Any:
 
 def _parse(source: Traversable, where: str) -> Table:
     try:
-        content = read_bytes(source) if isinstance(source, Path) else source.read_bytes()
+        content = source.read_bytes()
         text = content.decode("utf-8-sig")
     except OSError as error:
         raise ScenarioError(f"{where}: cannot be read ({error.strerror}); check the path") from None

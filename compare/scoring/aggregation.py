@@ -19,7 +19,7 @@ from slamgauge.compare.scoring.intervals import (
 )
 from slamgauge.compare.scoring.nan_stats import mean
 from slamgauge.compare.scoring.optimum_figures import share_of_doubt
-from slamgauge.compare.scoring.ray_figures import RayFigures, mean_figures
+from slamgauge.compare.scoring.ray_figures import RAY_FIGURES, RayFigures
 from slamgauge.compare.scoring.runs import Runs, paired, paired_figures
 
 BAND_LEVEL = 0.999  # probability of the chi-square band, for the share of steps inside
@@ -188,6 +188,6 @@ def share_in_doubt(runs: Runs, _: Mapping[str, Runs]) -> float | None:
 
 def mean_rays(runs: Runs, _: Mapping[str, Runs]) -> RayFigures | None:
     """Return the mean over runs of what happened to the rays."""
-    columns = [runs.figures[f"rays_{name}"] for name in RayFigures._fields]
-    rows = (RayFigures(*row) for row in np.array(columns).T.tolist())
-    return mean_figures([row for row in rows if not np.isnan(row.members)])
+    columns = np.array([runs.figures[f"rays_{name}"] for name in RAY_FIGURES])
+    known = columns[:, ~np.isnan(columns[0])]
+    return RayFigures(*map(mean, known)) if known.size else None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,8 +12,8 @@ import numpy as np
 
 from slamgauge.arrays import chunks
 from slamgauge.compare.estimators.registry import OPTIMA, REGISTRY
-from slamgauge.compare.estimators.running import run_side_by_side
-from slamgauge.compare.scoring.catalogue import FULL_NAMES, RELATIVE, columns, empty_columns
+from slamgauge.compare.estimators.running import own_steps_of, run_side_by_side
+from slamgauge.compare.scoring.catalogue import empty_columns, heads, is_relative
 from slamgauge.compare.scoring.optimum_figures import is_in_doubt, is_misfit
 from slamgauge.compare.scoring.optimum_notes import (
     MARK,
@@ -28,8 +28,8 @@ from slamgauge.compare.scoring.optimum_notes import (
     without_misleading,
 )
 from slamgauge.compare.scoring.scores import Score, evaluate
-from slamgauge.compare.scoring.text_page import Grid, Page
-from slamgauge.compare.scoring.text_table import cell, marked
+from slamgauge.compare.scoring.table import ESTIMATOR, KIND, NO_FIGURE, Cell, Table, figures, marked
+from slamgauge.compare.scoring.text_page import Page
 from slamgauge.compare.scoring.verdicts import single_run, verdict_lines
 from slamgauge.compare.storage.files import save, write_json, write_tum
 from slamgauge.compare.storage.provenance import origin
@@ -76,7 +76,7 @@ class Comparison:
 
     def to_frame(self) -> Any:
         """Return the scores as a `pandas.DataFrame`: a row per estimator, a column per number of metrics.json."""
-        entries = {name: score.figures() for name, score in self.scores.items()}
+        entries = {name: score.numbers() for name, score in self.scores.items()}
         keys = dict.fromkeys(key for entry in entries.values() for key in entry)
         return data_frame({key: [entry.get(key) for entry in entries.values()] for key in keys}, [*entries])
 
@@ -115,17 +115,31 @@ def compare_estimators(
     best = {kind: ran.estimates[name] for kind, name in ran.optima.items()}
     for name, estimate in ran.estimates.items():
         try:
-            score = evaluate(truth, recording, estimate, best.get(estimate.kind), best.get("smoothed"))
+            score = evaluate(
+                _at_steps_of(truth, estimators.get(name)),
+                recording,
+                estimate,
+                best.get(estimate.kind),
+                best.get("smoothed"),
+            )
         except UserError as error:
             failures[name] = f"estimator {name}: {error}"
             continue
-        scores[name] = score if estimate.seconds is not None else replace(score, seconds_total=ran.seconds.get(name))
+        scores[name] = score if estimate.seconds is not None else score.timed(ran.seconds.get(name))
     if not scores and failures:
         raise UserError(next(iter(failures.values())))
     estimates = {name: ran.estimates[name] for name in scores}
     found = tuple(f"{name}: {remark}" for name in scores for remark in ran.remarks.get(name, ()))
     stand_ins = tuple(ran.stand_ins)
     return Comparison(truth, recording, estimates, scores, ran.optima, failures, stand_ins, found)
+
+
+def _at_steps_of(truth: Truth | None, estimator: Estimator | None) -> Truth | None:
+    """Return the truth without poses at steps of which a stored estimate has no pose of its own."""
+    own = None if estimator is None else own_steps_of(estimator)
+    if truth is None or truth.poses is None or own is None:
+        return truth
+    return replace(truth, poses=np.where(own[:, None], truth.poses, np.nan))
 
 
 def metrics(
@@ -169,28 +183,41 @@ def digest(recording: Recording) -> str:
     return total.hexdigest()
 
 
-def table(comparison: Comparison) -> Page:
-    """Return the scores as a table, filtered estimates before smoothed ones, with notes below.
+def run_table(
+    scores: Mapping[str, Mapping[str, Any]], doubtful: Collection[Kind] = (), failed: Iterable[str] = ()
+) -> Table:
+    """Return the scores, or their entries in metrics.json, as a table, filtered estimates before smoothed ones.
 
-    Figures relative to an optimum in doubt are marked.
+    Figures relative to an optimum in doubt are marked, and estimators without a score follow.
     """
-    found = columns("run")
-    optima = {kind: comparison.estimates[name] for kind, name in comparison.optima.items()}
-    doubtful = {kind for kind, optimum in optima.items() if is_in_doubt(optimum.optimum_check) or is_misfit(optimum)}
-    rows = [["estimator", "kind", *(title for title, _, _ in found)]]
-    for name, score in sorted(comparison.scores.items(), key=lambda item: item[1].kind):
-        cells = [cell(score.figure(key), form) for _, key, form in found]
+    found = heads("run")
+    rows: list[list[Cell | str]] = []
+    for name, score in sorted(scores.items(), key=lambda item: item[1]["kind"]):
+        cells = figures(score, found)
         if doubtful:
+            is_marked = score["kind"] in doubtful
             cells = [
-                marked(text, MARK, is_marked=score.kind in doubtful) if key in RELATIVE else text
-                for text, (_, key, _) in zip(cells, found, strict=True)
+                marked(each, MARK, is_marked=is_marked) if is_relative(head.key) else each
+                for each, head in zip(cells, found, strict=True)
             ]
-        rows.append([name, score.kind, *cells])
-    rows += [[name, "failed", *("-" for _ in found)] for name in comparison.failures]
+        rows.append([name, score["kind"], *cells])
+    rows += [[name, "failed", *(NO_FIGURE for _ in found)] for name in failed]
+    return Table.of([ESTIMATOR, KIND, *found], rows, "Metrics of the whole run; click a column title to sort", "scores")
+
+
+def doubtful_kinds(optima: Mapping[Kind, Estimate]) -> set[Kind]:
+    """Return the kinds of estimates whose optimum is in doubt."""
+    return {kind for kind, each in optima.items() if is_in_doubt(each.optimum_check) or is_misfit(each)}
+
+
+def table(comparison: Comparison) -> Page:
+    """Return the scores as a table, with notes below."""
+    optima = {kind: comparison.estimates[name] for kind, name in comparison.optima.items()}
+    scores = run_table(comparison.scores, doubtful_kinds(optima), comparison.failures)
     notes = [*remarks(comparison), *optimum_notes(comparison)]
-    verdicts = verdict_lines({name: score.verdict for name, score in comparison.scores.items()})
+    verdicts = verdict_lines({name: score["verdict"] for name, score in comparison.scores.items()})
     verdicts += _verdicts_without_truth(comparison)
-    return Page((Grid(rows, words=2, names=FULL_NAMES), *notes, *verdicts, *comparison.failures.values()))
+    return Page((scores, *notes, *verdicts, *comparison.failures.values()))
 
 
 def tested_without_truth(comparison: Comparison, twins: int) -> Comparison:
@@ -211,7 +238,7 @@ def remarks(comparison: Comparison) -> list[str]:
     """Return notes on the run: first that it is one run, then the optima's associations and empty columns."""
     scores = comparison.scores.values()
     optima = sorted(comparison.optima.values())
-    is_scored = any(score.ate_m is not None for score in scores)
+    is_scored = any(score["ate_m"] is not None for score in scores)
     found = [single_run(comparison.study) if is_scored else None]
     found.append(misfits([name for name in optima if is_misfit(comparison.estimates[name])]))
     if not len(comparison.recording.observation):
@@ -220,7 +247,7 @@ def remarks(comparison: Comparison) -> list[str]:
         found.append(under_associations(comparison.stand_ins))
     else:
         found.append(without_misleading(optima, comparison.truth))
-    found += empty_columns("run", lambda key: all(score.figure(key) is None for score in scores))
+    found += empty_columns(heads("run"), lambda key: all(score[key] is None for score in scores))
     return [line for line in found if line]
 
 

@@ -8,13 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from slamgauge.arrays import Float, chunks
-from slamgauge.compare.scoring.intervals import ROUNDING
-from slamgauge.compare.scoring.nan_stats import mean
-from slamgauge.compare.scoring.trajectory_error import pose_errors
 from slamgauge.errors import UserError
-from slamgauge.estimate import Estimate
-from slamgauge.recording import Recording
-from slamgauge.truth import Truth
 
 SINGULAR = 1e-9  # largest smallest eigenvalue of a correlation matrix that may be rounding (as in `validation`)
 LARGEST = 1e100  # limit of distances, so that sums of their squares are finite, as result files require
@@ -65,13 +59,6 @@ def _eliminate(C: Float, e: Float) -> tuple[Float, Float]:
     return total, determinant
 
 
-def sigma_ratios(covs: Float, optimum_covs: Float) -> Float:
-    """Return ratios (n, d) of standard deviations, filter over optimum; NaN if the optimum's is not above ROUNDING."""
-    variances, optimal = (np.diagonal(stack, axis1=1, axis2=2) for stack in (covs, optimum_covs))
-    both = (variances > 0) & (optimal > ROUNDING**2)
-    return np.sqrt(np.divide(variances, optimal, out=np.full(variances.shape, np.nan), where=both))
-
-
 def chi2_band(level: float, dof: float) -> tuple[float, float]:
     """Return the two-sided interval that contains a chi-square variable of `dof` with probability `level`.
 
@@ -114,25 +101,3 @@ def _log_scores(errors: Float, covs: Float) -> Float:
     log_det = np.linalg.slogdet(correlations)[1] + 2 * np.log(sigmas).sum(axis=1)
     scores[regular] = (nees[regular] + log_det + errors.shape[1] * math.log(2 * math.pi)) / 2
     return scores
-
-
-# --- for the catalogue ---------------------------------------------------------------------------
-
-
-def coverage(level: float) -> Callable[[Truth, Recording, Estimate], float | None]:
-    """Return a function for the share of the positions inside their ellipses of probability `level`."""
-
-    def share(truth: Truth, _: Recording, estimate: Estimate) -> float | None:
-        if truth.poses is None or estimate.pose_covs is None:
-            return None
-        errors = pose_errors(truth.poses, estimate.poses)[:, :2]
-        return mean(is_inside(squared_mahalanobis(errors, estimate.pose_covs[:, :2, :2]), level))
-
-    return share
-
-
-def log_score(truth: Truth, _recording: Recording, estimate: Estimate) -> float | None:
-    """Return the mean log score of the poses [nats per step]."""
-    if truth.poses is None or estimate.pose_covs is None:
-        return None
-    return mean(log_scores(pose_errors(truth.poses, estimate.poses), estimate.pose_covs))

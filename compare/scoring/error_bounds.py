@@ -84,7 +84,7 @@ def _mean_below(name: str, remedy: str, scores: list[Score], bound: float | None
         return ""
     if not bound > 0:
         raise UserError(f"max_{name} = {bound}: no error can keep it; give a bound > 0")
-    figures: list[float | None] = [getattr(score, name) for score in scores]
+    figures: list[float | None] = [score[name] for score in scores]
     known = [figure for figure in figures if figure is not None]
     if len(known) < len(figures):
         return _missing(name, len(figures) - len(known), len(figures), remedy)
@@ -95,7 +95,7 @@ def _mean_below(name: str, remedy: str, scores: list[Score], bound: float | None
 def _ratio_below(scores: list[Score], bound: float | None) -> str:
     """Return why the ratio to the optimum fails its bound, or that the optimum is in doubt, or nothing."""
     verdict = _mean_below("ratio_to_optimum", "evaluate with a Truth and an optimum", scores, bound)
-    checks = [score.yardstick_check_sigma for score in scores]
+    checks = [score["yardstick_check_sigma"] for score in scores]
     if len(checks) == 1:
         doubt = distance_from_optimum("the optimum", checks[0])
     else:
@@ -116,12 +116,12 @@ def _nees_inside(scores: list[Score], level: float) -> str:
 
 
 def _nis_inside(scores: list[Score], level: float) -> str:
-    dof = sum(score.nis_dof_total for score in scores)
-    missing = sum(score.nis_dof_total <= 0 for score in scores)
+    dof = sum(score["nis_dof_total"] for score in scores)
+    missing = sum(score["nis_dof_total"] <= 0 for score in scores)
     band = chi2_band(level, max(dof, 1))
     if missing:
         return _missing("NIS", missing, len(scores), "return an Estimate with nis and nis_dof")
-    return _outside(f"NIS per degree of freedom{_runs(scores)}", sum(s.nis_total for s in scores), band, dof, level)
+    return _outside(f"NIS per degree of freedom{_runs(scores)}", sum(s["nis_total"] for s in scores), band, dof, level)
 
 
 def _outside(name: str, total: float, band: tuple[float, float], count: int, level: float) -> str:
@@ -193,7 +193,7 @@ def against_reference(scores: Sequence[Score], reference: Sequence[Score]) -> Ag
 
 def ates(scores: Sequence[Score]) -> Float:
     """Return the ATE [m] of runs (R,), NaN if undefined."""
-    return np.array([each.ate_m for each in scores], dtype=np.float64)
+    return np.array([each["ate_m"] for each in scores], dtype=np.float64)
 
 
 def late_nees(scores: Sequence[Score]) -> Float:

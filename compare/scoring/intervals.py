@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,7 +14,8 @@ LEVEL = 0.95
 ROUNDING = 1e-9  # m, rad: errors and sigmas of an optimum below this are rounding, so nothing is divided by them
 
 
-class Interval(NamedTuple):
+@dataclass(frozen=True)
+class Interval:
     """A figure and its interval; a single run has no interval (None)."""
 
     mean: float
@@ -22,7 +23,8 @@ class Interval(NamedTuple):
     high: float | None
 
 
-class Paired(NamedTuple):
+@dataclass(frozen=True)
+class Paired:
     """Comparison of the means of two estimators on the same runs.
 
     Attributes:
@@ -36,11 +38,6 @@ class Paired(NamedTuple):
     difference: Interval
     ratio: Interval | None
     p_value: float | None
-
-    def to_json(self) -> dict[str, Any]:
-        """Return plain numbers and None."""
-        ratio = None if self.ratio is None else self.ratio._asdict()
-        return {**self._asdict(), "difference": self.difference._asdict(), "ratio": ratio}
 
 
 def mean_interval(values: Float, level: float = LEVEL) -> Interval | None:

@@ -22,12 +22,9 @@ class AssociationFigures(NamedTuple):
     """
 
     wrong_associations: int | None = None
-    observations_rejected: int | None = None
     landmarks_true: int | None = None
     landmarks_missed: int | None = None
     landmarks_spurious: int | None = None
-    track_purity: float | None = None
-    track_purity_min: float | None = None
 
 
 def true_landmarks(truth: Truth, recording: Recording, estimate: Estimate) -> tuple[Int, Float]:
@@ -57,26 +54,19 @@ def association_figures(truth: Truth, recording: Recording, estimate: Estimate) 
     """Return the figures; a track belongs to the landmark from which most of its observations come."""
     given, true = estimate.association, truth.association
     if true is None:
-        return AssociationFigures(observations_rejected=None if given is None else int(np.sum(given == NOBODY)))
+        return AssociationFigures()
     observed = _landmarks_of(true)
     owners = true_landmarks(truth, recording, estimate)[0]
     known = given is not None or recording.landmark is not None
-    figures = AssociationFigures(
+    wrong = None
+    if given is not None:
+        names, counts, landmark = _main_landmarks(true, recording, estimate)
+        wrong = int(counts.sum() - np.where(landmark[:, None] == names, counts, 0).sum())
+    return AssociationFigures(
+        wrong_associations=wrong,
         landmarks_true=len(observed),
         landmarks_missed=int(np.sum(~np.isin(observed, owners))) if known else None,
         landmarks_spurious=int(np.sum(~np.isin(owners, observed))) if known else None,
-    )
-    if given is None:
-        return figures
-    names, counts, landmark = _main_landmarks(true, recording, estimate)
-    right = np.where(landmark[:, None] == names, counts, 0).sum()
-    totals = counts.sum(axis=1)
-    purity = counts.max(axis=1, initial=0)[totals > 0] / totals[totals > 0]
-    return figures._replace(
-        wrong_associations=int(counts.sum() - right),
-        observations_rejected=int(np.sum(given == NOBODY)),
-        track_purity=float(purity.mean()) if len(purity) else None,
-        track_purity_min=float(purity.min()) if len(purity) else None,
     )
 
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 
-from slamgauge.arrays import Float, Int, chunks, distinct
+from slamgauge.arrays import Int, chunks, distinct
+from slamgauge.compare.scoring.measured import Measured
 from slamgauge.compare.scoring.nan_stats import number
 from slamgauge.recording import Recording
 from slamgauge.truth import NOBODY, Truth
@@ -15,7 +16,8 @@ ABSENCE = 10.0  # least time [s] without an observation of the landmark
 ROUNDING = 1e-6  # rounding error [s] of stamps such as 0.1 k
 
 
-class LoopClosure(NamedTuple):
+@dataclass(frozen=True)
+class LoopClosure:
     """Position error and uncertainty at a loop closure; None if unknown.
 
     `error_before_m` and `sigma_before_m` are those of the pose before `step`, the others those of the pose at `step`.
@@ -51,9 +53,13 @@ def closure_steps(truth: Truth | None, recording: Recording) -> Int | None:
     return np.unique(np.concatenate(found))
 
 
-def describe_closures(steps: Int, errors: Float, sigmas: Float) -> tuple[LoopClosure, ...]:
-    """Return the closures at `steps`, from position errors and sigmas (N+1,) [m] that may be NaN."""
-    before_and_after = np.column_stack([errors[steps - 1], errors[steps], sigmas[steps - 1], sigmas[steps]])
+def loop_closures(found: Measured) -> tuple[LoopClosure, ...] | None:
+    """Return errors and sigmas of an estimate at its loop closures; None without ids."""
+    steps = closure_steps(found.truth, found.recording)
+    if steps is None:
+        return None
+    sigmas = np.sqrt((found.covs[:, 0, 0] + found.covs[:, 1, 1]).clip(min=0))
+    before_and_after = np.column_stack([found.off[steps - 1], found.off[steps], sigmas[steps - 1], sigmas[steps]])
     return tuple(
         LoopClosure(step, *map(number, figures))
         for step, figures in zip(steps.tolist(), before_and_after.tolist(), strict=True)

@@ -7,12 +7,10 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from slamgauge.compare.scoring.aggregation import OverRuns
-from slamgauge.estimate import Estimate
-from slamgauge.recording import Recording
-from slamgauge.truth import Truth
+from slamgauge.compare.scoring.measured import Measured
 
-Table = Literal["run", "study", "sweep"]
-Measure = Callable[[Truth, Recording, Estimate], Any]  # returns a figure, or JSON of several; None: unknown
+TableName = Literal["run", "study", "sweep"]
+Measure = Callable[[Measured], Any]  # returns a figure, or several as a dataclass or a tuple; None: unknown
 UNITS = {"_m": "m", "_rad": "rad"}  # units of keys with these endings
 
 
@@ -50,20 +48,18 @@ class Metric:
     Attributes:
         key: name in metrics.json, summary.json and the store of a study.
         help: meaning, in a sentence.
-        scored: whether single runs have it, in metrics.json.
+        measure: function that computes it for a run; None: single runs do not have it.
+        over_runs: function that aggregates it over runs; None: not in summary.json.
         stored: whether studies store it for every run.
-        over_runs: how summary.json aggregates it over runs; None: not in summary.json.
         column: column in tables; None: in no table.
-        measure: function that computes it, if `Score` has no field for it.
     """
 
     key: str
     help: str
-    scored: bool = False
-    stored: bool = False
-    over_runs: OverRuns | None = None
-    column: Column | None = None
     measure: Measure | None = None
+    over_runs: OverRuns | None = None
+    stored: bool = False
+    column: Column | None = None
 
     @property
     def unit(self) -> str:

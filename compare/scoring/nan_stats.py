@@ -24,3 +24,8 @@ def rms(values: Float) -> float | None:
     """Return the root mean square of the entries that are not NaN; None without entries or if it is infinite."""
     square = mean(np.square(values))
     return None if square is None else math.sqrt(square)
+
+
+def lengths(vectors: Float) -> Float:
+    """Return the lengths (n,) of vectors (n, d)."""
+    return np.linalg.norm(vectors, axis=1)

@@ -1,15 +1,18 @@
-"""Quality of an optimum: whether it is the optimum, whether the model fits, which observations it leaves out."""
+"""Quality of an optimum (is it the optimum, does its model fit, what does it leave out), and figures relative to it."""
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.compare.scoring.consistency import chi2_band
-from slamgauge.compare.scoring.intervals import Interval
-from slamgauge.compare.scoring.nan_stats import mean
+from slamgauge.compare.scoring.consistency import chi2_band, log_scores, squared_mahalanobis
+from slamgauge.compare.scoring.intervals import ROUNDING, Interval
+from slamgauge.compare.scoring.measured import Measured, pose_covs_of
+from slamgauge.compare.scoring.nan_stats import mean, number, rms
+from slamgauge.compare.scoring.trajectory_error import distances, pose_errors
 from slamgauge.estimate import Estimate
-from slamgauge.recording import Recording
 from slamgauge.truth import NOBODY, Truth
 
 MISFIT_LEVEL = 0.999  # probability of the two-sided chi-square band outside of which residuals are implausible
@@ -53,18 +56,39 @@ def unused_observations(truth: Truth, optimum: Estimate) -> int | None:
 # --- for the catalogue ---------------------------------------------------------------------------
 
 
-def check_sigma(_truth: Truth, _recording: Recording, estimate: Estimate) -> float | None:
-    """Return the check of a causal optimum; infinite if there was nothing to compare it with."""
-    return estimate.optimum_check
-
-
-def chi_square_per_dof(_truth: Truth, _recording: Recording, estimate: Estimate) -> float | None:
+def chi_square_per_dof(estimate: Estimate) -> float | None:
     """Return chi2/dof of an optimum; None without a degree of freedom."""
     if estimate.chi_square is None or not estimate.chi_square_dof:
         return None
     return estimate.chi_square / estimate.chi_square_dof
 
 
-def observations_left_out(truth: Truth, _recording: Recording, estimate: Estimate) -> int | None:
-    """Return `unused_observations` of an optimum; filters have none."""
-    return None if estimate.chi_square is None else unused_observations(truth, estimate)
+def ratio_to_optimum(found: Measured) -> float | None:
+    """Return the ATE over that of the optimum; None if the latter is not above ROUNDING."""
+    if found.optimum is None:
+        return None
+    ate, best = rms(found.off), rms(distances(pose_errors(found.reference, found.optimum.poses)))
+    return ate / best if ate is not None and best is not None and best > ROUNDING else None
+
+
+def mahalanobis_to_optimum(found: Measured) -> float | None:
+    """Return the mean squared Mahalanobis distance of the poses to those of the optimum, under its covariance."""
+    if found.optimum is None:
+        return None
+    differences = pose_errors(found.optimum.poses, found.estimate.poses)
+    return mean(squared_mahalanobis(differences, pose_covs_of(found.optimum)))
+
+
+def log_score_to_optimum(found: Measured) -> float | None:
+    """Return the mean difference of the log scores to those of the optimum [nats per step]."""
+    if found.optimum is None:
+        return None
+    best = log_scores(pose_errors(found.reference, found.optimum.poses), pose_covs_of(found.optimum))
+    return mean(found.log_scores - best)
+
+
+def final_distance_to_batch(found: Measured) -> float | None:
+    """Return the distance of the last position from that of the hindsight optimum [m]."""
+    if found.batch is None:
+        return None
+    return number(math.dist(found.estimate.poses[-1, :2], found.batch.poses[-1, :2]))

@@ -12,10 +12,10 @@ import numpy as np
 
 from slamgauge.compare.scoring.consistency import chi2_band, squared_mahalanobis
 from slamgauge.compare.scoring.intervals import LEVEL, Interval
+from slamgauge.compare.scoring.measured import pose_covs_of
 from slamgauge.compare.scoring.nan_stats import mean
 from slamgauge.compare.scoring.optimum_figures import CHECK_LIMIT, is_in_doubt, is_misfit, unused_observations
-from slamgauge.compare.scoring.scores import pose_covs_of
-from slamgauge.compare.scoring.text_table import interval_cell
+from slamgauge.compare.scoring.table import interval_cell
 from slamgauge.compare.scoring.trajectory_error import pose_errors
 from slamgauge.display import counted
 from slamgauge.estimate import Estimate

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from dataclasses import astuple, dataclass, fields
 
 import numpy as np
 
@@ -18,7 +18,8 @@ from slamgauge.truth import Truth
 FAR_OFF = 9.0  # squared Mahalanobis distance of three sigma
 
 
-class RayFigures(NamedTuple):
+@dataclass(frozen=True)
+class RayFigures:
     """Counts of one run, or means over runs; None if unknown.
 
     Attributes:
@@ -31,12 +32,15 @@ class RayFigures(NamedTuple):
         left: rays that are still rays at the end.
     """
 
-    members: float
-    collapsed: float
+    members: float | None
+    collapsed: float | None
     wrong: float | None
     off: float | None
-    lost: float
-    left: float
+    lost: float | None
+    left: float | None
+
+
+RAY_FIGURES = tuple(each.name for each in fields(RayFigures))
 
 
 def ray_figures(truth: Truth, recording: Recording, estimate: Estimate) -> RayFigures | None:
@@ -98,6 +102,4 @@ def mean_figures(runs: Sequence[RayFigures | None]) -> RayFigures | None:
     known = [each for each in runs if each is not None]
     if not known:
         return None
-    members, collapsed, wrong, off, lost, left = (mean(column) for column in np.array(known, dtype=np.float64).T)
-    assert members is not None and collapsed is not None and lost is not None and left is not None
-    return RayFigures(members, collapsed, wrong, off, lost, left)
+    return RayFigures(*map(mean, np.array([astuple(each) for each in known], dtype=np.float64).T))

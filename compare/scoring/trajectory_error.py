@@ -1,4 +1,4 @@
-"""Errors of a path relative to a reference path: by pose, by step, by distance, and after alignment.
+"""Errors of a path relative to a reference path, without alignment: by pose, by step, by distance.
 
 Rows of the reference that are NaN give NaN.
 """
@@ -6,17 +6,13 @@ Rows of the reference that are NaN give NaN.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from slamgauge.arrays import Float, Int, chunks
 from slamgauge.compare.scoring.nan_stats import rms
-from slamgauge.estimate import Estimate
-from slamgauge.recording import Recording
-from slamgauge.se2 import between, rotation, wrap
-from slamgauge.truth import Truth
+from slamgauge.se2 import between, wrap
 
 LENGTHS = (1.0, 2.0, 5.0)  # lengths of segments, times powers of ten [m]
 LONGEST = 0.5  # longest segment, as a share of the true path: at least half of the poses begin one
@@ -54,34 +50,11 @@ def _motion_errors(reference: Float, poses: Float, begin: slice, end: slice | In
     return between(poses[begin], poses[end]) - between(reference[begin], reference[end])
 
 
-def aligned_errors(positions: Float, reference: Float) -> Float:
-    """Return the differences (n, 2) [m] of `positions` from `reference` after alignment; NaN in gaps of the reference.
-
-    The alignment is a rigid motion in SE(2), without scale and reflection, with the least sum of squares where the
-    reference is defined; a path without extent is translated only (Horn 1987, the planar case in closed form). All
-    positions are relative to the first reference, since far from the world's origin doubles have fewer digits.
-    """
-    known = np.asarray(np.isfinite(reference).all(axis=1))
-    if not known.any():
-        return np.full(positions.shape, np.nan)
-    return _aligned(positions, reference, known) - (reference - reference[known][0])
-
-
-def _aligned(positions: Float, reference: Float, known: NDArray[np.bool_]) -> Float:
-    """Return `positions` (n, 2) aligned to the `known` rows of `reference`, relative to the first of these."""
-    first, rows = known.argmax(), slice(None) if known.all() else known  # a slice needs no copies
-    positions, goal = positions - positions[first], reference[rows] - reference[first]
-    center, target = positions[rows].mean(axis=0), goal.mean(axis=0)
-    source = positions[rows] - center
-    goal -= target
-    sine = np.sum(source[:, 0] * goal[:, 1] - source[:, 1] * goal[:, 0])
-    return (positions - center) @ rotation(np.arctan2(sine, np.sum(source * goal))).T + target
-
-
 # --- by distance ---------------------------------------------------------------------------------
 
 
-class RelativeError(NamedTuple):
+@dataclass(frozen=True)
+class RelativeError:
     """Root mean squares over all segments of the true path with the same length.
 
     Attributes:
@@ -97,18 +70,18 @@ class RelativeError(NamedTuple):
     pieces: int
 
 
-def relative_errors(truth: Truth, _recording: Recording, estimate: Estimate) -> list[dict[str, float | None]] | None:
-    """Return a `RelativeError` for 1, 2, 5, 10, ... m up to half of the path; None without true poses.
+def relative_errors(true_poses: Float | None, estimated: Float) -> list[RelativeError] | None:
+    """Return the errors over 1, 2, 5, 10, ... m up to half of the path of poses (N+1, 3); None without true poses.
 
     A segment begins at every pose with truth and ends at the first pose so far along (Geiger et al. 2012, KITTI).
     """
-    if truth.poses is None:
+    if true_poses is None:
         return None
-    known = np.isfinite(truth.poses).all(axis=1) & np.isfinite(estimate.poses).all(axis=1)
+    known = np.isfinite(true_poses).all(axis=1) & np.isfinite(estimated).all(axis=1)
     rows = slice(None) if known.all() else known  # a slice needs no copies
-    reference, poses = truth.poses[rows], estimate.poses[rows]
+    reference, poses = true_poses[rows], estimated[rows]
     way = np.concatenate([[0.0], np.hypot(*np.diff(reference[:, :2], axis=0).T).cumsum()])[: len(reference)]
-    found: list[dict[str, float | None]] = []
+    found: list[RelativeError] = []
     for distance in _lengths(float(way[-1]) if len(way) else 0.0):
         end = np.searchsorted(way, way + distance * (1 - 1e-9))
         end = end[: np.searchsorted(end, len(way))]  # last pose of the segments that begin at poses 0, 1, ...
@@ -116,7 +89,7 @@ def relative_errors(truth: Truth, _recording: Recording, estimate: Estimate) -> 
         for begin in chunks(len(end)):
             motions = _motion_errors(reference, poses, begin, end[begin])
             errors[:, begin] = np.hypot(*motions[:, :2].T), wrap(motions[:, 2])
-        found.append(RelativeError(distance, rms(errors[0]), rms(errors[1]), len(end))._asdict())
+        found.append(RelativeError(distance, rms(errors[0]), rms(errors[1]), len(end)))
     return found
 
 

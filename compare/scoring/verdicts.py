@@ -18,8 +18,9 @@ import numpy as np
 
 from slamgauge.compare.estimators.registry import OPTIMA, REGISTRY
 from slamgauge.compare.scoring.aggregation import late_coverage, late_means, total_nis
-from slamgauge.compare.scoring.consistency import chi2_band
+from slamgauge.compare.scoring.consistency import chi2_band, is_inside
 from slamgauge.compare.scoring.intervals import Interval, mean_interval, ratio_interval
+from slamgauge.compare.scoring.measured import Measured
 from slamgauge.compare.scoring.nan_stats import mean
 from slamgauge.compare.scoring.optimum_figures import is_misfit_in_runs, share_of_doubt
 from slamgauge.compare.scoring.runs import Runs, paired_figures
@@ -190,6 +191,21 @@ def _cause(evidence: Evidence) -> str:
 
 
 # --- for the catalogue ---------------------------------------------------------------------------
+
+
+def verdict_on_run(found: Measured) -> str | None:
+    """Return the verdict on a single run."""
+    nees = mean(found.nees)
+    dof = found.nis_dof_total
+    evidence = Evidence(
+        runs=1,
+        nees_per_dof=None if nees is None else nees / 3,
+        coverage_95=mean(is_inside(found.nees_position, 0.95)),
+        nis_per_dof=found.nis_total / dof if dof > 0 else None,
+        nis_dof=dof,
+        wrong_associations=found.associations.wrong_associations,
+    )
+    return verdict(evidence)
 
 
 def verdict_over_runs(runs: Runs, others: Mapping[str, Runs]) -> str | None:

@@ -13,12 +13,11 @@ from slamgauge.memory import give_back
 Drawing = Callable[[Path], object]  # writes its files into the given folder
 
 
-def decorate(out: Path, beside: str, drawings: Mapping[str, Drawing], writes: Sequence[str]) -> bool:
+def decorate(out: Path, drawings: Mapping[str, Drawing], writes: Sequence[str]) -> bool:
     """Draw pictures of the results in `out` and publish them; print one line for each drawing that fails.
 
     Args:
         out: Folder of the results.
-        beside: Main file of the results. If another command replaces it meanwhile, nothing is published.
         drawings: Functions that draw, by the name of their files without extension.
         writes: Every file that these drawings may write. Old files of slamgauge that are not drawn now are removed.
 
@@ -28,7 +27,7 @@ def decorate(out: Path, beside: str, drawings: Mapping[str, Drawing], writes: Se
     lost: list[str] = []
     give_back()
     try:
-        with staged_folder(out, writes, last="", beside=beside) as stage:
+        with staged_folder(out, writes, last="") as stage:
             for name, draw in drawings.items():
                 try:
                     draw(stage)

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
-import codecs
 import errno
 import json
-from collections.abc import Generator, Mapping
+import lzma
+import struct
+import tokenize
+import zipfile
+import zlib
+from collections.abc import Generator
 from contextlib import contextmanager
 from dataclasses import MISSING, fields, is_dataclass
 from pathlib import Path
@@ -13,12 +17,9 @@ from types import NoneType
 from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 import numpy as np
-from numpy.typing import NDArray
 
 from slamgauge.arrays import Float, chunks
 from slamgauge.compare.storage.covariance_columns import upper_triangles
-from slamgauge.compare.storage.npz_file import NONE_KNOWN, read_npz
-from slamgauge.compare.storage.regular_files import read_bytes
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, MapHistory, RayLog
 from slamgauge.notices import tell_once
@@ -28,6 +29,10 @@ from slamgauge.truth import Truth
 Record = TypeVar("Record", Recording, Truth, Estimate)
 
 LONGEST_WORD = 40  # characters
+DAMAGED = (  # errors of zipfile and numpy at damaged or foreign files
+    *(ValueError, TypeError, AttributeError, EOFError, LookupError, OverflowError, MemoryError, RuntimeError),
+    *(SyntaxError, struct.error, tokenize.TokenError, zipfile.BadZipFile, zlib.error, lzma.LZMAError),
+)
 RECORDS_WITHIN: set[type[object]] = {RayLog, MapHistory}  # records inside an `Estimate`
 
 
@@ -44,22 +49,21 @@ def explained(path: str | Path, verb: str) -> Generator[None]:
 
 
 def read_text(path: Path) -> str:
-    """Return the text of a file in UTF-8, with or without a byte order mark, or in UTF-16 with one.
+    """Return the text of a file in UTF-8, with or without a byte order mark.
 
     Raises:
         UserError: it cannot be read, or is not a text; with the line.
     """
     with explained(path, "read"):
-        content = read_bytes(path)
-    utf_16 = content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))  # "Unicode text" of spreadsheets
+        content = path.read_bytes()
     try:
-        text = content.decode("utf-16" if utf_16 else "utf-8-sig")
+        text = content.decode("utf-8-sig")
         broken = text.find("\0")
-        above = text.count("\n", 0, max(broken, 0))
     except UnicodeDecodeError as error:
-        text, broken, above = "", error.start, content.count(b"\n", 0, error.start)
+        text, broken = "", error.start
     if broken >= 0:
-        raise UserError(f"{path}, line {above + 1}: not a text in UTF-8; give another file, or save it as such")
+        line = 1 + content.count(b"\n", 0, broken)
+        raise UserError(f"{path}, line {line}: not a text in UTF-8; give another file, or save it as such")
     return text
 
 
@@ -75,7 +79,9 @@ def of_this_version(path: Path) -> Generator[None]:
     """Turn a missing key or wrong type in the content of `path` into a one-line `UserError`."""
     try:
         yield
-    except (LookupError, TypeError, AttributeError):
+    except UserError:
+        raise
+    except (LookupError, TypeError, ValueError, AttributeError):
         raise UserError(f"{path}: written by another version, or changed by hand; run its command again") from None
 
 
@@ -174,7 +180,7 @@ def read_json(path: Path, command: str) -> Any:
         UserError: If the file cannot be read or is not JSON.
     """
     with explained(path, "read"):
-        text = read_bytes(path)
+        text = path.read_bytes()
     try:
         return json.loads(text)
     except ValueError:
@@ -182,8 +188,11 @@ def read_json(path: Path, command: str) -> Any:
 
 
 def _load(path: str | Path, kind: type[Record], recording: Recording | None = None) -> Record:
+    values = _read(path)
     ids = None if recording is None else recording.landmark
-    return _made(path, kind, _read(path, {} if ids is None else {"association": ids}))
+    if ids is not None and "association" in values and np.array_equal(values["association"], ids):
+        values["association"] = ids
+    return _made(path, kind, values)
 
 
 def _made(path: str | Path, kind: type[Any], values: dict[str, Any], within: str = "") -> Any:
@@ -202,7 +211,7 @@ def _made(path: str | Path, kind: type[Any], values: dict[str, Any], within: str
         if names:
             found = f"it {verdict} {', '.join(sorted(f'{within}{name}' for name in names))}"
             raise UserError(f"{path}: not a {kind.__name__}, {found}; give another file")
-    texts = {field: _word(path, field, values[field]) for field, hint in hints.items() if get_origin(hint) is Literal}
+    texts = {field: str(values[field]) for field, hint in hints.items() if get_origin(hint) is Literal}
     arguments: dict[str, Any] = dict.fromkeys(optional) | values | texts
     try:
         return kind(**arguments)
@@ -210,13 +219,14 @@ def _made(path: str | Path, kind: type[Any], values: dict[str, Any], within: str
         raise UserError(f"{path}: {error}") from None
 
 
-def _word(path: str | Path, field: str, value: Any) -> str:
-    word = str(value) if np.ndim(value) == 0 else ""
-    if not 0 < len(word) <= LONGEST_WORD:
-        raise UserError(f"{path}: {field} is not a short text; give another file")
-    return word
-
-
-def _read(path: str | Path, known: Mapping[str, NDArray[Any]] = NONE_KNOWN) -> dict[str, Any]:
+def _read(path: str | Path) -> dict[str, Any]:
+    """Return the arrays of an npz file by name, read-only, so that records need no copies; pickles are refused."""
     with explained(path, "read"):
-        return read_npz(Path(path), known)
+        try:
+            with np.load(path, allow_pickle=False) as archive:
+                arrays = {name: archive[name] for name in archive.files}
+        except DAMAGED:
+            raise UserError(f"{path}: not a whole npz file of plain arrays; write it again with numpy.savez") from None
+    for array in arrays.values():
+        array.setflags(write=False)
+    return arrays

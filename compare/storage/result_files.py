@@ -1,18 +1,10 @@
-"""Names of the files that commands write; commands check before they start that none would be overwritten."""
+"""Names of the files that commands write."""
 
 from __future__ import annotations
 
-import unicodedata
 from collections.abc import Iterable
 
-SQLITE_SIDE_FILES = ("-journal", "-shm", "-wal")  # SQLite creates and removes them next to a store
 LOCK = "-lock"  # next to a store that a command writes to
-SIDE_FILES = (*SQLITE_SIDE_FILES, LOCK)
-
-
-def can_be_named(name: str) -> bool:
-    """Return whether the name is free of control characters and unpaired surrogates."""
-    return not any(unicodedata.category(character) in ("Cc", "Cs") for character in name)
 
 
 def pictures(*names: str) -> tuple[str, ...]:
@@ -28,10 +20,8 @@ REPORT = "report.html"  # page that explains the results in its folder
 OUTDATED = ("estimates/*.npz", "trajectories/*.tum", "animation.*")  # files of an earlier run
 
 STORE = "study.sqlite"
-STORE_FILES = (STORE, *(f"{STORE}{ending}" for ending in SIDE_FILES))
 SUMMARY = "summary.json"
 STUDY_PICTURES = pictures("nees", "nis", "rmse", "errors", "ratios")
-STUDY_FILES = (*STORE_FILES, SUMMARY, *STUDY_PICTURES, REPORT)
 SWEEP = "sweep.json"
 SWEEP_PICTURES = pictures("sweep")
 OPTIMA = "optimum"  # folder of the stores of the optima, next to those of the values

@@ -15,19 +15,13 @@ Table = dict[str, Any]
 
 
 def parse_toml(text: str) -> Table:
-    """Parse TOML like `tomllib.loads`, with `TOMLDecodeError` also for texts beyond the limits of Python.
-
-    Raises:
-        tomllib.TOMLDecodeError: If the text is not valid TOML, is nested too deeply or has too many digits.
-    """
+    """Parse TOML like `tomllib.loads`; raise `TOMLDecodeError` also for texts beyond the limits of Python."""
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError:
         raise
-    except RecursionError:
-        raise tomllib.TOMLDecodeError("too many nested brackets for Python") from None
-    except ValueError:  # `int` rejects numbers of some thousands of digits
-        raise tomllib.TOMLDecodeError("a number has too many digits for Python") from None
+    except (RecursionError, ValueError):  # nested too deeply, or a number of some thousands of digits
+        raise tomllib.TOMLDecodeError("too many nested brackets or digits for Python") from None
 
 
 def read_toml(path: Path) -> Table:

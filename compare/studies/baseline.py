@@ -82,7 +82,7 @@ class Gate(NamedTuple):
 
     def _sentence(self, ratio: Interval, runs: int) -> str:
         """Return a ratio, its interval over the common runs, and the result."""
-        low, high = ("?" if end is None else f"{end:.3f}" for end in ratio[1:])
+        low, high = ("?" if end is None else f"{end:.3f}" for end in (ratio.low, ratio.high))
         text = f"{ratio.mean:.3f} ({low} to {high}) times the baseline's on {counted(runs, 'run')}: "
         limit = f"worse by more than {100 * self.tolerance:g} %"
         if self._is_worse(ratio):

@@ -9,11 +9,13 @@ from __future__ import annotations
 
 from collections import deque
 from concurrent.futures import Executor, Future
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from pydantic import TypeAdapter
+from pydantic_core import to_jsonable_python
 
 from slamgauge.arrays import Float
 from slamgauge.compare.estimators.loading import load
@@ -27,10 +29,10 @@ from slamgauge.compare.scoring.intervals import Interval, bootstrap_interval, me
 from slamgauge.compare.scoring.optimum_figures import chi_square_per_dof, is_misfit_in_runs, share_of_doubt
 from slamgauge.compare.scoring.optimum_notes import MARK, at_places, misfits
 from slamgauge.compare.scoring.ray_figures import RayFigures, describe, mean_figures, ray_figures
-from slamgauge.compare.scoring.text_page import Grid, Page
-from slamgauge.compare.scoring.text_table import marked
+from slamgauge.compare.scoring.table import Cell, Head, Table, from_to, marked
+from slamgauge.compare.scoring.text_page import Page
 from slamgauge.compare.scoring.trajectory_error import pose_errors, squared_distances
-from slamgauge.compare.storage.files import read_json
+from slamgauge.compare.storage.files import of_this_version, read_json
 from slamgauge.compare.storage.progress import tracked
 from slamgauge.compare.storage.provenance import origin
 from slamgauge.compare.storage.result_files import BUDGET
@@ -53,6 +55,17 @@ RUNGS = {
     FIXED_LAG: "steps before the lag are not relinearised",
     "linearisation": "linearisation of the filter",
 }
+HEADS = (
+    Head(
+        "rung",
+        help="an estimator on the same measurements, with one disadvantage more than the rung before",
+        words=True,
+    ),
+    Head("mse [m^2]", help="mean squared position error over runs and steps"),
+    Head("adds [m^2]", help="increase over the rung before: the largest possible gain there"),
+    Head("95 % interval", help="interval of the increase, bootstrapped over runs"),
+    Head("cause", help="the disadvantage that the rung adds", words=True, wraps=True),
+)
 BYTES = 1000  # memory for the results of a run
 
 
@@ -92,25 +105,14 @@ class ErrorBudget:
 
     def to_json(self) -> dict[str, Any]:
         """Return the content of budget.json; `rays` only for bearing-only filters."""
+        content: dict[str, Any] = to_jsonable_python(self, exclude={"scenario_text", "fit", "rays"})
         doubtful = self.doubtful()
-        rungs = [
-            asdict(rung) | {"increment_m2": rung.increment_m2._asdict(), "in_doubt": rung.name in doubtful}
-            for rung in self.rungs
-        ]
-        content: dict[str, Any] = {
-            **origin(self.scenario_text),
-            "scenario": self.scenario,
-            "filter": self.filter,
-            "runs": self.runs,
-            "seed": self.seed,
-            "digest": self.digest,
-            "rungs": rungs,
-            "costliest": self.costliest,
-            "chi_square_per_dof": None if self.fit is None else self.fit._asdict(),
-            "verdict": verdict(self),
-            "notes": notes(self),
-        }
-        return content if self.rays is None else {**content, "rays": self.rays._asdict()}
+        for rung in content["rungs"]:
+            rung["in_doubt"] = rung["name"] in doubtful
+        content |= origin(self.scenario_text)
+        content["chi_square_per_dof"] = to_jsonable_python(self.fit)
+        content |= {"verdict": verdict(self), "notes": notes(self)}
+        return content if self.rays is None else {**content, "rays": to_jsonable_python(self.rays)}
 
     def doubtful(self) -> set[str]:
         """Return the rungs whose addition depends on an optimum in doubt; all if the optima do not fit the noise."""
@@ -132,22 +134,8 @@ def read_budget(folder: Path) -> ErrorBudget:
     """
     path = folder / BUDGET
     content = read_json(path, "budget")
-    try:
-        rungs = tuple(
-            Rung(each["name"], each["mse_m2"], Interval(**each["increment_m2"]), each["optimum_check_share"])
-            for each in content["rungs"]
-        )
-        fit, rays = content["chi_square_per_dof"], content.get("rays")
-        return ErrorBudget(
-            *(content["scenario"], content["filter"], content["runs"], rungs, content["costliest"]),
-            fit=None if fit is None else Interval(**fit),
-            rays=None if rays is None else RayFigures(**rays),
-            scenario_text=content["scenario_text"],
-            seed=content.get("seed"),
-            digest=content.get("digest"),
-        )
-    except (KeyError, TypeError):
-        raise UserError(f"{path}: not what `slamgauge budget` writes; run it again") from None
+    with of_this_version(path):
+        return TypeAdapter(ErrorBudget).validate_python({**content, "fit": content["chi_square_per_dof"]})
 
 
 class RungErrors(NamedTuple):
@@ -249,7 +237,7 @@ def rung_errors(scenario: Scenario, seed: int, chosen: str | Asked, lag: int | N
     assert truth.poses is not None
     errors = np.array([squared_distances(pose_errors(truth.poses, each.poses)).mean() for each in rungs])
     checks = np.array([each.optimum_check for each in rungs], dtype=np.float64)
-    fit = chi_square_per_dof(truth, exact, hindsight)
+    fit = chi_square_per_dof(hindsight)
     return RungErrors(errors, checks, np.nan if fit is None else fit, ray_figures(truth, recording, estimate))
 
 
@@ -259,16 +247,20 @@ def _run(name: str, recording: Recording) -> Estimate:
 
 def budget_table(budget: ErrorBudget) -> Page:
     """Return the table of the rungs, the verdict and the notes."""
-    rows = [("rung", "mse [m^2]", "adds [m^2]", "95 % interval", "cause")]
-    doubtful = budget.doubtful()
+    return Page((rung_table(budget), "", verdict(budget), *notes(budget)))
+
+
+def rung_table(budget: ErrorBudget) -> Table:
+    """Return the errors of the rungs."""
+    doubtful, rows = budget.doubtful(), list[list[Cell | str]]()
     for rung in budget.rungs:
-        added, low, high = rung.increment_m2
-        interval = "-" if low is None or high is None else f"{low:+.5f} to {high:+.5f}"
-        adds = f"{added:+.5f}"
+        added = rung.increment_m2
+        adds = Cell(f"{added.mean:+.5f}", added.mean)
         if doubtful:
             adds = marked(adds, MARK, is_marked=rung.name in doubtful)
-        rows.append((rung.name, f"{rung.mse_m2:.5f}", adds, interval, RUNGS[rung.name]))
-    return Page((Grid(rows, words=(0, 4), sentences=4), "", verdict(budget), *notes(budget)))
+        interval = from_to(added.low, added.high, "{:+.5f}")
+        rows.append([rung.name, Cell(f"{rung.mse_m2:.5f}", rung.mse_m2), adds, interval, RUNGS[rung.name]])
+    return Table.of(HEADS, rows, "Rung by rung", "budget")
 
 
 def notes(budget: ErrorBudget) -> list[str]:
@@ -286,7 +278,8 @@ def doubts(budget: ErrorBudget) -> list[str]:
 def verdict(budget: ErrorBudget) -> str:
     """Return a sentence that names the costliest rung, and whether its cost is significant."""
     total, unavoidable = budget.rungs[-1].mse_m2, budget.rungs[0].mse_m2
-    cost, low, _ = next(rung.increment_m2 for rung in budget.rungs if rung.name == budget.costliest)
+    added = next(rung.increment_m2 for rung in budget.rungs if rung.name == budget.costliest)
+    cost, low = added.mean, added.low
     opening = (
         f"{budget.filter} on {budget.scenario}, {budget.runs} runs: mean squared error {total:.4f} m^2 "
         f"(RMS {np.sqrt(total):.3f} m), {unavoidable:.4f} m^2 of it unavoidable"

@@ -10,8 +10,7 @@ from slamgauge.compare.estimators.requests import Asked
 from slamgauge.compare.scoring.aggregation import late_means
 from slamgauge.compare.scoring.intervals import Interval, Paired, compare_paired
 from slamgauge.compare.scoring.runs import Runs, paired
-from slamgauge.compare.scoring.text_page import Grid
-from slamgauge.compare.scoring.text_table import interval_cell
+from slamgauge.compare.scoring.table import NO_FIGURE, RUNS, Cell, Head, Table, figure, interval_cell
 from slamgauge.compare.scoring.verdicts import needed_runs
 from slamgauge.display import counted
 
@@ -78,15 +77,33 @@ def _nees(runs: Runs) -> Float:
     return late_means(runs.series["nees_pose"]) / 3
 
 
-def against_parts(against: Against) -> list[Grid | str]:
-    """Return a table for each reference estimator, each after an empty line, and below it the runs that ratios need."""
-    parts: list[Grid | str] = []
+def against_tables(against: Against) -> list[Table]:
+    """Return a table for each reference estimator."""
+    tables: list[Table] = []
     for name, others in against.items():
-        rows = [[f"against {name}", "runs", "x ATE", "ATE less [m]", "p", "x NEES", "NEES/3 less", "p"]]
+        heads = [
+            Head(f"against {name}", help="name of the estimator", words=True),
+            RUNS,
+            Head("x ATE", help=f"mean ATE divided by that of {name}"),
+            Head("ATE less [m]", help=f"mean difference of the ATE to that of {name}, run by run"),
+            Head("p", help="p-value of the paired test of equal means"),
+            Head("x NEES", help=f"mean NEES divided by that of {name}"),
+            Head("NEES/3 less", help=f"mean difference of the NEES over 3 to that of {name}, run by run"),
+            Head("p"),
+        ]
+        rows: list[list[Cell | str]] = []
         for label, figures in others.items():
             ate, nees = figures.get("ate_m"), figures.get("nees_pose_per_dof")
             rows.append([label, str(ate.runs if ate else 0), *_cells(ate, "{:+.3f}"), *_cells(nees, "{:+.2f}")])
-        parts += ["", Grid(rows)]
+        tables.append(Table.of(heads, rows, f"Paired comparison with {name}", f"against-{len(tables)}"))
+    return tables
+
+
+def against_parts(against: Against) -> list[Table | str]:
+    """Return the tables, each after an empty line, and below each the runs that its ratios need."""
+    parts: list[Table | str] = []
+    for (name, others), table in zip(against.items(), against_tables(against), strict=True):
+        parts += ["", table]
         if not is_optimum(name):  # the verdicts have the runs that ratios to an optimum need
             parts += _runs_to_resolve(name, others)
     return parts
@@ -103,10 +120,9 @@ def _runs_to_resolve(name: str, others: Mapping[str, Mapping[str, Paired]]) -> l
     return [f"{label} against {name}: x ATE is not significant{text}" for label, text in needed.items() if text]
 
 
-def _cells(found: Paired | None, form: str) -> list[str]:
+def _cells(found: Paired | None, form: str) -> list[Cell]:
     if found is None:
-        return ["-", "-", "-"]
+        return [Cell(NO_FIGURE)] * 3
     p = found.p_value
-    p_text = "-" if p is None else f"<{SMALLEST_P:g}" if p < SMALLEST_P else f"{p:.2g}"
-    difference = interval_cell(found.difference, form).replace("± +", "± ")
-    return [interval_cell(found.ratio, "{:.3f}"), difference, p_text]
+    p_text = NO_FIGURE if p is None else f"<{SMALLEST_P:g}" if p < SMALLEST_P else f"{p:.2g}"
+    return [figure(found.ratio, "{:.3f}"), figure(found.difference, form), Cell(p_text, p)]

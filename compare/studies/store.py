@@ -20,7 +20,8 @@ import numpy as np
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.scoring.catalogue import STORED
 from slamgauge.compare.scoring.runs import SERIES, Runs
-from slamgauge.compare.studies.store_file import INSERT, SCHEMA, TABLES, connected, require_whole, with_checksum
+from slamgauge.compare.storage.files import explained
+from slamgauge.compare.studies.store_file import INSERT, SCHEMA, TABLES, connected
 from slamgauge.compare.studies.study_run import Outcome
 from slamgauge.errors import UserError
 from slamgauge.sensors import SENSORS
@@ -60,7 +61,7 @@ class StudyStore:
             if not each.transient
         ]
         with self._connection:
-            self._connection.executemany(INSERT, map(with_checksum, rows))
+            self._connection.executemany(INSERT, rows)
 
     def failures(self, runs: int) -> list[tuple[int, str, str]]:
         """Return run, estimator and error of each failure among the first `runs`, and changes of kind."""
@@ -83,16 +84,18 @@ class StudyStore:
         """Return the first `runs` runs of `estimator`; none if its estimates are not all of one kind."""
         query = f"SELECT run, kind, figures, series FROM outcome WHERE {_OF_ONE_KIND} ORDER BY run"
         rows = list(self._connection.execute(query, (estimator, runs)))
-        figures = [json.loads(text) for _, _, text, _ in rows]
+        try:
+            figures = [json.loads(text) for _, _, text, _ in rows]
+            series = np.array([np.frombuffer(blob, dtype=np.float32) for _, _, _, blob in rows], dtype=np.float64)
+            series = np.moveaxis(series.reshape(len(rows), len(SERIES), -1 if rows else 0), 1, 0)
+        except ValueError as error:
+            raise sqlite3.DatabaseError(f"damaged rows of {estimator}: {error}") from None
         table = np.array([[np.nan if each.get(key) is None else each[key] for key in STORED] for each in figures])
-        series = np.array([np.frombuffer(blob, dtype=np.float32) for _, _, _, blob in rows], dtype=np.float64)
         return Runs(
             run=np.array([run for run, _, _, _ in rows], dtype=np.int64),
             kind=rows[0][1] if rows else "",
             figures=dict(zip(STORED, table.reshape(len(rows), len(STORED)).T, strict=True)),
-            series=dict(zip(SERIES, np.moveaxis(series.reshape(len(rows), len(SERIES), -1), 1, 0), strict=True))
-            if rows
-            else dict.fromkeys(SERIES, np.zeros((0, 0))),
+            series=dict(zip(SERIES, series, strict=True)),
         )
 
 
@@ -100,7 +103,7 @@ def begin_store(path: Path, scenario: Scenario, seed: int) -> None:
     """Make the file at `path`, which is empty or a store, the store of this study.
 
     Raises:
-        UserError: the file cannot be used, or is damaged.
+        UserError: the file cannot be used.
     """
     ours = {
         "schema": str(SCHEMA),
@@ -109,7 +112,8 @@ def begin_store(path: Path, scenario: Scenario, seed: int) -> None:
         "scenario": scenario.model_dump_json(),
         "seed": str(seed),
     }
-    require_whole(path)
+    with explained(path, "written"):
+        path.touch()
     with connected(path) as connection:
         connection.execute("PRAGMA journal_mode = WAL")
         connection.executescript(TABLES)
@@ -157,11 +161,10 @@ def read_store(path: Path, digest: str, labels: Sequence[str], runs: int) -> tup
     User code has a key for each of its versions; the version stored last is read.
 
     Raises:
-        UserError: the store does not exist, has another study, is damaged, or cannot be used.
+        UserError: the store does not exist, has another study, or cannot be used.
     """
     if not path.is_file():
         raise UserError(f"{path}: does not exist; give the command of the study again")
-    require_whole(path)
     with connected(path) as connection:
         found = dict(connection.execute("SELECT key, value FROM study"))
         _require_schema(found, path)

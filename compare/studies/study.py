@@ -16,14 +16,13 @@ from slamgauge.compare.estimators.requests import Asked, Chosen, ask, labels_amo
 from slamgauge.compare.estimators.running import tell_remarks
 from slamgauge.compare.scenarios.scenario import Scenario, as_scenario, scenario_text
 from slamgauge.compare.scoring.runs import Runs
-from slamgauge.compare.storage.manifest import require_free
 from slamgauge.compare.storage.progress import counted
-from slamgauge.compare.storage.result_files import STORE, STORE_FILES
-from slamgauge.compare.storage.staged_folder import begin_file
+from slamgauge.compare.storage.result_files import STORE
+from slamgauge.compare.storage.staged_folder import begin_folder
 from slamgauge.compare.studies.executors import lost_worker
 from slamgauge.compare.studies.paired_comparisons import compare_against, compare_user_code
 from slamgauge.compare.studies.store import StudyStore, begin_store, digest, open_store
-from slamgauge.compare.studies.store_file import require_whole, sole_use
+from slamgauge.compare.studies.store_file import sole_use
 from slamgauge.compare.studies.study_run import Outcome, run_once, run_seed
 from slamgauge.compare.studies.summary import Failure, Summary, run_figures, summarise
 from slamgauge.errors import UserError
@@ -87,8 +86,7 @@ def run_study(
         raise UserError(f"seed: {seed} is negative; use a whole number >= 0")
     against = labels_among(against, [each.label for each in asked], "is not among --estimators")
     require_room_for_runs(runs, scenario, len(asked))
-    require_free(out, STORE_FILES)
-    begin_file(out, STORE)
+    begin_folder(out)
     with sole_use(out / STORE):
         begin_store(out / STORE, scenario, seed)
         with open_store(out / STORE, scenario, seed) as store:
@@ -118,25 +116,13 @@ def load_runs(
     """Return the stored runs of each estimator, for figures and statistics in user code.
 
     Raises:
-        UserError: the store does not exist, has another study, or is damaged.
+        UserError: the store does not exist, has another study, or cannot be used.
     """
     scenario, out = as_scenario(scenario), Path(out)
     if not (out / STORE).exists():
         raise UserError(f"{out / STORE}: no study is there; make one with run_study")
     with open_store(out / STORE, scenario, seed) as store:
-        require_whole(out / STORE)
         return {each.label: store.load(each.key, runs) for each in ask(estimators)}
-
-
-def require_kept(out: Path, runs: int) -> None:
-    """Refuse to continue after `run_study` if the folder `out` was removed while the study ran.
-
-    Raises:
-        UserError: the store does not exist any more.
-    """
-    if not (out / STORE).exists():
-        what = f"was removed or renamed while the study ran; its {runs} runs are not stored there"
-        raise UserError(f"{out}: {what}; put the folder back, or give the same command again")
 
 
 def _run_missing(store: StudyStore, work: _Work, runs: int) -> list[Failure]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from time import perf_counter
 
 import numpy as np
@@ -17,15 +17,11 @@ from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.scenarios.simulation import simulate_informed
 from slamgauge.compare.scoring.catalogue import STORED, measured
 from slamgauge.compare.scoring.consistency import squared_mahalanobis
-from slamgauge.compare.scoring.landmark_identity import landmark_errors, true_landmarks
-from slamgauge.compare.scoring.nan_stats import number, rms
-from slamgauge.compare.scoring.ray_figures import RayFigures
+from slamgauge.compare.scoring.measured import Measured
+from slamgauge.compare.scoring.ray_figures import RAY_FIGURES, ray_figures
 from slamgauge.compare.scoring.runs import SERIES
-from slamgauge.compare.scoring.scores import filter_figures, map_figures, pose_covs_of
-from slamgauge.compare.scoring.trajectory_error import pose_errors
 from slamgauge.compare.storage.safe_names import shown
 from slamgauge.errors import failure_text, refused_by_the_machine
-from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.truth import Truth
 
@@ -75,18 +71,16 @@ def _outcome(scenario: Scenario, asked: Asked, truth: Truth, recording: Recordin
             estimator = without(estimator, recording, truth.misleading)
         estimate, seconds = run_estimator(asked.label, estimator, recording, remarked=False)
         remarks = (*remarks, *remarks_of(estimator, recording))
-        series = step_series(truth, estimate)
-        distances = np.hypot(series[0], series[1])  # equal to the last bit to stores of earlier versions
-        figures = map_figures(truth, recording, estimate, None) | filter_figures(estimate)
-        figures |= near_and_far(truth, recording, estimate) | measured(truth, recording, estimate, in_study=True)
-        figures |= {"ate_m": rms(distances), "final_position_error_m": number(distances[-1])}
-        figures["observations"] = len(recording.observation)
+        found = Measured(truth, recording, estimate)
+        figures = measured(found, in_study=True)
         if estimate.seconds is None:
             figures["seconds_total"] = seconds
-        rays = figures["rays"]
-        figures |= {f"rays_{name}": None if rays is None else getattr(rays, name) for name in RayFigures._fields}
-        stored = {key: figures[key] for key in STORED}
-        return Outcome(asked.key, estimate.kind, stored, series.astype(np.float32).tobytes(), remarks=remarks)
+        rays = ray_figures(truth, recording, estimate)
+        figures |= dict.fromkeys((f"rays_{name}" for name in RAY_FIGURES), None)
+        if rays is not None:
+            figures |= {f"rays_{name}": value for name, value in asdict(rays).items()}
+        series = step_series(found)
+        return Outcome(asked.key, estimate.kind, figures, series.astype(np.float32).tobytes(), remarks=remarks)
     except Exception as error:  # noqa: BLE001 the study continues and reports the error
         return replace(_failed(asked.key, error), remarks=remarks)
 
@@ -96,10 +90,7 @@ def _bound(asked: Asked, truth: Truth, recording: Recording) -> Outcome:
     entry = entry_of(asked.name)
     begun = perf_counter()
     covs = entry.bounds(truth, recording)
-    figures = dict.fromkeys(STORED) | {
-        "observations": len(recording.observation),
-        "seconds_total": perf_counter() - begun,
-    }
+    figures = dict.fromkeys(STORED) | {"seconds_total": perf_counter() - begun}
     sigmas = np.sqrt(np.diagonal(covs, axis1=1, axis2=2).clip(min=0)).T
     series = np.concatenate([sigmas, sigmas, np.full((len(SERIES) - 6, len(covs)), np.nan)])
     return Outcome(asked.key, str(entry.kind), figures, series.astype(np.float32).tobytes())
@@ -109,38 +100,15 @@ def _failed(name: str, error: Exception) -> Outcome:
     return Outcome(name, error=shown(failure_text(error)), transient=refused_by_the_machine(error))
 
 
-def near_and_far(truth: Truth, recording: Recording, estimate: Estimate) -> dict[str, float | None]:
-    """Return RMS error and RMS sigma [m] of the half of the mapped landmarks near the start, and of the far half."""
-    assert truth.poses is not None
-    ids, landmarks = true_landmarks(truth, recording, estimate)
-    errors = np.linalg.norm(landmark_errors(ids, landmarks, truth.landmark_ids, truth.landmarks), axis=1)
-    covs = estimate.landmark_covs
-    sigmas = np.full(len(ids), np.nan) if covs is None else np.sqrt(np.trace(covs, axis1=1, axis2=2).clip(min=0))
-    offsets = landmark_errors(ids, np.tile(truth.poses[0, :2], (len(ids), 1)), truth.landmark_ids, truth.landmarks)
-    distances = np.linalg.norm(offsets, axis=1)
-    known = ~np.isnan(distances)
-    near = distances <= np.median(distances[known]) if known.any() else known
-    far = ~near & known
-    return {
-        "landmark_sigma_near_m": rms(sigmas[near]),
-        "landmark_sigma_far_m": rms(sigmas[far]),
-        "landmark_error_near_m": rms(errors[near]),
-        "landmark_error_far_m": rms(errors[far]),
-    }
-
-
-def step_series(truth: Truth, estimate: Estimate) -> Float:
+def step_series(found: Measured) -> Float:
     """Return the rows of `SERIES` (11, N+1); NaN where a figure is undefined."""
-    assert truth.poses is not None
-    errors = pose_errors(truth.poses, estimate.poses)
-    undefined = np.full(len(errors), np.nan)
-    covs = pose_covs_of(estimate)
+    estimate, undefined = found.estimate, np.full(len(found.errors), np.nan)
     rows = [
-        *errors.T,
-        *np.sqrt(np.diagonal(covs, axis1=1, axis2=2).clip(min=0)).T,
-        squared_mahalanobis(errors, covs),
-        squared_mahalanobis(errors[:, :2], covs[:, :2, :2]),
-        squared_mahalanobis(errors[:, 2:], covs[:, 2:, 2:]),
+        *found.errors.T,
+        *found.sigmas.T,
+        found.nees,
+        found.nees_position,
+        squared_mahalanobis(found.errors[:, 2:], found.covs[:, 2:, 2:]),
         undefined if estimate.nis is None else estimate.nis,
         undefined if estimate.nis_dof is None else estimate.nis_dof,
     ]

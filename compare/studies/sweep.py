@@ -2,27 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from slamgauge.compare.estimators.registry import BOUNDS, CAUSAL, HINDSIGHT, INFORMED
 from slamgauge.compare.estimators.requests import Asked, Chosen, ask
 from slamgauge.compare.scenarios.scenario import Scenario, load_scenario, scenario_text
 from slamgauge.compare.scenarios.simulation import informed
-from slamgauge.compare.scoring.catalogue import FULL_NAMES, columns
+from slamgauge.compare.scoring.catalogue import heads
 from slamgauge.compare.scoring.optimum_notes import at_places, misfits, placed
 from slamgauge.compare.scoring.runs import Runs
-from slamgauge.compare.scoring.text_page import Grid, Page
-from slamgauge.compare.storage.files import read_json
-from slamgauge.compare.storage.manifest import require_folder, require_free
+from slamgauge.compare.scoring.table import ESTIMATOR, Cell, Head, Table
+from slamgauge.compare.scoring.text_page import Page
+from slamgauge.compare.storage.files import of_this_version, read_json
 from slamgauge.compare.storage.provenance import origin
-from slamgauge.compare.storage.result_files import OPTIMA, STORE_FILES, STUDY_FILES, SWEEP, SWEEP_FILES
+from slamgauge.compare.storage.result_files import SWEEP
+from slamgauge.compare.storage.staged_folder import begin_folder, require_ours
 from slamgauge.compare.studies.store import digest
-from slamgauge.compare.studies.stored_study import optima_beside
-from slamgauge.compare.studies.study import load_runs, require_kept, run_study
+from slamgauge.compare.studies.stored_study import load_study, optima_beside
+from slamgauge.compare.studies.study import load_runs, run_study
 from slamgauge.compare.studies.summary import (
     Failure,
     Summary,
@@ -33,7 +35,6 @@ from slamgauge.compare.studies.summary import (
     is_doubtful,
     is_marked_against,
     misfit_optima,
-    read_entry,
     share_in_doubt,
     summarise,
 )
@@ -84,22 +85,17 @@ class Sweep:
 
 
 def read_sweep(folder: Path) -> Sweep:
-    """Read the sweep that `slamgauge study --sweep` has written into a folder, without its failures.
+    """Read the sweep that `slamgauge study --sweep` has written into a folder, from the studies of its values.
 
     Raises:
-        UserError: sweep.json does not exist or is not valid.
+        UserError: the folder has no sweep, or lacks a study of it.
     """
     path = folder / SWEEP
     content = read_json(path, "study --sweep")
-    try:
-        summaries: list[Summary] = []
-        for each in (point["summary"] for point in content["points"]):
-            entries = {name: read_entry(entry) for name, entry in each["estimators"].items()}
-            summaries.append(Summary(each["scenario"], each["runs"], each["seed"], each["digest"], (), entries))
-        values = tuple(str(point["value"]) for point in content["points"])
-        return Sweep(content["scenario"], content["key"], content["runs"], content["seed"], values, tuple(summaries))
-    except (KeyError, TypeError):
-        raise UserError(f"{path}: not what `slamgauge study --sweep` writes; run it again") from None
+    with of_this_version(path):
+        key, values = content["key"], tuple(str(point["value"]) for point in content["points"])
+        summaries = tuple(load_study(folder / f"{key}={value}").summary for value in values)
+        return Sweep(content["scenario"], key, content["runs"], content["seed"], values, summaries)
 
 
 def split_sweep(text: str) -> tuple[str, tuple[str, ...]]:
@@ -149,7 +145,8 @@ def run_sweep(
         raise UserError("estimators: a sweep needs an estimator beside the optima; add a filter, for example ekf")
     folders = [f"{key}={value}" for value in values]
     besides = [optima_beside(out, scenario, seed)[0].parent for scenario in scenarios]
-    _require_free(out, folders, besides if optima else [])
+    require_ours(*map(out.joinpath, folders), *(besides if optima else []))
+    begin_folder(out)
     summaries: list[Summary] = []
     for scenario, folder, beside in zip(scenarios, map(out.joinpath, folders), besides, strict=True):
         parts = ((scenario, others, folder), (informed(scenario), optima, beside))
@@ -184,34 +181,37 @@ def _run_parts(
         if asked:
             part = run_study(simulated, runs, seed, asked, where, executor)
             failures, comparisons = failures + part.failures, comparisons + part.comparisons
-            require_kept(where, part.runs)
             loaded |= load_runs(simulated, runs, seed, asked, where)
     content = (scenario.name, runs, seed, digest(scenario, seed), failures, summarise(loaded))
     return Summary(*content, scenario_text=scenario_text(scenario), comparisons=comparisons), loaded
 
 
-def _require_free(out: Path, studies: Sequence[str], optima: Sequence[Path]) -> None:
-    """Refuse a sweep with studies and optima in these folders if it would replace a foreign file."""
-    require_free(out, SWEEP_FILES)
-    for folder in studies:
-        require_free(require_folder(out, folder), STUDY_FILES)
-    for folder in optima:
-        require_free(require_folder(require_folder(out, OPTIMA), folder.name), STORE_FILES)
-
-
 def sweep_table(sweep: Sweep) -> Page:
     """Return a table with a row for each value and estimator: means with 95 % intervals; below it notes and faults."""
-    found = columns("sweep", bounded=is_bounded(sweep.summaries[0].estimators))
-    rows = [[sweep.key, "estimator", *(title for title, _, _ in found)]]
-    any_doubt = any(map(is_doubtful, sweep.summaries))
     below = [*notes(sweep), *(f"{name}: {text}" for name, text in faults(sweep).items())]
     unchanged = unaffected(sweep)
     for value, summary in zip(sweep.values, sweep.summaries, strict=True):
-        for name, entry in summary.estimators.items():
-            rows.append([value, name, *figure_cells(summary, entry, found, room_for_marks=any_doubt)])
         compared = [text for name, text in summary.comparisons if name not in unchanged]
         below += [f"{sweep.key}={value}, {line}" for line in (*failure_lines(summary), *compared)]
-    return Page((Grid(rows, words=2, names=FULL_NAMES), *below))
+    return Page((value_table(sweep), *below))
+
+
+def value_table(sweep: Sweep, links: Mapping[str, str] = MappingProxyType({})) -> Table:
+    """Return the means of every value and estimator; `links` are the pages of the studies by value."""
+    found = heads("sweep", bounded=is_bounded(sweep.summaries[0].estimators))
+    any_doubt = any(map(is_doubtful, sweep.summaries))
+    rows = [
+        [
+            *(Cell(value, link=links.get(value, "")), Cell(name)),
+            *figure_cells(summary, entry, found, room_for_marks=any_doubt),
+        ]
+        for value, summary in zip(sweep.values, sweep.summaries, strict=True)
+        for name, entry in summary.estimators.items()
+    ]
+    swept = Head(sweep.key, help="value of this key of the scenario", words=True)
+    return Table(
+        [swept, ESTIMATOR, *found], rows, "Means over runs, with half the width of their 95 % intervals", "sweep"
+    )
 
 
 def notes(sweep: Sweep) -> list[str]:
@@ -233,10 +233,10 @@ def unaffected(sweep: Sweep) -> list[str]:
     if len(sweep.summaries) < 2:
         return []
     first, *others = (
-        {name: entry.to_json() | {"seconds_total": None} for name, entry in summary.estimators.items()}
+        {name: entry.figures | {"seconds_total": None} for name, entry in summary.estimators.items()}
         for summary in sweep.summaries
     )
-    names = [name for name, entry in sweep.summaries[0].estimators.items() if entry.runs]
+    names = [name for name, entry in sweep.summaries[0].estimators.items() if entry["runs"]]
     filters = [name for name in names if name not in (*INFORMED, *BOUNDS)]
     return [name for name in filters if all(each[name] == first[name] for each in others)]
 
@@ -248,13 +248,13 @@ def faults(sweep: Sweep) -> dict[str, str]:
         entries = [summary.estimators[name] for summary in sweep.summaries]
         places: dict[str, list[str]] = {}
         for value, entry in zip(sweep.values, entries, strict=True):
-            for fault in entry.faults:
+            for fault in entry["faults"]:
                 places.setdefault(fault, []).append(value)
         found = [
             f"{fault} at {'every value' if len(values) == len(entries) else f'{sweep.key}=' + ', '.join(values)}"
             for fault, values in places.items()
         ]
-        if any(entry.runs for entry in entries):
+        if any(entry["runs"] for entry in entries):
             lines[name] = "; ".join(found) or f"nothing wrong is shown by {sweep.runs} runs"
     return lines
 

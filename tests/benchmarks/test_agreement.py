@@ -27,6 +27,8 @@ from slamgauge.se2 import between, rotation, wrap
 from tests.reference.optimum import ExactProblem, square_root
 from tests.reference.random_recordings import random_recording
 
+pytestmark = pytest.mark.full  # references of a benchmark; tests/reference has those of the other tests
+
 FALSE_ALARM = 1e-4  # rate of each two-sided chi-square test
 
 

@@ -15,6 +15,9 @@ from pathlib import Path
 import pytest
 
 from tests.kernels import compile_kernels
+from tests.marks import in_full
+
+pytestmark = pytest.mark.slow
 
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 
@@ -26,20 +29,6 @@ SMALLEST = {
         "riekf ",
         "causal steps:",
         "bars missed:",
-    ),
-    "fuzz": (  # 5 s
-        "--cases 100 --seed 0",
-        "input tried refused in one line accepted traceback hang crash silently altered",
-        "recording npz ",
-        "arguments ",
-        "all 100 ",
-    ),
-    "class_of_forms": (  # 30 s
-        "--runs 2 --only online",
-        "form file passed points reason",
-        "online class right yes ",
-        "online class sign in F no ",
-        "7 files, 2 runs of q1-short-dense: ",
     ),
     "compile_times": ("--only=--version", "command first [s] kernels again [s]", "--version "),
     "consistency_test": (  # 4 s
@@ -53,12 +42,6 @@ SMALLEST = {
         "20 studies from 2 runs; wrong and decided share with 10, 20, 50, 100 runs",
         "q3-scale-0.1-landmarks 3.1 wrong ",
         "sum wrong ",
-    ),
-    "interruptions": (  # 20 s
-        "--only twin --moments 1",
-        "command time [s] bad cases of 5",
-        "twin ",
-        "0 of 5 cases are bad",
     ),
     "large_optima": (  # 7 s
         "--landmarks 20,40",
@@ -101,8 +84,11 @@ def test_every_benchmark_is_run_here():
     assert {*SMALLEST} == {path.stem for path in BENCHMARKS.glob("*.py")}
 
 
+LONG = ("seeded_bugs",)  # tests/compare/checks has them
+
+
 @pytest.mark.usefixtures("compiled_kernels")
-@pytest.mark.parametrize("name", SMALLEST)
+@pytest.mark.parametrize("name", [*(name for name in SMALLEST if name not in LONG), *in_full(LONG)])
 def test_a_benchmark_prints_its_table(name: str, tmp_path: Path):
     arguments, *expected = SMALLEST[name]
     command = [sys.executable, BENCHMARKS / f"{name}.py", *arguments.split()]

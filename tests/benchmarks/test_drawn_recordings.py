@@ -17,6 +17,8 @@ from slamgauge.graph_baseline.problem.undetermined import UndeterminedError
 from slamgauge.graph_baseline.solver.levenberg_marquardt import damped_descent, gauss_newton_minimum
 from slamgauge.graph_baseline.solver.search import is_low
 
+pytestmark = pytest.mark.full  # long recordings; tests/graph_baseline has scipy and GTSAM
+
 
 def test_bearings_correct_the_path_from_which_they_place_landmarks():
     each = draw(2027, 814)

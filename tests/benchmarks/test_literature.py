@@ -14,6 +14,8 @@ from scipy import stats
 
 from slamgauge import load_scenario
 
+pytestmark = pytest.mark.slow
+
 CONTENT = tomllib.loads(FILE.read_text(encoding="utf-8"))
 CLAIMS = [Claim(**each) for each in CONTENT["claims"]]
 ALIKE = (1 / 1.1, 1.1)
@@ -27,6 +29,7 @@ def test_claims_have_sources_settings_and_figures():
     assert all(low < high for each in CLAIMS for low, high in [each.range])
 
 
+@pytest.mark.full  # ten studies
 def test_every_claim_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """Two runs of 20 steps of each setting: every ratio is defined in both."""
     short: dict[str, list[str]] = {}

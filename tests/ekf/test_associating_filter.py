@@ -20,11 +20,14 @@ from slamgauge.ekf.maps.correction_table import BLOCK
 from slamgauge.ekf.settings import Association, MapManagement
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Observations, Recording
+from tests.marks import in_full
 from tests.reference.random_recordings import random_recording
 from tests.reference.textbook_association import (
     Kind,
     textbook_nearest_neighbour,
 )
+
+pytestmark = pytest.mark.slow
 
 Estimator = Callable[[Recording, FilterSettings], Estimate]
 SENSORS = pytest.mark.parametrize("sensor", ["range-bearing", "position"])
@@ -67,7 +70,7 @@ def assert_same(actual: Estimate, expected: Estimate) -> None:
 @TWINS
 @SENSORS
 @GATES
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", [0, *in_full([1])])
 def test_nearest_neighbour_equals_the_textbook(
     estimator: Estimator, kind: Kind, sensor: str, gate: float, seed: int
 ) -> None:
@@ -89,6 +92,7 @@ def test_nearest_neighbour_equals_the_textbook_for_large_scans_from_an_uncertain
     assert_same(estimator(recording, FilterSettings(Association())), textbook_nearest_neighbour(recording, 9.0, kind))
 
 
+@pytest.mark.full  # short loops are usual
 @TWINS
 @GATES
 def test_nearest_neighbour_equals_the_textbook_on_the_long_loop(estimator: Estimator, kind: Kind, gate: float) -> None:

@@ -276,7 +276,7 @@ def test_nis_is_chi_square(estimator: Estimator, sensor: Sensor) -> None:
     assert nis_outside(estimator, sensor) == 0
 
 
-@FILTERS
+@pytest.mark.parametrize("estimator", [ekf_slam, riekf])
 @pytest.mark.parametrize("assumed", [0.9, 1.1])
 def test_nis_detects_a_sensor_covariance_with_an_error_of_a_tenth(estimator: Estimator, assumed: float) -> None:
     assert nis_outside(estimator, "range-bearing", assumed) == 1

@@ -17,6 +17,8 @@ from slamgauge.recording import Recording
 from slamgauge.truth import Truth
 from tests.reference.random_recordings import random_recording, recording_of
 
+pytestmark = pytest.mark.slow
+
 GraphEstimator = Callable[..., Estimate]
 OPTIMA = pytest.mark.parametrize("optimum", [batch, causal, robust_batch])
 GTSAM = [pytest.param(each, marks=pytest.mark.gtsam) for each in (isam2, gtsam_batch, fixed_lag)]

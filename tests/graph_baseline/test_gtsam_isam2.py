@@ -12,6 +12,8 @@ from slamgauge.recording import Recording
 from tests.reference.random_recordings import recording_of
 from tests.reference.small_problems import answer, pose_difference, sigmas_of
 
+pytestmark = pytest.mark.slow
+
 
 def relinearised_at_every_step(recording: Recording) -> Estimate:
     return isam2(recording, relinearize_threshold=0.0, relinearize_skip=1)

@@ -32,6 +32,8 @@ from tests.reference.small_problems import (
     problem,
 )
 
+pytestmark = pytest.mark.slow
+
 Estimator = Callable[[Recording], Estimate]
 
 OPTIMA = pytest.mark.parametrize("estimator", [batch, causal])

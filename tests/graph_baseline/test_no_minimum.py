@@ -22,6 +22,8 @@ from slamgauge.graph_baseline.solver.smoother import Damping, damped_step
 from slamgauge.se2 import chain
 from tests.reference.random_recordings import random_recording
 
+pytestmark = pytest.mark.slow
+
 
 def does_not_converge(_: ChordDescent) -> bool:
     return False

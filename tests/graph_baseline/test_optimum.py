@@ -37,6 +37,8 @@ from tests.reference.small_problems import (
     sigmas_of,
 )
 
+pytestmark = pytest.mark.slow
+
 Estimator = Callable[[Recording], Estimate]
 SENSORS = pytest.mark.parametrize("sensor", ["range-bearing", "position"])
 SLIP = pytest.mark.parametrize("slip", [True, False], ids=["slip", "no-slip"])
@@ -75,6 +77,7 @@ def test_batch_is_the_minimum_that_scipy_finds(seed: int, sensor: str, slip: boo
     assert_same_covariances(found.landmark_covs, landmark_covs, 1e-6)
 
 
+@pytest.mark.full  # many descents
 @SENSORS
 @SLIP
 @pytest.mark.parametrize("seed", [1, 9, 14])

@@ -7,13 +7,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[2]
 BLOCKED = ROOT / "tests/without_gtsam"
-SELECTED = (
-    *("tests/graph_baseline/test_given_associations.py", "tests/graph_baseline/test_bound.py"),
-    *("tests/compare/studies/test_optima_in_studies.py", "tests/compare/scoring/test_scores.py"),
-)  # CONTRIBUTING.md describes how to run all tests without GTSAM
-SHORT = "not given_ids and not shrinks"
 
 
 def without_gtsam(*words: str) -> subprocess.CompletedProcess[str]:
@@ -22,11 +21,6 @@ def without_gtsam(*words: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
         [sys.executable, *words], cwd=ROOT, env=os.environ | {"PYTHONPATH": path}, capture_output=True, text=True
     )
-
-
-def test_tests_that_do_not_need_gtsam_pass() -> None:
-    done = without_gtsam("-m", "pytest", "-q", "-n", "0", "-p", "no:cacheprovider", "-k", SHORT, *SELECTED)
-    assert done.returncode == 0, done.stdout
 
 
 def test_the_three_estimators_of_gtsam_name_an_alternative_and_all_others_run(tmp_path: Path) -> None:

@@ -15,6 +15,8 @@ from slamgauge.compare.scenarios.simulation import simulate
 from slamgauge.compare.scenarios.trajectory import Segments
 from slamgauge.ekf import ekf_slam
 
+pytestmark = pytest.mark.slow
+
 
 def test_the_plain_numpy_filter_is_the_same_filter() -> None:
     _, recording = simulate(workload(20), 3)

@@ -17,6 +17,8 @@ from slamgauge.compare.estimators.adapters import adapted, found_in
 from slamgauge.compare.estimators.user_code import address
 from tests.reference.wild_steps import BUGS, OWN_ASSOCIATION, ROBOTICS
 
+pytestmark = pytest.mark.slow
+
 # the check that is named for a bug, then checks that fail as well unless they presuppose it
 OF_F = ("prediction-jacobian", "rigid-motion")
 OF_H = ("update-bearing", "first-sight", "scan-order", "long-unseen", "standing-robot")

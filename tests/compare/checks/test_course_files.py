@@ -9,7 +9,10 @@ import pytest
 from slamgauge.compare.checks.examination import CHECKS, check_estimator
 from slamgauge.compare.estimators.adapters import adapted
 from slamgauge.compare.estimators.user_code import address
+from tests.marks import in_full
 from tests.reference.course_files import BUGS, STYLES, with_bug
+
+pytestmark = pytest.mark.slow
 
 # checks of sizes and of random recordings that take most of the time are run for one style only
 REFERENCE = "dicts from 1"
@@ -45,7 +48,7 @@ def test_right_files_fail_no_check(name: str, tmp_path: Path):
 
 
 @pytest.mark.parametrize("bug", BUGS)
-@pytest.mark.parametrize("name", STYLES)
+@pytest.mark.parametrize("name", [REFERENCE, *in_full(name for name in STYLES if name != REFERENCE)])
 def test_seeded_bugs_fail_their_check_and_no_other(name: str, bug: str, tmp_path: Path):
     source = with_bug(STYLES[name], bug)
     assert failed(source, STYLES[name].correct, tmp_path, is_full=name == REFERENCE) == {BUGS[bug][2]}

@@ -21,6 +21,9 @@ from slamgauge.compare.checks.examination import (
 )
 from slamgauge.compare.cli.main import main
 from slamgauge.estimate import Estimator
+from tests.marks import in_full
+
+pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).parents[3]
 LIMITS = {"ekf": {"standing-robot-in-noise"}, "iekf": {"standing-robot-in-noise"}}
@@ -46,6 +49,7 @@ def test_own_estimators_pass_except_for_the_limits_of_their_method(name: str):
     assert {each.name for each in verdicts.values() if each.limit_of_method} == LIMITS.get(name, set())
 
 
+@pytest.mark.full  # one seed is usual
 def test_a_right_textbook_filter_passes_for_20_seeds():
     for seed in range(20):
         assert not failed(verdicts_of(seeded_ekf, seed)), seed
@@ -53,7 +57,7 @@ def test_a_right_textbook_filter_passes_for_20_seeds():
 
 @pytest.mark.parametrize("bug", SEEDED)
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")  # bugs may overflow
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [0, *in_full([1, 2])])
 def test_a_seeded_bug_fails_its_check_and_no_other(seed: int, bug: str):
     assert failed(verdicts_of(partial(seeded_ekf, bug=bug), seed)) == {SEEDED[bug]}
 

@@ -19,6 +19,9 @@ from slamgauge.compare.estimators.adapters import adapted
 from slamgauge.compare.estimators.user_code import address
 from slamgauge.ekf import ekf_slam
 from slamgauge.estimate import Estimator
+from tests.marks import in_full
+
+pytestmark = pytest.mark.slow
 
 Q, R = np.diag([0.03, 0.01, 0.02]) ** 2, np.diag([0.1, 0.05]) ** 2
 UNJUDGED = {
@@ -96,7 +99,7 @@ def test_random_estimates_ignore_nothing():
     assert ignored_inputs(Subject("mine", jittered)) == set()
 
 
-@pytest.mark.parametrize("scale", [0.1, 1.0, 10.0])
+@pytest.mark.parametrize("scale", [1.0, *in_full([0.1, 10.0])])
 def test_a_right_filter_with_its_own_noise_fails_no_check(scale: float):
     for seed in range(5):
         found = failed(partial(own_noise, Q=scale * Q, R=scale * R), seed)
@@ -112,6 +115,7 @@ def test_the_reason_names_the_ignored_noise():
     assert only_r["measurement-noise"] == "not judged: it ignores the observation noise of the recording"
 
 
+@pytest.mark.full  # bugs of other filters are usual
 @pytest.mark.parametrize("bug", SEEDED)
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")  # bugs may overflow
 def test_bugs_of_a_filter_with_its_own_noise(bug: str):

@@ -15,8 +15,10 @@ import pytest
 from slamgauge.compare.cli import terminal
 from slamgauge.compare.estimators.registry import BOUNDS
 from slamgauge.compare.storage.files import load_estimate, load_recording, load_truth
-from slamgauge.compare.storage.manifest import MANIFEST
+from slamgauge.compare.storage.staged_folder import MARK
 from tests.reference.command_line import SHORT, Module, arrays, metrics_of, run
+
+pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).parents[3]
 DATA = ROOT / "../shared/data"
@@ -26,7 +28,7 @@ LOST_IN_THE_WOODS = DATA / "lost_in_the_woods/dataset2.mat"
 STEPS = 150
 SCENARIOS = sorted(path.stem for path in (ROOT / "compare/scenarios").glob("*.toml"))
 SHIPPED = ("ekf", "riekf", "causal", "batch")
-TIMES = ("seconds_total", "seconds_per_step_median")
+TIMES = ("seconds_total",)
 
 
 def assert_same_estimates(one: Path, other: Path) -> None:
@@ -114,7 +116,7 @@ def test_help_offers_no_estimator_that_the_command_refuses(command: str, capsys:
 def test_run_writes_every_file(stored: Path):
     names = {str(path.relative_to(stored)) for path in stored.rglob("*") if path.is_file()}
     assert names == {
-        MANIFEST,
+        MARK,
         "report.html",
         "recording.npz",
         "truth.npz",
@@ -135,7 +137,7 @@ def test_run_writes_every_file(stored: Path):
 
 
 def test_metrics_have_every_value_that_exists(stored: Path):
-    """The schema requires every key; the values that are None are those that an estimator cannot have."""
+    """The values that are None are those that an estimator cannot have."""
     metrics = metrics_of(stored)
     assert (metrics["scenario"], metrics["seed"], metrics["truth"]) == ("q1-long-sparse", 3, True)
     assert re.fullmatch("[0-9a-f]{64}", metrics["digest"])
@@ -144,15 +146,14 @@ def test_metrics_have_every_value_that_exists(stored: Path):
     assert {name: entry["kind"] for name, entry in entries.items()} == dict.fromkeys(SHIPPED, "filtered") | {
         "batch": "smoothed"
     }
-    of_optima = {"optimum_check_sigma", "chi_square_per_dof", "observations_left_out"}
+    of_optima = {"optimum_check_sigma", "chi_square_per_dof"}
     empty: set[tuple[str, str]] = set()
     for name, entry in entries.items():
-        assert len(entry["sigma_ratio_to_optimum"]) == 3
         assert len(entry["loop_closure"]) == 1
         missing = {key for key, value in entry.items() if value is None}
         assert (of_optima <= missing) == (name not in ("causal", "batch"))
         empty |= {(name, key) for key in missing - of_optima - {"verdict"}}
-    of_batch = {("batch", key) for key in ("nis_per_dof", "seconds_per_step_median", "yardstick_check_sigma")}
+    of_batch = {("batch", key) for key in ("nis_per_dof", "yardstick_check_sigma")}
     assert empty == {("causal", "nis_per_dof")} | of_batch
     assert entries["causal"]["ratio_to_optimum"] == entries["batch"]["ratio_to_optimum"] == 1
 
@@ -300,23 +301,25 @@ def imported_and_scored(capsys: pytest.CaptureFixture[str], out: Path, *words: o
     return printed.err, json.loads(capsys.readouterr().out)
 
 
+@pytest.mark.full  # a real recording of 6968 steps
 @pytest.mark.skipif(not VICTORIA_PARK.exists(), reason=f"{VICTORIA_PARK} is not there")
 def test_victoria_park(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     note, metrics = imported_and_scored(capsys, tmp_path / "park", "victoria-park", VICTORIA_PARK)
     assert "6968 steps, 3640 observations, no ground truth: written to " in note
-    assert {path.name for path in (tmp_path / "park").iterdir()} == {"recording.npz", MANIFEST}
+    assert {path.name for path in (tmp_path / "park").iterdir()} == {"recording.npz", MARK}
     assert metrics["truth"] is False
     assert metrics["estimators"]["riekf"]["final_distance_to_batch_m"] < 0.1
     assert metrics["estimators"]["ekf"]["final_distance_to_batch_m"] > 2.0
     assert all(entry["ate_m"] is None for entry in metrics["estimators"].values())
 
 
+@pytest.mark.full  # a real recording of 12608 steps
 @pytest.mark.skipif(not LOST_IN_THE_WOODS.exists(), reason=f"{LOST_IN_THE_WOODS} is not there")
 def test_lost_in_the_woods(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     words = ("lost-in-the-woods", LOST_IN_THE_WOODS, "--max-range", 5)
     note, metrics = imported_and_scored(capsys, tmp_path / "woods", *words)
     assert "12608 steps, 58135 observations, with ground truth" in note
-    assert {path.name for path in (tmp_path / "woods").iterdir()} == {"recording.npz", "truth.npz", MANIFEST}
+    assert {path.name for path in (tmp_path / "woods").iterdir()} == {"recording.npz", "truth.npz", MARK}
     ate = {name: entry["ate_m"] for name, entry in metrics["estimators"].items()}
     assert metrics["truth"] is True
     assert ate["batch"] <= 0.033

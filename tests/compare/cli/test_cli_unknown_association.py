@@ -13,7 +13,7 @@ from slamgauge.compare.storage.files import load_estimate, load_recording, load_
 from tests.kernels import compile_kernels
 from tests.reference.command_line import run
 
-pytestmark = pytest.mark.gtsam  # robust-batch needs it
+pytestmark = [pytest.mark.gtsam, pytest.mark.slow]  # robust-batch needs it
 DURATION = "trajectory.duration=6"
 
 
@@ -45,11 +45,10 @@ def test_the_metrics_of_association(folder: Path):
     found = entries(folder)
     for name in ("causal", "batch"):
         assert (found[name]["wrong_associations"], found[name]["landmarks_spurious"]) == (0, 0)
-        assert (found[name]["landmarks_missed"], found[name]["track_purity_min"]) == (0, 1.0)
+        assert found[name]["landmarks_missed"] == 0
     ekf = found["ekf"]
     assert ekf["landmarks_mapped"] - ekf["landmarks_spurious"] == ekf["landmarks_true"] - ekf["landmarks_missed"]
     assert ekf["landmarks_spurious"] > 0
-    assert 0 < ekf["track_purity_min"] <= ekf["track_purity"] <= 1
     given = np.asarray(load_estimate(folder / "estimates/ekf.npz").association)
     assert np.array_equal(np.asarray(load_estimate(folder / "estimates/causal@ekf.npz").association), given)
 
@@ -59,8 +58,7 @@ def test_evaluating_the_stored_recording_gives_the_same_metrics(folder: Path, ca
     again = json.loads(capsys.readouterr().out)["estimators"]
     for name, entry in again.items():
         known = entries(folder)[name]
-        keys = set(entry) - {"seconds_total", "seconds_per_step_median", "final_distance_to_batch_m"}
-        keys -= {"landmark_distance_to_batch_m"}
+        keys = set(entry) - {"seconds_total", "final_distance_to_batch_m"}
         assert {key: entry[key] for key in keys} == {key: known[key] for key in keys}
 
 

@@ -13,6 +13,8 @@ from slamgauge import __version__, jit
 from slamgauge.compare.cli import machine
 from slamgauge.compare.cli.main import main
 
+pytestmark = pytest.mark.slow
+
 
 def test_versions_and_findings(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("OPENBLAS_NUM_THREADS", "3")

@@ -17,6 +17,8 @@ from slamgauge.compare.storage.stored_results import load_stored
 from slamgauge.estimate import Estimate
 from tests.reference.random_recordings import random_recording
 
+pytestmark = pytest.mark.slow
+
 SHORT = ("--set", "trajectory.duration=3")
 
 
@@ -134,7 +136,5 @@ def test_what_cannot_be_exported_is_one_line(
 def test_files_of_others_are_not_overwritten(run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     (tmp_path / "run.mat").write_text("mine")
     assert export(run, "mat", tmp_path / "run.mat") == 2
-    assert "run.mat: exists already, and slamgauge has not written it" in capsys.readouterr().err
+    assert "run.mat: exists already; move it away" in capsys.readouterr().err
     assert (tmp_path / "run.mat").read_text() == "mine"
-    for _ in range(2):  # ours may be
-        assert export(run, "mat", tmp_path / "again.mat") == 0

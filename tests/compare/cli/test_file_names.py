@@ -16,6 +16,8 @@ from slamgauge.compare.scenarios.simulation import simulate
 from slamgauge.compare.storage.files import save
 from slamgauge.compare.storage.safe_names import file_name, shown
 
+pytestmark = pytest.mark.full  # a program start for each name
+
 # our folders, libraries that we import, modules that Python loads early, our test helpers
 NAMES = (
     *("ekf", "compare", "graph_baseline", "slam2d", "slamgauge_test", "tests"),

@@ -10,6 +10,8 @@ from textwrap import indent
 
 import pytest
 
+pytestmark = pytest.mark.slow
+
 BLOCKED = Path(__file__).parents[2] / "like_windows"
 SHORT = ["--set", "trajectory.duration=5"]
 COMMANDS = [
@@ -48,6 +50,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.full  # most commands, one after the other, without fcntl
 def test_the_main_commands_run(folder: Path):
     """In one process, one after the other."""
     program = (

@@ -11,6 +11,8 @@ import pytest
 from slamgauge import load_recording, load_scenario, save, simulate
 from slamgauge.compare.cli.main import main
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
@@ -42,10 +44,7 @@ def test_mistakes_are_one_line(log: Path, tmp_path: Path, capsys: pytest.Capture
     (tmp_path / "mine.npz").write_bytes(b"mine")
     cases = (
         (["--write", str(log)], f"{log}: is the recording itself; give another --write"),
-        (
-            ["--write", str(tmp_path / "mine.npz")],
-            "and slamgauge has not written it; move it away or give another --write",
-        ),
+        (["--write", str(tmp_path / "mine.npz")], "mine.npz: exists already; move it away or give another name"),
     )
     for words, message in cases:
         assert main(["noise", str(log), *words]) == 2

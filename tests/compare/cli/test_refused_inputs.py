@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 import subprocess
 import sys
@@ -14,18 +13,14 @@ from slamgauge.compare.cli.main import REFUSED, main
 from slamgauge.errors import refused_by_the_machine
 from tests.reference.command_line import command_after
 
+pytestmark = pytest.mark.slow
+
 POINTS = 'trajectory={kind="waypoints",points=[[0,0],[0,0]],speed=1,yaw_rate=1,step=0.1}'
 
 
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["import", "g2o", "/dev/zero"], "/dev/zero: is not a regular file"),
-        (["import", "g2o", "pipe"], "pipe: is not a regular file"),
-        (["import", "bag", "pipe"], "pipe: is not a regular file"),
-        (["import", "bag", "."], "pipe: is not a regular file"),
-        (["evaluate", "pipe"], "pipe: is not a regular file"),
-        (["run", "pipe.toml"], "pipe.toml: is not a regular file"),
         (["import", "csv", ""], "'' is an empty path"),
         (["run", "tp4-handout", "--timeout", "2147484"], "leaves no time, or sets no limit"),
         (["run", "tp4-handout", "--set", POINTS], "trajectory.points: all are at the start"),
@@ -41,8 +36,6 @@ def test_an_input_is_refused_in_one_line(
     words: list[str], message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
     monkeypatch.chdir(tmp_path)
-    for name in ("pipe", "pipe.toml"):
-        os.mkfifo(name)
     assert main([*words, *(["--out", "o"] if words[0] != "evaluate" else [])]) == 2
     lines = capsys.readouterr().err.splitlines()
     assert message in lines[-1]

@@ -16,6 +16,8 @@ from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from tests.reference.command_line import Module, Refuse, run
 
+pytestmark = pytest.mark.slow
+
 RIGHT = """
 from slamgauge import Estimate, chain
 def estimate(recording):  # dead reckoning: a filter would load the compiler first, in every process

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from fuzzing.mutations import changed_text
 
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.datasets.csv_log import read_csv_log
@@ -17,6 +16,7 @@ from slamgauge.compare.datasets.g2o import read_g2o
 from slamgauge.compare.datasets.mrclam import read_mrclam
 from slamgauge.compare.storage.csv_folder import read_recording_csv
 from slamgauge.errors import UserError
+from tests.reference.damage import changed_text
 from tests.reference.robot_logs import CSV, G2O, MRCLAM, TORO
 
 OWN = {  # files of `slamgauge export --format csv`

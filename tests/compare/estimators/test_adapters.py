@@ -20,6 +20,8 @@ from slamgauge.se2 import compose
 
 from .conftest import Own, agree, short
 
+pytestmark = pytest.mark.slow
+
 COURSE = """
 import numpy as np
 calls = []

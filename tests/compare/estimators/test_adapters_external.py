@@ -17,6 +17,8 @@ from slamgauge.recording import Recording
 
 from .conftest import short
 
+pytestmark = pytest.mark.slow
+
 # dead reckoning in Python without numpy and slamgauge
 PROGRAM = """
 import csv, math, sys

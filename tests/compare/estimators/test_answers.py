@@ -15,6 +15,8 @@ from slamgauge.compare.estimators.user_code import UserCodeError, address
 
 from .conftest import EXAMPLES
 
+pytestmark = pytest.mark.slow
+
 ESTIMATE = Estimate("filtered", np.zeros((3, 3)))
 
 

@@ -18,6 +18,8 @@ from slamgauge.compare.estimators.captured_output import captured
 from slamgauge.compare.estimators.running import run_estimator
 from slamgauge.errors import UserError
 
+pytestmark = pytest.mark.slow
+
 HEAD = """
 import sys
 import numpy as np

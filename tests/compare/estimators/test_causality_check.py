@@ -17,6 +17,8 @@ from tests.reference.course_files import STYLES
 
 from .conftest import EXAMPLES, short
 
+pytestmark = pytest.mark.slow
+
 HEAD = """
 from dataclasses import replace
 import numpy as np

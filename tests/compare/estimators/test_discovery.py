@@ -13,6 +13,8 @@ from slamgauge.errors import UserError
 
 from .conftest import EXAMPLES
 
+pytestmark = pytest.mark.slow
+
 STEP = "def {}(xEst, PEst, u, y): return xEst, PEst\n"
 ONLINE = "class {}:\n    def predict(self, increment, cov): ...\n    def update(self, observations): ...\n"
 HELPERS = (

@@ -28,6 +28,8 @@ from slamgauge.recording import Recording
 
 from .conftest import short
 
+pytestmark = pytest.mark.slow
+
 SHORT = ["start=sampled", "trajectory.duration=4"]
 
 
@@ -96,7 +98,7 @@ def test_only_the_optima_receive_the_true_associations():
     for name, optimum in (("causal", causal), ("batch", batch)):
         assert np.array_equal(np.asarray(seen[name].landmark), truth.association)
         assert same(comparison.estimates[name], optimum(replace(recording, landmark=truth.association)))
-    assert comparison.scores["causal"].wrong_associations == 0
+    assert comparison.scores["causal"]["wrong_associations"] == 0
 
 
 def test_an_optimum_is_recognised_by_its_function_not_its_label():
@@ -109,12 +111,14 @@ def test_an_optimum_is_recognised_by_its_function_not_its_label():
     truth, recording = simulate(load_scenario("q2-long-dense", SHORT), 0)
     comparison = compare_estimators(truth, recording, {"batch": own, "causal": own, "ekf": ekf_slam})
     assert all(each is recording for each in seen)
-    assert all(score.ratio_to_optimum is None for score in comparison.scores.values())
-    assert all(score.final_distance_to_batch_m is None for score in comparison.scores.values())
+    assert all(score["ratio_to_optimum"] is None for score in comparison.scores.values())
+    assert all(score["final_distance_to_batch_m"] is None for score in comparison.scores.values())
     comparison = compare_estimators(truth, recording, {"ekf": ekf_slam, "hindsight": batch, "causal": causal})
-    assert comparison.scores["causal"].wrong_associations == comparison.scores["hindsight"].wrong_associations == 0
-    assert comparison.scores["ekf"].ratio_to_optimum is not None
-    assert comparison.scores["ekf"].final_distance_to_batch_m is not None
+    assert (
+        comparison.scores["causal"]["wrong_associations"] == comparison.scores["hindsight"]["wrong_associations"] == 0
+    )
+    assert comparison.scores["ekf"]["ratio_to_optimum"] is not None
+    assert comparison.scores["ekf"]["final_distance_to_batch_m"] is not None
 
 
 @pytest.mark.gtsam

@@ -17,6 +17,8 @@ from slamgauge.compare.estimators.needed_code import without_simulation
 from slamgauge.compare.estimators.stand_ins import old_numpy_names, stand_in, supplied
 from slamgauge.compare.estimators.user_code import address
 
+pytestmark = pytest.mark.slow
+
 _, RECORDING = simulate(load_scenario("q1-short-dense", ["trajectory.duration=1"]), 0)
 STEPS = RECORDING.steps + 1
 

@@ -30,8 +30,11 @@ from slamgauge.compare.estimators.running import run_estimator
 from slamgauge.compare.estimators.user_code import OverdueError, UserCodeError, address
 from slamgauge.compare.scenarios.scenario import load_scenario
 from slamgauge.errors import UserError
+from tests.marks import in_full
 
 from .conftest import EXAMPLES, short
+
+pytestmark = pytest.mark.slow
 
 HEAD = """import os, signal, sys
 from slamgauge import Estimate, chain
@@ -147,7 +150,7 @@ def test_an_endless_loop_is_ended_with_all_that_it_has_started(made: Made):
     assert ended("1000.125")
 
 
-@pytest.mark.parametrize("unconfined", [False, True])
+@pytest.mark.parametrize("unconfined", [False, *in_full([True])])
 def test_an_endless_external_program_is_ended_too(tmp_path: Path, unconfined: bool):
     (tmp_path / "mine.py").write_text(
         "from slamgauge import adapters\n"

@@ -4,7 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
+
 from slamgauge.compare.estimators.sources import named_files
+
+pytestmark = pytest.mark.slow
 
 
 def test_only_files_opened_for_writing_are_no_data(tmp_path: Path):

@@ -15,6 +15,8 @@ from slamgauge.compare.estimators.stand_ins import OLD_NUMPY, angle_mod, rot_mat
 from slamgauge.errors import UserError
 from slamgauge.se2 import wrap
 
+pytestmark = pytest.mark.slow
+
 EXAMPLE = Path(__file__).parents[3] / "examples" / "student_ekf.py"
 RIGHT = EXAMPLE.read_text(encoding="utf-8")
 

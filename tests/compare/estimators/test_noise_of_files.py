@@ -22,6 +22,8 @@ from tests.reference.course_files import STYLES
 
 from .conftest import short
 
+pytestmark = pytest.mark.slow
+
 COURSE = STYLES["dicts from 1"].source
 INIT, NOISE_OF_SELF = "def __init__(self, x0, P0, Q, R):", "        self.Q, self.R = Q, R\n"
 WITH_GLOBALS = (

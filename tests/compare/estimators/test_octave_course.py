@@ -26,6 +26,8 @@ from tests.reference.course_files import STYLES, Style
 
 from .conftest import agree, short
 
+pytestmark = pytest.mark.slow
+
 REFERENCE = "dicts from 1"
 
 

@@ -18,6 +18,8 @@ from slamgauge.ekf import ekf_slam
 from slamgauge.recording import Recording
 from tests.reference.course_files import STYLES
 
+pytestmark = pytest.mark.slow
+
 
 @cache
 def runs() -> list[tuple[Float, Recording, float]]:
@@ -39,6 +41,7 @@ def ratios(source: str, name: str, folder: Path, noise: Noise = "recording") -> 
     return np.array([ate(estimator(recording).poses, truth) / reference for truth, recording, reference in runs()])
 
 
+@pytest.mark.full  # the styles are the same filter
 @pytest.mark.parametrize("name", STYLES)
 def test_each_style_has_the_error_of_ekf_in_a_scenario_with_other_noise(name: str, tmp_path: Path):
     """The largest difference is 0.4 %; the bound is that of issue 39."""

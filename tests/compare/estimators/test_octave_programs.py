@@ -20,6 +20,8 @@ from tests.reference.external_programs import program
 
 from .conftest import short
 
+pytestmark = pytest.mark.full  # hundreds of starts of Octave
+
 EXAMPLE = Path(__file__).parents[3] / "examples/octave"
 GIVEN_NOISE = {  # edits of the example that use the noise of the recording
     "diag([0.1, 0.1, 0.01])": "G * u.cov * G'",

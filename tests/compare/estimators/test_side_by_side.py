@@ -21,6 +21,8 @@ from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 
+pytestmark = pytest.mark.slow
+
 SCENARIO = load_scenario("q2-long-dense", ["trajectory.duration=4"])
 
 

@@ -23,6 +23,8 @@ from slamgauge.compare.estimators.user_code import address, load_callable_module
 
 from .conftest import short
 
+pytestmark = pytest.mark.slow
+
 Write = Callable[..., Path]
 
 

@@ -22,7 +22,10 @@ from slamgauge.errors import UserError
 
 from .conftest import short
 
-pytestmark = pytest.mark.skipif(kind_of_wall() == "none", reason="this system permits neither namespaces nor bwrap")
+pytestmark = [
+    pytest.mark.skipif(kind_of_wall() == "none", reason="this system permits neither namespaces nor bwrap"),
+    pytest.mark.slow,
+]
 
 HEAD = """
 import ctypes, os, signal, sys, threading, time

@@ -20,6 +20,8 @@ from tests.reference import wild_steps
 
 from .conftest import short
 
+pytestmark = pytest.mark.slow
+
 Loaded = Callable[..., LoadedEstimator]
 
 
@@ -56,7 +58,7 @@ def test_the_error_of_a_right_file_relative_to_that_of_ekf(
     settings = load_scenario(scenario, ["start=sampled", "trajectory.duration=20"])
     for seed in range(6):
         truth, recording = simulate(settings, seed)
-        scores = [slamgauge.evaluate(truth, recording, each(recording)).ate_m for each in (estimator, ekf_slam)]
+        scores = [slamgauge.evaluate(truth, recording, each(recording))["ate_m"] for each in (estimator, ekf_slam)]
         errors.append([each for each in scores if each is not None])
     own, ours = np.mean(errors, axis=0)
     assert bounds[0] < own / ours < bounds[1]

@@ -7,7 +7,6 @@ import re
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -17,13 +16,15 @@ from PIL import Image
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.figures.animation_scene import Scene
 from slamgauge.compare.storage.files import save
-from slamgauge.compare.storage.manifest import MANIFEST, write_manifest
+from slamgauge.compare.storage.staged_folder import begin_folder
 from slamgauge.compare.storage.stored_results import Results, load_results
 from slamgauge.compare.studies.stored_study import load_study
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.truth import Truth
 from tests.reference.example_rays import STEPS, estimate_with_rays, half_loop
+
+pytestmark = pytest.mark.slow
 
 WITH_RAYS = estimate_with_rays()
 NO_HISTORY = replace(WITH_RAYS, rays=None, history=None)
@@ -48,7 +49,8 @@ def folder(tmp_path: Path) -> Path:
 
 def write(folder: Path, estimates: dict[str, Estimate]) -> None:
     truth, recording = half_loop()
-    (folder / "estimates").mkdir(parents=True)
+    begin_folder(folder)
+    (folder / "estimates").mkdir()
     save(folder / "recording.npz", recording)
     save(folder / "truth.npz", truth)
     for name, estimate in estimates.items():
@@ -153,44 +155,17 @@ def test_without_a_video_the_gif_is_the_only_new_file(
     monkeypatch.setenv("PATH", str(tmp_path))
     before = contents(folder)
     (folder / "animation.mp4").write_bytes(b"old")
-    write_manifest(folder, ["animation.mp4"], within=folder)
     assert animate(folder, *SHORT) == 0
-    assert contents(folder).keys() - before.keys() == {"animation.gif", MANIFEST}
+    assert contents(folder).keys() - before.keys() == {"animation.gif"}
     lines = [f"written to {folder}: animation.gif", f"animation.mp4 was not written: {reason}", ""]
     assert capsys.readouterr() == ("", "\n".join(lines))
 
 
-def test_a_strip_has_six_moments_in_print_size(folder: Path):
-    """Two rows of three moments, 7.0 in wide at 200 dpi."""
-    assert animate(folder, "--format", "strip") == 0
-    with Image.open(folder / "animation.png") as strip:
-        assert strip.width == 1400
-        thirds = np.asarray(strip.convert("L").resize((300, 200)), dtype=float).reshape(2, 100, 3, 100).swapaxes(1, 2)
-    moments = thirds.reshape(6, -1)
-    assert all(np.abs(one - other).mean() > 0.1 for one, other in pairwise(moments))
-    svg = (folder / "animation.svg").read_text()
-    assert len(svg) < 500_000
-    assert "<image" not in svg
-    assert len(re.findall(r">t = [\d.]+ s<", svg)) == 6
-    assert svg.count(">truth<") == 1
-    assert not (folder / "animation.gif").exists()
-
-
-@pytest.mark.usefixtures("no_ffmpeg")
-def test_a_requested_video_without_ffmpeg_is_an_error(folder: Path, capsys: pytest.CaptureFixture[str]):
-    assert "ffmpeg is not on the PATH; install it" in error_message(capsys, folder, "--format", "webm")
-
-
 @needs_ffmpeg
-@pytest.mark.parametrize(
-    ("form", "begins"), [("webm", b"\x1aE\xdf\xa3"), ("mp4", b"\0\0\0 ftyp"), ("usual", b"\0\0\0 ftyp")]
-)
-def test_videos_have_the_requested_format(folder: Path, capsys: pytest.CaptureFixture[str], form: str, begins: bytes):
-    assert animate(folder, *SHORT, "--format", form) == 0
-    names = ["animation.gif", "animation.mp4"] if form == "usual" else [f"animation.{form}"]
-    assert capsys.readouterr().err == f"written to {folder}: {', '.join(names)}\n"
-    assert (folder / names[-1]).read_bytes().startswith(begins)
-    assert (folder / "animation.gif").exists() == (form == "usual")
+def test_the_video_is_an_mp4(folder: Path, capsys: pytest.CaptureFixture[str]):
+    assert animate(folder, *SHORT) == 0
+    assert capsys.readouterr().err == f"written to {folder}: animation.gif, animation.mp4\n"
+    assert (folder / "animation.mp4").read_bytes().startswith(b"\0\0\0 ftyp")
 
 
 @pytest.mark.usefixtures("studies_in_a_thread", "empty_pictures", "no_ffmpeg")
@@ -217,7 +192,6 @@ def test_an_interrupted_animation_leaves_nothing(
 ):
     """Interrupted while the GIF is drawn, and while the video is drawn."""
     (folder / "animation.gif").write_bytes(b"old")
-    write_manifest(folder, ["animation.gif"], within=folder)
     before = contents(folder)
     shown: list[int] = []
     show: Callable[[Scene, int], None] = Scene.show

@@ -28,6 +28,8 @@ from slamgauge.compare.studies.study import load_runs, run_study
 from slamgauge.compare.studies.sweep import Sweep, read_sweep
 from slamgauge.errors import UserError
 
+pytestmark = pytest.mark.slow
+
 SHORT = ["start=sampled", "trajectory.duration=5"]
 DRAWN = {"run": {"figure", "drift", "rays"}, "study": {"nees", "nis", "rmse", "errors", "ratios"}}
 

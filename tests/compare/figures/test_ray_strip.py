@@ -24,6 +24,8 @@ from tests.reference.example_rays import AGES, BIRTHS, LANDMARKS, NOTED, STEPS, 
 
 from .conftest import Written
 
+pytestmark = pytest.mark.slow
+
 LOST: tuple[Fate, ...] = ("lost",)
 STILL: tuple[Fate, ...] = ("ray", "ray", "ray")
 

@@ -14,6 +14,8 @@ import pytest
 
 from slamgauge.compare.cli.main import main
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[3]
 STUDENT = ROOT / "examples/student_ekf.py"
 SCENARIO = 'extends = "q1-short-dense"\n\n[trajectory]\nduration = 6.0\n'
@@ -37,6 +39,7 @@ def autograded(folder: Path, files: dict[str, str], rubric: str = "") -> tuple[d
     return json.loads((folder / "results/results.json").read_text()), ran.stdout
 
 
+@pytest.mark.full  # a submission with an error is usual
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="Gradescope's image is Linux")
 def test_the_autograder_gives_all_points_to_a_right_filter(tmp_path: Path):
     files = {"submission.py": STUDENT.read_text(), "plots.py": "1 / 0"}

@@ -31,6 +31,8 @@ from tests.reference.fast_commands import studies_in_a_thread
 
 from ..scoring.test_error_bounds import scores
 
+pytestmark = pytest.mark.slow
+
 RUBRIC = load_rubric()
 EXAMPLES = Path(__file__).parents[3] / "examples"
 SCENARIO = 'extends = "q1-short-dense"\n\n[trajectory]\nduration = 6.0\n'
@@ -253,7 +255,7 @@ def test_figures_that_are_not_finite_are_missing():
 
 def test_errors_below_those_of_the_optimum_do_not_pass():
     ours = scores(ate=0.5, spread=0.1)
-    relative = [_relative(each, other.ate_m) for each, other in zip(ours, scores(ate=1.0, spread=0.1), strict=True)]
+    relative = [_relative(each, other["ate_m"]) for each, other in zip(ours, scores(ate=1.0, spread=0.1), strict=True)]
     found = grade("mine", Trial(scores=relative), ours, RUBRIC)
     assert not found.passed
     assert found.reasons[0].startswith("its error is 0.5 ± ")
@@ -263,16 +265,21 @@ def test_errors_below_those_of_the_optimum_do_not_pass():
 
 def test_smoothed_poses_do_not_pass_if_the_reference_is_filtered():
     theirs = scores(ate=1.0, spread=0.1)
-    smoothed = [replace(each, kind="smoothed") for each in theirs]
+    smoothed = [with_figures(each, kind="smoothed") for each in theirs]
     reasons = grade("mine", Trial(scores=smoothed), theirs, RUBRIC).reasons
     assert reasons[0] == "its poses are smoothed; filtered poses are required"
 
 
+def with_figures(score: Score, **figures: object) -> Score:
+    return replace(score, figures={**score.figures, **figures})
+
+
 def _relative(score: Score, best: float | None, check: float | None = None) -> Score:
-    assert score.ate_m is not None and best is not None
-    return replace(score, ratio_to_optimum=score.ate_m / best, yardstick_check_sigma=check, seconds_total=1.0)
+    assert score["ate_m"] is not None and best is not None
+    return with_figures(score, ratio_to_optimum=score["ate_m"] / best, yardstick_check_sigma=check, seconds_total=1.0)
 
 
+@pytest.mark.full  # tests/compare/estimators has this
 @pytest.mark.usefixtures("studies_in_a_thread")
 def test_no_file_of_the_folder_hides_a_library_from_the_others(
     scenario: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -287,6 +294,7 @@ def test_no_file_of_the_folder_hides_a_library_from_the_others(
     assert capsys.readouterr().out.endswith("3 of 3 graded, 3 passed\n")
 
 
+@pytest.mark.full  # tests/compare/estimators has the noise of files
 @pytest.mark.usefixtures("studies_in_a_thread")
 def test_other_noise_of_a_file_is_graded_too_and_the_same_noise_is_not(
     scenario: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]

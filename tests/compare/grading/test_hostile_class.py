@@ -12,7 +12,10 @@ import pytest
 
 from slamgauge.compare.estimators.wall import kind_of_wall
 
-pytestmark = pytest.mark.skipif(kind_of_wall() == "none", reason="this system permits neither namespaces nor bwrap")
+pytestmark = [
+    pytest.mark.skipif(kind_of_wall() == "none", reason="this system permits neither namespaces nor bwrap"),
+    pytest.mark.slow,
+]
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
 SCENARIO = 'extends = "q1-short-dense"\n\n[trajectory]\nduration = 3.0\n'

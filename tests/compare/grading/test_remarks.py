@@ -11,6 +11,8 @@ from slamgauge.compare.grading.submissions import submissions_in
 
 from ..scoring.test_error_bounds import scores
 
+pytestmark = pytest.mark.slow
+
 STEP = "def ekf_slam(xEst, PEst, u, y): ...\n"
 
 

@@ -12,6 +12,8 @@ from slamgauge.compare.grading.rubric import Mark, load_rubric
 from slamgauge.compare.scoring.intervals import Interval
 from slamgauge.errors import UserError
 
+pytestmark = pytest.mark.slow
+
 RUBRIC = load_rubric()
 PASSED = [Verdict(each.name, True, 0.0, each.bound, each.blame) for each in CHECKS]
 WEIGHTS = {"truth-recovered": 6.0, "standing-robot-in-noise": 0.0}

@@ -12,6 +12,8 @@ from slamgauge.compare.estimators.sources import added_folders
 from slamgauge.compare.grading.submissions import submissions_in
 from slamgauge.errors import UserError
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.mark.parametrize(
     ("files", "names"),

@@ -19,6 +19,9 @@ from slamgauge.compare.noise.noise_json import noise_json
 from slamgauge.compare.noise.parameters import SYSTEMATIC
 from slamgauge.compare.noise.report_text import noise_table
 from slamgauge.se2 import wrap
+from tests.marks import in_full
+
+pytestmark = pytest.mark.slow
 
 TRUE = {"forward": 0.03, "turn": math.radians(0.3), "range": 0.1, "bearing": math.radians(5.0)}
 EXACT_RANGES = ("sensor.sigma_range=1e-6", "assumed.scale=1")
@@ -66,7 +69,7 @@ def test_the_noise_of_a_simulated_log_is_found():
     assert noise_json(found)["parameters"]["range"]["unit"] == "m"
 
 
-@pytest.mark.parametrize("share", [0.02, 0.1])
+@pytest.mark.parametrize("share", [0.02, *in_full([0.1])])
 def test_outliers_increase_a_rate_and_not_a_sigma(share: float):
     recording, rng = recording_of(), np.random.default_rng(0)
     wrong = rng.random(len(recording.observation)) < share
@@ -83,6 +86,7 @@ def test_outliers_increase_a_rate_and_not_a_sigma(share: float):
     assert "outliers: " in str(noise_table(found))
 
 
+@pytest.mark.full  # a long recording
 def test_a_landmark_that_starts_with_an_outlier_starts_again():
     recording = recording_of()
     ids = np.asarray(recording.landmark)
@@ -95,6 +99,7 @@ def test_a_landmark_that_starts_with_an_outlier_starts_again():
     assert len(found.tuned.observation) == len(ids)
 
 
+@pytest.mark.full  # a long recording
 def test_heavy_tails_without_a_gap_give_student_t():
     recording = recording_of(*EXACT_RANGES)
     errors = 0.1 * np.random.default_rng(2).standard_t(3.0, len(recording.observation))

@@ -14,6 +14,8 @@ from slamgauge.compare.noise.innovation_model import ErrorDistribution, NoiseMod
 from slamgauge.compare.noise.parameters import SYSTEMATIC, NoiseParameters, odometry_form
 from slamgauge.se2 import rotation, wrap
 
+pytestmark = pytest.mark.slow
+
 BIASES = dict(zip(SYSTEMATIC, (0.03, 0.02, 0.1, 0.2), strict=True))
 
 

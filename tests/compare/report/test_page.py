@@ -14,9 +14,11 @@ import pytest
 
 from slamgauge.compare.report.page import ASSETS, MODULES, json_text, pack, plain_page, program, render
 from slamgauge.compare.report.run_page import closure_table
-from slamgauge.compare.report.tables import Cell, Head, Table
+from slamgauge.compare.scoring.table import Cell, Head, Table
 
 from .conftest import unexplained
+
+pytestmark = pytest.mark.slow
 
 BARE = re.compile(r"^(?:export )?(?:async )?(?:function|class|const|let) +(\w+)", re.MULTILINE)
 SOURCES = {name: (ASSETS / "modules" / f"{name}.js").read_text(encoding="utf-8") for name in MODULES}
@@ -100,9 +102,9 @@ def test_unprintable_characters_are_replaced_by_escapes() -> None:
 
 
 def test_columns_are_explained_once_and_only_for_tables_with_rows() -> None:
-    found, left = Head("found", "the likeliest value"), Head("left", "what is not shown")
+    found, left = Head("found", help="the likeliest value"), Head("left", help="what is not shown")
     row = [Cell("1")]
-    tables = [Table("a", "A", [found], [row]), Table("b", "B", [found], [row]), Table("c", "C", [left], [])]
+    tables = [Table([found], [row], "A"), Table([found], [row], "B"), Table([left], [], "C")]
     text = plain_page(kind="k", title="t", lead=[], tables=tables, origin=[])
     assert text.count("<dd>the likeliest value</dd>") == 1
     assert "what is not shown" not in text

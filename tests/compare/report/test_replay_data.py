@@ -17,6 +17,8 @@ from slamgauge.compare.report.replay_data import frame_steps, replay_data, shown
 from slamgauge.compare.scoring.landmark_identity import association_figures, wrong_sights
 from slamgauge.compare.storage.stored_results import Results
 
+pytestmark = pytest.mark.slow
+
 KINDS = {"f4": "<f4", "i4": "<i4", "u2": "<u2", "u1": "u1"}
 
 

@@ -11,6 +11,8 @@ import pytest
 
 from .conftest import Reader
 
+pytestmark = pytest.mark.slow
+
 SCRUB = """const scrub = document.getElementById('scrub');
 scrub.value = arguments[0]; scrub.dispatchEvent(new Event('input'));"""
 FRAME = "return Number(document.getElementById('scrub').value)"

@@ -6,7 +6,11 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from .conftest import Reader
+
+pytestmark = pytest.mark.slow
 
 CONF = Path(__file__).parents[3] / "docs/conf.py"
 FOUND = """

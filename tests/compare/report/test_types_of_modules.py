@@ -6,8 +6,12 @@ import shutil
 import subprocess
 from pathlib import Path
 
+import pytest
+
 from slamgauge.compare.report.page import MODULES
 from tests.reference.external_programs import program
+
+pytestmark = pytest.mark.slow
 
 ASSETS = Path(__file__).parents[3] / "compare/report/assets"
 CHECK = "-p", "jsconfig.json", "--noEmit", "--pretty", "false"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import runpy
-from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -12,29 +11,21 @@ import pytest
 from slamgauge.compare.estimators.loading import load_estimators
 from slamgauge.compare.scenarios.scenario import load_scenario
 from slamgauge.compare.scenarios.simulation import simulate, simulate_informed
-from slamgauge.compare.scoring import catalogue, comparison, scores
+from slamgauge.compare.scoring import catalogue
 from slamgauge.compare.scoring.aggregation import mean_of
 from slamgauge.compare.scoring.comparison import compare_estimators, metrics, table
-from slamgauge.compare.scoring.metric import Column, Metric
+from slamgauge.compare.scoring.metric import Column, Metric, TableName
 from slamgauge.compare.scoring.runs import SERIES, Runs
-from slamgauge.compare.scoring.scores import Score
-from slamgauge.compare.studies import study_run, summary
 from slamgauge.compare.studies.study_run import run_once
-from slamgauge.compare.studies.summary import EstimatorSummary, Summary, summarise, summary_table
+from slamgauge.compare.studies.summary import Summary, summarise, summary_table
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 
 SHORT = ["start=sampled", "trajectory.duration=2"]
-NO_METRICS = {"kind", "nees", "sigmas", "nis_total", "nis_dof_total", "others"}  # fields of a score
 
 
 def test_every_metric_is_in_the_catalogue_once():
-    keys = [each.key for each in catalogue.CATALOGUE]
-    assert len({*keys}) == len(keys)
-    others = {each.key for each in catalogue.CATALOGUE if each.measure is not None}  # they need no field
-    assert {each.name for each in fields(Score)} - NO_METRICS == {*catalogue.SCORED} - others
-    summed_up = {*catalogue.SUMMED_UP} - others
-    assert {each.name for each in fields(EstimatorSummary)} - {"kind", "runs", "others"} == summed_up
+    assert len(catalogue.BY_KEY) == len(catalogue.CATALOGUE)
     assert all(each.help and each.help[-1] != "." for each in catalogue.CATALOGUE)
     for suffix, unit in (("_m", "m"), ("_rad", "rad")):
         assert all(each.unit == unit for each in catalogue.CATALOGUE if each.key.endswith(suffix))
@@ -55,30 +46,25 @@ def test_every_metric_is_in_the_catalogue_once():
         ("sweep", "ATE [m],x causal,NEES/3,sigma [m],mapped,wrong"),
     ],
 )
-def test_columns_are_in_their_places(where: catalogue.Table, titles: str):
-    assert ",".join(title for title, _, _ in catalogue.columns(where)).startswith(titles)
+def test_columns_are_in_their_places(where: TableName, titles: str):
+    assert ",".join(head.title for head in catalogue.heads(where)).startswith(titles)
 
 
 def test_a_new_metric_needs_only_its_entry(monkeypatch: pytest.MonkeyPatch):
     new = Metric(
         "way_m",
         "length of the estimated path",
-        scored=True,
+        lambda found: float(np.linalg.norm(np.diff(found.estimate.poses[:, :2], axis=0))),
+        mean_of("way_m"),
         stored=True,
-        over_runs=mean_of("way_m"),
         column=Column("way [m]", form="{:.1f}", run=99, study=99),
-        measure=lambda _truth, _recording, estimate: float(np.linalg.norm(np.diff(estimate.poses[:, :2], axis=0))),
     )
     monkeypatch.setattr(catalogue, "CATALOGUE", (*catalogue.CATALOGUE, new))
-    # values that modules take from the catalogue at their import
-    monkeypatch.setattr(study_run, "STORED", (*catalogue.STORED, "way_m"))
-    monkeypatch.setattr(summary, "SUMMED_UP", {**catalogue.SUMMED_UP, "way_m": new.over_runs})
-    assert comparison.columns is catalogue.columns
-    assert scores.measured is catalogue.measured
+    monkeypatch.setitem(catalogue.BY_KEY, "way_m", new)
 
     scenario = load_scenario("q1-short-dense", SHORT)
     found = compare_estimators(*simulate(scenario, 0), load_estimators(["dead-reckoning"]))
-    way = found.scores["dead-reckoning"].figure("way_m")
+    way = found.scores["dead-reckoning"]["way_m"]
     assert found.scores["dead-reckoning"].to_json()["way_m"] == way > 0
     assert str(table(found)).splitlines()[0].endswith("way [m]")
     assert str(table(found)).splitlines()[1].endswith(f"{way:.1f}")

@@ -2,7 +2,7 @@
 
 import json
 import math
-from dataclasses import replace
+from dataclasses import asdict, astuple, replace
 from functools import partial
 from typing import Any
 
@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 from slamgauge.arrays import Float
 from slamgauge.compare.scenarios.scenario import load_scenario
 from slamgauge.compare.scenarios.simulation import simulate
-from slamgauge.compare.scoring.catalogue import SCORED
+from slamgauge.compare.scoring.catalogue import CATALOGUE
 from slamgauge.compare.scoring.landmark_identity import association_figures
-from slamgauge.compare.scoring.loop_closures import closure_steps
+from slamgauge.compare.scoring.loop_closures import LoopClosure, closure_steps
 from slamgauge.compare.scoring.nan_stats import mean
 from slamgauge.compare.scoring.scores import evaluate
 from slamgauge.ekf import ekf_slam
@@ -27,7 +27,7 @@ from slamgauge.truth import Truth
 
 from .builders import path, straight
 
-METRICS_JSON = {"kind", *SCORED} - {"rays"}  # without rays
+METRICS_JSON = {"kind", *(each.key for each in CATALOGUE if each.measure is not None)} - {"rays"}
 true: Any = Truth  # Any: lists instead of arrays
 filtered: Any = partial(Estimate, "filtered")
 smoothed: Any = partial(Estimate, "smoothed")
@@ -47,13 +47,12 @@ def test_path_errors_by_hand() -> None:
     truth = true(path(recording))
     poses = path(recording, [[0, 0, 0], [3, 4, 0.1], [0, 0, -0.2]])
     score = evaluate(truth, recording, filtered(poses))
-    assert score.ate_m == pytest.approx(5 / math.sqrt(3))
-    assert score.heading_rmse_rad == pytest.approx(math.sqrt(0.05 / 3))
-    assert score.final_position_error_m == 0
-    assert score.final_heading_error_rad == pytest.approx(0.2)
+    assert score["ate_m"] == pytest.approx(5 / math.sqrt(3))
+    assert score["heading_rmse_rad"] == pytest.approx(math.sqrt(0.05 / 3))
+    assert score["final_position_error_m"] == 0
     # steps in the body frame: (4, 4) for (1, 0), then R(0.1)' (-2, -4) for (1, 0)
     second = rotation(0.1).T @ [-2, -4] - [1, 0]
-    assert score.rpe_m == pytest.approx(math.sqrt((25 + second @ second) / 2))
+    assert score["rpe_m"] == pytest.approx(math.sqrt((25 + second @ second) / 2))
 
 
 def test_heading_errors_are_wrapped() -> None:
@@ -61,7 +60,7 @@ def test_heading_errors_are_wrapped() -> None:
     truth = true(path(recording, [0, 0, math.pi - 0.1]))
     estimate = filtered(path(recording, [0, 0, -math.pi + 0.1]), constant_covs(recording, 1, 1, 0.04))
     score = evaluate(truth, recording, estimate)
-    assert score.heading_rmse_rad == pytest.approx(0.2)
+    assert score["heading_rmse_rad"] == pytest.approx(0.2)
     assert score.nees == pytest.approx([1, 1])
 
 
@@ -71,11 +70,11 @@ def test_a_gap_in_the_truth_is_left_out() -> None:
     poses[1] = poses[3] = np.nan
     estimate = filtered(path(recording, [1, 0, 0]), constant_covs(recording, 1, 1, 1))
     score = evaluate(true(poses), recording, estimate)
-    assert score.ate_m == 1
+    assert score["ate_m"] == 1
     assert score.nees == pytest.approx([1, np.nan, 1, np.nan], nan_ok=True)
-    assert score.nees_pose == 1
-    assert score.final_position_error_m is None
-    assert score.rpe_m is None  # no two consecutive true poses
+    assert score["nees_pose"] == 1
+    assert score["final_position_error_m"] is None
+    assert score["rpe_m"] is None  # no two consecutive true poses
 
 
 def test_figures_against_the_optimum_by_hand() -> None:
@@ -84,9 +83,8 @@ def test_figures_against_the_optimum_by_hand() -> None:
     optimum = filtered(path(recording, [0, 0.1, 0]), constant_covs(recording, 1, 0.01, 0.04))
     estimate = filtered(path(recording, [0, -0.3, 0.2]), constant_covs(recording, 0.25, 0.01, 0.16))
     score = evaluate(truth, recording, estimate, optimum)
-    assert score.ratio_to_optimum == pytest.approx(3)
-    assert score.sigma_ratio_to_optimum == pytest.approx((0.5, 1, 2))
-    assert score.mahalanobis_to_optimum == pytest.approx(0.4**2 / 0.01 + 0.2**2 / 0.04)
+    assert score["ratio_to_optimum"] == pytest.approx(3)
+    assert score["mahalanobis_to_optimum"] == pytest.approx(0.4**2 / 0.01 + 0.2**2 / 0.04)
 
 
 def test_a_fixed_start_is_skipped_in_comparisons_of_covariances() -> None:
@@ -98,17 +96,16 @@ def test_a_fixed_start_is_skipped_in_comparisons_of_covariances() -> None:
     optimum = filtered(path(recording, [0, 0, 1]), 4 * covs)
     score = evaluate(truth, recording, estimate, optimum)
     assert score.nees == pytest.approx([np.nan, 3, 3], nan_ok=True)
-    assert score.nees_pose == pytest.approx(3)
-    assert score.sigma_ratio_to_optimum == pytest.approx((0.5, 0.5, 0.5))
-    assert score.mahalanobis_to_optimum == pytest.approx(0.25)
+    assert score["nees_pose"] == pytest.approx(3)
+    assert score["mahalanobis_to_optimum"] == pytest.approx(0.25)
 
 
 def test_nis_and_seconds_are_summed() -> None:
     recording = straight(2)
     estimate = filtered(path(recording), nis=[0, 3, 6], nis_dof=[0, 2, 4], seconds=[1, 2, 6])
     score = evaluate(None, recording, estimate)
-    assert (score.nis_total, score.nis_dof_total, score.nis_per_dof) == (9, 6, 1.5)
-    assert (score.seconds_total, score.seconds_per_step_median) == (9, 2)
+    assert (score["nis_total"], score["nis_dof_total"], score["nis_per_dof"]) == (9, 6, 1.5)
+    assert score["seconds_total"] == 9
 
 
 def test_landmarks_are_compared_by_id() -> None:
@@ -118,11 +115,10 @@ def test_landmarks_are_compared_by_id() -> None:
     estimate = filtered(path(recording), None, [3, 7], [[3, 1], [7.5, 0]], covs, [3, 7])
     batch = smoothed(path(recording, [0, 2, 0]), None, [7], [[7.5, 2]])
     score = evaluate(truth, recording, estimate, batch=batch)
-    assert score.landmark_rmse_m == pytest.approx(math.sqrt((1 + 0.25) / 2))
-    assert score.landmark_nees_per_dof == pytest.approx((1 + 1) / 2 / 2)
-    assert (score.landmarks_mapped, score.landmarks_true, score.wrong_associations) == (2, 2, 0)
-    assert score.final_distance_to_batch_m == pytest.approx(2)
-    assert score.landmark_distance_to_batch_m == pytest.approx(2)
+    assert score["landmark_rmse_m"] == pytest.approx(math.sqrt((1 + 0.25) / 2))
+    assert score["landmark_nees_per_dof"] == pytest.approx((1 + 1) / 2 / 2)
+    assert (score["landmarks_mapped"], score["landmarks_true"], score["wrong_associations"]) == (2, 2, 0)
+    assert score["final_distance_to_batch_m"] == pytest.approx(2)
 
 
 # --- association -------------------------------------------------------------------------------
@@ -133,7 +129,7 @@ def test_wrong_associations_with_ids_are_those_that_differ() -> None:
     truth = true(landmark_ids=[5, 6], landmarks=np.zeros((2, 2)), association=[5, 6, 5, 6])
     estimate = filtered(path(recording), None, [5, 6], np.zeros((2, 2)), association=[6, 6, -1, 5])
     figures = association_figures(truth, recording, estimate)
-    assert (figures.wrong_associations, figures.observations_rejected) == (2, 1)
+    assert figures.wrong_associations == 2
     assert association_figures(true(), recording, estimate).wrong_associations is None
 
 
@@ -141,9 +137,9 @@ def test_without_observations_there_are_no_rays() -> None:
     far = ["trajectory.duration=1", "landmarks.positions=[[100.0, 100.0]]"]
     truth, recording = simulate(load_scenario("q4-ring", far), 0)
     assert not len(recording.observation)
-    rays = evaluate(truth, recording, ekf_slam(recording)).rays
+    rays = evaluate(truth, recording, ekf_slam(recording))["rays"]
     assert rays is not None
-    assert {*rays} == {0.0}
+    assert {*asdict(rays).values()} == {0.0}
 
 
 def test_tracks_of_unknown_association_are_matched_one_to_one() -> None:
@@ -153,12 +149,10 @@ def test_tracks_of_unknown_association_are_matched_one_to_one() -> None:
     estimate = filtered(path(recording), None, [0, 1, 2], [[6, 1], [5, 1], [6, 1]], association=[1, 0, 0, 2, -1])
     batch = smoothed(path(recording), None, [5, 6], [[5, 0], [6, 0]], association=[5, 6, 5, 6, 6])
     score = evaluate(truth, recording, estimate, batch=batch)
-    assert score.wrong_associations == 1
-    assert score.landmark_rmse_m == pytest.approx(1)
-    assert score.landmark_distance_to_batch_m == pytest.approx(1)
-    assert (score.landmarks_mapped, score.landmarks_true) == (3, 2)
-    assert (score.landmarks_missed, score.landmarks_spurious, score.observations_rejected) == (0, 1, 1)
-    assert (score.track_purity, score.track_purity_min) == (pytest.approx(2.5 / 3), 0.5)
+    assert score["wrong_associations"] == 1
+    assert score["landmark_rmse_m"] == pytest.approx(1)
+    assert (score["landmarks_mapped"], score["landmarks_true"]) == (3, 2)
+    assert (score["landmarks_missed"], score["landmarks_spurious"]) == (0, 1)
 
 
 def test_a_track_belongs_to_the_landmark_of_most_of_its_observations() -> None:
@@ -166,16 +160,16 @@ def test_a_track_belongs_to_the_landmark_of_most_of_its_observations() -> None:
     truth = true(path(recording), [5, 6, 7], [[5, 0], [6, 0], [7, 0]], [5, 6, 6, 6, 7])
     estimate = filtered(path(recording), None, [3], [[6, 0.5]], association=[3, 3, 3, 3, -1])
     score = evaluate(truth, recording, estimate)
-    assert (score.wrong_associations, score.landmark_rmse_m) == (1, pytest.approx(0.5))
-    assert (score.landmarks_missed, score.landmarks_spurious, score.track_purity) == (2, 0, 0.75)
+    assert (score["wrong_associations"], score["landmark_rmse_m"]) == (1, pytest.approx(0.5))
+    assert (score["landmarks_missed"], score["landmarks_spurious"]) == (2, 0)
 
 
 def test_tracks_without_associations_are_not_compared_with_the_truth() -> None:
     recording = replace(straight(1, [(0, 5)]), landmark=None)
     truth = true(path(recording), [5], [[5, 0]], [5])
     score = evaluate(truth, recording, filtered(path(recording), None, [5], [[5, 0]]))
-    assert score.landmark_rmse_m is None
-    assert score.wrong_associations is None
+    assert score["landmark_rmse_m"] is None
+    assert score["wrong_associations"] is None
 
 
 # --- loop closures -----------------------------------------------------------------------------
@@ -195,17 +189,17 @@ def test_loop_closure_entries_by_hand() -> None:
     poses = path(recording, [[0, 0, 0], [3, 4, 0], [0, 1, 0], [0, 2, 0], [0, 0, 0]])
     covs = constant_covs(recording, 9, 16, 1)
     covs[4] = np.eye(3)
-    closures = evaluate(true(path(recording)), recording, filtered(poses, covs)).loop_closure
-    assert closures == ((2, 5, 1, 5, 5), (4, 2, 0, 5, pytest.approx(math.sqrt(2))))
+    closures = evaluate(true(path(recording)), recording, filtered(poses, covs))["loop_closure"]
+    assert [*map(astuple, closures)] == [(2, 5, 1, 5, 5), (4, 2, 0, 5, pytest.approx(math.sqrt(2)))]
 
 
 def test_loop_closures_need_ids_and_their_errors_the_truth() -> None:
     recording = straight(2, [(0, 1), (2, 1)], dt=10.0)
     nameless = replace(recording, landmark=None)
     estimate = filtered(path(recording))
-    assert evaluate(None, recording, estimate).loop_closure == ((2, None, None, None, None),)
-    assert evaluate(None, nameless, estimate).loop_closure is None
-    closures = evaluate(true(association=[1, 1]), nameless, estimate).loop_closure
+    assert evaluate(None, recording, estimate)["loop_closure"] == (LoopClosure(2, None, None, None, None),)
+    assert evaluate(None, nameless, estimate)["loop_closure"] is None
+    closures = evaluate(true(association=[1, 1]), nameless, estimate)["loop_closure"]
     assert closures is not None
     assert [closure.step for closure in closures] == [2]
 
@@ -216,8 +210,7 @@ def test_loop_closures_need_ids_and_their_errors_the_truth() -> None:
 def test_the_truth_has_no_error() -> None:
     recording = straight(30)
     score = evaluate(true(path(recording)), recording, smoothed(path(recording)))
-    assert (score.ate_m, score.heading_rmse_rad, score.rpe_m) == (0, 0, 0)
-    assert score.ate_aligned_m == pytest.approx(0, abs=1e-12)
+    assert (score["ate_m"], score["heading_rmse_rad"], score["rpe_m"]) == (0, 0, 0)
 
 
 @given(lengths, lengths, angles, st.integers(0, 2**32 - 1))
@@ -261,7 +254,6 @@ def test_json_has_exactly_the_keys_and_no_nan() -> None:
         assert set(entry) == METRICS_JSON
         assert json.loads(json.dumps(entry, allow_nan=False)) == entry
     entry = scores[0].to_json()
-    assert entry["sigma_ratio_to_optimum"] == [1, 1, 1]
     assert set(entry["loop_closure"][0]) == {
         "step",
         "error_before_m",
@@ -270,7 +262,7 @@ def test_json_has_exactly_the_keys_and_no_nan() -> None:
         "sigma_after_m",
     }
     nothing = scores[1].to_json()
-    given_anyway = {"kind", "landmarks_mapped", "loop_closure"}
+    given_anyway = {"kind", "landmarks_mapped", "loop_closure", "nis_total", "nis_dof_total"}
     assert {key for key, value in nothing.items() if value is not None} == given_anyway
 
 

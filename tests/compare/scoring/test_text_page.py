@@ -2,15 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 import pytest
 
 from slamgauge.compare.scoring.intervals import Interval
-from slamgauge.compare.scoring.text_page import Grid, Page, Tone
-from slamgauge.compare.scoring.text_table import cell, interval_cell
+from slamgauge.compare.scoring.table import Head, Table, cell, interval_cell
+from slamgauge.compare.scoring.text_page import Page, Tone
 
 ROWS = [["estimator", "ATE [m]", "NEES"], ["ekf", "1.25", "3.1"], ["mine", "0.5", "failed"]]
-FIGURES = Grid(ROWS)
-SENTENCES = Grid([["no", "claim", "verdict"], ["1", "a gate that is too small maps more than there is", "holds"]], 3, 1)
+
+
+def table(rows: list[list[str]], words: Collection[int] = (0,), wraps: int | None = None, **names: str) -> Table:
+    """Return a table; the first row has the titles, `names` are full names by title."""
+    heads = [
+        Head(title, names.get(title, ""), words=place in words, wraps=place == wraps)
+        for place, title in enumerate(rows[0])
+    ]
+    return Table.of(heads, rows[1:])
+
+
+FIGURES = table(ROWS)
+CLAIMS = [["no", "claim", "verdict"], ["1", "a gate that is too small maps more than there is", "holds"]]
+SENTENCES = table(CLAIMS, range(3), 1)
 
 
 def toned(text: str, tone: Tone) -> str:
@@ -29,17 +43,17 @@ def test_a_page_without_a_width_is_complete():
 
 
 def test_columns_from_the_right_are_hidden_and_named():
-    lines = Page((Grid(ROWS, names={"NEES": "pose NEES"}), "further words")).text(24).splitlines()
+    lines = Page((table(ROWS, NEES="pose NEES"), "further words")).text(24).splitlines()
     assert lines[:3] == ["estimator  ATE [m]", "ekf           1.25", "mine           0.5"]
     assert " ".join(line.strip() for line in lines[3:-1]) == "Hidden columns (show with --wide): pose NEES"
     assert lines[-1] == "further words"
     assert max(map(len, lines)) <= 24
-    without_figures = Page((Grid([[*ROWS[0], "NIS"], *([*row, "-"] for row in ROWS[1:])]),)).text(24)
+    without_figures = Page((table([[*ROWS[0], "NIS"], *([*row, "-"] for row in ROWS[1:])]),)).text(24)
     assert without_figures.splitlines()[3:] == ["Hidden columns (show", "  with --wide): NEES"]
 
 
 def test_heads_are_full_names_if_the_table_then_fits():
-    page = Page((Grid(ROWS, names={"NEES": "pose NEES"}),))
+    page = Page((table(ROWS, NEES="pose NEES"),))
     heads = {width: page.text(width).splitlines()[0] for width in (None, 29, 28)}
     assert [head.endswith("  pose NEES") for head in heads.values()] == [True, True, False]
     assert heads[28] == "estimator  ATE [m]    NEES"
@@ -47,7 +61,7 @@ def test_heads_are_full_names_if_the_table_then_fits():
 
 
 def test_a_column_that_is_wider_than_its_title_is_hidden_too():
-    grid = Grid([["rung", "adds", "for"], ["causal", "0.5", "for knowing only the past"]], words=(0, 2), sentences=2)
+    grid = table([["rung", "adds", "for"], ["causal", "0.5", "for knowing only the past"]], (0, 2), 2)
     lines = Page((grid,)).text(30).splitlines()
     assert lines[:2] == ["rung    adds", "causal   0.5"]
     assert max(map(len, lines)) <= 30
@@ -68,16 +82,14 @@ def test_sentences_continue_on_further_lines():
 
 
 def test_no_line_ends_in_blanks():
-    grid = Grid(
-        [["noise", "verdict", "more"], ["forward", "any value below that of the log", "x" * 40]], 3, sentences=1
-    )
+    grid = table([["noise", "verdict", "more"], ["forward", "any value below that of the log", "x" * 40]], range(3), 1)
     lines = Page((grid,)).text(40).splitlines()
     assert lines[0] == "noise    verdict"
     assert [line.rstrip() for line in lines] == lines
 
 
 def test_long_names_lose_their_middle_if_the_width_is_limited():
-    grid = Grid([["estimator", "ATE [m]"], ["a_name_of_many_characters/and_more:of_them", "1.0"], ["b", "2.0"]])
+    grid = table([["estimator", "ATE [m]"], ["a_name_of_many_characters/and_more:of_them", "1.0"], ["b", "2.0"]])
     assert Page((grid,)).text(40).splitlines()[1] == "a_name_of_ma...more:of_them      1.0"
     assert "many_characters" in str(Page((grid,)))
 
@@ -89,7 +101,7 @@ def test_tones_do_not_change_the_layout():
 
 
 def test_notebooks_show_tables_and_escape_names():
-    shown = Page((Grid([["estimator"], ["<b>"]]), "", "a & b")).html()
+    shown = Page((table([["estimator"], ["<b>"]]), "", "a & b")).html()
     assert shown.splitlines() == [
         '<div style="overflow-x: auto"><table><thead><tr><th>estimator</th></tr></thead>'
         '<tbody><tr><td style="white-space: nowrap">&lt;b&gt;</td></tr></tbody></table></div>',
@@ -113,5 +125,5 @@ def test_a_figure_that_is_rounded_to_zero_has_no_minus(form: str, shown: str):
 
 def test_intervals_of_large_figures_have_exponents():
     assert interval_cell(Interval(5.4e299, 1.4e299, 9.4e299), "{:.2f}") == "5.4e+299 ± 4e+299"
-    assert interval_cell(Interval(1.0, 0.5, 1.5), "{:+.2f}") == "+1.00 ± +0.50"
+    assert interval_cell(Interval(1.0, 0.5, 1.5), "{:+.2f}") == "+1.00 ± 0.50"
     assert interval_cell(Interval(7e12, None, None), "{:.2f}") == "7e+12"

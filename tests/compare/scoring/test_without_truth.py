@@ -26,6 +26,8 @@ from slamgauge.sensors import innovation
 from tests.reference.command_line import run
 from tests.reference.random_recordings import random_covariances, random_recording
 
+pytestmark = pytest.mark.slow
+
 
 def linear_filter_and_smoother(seed: int, steps: int = 40) -> tuple[Estimate, Estimate]:
     """Return Kalman filter and smoother (Rauch, Tung and Striebel) of a random walk with position fixes."""

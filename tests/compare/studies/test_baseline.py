@@ -15,6 +15,8 @@ from slamgauge.compare.studies.baseline import Gate, figures_of, open_gate
 from slamgauge.compare.studies.summary import RunFigures
 from tests.reference.command_line import run
 
+pytestmark = pytest.mark.slow
+
 TRIALS = 1000
 
 

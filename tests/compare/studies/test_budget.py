@@ -30,6 +30,8 @@ from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 
+pytestmark = pytest.mark.slow
+
 
 def short(name: str = "q1-long-dense", *overrides: str, duration: float = 4) -> Scenario:
     return load_scenario(name, ["start=sampled", f"trajectory.duration={duration}", *overrides])
@@ -66,6 +68,7 @@ def test_wrong_noise_is_charged_to_the_noise() -> None:
         assert errors[3] == errors[2]
 
 
+@pytest.mark.full  # a filter without ids is usual
 def test_wrong_associations_are_charged_to_the_associations(monkeypatch: pytest.MonkeyPatch) -> None:
     """A filter that takes two landmarks for one and rejects a third, but solves that problem exactly."""
     causal = load_estimators(["causal"])["causal"]

@@ -17,6 +17,8 @@ from slamgauge.compare.studies import executors as cluster
 from slamgauge.compare.studies.executors import dask_cluster
 from slamgauge.errors import UserError
 
+pytestmark = pytest.mark.slow
+
 Versions = Callable[[], dict[str, str]]
 
 SERVE = """

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no process groups")
+pytestmark = [pytest.mark.skipif(sys.platform == "win32", reason="Windows has no process groups"), pytest.mark.slow]
 
 PROGRAM = """
 import signal, sys, time

@@ -23,6 +23,8 @@ from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 
+pytestmark = pytest.mark.slow
+
 Run = Callable[..., Summary]
 Load = Callable[..., dict[str, Runs]]
 

@@ -10,7 +10,10 @@ import pytest
 
 from slamgauge import UserError
 from slamgauge.compare.cli.main import main
-from slamgauge.compare.studies.study_table import latex_text, read_study_table
+from slamgauge.compare.scoring.table_files import escaped
+from slamgauge.compare.studies.study_table import study_table
+
+pytestmark = pytest.mark.slow
 
 
 def interval(mean: float) -> dict[str, float]:
@@ -28,16 +31,14 @@ def study(tmp_path: Path) -> Path:
 
 
 def test_csv_has_columns_for_means_and_ends(study: Path):
-    rows = list(csv.DictReader(read_study_table(study, ["ate_m"], []).text("csv").splitlines()))
+    rows = list(csv.DictReader(study_table(study, "csv", ["ate_m"], []).splitlines()))
     assert rows[0] == {"estimator": "ekf", "runs": "7", "ate_m": "1.0", "ate_m_low": "0.5", "ate_m_high": "1.5"}
     assert rows[1] == {"estimator": "a_b|c", "runs": "7", "ate_m": "", "ate_m_low": "", "ate_m_high": ""}
-    assert (
-        read_study_table(study, ["ate_m"], ["ekf"], intervals=False).text("csv") == "estimator,runs,ate_m\nekf,7,1.0\n"
-    )
+    assert study_table(study, "csv", ["ate_m"], ["ekf"], intervals=False) == "estimator,runs,ate_m\nekf,7,1.0\n"
 
 
 def test_markdown(study: Path):
-    assert read_study_table(study, ["ate_m", "nees_pose_per_dof"], []).text("markdown").splitlines() == [
+    assert study_table(study, "markdown", ["ate_m", "nees_pose_per_dof"], []).splitlines() == [
         "| estimator | runs | ATE [m] | NEES/3 |",
         "| --- | ---: | ---: | ---: |",
         "| ekf | 7 | 1.000 ± 0.500 | 3.00 ± 0.50 |",
@@ -46,7 +47,7 @@ def test_markdown(study: Path):
 
 
 def test_latex_has_booktabs_and_a_caption(study: Path):
-    text = read_study_table(study, [], ["a_b|c"]).text("latex")
+    text = study_table(study, "latex", [], ["a_b|c"])
     assert r"\begin{tabular}{lrrrrr}" in text
     assert all(f"\\{rule}rule" in text for rule in ("top", "mid", "bottom"))
     assert r"\caption{my\_scene, 7 runs (seed 3), means with 95 \% intervals. ATE [m]: " in text
@@ -54,7 +55,7 @@ def test_latex_has_booktabs_and_a_caption(study: Path):
 
 
 def test_latex_escapes_all_special_characters():
-    assert latex_text(r"50 % of $x_1^2$ & {~\}#") == (
+    assert escaped(r"50 % of $x_1^2$ & {~\}#") == (
         r"50 \% of \$x\_1\textasciicircum{}2\$ \& \{\textasciitilde{}\textbackslash{}\}\#"
     )
 
@@ -69,7 +70,7 @@ def test_latex_escapes_all_special_characters():
 )
 def test_missing_columns_and_estimators_are_refused(study: Path, keys: list[str], estimators: list[str], message: str):
     with pytest.raises(UserError, match=message.replace("?", r"\?")):
-        read_study_table(study, keys, estimators)
+        study_table(study, "csv", keys, estimators)
 
 
 def test_the_command_prints_or_writes_it(study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):

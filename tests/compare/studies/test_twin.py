@@ -23,6 +23,8 @@ from slamgauge.recording import Recording
 from slamgauge.se2 import between
 from tests.reference.random_recordings import random_recording
 
+pytestmark = pytest.mark.slow
+
 WOODS = Path(__file__).parents[4] / "shared" / "data" / "lost_in_the_woods" / "dataset2.mat"
 
 
@@ -115,6 +117,7 @@ def test_a_log_without_ids_is_associated_first(tmp_path: Path, capsys: pytest.Ca
     assert load_scenario(tmp_path / "twin" / "twin.toml").association.method == "jcbb"
 
 
+@pytest.mark.full  # a study of a real recording
 @pytest.mark.skipif(not WOODS.exists(), reason=f"{WOODS.name} is not there")
 def test_the_twin_of_lost_in_the_woods_predicts_its_error(tmp_path: Path) -> None:
     """The position RMSE of the right-invariant filter, mean of thirty runs, within a quarter of the real one."""

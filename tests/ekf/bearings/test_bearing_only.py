@@ -15,6 +15,8 @@ from slamgauge.ekf.settings import Initialisation
 from slamgauge.recording import Observations
 from slamgauge.se2 import wrap
 
+pytestmark = pytest.mark.slow
+
 CORRECTIONS = pytest.mark.parametrize("correction", RULES)
 INITIALISATIONS = pytest.mark.parametrize("initialisation", [Rays(), Delayed()], ids=["rays", "delayed"])
 SIGMA = 0.03  # rad

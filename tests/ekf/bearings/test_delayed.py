@@ -20,6 +20,8 @@ from slamgauge.se2 import compose, rotation, wrap
 from slamgauge.triangulation import triangulate
 from tests.reference.jacobians import assert_jacobian
 
+pytestmark = pytest.mark.slow
+
 CORRECTIONS = pytest.mark.parametrize("correction", RULES)
 J = np.array([[0.0, -1.0], [1.0, 0.0]])
 SIGMA = np.deg2rad(1.0)

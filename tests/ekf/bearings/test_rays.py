@@ -28,6 +28,8 @@ from slamgauge.ekf.settings import Rays
 from slamgauge.recording import Observations
 from slamgauge.se2 import rotation, wrap
 
+pytestmark = pytest.mark.slow
+
 CORRECTIONS = pytest.mark.parametrize("correction", ["standard", "right-invariant"])
 J = np.array([[0.0, -1.0], [1.0, 0.0]])
 FOUR = Rays(alpha=0.3, beta=2.0, s_min=1.0)  # four members

@@ -40,6 +40,8 @@ from tests.reference.textbook_association import (
     search_order,
 )
 
+pytestmark = pytest.mark.slow
+
 SENSORS = pytest.mark.parametrize("sensor", ["range-bearing", "position"])
 
 

@@ -17,6 +17,8 @@ from slamgauge.graph_baseline.solver.incremental import SHORT, IncrementalOptimu
 from slamgauge.recording import Recording
 from slamgauge.se2 import wrap
 
+pytestmark = pytest.mark.slow
+
 MANY = 20  # landmarks in a scan
 RATES = np.array([0.98, 0.7, -1.3, 0.1])  # ratios of consecutive steps along four axes; the third diverges
 

@@ -28,6 +28,8 @@ from slamgauge.se2 import chain, rotation
 from tests.reference.random_recordings import random_recording
 from tests.reference.small_problems import assert_same_covariances
 
+pytestmark = pytest.mark.slow
+
 TOLERANCE = 1e-9  # in standard deviations, and in variances
 
 

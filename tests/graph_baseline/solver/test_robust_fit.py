@@ -15,6 +15,8 @@ from slamgauge.graph_baseline.solver.robust_fit import outlier_limit, robust_fit
 from slamgauge.se2 import rotation
 from slamgauge.sensors import predict
 
+pytestmark = pytest.mark.slow
+
 STEPS = 300
 
 

@@ -1,0 +1,135 @@
+"""An estimate with what it is compared with. Arrays that several metrics need are computed once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from slamgauge.arrays import Float, Int
+from slamgauge.compare.scoring.consistency import log_scores, squared_mahalanobis
+from slamgauge.compare.scoring.landmark_identity import (
+    AssociationFigures,
+    association_figures,
+    landmark_errors,
+    true_landmarks,
+)
+from slamgauge.compare.scoring.trajectory_error import distances, pose_errors
+from slamgauge.estimate import Estimate
+from slamgauge.recording import Recording
+from slamgauge.truth import Truth
+
+
+@dataclass(frozen=True)
+class Measured:
+    """An estimate, the known part of the truth, and the optima.
+
+    Attributes:
+        truth: known part of the truth; figures that need another part are undefined.
+        recording: input of the estimator.
+        estimate: output of the estimator.
+        optimum: estimate of `causal` if `estimate` is filtered, of `batch` if it is smoothed; None: not compared.
+        batch: the hindsight optimum, for the distance of the last pose.
+    """
+
+    truth: Truth
+    recording: Recording
+    estimate: Estimate
+    optimum: Estimate | None = None
+    batch: Estimate | None = None
+
+    @cached_property
+    def reference(self) -> Float:
+        """True poses (N+1, 3), all NaN without truth."""
+        poses = self.truth.poses
+        return np.full(self.estimate.poses.shape, np.nan) if poses is None else poses
+
+    @cached_property
+    def errors(self) -> Float:
+        """Additive errors (N+1, 3) of the poses [m, m, rad]."""
+        return pose_errors(self.reference, self.estimate.poses)
+
+    @cached_property
+    def off(self) -> Float:
+        """Position errors (N+1,) [m]."""
+        return distances(self.errors)
+
+    @cached_property
+    def covs(self) -> Float:
+        """Covariances (N+1, 3, 3) of the poses, all NaN if the estimator returns none."""
+        return pose_covs_of(self.estimate)
+
+    @cached_property
+    def sigmas(self) -> Float:
+        """Standard deviations (N+1, 3) of x, y [m] and heading [rad]."""
+        return np.sqrt(np.diagonal(self.covs, axis1=1, axis2=2).clip(min=0))
+
+    @cached_property
+    def nees(self) -> Float:
+        """NEES (N+1,) of the poses."""
+        return squared_mahalanobis(self.errors, self.covs)
+
+    @cached_property
+    def nees_position(self) -> Float:
+        """NEES (N+1,) of the positions."""
+        return squared_mahalanobis(self.errors[:, :2], self.covs[:, :2, :2])
+
+    @cached_property
+    def log_scores(self) -> Float:
+        """Log scores (N+1,) of the poses [nats]."""
+        return log_scores(self.errors, self.covs)
+
+    @property
+    def nis_total(self) -> float:
+        """Sum of the NIS of all steps."""
+        return 0.0 if self.estimate.nis is None else float(self.estimate.nis.sum())
+
+    @property
+    def nis_dof_total(self) -> int:
+        """Degrees of freedom of the NIS of all steps."""
+        return 0 if self.estimate.nis_dof is None else int(self.estimate.nis_dof.sum())
+
+    @cached_property
+    def landmarks(self) -> tuple[Int, Float]:
+        """True ids (L,), -1 if unknown, and positions (L, 2) [m] of the mapped landmarks."""
+        return true_landmarks(self.truth, self.recording, self.estimate)
+
+    @cached_property
+    def map_errors(self) -> Float:
+        """Errors (L, 2) of the mapped landmarks [m]; NaN for those of unknown truth."""
+        return landmark_errors(*self.landmarks, self.truth.landmark_ids, self.truth.landmarks)
+
+    @cached_property
+    def map_nees(self) -> Float:
+        """NEES (L,) of the mapped landmarks; NaN without covariances."""
+        covs = self.estimate.landmark_covs
+        return np.full(len(self.map_errors), np.nan) if covs is None else squared_mahalanobis(self.map_errors, covs)
+
+    @cached_property
+    def associations(self) -> AssociationFigures:
+        """Figures of the data association."""
+        return association_figures(self.truth, self.recording, self.estimate)
+
+    @cached_property
+    def halves(self) -> tuple[Int, Int]:
+        """Indices of the half of the mapped landmarks that is nearer to the true start, and of the farther half."""
+        ids, known = self.landmarks[0], self.truth.landmark_ids
+        start = np.tile(self.reference[0, :2], (len(ids), 1))
+        far = np.linalg.norm(landmark_errors(ids, start, known, self.truth.landmarks), axis=1)
+        defined = ~np.isnan(far)
+        near = far <= np.median(far[defined]) if defined.any() else defined
+        return np.flatnonzero(near), np.flatnonzero(~near & defined)
+
+    @cached_property
+    def map_sigmas(self) -> Float:
+        """Position sigmas (L,) of the mapped landmarks [m]; NaN without covariances."""
+        covs = self.estimate.landmark_covs
+        if covs is None:
+            return np.full(len(self.landmarks[0]), np.nan)
+        return np.sqrt(np.trace(covs, axis1=1, axis2=2).clip(min=0))
+
+
+def pose_covs_of(estimate: Estimate) -> Float:
+    """Return the pose covariances (N+1, 3, 3), all NaN if the estimator returns none."""
+    return np.full((len(estimate.poses), 3, 3), np.nan) if estimate.pose_covs is None else estimate.pose_covs
