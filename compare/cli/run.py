@@ -133,6 +133,9 @@ class Evaluate(WithPage):
     estimates: Repeated = field(default_factory=list)
     """Stored estimates, LABEL=PATH ...: npz, CSV, TUM or BAG:/TOPIC (docs/your_filter.md). No code of yours runs."""
 
+    covariance_frame: Literal["world", "body"] = "world"
+    """Frame of the covariances of stored trajectories; GTSAM's Marginals are in the body frame."""
+
     own_code: OwnCode = field(default_factory=OwnCode)
 
     set: Repeated = field(default_factory=list)
@@ -176,7 +179,10 @@ class Evaluate(WithPage):
             fitted(INITIALISATIONS[self.initialisation], self.reach),
             Robustness(self.robust),
         )
-        stored = {label: _stored_estimator(path, recording) for label, path in self._stored().items()}
+        stored = {
+            label: _stored_estimator(label, path, recording, truth, self.covariance_frame)
+            for label, path in self._stored().items()
+        }
         named = self.own_code.isolate(ask(split_names(self.estimators)))
         require_room_for_estimates(recording, named)
         title = shown(f"{self.recording.parent.resolve().name}/{self.recording.name}")
@@ -195,11 +201,13 @@ class Evaluate(WithPage):
         return {label: Path(path) for label, _, path in pairs}
 
 
-def _stored_estimator(path: Path, recording: Recording) -> Estimator:
+def _stored_estimator(label: str, path: Path, recording: Recording, truth: Truth | None, frame: str) -> Estimator:
     """Return an estimator of the estimate in a file or in BAG:/TOPIC, or one that raises why it cannot be read."""
     from slamgauge.compare.estimators.running import StoredEstimate
     from slamgauge.compare.estimators.user_errors import UserCodeError
-    from slamgauge.compare.storage.stored_results import load_stored
+    from slamgauge.compare.scoring.covariance_frame import frame_doubt, in_world_frame
+    from slamgauge.compare.storage.stored_results import load_stored, own_steps
+    from slamgauge.notices import tell_once
 
     def unreadable(_: Recording) -> Estimate:
         raise UserCodeError(reason)
@@ -207,7 +215,13 @@ def _stored_estimator(path: Path, recording: Recording) -> Estimator:
     bag, colon, topic = str(path).partition(":/")
     try:
         if not colon:
-            return StoredEstimate(load_stored(path, recording))
+            estimate, own = load_stored(path, recording), own_steps(path, recording)
+            if frame == "body":
+                return StoredEstimate(in_world_frame(estimate), own)
+            doubt = frame_doubt(label, estimate, truth, own)
+            if doubt:
+                tell_once(doubt)
+            return StoredEstimate(estimate, own)
         from slamgauge.compare.datasets.bag_log import read_bag_estimate
 
         return StoredEstimate(read_bag_estimate(Path(bag), f"/{topic}", recording))
@@ -261,7 +275,8 @@ class Scoring:
             if self.test.twins:
                 comparison = tested_without_truth(comparison, self.test.twins)
             content = metrics(comparison, self.scenario, self.seed, self.scenario_text)
-            done = self.output.show(content, table(comparison)) and not comparison.failures
+            self.output.show(content, table(comparison))
+            done = not comparison.failures
             if folder is not None and self.out is not None:
                 with explained(self.out, "written"):
                     write_comparison(folder, comparison, content)

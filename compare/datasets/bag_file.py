@@ -129,6 +129,8 @@ def opened(path: Path, msgs: Sequence[Path] = ()) -> Generator[Bag]:
     Raises:
         UserError: the file is missing, cut or of another kind, here and while its messages are read.
     """
+    if path.suffix in (".bz2", ".gz", ".xz", ".zst", ".zip", ".tar"):
+        raise UserError(f"{path}: is a packed file; unpack it, and give the bag")
     try:
         from apsw import Error as DatabaseError
         from rosbags.highlevel import AnyReader, AnyReaderError

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import NamedTuple
 
@@ -28,12 +29,16 @@ WITHOUT = {"dy": 0.0, "vy": 0.0, "landmark": -1.0}  # values of an optional colu
 
 
 class Rows(NamedTuple):
-    """Values (n, k) of a CSV file, in the order of the columns of its kind, their lines, and unused columns."""
+    """Values (n, k) of a CSV file, in the order of the columns of its kind, their lines, and unused columns.
+
+    `sigmas` has the standard deviations (n,) of columns that have some in each row: `range_std` or `range_sigma`.
+    """
 
     kind: str
     lines: Sequence[Line]
     values: Float
     unused: tuple[str, ...]
+    sigmas: dict[str, Float]
 
 
 def read_columns(path: Path, table: FileTable, kinds: Sequence[str], section: str, kind: str | None = None) -> Rows:
@@ -65,6 +70,8 @@ def read_columns(path: Path, table: FileTable, kinds: Sequence[str], section: st
     if len(found) > 1:
         raise header.refused(f"could be {' or '.join(found)}", f"give the kind with {section}.kind")
     if not found:
+        if "observations" in section and place_of("range", None, columns) is not None:
+            raise header.refused("ranges without bearings", "range-only landmarks are not supported; add bearings")
         forms = " or ".join(",".join(KINDS[each]) for each in candidates)
         raise header.refused(f"does not have the columns {forms}", f"name its own in {section}.columns")
     ((kind, places),) = found.items()
@@ -72,8 +79,19 @@ def read_columns(path: Path, table: FileTable, kinds: Sequence[str], section: st
     require_distinct(header, used, columns if has_header else ())
     units_of = {name: columns[at].unit for name, at in used.items()} if has_header else {}
     factors = [factor_of(header, name, units_of.get(name), table) for name in KINDS[kind]]
+    deviations = _deviations(KINDS[kind], columns) if has_header else {}
+    used |= {f"{name}_std": at for name, at in deviations.items()}
     unused = tuple(each.text for at, each in enumerate(columns) if has_header and at not in used.values() and each.text)
-    return Rows(kind, rows, _values(rows, kind, places, len(columns)) * factors, unused)
+    values = _values(rows, kind, places, len(columns)) * factors
+    factor = dict(zip(KINDS[kind], factors, strict=True))
+    sigmas = {name: factor[name] * np.array([line.number_at(at) for line in rows]) for name, at in deviations.items()}
+    return Rows(kind, rows, values, unused, sigmas)
+
+
+def _deviations(names: Sequence[str], columns: Sequence[Column]) -> dict[str, int]:
+    """Return the places of the columns with standard deviations, in the units of the column that they belong to."""
+    found = {column.name.lower(): at for at, column in enumerate(columns)}
+    return {name: found[word] for name in names for word in (f"{name}_std", f"{name}_sigma") if word in found}
 
 
 def _header(lines: list[Line]) -> tuple[Line, list[Line]]:
@@ -115,30 +133,34 @@ def _values(rows: list[Line], kind: str, places: list[int | None], width: int) -
     for line in rows:
         if len(line.words) != width:
             raise line.refused(f"has {len(line.words)} columns where the first line has {width}", "correct the line")
-    _write_points(rows, [at for at in places if at is not None])
     for column, (name, place) in enumerate(zip(KINDS[kind], places, strict=True)):
         if place is None:
             values[:, column] = WITHOUT[name]
         else:
             values[:, column] = [
-                line.id_at(place, least=-1) if name == "landmark" else line.number_at(place) for line in rows
+                line.id_at(place, least=-1)
+                if name == "landmark"
+                else _stamp(line, place)
+                if name == "stamp"
+                else line.number_at(place)
+                for line in rows
             ]
     return values
 
 
-def _write_points(rows: list[Line], places: list[int]) -> None:
-    """Replace decimal commas by points; refuse a file that has both."""
-    with_commas = next((line for line in rows if any("," in line.words[at] for at in places)), None)
-    if with_commas is None:
-        return
-    for line in rows:
-        if any("." in line.words[at] for at in places):
-            what = f"has a decimal point, and line {with_commas.number} a decimal comma"
-            raise line.refused(what, "write decimal points in the whole file")
-        for at in places:
-            line.words[at] = line.words[at].replace(",", ".")
+def _stamp(line: Line, place: int) -> float:
+    """Return a stamp: a number, or a date and time of ISO 8601 (UTC if it has no zone) as seconds since 1970."""
+    word = line.words[place]
+    if len(word) < len("2024-05-01T12:00") or word[4:5] != "-":
+        return line.number_at(place)
+    try:
+        found = datetime.fromisoformat(word)
+    except ValueError:
+        raise line.refused(f"{word[:40]!r} is not a time", "write seconds, or 2024-05-01T12:00:00.25") from None
+    return (found if found.tzinfo else found.replace(tzinfo=UTC)).timestamp()
 
 
 def _is_number(word: str) -> bool:
-    """Return whether a word is a number, possibly with a decimal comma or the mark of a comment in front."""
-    return is_numeric_text(word.lstrip("#%").replace(",", "."))
+    """Return whether a word is a number, or a time, possibly with the mark of a comment in front."""
+    word = word.lstrip("#%")
+    return is_numeric_text(word) or (word[:4].isdecimal() and word[4:5] == "-")

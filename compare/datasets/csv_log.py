@@ -51,14 +51,23 @@ def read_csv_log(path: Path, overrides: Sequence[str] = ()) -> Imported:
     odometry, kind = _odometry(mapping)
     seen = _observations(mapping)
     landmark, kept, notes = identified(seen.values[:, 1].astype(np.int64))
+    if seen.unused:
+        notes = (*notes, f"{mapping.observations.file}: columns that are not used: {', '.join(seen.unused)}")
+    notes += _zero_ranges(mapping, seen)
+    if mapping.observations.drop_zero_ranges and SENSORS[seen.kind].has_range:
+        is_range = seen.values[:, 2] > 0.0
+        landmark = None if landmark is None else landmark[is_range[kept]]
+        kept = kept & is_range
     with of_file(mapping.folder / mapping.observations.file):
         odometry, steps, inside, more = joined(odometry, seen.values[kept, 0])
-    if seen.kind == "bearing" and seen.unused:
-        notes = (*notes, f"observations are bearings only: columns that are not used are {', '.join(seen.unused)}")
     values, landmark = seen.values[kept][inside], None if landmark is None else landmark[inside]
     truth = _truth(mapping, odometry.stamps, landmark)
     sensor = SENSORS[seen.kind].name
-    sigmas = [mapping.sigma(name) for name in SENSORS[sensor].sigmas]
+    names = zip(SENSORS[sensor].columns, SENSORS[sensor].sigmas, strict=True)
+    sigmas = [
+        seen.sigmas[column][kept][inside] if column in seen.sigmas else np.full(len(values), mapping.sigma(name))
+        for column, name in names
+    ]
     with of_file(path):
         recording = Recording(
             stamps=odometry.stamps,
@@ -69,7 +78,7 @@ def read_csv_log(path: Path, overrides: Sequence[str] = ()) -> Imported:
             sensor=sensor,
             observation_step=steps,
             observation=np.where(SENSORS[sensor].is_angle, wrap(values[:, 2:]), values[:, 2:]),
-            observation_cov=diagonal_covariances(np.tile(sigmas, (len(values), 1))),
+            observation_cov=diagonal_covariances(np.column_stack(sigmas)),
             landmark=landmark,
         )
     in_force = replace(
@@ -131,6 +140,17 @@ def _observations(mapping: LogMapping) -> Rows:
     if SENSORS[table.kind].has_bearing:
         require_bearings(table.lines, table.values[:, -1])
     return table
+
+
+def _zero_ranges(mapping: LogMapping, seen: Rows) -> tuple[str, ...]:
+    """Return a note about observations with range 0, which sensors write where they detect nothing."""
+    if not SENSORS[seen.kind].has_range or seen.values[:, 2].all():
+        return ()
+    zero = np.flatnonzero(seen.values[:, 2] == 0.0)
+    what = f"{len(zero)} observations have range 0 m (no detection?), the first in line {seen.lines[zero[0]].number}"
+    if mapping.observations.drop_zero_ranges:
+        return (f"{what}; they are left out",)
+    return (f"warning: {what}; leave them out with --set observations.drop_zero_ranges=true",)
 
 
 def _with_truth_beside(mapping: LogMapping) -> LogMapping:

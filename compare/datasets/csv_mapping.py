@@ -1,7 +1,8 @@
 """Settings for reading the CSV files of a robot's log, from `recording.toml` and `--set`.
 
     [odometry]      file, kind (increments, velocities, poses), holds, time, length, angle, columns
-    [observations]  file, kind (range-bearing, bearing, position), time, length, angle, columns
+    [observations]  file, kind (range-bearing, bearing, position), time, length, angle, columns,
+                    drop_zero_ranges
     [noise]         forward, lateral, turn, per (step, second, speed); range, bearing, position: [m, rad]
     [start]         stamp, pose, sigmas: [s], [m, m, rad]
     [truth]         file, landmarks, max_gap, time, length, angle, columns, landmark_columns
@@ -72,6 +73,7 @@ class ObservationsTable(FileTable):
 
     file: str = "observations.csv"
     kind: Sensor | None = None
+    drop_zero_ranges: bool = False
 
 
 @dataclass(frozen=True)
@@ -197,6 +199,8 @@ def _fits(value: object, hint: Any) -> tuple[bool, str]:
     hint = next((each for each in get_args(hint) if each is not NoneType), hint) if NoneType in get_args(hint) else hint
     if get_origin(hint) is Literal:
         return value in get_args(hint), f"one of {', '.join(get_args(hint))}"
+    if hint is bool:
+        return isinstance(value, bool), "true or false"
     if hint is float:
         return is_finite(value), "a number"
     if hint is str:

@@ -40,7 +40,8 @@ from slamgauge.compare.storage.covariance_columns import from_triangles
 from slamgauge.covariances import inverted
 from slamgauge.errors import UserError
 from slamgauge.recording import Recording
-from slamgauge.se2 import rotation, wrap
+from slamgauge.se2 import between, compose, rotation, wrap
+from slamgauge.se2 import chain as compose_chain
 from slamgauge.sensors import Sensor
 
 VERTICES = {"VERTEX_SE2": "VERTEX_SE2 i x y theta", "VERTEX2": "VERTEX2 i x y theta", "VERTEX_XY": "VERTEX_XY l x y"}
@@ -64,6 +65,11 @@ SENSORS: dict[str, Sensor] = {
     "BR": "range-bearing",
 }
 RAW = ("ROBOTLASER1", "PARAMS_SE2OFFSET")  # in g2o's files and not used: laser scans, the place of another sensor
+UNSUPPORTED = {
+    **dict.fromkeys(("EDGE_RANGE_SE2_XY", "EDGE_SE2_XY_RANGE", "EDGE_SE2_POINT_RANGE"), "a range-only edge"),
+    **dict.fromkeys(("EDGE_PRIOR_XY", "EDGE_PRIOR_SE2_XY", "EDGE_XY_PRIOR"), "a prior of a landmark or a position"),
+    **dict.fromkeys(("VERTEX_SE3:QUAT", "EDGE_SE3:QUAT", "VERTEX3", "EDGE3", "VERTEX_TRACKXYZ"), "a graph in space"),
+}
 TORO_ORDER = np.array([0, 1, 4, 2, 5, 3])  # places of xx xy xt yy yt tt in TORO's order
 REMEDY = "give every quantity a finite variance > 0, in the order of entries that its tag has"
 
@@ -76,7 +82,7 @@ def read_g2o(path: Path, *, drop_loop_edges: bool = False, isam: bool = False) -
     Args:
         path: The graph.
         drop_loop_edges: Whether edges between poses that are not on the path are dropped; else they are refused.
-        isam: Whether ODOMETRY and LANDMARK end with the square root of the information, as in iSAM.
+        isam: Whether EDGE2, ODOMETRY and LANDMARK end with the square root of the information, as in iSAM.
 
     Raises:
         UserError: With the file, the line and the remedy.
@@ -93,7 +99,14 @@ def read_g2o(path: Path, *, drop_loop_edges: bool = False, isam: bool = False) -
     landmark = np.array([line.id_at(2) for line in observed], dtype=np.int64)
     values, covs = _measured(observed, np.array([line.numbers(3) for line in observed]), isam=isam)
     order = np.argsort(step, kind="stable")
-    prior_mean, prior_cov = _prior(lines, chain.poses[0])
+    fixed = [line.id_at(1) for line in lines["FIX"]]
+    prior_mean, prior_cov = _prior(lines, fixed[0] if fixed else chain.poses[0])
+    if fixed and fixed[0] != chain.poses[0]:
+        if fixed[0] not in step_of:
+            raise lines["FIX"][0].refused(f"pose {fixed[0]} is on no edge of the path", "fix a pose of the path")
+        reached = compose_chain(np.zeros(3), chain.increments[: step_of[fixed[0]]])[-1]
+        prior_mean = compose(prior_mean, between(reached, np.zeros(3)))
+        notes.append(f"pose {fixed[0]} in mid-path is fixed: the start is placed so that dead reckoning reaches it")
     notes += [f"{chain.dropped} edges between poses that are not on the path are dropped"] if chain.dropped else []
     ignored = len(_of(lines, RAW))
     notes += [f"{ignored} lines {' and '.join(tag for tag in RAW if lines[tag])} are not used"] if ignored else []
@@ -118,7 +131,7 @@ def _read(path: Path) -> tuple[Lines, list[str]]:
 
     Repeated vertices, words that are not numbers and graphs without motions are refused.
     """
-    lines = read_tagged(path, FORMS | dict.fromkeys(("FIX", *RAW), ""))
+    lines = read_tagged(path, FORMS | dict.fromkeys(("FIX", *RAW), ""), UNSUPPORTED)
     pairs = [(line, at) for line in _of(lines, (*MOTIONS, *OBSERVATIONS)) for at in (1, 2)]
     notes = renumber(
         [
@@ -167,7 +180,7 @@ def _motions(lines: Lines, *, isam: bool) -> Edges:
     ids = np.array([[line.id_at(1), line.id_at(2)] for line in found], dtype=np.int64)
     numbers = np.array([line.numbers(3) for line in found])
     increments, entries = numbers[:, :3], numbers[:, 3:]
-    of_toro = [line.words[0] == "EDGE2" for line in found]
+    of_toro = [line.words[0] == "EDGE2" and not isam for line in found]
     entries[of_toro] = entries[of_toro][:, TORO_ORDER]
     return Edges(found, ids, increments, _covariances(found, entries, 3, isam=isam))
 
@@ -179,7 +192,7 @@ def _covariances(lines: list[Line], entries: Float, size: int, *, isam: bool) ->
     singular covariance.
     """
     matrices = from_triangles(entries, size)
-    stated = np.array([line.words[0] in ("ODOMETRY", "LANDMARK") for line in lines])
+    stated = np.array([line.words[0] in ("ODOMETRY", "LANDMARK", *(["EDGE2"] if isam else [])) for line in lines])
     if isam:
         roots = np.triu(matrices[stated])
         matrices[stated] = roots.swapaxes(1, 2) @ roots
@@ -199,11 +212,15 @@ def _inverse(lines: list[Line], information: Float) -> Float:
 def _start(lines: Lines) -> tuple[int, Line] | None:
     """Return the pose that is fixed or has a prior, and its line; None without such a pose."""
     found = [(line.id_at(at), line) for line in lines["FIX"] for at in range(1, len(line.words))]
+    landmarks = {line.id_at(1) for line in lines["VERTEX_XY"]}
+    for name, line in found:
+        if name in landmarks:
+            raise line.refused(f"landmark {name} is fixed, which is not supported", "remove the line, and fix a pose")
     found += [(line.id_at(1), line) for line in lines[PRIOR]]
     poses = {pose for pose, _ in found}
     if len(poses) > 1 or len(lines[PRIOR]) > 1:
         raise found[-1][1].refused("more poses than the start are fixed or have a prior", "fix one pose, the first")
-    return found[0] if found else None
+    return found[0] if lines[PRIOR] and found else None
 
 
 def _prior(lines: Lines, first: int) -> tuple[Float, Float]:

@@ -14,7 +14,7 @@ import numpy as np
 
 from slamgauge.arrays import Float, Int
 from slamgauge.compare.datasets.imported_log import Imported, of_file
-from slamgauge.compare.datasets.log_mistakes import quick_fit, refuse_mistakes, wrong_noise
+from slamgauge.compare.datasets.log_mistakes import clock_offset, quick_fit, refuse_mistakes
 from slamgauge.compare.storage.path_doubts import path_doubts
 from slamgauge.recording import Recording
 from slamgauge.se2 import rotation
@@ -22,12 +22,13 @@ from slamgauge.sensors import SENSORS, innovation, predict
 from slamgauge.truth import Truth
 
 FEW, PASS = 20, 2000  # observations: fewer show no doubts; observations of a quick pass
-POOR = 0.8  # share of observations that agree, below which a log without a known mistake is warned of
+POOR = 0.9  # share of observations that agree, below which a log without a known mistake is warned of
+POOR_BEARINGS = 0.5  # the same for bearing-only landmarks, with which the filter of the pass is itself inconsistent
+DIFFERS, FACTOR = 3.0, 0.1  # deviation of the mean NIS in its standard deviations, and from 1: the noise does not fit
 NOISE = 20.0  # factor between residuals and stated noise
 FASTEST, QUICKEST, LONGEST = 50.0, 2.0 * np.pi, 10.0  # m/s, rad/s, s: typical speed and step, large yaw rate
 FARTHEST = 1e9  # m from the origin
 COVERED = 0.5  # share of the steps with a true pose, below which a warning is printed
-LEAST = 0.15  # median of NIS / dof, below which the stated noise is doubted
 MEDIAN = 0.6745  # median of the absolute value of a standard normal number
 
 
@@ -129,28 +130,29 @@ def _agreement(recording: Recording) -> tuple[float, list[str]]:
     Raises:
         UserError: they agree once a mistake is undone.
     """
+    recording = _without_zero_ranges(recording)
     fit, estimate = quick_fit(recording)
     if len(recording.observation) < FEW:
         return fit.share, []
     if estimate is not None and estimate.nis_dof is not None and not estimate.nis_dof.any():
         return fit.share, ["no landmark is observed at two steps: nothing corrects the path; check the ids"]
+    offset = clock_offset(recording, fit)
+    if offset:
+        return fit.share, [offset]
     refuse_mistakes(recording, fit)
-    doubts: list[str] = []
-    if estimate is not None:
-        ratios = _residuals(recording, estimate.poses, estimate.landmark_ids, estimate.landmarks)
-        far = {name: ratio for name, ratio in ratios.items() if not 1.0 / NOISE <= ratio <= NOISE}
-        what = "its stated noise; correct the noise or the unit"
-        doubts += [f"the residuals of {name} are {ratio:.2g} times {what}" for name, ratio in far.items()]
-    explained = wrong_noise(recording, fit)
-    if explained:
-        doubts.append(explained)
-    elif 0.0 < fit.nis < LEAST:
-        what = f"the median NIS / dof is {fit.nis:.2g}, about 0.8 with the right noise"
-        doubts.append(f"{what}; correct the stated noise, which is too large (variance, standard deviation?)")
-    if fit.share < POOR:
+    has_range = SENSORS[recording.sensor].name != "bearing"
+    if fit.share < (POOR if has_range else POOR_BEARINGS):
         what = f"only {fit.share:.1%} of the observations agree with one place per landmark"
-        doubts.append(f"{what}; check units, signs, stamps and ids, and the stated noise")
-    return fit.share, doubts
+        return fit.share, [f"{what}; check units, signs, stamps and ids, and the noise (`slamgauge noise`)"]
+    if has_range and abs(fit.deviation) > DIFFERS and abs(fit.mean - 1.0) > FACTOR:
+        what = f"the measurements do not fit their stated noise (the mean NIS / dof is {fit.mean:.2g} instead of 1)"
+        return fit.share, [f"{what}: `slamgauge noise RECORDING` finds the noise that they support"]
+    return fit.share, []
+
+
+def _without_zero_ranges(recording: Recording) -> Recording:
+    """Return the recording without observations of range 0, which sensors write where they detect nothing."""
+    return recording.only(recording.observation[:, 0] > 0.0) if SENSORS[recording.sensor].has_range else recording
 
 
 def _residuals(recording: Recording, poses: Float, ids: Int, landmarks: Float) -> dict[str, float]:

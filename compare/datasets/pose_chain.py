@@ -66,6 +66,8 @@ def chained(edges: Edges, *, drop_loop_edges: bool, start: tuple[int, Line] | No
         at = int(np.argmax(closes_loop))
         i, j = edges.ids[at]
         what = f"the edge between the poses {i} and {j} is not on the path; only landmarks may connect other poses"
+        if {int(i), int(j)} in [{*pair} for pair in edges.ids[path].tolist()]:
+            what = f"a second edge between the poses {i} and {j}; merge both, weighted by their information"
         raise edges.lines[at].refused(what, "drop such edges with `import g2o --drop-loop-edges`")
     if start is not None and start[0] != poses[0]:
         raise start[1].refused(f"pose {start[0]} is known, but the path begins at {poses[0]}", "fix only that one")

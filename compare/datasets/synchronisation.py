@@ -13,12 +13,13 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float, Int, Marks
-from slamgauge.compare.datasets.text_lines import Line
+from slamgauge.compare.datasets.text_lines import Line, shown_stamp
 from slamgauge.compare.storage.interpolation import SAME
 from slamgauge.errors import UserError
 from slamgauge.se2 import exp, log
 
 GAP, MANY_ROWS = 1.0, 10.0  # s, typical times between rows: the shortest gap that a note is printed about
+UNWRAPPED = 0.5  # rad: largest turn in a row whose difference of headings jumps by a whole turn
 FEW, SHORTEST = 20, 0.01  # observations; share of the odometry's time that they should cover
 
 
@@ -47,6 +48,8 @@ def require_turns(lines: Sequence[Line], increments: Float) -> None:
     if wild.any():
         at = int(np.argmax(wild))
         remedy = "check the units of angles and stamps, or write lines in between"
+        if (np.abs(np.abs(increments[wild, 2]) - 2.0 * np.pi) < UNWRAPPED).all():
+            remedy = "these look like differences of headings from -pi to pi: wrap the differences into (-pi, pi]"
         raise lines[at].refused(f"the robot turns by {increments[at, 2]:.3g} rad in one row", remedy)
 
 
@@ -65,7 +68,8 @@ def joined(odometry: Odometry, times: Float) -> tuple[Odometry, Int, Marks, tupl
     outside, many = int(np.sum(~inside)), len(times) > FEW
     too_short = many and np.ptp(times) < SHORTEST * (last - first)
     if too_short or outside > len(times) * (0.5 if many else 0.99):
-        spans = f"observations from {times.min():.9g} to {times.max():.9g} s, odometry from {first:.9g} to {last:.9g} s"
+        begin, end, first, last = map(shown_stamp, (times.min(), times.max(), first, last))
+        spans = f"observations from {begin} to {end} s, odometry from {first} to {last} s"
         raise UserError(f"{spans}; give each file the unit of its stamps, and both the same clock")
     share = f", {outside / len(times):.0%}: check units and clocks of the files" if outside > 0.1 * len(times) else ""
     notes = (f"{outside} observations outside the odometry's time are dropped{share}",) if outside else ()
@@ -78,7 +82,7 @@ def _gap(stamps: Float) -> tuple[str, ...]:
     longest = int(np.argmax(seconds))
     if seconds[longest] < max(GAP, MANY_ROWS * float(np.median(seconds))):
         return ()
-    where = f"{seconds[longest]:.3g} s from {stamps[longest]:.9g} s on"
+    where = f"{seconds[longest]:.3g} s from {shown_stamp(stamps[longest])} s on"
     return (f"the odometry has no row for {where}: constant speeds are assumed there",)
 
 

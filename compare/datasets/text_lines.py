@@ -8,7 +8,6 @@ from __future__ import annotations
 import csv
 import io
 import math
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,7 +23,7 @@ from slamgauge.validation import LARGEST
 
 LARGEST_ID = 2**53  # not every larger whole number is a float64
 REMARKS = ("#", "%")  # first characters of lines of tables that are remarks, or names of columns
-EXCEL = re.compile(r"sep=(.)", re.IGNORECASE)
+NOTHING: Mapping[str, str] = {}
 PATIENCE = 2.0  # seconds of reading before a terminal shows progress
 
 
@@ -64,6 +63,11 @@ class Line:
         return int(number)
 
 
+def shown_stamp(seconds: float) -> str:
+    """Return a stamp [s] with all its digits, at most nine behind the point."""
+    return f"{seconds:.9f}".rstrip("0").rstrip(".")
+
+
 def _number(word: str) -> float:
     """Return a word as a number, NaN if it is not a number; 1_0 may be a name, and is not 10."""
     try:
@@ -79,8 +83,7 @@ def read_lines(path: Path, *, comment: str = "#", separators: str = "") -> Itera
         path: The file.
         comment: Begins a remark that ends with its line; "" for none.
         separators: Characters that may separate words, which may be quoted. The first of them in the first line that
-            does not begin with # or % is used; if it has none of them, white space is. A first line `sep=;` of Excel
-            names another one.
+            does not begin with # or % is used; if it has none of them, white space is.
 
     Raises:
         UserError: the file cannot be read, or is not a text.
@@ -89,13 +92,12 @@ def read_lines(path: Path, *, comment: str = "#", separators: str = "") -> Itera
     tell_if_cut(path, content)
     text = io.StringIO(content, newline=None)
     first = next((line for line in text if line.strip() and line.lstrip()[0] not in REMARKS), "")
-    named = EXCEL.fullmatch(first.strip(" \r\n")) if separators else None
-    separator = named[1] if named else next((each for each in separators if each in first), None)
+    separator = next((each for each in separators if each in first), None)
     text.seek(0)
     shown = tqdm(text, desc=path.name, delay=PATIENCE, disable=None, leave=False, unit="line")
     for number, line in enumerate(shown, start=1):
         words = line.partition(comment)[0] if comment else line
-        if words.strip() and not (named and line == first):
+        if words.strip():
             yield Line(path, number, [word.strip() for word in _split(words, separator)])
 
 
@@ -124,12 +126,15 @@ def read_table(path: Path, form: str) -> tuple[list[Line], Float]:
     return lines, np.array([line.numbers(0) for line in lines])
 
 
-def read_tagged(path: Path, forms: Mapping[str, str]) -> dict[str, list[Line]]:
+def read_tagged(
+    path: Path, forms: Mapping[str, str], unsupported: Mapping[str, str] = NOTHING
+) -> dict[str, list[Line]]:
     """Read the lines of a file by their first word, the tag.
 
     Args:
         path: The file.
         forms: Form of the lines of each tag, for example `SENSOR id range bearing`; "" allows any number of words.
+        unsupported: What lines of further tags contain, which are refused.
 
     Raises:
         UserError: the file cannot be read, a tag is unknown, or a line does not have the form of its tag.
@@ -137,6 +142,8 @@ def read_tagged(path: Path, forms: Mapping[str, str]) -> dict[str, list[Line]]:
     lines: dict[str, list[Line]] = {tag: [] for tag in forms}
     for line in read_lines(path):
         tag = line.words[0]
+        if tag in unsupported:
+            raise line.refused(f"{tag} is {unsupported[tag]}, which is not supported", "leave such lines out")
         if tag not in forms:
             raise line.refused(f"{tag[:30]!r} is an unknown tag", did_you_mean(tag[:30], forms))
         if forms[tag]:

@@ -26,13 +26,23 @@ FARTHEST = 1e12  # m, rad: far outside any map, and squares of errors are still 
 
 @dataclass(frozen=True)
 class StoredEstimate:
-    """An estimator that returns a stored estimate."""
+    """An estimator that returns a stored estimate.
+
+    `own` (N+1,) marks the steps of which it has a pose of its own; None for all. Other steps are not scored.
+    """
 
     estimate: Estimate
+    own: Marks | None = None
 
     def __call__(self, _recording: Recording, /) -> Estimate:
         """Return the estimate, for any recording."""
         return self.estimate
+
+
+def own_steps_of(estimator: Estimator) -> Marks | None:
+    """Return the steps of which a stored estimate has a pose of its own; None for all, and for other estimators."""
+    inner = estimator.estimate if isinstance(estimator, LoadedEstimator) else estimator
+    return inner.own if isinstance(inner, StoredEstimate) else None
 
 
 def run_estimator(

@@ -12,7 +12,7 @@ import numpy as np
 
 from slamgauge.arrays import chunks
 from slamgauge.compare.estimators.registry import OPTIMA, REGISTRY
-from slamgauge.compare.estimators.running import run_side_by_side
+from slamgauge.compare.estimators.running import own_steps_of, run_side_by_side
 from slamgauge.compare.scoring.catalogue import empty_columns, heads, is_relative
 from slamgauge.compare.scoring.optimum_figures import is_in_doubt, is_misfit
 from slamgauge.compare.scoring.optimum_notes import (
@@ -115,7 +115,13 @@ def compare_estimators(
     best = {kind: ran.estimates[name] for kind, name in ran.optima.items()}
     for name, estimate in ran.estimates.items():
         try:
-            score = evaluate(truth, recording, estimate, best.get(estimate.kind), best.get("smoothed"))
+            score = evaluate(
+                _at_steps_of(truth, estimators.get(name)),
+                recording,
+                estimate,
+                best.get(estimate.kind),
+                best.get("smoothed"),
+            )
         except UserError as error:
             failures[name] = f"estimator {name}: {error}"
             continue
@@ -126,6 +132,14 @@ def compare_estimators(
     found = tuple(f"{name}: {remark}" for name in scores for remark in ran.remarks.get(name, ()))
     stand_ins = tuple(ran.stand_ins)
     return Comparison(truth, recording, estimates, scores, ran.optima, failures, stand_ins, found)
+
+
+def _at_steps_of(truth: Truth | None, estimator: Estimator | None) -> Truth | None:
+    """Return the truth without poses at steps of which a stored estimate has no pose of its own."""
+    own = None if estimator is None else own_steps_of(estimator)
+    if truth is None or truth.poses is None or own is None:
+        return truth
+    return replace(truth, poses=np.where(own[:, None], truth.poses, np.nan))
 
 
 def metrics(

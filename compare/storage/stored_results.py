@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from slamgauge.arrays import Float
+from slamgauge.arrays import Float, Marks
 from slamgauge.compare.storage.covariance_columns import from_triangles
 from slamgauge.compare.storage.csv_folder import POSE, POSE_COV, parse_rows, read_estimate_csv, read_lines
 from slamgauge.compare.storage.files import (
@@ -34,9 +34,11 @@ from slamgauge.notices import tell_once
 from slamgauge.recording import Recording
 from slamgauge.truth import Truth, require_same_run
 
+FEW_OWN = 0.5  # share of the poses of a file that must be at stamps of steps
 MATCH, MAX_GAP = 1e-3, 1.0  # s: see `at_steps`
 LARGEST = 1e150  # its square is still finite
 UNIT, TILTED = 1e-3, 0.1  # largest error of a quaternion's length, and qx or qy of a robot that stands level
+WORDS = {"time": "stamp", "timestamp": "stamp", "t": "stamp", "heading": "theta", "yaw": "theta"}
 TUM = 8  # columns without covariances
 TRIANGLES = (6, 21)  # numbers of values in the triangle of a covariance of x, y, heading, or of a pose in space
 
@@ -95,8 +97,10 @@ def load_stored(path: Path, recording: Recording) -> Estimate:
         return load_estimate(path)
     if path.suffix != ".csv":
         estimate = _read_tum(path, recording.stamps)
-    elif read_text(path).lstrip().startswith("stamp"):
-        rows = parse_rows(str(path), read_lines(path), ("stamp", *POSE), ("stamp", *POSE, *POSE_COV))
+    elif _in_our_words(read_text(path).lstrip().partition("\n")[0]).startswith("stamp"):
+        lines = read_lines(path)
+        lines[0] = _in_our_words(lines[0])
+        rows = parse_rows(str(path), lines, ("stamp", *POSE), ("stamp", *POSE, *POSE_COV))
         rows = rows[np.argsort(rows[:, 0], kind="stable")]
         covs = from_triangles(rows[:, 4:], 3) if rows.shape[1] > 4 else None
         estimate = at_steps(str(path), rows[:, 0], rows[:, 1:4], covs, recording.stamps)
@@ -106,6 +110,29 @@ def load_stored(path: Path, recording: Recording) -> Estimate:
     return estimate
 
 
+def own_steps(path: Path, recording: Recording) -> Marks | None:
+    """Return the steps (N+1,) at whose stamp a trajectory in a TUM file has a pose of its own.
+
+    Poses of all other steps are interpolated on straight lines, so only those of their own are compared with the truth.
+    None if the file is of another form, or has a pose at every step or at hardly any.
+    """
+    if path.suffix in (".npz", ".csv"):
+        return None
+    stamps = np.sort(_tum_table(path)[:, 0])
+    after = np.clip(np.searchsorted(stamps, recording.stamps), 1, max(len(stamps) - 1, 1))
+    near = np.minimum(np.abs(stamps[after - 1] - recording.stamps), np.abs(stamps[after] - recording.stamps))
+    own = near <= MATCH
+    if own.all() or own.sum() < FEW_OWN * len(stamps):
+        return None
+    tell_once(f"{path}: has poses at {own.sum()} of {len(own)} steps; only these are compared with the truth")
+    return own
+
+
+def _in_our_words(header: str) -> str:
+    """Return a header with our names of the stamp and of the heading."""
+    return ",".join(WORDS.get(word.strip(), word.strip()) for word in header.split(","))
+
+
 def tell_doubts(where: str, estimate: Estimate, recording: Recording) -> None:
     """Print what the path of an estimate contradicts, see `path_doubts`."""
     for doubt in path_doubts(estimate.poses, recording):
@@ -113,17 +140,22 @@ def tell_doubts(where: str, estimate: Estimate, recording: Recording) -> None:
 
 
 def _read_tum(path: Path, stamps: Float) -> Estimate:
+    table = _tum_table(path)
+    table = table[np.argsort(table[:, 0], kind="stable")]
+    _require_headings(path, table[:, 4:TUM])
+    covs = _covariances(table[:, TUM:]) if table.shape[1] > TUM else None
+    return at_steps(str(path), table[:, 0], planar_poses(table[:, 1:TUM]), covs, stamps)
+
+
+def _tum_table(path: Path) -> Float:
+    """Return the numbers (n, columns) of a TUM file."""
     text = read_text(path)
     tell_if_cut(path, text)
     lines = text.splitlines()
     rows = [_numbers(path, n, line) for n, line in enumerate(lines, 1) if line.strip() and not line.startswith("#")]
     if len({len(row) for row in rows}) > 1:
         raise UserError(f"{path}: lines have different numbers of columns; write all with, or all without covariances")
-    table = np.array(rows, dtype=np.float64).reshape(len(rows), -1 if rows else TUM)
-    table = table[np.argsort(table[:, 0], kind="stable")]
-    _require_headings(path, table[:, 4:TUM])
-    covs = _covariances(table[:, TUM:]) if table.shape[1] > TUM else None
-    return at_steps(str(path), table[:, 0], planar_poses(table[:, 1:TUM]), covs, stamps)
+    return np.array(rows, dtype=np.float64).reshape(len(rows), -1 if rows else TUM)
 
 
 def at_steps(where: str, stamps: Float, poses: Float, covs: Float | None, steps: Float) -> Estimate:

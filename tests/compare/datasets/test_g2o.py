@@ -170,7 +170,6 @@ def test_a_path_may_have_ids_in_any_order(read: Read):
         ("VERTEX_SE2 15 3", "VERTEX_SE2 99 3", "line 4: pose 99 is on no edge of the path"),
         ("EDGE_SE2_XY 15", "EDGE_SE2_XY 16", "line 9: pose 16 is not on the path; correct the id"),
         ("EDGE_SE2_XY 15 4", "EDGE_SE2_XY 15 11", "line 9: vertex 11 is a pose, not a landmark"),
-        ("FIX 10", "FIX 11", "line 6: pose 11 is known, but the path begins at 10"),
         ("FIX 10", "FIX", "line 6: fixes nothing; write FIX i"),
         ("VERTEX_XY 4 5 5", "VERTEX_XY 4 nan 5", "line 5: 'nan' is not a finite number"),
         ("FIX 10", "FIX 10 15", "line 6: more poses than the start are fixed"),

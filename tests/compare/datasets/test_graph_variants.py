@@ -82,17 +82,20 @@ VARIANTS: dict[str, tuple[Change, str]] = {
     "clockwise turns": (scaled("EDGE_SE2", 5, -1.0), "angles in opposite directions"),
     "motions in mm": (scaled("EDGE_SE2", 3, 1e3), "distances of the odometry are 1000 times too large"),
     "variances instead of information": (each("EDGE_SE2", inverted), "standard deviation of a step"),
-    "sigmas 100 times too small": (each("BR", lambda words: [*words[:5], "2e-4", "5e-4"]), "times its stated noise"),
+    "sigmas 100 times too small": (each("BR", lambda words: [*words[:5], "2e-4", "5e-4"]), "`slamgauge noise`"),
     "poses instead of motions": (
         each("EDGE_SE2", lambda words: [*words[:3], repr(0.05 * int(words[2])), *words[4:]]),
         "agree with one place per landmark",
     ),
     "doubled observations": (each("BR", lambda words: [*words, "\n", *words]), "count twice"),
-    "doubled edges": (each("EDGE_SE2", lambda words: [*words, "\n", *words]), "is not on the path"),
+    "doubled edges": (each("EDGE_SE2", lambda words: [*words, "\n", *words]), "a second edge between the poses"),
     "an edge missing": (lambda graph: graph.replace("EDGE_SE2 7 8 ", "# "), "no edge joins the poses"),
     "nan": (each("FIX", lambda words: [*words, "\nBR 3 4 nan 1 1 1"]), "is not a finite number"),
     "no line end at the end": (str.rstrip, "no line end after"),
-    "in space": (lambda graph: graph + "VERTEX_SE3:QUAT 0 0 0 0 0 0 0 1\n", "is an unknown tag"),
+    "in space": (
+        lambda graph: graph + "VERTEX_SE3:QUAT 0 0 0 0 0 0 0 1\n",
+        "is a graph in space, which",
+    ),
     "decimal commas": (lambda graph: graph.replace(".", ","), "is not a finite number"),
 }
 
