@@ -89,7 +89,9 @@ class Doctor:
         from slamgauge.compare.scoring.text_page import Page
 
         if self.clear_cache:
-            files = _machine_code()
+            from slamgauge.jit import stored_files
+
+            files = stored_files()
             for file in files:
                 file.unlink(missing_ok=True)
             print(f"kept machine code: {len(files)} files removed", file=sys.stderr)
@@ -155,18 +157,10 @@ def run_shortly(module: str, estimator: str) -> str:
     return f"ready in {perf_counter() - begin:.1f} s"
 
 
-def _machine_code() -> list[Path]:
-    """Return the stored files of kernels."""
-    from slamgauge.jit import caches
-
-    folder = caches()
-    return [] if folder is None else [*folder.rglob("*.nb[ic]")]
-
-
 def _kept() -> str:
-    from slamgauge.jit import caches
+    from slamgauge.jit import caches, stored_files
 
-    files = _machine_code()
+    files = stored_files()
     return f"{len(files)} files, {sum(file.stat().st_size for file in files) / MEGABYTE:.1f} MB, {caches()}"
 
 
