@@ -90,6 +90,12 @@ def caches() -> Path | None:
     return None
 
 
+def stored_files() -> list[Path]:
+    """Return the files of stored machine code."""
+    folder = caches()
+    return [] if folder is None else [*folder.rglob("*.nb[ic]")]
+
+
 def parent() -> Path:
     """Return the folder in which each version has its folder of machine code."""
     if NUMBA.CACHE_DIR:

@@ -19,11 +19,9 @@ from scipy.special import chdtri
 
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf.kernels.individual_compatibility import NONE
-from slamgauge.ekf.kernels.joint_compatibility import Limits
-from slamgauge.ekf.kernels.sequential_association import Gates
-from slamgauge.ekf.maps.correction_table import Correction, Rule, sequential_of
+from slamgauge.ekf.kernels.nearest_neighbour import Gates
+from slamgauge.ekf.maps.correction_table import Correction, Rule
 from slamgauge.ekf.maps.divergence_monitor import DivergenceMonitor
-from slamgauge.ekf.maps.duplicate_landmarks import robot_of
 from slamgauge.ekf.maps.input_checks import require_robustness, require_sensor, rows_of
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
 from slamgauge.ekf.maps.map_edits import add_landmarks
@@ -44,7 +42,7 @@ class AssociatingFilter(PointFilter):
         sensor: `range-bearing` or `position`.
         prior_mean: (3,) start pose.
         prior_cov: (3, 3) its covariance; zero is legal.
-        correction: see `SlamFilter`; the nearest neighbour needs a rule with a `sequential` form.
+        correction: see `SlamFilter`.
         association: method, gate and map management.
         robust: `student-t` or `none`; the gate is that of the association.
 
@@ -68,36 +66,23 @@ class AssociatingFilter(PointFilter):
         if not isinstance(cast("object", association), Association):
             raise UserError(f"association: {association!r} is not an Association; give Association(method, gate)")
         rule = self._map.correction.rule
-        if association.method == "nearest-neighbour":
-            sequential_of(rule)
-        else:
+        if association.method != "nearest-neighbour":
             self._matcher = Matcher(self._map)
         self._association = association
         self._tracks = Tracks(self._map, association.map_management)
         self._associated: Int = np.zeros(0, dtype=np.int64)
         self._quantiles = np.zeros(1)
         self._monitor = DivergenceMonitor(rule)
-        self._mean_robot: tuple[Float, Float] | None = None
 
     @property
     def pose(self) -> Float:
         """(3,) x, y [m], heading [rad] in the world frame."""
-        return self._robot[0].copy()
+        return self._map.state.pose
 
     @property
     def pose_cov(self) -> Float:
         """(3, 3) covariance of the additive pose error in the world frame."""
-        return self._robot[1].copy()
-
-    @property
-    def _robot(self) -> tuple[Float, Float]:
-        """Pose and covariance; the mean over the matchings while they are undecided."""
-        if self._mean_robot is None:
-            matchings = self._tracks.matchings
-            self._mean_robot = self._map.state.pose, self._map.state.pose_cov
-            if matchings is not None:
-                self._mean_robot = robot_of(self._map, matchings)
-        return self._mean_robot
+        return self._map.state.pose_cov
 
     @property
     def landmark_ids(self) -> Int:
@@ -126,8 +111,6 @@ class AssociatingFilter(PointFilter):
     def predict(self, increment: ArrayLike, cov: ArrayLike) -> None:
         """Move by a body-frame increment; see `SlamFilter.predict`."""
         self._map.correction.predict(increment, cov)
-        self._tracks.clock.open_step()
-        self._mean_robot = None
         self._associated = self._associated[:0]
 
     def update(self, observations: Observations) -> tuple[float, int]:
@@ -148,26 +131,20 @@ class AssociatingFilter(PointFilter):
         associate = self._jointly if self._association.method == "jcbb" else self._one_by_one
         self._associated, nis, dof = associate(values, covs)
         self._tracks.close_scan(self._associated)
-        self._mean_robot = None
         return self._monitor.checked((nis, dof))
 
     def _one_by_one(self, values: Float, covs: Float) -> tuple[Int, float, int]:
-        gates = Gates(float(self._association.gate), float(self._widest_gate), self._map.correction.tails)
+        gates = Gates(float(self._association.gate), float(self._widest_gate))
         slots, nis, dof = update_nearest(self._map, self._tracks.new_ids, values, covs, gates)
         return np.where(slots == NONE, NONE, self._map.state.ids[slots]), nis, dof
 
     def _jointly(self, values: Float, covs: Float) -> tuple[Int, float, int]:
         pairs, noise_covs = self._matcher.compatible(values, covs, self._widest_gate)
-        management, doubtful = self._association.map_management, np.zeros(len(values), dtype=bool)
-        if management is not None:
-            pairs = self._matcher.located(pairs, noise_covs, management.vagueness, self._tracks.recent)
         gate, limit = self._association.gate, self._association.node_limit
         slots = self._matcher.jointly_compatible(pairs, noise_covs, gate, self._joint_gates(len(values)), limit)
-        if management is not None:
-            slots[self._matcher.ambiguous(pairs, noise_covs, slots, Limits(gate, management.margin, limit))] = NONE
-            doubtful[pairs.observation[np.isin(pairs.slot, slots, invert=True)]] = True
-        matched = slots != NONE
-        new = ~matched & ~doubtful
+        matched, new = slots != NONE, slots == NONE
+        if self._association.map_management is not None:  # a possible outlier of another landmark starts no track
+            new[pairs.observation[np.isin(pairs.slot, slots, invert=True)]] = False
         associated = np.full(len(values), NONE)
         associated[matched] = self._map.state.ids[slots[matched]]
         self._map.state.reserve(self._map.state.size + 2 * int(new.sum()))  # may raise an error: before any change

@@ -11,10 +11,9 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float, Int
-from slamgauge.ekf.kernels.belief import allocate_belief
+from slamgauge.ekf.kernels.belief import allocate_belief, allocate_workspace
 from slamgauge.ekf.kernels.log_likelihood import WHOLE, Measured, Order, run_log
 from slamgauge.ekf.kernels.outlier_likelihood import GAUSSIAN, MIXTURE, STUDENT_T, Rows, Tails, weigh
-from slamgauge.ekf.kernels.workspace import allocate
 from slamgauge.ekf.maps.correction_table import BLOCK
 from slamgauge.ekf.maps.input_checks import start_of
 from slamgauge.errors import UserError
@@ -62,7 +61,7 @@ class Log:
         self._kept, self._order = _ordered(recording.observation_step, recording.landmark, recording.steps)
         self._landmarks = int(self._order.slots.max(initial=-1)) + 1
         most = int(np.diff(self._order.first).max(initial=0))
-        self._work = allocate(most, 3 + 2 * self._landmarks, BLOCK)
+        self._work = allocate_workspace(most, 3 + 2 * self._landmarks, BLOCK)
 
     def innovations(
         self, odometry: Float, odometry_cov: Float, observation: Float, observation_cov: Float, tails: Tails

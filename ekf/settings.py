@@ -22,30 +22,18 @@ class MapManagement:
     Attributes:
         sights: observations that confirm a new track.
         probation: scans after which an unconfirmed track is deleted, including the scan of its birth.
-        margin: `jcbb` ignores an observation if another association of the scan, with a joint squared distance larger
-            by less than this, gives it another landmark: that association is at least exp(-margin / 2) times as likely.
         new_gate: an observation within this squared Mahalanobis distance of a landmark that the scan does not observe
             otherwise may be an outlier of that landmark, and starts no track. One correct observation in a million
             exceeds the default (chi-square, 2 degrees of freedom).
-        vagueness: `jcbb` associates observations with a landmark if one of the last `probation` scans has observed it
-            (see `maps.scan_clock`), or if the variances of its position relative to the robot are below this many
-            times those of an observation (see `kernels.individual_compatibility.find_located`). Observations of other
-            landmarks start tracks, which are merged with them later.
         merge_gate: two landmarks that no scan has observed together may be the same if the squared Mahalanobis distance
-            of their difference from zero is below this (one duplicate in a million exceeds the default).
-        certainty: they are merged if matchings of the scan's tracks with landmarks that agree on the pair have at least
-            this share of the weight (see `maps.duplicate_landmarks`).
-        new_density: density of unknown landmarks for these weights [1/m^2].
+            of their difference from zero is below this (one duplicate in a million exceeds the default). They are
+            merged if neither has another such partner.
     """
 
     sights: int = setting(5, at_least=1)
     probation: int = setting(10, at_least=1)
-    margin: float = setting(6.0, at_least=0)
     new_gate: float = setting(27.6, at_least=0)
     merge_gate: float = setting(27.6, at_least=0)
-    vagueness: float = setting(6.0, above=0)
-    certainty: float = setting(0.99, above=0.5, at_most=1)
-    new_density: float = setting(3e-4, above=0)
 
     def __post_init__(self) -> None:
         check(self)
@@ -64,8 +52,7 @@ class Association:
             chi-square distribution with 2k degrees of freedom that has the same probability.
         map_management: probation, deletion and merging of landmarks; None as in the exercise.
         node_limit: largest number of pairs that `jcbb` tries in a scan. At the limit it returns the best association so
-            far, which is at least the jointly compatible nearest neighbours. The search for ambiguous observations has
-            the same limit; observations that it does not reach count as certain.
+            far, which is at least the jointly compatible nearest neighbours.
     """
 
     method: Method = "nearest-neighbour"

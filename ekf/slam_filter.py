@@ -33,7 +33,7 @@ class SlamFilter(PointFilter):
         prior_mean: (3,) start pose.
         prior_cov: (3, 3) its covariance; zero is legal.
         correction: `standard`, `first-estimates`, `observability-constrained`, `iterated`, `right-invariant` (see
-            `kernels.corrections`), or your own `Rule`.
+            `kernels.update`).
         landmarks: initial capacity; the map grows as needed.
         robust: how updates are guarded against outliers.
 

@@ -26,9 +26,8 @@ from slamgauge.compare.storage.progress import counted
 from slamgauge.compare.storage.provenance import origin
 from slamgauge.ekf import SlamFilter
 from slamgauge.ekf.estimators import drive
-from slamgauge.ekf.maps.correction_table import CORRECTIONS, RULES, Rule
+from slamgauge.ekf.maps.correction_table import CORRECTIONS, Correction
 from slamgauge.estimate import Estimate
-from slamgauge.jit import direct
 from slamgauge.memory import require_memory
 from slamgauge.recording import Recording
 
@@ -113,29 +112,27 @@ def _figures(name: str, recording: Recording, estimate: Estimate, run_s: float) 
         figures["median_s"] = float(np.median(second_round))
         figures["p95_s"] = float(np.quantile(second_round, 0.95))
     if name in CORRECTIONS:
-        figures["share_outside_kernels"] = _share_outside_kernels(recording, RULES[CORRECTIONS[name]])
+        figures["share_outside_kernels"] = _share_outside_kernels(recording, CORRECTIONS[name])
     return figures
 
 
-def _share_outside_kernels(recording: Recording, rule: Rule) -> float:
+def _share_outside_kernels(recording: Recording, correction: Correction) -> float:
     """Return the share of the second round's time that is spent outside compiled kernels."""
     inside, total = 0.0, 0.0
 
     def timed(kernel: Callable[..., Any]) -> Callable[..., Any]:
-        fast = None
-
         def call(*arguments: object) -> object:
-            nonlocal inside, fast
-            fast = fast or direct(kernel, *arguments)  # the filter makes the same call
+            nonlocal inside
             start = perf_counter()
-            result = fast(*arguments)
+            result = kernel(*arguments)
             inside += perf_counter() - start
             return result
 
         return call
 
-    clocked = rule._replace(update=timed(rule.update), predict=timed(rule.predict), find_slots=timed(rule.find_slots))
-    slam = SlamFilter(recording.sensor, recording.prior_mean, recording.prior_cov, clocked)
+    slam = SlamFilter(recording.sensor, recording.prior_mean, recording.prior_cov, correction)
+    step = slam.map.correction
+    step.kernels = type(step.kernels)(*map(timed, step.kernels))
     first = recording.steps // 2
     part = recording.first(min(first + SHARE_STEPS, recording.steps))
     for step, result in enumerate(drive(slam, part)):

@@ -53,7 +53,7 @@ class Animate:
 
     def _repeat_worst_run(self, out: Path) -> int:
         """Repeat the run of a study with the largest ATE of the first of `estimators`; return the exit status."""
-        from slamgauge.compare.report.rerun_command import run_of_study
+        from slamgauge.compare.report.rerun_command import request_of, settings_of
         from slamgauge.compare.report.study_page import runs_to_look_at
         from slamgauge.compare.studies.stored_study import load_study
         from slamgauge.compare.studies.study_run import run_seed
@@ -65,6 +65,6 @@ class Animate:
             raise UserError(f"{self.folder}: {name} has no run with a known error; name another in --estimators")
         run = int(study.runs[name].run[worst])
         print(f"run {run}, the worst of {name}:", file=sys.stderr)
-        again, seed = run_of_study(study.content), run_seed(study.summary.seed, run)
+        again, seed = request_of(study.summary), run_seed(study.summary.seed, run)
         page = PageOptions(no_report=True)
-        return Run(again.scenario, seed, again.estimators, set=[tuple(again.settings)], out=out, page=page)()
+        return Run(again.scenario, seed, again.estimators, set=[tuple(settings_of(again))], out=out, page=page)()

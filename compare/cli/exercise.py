@@ -56,11 +56,10 @@ class ExerciseCommand(WithPage):
             exercise = run_exercise(self.questions, self.runs, self.seed, self.out, executor)
             found = results(exercise)
             content = exercise_json(exercise, found)
-            done = self.output.show(content, exercise_page(found, self.runs, exercise.failures))
+            self.output.show(content, exercise_page(found, self.runs, exercise.failures))
             with staged_folder(self.out, [EXERCISE], last=EXERCISE) as stage:
                 write_json(stage / EXERCISE, content)
-            if not self.page.no_report:
-                done = self._publish(exercise, found, executor) and done
+            done = self.page.no_report or self._publish(exercise, found, executor)
         print(f"written to {self.out}", file=sys.stderr)
         return 0 if done and not exercise.failures else 1
 

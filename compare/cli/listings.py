@@ -19,7 +19,7 @@ class Scenarios:
     json: bool = False
     """Print JSON on standard output."""
 
-    def __call__(self) -> int:
+    def __call__(self) -> None:
         from slamgauge.compare.scenarios.scenario import shipped_scenarios
         from slamgauge.compare.scoring.text_page import Page
 
@@ -27,4 +27,4 @@ class Scenarios:
         width = max(len(name) for name, _ in found)
         page = Page(tuple(f"{name:{width}}  {text}" for name, text in found))
         output = Output(self.json, wide=not sys.stdout.isatty())
-        return 0 if output.show([{"name": name, "description": text} for name, text in found], page) else 1
+        output.show([{"name": name, "description": text} for name, text in found], page)

@@ -59,14 +59,14 @@ class Bench:
         require_room_for_bench(sizes)
         with results_folder(self.out, BENCH_FILES, last=BENCH) as folder:
             result = run_bench(sizes, split_names(self.estimators))
-            done = self.output.show(result, bench_table(result))
+            self.output.show(result, bench_table(result))
             if folder is not None:
                 write_json(folder / BENCH, result)
-        if self.out is not None:
-            from slamgauge.compare.figures.publishing import draw_stored
+        if self.out is None:
+            return 0
+        from slamgauge.compare.figures.publishing import draw_stored
 
-            done = draw_stored(self.out, BENCH) and done
-        return 0 if done else 1
+        return 0 if draw_stored(self.out, BENCH) else 1
 
 
 @dataclass
@@ -89,7 +89,9 @@ class Doctor:
         from slamgauge.compare.scoring.text_page import Page
 
         if self.clear_cache:
-            files = _machine_code()
+            from slamgauge.jit import stored_files
+
+            files = stored_files()
             for file in files:
                 file.unlink(missing_ok=True)
             print(f"kept machine code: {len(files)} files removed", file=sys.stderr)
@@ -155,18 +157,10 @@ def run_shortly(module: str, estimator: str) -> str:
     return f"ready in {perf_counter() - begin:.1f} s"
 
 
-def _machine_code() -> list[Path]:
-    """Return the stored files of kernels."""
-    from slamgauge.jit import caches
-
-    folder = caches()
-    return [] if folder is None else [*folder.rglob("*.nb[ic]")]
-
-
 def _kept() -> str:
-    from slamgauge.jit import caches
+    from slamgauge.jit import caches, stored_files
 
-    files = _machine_code()
+    files = stored_files()
     return f"{len(files)} files, {sum(file.stat().st_size for file in files) / MEGABYTE:.1f} MB, {caches()}"
 
 

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import errno
-import math
 import signal
 import sys
 import threading
 import traceback
 from collections.abc import Generator, Sequence
 from contextlib import contextmanager
-from time import monotonic
+from typing import Any
 
 from slamgauge.compare.cli.options import EmptyPathError
 from slamgauge.compare.cli.parsing import Listed, parse
@@ -25,8 +24,6 @@ REFUSED = 71  # EX_OSERR
 LONGEST = 200  # characters of the machine's own message
 # signals that interrupt a command; Windows has no SIGHUP
 ENDS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
-CLEANING_UP = 3.0  # s
-AGAIN = 0.1  # s: from an interrupt that Python has dropped to the next
 
 COMMANDS = {
     "exercise": Listed("exercise:ExerciseCommand", "the settings of the exercise TP4: EKF, GTSAM batch and optimum"),
@@ -56,22 +53,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
         130 interrupted, 143 terminated, 129 terminal closed (SIGHUP).
     """
     prepare_streams()
-    with _signals() as signals:
+    with _interrupting_signals() as received:
         try:
-            try:
-                signals.interrupts = True
-                return _run(sys.argv[1:] if arguments is None else arguments)
-            finally:
-                signals.interrupts = False
-        except KeyboardInterrupt as interrupt:  # those that follow soon are ignored, so that none ends this block
-            signals.interrupts = False
-            return _ended(128 + signals.first, f"interrupted; {str(interrupt) or 'nothing was written'}")
+            return _run(sys.argv[1:] if arguments is None else arguments)
+        except KeyboardInterrupt as interrupt:
+            number = received[0] if received else signal.SIGINT
+            return _ended(128 + number, f"interrupted; {str(interrupt) or 'nothing was written'}")
 
 
 def _run(words: Sequence[str]) -> int:
     """Run one command and return its exit status, except after an interrupt."""
     if list(words) == ["--version"]:
-        return 0 if put(f"slamgauge {__version__}") else 1
+        put(f"slamgauge {__version__}")
+        return 0
     try:
         command = parse(words, COMMANDS)
         with commanded(words):
@@ -105,62 +99,23 @@ def _ended(status: int, message: str) -> int:
     return status
 
 
-class _Signals:
-    """Turns signals into interrupts of a command, which then cleans up.
+@contextmanager
+def _interrupting_signals() -> Generator[list[int]]:
+    """Let the signals that end a command interrupt it, so that it cleans up; yield the numbers of those that came."""
+    received: list[int] = []
 
-    Signals that follow within `CLEANING_UP` are ignored. Later ones interrupt again, because compilation may lose one.
-
-    Attributes:
-        interrupts: whether the command runs; other signals are ignored.
-        first: number of the first signal that has interrupted.
-    """
-
-    def __init__(self) -> None:
-        self.interrupts = False
-        self.first: int = signal.SIGINT
-        self._last = -math.inf  # time of the last interrupt [s]
-
-    def interrupt(self, number: int, _: object) -> None:
-        """Handle a signal."""
-        if not self.interrupts or monotonic() < self._last + CLEANING_UP:
-            return
-        if self._last == -math.inf:
-            self.first = number
-        self._last = monotonic()
+    def interrupt(number: int, _: object) -> None:
+        received.append(number)
         raise KeyboardInterrupt
 
-    def repeat(self, lost: sys.UnraisableHookArgs) -> None:
-        """Interrupt again after an interrupt in a destructor or a callback of C code, where Python drops exceptions."""
-        if lost.exc_type is KeyboardInterrupt:
-            self._last = -math.inf
-            threading.Timer(AGAIN, _send, (self.first,)).start()
-        else:
-            sys.__unraisablehook__(lost)
-
-
-def _send(number: int) -> None:
-    """Send a signal to the main thread, where it also ends a wait."""
-    if hasattr(signal, "pthread_kill"):
-        signal.pthread_kill(threading.main_thread().ident or 0, number)
-    else:  # Windows
-        signal.raise_signal(number)
-
-
-@contextmanager
-def _signals() -> Generator[_Signals]:
-    """Handle the signals that end a command."""
-    signals = _Signals()
-    if threading.current_thread() is not threading.main_thread():  # Python handles signals there only
-        yield signals
-        return
-    before = {number: signal.getsignal(number) for number in ENDS}
-    hook, sys.unraisablehook = sys.unraisablehook, signals.repeat
+    before: dict[int, Any] = {}
+    if threading.current_thread() is threading.main_thread():  # Python handles signals there only
+        before = {number: signal.getsignal(number) for number in ENDS}
     for number, handler in before.items():
         if handler is not signal.SIG_IGN:  # `nohup` ignores SIGHUP, the shell SIGINT in the background
-            signal.signal(number, signals.interrupt)
+            signal.signal(number, interrupt)
     try:
-        yield signals
+        yield received
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
-        sys.unraisablehook = hook

@@ -275,7 +275,8 @@ class Scoring:
             if self.test.twins:
                 comparison = tested_without_truth(comparison, self.test.twins)
             content = metrics(comparison, self.scenario, self.seed, self.scenario_text)
-            done = self.output.show(content, table(comparison)) and not comparison.failures
+            self.output.show(content, table(comparison))
+            done = not comparison.failures
             if folder is not None and self.out is not None:
                 with explained(self.out, "written"):
                     write_comparison(folder, comparison, content)

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from slamgauge.compare.scenarios.scenario import Scenario
     from slamgauge.compare.scoring.runs import Runs
     from slamgauge.compare.studies.baseline import Gate as BaselineGate
-    from slamgauge.compare.studies.summary import Summary
+    from slamgauge.compare.studies.summary import Request, Summary
 
 
 @dataclass(frozen=True)
@@ -133,11 +133,17 @@ class Study(WithPage):
         with self.work.executor() as executor:
             arguments = (scenario, self.runs, self.seed, asked, self.out, executor)
             summary = run_study(*arguments, against=split_names(self.against))
+        summary = replace(summary, request=self._request())
         worse = gate is not None and is_worse(summary, gate)
-        printed = self.output.show(summary.to_json(), summary_table(summary))
+        self.output.show(summary.to_json(), summary_table(summary))
         runs = load_runs(scenario, summary.runs, self.seed, asked, self.out)
-        done = write_study(self.out, summary, runs, scenario.trajectory.step) and printed
+        done = write_study(self.out, summary, runs, scenario.trajectory.step)
         return done and not summary.failures and not worse
+
+    def _request(self, swept: str = "") -> Request:
+        from slamgauge.compare.studies.summary import Request
+
+        return Request(self.scenario, tuple(flattened(self.set)), self.estimators, swept)
 
     def _open_gate(self, path: Path, scenario: Scenario, asked: list[Asked]) -> BaselineGate:
         """Return the gate of the study with a baseline; refuse a wrong one before anything runs."""
@@ -159,15 +165,16 @@ class Study(WithPage):
         drawn: list[bool] = []
 
         def finished(folder: Path, summary: Summary, runs: dict[str, Runs], step: float) -> None:
+            summary = replace(summary, request=self._request(folder.name))
             drawn.append(write_study(folder, summary, runs, step))
             drawn.append(write_page(folder, SUMMARY, replace(self.page, open=False)))
 
         with self.work.executor() as executor:
             arguments = (self.scenario, flattened(self.set), sweep, self.runs, self.seed, asked, self.out, executor)
             result = run_sweep(*arguments, finished=finished)
-        printed = self.output.show(result.to_json(), sweep_table(result))
+        self.output.show(result.to_json(), sweep_table(result))
         failed = any(each.failures for each in result.summaries)
-        return write_sweep(self.out, result) and all(drawn) and printed and not failed
+        return write_sweep(self.out, result) and all(drawn) and not failed
 
 
 @dataclass
@@ -215,10 +222,10 @@ class Budget(WithPage):
         staged = results_folder(self.out, BUDGET_FILES, last=BUDGET)
         with staged as folder, self.work.executor() as executor:
             budget = error_budget(scenario, self.filter, self.runs, self.seed, executor, self.lag)
-            printed = self.output.show(budget.to_json(), budget_table(budget))
+            self.output.show(budget.to_json(), budget_table(budget))
             if folder is not None:
                 write_json(folder / BUDGET, budget.to_json())
-        return self.finish(self.out, BUDGET, done=draw_stored(self.out, BUDGET) and printed)
+        return self.finish(self.out, BUDGET, done=draw_stored(self.out, BUDGET))
 
 
 def is_worse(summary: Summary, gate: BaselineGate) -> bool:

@@ -7,7 +7,6 @@ import json
 import os
 import shutil
 import sys
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
@@ -32,9 +31,9 @@ class Output:
     color: Literal["auto", "always", "never"] = "auto"
     """auto: print colours on a terminal if NO_COLOR is not set."""
 
-    def show(self, content: object, page: Page) -> bool:
-        """Print `content` as JSON, or the page; return whether standard output took it."""
-        return put(json.dumps(content, indent=2, allow_nan=False) if self.json else self.laid_out(page))
+    def show(self, content: object, page: Page) -> None:
+        """Print `content` as JSON, or the page."""
+        put(json.dumps(content, indent=2, allow_nan=False) if self.json else self.laid_out(page))
 
     def laid_out(self, page: Page) -> str:
         """Return the text of a page for this terminal or pipe."""
@@ -53,18 +52,13 @@ def _painted(text: str, tone: Tone) -> str:
     return f"{SIGNS[tone]}{text}{END}" if SIGNS[tone] else text
 
 
-def put(text: str) -> bool:
-    """Print a text; return whether standard output took it. A pipe that its reader closes early does not count."""
+def put(text: str) -> None:
+    """Print a text. A reader that closes its pipe early, as `head` does, loses the rest of it alone."""
     try:
         print(text)
         sys.stdout.flush()
     except BrokenPipeError:
         drop_output()
-    except OSError as error:
-        drop_output()
-        print(f"slamgauge: standard output: cannot be written ({error.strerror}); give it room", file=sys.stderr)
-        return False
-    return True
 
 
 def drop_output() -> None:
@@ -73,32 +67,7 @@ def drop_output() -> None:
 
 
 def prepare_streams() -> None:
-    """Make printing safe: every character can be printed, closed streams are replaced, and notes may be lost.
-
-    Standard output escapes characters that its encoding lacks. Standard error also ignores a full disk.
-    """
-    while (opened := os.open(os.devnull, os.O_RDWR)) <= 2:  # else a results file would become a standard stream
-        os.set_inheritable(opened, True)
-    os.close(opened)
-    if sys.stdout is None:
-        sys.stdout = open(os.devnull, "w", encoding="utf-8")  # noqa: PTH123, SIM115 open until the process ends
-    elif isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(errors="backslashreplace")
-    if sys.stderr is None:
-        sys.stderr = open(os.devnull, "w", encoding="utf-8")  # noqa: PTH123, SIM115
-    elif sys.stderr is sys.__stderr__ and type(sys.stderr) is io.TextIOWrapper:
-        encoding = sys.stderr.encoding
-        sys.stderr = _Notes(sys.stderr.detach(), encoding, errors="backslashreplace", line_buffering=True)
-
-
-class _Notes(io.TextIOWrapper):
-    """Standard error for notes and progress; a failure to write them is ignored."""
-
-    def write(self, text: str, /) -> int:
-        with suppress(OSError):
-            return super().write(text)
-        return len(text)
-
-    def flush(self) -> None:
-        with suppress(OSError):
-            super().flush()
+    """Escape characters that the encoding of a stream lacks."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")

@@ -64,8 +64,8 @@ class Check:
         requested = with_noise_and_form(ask([self.estimator]), "recording", self.form)
         (asked,) = isolated(requested, isolation if can_isolate() else None)
         verdicts = check_estimator(asked.label, load(asked), self.seed)
-        printed = self.output.show(verdicts_json(verdicts), verdicts_table(verdicts))
-        return 0 if printed and not any(verdict.is_failure for verdict in verdicts) else 1
+        self.output.show(verdicts_json(verdicts), verdicts_table(verdicts))
+        return 0 if not any(verdict.is_failure for verdict in verdicts) else 1
 
 
 @dataclass
@@ -142,8 +142,8 @@ class Grade(WithPage):
                 raise UserError(f"{self.folder}: nothing could be graded; {first.submission}: {first.reasons[0]}")
             if self.seed is None:
                 print(f"slamgauge: root seed {seed} (random; --seed {seed} grades on the same runs)", file=sys.stderr)
-            printed = self.output.show(grades.to_json(), grade_table(grades))
+            self.output.show(grades.to_json(), grade_table(grades))
             if staged is not None:
                 write_grades(staged, grades)
-        done = write_pages(out, grades) and printed and all(each.is_graded for each in grades.grades)
+        done = write_pages(out, grades) and all(each.is_graded for each in grades.grades)
         return self.finish(out, GRADES, done=done)

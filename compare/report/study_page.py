@@ -9,7 +9,7 @@ import numpy as np
 
 from slamgauge.compare.report.page import TERMS, pack, render
 from slamgauge.compare.report.page_elements import Look, looks, origin, pictures
-from slamgauge.compare.report.rerun_command import command_of_run, swept
+from slamgauge.compare.report.rerun_command import command_of_run, request_of
 from slamgauge.compare.scoring.aggregation import BAND_LEVEL, PerStep, nees_per_step, nis_per_step
 from slamgauge.compare.scoring.catalogue import BY_KEY
 from slamgauge.compare.scoring.ray_figures import describe
@@ -52,7 +52,7 @@ def study_page(folder: Path) -> dict[str, str]:
     """
     study = load_study(folder)
     summary = study.summary
-    shown, value = looks(summary.estimators), swept(study.content)
+    shown, value = looks(summary.estimators), request_of(summary).swept
     table, worst, every = estimator_table(summary), worst_table(study), run_table(study)
     comparisons = against_tables(summary.against)
     text = render(
@@ -89,7 +89,7 @@ def worst_table(study: StoredStudy) -> Table:
         for which, at in runs_to_look_at(runs).items():
             if at is not None:
                 run, ate = int(runs.run[at]), float(runs.figures["ate_m"][at])
-                command = command_of_run(study.content, run_seed(study.summary.seed, run))
+                command = command_of_run(study.summary, run_seed(study.summary.seed, run))
                 rows.append([Cell(name), Cell(which), Cell(str(run), run), Cell(f"{ate:.3f}", ate), Cell(command)])
     heads = [
         ESTIMATOR,
@@ -139,7 +139,7 @@ def study_data(study: StoredStudy, shown: list[Look]) -> dict[str, Any]:
         "ates": [pack(study.runs[each.name].figures["ate_m"] if each.name in ran else []) for each in shown],
         "runs": [pack(study.runs[each.name].run if each.name in ran else [], "i4") for each in shown],
         "commands": [
-            command_of_run(study.content, run_seed(study.summary.seed, run)) for run in range(study.summary.runs)
+            command_of_run(study.summary, run_seed(study.summary.seed, run)) for run in range(study.summary.runs)
         ],
     }
 

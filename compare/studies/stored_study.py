@@ -15,7 +15,7 @@ from slamgauge.compare.storage.files import read_json
 from slamgauge.compare.storage.result_files import OPTIMA, STORE, SUMMARY
 from slamgauge.compare.studies.store import digest as digest_of
 from slamgauge.compare.studies.store import read_store
-from slamgauge.compare.studies.summary import Failure, Summary, summarise
+from slamgauge.compare.studies.summary import Failure, Request, Summary, summarise
 from slamgauge.errors import UserError
 
 
@@ -48,6 +48,7 @@ def load_study(folder: Path) -> StoredStudy:
         failures = tuple(Failure(**each) for each in content["failures"])
         scenario, digest = content["scenario"], content["digest"]
         against = TypeAdapter(dict[str, dict[str, dict[str, Paired]]]).validate_python(content["against"])
+        request = TypeAdapter(Request | None).validate_python(content["request"])
     except (ValueError, TypeError, KeyError):
         raise UserError(f"{path}: not what `slamgauge study` writes; run it again") from None
     stored, runs = read_store(folder / STORE, digest, labels, count)
@@ -59,7 +60,7 @@ def load_study(folder: Path) -> StoredStudy:
         if label not in runs:
             raise UserError(f"{folder / STORE}: has no run of {label}; give the command of the study again")
     runs = {label: runs[label] for label in labels}
-    summary = Summary(scenario, count, seed, digest, failures, summarise(runs), against)
+    summary = Summary(scenario, count, seed, digest, failures, summarise(runs), against, request=request)
     return StoredStudy(content, summary, runs, stored.trajectory.step)
 
 

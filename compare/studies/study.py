@@ -169,15 +169,22 @@ def _run_missing(store: StudyStore, work: _Work, runs: int) -> list[Failure]:
 
 
 def _arriving(tasks: Iterable[_Task], in_flight: int, work: _Work) -> Generator[tuple[_Task, list[Outcome] | None]]:
-    """Submit tasks; yield each with its outcomes as they arrive, or with None if its worker died."""
+    """Submit tasks; yield each with its outcomes as they arrive, or with None if its worker died.
+
+    On first use the first task runs alone: it compiles the kernels, which the other workers load.
+    """
+    from slamgauge.jit import stored_files  # here: it loads numba
+
+    limit = in_flight if stored_files() else 1
     pending: dict[Future[list[Outcome]], _Task] = {}
     waiting = iter(tasks)
     try:
         while True:
-            for run, asked in islice(waiting, in_flight - len(pending)):
+            for run, asked in islice(waiting, limit - len(pending)):
                 pending[work.executor.submit(run_once, work.scenario, run_seed(work.seed, run), asked)] = (run, asked)
             if not pending:
                 return
+            limit = in_flight
             for future in wait(pending, return_when=FIRST_COMPLETED).done:
                 task = pending.pop(future)
                 error = future.exception()

@@ -90,13 +90,30 @@ def run_figures(runs: Runs) -> RunFigures:
 
 
 @dataclass(frozen=True)
+class Request:
+    """What a command requested, so that single runs can be repeated.
+
+    Attributes:
+        scenario: name or path of the scenario.
+        settings: values of --set.
+        estimators: names of the estimators, separated by commas.
+        swept: `key=value` of a value of a sweep; empty for other studies.
+    """
+
+    scenario: str
+    settings: tuple[str, ...]
+    estimators: str
+    swept: str = ""
+
+
+@dataclass(frozen=True)
 class Summary:
     """Summary of a study: summary.json as an object.
 
     `scenario` is a name, `runs` the number of runs, `seed` the root seed, `digest` that of the measurements, `failures`
     the failed runs of estimators, `estimators` the figures of each estimator by name, `per_run` those of each run,
     `against` the requested paired comparisons, `scenario_text` the scenario as a TOML file, `comparisons` pairs of a
-    user estimator and a sentence, which are only printed.
+    user estimator and a sentence, which are only printed, `request` what a command requested.
     """
 
     scenario: str
@@ -109,6 +126,7 @@ class Summary:
     scenario_text: str | None = None
     comparisons: tuple[tuple[str, str], ...] = ()
     per_run: Mapping[str, RunFigures] = field(default_factory=dict[str, RunFigures])
+    request: Request | None = None
 
     def __repr__(self) -> str:
         return f"Summary({self.scenario}, {self.runs} runs: {', '.join(self.estimators)})"
@@ -135,7 +153,14 @@ class Summary:
             "seed": self.seed,
             "digest": self.digest,
             "estimators": {name: entry.to_json() for name, entry in self.estimators.items()},
-            **to_jsonable_python({"failures": self.failures, "per_run": dict(self.per_run), "against": self.against}),
+            **to_jsonable_python(
+                {
+                    "failures": self.failures,
+                    "per_run": dict(self.per_run),
+                    "against": self.against,
+                    "request": self.request,
+                }
+            ),
             **bound_entry(self.estimators),
         }
 

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from slamgauge.arrays import Float, Marks
+from slamgauge.arrays import Float, Int, Marks
 from slamgauge.jit import inner
 
 ROBOT = 3  # entries of the robot: x, y, heading
@@ -59,3 +59,38 @@ def resized(belief: Belief, size: int) -> Belief:
 def at_place(belief: Belief, place: Float) -> Belief:
     """Return a belief with the same covariance and the state `place` (capacity,), where Jacobians are taken too."""
     return Belief(place, place, belief.cov, belief.points, belief.size, AT_POINT)
+
+
+class Workspace(NamedTuple):
+    """Arrays for a scan of up to m observations, updated in blocks of up to b observations.
+
+    The caller of an update fills `slots`, `observation` and `observation_cov`; the update overwrites all other arrays.
+    """
+
+    ids: Int  # (m,)
+    slots: Int  # (m,)
+    observation: Float  # (m, 2)
+    observation_cov: Float  # (m, 2, 2)
+    jacobian: Float  # (2m, 5)
+    innovation: Float  # (2m,)
+    S: Float  # (2b, 2b)
+    W: Float  # (2b, capacity)
+    u: Float  # (b, capacity) see `update.Pending`
+    a: Float  # (b, capacity)
+
+
+def allocate_workspace(observations: int, capacity: int, block: int) -> Workspace:
+    """Allocate arrays for `observations`, updated in blocks of at most `block`, and a state of `capacity` entries."""
+    rows, block = 2 * observations, max(min(observations, block), 1)
+    return Workspace(
+        ids=np.zeros(observations, dtype=np.int64),
+        slots=np.zeros(observations, dtype=np.int64),
+        observation=np.zeros((observations, 2)),
+        observation_cov=np.tile(np.eye(2), (observations, 1, 1)),  # the first row is constant for a bearing-only sensor
+        jacobian=np.zeros((rows, 5)),
+        innovation=np.zeros(rows),
+        S=np.zeros((2 * block, 2 * block)),
+        W=np.zeros((2 * block, capacity)),
+        u=np.zeros((block, capacity)),
+        a=np.zeros((block, capacity)),
+    )

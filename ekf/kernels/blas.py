@@ -26,10 +26,9 @@ def _fortran(library: str, routine: str, arguments: int) -> Callable[..., None]:
 
 
 _dsyrk = _fortran("blas", "dsyrk", 10)
-_dsyr2 = _fortran("blas", "dsyr2", 9)
+_dsyr2k = _fortran("blas", "dsyr2k", 12)
 _dtrsm = _fortran("blas", "dtrsm", 11)
 _dgemv = _fortran("blas", "dgemv", 11)
-_dgemm = _fortran("blas", "dgemm", 13)
 _dpotrf = _fortran("lapack", "dpotrf", 5)
 
 _LETTERS = np.frombuffer(b"LNRT", dtype=np.uint8)
@@ -87,19 +86,22 @@ def subtract_gram(P: Float, W: Float, rows: int, size: int) -> None:
 
 
 @inner
-def add_outer_pair(P: Float, u: Float, v: Float, size: int) -> None:
-    """P <- P + u v' + v u' on the upper triangle of P[:size, :size]."""
-    sizes = np.array([size, P.shape[1]], dtype=np.int32)
-    _dsyr2(
+def add_outer_pairs(P: Float, u: Float, a: Float, rows: int, size: int) -> None:
+    """P <- P + u'a + a'u on the upper triangle of P[:size, :size], for u[:rows, :size] and a[:rows, :size]."""
+    sizes = np.array([size, rows, P.shape[1], u.shape[1], a.shape[1]], dtype=np.int32)
+    _dsyr2k(
         _LETTERS[_L:].ctypes,
+        _LETTERS[_N:].ctypes,
         sizes.ctypes,
+        sizes[1:].ctypes,
         _REALS[_ONE:].ctypes,
         u.ctypes,
-        _UNIT_STRIDE.ctypes,
-        v.ctypes,
-        _UNIT_STRIDE.ctypes,
+        sizes[3:].ctypes,
+        a.ctypes,
+        sizes[4:].ctypes,
+        _REALS[_ONE:].ctypes,
         P.ctypes,
-        sizes[1:].ctypes,
+        sizes[2:].ctypes,
     )
 
 
@@ -119,29 +121,6 @@ def combine_rows(W: Float, weights: Float, out: Float, rows: int, size: int) -> 
         _REALS[_ZERO:].ctypes,
         out.ctypes,
         _UNIT_STRIDE.ctypes,
-    )
-
-
-@inner
-def subtract_product(out: Float, W: Float, T: Float) -> None:
-    """Out <- out - W'T for `out` (m, n), W (r, m) and T (r, n), which may be parts of larger arrays."""
-    (rows, height), width, bytes_each = W.shape, T.shape[1], T.itemsize
-    steps = (T.strides[0] // bytes_each, W.strides[0] // bytes_each, out.strides[0] // bytes_each)
-    sizes = np.array([width, height, rows, steps[0], steps[1], steps[2]], dtype=np.int32)
-    _dgemm(
-        _LETTERS[_N:].ctypes,
-        _LETTERS[_T:].ctypes,
-        sizes.ctypes,
-        sizes[1:].ctypes,
-        sizes[2:].ctypes,
-        _REALS[_MINUS_ONE:].ctypes,
-        T.ctypes,
-        sizes[3:].ctypes,
-        W.ctypes,
-        sizes[4:].ctypes,
-        _REALS[_ONE:].ctypes,
-        out.ctypes,
-        sizes[5:].ctypes,
     )
 
 
@@ -165,18 +144,15 @@ def _subtract_gram(P: Float, W: Float, rows: int, size: int) -> None:
     P[:size, :size] -= np.triu(W[:rows, :size].T @ W[:rows, :size])
 
 
-def _add_outer_pair(P: Float, u: Float, v: Float, size: int) -> None:
-    P[:size, :size] += np.triu(np.outer(u[:size], v[:size]) + np.outer(v[:size], u[:size]))
+def _add_outer_pairs(P: Float, u: Float, a: Float, rows: int, size: int) -> None:
+    both = u[:rows, :size].T @ a[:rows, :size]
+    P[:size, :size] += np.triu(both + both.T)
 
 
 def _combine_rows(W: Float, weights: Float, out: Float, rows: int, size: int) -> None:
     out[:size] = W[:rows, :size].T @ weights[:rows]
 
 
-def _subtract_product(out: Float, W: Float, T: Float) -> None:
-    out -= W.T @ T
-
-
 if NUMBA.DISABLE_JIT:
     cholesky, solve_factor, combine_rows = _cholesky, _solve_factor, _combine_rows
-    subtract_gram, add_outer_pair, subtract_product = _subtract_gram, _add_outer_pair, _subtract_product
+    subtract_gram, add_outer_pairs = _subtract_gram, _add_outer_pairs

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from slamgauge.arrays import Float, Int, Marks
+from slamgauge.arrays import Float, Int
 from slamgauge.ekf.kernels.belief import Belief
 from slamgauge.ekf.kernels.covariance import noise, squared_distance
 from slamgauge.ekf.kernels.linearisation import linearise
@@ -30,7 +30,6 @@ class Pairs(NamedTuple):
 
     observation: Int  # (c,) index in the scan
     slot: Int  # (c,) slot in the state
-    owner: Int  # (c,) number of the landmark: its slot, or one number for several slots of the same landmark
     value: Float  # (c, 2) the observation; used only inside `find_compatible`
     innovation: Float  # (2c,)
     jacobian: Float  # (2c, 5) columns as in `kernels.linearise`
@@ -43,7 +42,6 @@ def allocate_pairs(capacity: int) -> Pairs:
     return Pairs(
         observation=np.zeros(capacity, dtype=np.int64),
         slot=np.zeros(capacity, dtype=np.int64),
-        owner=np.zeros(capacity, dtype=np.int64),
         value=np.zeros((capacity, 2)),
         innovation=np.zeros(2 * capacity),
         jacobian=np.zeros((2 * capacity, 5)),
@@ -71,7 +69,7 @@ def find_compatible(sensor: int, belief: Belief, values: Float, covs: Float, gat
         distance = squared_distance(v0, v1, S[0, 0], S[0, 1], S[1, 1])
         if distance <= gate:
             pairs.observation[count] = pairs.observation[c]
-            pairs.slot[count] = pairs.owner[count] = pairs.slot[c]
+            pairs.slot[count] = pairs.slot[c]
             for row in range(2):
                 pairs.innovation[2 * count + row] = pairs.innovation[2 * c + row]
                 for column in range(pairs.jacobian.shape[1]):
@@ -139,42 +137,10 @@ def is_within_reach(reach: Reach, belief: Belief, landmark: int, lever: float, g
     return (reach.measured - expected) ** 2 <= gate * (spread * spread + reach.noise)
 
 
-@kernel
-def find_located(cov: Float, covs: Float, pairs: Pairs, vagueness: float, recent: Marks) -> Int:
-    """Return the indices (k,) of the pairs whose landmark is accurately known relative to the robot.
-
-    This is so if the landmark is marked in `recent` (L,), or if the covariance H P H' of the expected observation is
-    small compared with the noise R: tr(R^-1 H P H') <= vagueness. The trace is 2 for a landmark that was observed once,
-    from the present pose.
-    """
-    expected = np.empty((2, 2))
-    located = np.empty(len(pairs.slot), np.int64)
-    found = 0
-    for c in range(len(pairs.slot)):
-        pair_covariance(cov, pairs, c, c, expected)
-        R = covs[pairs.observation[c]]
-        trace = R[1, 1] * expected[0, 0] - 2.0 * R[0, 1] * expected[0, 1] + R[0, 0] * expected[1, 1]
-        if recent[pairs.slot[c]] or trace <= vagueness * (R[0, 0] * R[1, 1] - R[0, 1] ** 2):
-            located[found] = c
-            found += 1
-    return located[:found]
-
-
 def first_pairs(pairs: Pairs, count: int) -> Pairs:
     """Return the first `count` pairs, as views."""
     double = {"innovation", "jacobian"}  # two rows for each pair
     return Pairs(*(each[: 2 * count if name in double else count] for name, each in pairs._asdict().items()))
-
-
-def keep_pairs(pairs: Pairs, kept: Int) -> Pairs:
-    """Move the pairs with the indices `kept` (k,) to the front, in this order, and return them as views."""
-    count = len(kept)
-    pairs.innovation[: 2 * count] = pairs.innovation.reshape(-1, 2)[kept].ravel()
-    pairs.jacobian[: 2 * count] = pairs.jacobian.reshape(-1, 2, 5)[kept].reshape(-1, 5)
-    for each in (pairs.observation, pairs.slot, pairs.owner, pairs.distance):
-        each[:count] = each[kept]
-    pairs.by_distance[:count] = np.lexsort((pairs.distance[:count], pairs.observation[:count]))
-    return first_pairs(pairs, count)
 
 
 @inner

@@ -1,4 +1,4 @@
-"""The joint compatibility test by branch and bound, and its ambiguous associations, compiled.
+"""The joint compatibility test by branch and bound, compiled.
 
 A set of pairs contains no landmark twice. The search adds the observations one after the other, those with the fewest
 candidates first. The set must stay jointly compatible: its joint d^2 is at most a chi-square quantile for its
@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from slamgauge.arrays import Float, Int, Marks
+from slamgauge.arrays import Float, Int
 from slamgauge.ekf.kernels.individual_compatibility import NONE, Pairs, add_noise, pair_covariance
 from slamgauge.jit import inner, kernel
 
@@ -40,14 +40,6 @@ class Branch(NamedTuple):
     placed: Int  # (depths + 1,) number of pairs before each depth
     total: Float  # (depths + 1,) joint d^2 before each depth
     joint: Joint
-
-
-class Limits(NamedTuple):
-    """Limits of the search for ambiguous observations."""
-
-    gate: float  # pairs with a larger d^2 are ignored
-    margin: float  # an alternative may exceed the joint d^2 of the association by this
-    nodes: int  # largest number of pairs to try
 
 
 @kernel
@@ -156,7 +148,7 @@ def _rows_to_place(pairs: Pairs, gate: float, observations: int) -> tuple[Int, I
 def _is_taken(pairs: Pairs, taken: Int, n: int, c: int) -> bool:
     """Return whether one of the first n pairs has the landmark of pair c."""
     for k in range(n):  # noqa: SIM110 numba compiles no generator expressions
-        if pairs.owner[taken[k]] == pairs.owner[c]:
+        if pairs.slot[taken[k]] == pairs.slot[c]:
             return True
     return False
 
@@ -188,71 +180,6 @@ def _extend(cov: Float, covs: Float, pairs: Pairs, joint: Joint, n: int, c: int)
         y[column] = value / U[column, column]
         added += y[column] ** 2
     return added
-
-
-@kernel
-def mark_ambiguous(cov: Float, covs: Float, pairs: Pairs, slots: Int, limits: Limits) -> tuple[Marks, int]:
-    """Mark the observations (m,) whose landmark in `slots` (m,) has an alternative that is nearly as likely.
-
-    An alternative assigns an unused landmark to one observation, or exchanges the landmarks of two observations. It
-    makes the observation ambiguous if its joint d^2 exceeds that of `slots` by at most the margin: it is then at least
-    exp(-margin / 2) times as likely. Each alternative tries all pairs of `slots` and counts them; the search ends at
-    the limit of pairs.
-
-    Returns:
-        Marks (m,), and the number of pairs that were tried.
-    """
-    observations, count = len(slots), len(pairs.slot)
-    ambiguous = np.zeros(observations, dtype=np.bool_)
-    chosen = np.full(observations, NONE)  # pair of each observation
-    holder = np.full(count, NONE)  # (count,) the pair in `slots` that has the same landmark
-    for c in range(count):
-        if slots[pairs.observation[c]] == pairs.slot[c]:
-            chosen[pairs.observation[c]] = c
-    for c in range(count):
-        for i in range(observations):
-            if chosen[i] != NONE and pairs.owner[chosen[i]] == pairs.owner[c]:
-                holder[c] = chosen[i]
-    taken = chosen[chosen != NONE]
-    least, nodes = -1.0, 0
-    for c in range(count):
-        i = pairs.observation[c]
-        if nodes + len(taken) > limits.nodes:
-            break
-        if ambiguous[i] or chosen[i] == NONE or chosen[i] == c or pairs.distance[c] > limits.gate:
-            continue
-        alternative = np.where(taken == chosen[i], c, taken)
-        other = holder[c]
-        if other != NONE:
-            swapped = _crossed(pairs, int(other), int(chosen[i]))
-            if swapped == NONE or pairs.distance[swapped] > limits.gate:
-                continue
-            alternative = np.where(taken == other, swapped, alternative)
-        if least < 0.0:
-            least = _joint_distance(cov, covs, pairs, taken)
-        nodes += len(taken)
-        if _joint_distance(cov, covs, pairs, alternative) <= least + limits.margin:
-            ambiguous[i] = True
-    return ambiguous, nodes
-
-
-@inner
-def _crossed(pairs: Pairs, a: int, b: int) -> int:
-    """Return the pair of a's observation and b's landmark, or NONE if they are not compatible."""
-    for c in range(len(pairs.slot)):
-        if pairs.observation[c] == pairs.observation[a] and pairs.owner[c] == pairs.owner[b]:
-            return c
-    return NONE
-
-
-@inner
-def _joint_distance(cov: Float, covs: Float, pairs: Pairs, taken: Int) -> float:
-    """Return the joint d^2 of the pairs `taken`."""
-    room, total = _empty(len(taken)), 0.0
-    joint = Joint(taken, room.U, room.y)
-    for n in range(len(taken)):
-        total += _extend(cov, covs, pairs, joint, n, taken[n])
-    return total
 
 
 @inner

@@ -3,38 +3,16 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf.kernels.belief import Belief
-from slamgauge.ekf.kernels.covariance import noise, projected
-from slamgauge.ekf.kernels.workspace import Workspace
+from slamgauge.ekf.kernels.covariance import noise, projected, squared_distance
 from slamgauge.jit import inner, kernel
-from slamgauge.sensor_kernels import observe, wrap_innovation
+from slamgauge.sensor_kernels import DIM, observe, wrap_innovation
 
 PROJECTED = 1  # form of Jacobians (`Belief.form`): evaluated at the belief's state, then projected
-
-
-class Linearised(NamedTuple):
-    """Linearised observations (m,) of mapped landmarks."""
-
-    slots: Int  # (m,)
-    jacobian: Float  # (2m, 5) columns as in `linearise`
-    innovation: Float  # (2m,)
-    noise_cov: Float  # (m, 2, 2)
-
-
-@inner
-def linearise_scan(sensor: int, belief: Belief, count: int, work: Workspace) -> tuple[Linearised, int]:
-    """Linearise the first `count` observations of `work`; return them and the number of rows with information.
-
-    The returned arrays are views of the workspace.
-    """
-    slots, jacobian, innovation = work.slots[:count], work.jacobian[: 2 * count], work.innovation[: 2 * count]
-    informative = linearise(sensor, belief, slots, work.observation, innovation, jacobian)
-    return Linearised(slots, jacobian, innovation, work.observation_cov[:count]), informative
 
 
 @inner
@@ -114,11 +92,36 @@ def innovations_of(
 
 
 @inner
-def subtract_projection(dx: Float, scan: Linearised, first: int, last: int) -> None:
-    """Subtract H dx from the innovations of observations first..last."""
-    for i in range(first, last):
-        landmark = 3 + 2 * scan.slots[i]
-        for k in (2 * i, 2 * i + 1):
-            h = scan.jacobian[k]
-            scan.innovation[k] -= h[0] * dx[0] + h[1] * dx[1] + h[2] * dx[2]
-            scan.innovation[k] -= h[3] * dx[landmark] + h[4] * dx[landmark + 1]
+def subtract_projection(dx: Float, slots: Int, jacobian: Float, innovation: Float) -> None:
+    """Subtract H dx from innovations (2m,) of the landmarks in `slots` (m,)."""
+    for k in range(2 * len(slots)):
+        h, landmark = jacobian[k], 3 + 2 * slots[k // 2]
+        innovation[k] -= h[0] * dx[0] + h[1] * dx[1] + h[2] * dx[2]
+        innovation[k] -= h[3] * dx[landmark] + h[4] * dx[landmark + 1]
+
+
+# --- Student's t distribution ---------------------------------------------------------------------
+#
+# With n degrees of freedom it is a normal distribution whose covariance R / w is drawn for each observation; w has a
+# Gamma distribution with parameters n/2, n/2. Given the squared distance d2 of an observation with d rows, the
+# expectation of w is (n + d) / (n + d2). With this w the update is a Kalman update. The distance uses S = H P H' + R:
+# an observation of an uncertain landmark is not treated as an outlier. The weight is at most 1: an update without
+# outliers is conservative. Sources: Lange, Little and Taylor, Journal of the American Statistical Association 84(408),
+# 1989; Agamennoni, Nieto and Nebot, IEEE Transactions on Signal Processing 60(10), 2012; Chang, Journal of Geodesy
+# 88(4), 2014 (by the Mahalanobis distance of the innovation).
+
+
+@inner
+def inflation(sensor: int, distance: float, freedom: float) -> float:
+    """Return 1 / w of an observation at a squared Mahalanobis distance, for `freedom` degrees of freedom."""
+    return max(1.0, (freedom + distance) / (freedom + DIM[sensor]))
+
+
+@inner
+def inflate_noise(sensor: int, belief: Belief, slots: Int, values: Float, covs: Float, freedom: float) -> None:
+    """R <- R / w in `covs` (m, 2, 2) for observations (m, 2) of the landmarks in `slots` (m,)."""
+    innovation, S = innovations_of(sensor, belief, slots, values, covs)
+    for i in range(len(slots)):
+        v = innovation[2 * i : 2 * i + 2]
+        distance = squared_distance(v[0], v[1], S[i, 0, 0], S[i, 0, 1], S[i, 1, 1])
+        covs[i] *= inflation(sensor, distance, freedom)

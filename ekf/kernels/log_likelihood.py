@@ -13,11 +13,10 @@ import numpy as np
 
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf.kernels.augmentation import augment
-from slamgauge.ekf.kernels.belief import Belief, resized
+from slamgauge.ekf.kernels.belief import Belief, Workspace, resized
 from slamgauge.ekf.kernels.blas import combine_rows, solve_factor, subtract_gram
-from slamgauge.ekf.kernels.corrections import retract_right_invariant
 from slamgauge.ekf.kernels.covariance import innovation_covariance, mirror_robot_block, project_covariance
-from slamgauge.ekf.kernels.linearisation import linearise_scan, subtract_projection
+from slamgauge.ekf.kernels.linearisation import linearise, subtract_projection
 from slamgauge.ekf.kernels.outlier_likelihood import (
     Rows,
     Run,
@@ -28,8 +27,7 @@ from slamgauge.ekf.kernels.outlier_likelihood import (
     rows_between,
 )
 from slamgauge.ekf.kernels.prediction import predict
-from slamgauge.ekf.kernels.rounding_limits import are_variances_lost
-from slamgauge.ekf.kernels.workspace import Workspace
+from slamgauge.ekf.kernels.update import are_variances_lost, retract
 from slamgauge.jit import inner, kernel
 
 WHOLE = -1
@@ -91,19 +89,19 @@ def _load(order: Order, measured: Measured, start: int, end: int, work: Workspac
 def _update(sensor: int, belief: Belief, tails: Tails, is_lost: bool, work: Workspace, rows: Rows) -> bool:
     """Correct with the first observations of `work` and fill their `rows`; return False if no update exists.
 
-    Does the same as `joint_update` and `retract_right_invariant`, with a weight for every row.
+    Does the same as `update.update`, with a weight for every row.
     """
     count = len(rows.weight) // 2
-    scan, _ = linearise_scan(sensor, belief, count, work)
-    size, block = belief.size, len(work.W) // 2
+    linearise(sensor, belief, work.slots[:count], work.observation, work.innovation, work.jacobian)
+    size, block = belief.size, len(work.S) // 2
     dx, block_dx = np.zeros(size), np.empty(size)
     for first in range(0, count, block):
         last = min(first + block, count)
-        slots, jacobian = scan.slots[first:last], scan.jacobian[2 * first : 2 * last]
-        subtract_projection(dx, scan, first, last)
+        slots, jacobian = work.slots[first:last], work.jacobian[2 * first : 2 * last]
+        y, height = work.innovation[2 * first : 2 * last], 2 * (last - first)
+        subtract_projection(dx, slots, jacobian, y)
         project_covariance(belief.cov, size, slots, jacobian, work.W)
-        innovation_covariance(work.W, slots, jacobian, scan.noise_cov[first:last], work.S)
-        y, height = scan.innovation[2 * first : 2 * last], 2 * (last - first)
+        innovation_covariance(work.W, slots, jacobian, work.observation_cov[first:last], work.S)
         if not factor_weighing(work.S, y, jacobian, tails, is_lost, rows_between(rows, first, last)):
             return False
         solve_factor(work.S, work.W, height, size)
@@ -114,5 +112,5 @@ def _update(sensor: int, belief: Belief, tails: Tails, is_lost: bool, work: Work
             dx[j] += block_dx[j]
         subtract_gram(belief.cov, work.W, height, size)
         mirror_robot_block(belief.cov)
-    retract_right_invariant(belief, dx, work.deferred)
+    retract(belief, dx, True, work)
     return True

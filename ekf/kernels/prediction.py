@@ -11,9 +11,9 @@ import math
 from slamgauge.arrays import Float
 from slamgauge.ekf.kernels.belief import Belief
 from slamgauge.ekf.kernels.covariance import ROUNDING, is_symmetric, mirror_robot_block
-from slamgauge.ekf.kernels.rounding_limits import LARGEST
 from slamgauge.jit import inner, kernel
 from slamgauge.se2_kernels import wrap
+from slamgauge.validation import LARGEST
 
 
 @kernel

@@ -1,7 +1,7 @@
 """Checks of the online filters' input; an error text is one line with place, value and remedy.
 
 To refuse a value means to raise UserError. At every step this module checks types and shapes only. Kernels check the
-numbers (`joint_update.are_sound`, `prediction.predict`); if a number is invalid, they change nothing. Then
+numbers (`update.are_sound`, `prediction.predict`); if a number is invalid, they change nothing. Then
 `explain_increment` or `explain_scan` finds the reason.
 """
 
@@ -15,13 +15,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from slamgauge.arrays import Float, Int, chunks
 from slamgauge.covariances import scale_of, without_negative_eigenvalues
-from slamgauge.ekf.kernels.rounding_limits import EXHAUSTED, LARGEST, NO_MINIMUM
+from slamgauge.ekf.kernels.update import EXHAUSTED
 from slamgauge.ekf.setting_rules import require
 from slamgauge.ekf.settings import Association, Robustness
 from slamgauge.errors import UserError
 from slamgauge.recording import Observations
 from slamgauge.sensors import SENSORS
-from slamgauge.validation import REAL, as_covariances, as_floats, as_ints, as_numbers, require_rows
+from slamgauge.validation import LARGEST, REAL, as_covariances, as_floats, as_ints, as_numbers, require_rows
 
 DIVERGED = "every value is valid, so the filter has diverged; raise its noise, or start a new filter"
 TOO_FAR_APART = (
@@ -29,9 +29,7 @@ TOO_FAR_APART = (
     "raise the smallest, or lower the largest"
 )
 TOO_LARGE = f"a number must be below {LARGEST:g}"
-ENDLESS = "the iterated update does not converge; use another filter, or raise the noise"
-WHY = {EXHAUSTED: TOO_FAR_APART, NO_MINIMUM: ENDLESS}
-ROUNDING = 1e-3  # largest rounding error of a correlation after a subtraction; see `kernels.rounding_limits`
+ROUNDING = 1e-3  # largest rounding error of a correlation after a subtraction; see `kernels.update`
 TOLERATED = 1e-9  # negative eigenvalue of a correlation that `slamgauge.validation` accepts
 INCREMENT = "give an increment (dx, dy, dtheta) of the body frame in m, m, rad"
 
@@ -182,7 +180,7 @@ def explain_scan(sensor: str, values: ArrayLike, covs: ArrayLike, nis: float, va
         sensor: see `Recording`.
         values: the observations.
         covs: their covariances.
-        nis: NIS that the kernel returned; a special value is the reason of the failure (see `WHY`).
+        nis: NIS that the kernel returned; `EXHAUSTED` if double precision is the reason.
         variances: (n,) variances of the filter. If they are valid, rounding is the reason for an innovation covariance
             that is not positive definite.
     """
@@ -195,8 +193,8 @@ def explain_scan(sensor: str, values: ArrayLike, covs: ArrayLike, nis: float, va
 
 def why_not(nis: float, variances: Float) -> str:
     """Return why no update exists although all input is valid; arguments as in `explain_scan`."""
-    if nis in WHY:
-        return WHY[nis]
+    if nis == EXHAUSTED:
+        return TOO_FAR_APART
     return TOO_FAR_APART if np.isfinite(variances).all() and (variances >= 0.0).all() else DIVERGED
 
 

@@ -3,21 +3,32 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from slamgauge.arrays import Float, Int
-from slamgauge.ekf.kernels.joint_update import are_sound
+from slamgauge.ekf.kernels.belief import Workspace, allocate_workspace
 from slamgauge.ekf.kernels.linear_update import linear_update
-from slamgauge.ekf.kernels.student_t_weights import inflate_noise
-from slamgauge.ekf.kernels.workspace import Workspace, allocate
+from slamgauge.ekf.kernels.prediction import predict
+from slamgauge.ekf.kernels.slots import find_slots
+from slamgauge.ekf.kernels.update import Form, are_sound, retract, update
 from slamgauge.ekf.maps.correction_table import Correction, Rule, rule_of
 from slamgauge.ekf.maps.input_checks import explain_increment, explain_scan, load_increment, require_sensor, why_not
 from slamgauge.ekf.maps.map_state import MapState
 from slamgauge.errors import UserError
 from slamgauge.jit import direct
 from slamgauge.sensors import SENSORS
+
+
+class Kernels(NamedTuple):
+    """Machine code of a step; `slamgauge bench` replaces it by timed functions."""
+
+    predict: Callable[..., bool]
+    find_slots: Callable[..., int]
+    update: Callable[..., tuple[float, int]]
 
 
 class LandmarkMap:
@@ -29,7 +40,7 @@ class LandmarkMap:
         prior_cov: (3, 3) its covariance; zero is legal.
         correction: name or rule; see `correction_table`.
         landmarks: initial capacity; the map grows as needed.
-        tails: degrees of freedom of the observations' noise (see `kernels.student_t_weights`).
+        tails: degrees of freedom of the observations' noise (see `kernels.linearisation`).
 
     Attributes:
         state: belief, ids and slots.
@@ -61,7 +72,7 @@ class MapCorrection:
         state: the map.
         sensor: `range-bearing`, `position` or `bearing` (see `slamgauge.Recording`).
         rule: kernels of a step.
-        tails: degrees of freedom of the observations' noise (see `kernels.student_t_weights`).
+        tails: degrees of freedom of the observations' noise (see `kernels.linearisation`).
 
     Attributes:
         code: number of the sensor in kernels.
@@ -72,23 +83,25 @@ class MapCorrection:
         self.sensor = sensor
         self.code, self.dim = SENSORS[sensor].code, SENSORS[sensor].dim
         self.rule = rule
-        self.tails = tails
+        self.form: Form = rule.form._replace(tails=tails)
         self._state = state
         self._increment = np.zeros(3)
         self._increment_cov = np.zeros((3, 3))
-        self._work = allocate(0, state.capacity, rule.block, state.deferred)
+        self._work = allocate_workspace(0, state.capacity, rule.block)
         self._compile()
 
     def _compile(self) -> None:
         """Get the machine code of a step for the types of these arrays."""
-        rule, ids, belief = self.rule, self._state.ids, self._state.belief_with_deferred
-        self._predict = direct(rule.predict, belief, self._increment, self._increment_cov)
-        self._find_slots = direct(rule.find_slots, ids, ids, self._work.ids, self._work.slots)
-        self._update = direct(rule.update, self.code, belief, 0, self._work)
+        ids, belief = self._state.ids, self._state.belief
+        self.kernels = Kernels(
+            direct(predict, belief, self._increment, self._increment_cov),
+            direct(find_slots, ids, ids, self._work.ids, self._work.slots),
+            direct(update, self.code, belief, 0, self.form, self._work),
+        )
 
     def __getstate__(self) -> dict[str, object]:
         """Return all attributes without the machine code, which is valid in this process only."""
-        return {key: value for key, value in vars(self).items() if key not in ("_predict", "_find_slots", "_update")}
+        return {key: value for key, value in vars(self).items() if key != "kernels"}
 
     def __setstate__(self, state: dict[str, object]) -> None:
         vars(self).update(state)
@@ -101,7 +114,7 @@ class MapCorrection:
             UserError: wrong shapes, a number that is not finite, or an invalid covariance; nothing has changed.
         """
         load_increment(increment, cov, self._increment, self._increment_cov)
-        if not self._predict(self._state.belief_with_deferred, self._increment, self._increment_cov):
+        if not self.kernels.predict(self._state.belief, self._increment, self._increment_cov):
             raise explain_increment(self._increment, self._increment_cov)
 
     def update_by_ids(
@@ -114,7 +127,7 @@ class MapCorrection:
         count, state = len(values), self._state
         work = self._workspace(count)
         work.ids[:count] = ids
-        if self._find_slots(state.sorted_ids, state.sorted_slots, work.ids[:count], work.slots):
+        if self.kernels.find_slots(state.sorted_ids, state.sorted_slots, work.ids[:count], work.slots):
             return None
         return self._update_found(work, values, covs)
 
@@ -140,10 +153,8 @@ class MapCorrection:
         """Correct with observations of the landmarks in `work.slots`."""
         count, state = len(values), self._state
         fill_rows(values, covs, work.observation, work.observation_cov)
-        belief = state.belief_with_deferred
-        if self.tails < math.inf:
-            inflate_noise(self.code, belief, work.slots[:count], work.observation, work.observation_cov, self.tails)
-        nis, informative = self._update(self.code, belief, count, work)
+        belief = state.belief
+        nis, informative = self.kernels.update(self.code, belief, count, self.form, work)
         if not math.isfinite(nis):
             raise explain_scan(self.sensor, values, covs, nis, state.variances)
         return nis, informative
@@ -155,12 +166,16 @@ class MapCorrection:
             UserError: no update exists, because a number is not finite or `noise_cov` is not positive definite.
         """
         state = self._state
-        update = linear_update(state.belief, columns, jacobian, innovation, noise_cov)
-        if not np.isfinite(update.nis):
+        found = linear_update(state.belief, columns, jacobian, innovation, noise_cov)
+        if not np.isfinite(found.nis):
             remedy = "make every value finite and every covariance positive definite"
-            raise UserError(f"observation: no update exists; {remedy}; {why_not(update.nis, state.variances)}")
-        self.rule.retract(state.belief, update.dx, state.deferred)
-        return update.nis
+            raise UserError(f"observation: no update exists; {remedy}; {why_not(found.nis, state.variances)}")
+        self.retract(found.dx)
+        return found.nis
+
+    def retract(self, dx: Float) -> None:
+        """Move the state by a correction dx (size,), and transform the covariance accordingly."""
+        retract(self._state.belief, dx, self.form.invariant, self._workspace(1))
 
     def require_sound(self, values: NDArray[np.generic], covs: NDArray[np.generic]) -> None:
         """Refuse observations (m, d), (m, d, d) that `Recording` refuses."""
@@ -176,9 +191,9 @@ class MapCorrection:
     def _workspace(self, observations: int) -> Workspace:
         """Return the workspace, with room for that many observations and for the state."""
         state = self._state
-        if observations > len(self._work.ids) or self._work.deferred is not state.deferred:
+        if observations > len(self._work.ids) or state.capacity > self._work.W.shape[1]:
             room = max(observations, len(self._work.ids))
-            self._work = allocate(room, state.capacity, self.rule.block, state.deferred)
+            self._work = allocate_workspace(room, state.capacity, self.rule.block)
         return self._work
 
 

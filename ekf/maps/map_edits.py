@@ -10,8 +10,6 @@ import numpy as np
 from slamgauge.arrays import Float, Int, Marks
 from slamgauge.ekf.kernels import map_edits as kernels
 from slamgauge.ekf.kernels.augmentation import augment
-from slamgauge.ekf.kernels.belief import ROBOT, Belief
-from slamgauge.ekf.kernels.deferred_downdate import allocate_deferred
 from slamgauge.ekf.kernels.linear_update import append_linear
 from slamgauge.ekf.maps.input_checks import DIVERGED
 from slamgauge.ekf.maps.landmark_map import LandmarkMap, two_rows
@@ -25,7 +23,7 @@ class NewEntries(NamedTuple):
     columns: Int  # (c,) entries x
     jacobian: Float  # (2m, c) J
     noise_cov: Float  # (2m, 2m)
-    points: Sequence[bool]  # (m,) whether they are positions, which rotate with the map (see `kernels.corrections`)
+    points: Sequence[bool]  # (m,) whether they are positions, which rotate with the map (see `kernels.update`)
 
 
 def replace_map(landmarks: LandmarkMap, ids: Int, positions: Float, cov: Float) -> None:
@@ -58,7 +56,7 @@ def add_landmarks(landmarks: LandmarkMap, ids: Int, values: Float, covs: Float) 
     state = landmarks.state
     first, last = state.size, state.size + 2 * len(ids)
     state.reserve(last)
-    belief = state.belief_with_deferred
+    belief = state.belief
     augment(landmarks.correction.code, belief, *two_rows(values, covs))
     added = (belief.state[first:last], np.diagonal(belief.cov)[first:last])
     if not all(np.isfinite(each).all() for each in added):
@@ -95,28 +93,10 @@ def merge_landmarks(landmarks: LandmarkMap, kept: int, gone: int) -> None:
     state = landmarks.state
     update = kernels.equate_landmarks(state.belief, kept, gone)
     if np.isfinite(update.nis):
-        landmarks.correction.rule.retract(state.belief, update.dx, state.deferred)
+        landmarks.correction.retract(update.dx)
     remove_landmark(landmarks, gone)
 
 
 def find_duplicates(landmarks: LandmarkMap, slots: Int, apart: Marks, gate: float) -> Int:
     """Return pairs of slots (p, 2) that may be the same landmark; see `kernels.map_edits.find_duplicates`."""
     return kernels.find_duplicates(landmarks.state.belief, slots, apart, gate)
-
-
-def robot_if_merged(landmarks: LandmarkMap, pairs: Int) -> tuple[Float, Float]:
-    """Return the pose (3,) and its covariance (3, 3) after merging pairs of slots (p, 2), without a change."""
-    state, belief = landmarks.state, landmarks.state.belief
-    slots, places = np.unique(pairs, return_inverse=True)
-    columns = np.concatenate([np.arange(ROBOT), (ROBOT + 2 * slots[:, None] + [0, 1]).ravel()])
-    entries = belief.state[columns]
-    point = entries if belief.point is belief.state else belief.point[columns]
-    marginal = Belief(entries, point, state.block(columns), belief.points[slots], len(columns), belief.form)
-    nothing = allocate_deferred(1, 0, len(columns))
-    for a, b in places.reshape(-1, 2).tolist():
-        update = kernels.equate_landmarks(marginal, a, b)
-        if np.isfinite(update.nis):
-            landmarks.correction.rule.retract(marginal, update.dx, nothing)
-    pose = entries[:3].copy()
-    pose[:2] += state.origin
-    return pose, marginal.cov[:3, :3].copy()

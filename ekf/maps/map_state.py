@@ -14,7 +14,6 @@ from numpy.typing import ArrayLike
 
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf.kernels.belief import ROBOT, Belief, allocate_belief, enlarged
-from slamgauge.ekf.kernels.deferred_downdate import Deferred, allocate_deferred, apply_deferred
 from slamgauge.ekf.maps.correction_table import Rule
 from slamgauge.ekf.maps.input_checks import require_room, start_of
 from slamgauge.memory import require_memory
@@ -31,9 +30,7 @@ class MapState:
 
     Attributes:
         origin: (2,) origin of the belief's positions [m] in the world frame.
-        belief_with_deferred: the belief for callers that do not read covariances between landmarks; some downdates of
-            these covariances may be deferred (see `kernels.deferred_downdate`).
-        deferred: the deferred downdates.
+        belief: state and covariance.
         ids: (L,) landmarks in the order of slots.
         sorted_ids: (L,) the same, sorted.
         sorted_slots: (L,) slots in the order of `sorted_ids`.
@@ -45,34 +42,20 @@ class MapState:
     def __init__(self, prior_mean: ArrayLike, prior_cov: ArrayLike, rule: Rule, landmarks: int) -> None:
         self.origin, start, cov = start_of(prior_mean, prior_cov)
         room = require_room(landmarks)
-        self.belief_with_deferred: Belief = allocate_belief(room, first_estimates=rule.first_estimates, form=rule.form)
-        self.belief_with_deferred.state[:3] = self.belief_with_deferred.point[:3] = start
-        self.belief_with_deferred.cov[:3, :3] = cov
-        self._deferred_rows = rule.deferred_rows
-        self.deferred: Deferred = allocate_deferred(*self._deferred_rows, self.capacity)
+        self.belief: Belief = allocate_belief(room, first_estimates=rule.first_estimates, form=rule.jacobians)
+        self.belief.state[:3] = self.belief.point[:3] = start
+        self.belief.cov[:3, :3] = cov
         self.set_ids(np.zeros(0, dtype=np.int64))
-
-    @property
-    def belief(self) -> Belief:
-        """The belief with all downdates applied: a pass over the covariance where some are deferred."""
-        belief = self.belief_with_deferred
-        apply_deferred(belief.cov, belief.size, self.deferred)
-        return belief
-
-    @belief.setter
-    def belief(self, belief: Belief) -> None:
-        self.belief_with_deferred = belief
-        self.deferred.used[0] = 0
 
     @property
     def size(self) -> int:
         """Number of state entries: 3 + 2L."""
-        return self.belief_with_deferred.size
+        return self.belief.size
 
     @property
     def capacity(self) -> int:
         """Number of state entries that the arrays can store."""
-        return len(self.belief_with_deferred.state)
+        return len(self.belief.state)
 
     @property
     def pose(self) -> Float:
@@ -84,22 +67,22 @@ class MapState:
     @property
     def pose_cov(self) -> Float:
         """(3, 3) covariance of the additive pose error in the world frame."""
-        return self.belief_with_deferred.cov[:3, :3].copy()
+        return self.belief.cov[:3, :3].copy()
 
     @property
     def robot(self) -> Float:
         """(3,) pose relative to `origin`."""
-        return self.belief_with_deferred.state[:3].copy()
+        return self.belief.state[:3].copy()
 
     @property
     def positions(self) -> Float:
         """(L, 2) positions of the landmarks [m] in the world frame, in the order of slots."""
-        return self.belief_with_deferred.state[3 : self.size].reshape(-1, 2) + self.origin
+        return self.belief.state[3 : self.size].reshape(-1, 2) + self.origin
 
     @property
     def position_covs(self) -> Float:
         """(L, 2, 2) their covariances [m^2]."""
-        cov, first = self.belief_with_deferred.cov, np.arange(3, self.size, 2)
+        cov, first = self.belief.cov, np.arange(3, self.size, 2)
         xx, xy, yy = cov[first, first], cov[first, first + 1], cov[first + 1, first + 1]
         return np.stack([np.stack([xx, xy], axis=-1), np.stack([xy, yy], axis=-1)], axis=-2)
 
@@ -112,7 +95,7 @@ class MapState:
     @property
     def variances(self) -> Float:
         """(3 + 2L,) variances of all entries."""
-        return np.diagonal(self.belief_with_deferred.cov)[: self.size]
+        return np.diagonal(self.belief.cov)[: self.size]
 
     def slots_of(self, ids: Int) -> Int:
         """Return the slots (m,) of mapped landmarks (m,)."""
@@ -125,7 +108,7 @@ class MapState:
 
     def entries(self, columns: Int) -> Float:
         """Return the state entries `columns` (c,), positions relative to `origin`; 0, 1, 2 are the robot's."""
-        return self.belief_with_deferred.state[columns]
+        return self.belief.state[columns]
 
     def block(self, columns: Int) -> Float:
         """Return the covariance (c, c) of the state entries `columns` (c,)."""
@@ -139,7 +122,7 @@ class MapState:
 
     def resize(self, size: int) -> None:
         """Set the number of state entries."""
-        self.belief_with_deferred = self.belief_with_deferred._replace(size=size)
+        self.belief = self.belief._replace(size=size)
 
     def reserve(self, size: int) -> None:
         """Enlarge the arrays to `size` entries if necessary.
@@ -150,5 +133,4 @@ class MapState:
         if size > self.capacity:
             what = f"the covariance of {(size - ROBOT) // 2} landmarks or members of rays"
             require_memory(8.0 * size * size, what, "give fewer landmarks, or choose a larger beta of rays")
-            self.belief_with_deferred = enlarged(self.belief, size)
-            self.deferred = allocate_deferred(*self._deferred_rows, self.capacity)
+            self.belief = enlarged(self.belief, size)

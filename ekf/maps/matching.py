@@ -5,18 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from slamgauge.arrays import Float, Int, Marks
+from slamgauge.ekf.kernels import nearest_neighbour
 from slamgauge.ekf.kernels.individual_compatibility import (
     Pairs,
     allocate_pairs,
     find_compatible,
-    find_located,
     first_pairs,
-    keep_pairs,
 )
-from slamgauge.ekf.kernels.joint_compatibility import Limits, mark_ambiguous, search_jointly
+from slamgauge.ekf.kernels.joint_compatibility import search_jointly
 from slamgauge.ekf.kernels.linearisation import innovations_of
-from slamgauge.ekf.kernels.sequential_association import Gates, update_sequentially
-from slamgauge.ekf.maps.correction_table import sequential_of
 from slamgauge.ekf.maps.input_checks import explain_scan
 from slamgauge.ekf.maps.landmark_ids import Ids
 from slamgauge.ekf.maps.landmark_map import LandmarkMap, two_rows
@@ -34,7 +31,7 @@ class Matcher:
         """Return the pairs of an observation and a landmark within `gate` (squared Mahalanobis).
 
         The pairs are valid until the next call. The second result is the covariances (m, 2, 2) as kernels read them,
-        which the other methods take.
+        which `jointly_compatible` takes.
         """
         code, belief = self._map.correction.code, self._map.state.belief
         observation, noise_cov = two_rows(values, covs)
@@ -44,13 +41,6 @@ class Matcher:
             count = find_compatible(code, belief, observation, noise_cov, gate, self._room)
         return first_pairs(self._room, count), noise_cov
 
-    def located(self, pairs: Pairs, covs: Float, vagueness: float, recent: Marks) -> Pairs:
-        """Return the pairs whose landmarks have a known place relative to the robot.
-
-        See `kernels.individual_compatibility.find_located`.
-        """
-        return keep_pairs(pairs, find_located(self._cov, covs, pairs, vagueness, recent))
-
     def jointly_compatible(self, pairs: Pairs, covs: Float, gate: float, quantiles: Float, node_limit: int) -> Int:
         """Return the slots (m,) of the best joint association, -1 for none.
 
@@ -58,22 +48,15 @@ class Matcher:
         """
         return search_jointly(self._cov, covs, pairs, gate, quantiles, node_limit)[0]
 
-    def ambiguous(self, pairs: Pairs, covs: Float, slots: Int, limits: Limits) -> Marks:
-        """Mark the observations (m,) that another association than `slots` (m,) explains nearly as well.
-
-        See `kernels.joint_compatibility.mark_ambiguous`.
-        """
-        return mark_ambiguous(self._cov, covs, pairs, slots, limits)[0]
-
     @property
     def _cov(self) -> Float:
         return self._map.state.belief.cov
 
 
 def update_nearest(
-    landmarks: LandmarkMap, ids: Ids, values: Float, covs: Float, gates: Gates
+    landmarks: LandmarkMap, ids: Ids, values: Float, covs: Float, gates: nearest_neighbour.Gates
 ) -> tuple[Int, float, int]:
-    """Associate each observation with its nearest landmark, then correct or map; see `kernels.sequential_association`.
+    """Associate each observation with its nearest landmark, then correct or map; see `kernels.nearest_neighbour`.
 
     New landmarks get their ids from `ids`.
 
@@ -81,16 +64,16 @@ def update_nearest(
         Slots (m,), -1 for none; the NIS and its degrees of freedom.
 
     Raises:
-        UserError: the rule has no sequential form, or no update exists.
+        UserError: no update exists.
     """
     state, correction = landmarks.state, landmarks.correction
-    form, count, before = sequential_of(correction.rule), len(values), state.size
+    count, before = len(values), state.size
     state.reserve(before + 2 * count)
     work = correction.loaded(values, covs)
     is_one_block = count <= correction.rule.block  # P changes at the end only
     certain = is_one_block and is_addition_certain(landmarks)
     with transaction(landmarks, covariance=not certain):
-        update = update_sequentially(correction.code, state.belief, count, gates, form, work)
+        update = nearest_neighbour.update_nearest(correction.code, state.belief, count, gates, correction.form, work)
         variances = np.diagonal(state.belief.cov)[: update.size]
         if not (np.isfinite(update.nis) and np.isfinite(variances).all()):
             raise explain_scan(correction.sensor, values, covs, update.nis, variances)
@@ -98,13 +81,13 @@ def update_nearest(
     state.resize(update.size)
     if added:
         state.set_ids(np.concatenate([state.ids, ids.take(added)]))
-    return update.slots, update.nis, update.dof
+    return update.slots.copy(), update.nis, update.dof
 
 
 def innovations(landmarks: LandmarkMap, slots: Int, values: Float, covs: Float) -> tuple[Float, Float]:
     """Return innovations (m, d) of observations of the landmarks in `slots` (m,), and their covariances (m, d, d)."""
     count, first = len(slots), 2 - values.shape[1]
-    belief = landmarks.state.belief_with_deferred
+    belief = landmarks.state.belief
     innovation, S = innovations_of(landmarks.correction.code, belief, slots, *two_rows(values, covs))
     return innovation.reshape(count, 2)[:, first:], S[:, first:, first:]
 

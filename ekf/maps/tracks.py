@@ -1,6 +1,8 @@
 """Tracks, the candidates of landmarks without ids: probation, deletion, merging of duplicates.
 
-The id of a track is its number, 0, 1, 2, ... in the order of birth.
+The id of a track is its number, 0, 1, 2, ... in the order of birth. A robot that returns with an uncertain position
+cannot associate a scan with its old landmarks; the observations start tracks. A track and an old landmark that no scan
+has observed together are merged if their difference is compatible with zero and neither has another such partner.
 """
 
 from __future__ import annotations
@@ -8,11 +10,9 @@ from __future__ import annotations
 import numpy as np
 
 from slamgauge.arrays import Int, Marks
-from slamgauge.ekf.maps.duplicate_landmarks import Matchings, find_matchings
 from slamgauge.ekf.maps.landmark_ids import GONE, Ids, followed
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
 from slamgauge.ekf.maps.map_edits import find_duplicates, merge_landmarks, remove_landmark
-from slamgauge.ekf.maps.scan_clock import ScanClock
 from slamgauge.ekf.settings import MapManagement
 
 
@@ -22,22 +22,16 @@ class Tracks:
     Args:
         landmarks: the map.
         management: probation and merging; None for none.
-
-    Attributes:
-        clock: count of scans and steps.
-        matchings: possible matchings of the last scan's tracks with landmarks; None without possible pairs.
     """
 
     def __init__(self, landmarks: LandmarkMap, management: MapManagement | None) -> None:
         self._map = landmarks
         self._management = management
         self.new_ids = Ids()
-        self.matchings: Matchings | None = None
+        self._scan = 0
         self._sights: Int = np.zeros(0, dtype=np.int64)  # observations of each slot
         self._birth: Int = self._sights  # scan
-        self._last: Int = np.zeros((0, 2), dtype=np.int64)  # scan and step of the last observation
         self._apart = np.zeros((0, 0), dtype=bool)  # pairs that one scan has observed together
-        self.clock = ScanClock()
         self._fate: Int = self._sights  # for each id ever given: itself, the id that it was merged into, or GONE
 
     @property
@@ -50,35 +44,27 @@ class Tracks:
         """(L,) whether the track in each slot is a landmark."""
         return self._sights >= (1 if self._management is None else self._management.sights)
 
-    @property
-    def recent(self) -> Marks:
-        """(L,) whether the track in each slot was observed within the last `probation` scans."""
-        assert self._management is not None
-        return self.clock.are_recent(self._last, self._management.probation)
-
     def close_scan(self, associated: Int) -> None:
         """Store the tracks of a scan, known and new; then delete failed tracks and merge duplicates."""
         self._begin()
         slots = np.flatnonzero(np.isin(self.ids, associated))
         self._sights[slots] += 1
-        self._last[slots] = self.clock.now
-        self.clock.close_scan()
+        self._scan += 1
         if self._management is None:
             return
         self._apart[np.ix_(slots, slots)] = True
-        overdue = (self.clock.scan - self._birth >= self._management.probation) & ~self.confirmed
+        overdue = (self._scan - self._birth >= self._management.probation) & ~self.confirmed
         for slot in np.flatnonzero(overdue)[::-1].tolist():  # from the end: removal moves the last slot
             self._end(slot, GONE)
             remove_landmark(self._map, slot)
-        self._join(associated, self._management)
+        self._join(associated, self._management.merge_gate)
 
     def _begin(self) -> None:
         """Store the tracks that were added to the map since the last scan."""
         born = np.arange(len(self._fate), self.new_ids.given)
         self._fate = np.concatenate([self._fate, born])
         self._sights = np.concatenate([self._sights, np.zeros(len(born), dtype=np.int64)])
-        self._birth = np.concatenate([self._birth, np.full(len(born), self.clock.scan)])
-        self._last = np.concatenate([self._last, np.full((len(born), 2), self.clock.now)])
+        self._birth = np.concatenate([self._birth, np.full(len(born), self._scan)])
         if self._management is not None:
             self._apart = np.pad(self._apart, (0, len(born)))
 
@@ -88,27 +74,22 @@ class Tracks:
         fate[self.ids[~self.confirmed]] = GONE
         return followed(fate)[ids]
 
-    def _join(self, associated: Int, management: MapManagement) -> None:
-        """Merge the scan's landmarks with their certain duplicates; the older id remains."""
+    def _join(self, associated: Int, gate: float) -> None:
+        """Merge the scan's tracks with their duplicates, one pair after the other; the older id remains."""
         while True:
-            seen = np.isin(self.ids, followed(np.append(self._fate, GONE))[associated])
-            # not with tracks on probation, and not two tracks of the scan
-            apart = self._apart[seen] | ~self.confirmed | seen
-            pairs = find_duplicates(self._map, np.flatnonzero(seen), apart, management.merge_gate)
-            if not len(pairs):
-                self.matchings = None
+            seen = np.isin(self.ids, followed(np.append(self._fate, GONE))[associated]) & self.confirmed
+            apart = self._apart[seen] | ~self.confirmed | seen  # not with tracks on probation or of the same scan
+            pairs = find_duplicates(self._map, np.flatnonzero(seen), apart, gate)
+            partners = np.bincount(pairs.ravel(), minlength=len(self.ids))
+            alone = pairs[(partners[pairs] == 1).all(axis=1)]
+            if not len(alone):
                 return
-            self.matchings = find_matchings(self._map, pairs, self._sights, management.new_density)
-            agreed = self.matchings.agreed(management.certainty)
-            if not len(agreed):
-                return
-            for names in self.ids[agreed].tolist():
-                self._merge(*(int(np.flatnonzero(self.ids == name)[0]) for name in sorted(names)))
+            older_first = alone[0][np.argsort(self.ids[alone[0]])]
+            self._merge(*older_first.tolist())
 
     def _merge(self, kept: int, gone: int) -> None:
         """Merge the landmarks in two slots."""
         self._sights[kept] += self._sights[gone]
-        self._last[kept] = np.maximum(self._last[kept], self._last[gone])
         self._apart[kept] |= self._apart[gone]
         self._apart[:, kept] |= self._apart[:, gone]
         self._end(gone, int(self.ids[kept]))
@@ -117,9 +98,9 @@ class Tracks:
     def _end(self, slot: int, fate: int) -> None:
         """End the track in `slot`; the last one moves into its slot, as in `map_edits.remove_landmark`."""
         self._fate[self.ids[slot]] = fate
-        for array in (self._sights, self._birth, self._last):
+        for array in (self._sights, self._birth):
             array[slot] = array[-1]
-        self._sights, self._birth, self._last = self._sights[:-1], self._birth[:-1], self._last[:-1]
+        self._sights, self._birth = self._sights[:-1], self._birth[:-1]
         if self._management is not None:
             self._apart[slot] = self._apart[-1]
             self._apart[:, slot] = self._apart[:, -1]

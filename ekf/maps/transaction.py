@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Generator
 from contextlib import contextmanager
 
-from slamgauge.ekf.kernels.rounding_limits import LARGEST
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
+from slamgauge.validation import LARGEST
 
 
 def is_addition_certain(landmarks: LandmarkMap) -> bool:

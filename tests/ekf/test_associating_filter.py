@@ -257,14 +257,3 @@ def test_an_outlier_of_a_landmark_without_other_observation_starts_no_track(meth
         taken = before_landmarks([[2.0, 0.0]], association)
         if squared > 9.0:
             assert look(taken, [[2.0, 0.0], sight]).tolist()[1] == alone
-
-
-@pytest.mark.parametrize("gate", [9.0, 30.0])
-def test_an_ambiguous_observation_neither_corrects_nor_maps(gate: float) -> None:
-    association = Association("jcbb", gate, MapManagement())
-    slam = before_landmarks([[2.0, 0.0], [2.4, 0.0], [0.0, 5.0]], association, spread=0.15)
-    before = slam.pose, slam.pose_cov, slam.landmarks
-    assert look(slam, [[2.0, 0.0]]).tolist() == [NONE]
-    for actual, expected in zip((slam.pose, slam.pose_cov, slam.landmarks), before, strict=True):
-        np.testing.assert_array_equal(actual, expected)
-    assert look(slam, [[2.0, 0.0], [0.0, 5.0]]).tolist() == [0, 2]  # the other landmark resolves the ambiguity

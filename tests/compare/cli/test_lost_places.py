@@ -32,7 +32,8 @@ def test_places_that_cannot_be_written(stored: Path, tmp_path: Path, refuse: Ref
 
 def evaluate_with_room(stored: Path, out: Path, room: int) -> subprocess.CompletedProcess[str]:
     """Run a command that may write `room` bytes into a file."""
-    limit = f"import resource; resource.setrlimit(resource.RLIMIT_FSIZE, ({room}, {room}))"
+    unwritten = "import sys; sys.dont_write_bytecode = True"  # Python would keep truncated files
+    limit = f"{unwritten}; import resource; resource.setrlimit(resource.RLIMIT_FSIZE, ({room}, {room}))"
     arguments = ("evaluate", stored / "recording.npz", "--estimators", "dead-reckoning", "--no-report", "--out", out)
     return subprocess.run(command_after(limit, *arguments), capture_output=True, text=True, check=False)
 

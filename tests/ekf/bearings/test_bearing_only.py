@@ -88,7 +88,7 @@ def test_a_drive_with_and_without_uncertainty_of_start_and_motion(
     assert sorted(slam.landmark_ids.tolist()) == [*range(8)]
     if prior == motion == 0.0:
         np.testing.assert_allclose(slam.pose, pose, rtol=0, atol=1e-9)
-    elif correction != "iterated":  # the iterated filter is overconfident, see `kernels.corrections`
+    elif correction != "iterated":  # the iterated filter is overconfident, see `kernels.update`
         assert squared_error(slam, pose) < chi2(3).isf(1e-4)
 
 

@@ -16,11 +16,10 @@ from slamgauge.ekf.kernels.individual_compatibility import (
     Pairs,
     allocate_pairs,
     find_compatible,
-    find_located,
     first_pairs,
 )
-from slamgauge.ekf.kernels.joint_compatibility import Limits, mark_ambiguous, search_jointly
-from slamgauge.ekf.kernels.sequential_association import Gates
+from slamgauge.ekf.kernels.joint_compatibility import search_jointly
+from slamgauge.ekf.kernels.nearest_neighbour import Gates
 from slamgauge.ekf.maps.correction_table import Correction
 from slamgauge.ekf.maps.landmark_ids import Ids
 from slamgauge.ekf.maps.map_edits import replace_map
@@ -36,7 +35,6 @@ from tests.reference.textbook import DenseFilter, additive_from_invariant, belie
 from tests.reference.textbook_association import (
     Pair,
     Scan,
-    brute_force_ambiguous,
     brute_force_joint,
     dense_scan,
     search_order,
@@ -268,45 +266,3 @@ def greedily(scan: Scan, order: list[tuple[int, list[int]]], gate: float) -> lis
                 pairs = longer
                 break
     return pairs
-
-
-@pytest.mark.parametrize(("sensor", "seeds"), CROWDED)
-@pytest.mark.parametrize("margin", [0.5, 6.0])
-def test_ambiguous_observations_equal_brute_force(sensor: str, seeds: range, margin: float) -> None:
-    marked = 0
-    for seed in seeds:
-        scan, pairs, gate = crowded_scan(seed, sensor)
-        best, _ = searched(scan, pairs, gate)
-        slots = np.full(4, NONE, dtype=np.int64)
-        for i, slot in best:
-            slots[i] = slot
-        arguments = (upper(scan.P), scan.R, pairs, slots)
-        marks, nodes = mark_ambiguous(*arguments, Limits(gate, margin, 1000))
-        assert set(np.flatnonzero(marks).tolist()) == brute_force_ambiguous(scan, gate, margin, best)
-        marked += int(marks.sum())
-        for limit in range(nodes):
-            fewer, tries = mark_ambiguous(*arguments, Limits(gate, margin, limit))
-            assert tries <= limit
-            assert not (fewer & ~marks).any()
-    assert 3 < marked < 200
-
-
-@SENSORS
-def test_located_landmarks_are_recent_or_well_known(sensor: str) -> None:
-    rng = np.random.default_rng(4)
-    outcomes = {"known": 0, "recent": 0, "neither": 0}
-    for _ in range(50):
-        x, P = random_belief(rng, 6)
-        R = random_covariances(rng, 2, np.array([0.3, 0.3 if sensor == "position" else 0.1]))
-        z = predicted(sensor, x, np.array([0, 1]))
-        pairs = found(sensor, x, x, P, z, R, 1e4)
-        recent, vagueness = rng.random(6) < 0.3, 10 ** rng.uniform(-1, 2)
-        scan = dense_scan(sensor, x, x, P, z, R)
-        located = set(find_located(upper(P), R, pairs, vagueness, recent).tolist())
-        for pair in range(len(pairs.slot)):
-            slot, row = pairs.slot[pair], pairs.observation[pair]
-            H = scan.jacobian[row, slot]
-            known = np.trace(np.linalg.solve(R[row], H @ P @ H.T)) <= vagueness
-            assert (pair in located) == (known or recent[slot])
-            outcomes["known" if known else "recent" if recent[slot] else "neither"] += 1
-    assert min(outcomes.values()) > 10, outcomes

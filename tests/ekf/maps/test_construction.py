@@ -65,7 +65,7 @@ def test_invalid_associations() -> None:
         ("riekf", r"the estimator of that name uses 'right-invariant'"),
         ("oc-ekf", r"the estimator of that name uses 'observability-constrained'"),
         ("right-invarient", r"did you mean right-invariant\?"),
-        ("ukf", r"use one of standard, .*right-invariant, or your own Rule"),
+        ("ukf", r"use one of standard, .*right-invariant"),
     ],
 )
 def test_unknown_corrections(name: str, remedy: str) -> None:

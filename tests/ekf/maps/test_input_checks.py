@@ -19,8 +19,6 @@ from slamgauge.ekf import (
     OnlineFilter,
     SlamFilter,
 )
-from slamgauge.ekf.kernels.corrections import update_standard
-from slamgauge.ekf.maps.correction_table import Rule
 from slamgauge.errors import UserError
 from slamgauge.recording import Observations, Recording
 
@@ -270,29 +268,6 @@ def test_lists_and_whole_numbers_of_any_type_are_accepted(kind: str) -> None:
     lists.update(Observations(ids.astype(float).tolist(), values.tolist(), covs.tolist()))  # pyrefly: ignore[bad-argument-type]
     for one, other in zip(belief_of(arrays), belief_of(lists), strict=True):
         np.testing.assert_array_equal(one, other)
-
-
-# --- user rules ----------------------------------------------------------------------------------
-
-
-def test_a_user_rule_is_used_or_refused() -> None:
-    calls: list[int] = []
-
-    def counted(*arguments: object) -> tuple[float, int]:
-        calls.append(1)
-        return update_standard(*arguments)  # pyrefly: ignore[bad-argument-type]
-
-    own = Rule(counted)
-    with pytest.raises(ValueError, match=r"^correction: this rule cannot correct observation by observation; [^\n]*$"):
-        AssociatingFilter("range-bearing", *START, own)
-    for slam in (
-        SlamFilter("range-bearing", *START, own),
-        AssociatingFilter("range-bearing", *START, own, JCBB),
-    ):
-        before = len(calls)
-        for _ in range(3):
-            slam.update(scan("SlamFilter"))
-        assert len(calls) == before + 2
 
 
 # --- outliers ------------------------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""Maps of filters: copies in other processes, types of ids, invalid rules."""
+"""Maps of filters: copies in other processes, types of ids."""
 
 from __future__ import annotations
 
@@ -9,9 +9,7 @@ import pytest
 
 from slamgauge.arrays import Int
 from slamgauge.ekf import SlamFilter
-from slamgauge.ekf.kernels.iterated_update import update_iterated
-from slamgauge.ekf.maps.correction_table import Correction, Rule
-from slamgauge.errors import UserError
+from slamgauge.ekf.maps.correction_table import Correction
 from slamgauge.recording import Observations
 
 VALUES, COVS = np.array([[3.0, 0.2], [2.0, -0.4]]), np.tile(np.eye(2) / 100, (2, 1, 1))
@@ -40,10 +38,3 @@ def test_ids_may_be_whole_numbers_of_any_kind(kind: type[np.generic]) -> None:
         slam.update(Observations(ids, values, COVS), gate=9.0)
     assert slam.landmark_ids.tolist() == [4, 2]
     assert slam.associated.tolist() == [-1, -1]
-
-
-def test_an_iterated_rule_with_blocks_is_refused() -> None:
-    with pytest.raises(UserError, match="whole scan; give block=WHOLE_SCAN"):
-        SlamFilter("range-bearing", np.zeros(3), np.eye(3), Rule(update_iterated))
-    with pytest.raises(UserError, match="block=0 is invalid"):
-        SlamFilter("range-bearing", np.zeros(3), np.eye(3), Rule(update_iterated, block=0))

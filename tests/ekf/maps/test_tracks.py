@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from slamgauge.ekf import SlamFilter
 from slamgauge.ekf.maps.landmark_ids import GONE
@@ -28,11 +27,6 @@ class World:
         self.tracks.close_scan(np.array([*seen, *born.tolist()], dtype=np.int64))
         self.check()
         return born.tolist()
-
-    def walk(self, steps: int) -> None:
-        """Make steps without a scan."""
-        for _ in range(steps):
-            self.tracks.clock.open_step()
 
     def check(self) -> None:
         """Check that ids and slots agree."""
@@ -95,35 +89,6 @@ def test_ids_are_never_used_again_and_probation_counts_from_each_tracks_own_birt
     assert world.standing(0, 1, 2, 3) == [GONE] * 4
     world.scan(3)
     assert world.standing(0, 1, 2, 3) == [GONE, GONE, GONE, 3]
-
-
-@pytest.mark.parametrize("rate", [1, 20])
-def test_landmarks_observed_before_many_steps_without_scans_are_not_recent(rate: int) -> None:
-    world = World(MapManagement(sights=1, probation=4))
-    world.walk(100)  # steps before the first scan do not count
-    world.scan(new=((1.0, 0.0), (2.0, 0.0)))
-    for _ in range(4):
-        world.walk(rate)
-        assert world.tracks.recent.tolist() == [True, True]
-        world.scan(1)
-    world.walk(rate)
-    assert world.tracks.recent.tolist() == [False, True]  # the last observation of 0 is five scans old
-    world.walk(3 * rate)
-    assert world.tracks.recent.tolist() == [False, True]
-    world.walk(1)
-    assert world.tracks.recent.tolist() == [False, False]  # the one of 1 is older than four scans on average
-
-
-def test_after_many_steps_without_scans_the_limit_of_scans_applies() -> None:
-    """The mean interval of scans is then long, so that only the number of scans limits."""
-    world = World(MapManagement(sights=1, probation=4))
-    world.scan(new=((1.0, 0.0), (2.0, 0.0)))
-    world.walk(1000)
-    world.scan(0, 1)
-    for ago in range(1, 8):
-        world.walk(1)
-        assert world.tracks.recent.tolist() == [ago <= 4, True]
-        world.scan(1)
 
 
 def test_tracks_that_fail_together_are_deleted_and_others_remain() -> None:
