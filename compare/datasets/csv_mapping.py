@@ -21,6 +21,7 @@ from types import NoneType
 from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 from slamgauge.compare.storage.result_files import MAPPING
+from slamgauge.compare.storage.safe_names import shown
 from slamgauge.compare.storage.toml_tables import Table, override, read_toml
 from slamgauge.ekf.setting_rules import is_number
 from slamgauge.errors import UserError
@@ -127,12 +128,12 @@ class LogMapping:
     truth: TruthTable
 
     def sections(self) -> dict[str, dict[str, Any]]:
-        """Return the sections as tables, with absolute paths."""
+        """Return the sections as tables, with absolute paths; bytes of names that are not UTF-8 are escaped."""
         tables = {name: asdict(getattr(self, name)) for name in SECTIONS}
         for table in tables.values():
             for key in ("file", "landmarks"):
                 if table.get(key) is not None:
-                    table[key] = str((self.folder / table[key]).absolute())
+                    table[key] = shown(str((self.folder / table[key]).absolute()))
         return tables
 
     def sigma(self, name: str) -> float:

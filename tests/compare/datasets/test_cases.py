@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -107,3 +109,10 @@ def test_trajectories_are_scored_at_their_own_stamps_and_in_their_frame(
     assert "3.92 if its covariances are in the body frame" in printed.err
     assert main([*words, f"body={files['body']}", "--covariance-frame", "body"]) == 0
     assert json.loads(capsys.readouterr().out)["estimators"]["body"]["nees_pose"] == pytest.approx(3.92, rel=0.003)
+
+
+def test_folders_whose_names_are_not_utf_8_have_no_traceback(tmp_path: Path):
+    folder = tmp_path / os.fsdecode(b"log\xff")
+    shutil.copytree(CASES / "unix_gap", folder)
+    assert main(["import", "csv", str(folder), "--out", str(tmp_path / os.fsdecode(b"out\xff"))]) == 0
+    assert "log\\udcff" in (tmp_path / os.fsdecode(b"out\xff") / "recording.toml").read_text()

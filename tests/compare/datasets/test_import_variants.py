@@ -278,7 +278,7 @@ VARIANTS: dict[str, tuple[Change, str]] = {
     ),
     "variances of the odometry": (
         header("recording.toml", ODOMETRY_NOISE, "forward = 0.0025\nlateral = 0.0001\nturn = 0.0004"),
-        "do not fit their stated noise",
+        "`slamgauge noise`",
     ),
     "ids at random": (
         rows(
