@@ -106,7 +106,8 @@ def update(sensor: int, belief: Belief, count: int, form: Form, work: Workspace)
             if first > 0:
                 _restore(belief.cov, before)
             return nis, informative
-        dx += found
+        for j in range(size):
+            dx[j] += found[j]
         apply(belief, Pending(2 * (last - first), 0), work)
     retract(belief, dx, form.invariant, work)
     return nis, informative
