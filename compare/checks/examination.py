@@ -102,7 +102,8 @@ def check_estimator(name: str, estimator: Estimator, seed: int = 0, checks: Sequ
 def _without_consequences(verdicts: list[Verdict], refused: set[str]) -> list[Verdict]:
     """Replace failures of checks that presuppose a failed check, and invalid covariances that another failure explains.
 
-    `refused` has the names of checks whose estimates were refused for a covariance. A wrong covariance may make the estimate of any recording invalid, also where only the mean is measured.
+    `refused` has the names of checks whose estimates were refused for a covariance. A wrong covariance may make the
+    estimate of any recording invalid, also where only the mean is measured.
     """
     failed = [each for each in verdicts if each.is_failure]
     direct = [each for each in failed if each.name not in refused] or failed
