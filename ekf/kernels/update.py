@@ -320,7 +320,7 @@ def _entered(cov: Float, h: Float, landmark: int) -> float:
 
 @inner
 def are_variances_lost(cov: Float, slots: Int, pending: Pending, work: Workspace) -> bool:
-    """Return whether P, with the pending changes, is only rounding for the robot's position, its heading or a landmark in `slots`.
+    """Return whether P with its pending changes is only rounding, for the robot's position or heading or for `slots`.
 
     A double has 16 digits; three must be left. The two variances of a position are added, because one of them may be
     zero from the start.
