@@ -36,7 +36,6 @@ def _difference(one: Estimate, other: Estimate, names: tuple[int, ...] = (0, 1, 
     figure="scans of three landmarks in another order: largest difference of poses and landmarks [sigma]",
     bound=SAME,
     blame="the landmark of each observation in a scan: look up its place in the state for every observation",
-    needs=("odometry noise",),
     after=("permuted-ids", "standing-robot"),
 )
 def scan_order(subject: Subject, rng: np.random.Generator) -> float:
@@ -94,7 +93,6 @@ def rigid_motion(subject: Subject, rng: np.random.Generator) -> float:
     bound=0.02,
     blame="landmarks that leave the map while they are not observed, or are initialised twice: correct with every id "
     "in the map",
-    needs=("odometry noise",),
     after=("update-bearing", "first-sight"),
 )
 def long_unseen(subject: Subject, rng: np.random.Generator) -> float:
