@@ -145,9 +145,7 @@ def test_a_store_of_another_study_is_refused(run: Run, overrides: list[str], see
 def test_a_text_file_is_refused_as_store(run: Run, tmp_path: Path) -> None:
     begin_folder(tmp_path)
     (tmp_path / "study.sqlite").write_text("not a database, but long enough to be read as one " * 50)
-    with pytest.raises(
-        UserError, match=r"cannot be used as a study's store \(file is not a database\); "
-    ):
+    with pytest.raises(UserError, match=r"cannot be used as a study's store \(file is not a database\); "):
         run(1, ("ekf",))
 
 
