@@ -11,7 +11,7 @@ from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.memory import require_memory
 from slamgauge.recording import Recording
 
-ESTIMATE_BYTES = 165  # for an estimate and its score, per step (docs/performance.md)
+ESTIMATE_BYTES = 165  # for an estimate and its score, per step (docs/limits.md)
 SERIES_BYTES = 88  # for one run and one estimator, per step: 11 series
 
 

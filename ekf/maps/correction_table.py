@@ -18,7 +18,7 @@ from slamgauge.suggestions import did_you_mean
 Correction = Literal["standard", "first-estimates", "observability-constrained", "iterated", "right-invariant"]
 
 WHOLE_SCAN = sys.maxsize
-BLOCK = 16  # observations per block of an update; see docs/performance.md
+BLOCK = 16  # observations per block of an update; see docs/limits.md
 
 
 class Rule(NamedTuple):

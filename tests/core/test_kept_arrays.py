@@ -72,7 +72,7 @@ def test_informed_recordings_share_unchanged_arrays() -> None:
 
 
 def test_memory_of_a_long_run_is_that_of_its_results(monkeypatch: pytest.MonkeyPatch) -> None:
-    """`docs/performance.md` states the bytes: 32 and 32 for a recording, 24 for the truth, 120 for an estimate."""
+    """`docs/limits.md` states the bytes: 32 and 32 for a recording, 24 for the truth, 120 for an estimate."""
     monkeypatch.setattr(arrays, "CHUNK", 500)
     scenario = load_scenario("q1-long-dense", OVERRIDES)
     truth, recording = simulate(load_scenario("q1-long-dense", ["trajectory.duration=3"]), 0)
