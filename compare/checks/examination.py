@@ -19,7 +19,7 @@ from slamgauge.compare.checks.ignored_inputs import ignored_inputs, reason_not_j
 from slamgauge.compare.estimators.user_errors import OverdueError
 from slamgauge.compare.scoring.table import Head, Table, cell
 from slamgauge.compare.scoring.text_page import Page
-from slamgauge.errors import UserError
+from slamgauge.errors import CovarianceError, UserError
 from slamgauge.estimate import Estimator
 
 OVERDUE = "the estimator exceeded the time limit in an earlier check"
@@ -75,7 +75,7 @@ def check_estimator(name: str, estimator: Estimator, seed: int = 0, checks: Sequ
         UserError: the estimator fails on the plain recording, so that no check can judge it.
     """
     ignored = ignored_inputs(Subject(name, estimator))
-    found, is_overdue = list[Verdict](), False
+    found, refused, is_overdue = list[Verdict](), set[str](), False
     for each in checks:
         if is_overdue:
             found.append(_not_judged(each, OVERDUE))
@@ -93,17 +93,20 @@ def check_estimator(name: str, estimator: Estimator, seed: int = 0, checks: Sequ
             found.append(Verdict(each.name, True, None, each.bound, str(model), limit_of_method=True))
         except UserError as error:
             is_overdue = isinstance(error, OverdueError)
+            if isinstance(error, CovarianceError):
+                refused.add(each.name)
             found.append(Verdict(each.name, False, None, each.bound, f"{error}; {each.blame}"))
-    return _without_consequences(found)
+    return _without_consequences(found, refused)
 
 
-def _without_consequences(verdicts: list[Verdict]) -> list[Verdict]:
+def _without_consequences(verdicts: list[Verdict], refused: set[str]) -> list[Verdict]:
     """Replace failures of checks that presuppose a failed check, and invalid covariances that another failure explains.
 
-    A wrong covariance may make the estimate of any recording invalid, also where only the mean is measured.
+    `refused` has the names of checks whose estimates were refused for a covariance. A wrong covariance may make the
+    estimate of any recording invalid, also where only the mean is measured.
     """
     failed = [each for each in verdicts if each.is_failure]
-    direct = [each for each in failed if not _has_invalid_covariance(each)] or failed
+    direct = [each for each in failed if each.name not in refused] or failed
     roots = [each for each in direct if not presupposed(each.name) & {other.name for other in direct}]
     kept: list[Verdict] = []
     for each in verdicts:
@@ -115,11 +118,6 @@ def _without_consequences(verdicts: list[Verdict]) -> list[Verdict]:
         else:
             kept.append(each)
     return kept
-
-
-def _has_invalid_covariance(failure: Verdict) -> bool:
-    """Return whether the estimate was refused for a covariance; another process returns only the text of an error."""
-    return failure.figure is None and "_covs[" in failure.blame
 
 
 def presupposed(name: str) -> set[str]:

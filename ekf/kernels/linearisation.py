@@ -124,4 +124,7 @@ def inflate_noise(sensor: int, belief: Belief, slots: Int, values: Float, covs: 
     for i in range(len(slots)):
         v = innovation[2 * i : 2 * i + 2]
         distance = squared_distance(v[0], v[1], S[i, 0, 0], S[i, 0, 1], S[i, 1, 1])
-        covs[i] *= inflation(sensor, distance, freedom)
+        factor = inflation(sensor, distance, freedom)
+        for a in range(2):  # numba compiles loops faster than operations on slices, with their error messages
+            for b in range(2):
+                covs[i, a, b] *= factor

@@ -27,7 +27,7 @@ from slamgauge.ekf.kernels.outlier_likelihood import (
     rows_between,
 )
 from slamgauge.ekf.kernels.prediction import predict
-from slamgauge.ekf.kernels.update import are_variances_lost, retract
+from slamgauge.ekf.kernels.update import Pending, are_variances_lost, retract
 from slamgauge.jit import inner, kernel
 
 WHOLE = -1
@@ -105,7 +105,7 @@ def _update(sensor: int, belief: Belief, tails: Tails, is_lost: bool, work: Work
         if not factor_weighing(work.S, y, jacobian, tails, is_lost, rows_between(rows, first, last)):
             return False
         solve_factor(work.S, work.W, height, size)
-        if are_variances_lost(belief.cov, slots, work.W, height):
+        if are_variances_lost(belief.cov, slots, Pending(height, 0), work):
             return False
         combine_rows(work.W, y, block_dx, height, size)
         for j in range(size):

@@ -106,7 +106,8 @@ def update(sensor: int, belief: Belief, count: int, form: Form, work: Workspace)
             if first > 0:
                 _restore(belief.cov, before)
             return nis, informative
-        dx += found
+        for j in range(size):
+            dx[j] += found[j]
         apply(belief, Pending(2 * (last - first), 0), work)
     retract(belief, dx, form.invariant, work)
     return nis, informative
@@ -137,7 +138,8 @@ def correction(
         dof = linearise(sensor, there, slots, work.observation[first:last], y, jacobian)
         subtract_projection(offset, slots, jacobian, y)
         found = gain(belief, slots, work.observation_cov[first:last], jacobian, y, W, pending, work)
-        if math.isfinite(found) and are_variances_lost(belief.cov, slots, work.W, pending.rows + height):
+        changes = Pending(pending.rows + height, pending.pairs)
+        if math.isfinite(found) and are_variances_lost(belief.cov, slots, changes, work):
             found = EXHAUSTED
         if k == 0:
             nis, informative = found, dof
@@ -317,28 +319,30 @@ def _entered(cov: Float, h: Float, landmark: int) -> float:
 
 
 @inner
-def are_variances_lost(cov: Float, slots: Int, W: Float, rows: int) -> bool:
-    """Return whether P - W'W is only rounding for the robot's position, its heading or a landmark in `slots`.
+def are_variances_lost(cov: Float, slots: Int, pending: Pending, work: Workspace) -> bool:
+    """Return whether P with its pending changes is only rounding, for the robot's position or heading or for `slots`.
 
     A double has 16 digits; three must be left. The two variances of a position are added, because one of them may be
     zero from the start.
     """
-    if _is_lost(cov, W, rows, 0, 2) or _is_lost(cov, W, rows, 2, 1):
+    if _is_lost(cov, pending, work, 0, 2) or _is_lost(cov, pending, work, 2, 1):
         return True
     for slot in slots:  # noqa: SIM110 numba compiles no generator expressions
-        if _is_lost(cov, W, rows, ROBOT + 2 * slot, 2):
+        if _is_lost(cov, pending, work, ROBOT + 2 * slot, 2):
             return True
     return False
 
 
 @inner
-def _is_lost(cov: Float, W: Float, rows: int, first: int, count: int) -> bool:
+def _is_lost(cov: Float, pending: Pending, work: Workspace, first: int, count: int) -> bool:
     """Return whether the sum of `count` variances from entry `first` on is only rounding."""
     before, taken = 0.0, 0.0
     for j in range(first, first + count):
         before += cov[j, j]
-        for k in range(rows):
-            taken += W[k, j] * W[k, j]
+        for k in range(pending.rows):
+            taken += work.W[k, j] * work.W[k, j]
+        for k in range(pending.pairs):
+            before += 2.0 * work.u[k, j] * work.a[k, j]
     return taken > 0.0 and not before - taken > LEAST * before
 
 

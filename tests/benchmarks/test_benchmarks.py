@@ -53,7 +53,7 @@ SMALLEST = {
         "--runs 2 --only zhang2017-stationary --jobs 1",
         "claim ratio interval verdict hypothesis",
         "zhang2017-stationary 1 1 to 1 holds last heading sigma of riekf@stationary / of causal in 0.909 to 1.1",
-        "with 95% probability the intervals of all 27 claims contain the true ratios",
+        "with 95% probability the intervals of all 19 claims contain the true ratios",
         "zhang2017: Zhang, Wu,",
     ),
     "seeded_bugs": (  # 20 s

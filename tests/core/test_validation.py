@@ -163,7 +163,7 @@ def test_a_broken_rule_is_one_line_that_names_field_row_and_remedy(
     with pytest.raises(ValueError) as caught:
         make(**changes)
     message = str(caught.value)
-    assert type(caught.value) is UserError
+    assert isinstance(caught.value, UserError)
     assert "\n" not in message
     assert message.startswith(start)
     assert words in message

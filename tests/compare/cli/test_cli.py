@@ -87,8 +87,8 @@ def test_help_mentions_every_option(arguments: list[str], mentions: list[str], c
     with pytest.raises(SystemExit) as caught:
         run(*arguments, "--help")
     assert caught.value.code == 0
-    text = capsys.readouterr().out
-    assert [each for each in mentions if each not in text] == []
+    text = re.sub(r"\W*\n\W*(?=\w)", " ", capsys.readouterr().out)  # lines are broken anywhere between words
+    assert [each for each in mentions if each.strip("-") not in text] == []
 
 
 @pytest.mark.parametrize("command", ["run", "evaluate", "study", "budget", "grade"])
@@ -258,10 +258,9 @@ def test_user_code_gets_a_row(stored: Path, tmp_path: Path, module: Module, caps
         ["Empty", "columns:"],
         ["fit", "of"],
     ]
-    form, *_, kept, written = printed.err.splitlines()
-    assert form == f"{own}: own_0.py: line 3 is not run: it only simulates, draws or prints"
+    kept, written = printed.err.splitlines()
     assert kept.startswith(f"slamgauge: {own}: what it prints is kept in ")
-    assert Path(kept.rpartition(" in ")[2]).read_text() == "estimating\n"
+    assert Path(kept.rpartition(" in ")[2]).read_text().splitlines()[-1] == "estimating"
     assert written == f"written to {tmp_path / 'out'}"
     entries = metrics_of(tmp_path / "out")["estimators"]
     assert entries[own]["ate_m"] == pytest.approx(entries["dead-reckoning"]["ate_m"], rel=1e-9)

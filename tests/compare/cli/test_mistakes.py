@@ -175,7 +175,7 @@ def test_misspelt_commands_and_options_are_refused(words: str, line: str, mistak
         (["victoria-park", "none.txt"], "none.txt: cannot be read (No such file or directory); check the path"),
         (["lost-in-the-woods", "none.mat"], "none.mat: cannot be read (No such file or directory); check the path"),
         (["victoria-park", str(Path(__file__))], ", line 1: "),
-        (["lost-in-the-woods", str(Path(__file__))], "not a MATLAB 5"),
+        (["lost-in-the-woods", str(Path(__file__))], "not a whole MATLAB 5 file"),
     ],
 )
 def test_imports_of_other_files_are_refused(refuse: Refuse, arguments: Sequence[str], message: str):

@@ -73,6 +73,7 @@ DT, Q, Py, KNOWN_DATA_ASSOCIATION = 1.0, np.eye(2), np.eye(2), 7
 told = []
 
 def ekf_slam(xEst, PEst, u, y):
+    moved = u * DT
     {}
     return xEst, PEst
 """
@@ -82,6 +83,7 @@ DT = 0.1
 Q, Py, rays = np.eye(2), {Py}, [0]
 
 def ekf_slam(xEst, PEst, u, y, rays):
+    moved = u * DT
     {read}
     xEst[0, 0] = len(rays)
     return xEst, PEst, [*rays, 1]
@@ -152,7 +154,7 @@ def test_arguments_and_globals_of_a_step(own: Own):
     estimate = own(source, recording)
     assert np.array_equal(estimate.poses[0], recording.prior_mean)
     assert np.array_equal(np.asarray(estimate.pose_covs)[0], recording.prior_cov)
-    told = eval(Path("told.txt").read_text(), {"array": np.array, "nan": np.nan})
+    told = eval(Path("told.txt").read_text(), {"array": np.array, "Column": np.array, "nan": np.nan})
     u, dt, Q, Py, known, y = told[5]
     assert (dt, known) == (pytest.approx(0.1), 1)
     assert np.allclose(u[:, 0] * dt, recording.odometry[4, [0, 2]])
@@ -241,8 +243,8 @@ BEARING_ONLY = r"it is a bearing-only file, .* use `study` or `grade` on a beari
 @pytest.mark.parametrize(
     ("source", "change", "message"),
     [
-        (spy("1 / 0"), None, r"it raised ZeroDivisionError: .* \(mine.py, line 7\)"),
-        (spy("return xEst"), None, "the step function returned a ndarray; return state and covariance"),
+        (spy("1 / 0"), None, r"it raised ZeroDivisionError: .* \(mine.py, line 8\)"),
+        (spy("return xEst"), None, "the step function returned a Column; return state and covariance"),
         (spy("return xEst, PEst[:2]"), None, r"step 0: returned xEst \(3, 1\) and PEst \(2, 3\); return"),
         (spy("return 'a', PEst"), None, "step 0: returned xEst"),
         (spy("return xEst * np.nan, PEst"), None, "step 0: xEst is not finite from here on"),
@@ -253,7 +255,7 @@ BEARING_ONLY = r"it is a bearing-only file, .* use `study` or `grade` on a beari
         (f"{spy('pass')}\nPy = np.ones(2)\n", None, "its Py must be a square matrix of at least 2 rows"),
         (BEARING.format(Py="np.eye(1)", read="pass"), None, BEARING_ONLY),
         (spy("pass"), positions, ".*this recording has positions"),
-        (WITH_WEIGHTS, bearings, "parameters rays, weights: only one value can be passed on"),
+        (WITH_WEIGHTS, bearings, "its parameter weights has no value at the start; give it a default"),
     ],
 )
 def test_errors_are_one_line(own: Own, source: str, change: Callable[[Recording], Recording] | None, message: str):
@@ -275,7 +277,7 @@ def test_the_noise_of_the_file_is_an_option(own: Own):
     assert len(own(wrapped, short(), "mine").poses) == 41
     with pytest.raises(slamgauge.UserError, match="noise: 'mine' is not known; use 'recording' or 'file'"):
         step_function(ekf_slam, noise="mine")  # pyrefly: ignore[bad-argument-type]
-    with pytest.raises(slamgauge.UserError, match=r"step_function: ekf_slam\(recording\) has another form"):
+    with pytest.raises(slamgauge.UserError, match=r"step_function: ekf_slam\(recording, settings\) has another form"):
         step_function(ekf_slam)
 
 

@@ -98,6 +98,10 @@ def test_estimators_shown_with_paths_and_maps(
     mapped: list[str],
 ):
     write(tmp_path / "out", {name: SMOOTHED if name == "batch" else NO_HISTORY for name in names})
+    for file in ("some/where.py", "far/mine.py"):
+        (tmp_path / file).parent.mkdir()
+        (tmp_path / file).write_text("def slam(recording): pass")
+    monkeypatch.chdir(tmp_path)
     given_names: list[list[str]] = []
 
     def look(_: Results, *given: dict[str, Estimate]) -> None:

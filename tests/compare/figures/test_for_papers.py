@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
+from shutil import copytree
 
 import matplotlib as mpl
 import matplotlib.pyplot as plt
@@ -22,6 +23,7 @@ from slamgauge.compare.figures.publishing import drawings_of, write_study, write
 from slamgauge.compare.figures.study_figures import study_drawings
 from slamgauge.compare.noise.noise_json import noise_json
 from slamgauge.compare.scoring.comparison import metrics, write_comparison
+from slamgauge.compare.storage.staged_folder import begin_folder
 from slamgauge.compare.studies.budget import RUNGS, summarise_budget
 from slamgauge.compare.studies.stored_study import load_study
 from slamgauge.compare.studies.study import load_runs, run_study
@@ -46,7 +48,7 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
     out = tmp_path_factory.mktemp("results")
     for name in ("run", "study", "sweep", "budget", "noise", "bench"):
-        (out / name).mkdir()
+        begin_folder(out / name)
     scenario = load_scenario("q4-ring", SHORT)
     comparison = compare_estimators(
         *simulate(scenario, 0), load_estimators(["dead-reckoning", "ekf", "causal"], frames=240)
@@ -57,6 +59,8 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
         patch.setattr(publishing, "decorate", undecorated)
         summary = run_study(short, 3, 0, chosen, out / "study", executor)
         assert write_study(out / "study", summary, load_runs(short, 3, 0, chosen, out / "study"), 0.1)
+        for value in ("1", "2"):
+            copytree(out / "study", out / "sweep" / f"assumed.scale={value}")
         assert write_sweep(out / "sweep", Sweep("q1", "assumed.scale", 3, 0, ("1", "2"), (summary, summary)))
     errors = np.random.default_rng(0).uniform(1.0, 2.0, (3, len(RUNGS)))
     budget = summarise_budget("q1-short-dense", "ekf", errors, np.full(errors.shape, np.nan), np.ones(3))

@@ -19,6 +19,7 @@ from slamgauge.compare.figures.publishing import draw_comparison
 from slamgauge.compare.figures.ray_frames import has_rays, ray_frames
 from slamgauge.compare.figures.ray_strip import save_ray_strip
 from slamgauge.compare.scoring.comparison import Comparison, write_comparison
+from slamgauge.compare.storage.staged_folder import begin_folder
 from slamgauge.estimate import Estimate, MapHistory, RayLog
 from tests.reference.example_rays import AGES, BIRTHS, LANDMARKS, NOTED, STEPS, Fate, estimate_with_rays, half_loop
 
@@ -225,7 +226,7 @@ def test_a_comparison_draws_the_first_estimate_with_rays(tmp_path: Path, monkeyp
     monkeypatch.setattr("slamgauge.compare.figures.publishing.save_ray_strip", keep)
     for i, estimates in enumerate(({"a": without, "b": no_ray}, {"a": without, "b": with_rays, "c": with_rays})):
         comparison, folder = Comparison(truth, recording, estimates, {}), tmp_path / str(i)
-        folder.mkdir()
+        begin_folder(folder)
         write_comparison(folder, comparison, {})
         assert draw_comparison(folder, comparison, "a title")
     assert drawn == ["b"]

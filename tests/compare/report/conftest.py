@@ -18,6 +18,7 @@ from slamgauge import compare_estimators, load_estimators, load_scenario, simula
 from slamgauge.compare.figures.publishing import draw_comparison
 from slamgauge.compare.report.publishing import pages_of, write_pages
 from slamgauge.compare.scoring.comparison import metrics, write_comparison
+from slamgauge.compare.storage.staged_folder import begin_folder
 from tests.reference.external_programs import program
 
 SCRIPT_NAME = "<script>alert(1)</script>"
@@ -98,6 +99,7 @@ def run_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     named = {USER_NAME if name == "riekf" else name: each for name, each in estimators.items()}
     comparison = compare_estimators(truth, recording, named)
     folder = tmp_path_factory.mktemp("run")
+    begin_folder(folder)
     write_comparison(folder, comparison, metrics(comparison, SCRIPT_NAME, 0))
     assert draw_comparison(folder, comparison, SCRIPT_NAME)
     publish(folder / "metrics.json")

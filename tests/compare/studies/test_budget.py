@@ -17,6 +17,7 @@ from slamgauge.compare.estimators.registry import FIXED_LAG
 from slamgauge.compare.figures.budget_figure import save_budget_figure
 from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
 from slamgauge.compare.scenarios.simulation import simulate
+from slamgauge.compare.scoring.intervals import Interval
 from slamgauge.compare.studies.budget import (
     RUNGS,
     ErrorBudget,
@@ -47,8 +48,8 @@ def of_table(rows: list[list[float]], checks: list[list[float]] | None = None, n
 def test_equal_rungs_cost_nothing_and_increments_add_up(thread: ThreadPoolExecutor) -> None:
     budget = error_budget(short(), "ekf", 4, 0, thread)
     assert [rung.name for rung in budget.rungs] == [name for name in RUNGS if name != FIXED_LAG]
-    assert budget.rungs[2].increment_m2 == (0.0, 0.0, 0.0)
-    assert budget.rungs[3].increment_m2 == (0.0, 0.0, 0.0)
+    assert budget.rungs[2].increment_m2 == Interval(0.0, 0.0, 0.0)
+    assert budget.rungs[3].increment_m2 == Interval(0.0, 0.0, 0.0)
     total = sum(rung.increment_m2.mean for rung in budget.rungs[1:])
     assert total == pytest.approx(budget.rungs[-1].mse_m2 - budget.rungs[0].mse_m2, rel=1e-12)
     errors = []

@@ -145,7 +145,7 @@ def test_a_store_of_another_study_is_refused(run: Run, overrides: list[str], see
 def test_a_text_file_is_refused_as_store(run: Run, tmp_path: Path) -> None:
     begin_folder(tmp_path)
     (tmp_path / "study.sqlite").write_text("not a database, but long enough to be read as one " * 50)
-    with pytest.raises(UserError, match=r"is damaged \(file is not a database\); move it away"):
+    with pytest.raises(UserError, match=r"cannot be used as a study's store \(file is not a database\); "):
         run(1, ("ekf",))
 
 
@@ -225,7 +225,7 @@ def test_the_command_prints_the_table_and_writes_summary_and_figures(
     below = ["fit", "ekf:", "causal:", "batch:"]
     assert [line.split()[0] for line in table.splitlines()] == ["estimator", "ekf", "causal", "batch", *below]
     content = json.loads((tmp_path / "study" / "summary.json").read_text())
-    keys = "version command scenario_text scenario runs seed digest failures estimators per_run against"
+    keys = "version command scenario_text scenario runs seed digest failures estimators per_run against request"
     assert set(content) == set(keys.split())
     assert set(content["estimators"]["ekf"]["ate_m"]) == {"mean", "low", "high"}
     assert content["estimators"]["ekf"]["nees_share_inside_band"]["level"] == 0.999
