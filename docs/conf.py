@@ -23,6 +23,7 @@ html_show_copyright = False
 myst_heading_anchors = 3  # levels of headings that links may name
 autodoc_typehints = "description"
 add_module_names = False  # signatures read `ekf_slam(recording, ...)`
+autodoc_default_options = {"members": True}
 autodoc_member_order = "bysource"
 autodoc_preserve_defaults = True  # `settings=FilterSettings()`, not all its fields
 napoleon_use_ivar = True  # dataclasses name their fields in their docstring and in their body

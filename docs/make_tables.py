@@ -1,4 +1,4 @@
-"""Write the tables of metrics in glossary.md, from the catalogue of metrics.
+"""Write the table of metrics in glossary.md, from the catalogue of metrics.
 
     python docs/make_tables.py
 
@@ -12,37 +12,30 @@ from pathlib import Path
 
 from slamgauge.compare.scoring.catalogue import CATALOGUE
 
-DOCS = Path(__file__).parent
+PAGE = Path(__file__).parent / "glossary.md"
 TABLES = ("run", "study", "sweep")
 
 
-def columns() -> str:
-    """Return the columns of the printed tables."""
-    lines = ["| column | tables | in files | meaning |", "|---|---|---|---|"]
+def metrics() -> str:
+    """Return all metrics with their columns in printed tables and the files that contain them."""
+    lines = ["| column | tables | key | files | unit | meaning |", "|---|---|---|---|---|---|"]
     for each in CATALOGUE:
+        column, where = "", ""
         if each.column is not None:
-            column = each.column
-            where = ", ".join(name for name in TABLES if getattr(column, name) is not None)
-            lines.append(f"| *{column.name or column.title}* | {where} | `{each.key}` | {each.help} |")
+            column = f"*{each.column.name or each.column.title}*"
+            where = ", ".join(name for name in TABLES if getattr(each.column, name) is not None)
+        files = ", ".join(
+            name for name, made in (("metrics", each.measure), ("summary", each.over_runs)) if made is not None
+        )
+        lines.append(f"| {column} | {where} | `{each.key}` | {files} | {each.unit} | {each.help} |")
     return "\n".join(lines)
 
 
-def keys(file: str) -> str:
-    """Return the figures of an estimator in metrics.json or summary.json."""
-    chosen = [
-        each for each in CATALOGUE if (each.measure is not None if file == "metrics" else each.over_runs is not None)
-    ]
-    rows = [f"| `{each.key}` | {each.unit} | {each.help} |" for each in chosen]
-    return "\n".join(["| key | unit | meaning |", "|---|---|---|", *rows])
-
-
 def filled(text: str) -> str:
-    """Return a page with all its tables."""
-    made = {"columns": columns(), "metrics": keys("metrics"), "summary": keys("summary")}
-    marked = re.compile(r"(<!-- table (\w+) -->\n)(?:\|.*\n)*")
-    return marked.sub(lambda found: f"{found[1]}{made[found[2]]}\n", text)
+    """Return the page with its table."""
+    marked = re.compile(r"(<!-- table metrics -->\n)(?:\|.*\n)*")
+    return marked.sub(lambda found: f"{found[1]}{metrics()}\n", text)
 
 
 if __name__ == "__main__":
-    page = DOCS / "glossary.md"
-    page.write_text(filled(page.read_text(encoding="utf-8")), encoding="utf-8")
+    PAGE.write_text(filled(PAGE.read_text(encoding="utf-8")), encoding="utf-8")
