@@ -6,7 +6,7 @@ import slamgauge
 
 project = "slamgauge"
 version = release = slamgauge.__version__
-extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.viewcode"]
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.viewcode"]
 if tags.has("online"):  # noqa: F821  Sphinx puts it here
     extensions.append("sphinx.ext.intersphinx")  # it fetches lists of names, which a check must not depend on
 intersphinx_mapping = {
@@ -15,10 +15,6 @@ intersphinx_mapping = {
     "scipy": ("https://docs.scipy.org/doc/scipy", None),
     "matplotlib": ("https://matplotlib.org/stable", None),
 }
-nb_execution_mode = "auto"  # the notebook, which has no outputs
-nb_execution_raise_on_error = True
-nb_execution_timeout = 300  # s, a cell
-nb_output_stderr = "remove"  # progress
 html_theme = "furo"
 html_title = f"slamgauge {release}"
 html_copy_source = False

@@ -1,4 +1,4 @@
-"""Write the tables of metrics in json.md and glossary.md, from the catalogue of metrics.
+"""Write the tables of metrics in glossary.md, from the catalogue of metrics.
 
     python docs/make_tables.py
 
@@ -44,5 +44,5 @@ def filled(text: str) -> str:
 
 
 if __name__ == "__main__":
-    for page in (DOCS / "json.md", DOCS / "glossary.md"):
-        page.write_text(filled(page.read_text(encoding="utf-8")), encoding="utf-8")
+    page = DOCS / "glossary.md"
+    page.write_text(filled(page.read_text(encoding="utf-8")), encoding="utf-8")

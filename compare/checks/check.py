@@ -117,7 +117,7 @@ class Check:
     Attributes:
         measure: function that computes the figure of an estimator. It draws random recordings from the generator.
         figure: text that names the measured quantity and its unit. 0 is perfect unless the text states another value.
-        bound: largest figure that passes. docs/checks.md gives the reason for the value.
+        bound: largest figure that passes.
         blame: printed after a failure: the part of the filter that usually causes it.
         excused_to: a figure with `bound` < figure <= `excused_to` is a limit of the textbook method, not a failure. The
             default -inf excuses no figure.

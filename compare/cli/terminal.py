@@ -23,7 +23,7 @@ class Output:
     """How results are printed."""
 
     json: bool = False
-    """Print JSON (docs/results.md) on standard output instead of the table."""
+    """Print JSON (docs/glossary.md) on standard output instead of the table."""
 
     wide: bool = False
     """Print all columns, and do not wrap lines. By default a table fits the terminal, or 80 characters in a pipe."""

@@ -1,4 +1,4 @@
-"""Verdicts: sentences that state by fixed rules (docs/results.md) what the figures of an estimator show.
+"""Verdicts: sentences that state by fixed rules (docs/consistency.md) what the figures of an estimator show.
 
 A deviation is stated if it is significant and at least WORTH, in a sigma or in a ratio.
 
