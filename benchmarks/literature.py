@@ -38,7 +38,6 @@ FIGURES: dict[str, Callable[[Runs], Float]] = {
     "NIS": lambda runs: np.divide(runs.figures["nis_total"], runs.figures["nis_dof_total"]),
     "last heading sigma": lambda runs: runs.series["sigma_heading"][:, -1],
     "ATE": lambda runs: runs.figures["ate_m"],
-    "map error": lambda runs: runs.figures["landmark_rmse_m"],  # RMS of the landmarks at the end
 }
 Compared = tuple[str, str]  # setting, estimator
 

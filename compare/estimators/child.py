@@ -183,7 +183,9 @@ class _Process:
         }
         self.address = names | {"place": where.place}
         name = f"slamgauge-printed-{file_name(where.label)[:40]}-"
-        self.output: IO[bytes] = tempfile.NamedTemporaryFile("ab", prefix=name, suffix=".txt", delete=False)  # noqa: SIM115
+        descriptor, path = tempfile.mkstemp(prefix=name, suffix=".txt")
+        os.close(descriptor)
+        self.output: IO[bytes] = Path(path).open("ab")  # noqa: SIM115 appends, for two processes
         self._is_walled = limits.is_walled
         self._process = subprocess.Popen(
             command,

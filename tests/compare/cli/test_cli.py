@@ -260,7 +260,7 @@ def test_user_code_gets_a_row(stored: Path, tmp_path: Path, module: Module, caps
     ]
     kept, written = printed.err.splitlines()
     assert kept.startswith(f"slamgauge: {own}: what it prints is kept in ")
-    assert Path(kept.rpartition(" in ")[2]).read_text().splitlines()[-1] == "estimating"
+    assert Path(kept.rpartition(" in ")[2]).read_text() == "estimating\n"
     assert written == f"written to {tmp_path / 'out'}"
     entries = metrics_of(tmp_path / "out")["estimators"]
     assert entries[own]["ate_m"] == pytest.approx(entries["dead-reckoning"]["ate_m"], rel=1e-9)
