@@ -34,8 +34,8 @@ def ekf_slam(recording: Recording, settings: FilterSettings = DEFAULTS) -> Estim
         settings: association, initialisation of bearing-only landmarks, robustness, and frames of the map's history.
 
     Returns:
-        Filtered estimate: at each of the steps 0..N the pose x, y [m], heading [rad] in the world frame (N+1, 3) from the
-        measurements up to this step, its covariance (N+1, 3, 3) and NIS; the last map, and the association (M,).
+        Filtered estimate: at each of the steps 0..N the pose x, y [m], heading [rad] in the world frame (N+1, 3) from
+        the measurements up to this step, its covariance (N+1, 3, 3) and NIS; the last map, and the association (M,).
 
     Raises:
         UserError: a bearing-only recording without ids.
