@@ -97,8 +97,11 @@ ATTACKS = {
         signal.pause()""",
         "it was not done after 5 s",
     ),
-    "closed": ("os.closerange(0, 100)", "its process ended with status 1 before the run was done"),
-    "inodes": ("for n in range(10**6): Path('/tmp', str(n)).touch()", "No space left on device"),
+    "closed": ("os.closerange(0, 100)", "before the run was done"),
+    "inodes": (  # bwrap limits the size of /tmp and no number of files: the time ends it
+        "n = 0\n    while True:\n        Path('/tmp', str(n)).touch()\n        n += 1",
+        "it was not done after 5 s",
+    ),
     "objects": ("poses = np.array([[poses, 1, 2]] * len(poses), dtype=object)", "not an array of numbers"),
     "endless": (
         """class Endless:
@@ -174,9 +177,12 @@ def test_each_attack_has_its_reason_and_the_honest_grade_is_the_same(tmp_path: P
             f"THESIS = {str(thesis)!r}\n{HEAD}    {body}\n    return Estimate('filtered', poses)\n"
         )
     rows = graded(folder, tmp_path / "together")
-    for name, (_, expected) in ATTACKS.items():
-        reason = str(rows[name]["reason"])
-        assert expected in reason and "\n" not in reason, (name, reason)
+    reasons = {name: str(rows[name]["reason"]) for name in ATTACKS}
+    assert not [
+        (name, reasons[name])
+        for name, (_, expected) in ATTACKS.items()
+        if expected not in reasons[name] or "\n" in reasons[name]
+    ]
     measured = {key: value for key, value in rows["honest"].items() if "seconds" not in key and key != "command"}
     assert measured == {key: value for key, value in alone["honest"].items() if key in measured}
     assert rows["honest"]["passed"]
