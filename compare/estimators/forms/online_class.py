@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from slamgauge.arrays import Float
 from slamgauge.compare.estimators.forms.signatures import parameters, required
 from slamgauge.compare.estimators.user_errors import UserCodeError
 from slamgauge.estimate import Estimate
@@ -75,8 +76,10 @@ class OnlineClass:
                 has_nis = has_nis and isinstance(returned, tuple) and len(returned) == 2
                 nis[step], nis_dof[step] = returned if has_nis else (0.0, 0)
             seconds[step] = perf_counter() - start
-            poses[step], pose_covs[step] = slam.pose, slam.pose_cov
+            poses[step], pose_covs[step] = slam.pose, _symmetric(slam.pose_cov)
         fields: dict[str, Any] = {name: getattr(slam, name) for name in MAP if hasattr(slam, name)}
+        if "landmark_covs" in fields:
+            fields["landmark_covs"] = _symmetric(fields["landmark_covs"])
         slots = np.concatenate(associated)
         if hasattr(slam, "associated") and len(slots) == len(recording.observation):
             fields["association"] = slam.standing(slots) if hasattr(slam, "standing") else slots
@@ -102,6 +105,12 @@ def _made(kind: type, recording: Recording) -> Any:
 
 def _constructed_with(kind: object) -> list[str]:
     return [each.name for each in parameters(kind) if each.name in START]
+
+
+def _symmetric(cov: Any) -> Float:
+    """Return the symmetric part of covariances (..., n, n): `P - K H P` is symmetric except for rounding."""
+    cov = np.array(cov, np.float64)
+    return (cov + np.swapaxes(cov, -1, -2)) / 2
 
 
 def _update(slam: Any, scan: Observations, *, takes_fields: bool) -> Any:
