@@ -12,25 +12,19 @@ parameters, ids, values and covariances. Other parts of the protocol are optiona
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from time import perf_counter
 from typing import Any
 
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.compare.estimators.forms.signatures import parameters, required
+from slamgauge.compare.estimators.forms.signatures import Form, parameters, required, spelt
 from slamgauge.compare.estimators.user_errors import UserCodeError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Observations, Recording
 
 START = ("sensor", "prior_mean", "prior_cov")
 MAP = ("landmark_ids", "landmarks", "landmark_covs")
-
-
-def is_online_class(given: object) -> bool:
-    """Return whether a callable is a class with the methods of an online filter."""
-    return isinstance(given, type) and not lacks(given)
 
 
 def lacks(given: type) -> str:
@@ -48,11 +42,12 @@ def lacks(given: type) -> str:
     return ", ".join(found)
 
 
-@dataclass(frozen=True)
-class OnlineClass:
-    """An online class as an estimator."""
+class OnlineClass(Form):
+    """An online class, `kind`, as an estimator."""
 
-    kind: type
+    def __init__(self, kind: type) -> None:
+        self.kind = kind
+        self.words = f"online {spelt(kind)}"
 
     def __call__(self, recording: Recording) -> Estimate:
         """Run a new object of the class over a recording, and return its estimate.
