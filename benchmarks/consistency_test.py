@@ -32,8 +32,8 @@ from slamgauge.compare.scenarios.simulation import simulate
 from slamgauge.compare.scoring.without_truth import (
     ConsistencyTest,
     Figures,
-    consistency_test,
     consistent_filter,
+    figures,
     figures_of,
     twin_figures,
 )
@@ -96,7 +96,7 @@ def tests_of(
             try:
                 with np.errstate(all="ignore"):  # bugs may overflow
                     tests[name].append(
-                        consistency_test(recording, filter_(recording), optimum, found[consistent[name]])
+                        ConsistencyTest(figures(recording, filter_(recording), optimum), found[consistent[name]])
                     )
             except (UserError, np.linalg.LinAlgError, ValueError):
                 pass  # bugs may raise errors
