@@ -106,7 +106,7 @@ def examine() -> dict[str, str]:
     found = {"slamgauge": f"{__version__}, {Path(__file__).parents[2]}"}
     found |= {"Python": f"{platform.python_version()}, {sys.executable}", "system": system}
     found |= {name: _version(name, MISSING) for name in LIBRARIES}
-    found["gtsam"] = _version("gtsam", "not installed (gtsam-batch, isam2, fixed-lag and robust-batch need it)")
+    found["gtsam"] = _version("gtsam", "not installed (gtsam-batch, isam2 and fixed-lag need it)")
     found |= {name: _version(name, "not installed (an extra)") for name in EXTRAS}
     found["BLAS"] = _attempt(_blas)
     found["threads"] = ", ".join(f"{name}={os.environ[name]}" for name in VARIABLES if name in os.environ)
