@@ -98,6 +98,12 @@ CATALOGUE = (
         lambda found: mean(found.nees),
         Column("NEES", form="{:.2f}", run=3),
     ),
+    _of_run(
+        "nees_position",
+        "mean over time of the position NEES: about 2 if the estimate is consistent (a column if headings are unknown)",
+        lambda found: mean(found.nees_position),
+        Column("NEES xy", form="{:.2f}", run=3),
+    ),
     _of_study(
         "nees_pose_per_dof",
         "mean over runs and steps from the 11th on of the pose NEES over 3",

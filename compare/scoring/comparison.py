@@ -26,11 +26,12 @@ from slamgauge.compare.scoring.optimum_notes import (
     left_out,
     misfits,
     under_associations,
+    without_headings,
     without_misleading,
 )
 from slamgauge.compare.scoring.own_stamps import score_at_own_stamps
 from slamgauge.compare.scoring.scores import Score
-from slamgauge.compare.scoring.table import ESTIMATOR, KIND, NO_FIGURE, Cell, Table, figures, marked
+from slamgauge.compare.scoring.table import ESTIMATOR, KIND, NO_FIGURE, Cell, Head, Table, figures, marked
 from slamgauge.compare.scoring.text_page import Page
 from slamgauge.compare.scoring.verdicts import single_run, verdict_lines
 from slamgauge.compare.storage.files import save, write_json, write_tum
@@ -181,9 +182,10 @@ def run_table(
 ) -> Table:
     """Return the scores, or their entries in metrics.json, as a table, filtered estimates before smoothed ones.
 
-    Columns without any figure are left out. Figures relative to an optimum in doubt are marked, and estimators without a score follow.
+    Columns without any figure are left out, and the position NEES if there is a pose NEES. Figures relative to an
+    optimum in doubt are marked, and estimators without a score follow.
     """
-    found = [head for head in heads("run") if any(score[head.key] is not None for score in scores.values())]
+    found = _shown_heads(scores)
     rows: list[list[Cell | str]] = []
     for name, score in sorted(scores.items(), key=lambda item: item[1]["kind"]):
         cells = figures(score, found)
@@ -196,6 +198,13 @@ def run_table(
         rows.append([name, score["kind"], *cells])
     rows += [[name, "failed", *(NO_FIGURE for _ in found)] for name in failed]
     return Table.of([ESTIMATOR, KIND, *found], rows, "Metrics of the whole run; click a column title to sort", "scores")
+
+
+def _shown_heads(scores: Mapping[str, Mapping[str, Any]]) -> list[Head]:
+    """Return the columns in which an estimator has a figure."""
+    found = [head for head in heads("run") if any(score[head.key] is not None for score in scores.values())]
+    keys = {head.key for head in found}
+    return [head for head in found if head.key != "nees_position" or "nees_pose" not in keys]
 
 
 def doubtful_kinds(optima: Mapping[Kind, Estimate]) -> set[Kind]:
@@ -241,7 +250,9 @@ def remarks(comparison: Comparison) -> list[str]:
         found.append(under_associations(comparison.stand_ins))
     else:
         found.append(without_misleading(optima, comparison.truth))
-    found += empty_columns(heads("run"), lambda key: all(score[key] is None for score in scores))
+    found.append(without_headings(comparison.truth))
+    columns = [head for head in heads("run") if head.key != "nees_position"]
+    found += empty_columns(columns, lambda key: all(score[key] is None for score in scores))
     return [line for line in found if line]
 
 

@@ -58,14 +58,18 @@ def optimum_at(stamps: Float, optimum: Estimate, recording: Recording) -> Estima
 def _moved(poses: Float, motions: Float, recording: Recording, times: Float) -> Float:
     """Return poses (N+1, 3) moved to times (N+1,) [s] near their steps, on arcs of the motions (N, 3).
 
-    A time before its step continues the motion that begins at the step before. Without a motion there (a gap of the
-    truth), and for a time of NaN, the pose is NaN.
+    A time before its step continues the motion that begins at the step before. Positions without headings are moved on
+    straight lines. Without a motion there (a gap of the truth), and for a time of NaN, the pose is NaN.
     """
     found = np.where(np.isnan(times)[:, None], np.nan, poses)
     rows = np.flatnonzero(times != recording.stamps)
     rows = rows[~np.isnan(times[rows])]
     begin = np.clip(rows - (times[rows] < recording.stamps[rows]), 0, max(recording.steps - 1, 0))
     share = (times[rows] - recording.stamps[begin]) / (recording.stamps[begin + 1] - recording.stamps[begin])
+    share = np.clip(share, 0.0, 1.0)[:, None]
     tangents = np.column_stack([motions[begin, :2], wrap(motions[begin, 2])])
-    found[rows] = compose(poses[begin], exp(np.clip(share, 0.0, 1.0)[:, None] * log(tangents)))
+    found[rows] = compose(poses[begin], exp(share * log(tangents)))
+    headless = np.isnan(poses[begin, 2])
+    lines = poses[begin] + share * (poses[begin + 1] - poses[begin])
+    found[rows[headless]] = lines[headless]
     return found

@@ -181,6 +181,29 @@ def test_twins_are_compared_at_the_same_steps(run_folder: Path, capsys: pytest.C
     assert json.loads(capsys.readouterr().out)["without_truth"]["m"]["verdict"] == "consistent"
 
 
+def test_a_truth_without_headings_gives_position_errors_and_position_nees(
+    run_folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    whole = scores(run_folder, capsys)["causal"]
+    assert TRUTH.poses is not None
+    save(run_folder / "truth.npz", replace(TRUTH, poses=TRUTH.poses * [1.0, 1.0, np.nan]))
+    found = scores(run_folder, capsys)["causal"]
+    for key in ("ate_m", "nees_position", "coverage_95", "ratio_to_optimum", "final_position_error_m"):
+        assert found[key] == whole[key]
+    for key in ("heading_rmse_rad", "nees_pose", "log_score", "rpe_m"):
+        assert found[key] is None
+    assert main(["evaluate", str(run_folder / "recording.npz"), "--estimators", "causal,batch", "--align", "se2"]) == 0
+    printed = " ".join(capsys.readouterr().out.split())
+    assert (
+        "the truth has no headings: heading errors, relative errors, pose NEES and log scores are left out" in printed
+    )
+    assert "NEES xy" in printed
+    estimate = ekf_slam(RECORDING)
+    write_tum(run_folder / "between.tum", STAMPS + 0.02, estimate.poses)
+    moved = scores(run_folder, capsys, "--estimates", f"m={run_folder / 'between.tum'}")["m"]
+    assert moved["ate_m"] == pytest.approx(whole["ate_m"], rel=0.5)
+
+
 def test_options_that_do_not_fit(run_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     save(run_folder / "e.npz", ekf_slam(RECORDING))
     words = [
