@@ -90,8 +90,7 @@ class Run(WithPage):
         require_room_for_estimates(informed, asked)
         settings = (scenario.association, scenario.initialisation_settings, scenario.robustness)
         origin = (scenario.name, self.seed, scenario_text(scenario))
-        title = f"{scenario.name}, seed {self.seed}"
-        scoring = Scoring(asked, out, self.output, title, *settings, *origin, study=self._study_command())
+        scoring = Scoring(asked, out, self.output, *settings, *origin, study=self._study_command())
         return scoring.score(truth, recording, informed)
 
     def _study_command(self) -> str:
@@ -183,7 +182,6 @@ class Evaluate(WithPage):
         from slamgauge.compare.scenarios.scenario import stored_association
         from slamgauge.compare.scenarios.schema import INITIALISATIONS
         from slamgauge.compare.storage.files import load_recording, load_truth
-        from slamgauge.compare.storage.safe_names import shown
         from slamgauge.ekf.setting_rules import fitted
         from slamgauge.ekf.settings import Robustness
 
@@ -199,11 +197,10 @@ class Evaluate(WithPage):
         stored = _stored_estimators(self._stored(), recording, truth, self.stored)
         named = self.own_code.isolate(ask(split_names(self.estimators)))
         require_room_for_estimates(recording, named)
-        title = shown(f"{self.recording.parent.resolve().name}/{self.recording.name}")
         if not 0 <= self.test.twins <= MOST_TWINS:
             raise UserError(f"twins: {self.test.twins} is out of range; give 0 to {MOST_TWINS}")
         asked = ask([*named, *ask(stored)])
-        scoring = Scoring(asked, self.out, self.output, title, *settings, test=self.test)
+        scoring = Scoring(asked, self.out, self.output, *settings, test=self.test)
         return scoring.score(truth, recording)
 
     def _stored(self) -> dict[str, Path]:
@@ -260,7 +257,6 @@ class Scoring:
     asked: Sequence[Asked]
     out: Path | None
     output: Output
-    title: str
     association: Association
     initialisation: Initialisation | None
     robust: Robustness
@@ -303,10 +299,10 @@ class Scoring:
             if folder is not None and self.out is not None:
                 with explained(self.out, "written"):
                     write_comparison(folder, comparison, content)
-                comparison, content = replace(comparison, scores={}), {}  # figures need the estimates alone
         if self.out is not None:
-            from slamgauge.compare.figures.publishing import draw_comparison
+            from slamgauge.compare.figures.publishing import draw_stored
 
-            done = draw_comparison(self.out, comparison, self.title) and done
+            del comparison  # the figures are drawn from the folder
+            done = draw_stored(self.out, METRICS) and done
             print(f"written to {self.out}", file=sys.stderr)
         return 0 if done else 1
