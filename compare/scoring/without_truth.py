@@ -28,7 +28,7 @@ optimum instead of the true one, and in the correlations of the filter, which is
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Literal, NamedTuple
@@ -38,8 +38,10 @@ from tqdm import tqdm
 
 from slamgauge.arrays import Float, Marks
 from slamgauge.compare.estimators.registry import CAUSAL
+from slamgauge.compare.estimators.stored_trajectory import OwnPoses
 from slamgauge.compare.scoring.consistency import squared_mahalanobis
 from slamgauge.compare.scoring.nan_stats import defined_mean, number
+from slamgauge.compare.scoring.own_stamps import optimum_at
 from slamgauge.compare.scoring.trajectory_error import pose_errors
 from slamgauge.covariances import square_roots
 from slamgauge.ekf import riekf
@@ -148,7 +150,11 @@ class ConsistencyTest:
 
 
 def tested_filters(
-    recording: Recording, estimates: Mapping[str, Estimate], optimum: Estimate, twins: int
+    recording: Recording,
+    estimates: Mapping[str, Estimate],
+    optimum: Estimate,
+    twins: int,
+    own: Mapping[str, OwnPoses] | None = None,
 ) -> dict[str, ConsistencyTest]:
     """Test all filtered estimates with covariances, by name.
 
@@ -157,23 +163,40 @@ def tested_filters(
         estimates: by name; smoothed ones are left out.
         optimum: the optimum of all measurements, with the associations that it used.
         twins: number of simulated twins.
+        own: poses of stored trajectories at their own stamps, by name; twins are compared at the same steps.
 
     Raises:
         UserError: too few twins for the level of the test.
     """
     if twins < FEWEST:
         raise UserError(f"twins: {twins} are too few for a test of level {TEST_LEVEL:.0%}; give {FEWEST} or more")
+    own = {} if own is None else own
     log = recording if optimum.association is None else recording.associated(optimum.association)
     filters = {name: each for name, each in estimates.items() if each.kind == "filtered" and each.pose_covs is not None}
-    consistent = {name: consistent_filter(name, log) for name in filters}
-    found = twin_figures(log, optimum, twins, {*consistent.values()}) if filters else {}
-    return {
-        name: ConsistencyTest(figures(log, each, optimum), found[consistent[name]]) for name, each in filters.items()
-    }
+    if not filters:
+        return {}
+    compared = {name: own[name].compared if name in own else None for name in filters}
+    found = twin_figures(
+        log, optimum, twins, {name: (consistent_filter(name, log), compared[name]) for name in filters}
+    )
+    return {name: consistency_test(log, each, optimum, found[name], own.get(name)) for name, each in filters.items()}
 
 
-def step_statistics(estimate: Estimate, optimum: Estimate) -> tuple[Float, Marks]:
-    """Compare a filter with the optimum of all measurements at each step.
+def consistency_test(
+    recording: Recording, estimate: Estimate, optimum: Estimate, twins: Figures, own: OwnPoses | None = None
+) -> ConsistencyTest:
+    """Return the test of a filter on a recording with ids, from the figures of twins.
+
+    A stored trajectory is compared with the optimum at its `own` stamps.
+    """
+    if own is None:
+        return ConsistencyTest(figures(recording, step_statistics(estimate, optimum), optimum), twins)
+    steps = step_statistics(own.estimate, optimum_at(own.stamps, optimum, recording), own.compared)
+    return ConsistencyTest(figures(recording, steps, optimum, own.compared), twins)
+
+
+def step_statistics(estimate: Estimate, optimum: Estimate, compared: Marks | None = None) -> tuple[Float, Marks]:
+    """Compare a filter with the optimum of all measurements, at all steps or at those `compared` (N+1,).
 
     Returns:
         Expected NEES c (N+1,), 3 on average if the filter is consistent, and whether the filter claims more than the
@@ -185,6 +208,8 @@ def step_statistics(estimate: Estimate, optimum: Estimate) -> tuple[Float, Marks
     if estimate.pose_covs is None or optimum.pose_covs is None:
         raise UserError("pose_covs: the test without ground truth needs covariances of the poses; add them")
     expected = squared_mahalanobis(pose_errors(optimum.poses, estimate.poses), estimate.pose_covs)
+    if compared is not None:
+        expected[~compared] = np.nan
     rows = np.flatnonzero(~np.isnan(expected))
     white = np.linalg.inv(np.linalg.cholesky(estimate.pose_covs[rows]))  # white P_f white' = I
     optimal = white @ optimum.pose_covs[rows] @ white.swapaxes(1, 2)
@@ -194,18 +219,20 @@ def step_statistics(estimate: Estimate, optimum: Estimate) -> tuple[Float, Marks
     return expected, claims_more
 
 
-def figures(recording: Recording, estimate: Estimate, optimum: Estimate) -> Figures:
-    """Return the figures of a filter on a recording with ids, without landmarks that the optimum does not have."""
-    expected, claims_more = step_statistics(estimate, optimum)
-    moved = between(optimum.poses[:-1], optimum.poses[1:])
-    moving = recording.odometry - moved
+def figures(
+    recording: Recording, steps: tuple[Float, Marks], optimum: Estimate, compared: Marks | None = None
+) -> Figures:
+    """Return the figures of a filter from its steps; landmarks that the optimum does not have are left out."""
+    expected, claims_more = steps
+    moving = recording.odometry - between(optimum.poses[:-1], optimum.poses[1:])
     moving[:, 2] = wrap(moving[:, 2])
     log, seen = _observed(recording, optimum)
     seeing = innovation(log.sensor, log.observation, seen)
     residuals = [_mean_square(moving, recording.odometry_cov), _mean_square(seeing, log.observation_cov)]
     parts = np.array_split(expected, min(INTERVALS, len(expected)))
     course = np.array([defined_mean(each) for each in parts]) / 3.0
-    return Figures(np.array([defined_mean(expected) / 3.0, *residuals]), course, float(np.mean(claims_more)))
+    share = float(np.mean(claims_more if compared is None else claims_more[compared]))
+    return Figures(np.array([defined_mean(expected) / 3.0, *residuals]), course, share)
 
 
 def consistent_filter(name: str, recording: Recording) -> Estimator:
@@ -216,23 +243,35 @@ def consistent_filter(name: str, recording: Recording) -> Estimator:
     return riekf if name != CAUSAL and SENSORS[recording.sensor].places_landmarks else causal
 
 
+Tested = Mapping[str, tuple[Estimator, Marks | None]]  # filters by name, with the steps (N+1,) that are compared
+
+
 def twin_figures(
-    recording: Recording, optimum: Estimate, twins: int, filters: Collection[Estimator]
-) -> dict[Estimator, Figures]:
-    """Return the figures of consistent filters on simulated twins of a recording with ids; `optimum` is its optimum."""
-    streams = np.random.SeedSequence(0).spawn(twins)
+    recording: Recording, optimum: Estimate, twins: int, filters: Tested, seed: int = 0
+) -> dict[str, Figures]:
+    """Return the figures of filters on simulated twins of a recording.
+
+    Args:
+        recording: measurements with ids.
+        optimum: the optimum of all of them.
+        twins: number of twins.
+        filters: filters that are consistent if the noise is right.
+        seed: root seed.
+    """
+    streams = np.random.SeedSequence(seed).spawn(twins)
     drawn = (simulated_twin(recording, optimum, np.random.default_rng(stream)) for stream in streams)
     return figures_of(filters, tqdm(drawn, "twins", twins, delay=2.0, disable=None, leave=False))
 
 
-def figures_of(filters: Collection[Estimator], recordings: Iterable[Recording]) -> dict[Estimator, Figures]:
-    """Return the figures of filters on recordings."""
-    rows: dict[Estimator, list[Figures]] = {filter_: [] for filter_ in filters}
+def figures_of(filters: Tested, recordings: Iterable[Recording]) -> dict[str, Figures]:
+    """Return the figures of filters on recordings, by name; the same filter runs once."""
+    rows: dict[str, list[Figures]] = {name: [] for name in filters}
     for each in recordings:
         optimum = batch(each)
-        for filter_, found in rows.items():
-            found.append(figures(each, filter_(each), optimum))
-    return {filter_: Figures(*map(np.array, zip(*found, strict=True))) for filter_, found in rows.items()}
+        ran = {filter_: filter_(each) for filter_, _ in filters.values()}
+        for name, (filter_, compared) in filters.items():
+            rows[name].append(figures(each, step_statistics(ran[filter_], optimum, compared), optimum))
+    return {name: Figures(*map(np.array, zip(*found, strict=True))) for name, found in rows.items()}
 
 
 def simulated_twin(recording: Recording, optimum: Estimate, rng: np.random.Generator) -> Recording:

@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from slamgauge.compare.scoring.without_truth import (
     ConsistencyTest,
     Figures,
-    figures,
+    consistency_test,
     simulated_twin,
     step_statistics,
     twin_figures,
@@ -139,14 +139,15 @@ def test_a_wrong_filter_and_wrong_noise_on_a_recording():
     _, recording = random_recording(5, steps=60)
     optimum, estimate = batch(recording), riekf(recording)
     assert estimate.pose_covs is not None
-    twins = twin_figures(recording, optimum, 19, [riekf])[riekf]
-    assert ConsistencyTest(figures(recording, estimate, optimum), twins).verdict == "consistent"
+    twins = twin_figures(recording, optimum, 19, {"riekf": (riekf, None)})["riekf"]
+    assert consistency_test(recording, estimate, optimum, twins).verdict == "consistent"
     wrong = replace(estimate, pose_covs=estimate.pose_covs / 4.0)
-    assert ConsistencyTest(figures(recording, wrong, optimum), twins).verdict == "overconfident"
+    assert consistency_test(recording, wrong, optimum, twins).verdict == "overconfident"
     small = replace(recording, odometry_cov=recording.odometry_cov / 25.0)
     optimum = batch(small)
-    twins = twin_figures(small, optimum, 19, [riekf])[riekf]
-    found = ConsistencyTest(figures(small, riekf(small), optimum), twins)
+    found = consistency_test(
+        small, riekf(small), optimum, twin_figures(small, optimum, 19, {"riekf": (riekf, None)})["riekf"]
+    )
     assert found.verdict == "overconfident"
     assert "Q is too small" in found.text()
 
