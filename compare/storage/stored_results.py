@@ -8,6 +8,7 @@ heading), or 21 for (x, y, z, roll, pitch, yaw). Only the planar parts are used.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,19 +16,18 @@ import numpy as np
 
 from slamgauge.arrays import Float, Marks
 from slamgauge.compare.storage.covariance_columns import from_triangles
-from slamgauge.compare.storage.csv_folder import POSE, POSE_COV, parse_rows, read_estimate_csv, read_lines
+from slamgauge.compare.storage.csv_folder import POSE, POSE_COV, read_estimate_csv
 from slamgauge.compare.storage.files import (
     load_estimate,
     load_recording,
     load_truth,
     read_json,
-    read_text,
-    tell_if_cut,
 )
 from slamgauge.compare.storage.interpolation import interpolated, interpolated_covs
 from slamgauge.compare.storage.path_doubts import path_doubts
 from slamgauge.compare.storage.safe_names import shown
 from slamgauge.compare.storage.spatial_poses import planar_covariances, planar_poses
+from slamgauge.compare.storage.text_lines import csv_lines, read_lines, read_whole, rows_below
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.notices import tell_once
@@ -36,7 +36,6 @@ from slamgauge.truth import Truth, require_same_run
 
 FEW_OWN = 0.5  # share of the poses of a file that must be at stamps of steps
 MATCH, MAX_GAP = 1e-3, 1.0  # s: see `at_steps`
-LARGEST = 1e150  # its square is still finite
 UNIT, TILTED = 1e-3, 0.1  # largest error of a quaternion's length, and qx or qy of a robot that stands level
 WORDS = {"time": "stamp", "timestamp": "stamp", "t": "stamp", "heading": "theta", "yaw": "theta"}
 TUM = 8  # columns without covariances
@@ -95,17 +94,7 @@ def load_stored(path: Path, recording: Recording) -> Estimate:
     """
     if path.suffix == ".npz":
         return load_estimate(path)
-    if path.suffix != ".csv":
-        estimate = _read_tum(path, recording.stamps)
-    elif _in_our_words(read_text(path).lstrip().partition("\n")[0]).startswith("stamp"):
-        lines = read_lines(path)
-        lines[0] = _in_our_words(lines[0])
-        rows = parse_rows(str(path), lines, ("stamp", *POSE), ("stamp", *POSE, *POSE_COV))
-        rows = rows[np.argsort(rows[:, 0], kind="stable")]
-        covs = from_triangles(rows[:, 4:], 3) if rows.shape[1] > 4 else None
-        estimate = at_steps(str(path), rows[:, 0], rows[:, 1:4], covs, recording.stamps)
-    else:
-        estimate = read_estimate_csv(path, "filtered", recording.steps)
+    estimate = _read_csv(path, recording) if path.suffix == ".csv" else _read_tum(path, recording.stamps)
     tell_doubts(str(path), estimate, recording)
     return estimate
 
@@ -128,9 +117,17 @@ def own_steps(path: Path, recording: Recording) -> Marks | None:
     return own
 
 
-def _in_our_words(header: str) -> str:
-    """Return a header with our names of the stamp and of the heading."""
-    return ",".join(WORDS.get(word.strip(), word.strip()) for word in header.split(","))
+def _read_csv(path: Path, recording: Recording) -> Estimate:
+    """Read an estimate whose rows have stamps, or steps (see `read_estimate_csv`)."""
+    lines = csv_lines(path, read_whole(path))
+    header = [WORDS.get(word, word) for word in lines[0].words] if lines else []
+    if header[:1] != ["stamp"]:
+        return read_estimate_csv(path, "filtered", recording.steps)
+    ours = replace(lines[0], words=header)
+    rows = rows_below(path, [ours, *lines[1:]], ("stamp", *POSE), ("stamp", *POSE, *POSE_COV))
+    rows = rows[np.argsort(rows[:, 0], kind="stable")]
+    covs = from_triangles(rows[:, 4:], 3) if rows.shape[1] > 4 else None
+    return at_steps(str(path), rows[:, 0], rows[:, 1:4], covs, recording.stamps)
 
 
 def tell_doubts(where: str, estimate: Estimate, recording: Recording) -> None:
@@ -149,13 +146,14 @@ def _read_tum(path: Path, stamps: Float) -> Estimate:
 
 def _tum_table(path: Path) -> Float:
     """Return the numbers (n, columns) of a TUM file."""
-    text = read_text(path)
-    tell_if_cut(path, text)
-    lines = text.splitlines()
-    rows = [_numbers(path, n, line) for n, line in enumerate(lines, 1) if line.strip() and not line.startswith("#")]
-    if len({len(row) for row in rows}) > 1:
+    lines = read_lines(path, separator=",")
+    for line in lines:
+        if len(line.words) - TUM not in (0, *TRIANGLES):
+            counts = ", ".join(str(TUM + more) for more in (0, *TRIANGLES))
+            raise line.refused(f"{len(line.words)} columns", f"write {counts} numbers, t x y z qx qy qz qw first")
+    if len({len(line.words) for line in lines}) > 1:
         raise UserError(f"{path}: lines have different numbers of columns; write all with, or all without covariances")
-    return np.array(rows, dtype=np.float64).reshape(len(rows), -1 if rows else TUM)
+    return np.array([line.numbers() for line in lines]).reshape(len(lines), -1 if lines else TUM)
 
 
 def at_steps(where: str, stamps: Float, poses: Float, covs: Float | None, steps: Float) -> Estimate:
@@ -217,21 +215,6 @@ def _require_headings(path: Path, quaternions: Float) -> None:
             f"{path}: qx or qy is {tilts[step]:.2f} at pose {step}: the robot is tilted, or the columns are not in the "
             "order qx qy qz qw; only the heading is used"
         )
-
-
-def _numbers(path: Path, number: int, line: str) -> list[float]:
-    try:
-        numbers = [float(text) for text in line.replace(",", " ").split()]
-    except ValueError:
-        raise UserError(
-            f"{path}, line {number}: {line[:60]!r} has a value that is not a number; write t x y z qx qy qz qw"
-        ) from None
-    if len(numbers) - TUM not in (0, *TRIANGLES):
-        counts = ", ".join(str(TUM + more) for more in (0, *TRIANGLES))
-        raise UserError(f"{path}, line {number}: {len(numbers)} columns; write {counts} numbers")
-    if not (np.abs(numbers) < LARGEST).all():
-        raise UserError(f"{path}, line {number}: a number is not finite; correct it, or remove the line")
-    return numbers
 
 
 def _covariances(triangles: Float) -> Float:
