@@ -15,11 +15,10 @@ from hypothesis import strategies as st
 from slamgauge.compare.datasets.csv_log import read_csv_log
 from slamgauge.compare.datasets.g2o import read_g2o
 from slamgauge.compare.datasets.mrclam import read_mrclam
+from slamgauge.compare.estimators.stored_trajectory import load_stored
 from slamgauge.compare.storage.csv_folder import write_recording_csv
 from slamgauge.compare.storage.files import load_recording, save, write_tum
-from slamgauge.compare.storage.stored_results import load_stored
 from slamgauge.errors import UserError
-from slamgauge.estimate import Estimate
 from slamgauge.se2 import chain
 from tests.marks import in_full
 from tests.reference.random_recordings import random_recording
@@ -54,7 +53,7 @@ def tum(folder: Path) -> None:
     write_tum(folder / "path.tum", RECORDING.stamps, PATH, np.tile(np.eye(3), (len(PATH), 1, 1)))
 
 
-def stored(name: str) -> Callable[[Path], Estimate]:
+def stored(name: str) -> Callable[[Path], Any]:
     return lambda folder: load_stored(folder / name, RECORDING)
 
 
