@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from concurrent.futures import Executor
+from concurrent.futures import Executor, wait
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -22,11 +22,11 @@ from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
 from slamgauge.compare.scenarios.simulation import informed, simulate
 from slamgauge.compare.scoring.loop_closures import closure_steps
 from slamgauge.compare.scoring.runs import Runs
-from slamgauge.compare.storage.result_files import STUDIES
+from slamgauge.compare.storage.result_files import STORE, STUDIES
 from slamgauge.compare.storage.staged_folder import begin_folder, require_ours
 from slamgauge.compare.studies.store import digest
 from slamgauge.compare.studies.study import load_runs, run_study
-from slamgauge.compare.studies.study_run import run_seed
+from slamgauge.compare.studies.study_run import run_once, run_seed
 from slamgauge.compare.studies.summary import failure_lines
 from slamgauge.errors import UserError
 
@@ -94,6 +94,7 @@ def run_exercise(names: Sequence[str], runs: int, seed: int, out: str | Path, ex
     begin_folder(out)
     chosen = [each for name in questions for each in QUESTIONS[name].settings]
     conclusions = [each for each in CONCLUSIONS if each.question in questions]
+    _compile_at_once(parts(chosen[0], seed, out), seed, executor)
     loaded = dict[tuple[str, str], Runs]()
     failures = dict[str, None]()
     for setting in [*chosen, *_compared(conclusions, chosen)]:
@@ -112,6 +113,14 @@ def run_exercise(names: Sequence[str], runs: int, seed: int, out: str | Path, ex
         judgements={name: [pair for pair in judged if pair[0].question == name] for name in questions},
         failures=[*failures],
     )
+
+
+def _compile_at_once(found: Sequence[Part], seed: int, executor: Executor) -> None:
+    """On first use compile the kernels of the filters and those of the optima at the same time, by a run of each."""
+    from slamgauge.jit import stored_files  # here: it loads numba
+
+    if not stored_files() and not any((part.folder / STORE).exists() for part in found):
+        wait([executor.submit(run_once, part.scenario, run_seed(seed, 0), part.estimators) for part in found])
 
 
 def parts(setting: Setting, seed: int, out: Path, *, with_optima: bool = True) -> list[Part]:
