@@ -11,7 +11,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 
 from slamgauge.compare.exercise.results import Closure, SettingResult
-from slamgauge.compare.exercise.running import SettingRuns
 from slamgauge.compare.exercise.settings import CAUSAL, EKF, GTSAM
 from slamgauge.compare.figures.axes import logarithmic
 from slamgauge.compare.figures.plot_style import LEGEND, MARK_COLOR, Sheet, Style, printed, printed_on, styles
@@ -48,7 +47,7 @@ def save_setting_figure(
             strip.draw(below)
 
 
-def save_nees_figure(path: Path, settings: Sequence[SettingRuns], title: str) -> None:
+def save_nees_figure(path: Path, settings: Sequence[SettingResult], title: str) -> None:
     """Write the mean pose NEES over 3 of EKF and causal optimum against time as PNG, a panel for each setting."""
     with printed_on(PNG), printed(path, _height(len(settings)), title) as figure:
         for axes, ran in zip(_panels(figure, len(settings)), settings, strict=True):
