@@ -106,14 +106,13 @@ def examine() -> dict[str, str]:
     found = {"slamgauge": f"{__version__}, {Path(__file__).parents[2]}"}
     found |= {"Python": f"{platform.python_version()}, {sys.executable}", "system": system}
     found |= {name: _version(name, MISSING) for name in LIBRARIES}
-    found["gtsam"] = _version("gtsam", "not installed (gtsam-batch, isam2, fixed-lag and robust-batch need it)")
+    found["gtsam"] = _version("gtsam", "not installed (gtsam-batch, isam2 and fixed-lag need it)")
     found |= {name: _version(name, "not installed (an extra)") for name in EXTRAS}
     found["BLAS"] = _attempt(_blas)
     found["threads"] = ", ".join(f"{name}={os.environ[name]}" for name in VARIABLES if name in os.environ)
     found |= {f"{kernels} kernels": _attempt(partial(run_shortly, *each)) for kernels, each in WARM_UPS.items()}
     found["kept machine code"] = _attempt(_kept)
     found["browser"] = next(filter(None, map(shutil.which, BROWSERS)), "none found (pages open in any)")
-    found["ffmpeg"] = shutil.which("ffmpeg") or "none found (animations are GIF only)"
     found["free memory"] = _attempt(_memory)
     return found
 

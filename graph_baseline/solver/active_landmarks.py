@@ -7,7 +7,6 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float, Int
-from slamgauge.back_projection import positions_seen
 from slamgauge.graph_baseline.problem.linearisation import GraphArrays
 from slamgauge.graph_baseline.problem.placement import SURE, triangulate_one
 from slamgauge.graph_baseline.problem.preparation import Problem
@@ -56,7 +55,7 @@ class ActiveLandmarks:
         for row in range(first, last):
             name = int(self._ids[row])
             if name not in self._slot and SENSORS[self._recording.sensor].places_landmarks:
-                self._map(name, positions_seen(self._recording, np.array([row]), self._state.poses)[0])
+                self._map(name, self._recording.positions_seen(np.array([row]), self._state.poses)[0])
             self._arrays.slot[row] = self._slot.get(name, -1)
 
     def map_waiting(self, newest: int, but: set[int]) -> set[int]:

@@ -13,7 +13,7 @@ from slamgauge.compare.storage.files import load_estimate, load_recording, load_
 from tests.kernels import compile_kernels
 from tests.reference.command_line import run
 
-pytestmark = [pytest.mark.gtsam, pytest.mark.slow]  # robust-batch needs it
+pytestmark = pytest.mark.slow
 DURATION = "trajectory.duration=6"
 
 
