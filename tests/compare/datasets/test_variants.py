@@ -352,7 +352,7 @@ def test_a_variant_of_the_log(name: str, good: Imported, tmp_path: Path):
         assert_allclose(getattr(log.recording, field), getattr(good.recording, field), rtol=1e-5, atol=1e-6)
     assert_array_equal(log.recording.landmark, good.recording.landmark)
     if "truth.csv" in change(GOOD):
-        assert_allclose(*(true_path(each) for each in (log, good)), atol=1e-4)
+        assert_allclose(true_path(log), true_path(good), atol=1e-4)
 
 
 def test_a_unit_that_makes_lengths_smaller_than_their_noise_is_not_suggested(tmp_path: Path) -> None:
