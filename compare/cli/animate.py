@@ -15,7 +15,7 @@ from slamgauge.errors import UserError
 
 @dataclass
 class Animate:
-    """Draw a run as a moving picture: animation.gif, and animation.mp4 if ffmpeg is installed.
+    """Draw a run as a moving picture: animation.gif.
 
     It shows the paths, robots and maps of the filtered estimates (of more than three, only the first) and the paths of
     the smoothed ones. For a study it repeats the worst run, in the folder worst-run, and draws that.
@@ -37,18 +37,15 @@ class Animate:
     """Frames per second. More frames make a larger GIF."""
 
     def __call__(self) -> int:
-        from slamgauge.compare.figures.animation import FILES, animate
+        from slamgauge.compare.figures.animation import GIF, animate
         from slamgauge.compare.storage.result_files import METRICS, SUMMARY
 
         status, folder = 0, self.folder
         if (folder / SUMMARY).is_file() and not (folder / METRICS).is_file():
             folder = self.folder / "worst-run"
             status = self._repeat_worst_run(folder)
-        missing = animate(folder, split_names(self.estimators), self.seconds, self.fps)
-        written = FILES[:1] if missing else FILES
-        print(f"written to {folder}: {', '.join(written)}", file=sys.stderr)
-        if missing:
-            print(f"animation.mp4 was not written: {missing}", file=sys.stderr)
+        animate(folder, split_names(self.estimators), self.seconds, self.fps)
+        print(f"written to {folder}: {GIF}", file=sys.stderr)
         return status
 
     def _repeat_worst_run(self, out: Path) -> int:

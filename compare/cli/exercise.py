@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,8 +16,7 @@ from slamgauge.compare.storage.result_files import EXERCISE
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
-    from slamgauge.compare.exercise.results import QuestionResult
-    from slamgauge.compare.exercise.running import Exercise
+    from slamgauge.compare.exercise.results import Exercise
 
 
 @dataclass
@@ -46,7 +44,6 @@ class ExerciseCommand(WithPage):
     work: Work = field(default_factory=Work)
 
     def __call__(self) -> int:
-        from slamgauge.compare.exercise.results import exercise_json, results
         from slamgauge.compare.exercise.running import run_exercise
         from slamgauge.compare.exercise.tables import exercise_page
         from slamgauge.compare.storage.files import write_json
@@ -54,23 +51,21 @@ class ExerciseCommand(WithPage):
 
         with continued_later(), self.work.executor() as executor:
             exercise = run_exercise(self.questions, self.runs, self.seed, self.out, executor)
-            found = results(exercise)
-            content = exercise_json(exercise, found)
-            self.output.show(content, exercise_page(found, self.runs, exercise.failures))
+            content = exercise.to_json()
+            self.output.show(content, exercise_page(exercise))
             with staged_folder(self.out, [EXERCISE], last=EXERCISE) as stage:
                 write_json(stage / EXERCISE, content)
-            done = self.page.no_report or self._publish(exercise, found, executor)
+            done = self.page.no_report or self._publish(exercise, executor)
         print(f"written to {self.out}", file=sys.stderr)
         return 0 if done and not exercise.failures else 1
 
-    def _publish(self, exercise: Exercise, found: Sequence[QuestionResult], executor: Executor) -> bool:
+    def _publish(self, exercise: Exercise, executor: Executor) -> bool:
         """Write run 0 of each setting, figures and pages; return whether all succeeded."""
         from slamgauge.compare.report.exercise_page import publish_exercise
         from slamgauge.compare.report.exercise_runs import publish_first_runs
 
-        ran = [each for settings in exercise.settings.values() for each in settings]
-        publish_first_runs(ran, self.seed, self.out, executor)
-        done = publish_exercise(self.out, exercise, found)
+        publish_first_runs(exercise.settings, self.seed, self.out, executor)
+        done = publish_exercise(self.out, exercise)
         if done and self.page.open:
             open_page(self.out)
         return done

@@ -44,7 +44,7 @@ class Export:
     For example:
       slamgauge export first-run --format mat
       slamgauge export results/q1 --format latex --columns ate_m,nees_pose_per_dof
-      slamgauge export first-run --format pdf --width column --band ekf
+      slamgauge export first-run --format pdf --width column --estimators ekf,causal
     """
 
     path: tyro.conf.Positional[Path]
@@ -66,16 +66,14 @@ class Export:
     """For a study: comma-separated keys of summary.json that have an interval. If not given: its key columns."""
 
     estimators: str = ""
-    """For a study, and for figures: comma-separated. If not given: all."""
+    """For a study, and for figures: comma-separated. If not given: all. In the figure of a run the 3-sigma bounds of
+    the first are filled."""
 
     means_only: bool = False
     """For a study: leave out the intervals."""
 
     width: Literal["column", "page"] = "page"
     """For figures: column is 3.4 in (one of two columns), page is 7.0 in."""
-
-    band: str | None = None
-    """For the figure of a run: the estimator whose 3-sigma bounds are filled. If not given: the first that has some."""
 
     def __call__(self) -> None:
         from slamgauge.compare.storage.result_files import SUMMARY
@@ -96,7 +94,7 @@ class Export:
         from slamgauge.compare.figures.publishing import drawings_of
         from slamgauge.compare.storage.staged_folder import staged_folder
 
-        drawings = drawings_of(self.path, split_names(self.estimators), self.band)
+        drawings = drawings_of(self.path, split_names(self.estimators))
         out = named_after(OUT, self.path) if self.out == OUT else self.out
         files = [f"{name}.{form}" for name in drawings]
         with staged_folder(out, files, files[0]) as folder, printed_on(Sheet(self.width, (form,))):

@@ -113,7 +113,6 @@ def examine() -> dict[str, str]:
     found |= {f"{kernels} kernels": _attempt(partial(run_shortly, *each)) for kernels, each in WARM_UPS.items()}
     found["kept machine code"] = _attempt(_kept)
     found["browser"] = next(filter(None, map(shutil.which, BROWSERS)), "none found (pages open in any)")
-    found["ffmpeg"] = shutil.which("ffmpeg") or "none found (animations are GIF only)"
     found["free memory"] = _attempt(_memory)
     return found
 

@@ -28,7 +28,7 @@ def test_versions_and_findings(capsys: pytest.CaptureFixture[str], monkeypatch: 
     assert found["graph kernels"].startswith("ready in ")
     assert " files, " in found["kept machine code"]
     assert found["free memory"].endswith(" GB")
-    assert {"Python", "system", "browser", "ffmpeg", "distributed"} < {*found}
+    assert {"Python", "system", "browser", "distributed"} < {*found}
 
 
 def test_the_table_has_a_line_for_each(capsys: pytest.CaptureFixture[str]):

@@ -10,10 +10,10 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.io import loadmat
 
 from slamgauge.compare.cli.main import main
+from slamgauge.compare.datasets.csv_log import read_csv_log
 from slamgauge.compare.datasets.g2o import read_g2o
-from slamgauge.compare.storage.csv_folder import read_recording_csv
+from slamgauge.compare.estimators.stored_trajectory import load_stored
 from slamgauge.compare.storage.files import load_estimate, load_recording, save
-from slamgauge.compare.storage.stored_results import load_stored
 from slamgauge.estimate import Estimate
 from tests.reference.random_recordings import random_recording
 
@@ -38,7 +38,7 @@ def export(path: Path, form: str, out: Path, *more: str) -> int:
 def test_a_recording_as_csv_and_g2o(run: Path, place: str, tmp_path: Path):
     recording = load_recording(run / "recording.npz")
     assert export(run / place, "csv", tmp_path / "csv") == 0
-    assert read_recording_csv(tmp_path / "csv") == recording
+    assert read_csv_log(tmp_path / "csv").recording == recording
     assert export(run / place, "g2o", tmp_path / "graph.g2o", "--lend", "1e-4") == 0
     assert main(["import", "g2o", str(tmp_path / "graph.g2o"), "--out", str(tmp_path / "npz")]) == 0
     back = load_recording(tmp_path / "npz/recording.npz")
@@ -70,7 +70,7 @@ def test_a_run_as_mat(run: Path, tmp_path: Path):
 def test_an_estimate_as_tum_with_covariances(run: Path, tmp_path: Path):
     recording, estimate = load_recording(run / "recording.npz"), load_estimate(run / "estimates/ekf.npz")
     assert export(run / "estimates/ekf.npz", "tum-cov", tmp_path / "ekf.tum") == 0
-    back = load_stored(tmp_path / "ekf.tum", recording)
+    back = load_stored(tmp_path / "ekf.tum", recording).estimate
     assert_allclose(back.poses, estimate.poses, atol=1e-12)
     assert_array_equal(back.pose_covs, estimate.pose_covs)
 
@@ -89,7 +89,7 @@ def test_an_estimate_elsewhere_needs_its_recording(run: Path, tmp_path: Path, ca
 def test_an_estimate_as_csv(run: Path, tmp_path: Path):
     estimate = load_estimate(run / "estimates/ekf.npz")
     assert export(run / "estimates/ekf.npz", "csv", tmp_path / "mine.csv") == 0
-    back = load_stored(tmp_path / "mine.csv", load_recording(run / "recording.npz"))
+    back = load_stored(tmp_path / "mine.csv", load_recording(run / "recording.npz")).estimate
     for name in ("poses", "pose_covs", "landmark_ids", "landmarks", "landmark_covs"):
         assert_array_equal(getattr(back, name), getattr(estimate, name))
 
