@@ -71,15 +71,13 @@ def read_folder(folder: Path, module: str, only: Path | None = None) -> CodeFold
     folder, found = folder.resolve(), dict[str, bytes]()
     room = MOST_BYTES
     for path in [only.resolve()] if only is not None and only.is_file() else _listed(only or folder):
-        try:
+        with suppress(FileNotFoundError):  # another program deletes it after the folder was listed
             size = path.stat().st_size
-        except FileNotFoundError:  # another program has deleted it since the folder was listed
-            continue
-        if size > LARGEST and path.suffix == ".py":
-            raise UserError(f"{path.name}: has more than {LARGEST / 1e6:g} MB; keep data in files of their own")
-        if size <= min(LARGEST, room) and len(found) < MOST_FILES and path.is_relative_to(folder):
-            found[path.relative_to(folder).as_posix()] = path.read_bytes()
-            room -= size
+            if size > LARGEST and path.suffix == ".py":
+                raise UserError(f"{path.name}: has more than {LARGEST / 1e6:g} MB; keep data in files of their own")
+            if size <= min(LARGEST, room) and len(found) < MOST_FILES and path.is_relative_to(folder):
+                found[path.relative_to(folder).as_posix()] = path.read_bytes()
+                room -= size
     return CodeFolder(str(folder), module, tuple(sorted(found.items())))
 
 
