@@ -122,6 +122,7 @@ def _driven(slam: OnlineFilter, recording: Recording, frames: int) -> Estimate:
         members[step] = slam.member_count
         association.append(slam.associated)
         history.keep(step, slam)
+    rays = slam.rays if isinstance(slam, BearingFilter) else None
     pose_covs = without_rounding("pose_covs", pose_covs)
     freeze(poses, pose_covs, nis, nis_dof, seconds)
     return Estimate(
@@ -135,7 +136,7 @@ def _driven(slam: OnlineFilter, recording: Recording, frames: int) -> Estimate:
         nis=nis,
         nis_dof=nis_dof,
         seconds=seconds,
-        rays=slam.ray_log(members),
+        rays=None if rays is None else rays.log(members),
         history=history.kept(),
     )
 

@@ -17,7 +17,9 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float, Int
-from slamgauge.ekf.kernels.individual_compatibility import NONE, Pairs, add_noise, pair_covariance
+from slamgauge.ekf.kernels.belief import NONE, ROBOT
+from slamgauge.ekf.kernels.covariance import cross_covariance, own_covariance
+from slamgauge.ekf.kernels.individual_compatibility import Pairs
 from slamgauge.jit import inner, kernel
 
 
@@ -139,8 +141,17 @@ def _rows_to_place(pairs: Pairs, gate: float, observations: int) -> tuple[Int, I
             first[i] = last[i] = place
         if pairs.distance[pairs.by_distance[place]] <= gate:
             last[i] += 1  # the nearest pairs come first
-    rows = np.flatnonzero(last - first > 0)
-    rows = rows[np.argsort((last - first)[rows], kind="mergesort")]
+    rows, count = np.empty(observations, dtype=np.int64), 0
+    for i in range(observations):
+        if last[i] == first[i]:
+            continue
+        place = count
+        while place > 0 and last[rows[place - 1]] - first[rows[place - 1]] > last[i] - first[i]:
+            rows[place] = rows[place - 1]
+            place -= 1
+        rows[place] = i
+        count += 1
+    rows = rows[:count]
     return rows, first[rows], last[rows]
 
 
@@ -157,13 +168,13 @@ def _is_taken(pairs: Pairs, taken: Int, n: int, c: int) -> bool:
 def _extend(cov: Float, covs: Float, pairs: Pairs, joint: Joint, n: int, c: int) -> float:
     """Add pair c to the first n pairs: two columns of U and two rows of y; return the increase of the joint d^2."""
     taken, U, y = joint
-    S, k = np.empty((2, 2)), 2 * n
+    k, column, h = 2 * n, ROBOT + 2 * pairs.slot[c], pairs.jacobian[2 * c : 2 * c + 2]
     for b in range(n):
-        pair_covariance(cov, pairs, taken[b], c, S)
-        _set_block(U, 2 * b, k, S)
-    pair_covariance(cov, pairs, c, c, S)
-    add_noise(covs[pairs.observation[c]], pairs.jacobian[2 * c + 1], S)
-    _set_block(U, k, k, S)
+        other = taken[b]
+        h_other = pairs.jacobian[2 * other : 2 * other + 2]
+        block = cross_covariance(cov, h_other, ROBOT + 2 * pairs.slot[other], h, column)
+        U[2 * b, k], U[2 * b, k + 1], U[2 * b + 1, k], U[2 * b + 1, k + 1] = block
+    U[k, k], U[k, k + 1], U[k + 1, k + 1] = own_covariance(cov, h, column, covs[pairs.observation[c]])
     added = 0.0
     for column in range(k, k + 2):
         value = pairs.innovation[2 * c + column - k]
@@ -180,11 +191,3 @@ def _extend(cov: Float, covs: Float, pairs: Pairs, joint: Joint, n: int, c: int)
         y[column] = value / U[column, column]
         added += y[column] ** 2
     return added
-
-
-@inner
-def _set_block(matrix: Float, row: int, column: int, block: Float) -> None:
-    """Copy `block` (2, 2) into `matrix` at (row, column); an assignment of slices takes half a second to compile."""
-    for i in range(2):
-        for j in range(2):
-            matrix[row + i, column + j] = block[i, j]

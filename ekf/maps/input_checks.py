@@ -1,7 +1,7 @@
 """Checks of the online filters' input; an error text is one line with place, value and remedy.
 
 To refuse a value means to raise UserError. At every step this module checks types and shapes only. Kernels check the
-numbers (`update.are_sound`, `prediction.predict`); if a number is invalid, they change nothing. Then
+numbers (`kernels.soundness`); if a number is invalid, they change nothing. Then
 `explain_increment` or `explain_scan` finds the reason.
 """
 
@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from slamgauge.arrays import Float, Int, chunks
 from slamgauge.covariances import scale_of, without_negative_eigenvalues
-from slamgauge.ekf.kernels.update import EXHAUSTED
+from slamgauge.ekf.kernels.precision import EXHAUSTED
 from slamgauge.ekf.setting_rules import require
 from slamgauge.ekf.settings import Association, Robustness
 from slamgauge.errors import UserError
@@ -29,7 +29,7 @@ TOO_FAR_APART = (
     "raise the smallest, or lower the largest"
 )
 TOO_LARGE = f"a number must be below {LARGEST:g}"
-ROUNDING = 1e-3  # largest rounding error of a correlation after a subtraction; see `kernels.update`
+LARGEST_ROUNDING = 1e-3  # largest rounding error of a correlation after a subtraction; see `kernels.precision`
 TOLERATED = 1e-9  # negative eigenvalue of a correlation that `slamgauge.validation` accepts
 INCREMENT = "give an increment (dx, dy, dtheta) of the body frame in m, m, rad"
 
@@ -229,7 +229,7 @@ def _singular(name: str, covs: Float, first: int) -> Int:
     require_rows(name, sound, covs, f"not finite: {DIVERGED}", first)
     smallest = np.linalg.eigvalsh(correlations)[:, 0]
     largest = variances.max(axis=1, initial=0.0)
-    rounding = (smallest >= -ROUNDING) & (variances >= -ROUNDING * largest[:, None]).all(axis=1)
+    rounding = (smallest >= -LARGEST_ROUNDING) & (variances >= -LARGEST_ROUNDING * largest[:, None]).all(axis=1)
     require_rows(name, rounding, covs, TOO_FAR_APART, first)
     return np.flatnonzero(smallest < -TOLERATED)
 

@@ -16,11 +16,11 @@ from slamgauge.ekf import (
     ekf_slam,
     riekf,
 )
-from slamgauge.ekf.bearings.initialiser import RayRecorder
+from slamgauge.ekf.bearings.ray_recorder import RayRecorder
 from slamgauge.ekf.bearings.rays import distances_and_sigmas
 from slamgauge.ekf.estimators import drive
 from slamgauge.ekf.history import History
-from slamgauge.ekf.online_filter import POINT
+from slamgauge.ekf.kernels.belief import NONE
 from slamgauge.ekf.settings import Initialisation
 from slamgauge.estimate import Estimate, MapHistory, RayLog
 from slamgauge.recording import Recording
@@ -96,7 +96,7 @@ def test_points_are_the_map_at_that_step(known: bool) -> None:
     estimate = ekf_slam(recording, FilterSettings(frames=4))
     history = history_of(estimate)
     assert np.unique(history.step).tolist() == [0, 10, 20, 30]
-    assert (history.member == POINT).all()
+    assert (history.member == NONE).all()
     assert (history.weight == 1.0).all()
     for step in (0, 10, 20, 30):
         rows, then = history.step == step, ekf_slam(recording.first(step))
@@ -124,7 +124,7 @@ def test_members_are_those_of_the_filter_at_that_step(initialisation: Initialisa
                 assert history.weight[mine].sum() == pytest.approx(1.0, abs=1e-12)
                 rays += 1
             else:
-                assert history.member[mine].tolist() == [POINT]
+                assert history.member[mine].tolist() == [NONE]
                 assert history.weight[mine].tolist() == [1.0]
                 points += 1
         assert {*landmark.tolist()} == {*slam.landmark_ids.tolist()}
@@ -158,7 +158,7 @@ def test_the_log_agrees_with_the_maps() -> None:
         np.testing.assert_array_equal(distances, distances_and_sigmas(rays)[0])
         if log.survivor[row] >= 0:
             assert log.survivor[row] in history.member[as_ray & (history.step == last)]
-            assert history.member[alive & (history.step == end)].tolist() == [POINT]
+            assert history.member[alive & (history.step == end)].tolist() == [NONE]
             outcomes["point"] += 1
         else:
             outcomes["ray" if end < 0 else "lost"] += 1
@@ -174,11 +174,16 @@ def test_without_rays_there_is_no_log() -> None:
 
 def test_a_landmark_that_starts_twice_has_two_rows() -> None:
     recorder = RayRecorder()
-    recorder.begin(0, 7, np.array([1.0, 2.0]))
-    recorder.begin(1, 8, np.array([3.0]))
-    recorder.end(2, 7)
-    recorder.begin(2, 7, np.array([1.0, 2.0]))
-    recorder.end(5, 7, survivor=1)
+    recorder.step = 0
+    recorder.begin(7, np.array([1.0, 2.0]))
+    recorder.step = 1
+    recorder.begin(8, np.array([3.0]))
+    recorder.step = 2
+    recorder.end(7)
+    recorder.step = 2
+    recorder.begin(7, np.array([1.0, 2.0]))
+    recorder.step = 5
+    recorder.end(7, survivor=1)
     log = recorder.log(np.arange(6))
     assert log.landmark.tolist() == [7, 8, 7]
     assert log.birth.tolist() == [0, 1, 2]

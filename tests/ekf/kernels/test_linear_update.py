@@ -9,7 +9,7 @@ from slamgauge.arrays import Float, Int
 from slamgauge.ekf import SlamFilter, textbook
 from slamgauge.ekf.kernels.linear_update import append_linear, linear_update, project_columns
 from slamgauge.ekf.maps.correction_table import RULES, Correction
-from slamgauge.ekf.maps.map_edits import NewEntries, add_entries, remove_landmark, replace_map
+from slamgauge.ekf.maps.landmark_map import NewEntries
 from slamgauge.recording import Observations
 from slamgauge.se2 import wrap
 from tests.reference.random_recordings import random_covariances
@@ -128,7 +128,7 @@ class Twin:
         columns = self.rng.permutation(len(self.x))[:3]
         H, own = self.rng.normal(size=(2 * count, 3)), random_cov(self.rng, 2 * count)
         values = self.rng.uniform(-3, 3, 2 * count)
-        add_entries(self.slam.map, np.array(ids), NewEntries(values, columns, H, own, points))
+        self.slam.map.add_entries(np.array(ids), NewEntries(values, columns, H, own, points))
         T = np.vstack([np.eye(len(self.x)), np.zeros((2 * count, len(self.x)))])
         T[len(self.x) :, columns] = H
         self.P = T @ self.P @ T.T
@@ -138,17 +138,15 @@ class Twin:
     def correct(self) -> None:
         """Update with a measurement of entries of the robot and of two slots."""
         named = self.rng.permutation(self.ids)[:2]
-        columns = np.concatenate([[0, 1, 2], self.slam.map.state.columns_of(named)])
+        columns = np.concatenate([[0, 1, 2], self.slam.map.columns_of(named)])
         mine = [3 + 2 * self.ids.index(name) + k for name in named.tolist() for k in range(2)]
         assert columns[3:].tolist() == mine
-        np.testing.assert_allclose(self.slam.map.state.entries(columns), self.x[columns], rtol=0, atol=1e-10)
-        np.testing.assert_allclose(
-            self.slam.map.state.block(columns), self.P[np.ix_(columns, columns)], rtol=0, atol=1e-10
-        )
+        np.testing.assert_allclose(self.slam.map.entries(columns), self.x[columns], rtol=0, atol=1e-10)
+        np.testing.assert_allclose(self.slam.map.block(columns), self.P[np.ix_(columns, columns)], rtol=0, atol=1e-10)
         H, v = np.zeros((3, len(self.x))), self.rng.normal(size=3)
         H[:, columns] = self.rng.normal(size=(3, 7))
         R = random_covariances(self.rng, 1, np.full(3, 0.5))[0]
-        nis = self.slam.map.correction.update_linear(columns, H[:, columns], v, R)
+        nis = self.slam.map.update_linear(columns, H[:, columns], v, R)
         S = H @ self.P @ H.T + R
         assert nis == pytest.approx(v @ np.linalg.solve(S, v), rel=1e-9)
         D = self.to_additive()
@@ -181,7 +179,7 @@ class Twin:
 
     def remove(self, slot: int) -> None:
         """Remove a slot; the last one moves into it."""
-        remove_landmark(self.slam.map, slot)
+        self.slam.map.remove(self.ids[slot])
         order = [*range(len(self.ids) - 1)]
         if slot < len(order):
             order[slot] = len(self.ids) - 1
@@ -231,8 +229,8 @@ def test_a_landmark_in_a_freed_slot_is_a_point() -> None:
     """The earlier slot was not a point."""
     slam = SlamFilter("position", np.zeros(3), 0.1 * np.eye(3), "right-invariant", landmarks=1)
     new = NewEntries(np.zeros(2), np.arange(3), np.eye(3)[1:], np.zeros((2, 2)), [False])
-    add_entries(slam.map, np.array([5]), new)
-    remove_landmark(slam.map, 0)
+    slam.map.add_entries(np.array([5]), new)
+    slam.map.remove(5)
     fresh = SlamFilter("position", np.zeros(3), 0.1 * np.eye(3), "right-invariant", landmarks=1)
     for each in (slam, fresh):
         each.update(Observations(np.array([1]), np.array([[3.0, 1.0]]), 0.01 * np.eye(2)[None]))
@@ -242,21 +240,6 @@ def test_a_landmark_in_a_freed_slot_is_a_point() -> None:
     np.testing.assert_array_equal(slam.cov, fresh.cov)
 
 
-def test_a_replaced_map_has_points_only() -> None:
-    """The old map had slots that were not points."""
-    rng, found = np.random.default_rng(11), list[Float]()
-    landmarks, cov = rng.normal(size=(3, 2)), random_cov(rng, 9)
-    for others in (0, 3):
-        slam = SlamFilter("position", np.zeros(3), 0.1 * np.eye(3), "right-invariant")
-        ids = np.arange(others)
-        jacobian, noise_cov = np.zeros((2 * others, others)), np.eye(2 * others)
-        add_entries(slam.map, ids, NewEntries(np.zeros(2 * others), ids, jacobian, noise_cov, [False] * others))
-        replace_map(slam.map, np.arange(3), landmarks, cov)
-        slam.map.correction.update_linear(np.arange(3), np.eye(3), np.ones(3), 0.1 * np.eye(3))
-        found.append(slam.landmarks)
-    np.testing.assert_array_equal(found[0], found[1])
-
-
 @CORRECTIONS
 def test_a_linear_correction_without_solution_is_refused_and_changes_nothing(correction: Correction) -> None:
     twin = Twin(np.random.default_rng(9), correction)
@@ -264,7 +247,5 @@ def test_a_linear_correction_without_solution_is_refused_and_changes_nothing(cor
     columns: Int = np.arange(3)
     for innovation, noise in ((np.nan, 1.0), (1.0, -1e3), (1.0, np.nan)):
         with pytest.raises(ValueError, match=r"^observation: no update exists; make every value finite[^\n]*$"):
-            twin.slam.map.correction.update_linear(
-                columns, np.ones((1, 3)), np.array([innovation]), np.array([[noise]])
-            )
+            twin.slam.map.update_linear(columns, np.ones((1, 3)), np.array([innovation]), np.array([[noise]]))
         twin.check()
