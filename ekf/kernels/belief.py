@@ -69,9 +69,6 @@ class Pending(NamedTuple):
     pairs: int
 
 
-NOTHING = Pending(0, 0)
-
-
 class Workspace(NamedTuple):
     """Arrays for a scan of up to m observations, updated in blocks of up to b observations.
 

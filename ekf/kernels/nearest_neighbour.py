@@ -13,7 +13,7 @@ import numpy as np
 
 from slamgauge.arrays import Int
 from slamgauge.ekf.kernels.augmentation import append_landmark
-from slamgauge.ekf.kernels.belief import NONE, NOTHING, ROBOT, Belief, Pending, Workspace, resized
+from slamgauge.ekf.kernels.belief import NONE, ROBOT, Belief, Pending, Workspace, resized
 from slamgauge.ekf.kernels.covariance import own_covariance, squared_distance
 from slamgauge.ekf.kernels.individual_compatibility import Reach, is_within_reach, reach_of
 from slamgauge.ekf.kernels.linearisation import linearise
@@ -65,11 +65,11 @@ def update_nearest(
     if not are_sound(sensor, work.observation[:count], work.observation_cov[:count]):
         return SequentialUpdate(slots, math.nan, 0, belief.size)
     block, dx = len(work.S) // 2, np.empty(len(belief.state))
-    nis, informative, pending = 0.0, 0, NOTHING
+    nis, informative, pending = 0.0, 0, Pending(0, 0)
     for i in range(count):
         if pending.rows == 2 * block:
             apply(belief, pending, work)
-            pending = NOTHING
+            pending = Pending(0, 0)
         slot, distance = nearest(sensor, belief, i, gates, pending, work)
         slots[i] = slot
         if slot == NEW:

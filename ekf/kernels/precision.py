@@ -38,25 +38,18 @@ def are_variances_lost(cov: Float, slots: Int, pending: Pending, work: Workspace
 
     The two variances of a position are added, because one of them may be zero from the start.
     """
-    if _is_lost(cov, pending, work, 0, 2) or _is_lost(cov, pending, work, 2, 1):
-        return True
-    for slot in slots:  # noqa: SIM110 numba compiles no generator expressions
-        if _is_lost(cov, pending, work, ROBOT + 2 * slot, 2):
+    for i in range(-2, len(slots)):
+        first = ROBOT + 2 * slots[i] if i >= 0 else 2 * (i + 2)  # the position is at 0, the heading at 2
+        before, taken = 0.0, 0.0
+        for j in range(first, first + (1 if first == 2 else 2)):
+            before += cov[j, j]
+            for k in range(pending.rows):
+                taken += work.W[k, j] * work.W[k, j]
+            for k in range(pending.pairs):
+                before += 2.0 * work.u[k, j] * work.a[k, j]
+        if taken > 0.0 and not before - taken > LEAST_SHARE * before:
             return True
     return False
-
-
-@inner
-def _is_lost(cov: Float, pending: Pending, work: Workspace, first: int, count: int) -> bool:
-    """Return whether the sum of `count` variances from entry `first` on is only rounding."""
-    before, taken = 0.0, 0.0
-    for j in range(first, first + count):
-        before += cov[j, j]
-        for k in range(pending.rows):
-            taken += work.W[k, j] * work.W[k, j]
-        for k in range(pending.pairs):
-            before += 2.0 * work.u[k, j] * work.a[k, j]
-    return taken > 0.0 and not before - taken > LEAST_SHARE * before
 
 
 @inner

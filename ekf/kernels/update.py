@@ -32,7 +32,7 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float, Int
-from slamgauge.ekf.kernels.belief import NONE, NOTHING, ROBOT, Belief, Pending, Workspace, at_place
+from slamgauge.ekf.kernels.belief import NONE, ROBOT, Belief, Pending, Workspace, at_place
 from slamgauge.ekf.kernels.blas import add_outer_pairs, cholesky, combine_rows, solve_factor, subtract_gram
 from slamgauge.ekf.kernels.covariance import innovation_covariance, mirror_robot_block, project_covariance
 from slamgauge.ekf.kernels.linearisation import linearise, subtract_projection
@@ -101,7 +101,7 @@ def update(sensor: int, belief: Belief, count: int, invariant: bool, work: Works
         last = min(first + block, count)
         rows = slice(2 * first, 2 * last)
         subtract_projection(dx, slots[first:last], work.jacobian[rows], work.innovation[rows])
-        nis += correction(belief, (first, last), NOTHING, work, found)
+        nis += correction(belief, (first, last), None, work, found)
         if not math.isfinite(nis):
             if first > 0:
                 restore(belief.cov, before)
@@ -122,8 +122,8 @@ def update_iterated(
     if not are_sound(sensor, values, work.observation_cov[:count]):
         return math.nan, 0, 1
     informative, dx = linearise(sensor, belief, slots, values, work.innovation, work.jacobian), np.zeros(belief.size)
-    nis = correction(belief, (0, count), NOTHING, work, dx)
-    last, passes = iterate(sensor, belief, (0, count), NOTHING, work, dx) if math.isfinite(nis) else (nis, 1)
+    nis = correction(belief, (0, count), None, work, dx)
+    last, passes = iterate(sensor, belief, (0, count), None, work, dx) if math.isfinite(nis) else (nis, 1)
     if not math.isfinite(last):
         return last, informative, passes
     apply(belief, Pending(2 * count, 0), work)
@@ -132,22 +132,28 @@ def update_iterated(
 
 
 @inner
-def correction(belief: Belief, rows: tuple[int, int], pending: Pending, work: Workspace, dx: Float) -> float:
+def correction(belief: Belief, rows: tuple[int, int], pending: Pending | None, work: Workspace, dx: Float) -> float:
     """Compute the gain of observations `rows` (first, last) and their correction dx (size,); return the NIS.
 
     `work` contains their innovations v and Jacobians H; W and y replace H P and v, and the rows of W follow the pending
-    ones. The NIS y'y is NaN if S is not positive definite, and `EXHAUSTED` if S or P would only be rounding.
+    ones (None without; numba then compiles less). The NIS y'y is NaN if S is not positive definite, and `EXHAUSTED` if
+    S or P would only be rounding.
     """
     first, last = rows
     height, S = 2 * (last - first), work.S
     slots, jacobian = work.slots[first:last], work.jacobian[2 * first : 2 * last]
-    y, W = work.innovation[2 * first : 2 * last], work.W[pending.rows : pending.rows + height]
-    project(belief, slots, jacobian, W, pending, work)
+    above, pairs = 0, 0
+    if pending is not None:
+        above, pairs = pending.rows, pending.pairs
+    y, W = work.innovation[2 * first : 2 * last], work.W[above : above + height]
+    project_covariance(belief.cov, belief.size, slots, jacobian, W)
+    if pending is not None:
+        project_pending(W, slots, jacobian, pending, work, belief.size)
     innovation_covariance(W, slots, jacobian, work.observation_cov[first:last], S)
     nis = whiten(S, W, y, height, belief.size)
     if not math.isfinite(nis):
         return nis
-    changed = Pending(pending.rows + height, pending.pairs)
+    changed = Pending(above + height, pairs)
     if are_pivots_lost(S, belief.cov, slots, jacobian) or are_variances_lost(belief.cov, slots, changed, work):
         return EXHAUSTED
     combine_rows(W, y, dx, height, belief.size)
@@ -156,7 +162,7 @@ def correction(belief: Belief, rows: tuple[int, int], pending: Pending, work: Wo
 
 @inner
 def iterate(
-    sensor: int, belief: Belief, rows: tuple[int, int], pending: Pending, work: Workspace, dx: Float
+    sensor: int, belief: Belief, rows: tuple[int, int], pending: Pending | None, work: Workspace, dx: Float
 ) -> tuple[float, int]:
     """Repeat the correction dx (size,) with Jacobians at its result until it settles; see the head of this file.
 
@@ -189,11 +195,9 @@ def iterate(
 
 
 @inner
-def project(belief: Belief, slots: Int, jacobian: Float, W: Float, pending: Pending, work: Workspace) -> None:
-    """Compute W = H P, with the pending changes of P."""
-    size = belief.size
-    project_covariance(belief.cov, size, slots, jacobian, W)
-    for k in range(W.shape[0] if pending.rows else 0):
+def project_pending(W: Float, slots: Int, jacobian: Float, pending: Pending, work: Workspace, size: int) -> None:
+    """Add the pending changes of P to W = H P."""
+    for k in range(W.shape[0]):
         h, landmark = jacobian[k], ROBOT + 2 * slots[k // 2]
         for r in range(pending.rows):
             w, share = work.W[r], seen_by(h, work.W[r], landmark)
@@ -249,7 +253,7 @@ def apply(belief: Belief, pending: Pending, work: Workspace) -> None:
 def retract(belief: Belief, dx: Float, invariant: bool, work: Workspace) -> None:
     """Move the state by dx (size,), and for the right-invariant filter transform the covariance: P <- T P T'."""
     if invariant:
-        move_invariantly(belief, dx, NOTHING, work)
+        move_invariantly(belief, dx, None, work)
         apply(belief, Pending(0, 1), work)
     else:
         move_additively(belief, dx)
@@ -264,13 +268,14 @@ def move_additively(belief: Belief, dx: Float) -> None:
 
 
 @inner
-def move_invariantly(belief: Belief, dx: Float, pending: Pending, work: Workspace) -> None:
+def move_invariantly(belief: Belief, dx: Float, pending: Pending | None, work: Workspace) -> None:
     """Move every point by V(dtheta) dx and all other entries by dx; add the pair of P <- T P T' to the pending ones.
 
     T P T' = P + u a' + a u' with a = P e_theta + u P_theta,theta / 2.
     """
     state, size = belief.state, belief.size
-    u, a = work.u[pending.pairs], work.a[pending.pairs]
+    pair = 0 if pending is None else pending.pairs
+    u, a = work.u[pair], work.a[pair]
     v_cos, v_sin = mean_rotation(dx[2])
     _turn(state, dx, u, 0, v_cos, v_sin)
     for k in range(ROBOT, size, 2):
@@ -283,13 +288,14 @@ def move_invariantly(belief: Belief, dx: Float, pending: Pending, work: Workspac
     u[2] = 0.0
     for j in range(size):
         a[j] = belief.cov[min(2, j), max(2, j)]
-    for r in range(pending.rows):
-        w = work.W[r]
-        for j in range(size):
-            a[j] -= w[2] * w[j]
-    for r in range(pending.pairs):
-        for j in range(size):
-            a[j] += work.a[r, 2] * work.u[r, j]
+    if pending is not None:
+        for r in range(pending.rows):
+            w = work.W[r]
+            for j in range(size):
+                a[j] -= w[2] * w[j]
+        for r in range(pending.pairs):
+            for j in range(size):
+                a[j] += work.a[r, 2] * work.u[r, j]
     half = 0.5 * a[2]
     for j in range(size):
         a[j] += half * u[j]

@@ -31,7 +31,6 @@ from slamgauge.ekf import (
     riekf,
 )
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
-from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Observations, Recording
 from slamgauge.truth import Truth
@@ -121,11 +120,6 @@ def test_the_gate_of_the_settings_equals_the_gate_of_update() -> None:
     np.testing.assert_array_equal(chosen.poses[-1], slam.pose)
     assert chosen.association is not None
     assert (chosen.association == -1).sum() > 5
-
-
-def test_other_types_of_settings_are_refused() -> None:
-    with pytest.raises(UserError, match="robust: 'gate' is not a Robustness; give Robustness"):
-        SlamFilter("position", np.zeros(3), np.eye(3), robust="gate")  # pyrefly: ignore[bad-argument-type]
 
 
 # --- accuracy and consistency --------------------------------------------------------------------

@@ -9,7 +9,7 @@ import pytest
 
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf import SlamFilter
-from slamgauge.ekf.kernels.map_edits import equate_landmarks, find_duplicates
+from slamgauge.ekf.kernels.map_edits import find_duplicates
 from slamgauge.ekf.maps.correction_table import RULES, Correction
 from slamgauge.recording import Observations
 from slamgauge.se2 import wrap
@@ -58,18 +58,6 @@ def entries(slots: list[int]) -> Int:
 
 
 # --- removal -------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("slot", [0, 2, 3, 4])
-def test_removal_keeps_mean_and_covariance_of_the_rest(slot: int) -> None:
-    slam = random_filter(0, "standard")
-    x, P = state_of(slam), slam.cov
-    slam.map.remove(int(slam.landmark_ids[slot]))
-    kept = [s if s != slot else 4 for s in range(4)]  # the last one moves into the gap
-    np.testing.assert_array_equal(slam.landmark_ids, np.array(kept) * 10)
-    np.testing.assert_array_equal(state_of(slam), x[entries(kept)])
-    np.testing.assert_array_equal(slam.cov, P[np.ix_(entries(kept), entries(kept))])
-    np.testing.assert_array_equal(slam.landmark_covs[0], slam.cov[3:5, 3:5])
 
 
 @CORRECTIONS
@@ -136,37 +124,6 @@ def test_merging_is_the_exact_observation_of_a_zero_difference(correction: Corre
     assert eigenvalues[0] > -1e-15 * eigenvalues[-1]
     assert np.abs(slam.pose - before).max() > 0.01
     assert abs(slam.pose[2]) <= np.pi
-
-
-def test_merged_landmarks_have_the_same_position_and_covariance() -> None:
-    slam = random_filter(2, "standard")
-    x, P = state_of(slam), slam.cov
-    before = x.copy()
-    dx, nis = equate_landmarks(belief_of(x, P), 3, 1)
-    assert np.isfinite(nis)
-    np.testing.assert_array_equal(x, before)  # the caller moves the state
-    x += dx
-    P = np.triu(P) + np.triu(P, 1).T
-    np.testing.assert_allclose(x[9:11], x[5:7], rtol=0, atol=1e-12)
-    np.testing.assert_allclose(P[9:11], P[5:7], rtol=0, atol=1e-12)
-    eigenvalues = np.linalg.eigvalsh(P)
-    assert eigenvalues[0] > -1e-14 * eigenvalues[-1]
-    assert (np.abs(eigenvalues[:2]) < 1e-12).all()
-    assert eigenvalues[2] > 1e-9
-
-
-@CORRECTIONS
-def test_which_of_two_landmarks_is_kept_does_not_matter_for_the_rest(correction: Correction) -> None:
-    one, other = random_filter(3, correction), random_filter(3, correction)
-    merge(one, 1, 3)
-    merge(other, 3, 1)
-    one_slots, other_slots = [0, 2, 3], [0, 2, 1]  # ids 0, 20, 40
-    np.testing.assert_array_equal(one.landmark_ids[one_slots], other.landmark_ids[other_slots])
-    a, b = entries(one_slots), entries(other_slots)
-    np.testing.assert_allclose(state_of(one)[a], state_of(other)[b], rtol=0, atol=1e-12)
-    np.testing.assert_allclose(one.cov[np.ix_(a, a)], other.cov[np.ix_(b, b)], rtol=0, atol=1e-12)
-    if correction != "right-invariant":  # its positions agree only to second order
-        np.testing.assert_allclose(one.landmarks[1], other.landmarks[3], rtol=0, atol=1e-12)
 
 
 @CORRECTIONS
