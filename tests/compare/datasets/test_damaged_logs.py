@@ -19,7 +19,7 @@ from slamgauge.errors import UserError
 from tests.reference.damage import changed_text
 from tests.reference.robot_logs import CSV, G2O, MRCLAM, TORO
 
-OWN = {  # files of `slamgauge export --format csv`
+OWN = {  # files of `slamgauge export csv`
     "start.csv": "stamp,x,y,theta,cov_xx,cov_xy,cov_xt,cov_yy,cov_yt,cov_tt\n0,0,0,0,0.1,0,0,0.1,0,0.01\n",
     "odometry.csv": "step,stamp,dx,dy,dtheta,cov_xx,cov_xy,cov_xt,cov_yy,cov_yt,cov_tt\n"
     "1,0.1,1,0,0.1,0.01,0.001,0,0.02,0,0.01\n2,0.2,1,0,0.1,0.01,0,0,0,0,0.01\n",
