@@ -26,7 +26,7 @@ LONGEST = 200  # characters of the machine's own message
 ENDS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 
 COMMANDS = {
-    "exercise": Listed("exercise:Exercise", "exercise", "the exercise TP4: EKF, GTSAM batch and optimum"),
+    "exercise": Listed("exercise:ExerciseCommand", "exercise", "the exercise TP4: EKF, GTSAM batch and optimum"),
     "scenarios": Listed("machine:Scenarios", "scenarios", "list the shipped scenarios"),
     "run": Listed("run:Run", "run", "simulate one run of a scenario and score estimators on it"),
     "evaluate": Listed("run:Evaluate", "evaluate", "score estimators, your own among them, on a recording"),

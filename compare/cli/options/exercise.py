@@ -11,7 +11,7 @@ from slamgauge.compare.cli.options.shared import Folder, RootSeed, WithPage, Wor
 
 
 @dataclass
-class Exercise(WithPage):
+class ExerciseCommand(WithPage):
     """The settings of the exercise (TP4, ROB312), EKF and GTSAM batch on the same measurements, next to the optimum.
 
     After an interruption it continues; a larger --runs later adds the missing runs.

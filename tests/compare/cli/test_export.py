@@ -10,9 +10,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.io import loadmat
 
 from slamgauge.compare.cli.main import main
+from slamgauge.compare.datasets.csv_log import read_csv_log
 from slamgauge.compare.datasets.g2o import read_g2o
 from slamgauge.compare.estimators.stored_trajectory import load_stored
-from slamgauge.compare.storage.csv_folder import read_recording_csv
 from slamgauge.compare.storage.files import load_estimate, load_recording, save
 from slamgauge.estimate import Estimate
 from tests.reference.random_recordings import random_recording
@@ -38,7 +38,7 @@ def export(path: Path, form: str, out: Path, *more: str) -> int:
 def test_a_recording_as_csv_and_g2o(run: Path, place: str, tmp_path: Path):
     recording = load_recording(run / "recording.npz")
     assert export(run / place, "csv", tmp_path / "csv") == 0
-    assert read_recording_csv(tmp_path / "csv") == recording
+    assert read_csv_log(tmp_path / "csv").recording == recording
     assert export(run / place, "g2o", tmp_path / "graph.g2o", "--lend", "1e-4") == 0
     assert main(["import", "g2o", str(tmp_path / "graph.g2o"), "--out", str(tmp_path / "npz")]) == 0
     back = load_recording(tmp_path / "npz/recording.npz")
