@@ -57,9 +57,10 @@ def main(
 ) -> int:
     filters = BUGS if estimators == "bugs" else {name: FILTERS[name] for name in estimators.split(",")}
     assumed = load_scenario(scenario, set)
-    found: dict[Estimator, Figures] = {}
+    found: dict[str, Figures] = {}
     if not own:
-        consistent = {consistent_filter(name, recording_of(assumed, 1.0, 0)) for name in filters}
+        log = recording_of(assumed, 1.0, 0)
+        consistent = {name: (consistent_filter(name, log), None) for name in filters}
         found = figures_of(consistent, (simulate(assumed, FIRST_TWIN + seed)[1] for seed in range(twins)))
     print(f"{'estimator':42}{'tested':>7}{'sigmas':>9}{'consistent':>12}{'overconfident':>15}{'too cautious':>14}")
     for ratio in map(float, q.split(",")):
@@ -84,20 +85,18 @@ def recording_of(scenario: Scenario, ratio: float, seed: int) -> Recording:
 
 
 def tests_of(
-    filters: Mapping[str, Estimator], recordings: Iterable[Recording], twins: int, shared: Mapping[Estimator, Figures]
+    filters: Mapping[str, Estimator], recordings: Iterable[Recording], twins: int, shared: Mapping[str, Figures]
 ) -> dict[str, list[ConsistencyTest]]:
     """Test filters on recordings, with shared twins or with twins of each recording."""
     tests: dict[str, list[ConsistencyTest]] = {name: [] for name in filters}
     for recording in recordings:
         optimum = batch(recording)
-        consistent = {name: consistent_filter(name, recording) for name in filters}
-        found = shared or twin_figures(recording, optimum, twins, {*consistent.values()})
+        consistent = {name: (consistent_filter(name, recording), None) for name in filters}
+        found = shared or twin_figures(recording, optimum, twins, consistent)
         for name, filter_ in filters.items():
             try:
                 with np.errstate(all="ignore"):  # bugs may overflow
-                    tests[name].append(
-                        consistency_test(recording, filter_(recording), optimum, found[consistent[name]])
-                    )
+                    tests[name].append(consistency_test(recording, filter_(recording), optimum, found[name]))
             except (UserError, np.linalg.LinAlgError, ValueError):
                 pass  # bugs may raise errors
     return tests
@@ -105,11 +104,11 @@ def tests_of(
 
 def print_row(name: str, tests: list[ConsistencyTest]) -> None:
     """Print the number of tests, the median of errors over sigmas, and the shares of the verdicts."""
-    tests = [each for each in tests if np.isfinite(each.ratio)]
+    tests = [each for each in tests if np.isfinite(each.log.means[0])]
     if not tests:
         print(f"{name:42}{0:>7}", flush=True)
         return
-    times = np.sqrt(np.median([each.ratio for each in tests]))
+    times = np.sqrt(np.median([each.log.means[0] for each in tests]))
     verdicts = [each.verdict for each in tests]
     shares = [verdicts.count(each) / len(tests) for each in ("consistent", "overconfident", "too cautious")]
     print(f"{name:42}{len(tests):>7}{times:>9.3g}{shares[0]:>12.1%}{shares[1]:>15.1%}{shares[2]:>14.1%}", flush=True)

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from slamgauge.arrays import Float, Int, chunks, distinct
 from slamgauge.display import counted, data_frame, fact_table
 from slamgauge.errors import UserError
-from slamgauge.sensors import SENSORS, Sensor
+from slamgauge.se2 import compose
+from slamgauge.sensors import SENSORS, Sensor, inverse
 from slamgauge.validation import as_covariances, as_floats, as_ints, equal, for_all, require_rows, store
 
 
@@ -162,6 +163,14 @@ class Recording:
         """Return the association (M,), as the recording's array of ids if both are equal: this saves a copy."""
         ids = self.landmark
         return ids if ids is not None and np.array_equal(association, ids) else association
+
+    def positions_seen(self, rows: Int, path: Float) -> Float:
+        """Return positions (n, 2) [m], world frame, of the landmarks of the observations `rows` from a path (N+1, 3).
+
+        A bearing without a range puts its landmark at a distance of 1 m.
+        """
+        seen = inverse(self.sensor, self.observation[rows])
+        return compose(path[self.observation_step[rows]], np.column_stack([seen, np.zeros(len(seen))]))[:, :2]
 
     def scans(self) -> Iterator[Observations]:
         """Yield the observations of step 0, 1, ..., N (views, not copies)."""

@@ -1,4 +1,4 @@
-"""The models of `slamgauge.sensor_models`, compiled; the caller passes the code of a sensor.
+"""The formulas of `slamgauge.sensors`, compiled; the caller passes the code of a sensor.
 
 In kernels every observation has two rows. A bearing-only observation has its bearing in the second row; the first row
 is 0 and carries no information.
@@ -8,21 +8,30 @@ from __future__ import annotations
 
 from slamgauge.jit import inner
 from slamgauge.se2_kernels import wrap
-from slamgauge.sensor_models import bearing, position, range_bearing
-from slamgauge.sensors import MIN_BEARING_DISTANCE, SENSORS
+from slamgauge.sensors import (
+    MIN_BEARING_DISTANCE,
+    SENSORS,
+    bearing_gradient,
+    locate_polar,
+    locate_position,
+    observe_bearing,
+    observe_polar,
+    observe_position,
+)
 
-RANGE_BEARING, POSITION, BEARING = (SENSORS[name].code for name in ("range-bearing", "position", "bearing"))
+POSITION, BEARING = SENSORS["position"].code, SENSORS["bearing"].code
 _BY_CODE = sorted(SENSORS.values(), key=lambda each: each.code)
 IS_ANGLE = tuple((False, *each.is_angle)[-2:] for each in _BY_CODE)  # for both rows
 DIM = tuple(each.dim for each in _BY_CODE)  # rows that carry information
 HAS_RANGE = tuple(each.has_range for each in _BY_CODE)
-HAS_BEARING = tuple(each.has_bearing for each in _BY_CODE)
 PLACES_LANDMARKS = tuple(each.places_landmarks for each in _BY_CODE)
 
-inner(bearing.gradient)
-_observe_polar, _locate_polar = inner(range_bearing.observe), inner(range_bearing.locate)
-_observe_position, _locate_position = inner(position.observe), inner(position.locate)
-_observe_bearing = inner(bearing.observe)
+inner(bearing_gradient)
+inner(observe_bearing)
+inner(observe_polar)
+inner(observe_position)
+inner(locate_polar)
+inner(locate_position)
 
 
 @inner
@@ -32,11 +41,11 @@ def observe(sensor: int, dx: float, dy: float) -> tuple[float, float, float, flo
     A bearing from closer than MIN_BEARING_DISTANCE, and a range from exactly 0, get zero rows.
     """
     if sensor == POSITION:
-        return _observe_position(dx, dy, MIN_BEARING_DISTANCE)
+        return observe_position(dx, dy, MIN_BEARING_DISTANCE)
     if sensor == BEARING:
-        z1, a10, a11 = _observe_bearing(dx, dy, MIN_BEARING_DISTANCE)
+        z1, a10, a11 = observe_bearing(dx, dy, MIN_BEARING_DISTANCE)
         return 0.0, z1, 0.0, 0.0, a10, a11
-    return _observe_polar(dx, dy, MIN_BEARING_DISTANCE)
+    return observe_polar(dx, dy, MIN_BEARING_DISTANCE)
 
 
 @inner
@@ -46,8 +55,8 @@ def locate(sensor: int, z0: float, z1: float) -> tuple[float, float, float, floa
     With a bearing, z0 is the range that the caller assumes.
     """
     if sensor == POSITION:
-        return _locate_position(z0, z1)
-    return _locate_polar(z0, z1)
+        return locate_position(z0, z1)
+    return locate_polar(z0, z1)
 
 
 @inner

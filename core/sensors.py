@@ -1,8 +1,8 @@
-"""The table of sensors, and their models in numpy; the caller passes the name of a sensor.
+"""The formulas of each sensor, the table of sensors, and their models in numpy for a sensor by name.
 
 `delta` (..., 2) [m] is the landmark in the body frame, R(heading)' (l - p). An observation z (..., d) has the d numbers
-of its sensor. The formulas are in `slamgauge.sensor_models`, one file for each sensor;
-`slamgauge.sensor_kernels` compiles the same functions for kernels.
+of its sensor. The formulas of the first part take numbers or arrays of equal shape; `slamgauge.sensor_kernels` compiles
+the same functions for kernels.
 """
 
 from __future__ import annotations
@@ -14,12 +14,64 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from slamgauge.arrays import Float
+from slamgauge.arrays import Float, select
 from slamgauge.se2 import wrap
-from slamgauge.sensor_models import bearing, position, range_bearing
 
 Sensor = Literal["range-bearing", "bearing", "position"]
 MIN_BEARING_DISTANCE = 0.01  # m; a bearing from closer carries no information
+
+# --- formulas for numbers and arrays; the landmark is at dx, dy [m] in the body frame ---------------
+
+
+def observe_polar(dx: Any, dy: Any, nearest: float) -> tuple[Any, Any, Any, Any, Any, Any]:
+    """Return range [m] and bearing [rad], and their Jacobian by (dx, dy) row by row.
+
+    The bearing's row is zero closer than `nearest` [m]: there the bearing carries no information. The range's row is
+    zero at distance 0.
+    """
+    distance, bearing = np.hypot(dx, dy), np.arctan2(dy, dx)
+    across_x, across_y = bearing_gradient(dx, dy, distance * distance)
+    is_apart, is_far = distance > 0.0, distance >= nearest
+    along_x, along_y = select(is_apart, dx / distance, 0.0), select(is_apart, dy / distance, 0.0)
+    return distance, bearing, along_x, along_y, select(is_far, across_x, 0.0), select(is_far, across_y, 0.0)
+
+
+def locate_polar(distance: Any, bearing: Any) -> tuple[Any, Any, Any, Any, Any, Any]:
+    """Return the landmark's dx, dy, and their Jacobian by (range, bearing) row by row."""
+    c, s = np.cos(bearing), np.sin(bearing)
+    return distance * c, distance * s, c, -distance * s, s, distance * c
+
+
+def observe_bearing(dx: Any, dy: Any, nearest: float) -> tuple[Any, Any, Any]:
+    """Return the bearing [rad] and its Jacobian by (dx, dy), which is zero closer than `nearest` [m]."""
+    distance = np.hypot(dx, dy)
+    across_x, across_y = bearing_gradient(dx, dy, distance * distance)
+    is_far = distance >= nearest
+    return np.arctan2(dy, dx), select(is_far, across_x, 0.0), select(is_far, across_y, 0.0)
+
+
+def locate_bearing(bearing: Any) -> tuple[Any, Any, Any, Any]:
+    """Return dx, dy of the point at a distance of 1 m, and their derivatives by the bearing."""
+    c, s = np.cos(bearing), np.sin(bearing)
+    return c, s, -s, c
+
+
+def bearing_gradient(dx: Any, dy: Any, squared: Any) -> tuple[Any, Any]:
+    """Return the derivatives of a bearing by dx and dy; `squared` is dx^2 + dy^2."""
+    return -dy / squared, dx / squared
+
+
+def observe_position(dx: Any, dy: Any, nearest: float) -> tuple[Any, Any, float, float, float, float]:  # noqa: ARG001
+    """Return the position itself, and its Jacobian (the unit matrix) row by row; `nearest` is not needed."""
+    return dx, dy, 1.0, 0.0, 0.0, 1.0
+
+
+def locate_position(x: Any, y: Any) -> tuple[Any, Any, float, float, float, float]:
+    """Return the landmark's dx, dy, and their Jacobian by (x, y) row by row."""
+    return x, y, 1.0, 0.0, 0.0, 1.0
+
+
+# --- the table ------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,8 +127,8 @@ _ENTRIES = (
         units=("m", "rad"),
         sigmas=("range", "bearing"),
         places_landmarks=True,
-        observe=range_bearing.observe,
-        locate=range_bearing.locate,
+        observe=observe_polar,
+        locate=locate_polar,
     ),
     SensorModel(
         name="bearing",
@@ -85,8 +137,8 @@ _ENTRIES = (
         units=("rad",),
         sigmas=("bearing",),
         places_landmarks=False,
-        observe=bearing.observe,
-        locate=bearing.locate,
+        observe=observe_bearing,
+        locate=locate_bearing,
     ),
     SensorModel(
         name="position",
@@ -95,13 +147,15 @@ _ENTRIES = (
         units=("m", "m"),
         sigmas=("position", "position"),
         places_landmarks=True,
-        observe=position.observe,
-        locate=position.locate,
+        observe=observe_position,
+        locate=locate_position,
     ),
 )
 SENSORS: dict[str, SensorModel] = {each.name: each for each in _ENTRIES}
 OBSERVATION_DIM = {name: each.dim for name, each in SENSORS.items()}
 PLACING = tuple(name for name, each in SENSORS.items() if each.places_landmarks)
+
+# --- models in numpy --------------------------------------------------------------------------------
 
 
 def predict(sensor: str, delta: ArrayLike) -> Float:

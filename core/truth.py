@@ -31,7 +31,7 @@ class Truth:
     Compared by value, and not hashable.
 
     Attributes:
-        poses: (N+1, 3); a row of NaN in a gap of the ground truth.
+        poses: (N+1, 3); a row of NaN in a gap of the ground truth, a heading of NaN where only the position is known.
         landmark_ids: (L,) distinct ids >= 0.
         landmarks: (L, 2) [m].
         association: (M,) true landmark id of each observation, -1 for clutter.
@@ -47,9 +47,11 @@ class Truth:
     def __post_init__(self) -> None:
         if self.poses is not None:
             poses = as_array("poses", self.poses, (None, 3))
+            headless = np.isnan(poses[:, 2])
+            known = np.isfinite(poses[:, :2]).all(axis=1) & (np.isfinite(poses[:, 2]) | headless)
             gap = np.isnan(poses).all(axis=1)
             require_rows(
-                "poses", np.isfinite(poses).all(axis=1) | gap, poses, "use finite numbers, or NaN in the whole row"
+                "poses", known | gap, poses, "use finite numbers, NaN for an unknown heading, or NaN in the whole row"
             )
             store(self, poses=wrap_headings(poses))
         if (self.landmark_ids is None) != (self.landmarks is None):

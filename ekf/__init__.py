@@ -3,7 +3,7 @@
 Names are imported on first use, so that settings load no compiler.
 """
 
-from slamgauge.lazy_names import homes_of, importer
+from slamgauge import homes_of, importer
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:

@@ -10,11 +10,13 @@ import gtsam
 from gtsam.symbol_shorthand import L, X
 
 from slamgauge.arrays import Int
+from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline.gtsam_batch import motion_factors, observation_factors
 from slamgauge.graph_baseline.gtsam_incremental import IncrementalGraph, newest_poses
 from slamgauge.graph_baseline.problem.preparation import prepare, relative_to_start, with_association
 from slamgauge.recording import Recording
+from slamgauge.sensors import SENSORS
 from slamgauge.validation import require_lag
 
 LAG = 20  # steps
@@ -26,9 +28,8 @@ UPDATES = 2  # Gauss-Newton steps per scan; the first one uses the linearisation
 def fixed_lag(recording: Recording, association: Int | None = None, lag: int = LAG) -> Estimate:
     """Return the newest pose of GTSAM's fixed-lag smoother at every step, and the final map.
 
-    Poses in the window are relinearised; a marginalised pose keeps its last linearisation point. A bearing-only
-    landmark is added to the graph when its bearings in the window place it; its older bearings are lost. Directions of
-    zero variance get regularising noise (`gtsam_batch`).
+    Poses in the window are relinearised; a marginalised pose keeps its last linearisation point. Directions of zero
+    variance get regularising noise (`gtsam_batch`).
 
     Args:
         recording: measurements.
@@ -36,9 +37,12 @@ def fixed_lag(recording: Recording, association: Int | None = None, lag: int = L
         lag: length of the window in steps, at least 1.
 
     Raises:
-        UserError: the association is unknown, the measurements leave a variable undetermined, or `lag` is invalid.
+        UserError: the association is unknown, the measurements leave a variable undetermined, `lag` is invalid, or the
+            recording is bearing-only: a window that places landmarks from few bearings is overconfident.
     """
     problem = prepare(recording, association)
+    if not SENSORS[problem.sensor].places_landmarks:
+        raise UserError("fixed_lag: a window of bearings is overconfident and diverges; use isam2 for this recording")
     lag = min(require_lag(lag), max(problem.steps, 1))
     parameters = gtsam.ISAM2Params()
     parameters.setRelinearizeThreshold(RELINEARIZE_THRESHOLD)
@@ -55,4 +59,4 @@ def fixed_lag(recording: Recording, association: Int | None = None, lag: int = L
         for _ in range(1, UPDATES):
             smoother.update(gtsam.NonlinearFactorGraph(), gtsam.Values(), stamps)
 
-    return with_association(newest_poses(graph, smoother, update, lag), association)
+    return with_association(newest_poses(graph, smoother, update), association)

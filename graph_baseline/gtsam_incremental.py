@@ -10,7 +10,6 @@ import numpy as np
 from gtsam.symbol_shorthand import L, X
 
 from slamgauge.arrays import Float
-from slamgauge.back_projection import positions_seen
 from slamgauge.covariances import without_negative_eigenvalues
 from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline.gtsam_conversions import covariance_in_world, pose_array
@@ -66,7 +65,7 @@ class IncrementalGraph:
         for row in range(self._bounds[first], self._bounds[end]):
             name = self._landmark[row]
             if name not in self.mapped and places_landmarks:
-                self._add_landmark(name, positions_seen(self.problem, np.array([row]), path)[0], values)
+                self._add_landmark(name, self.problem.positions_seen(np.array([row]), path)[0], values)
             if name in self.mapped:
                 self._add_observation(row, graph)
             else:
@@ -74,22 +73,16 @@ class IncrementalGraph:
         return graph, values
 
     def add_waiting(
-        self, first: int, end: int, pose: Callable[[int], Float], oldest: int = 0
+        self, first: int, end: int, pose: Callable[[int], Float]
     ) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
         """Return factors and initial values of waiting landmarks that their bearings place.
 
-        Only landmarks observed at steps `first` to `end` - 1 are tried. Bearings of steps before `oldest` are dropped.
-
-        Args:
-            first: first step.
-            end: step after the last one.
-            pose: from a step to its newest pose (3,).
-            oldest: step.
+        Only landmarks observed at steps `first` to `end` - 1 are tried. `pose` returns the newest pose (3,) of a step.
         """
         graph, values, steps = gtsam.NonlinearFactorGraph(), gtsam.Values(), self.problem.observation_step
         names = {*self._landmark[self._bounds[first] : self._bounds[end]]} if self._waiting else set[int]()
         for name in sorted(names & self._waiting.keys()):
-            rows = self._waiting[name] = [row for row in self._waiting[name] if steps[row] >= oldest]
+            rows = self._waiting[name]
             for step in np.unique(steps[rows]).tolist():
                 self._path[step] = pose(step)
             landmark, sigma = triangulate_one(self.problem, np.array(rows), self._path)
@@ -108,14 +101,13 @@ class IncrementalGraph:
         self.used[row] = True
 
 
-def newest_poses(graph: IncrementalGraph, solver: Solver, update: Update, lag: int) -> Estimate:
+def newest_poses(graph: IncrementalGraph, solver: Solver, update: Update) -> Estimate:
     """Return the newest pose of an incremental solver at every step, and its final map.
 
     Args:
         graph: of the recording, without steps.
         solver: without factors.
         update: adds factors to the solver.
-        lag: steps after which a bearing cannot place a landmark any more.
 
     Raises:
         UserError: the measurements leave a variable undetermined.
@@ -131,7 +123,7 @@ def newest_poses(graph: IncrementalGraph, solver: Solver, update: Update, lag: i
             start = perf_counter()
             poses[k] = compose(poses[k - 1], problem.odometry[k - 1]) if k else problem.prior_mean
             update(k, *graph.add_steps(k, k + 1, poses))
-            placed, values = graph.add_waiting(k, k + 1, pose, oldest=k - lag)
+            placed, values = graph.add_waiting(k, k + 1, pose)
             if placed.size():
                 update(k, placed, values)
             poses[k] = pose(k)

@@ -58,4 +58,4 @@ def isam2(
     def update(_: int, factors: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> None:
         isam.update(factors, values)
 
-    return with_association(newest_poses(graph, isam, update, lag=problem.steps), association)
+    return with_association(newest_poses(graph, isam, update), association)

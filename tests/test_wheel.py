@@ -19,22 +19,18 @@ FOLDERS = {"core": "", "ekf": "ekf", "graph_baseline": "graph_baseline", "compar
 KINDS = ("*.py", "*.toml", "*.html", "*.css", "*.js", "*.mplstyle", "py.typed")
 
 
-@pytest.fixture(scope="module")
-def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Build the wheel from a copy of the tree, because a build writes files there and uses older ones."""
-    folder = tmp_path_factory.mktemp("wheel")
-    passing = (".*", "__pycache__", "*.egg-info", "build", "dist", "results")
-    source = shutil.copytree(ROOT, folder / "source", ignore=shutil.ignore_patterns(*passing))
-    arguments = ["-m", "build", "--wheel", "--no-isolation", "--outdir", folder / "dist", source]
-    done = subprocess.run([sys.executable, *arguments], cwd=folder, capture_output=True, text=True, check=False)
+def test_the_wheel_contains_only_the_program_and_runs_without_the_sources(tmp_path: Path):
+    """The wheel is built from a copy of the tree, because a build writes files there and uses older ones."""
+    passing = shutil.ignore_patterns(".*", "__pycache__", "*.egg-info", "build", "dist", "results")
+    source = shutil.copytree(ROOT, tmp_path / "source", ignore=passing)
+    build = [sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", tmp_path / "dist", source]
+    done = subprocess.run(build, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
-    (built,) = (folder / "dist").iterdir()
-    return built
-
-
-def test_the_wheel_contains_only_the_program(wheel: Path):
+    (wheel,) = (tmp_path / "dist").iterdir()
+    assert wheel.name.endswith("-py3-none-any.whl")
     with ZipFile(wheel) as archive:
         names = {PurePosixPath(name) for name in archive.namelist()}
+        archive.extractall(tmp_path / "unpacked")
     program = {name for name in names if not name.parts[0].endswith(".dist-info")}
     assert program == {
         PurePosixPath("slamgauge", within, file.relative_to(ROOT / folder).as_posix())
@@ -42,25 +38,15 @@ def test_the_wheel_contains_only_the_program(wheel: Path):
         for kind in KINDS
         for file in (ROOT / folder).rglob(kind)
     }
-    assert wheel.name.endswith("-py3-none-any.whl")
     assert [name.name for name in names - program if "licenses" in name.parts] == ["LICENSE"]
 
-
-def test_the_unpacked_wheel_runs_a_scenario(wheel: Path, tmp_path: Path):
-    with ZipFile(wheel) as archive:
-        archive.extractall(tmp_path / "unpacked")
-    arguments = ("--set", "trajectory.duration=2", "--estimators", "causal,batch", "--out", "run", "--json")
-    program = "import runpy, sys; from slamgauge import ekf; print(ekf.__file__, file=sys.stderr); "
-    program += "runpy.run_module('slamgauge', run_name='__main__', alter_sys=True)"
-    done = subprocess.run(
-        [sys.executable, "-c", program, "run", "q1-short-dense", *arguments],
-        cwd=tmp_path,
-        env={**os.environ, "PYTHONPATH": str(tmp_path / "unpacked")},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    code = "import runpy, sys; from slamgauge import ekf; print(ekf.__file__, file=sys.stderr); "
+    code += "runpy.run_module('slamgauge', run_name='__main__', alter_sys=True)"
+    words = ["run", "q1-short-dense", "--set", "trajectory.duration=2", "--estimators", "causal,batch", "--json"]
+    where = {**os.environ, "PYTHONPATH": str(tmp_path / "unpacked")}
+    command = [sys.executable, "-c", code, *words, "--out", "run"]
+    done = subprocess.run(command, cwd=tmp_path, env=where, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert str(tmp_path / "unpacked") in done.stderr
-    assert set(json.loads(done.stdout)["estimators"]) == {"causal", "batch"}
+    assert {*json.loads(done.stdout)["estimators"]} == {"causal", "batch"}
     assert (tmp_path / "run/figure.svg").exists()

@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 
 from slamgauge.arrays import Float, Int, Marks
-from slamgauge.back_projection import positions_seen
 from slamgauge.compare.storage.covariance_columns import upper_triangles
 from slamgauge.compare.storage.files import explained
 from slamgauge.covariances import inverted, scale_of
@@ -46,7 +45,7 @@ def write_g2o(path: Path, recording: Recording, *, lend: float | None = None) ->
     path_guess = chain(recording.prior_mean, recording.odometry)
     lines = [
         *_written("VERTEX_SE2", poses[:, None], path_guess),
-        *_written("VERTEX_XY", ids[:, None], positions_seen(recording, first, path_guess)),
+        *_written("VERTEX_XY", ids[:, None], recording.positions_seen(first, path_guess)),
         *_motions(recording, poses, lend),
         *_observations(recording, poses, recording.landmark),
         *_start(recording, int(poses[0]), lend),

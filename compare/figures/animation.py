@@ -1,43 +1,39 @@
-"""Animate a run: GIF, and MP4 with ffmpeg."""
+"""Animate a run as a GIF."""
 
 from __future__ import annotations
 
-import logging
 import math
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from pathlib import Path
-from subprocess import CalledProcessError
 from typing import Any
 
 import matplotlib as mpl
 import numpy as np
-from matplotlib.animation import AbstractMovieWriter, FFMpegWriter, PillowWriter
+from matplotlib.animation import FuncAnimation, PillowWriter
+from matplotlib.artist import Artist
+from matplotlib.figure import Figure
 
 from slamgauge.compare.estimators.requests import labels_among
-from slamgauge.compare.figures.animation_scene import DOTS, Scene
-from slamgauge.compare.figures.plot_style import DEAD_RECKONING, PRINT
+from slamgauge.compare.figures.plot_style import DEAD_RECKONING, PRINT, legend_below
+from slamgauge.compare.figures.scene import Scene, limits
 from slamgauge.compare.storage.files import explained
-from slamgauge.compare.storage.progress import tracked
+from slamgauge.compare.storage.progress import counted
 from slamgauge.compare.storage.staged_folder import staged_folder
 from slamgauge.compare.storage.stored_results import load_results
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 
-LOG = logging.getLogger("matplotlib.animation")
-GIF, VIDEO = "animation.gif", "animation.mp4"
-FILES = (GIF, VIDEO)
-NO_FFMPEG = "ffmpeg is not on the PATH"
+GIF = "animation.gif"
 MOST_MAPS = 3  # more maps would hide each other
 MOST_FRAMES = 600  # Pillow keeps all frames of a GIF in memory
 FASTEST = 50  # frames per second; viewers of GIFs are not faster
+WIDTH, DOTS = 5.0, 120  # [in], and pixels per inch
+SHAPES = (0.4, 1.0)  # smallest and largest height of the map, relative to its width
+EDGES = 1.1  # [in] for title, axis and legend
 
-# a tight bounding box, possible in a user's settings, would change the size from frame to frame
-SCREEN: dict[Any, Any] = {**PRINT, "savefig.bbox": None}
 
-
-def animate(folder: Path, names: Sequence[str], seconds: float, fps: int) -> str | None:
-    """Write animation.gif and animation.mp4 into a folder of results.
+def animate(folder: Path, names: Sequence[str], seconds: float, fps: int) -> None:
+    """Write animation.gif into a folder of results.
 
     Args:
         folder: Folder that `slamgauge run` or `evaluate --out` wrote.
@@ -45,9 +41,6 @@ def animate(folder: Path, names: Sequence[str], seconds: float, fps: int) -> str
             shown with their maps (only the first if there are more than three), and the paths of smoothed ones.
         seconds: Duration [s].
         fps: Frames per second, at most one frame per step.
-
-    Returns:
-        The reason why animation.mp4 was not written, or None.
 
     Raises:
         UserError: If the folder has no results or no such estimate, the duration is out of range, or slamgauge did not
@@ -57,13 +50,27 @@ def animate(folder: Path, names: Sequence[str], seconds: float, fps: int) -> str
     shown, mapped = _chosen(results.estimates, names)
     frames = min(_frames(seconds, fps), results.recording.steps + 1)
     steps = np.linspace(0, results.recording.steps, frames).round().astype(int).tolist()
-    rate: Any = frames / seconds  # typed as int by the writers, but floats work
-    staged = staged_folder(folder, FILES, last=GIF)
-    with staged as stage, mpl.rc_context(SCREEN):
-        scene = Scene(results, shown, mapped)
-        with explained(folder, "written"):
-            _render(scene, PillowWriter(rate), stage / GIF, steps)
-            return _render_video(scene, rate, stage / VIDEO, steps)
+    rate: Any = frames / seconds  # typed as int by the writer, but floats work
+    low, high = limits(results, shown, mapped)
+    height = WIDTH * float(np.clip((high - low)[1] / (high - low)[0], *SHAPES)) + EDGES
+    with staged_folder(folder, [GIF], last=GIF) as stage, mpl.rc_context(PRINT):
+        figure = Figure(figsize=(WIDTH, height), dpi=DOTS, layout="constrained")
+        ax = figure.subplots()
+        ax.set_title(results.title, loc="left")
+        scene = Scene(ax, results, shown, mapped)
+        legend_below(figure, ax.get_legend_handles_labels()[0])
+
+        def show(step: int) -> list[Artist]:
+            scene.show(step)
+            time = results.recording.stamps[step] - results.recording.stamps[0]
+            return [ax.set_title(f"t = {time:.1f} s", loc="right")]
+
+        show(0)
+        figure.draw_without_rendering()
+        figure.set_layout_engine("none")  # the parts keep their places
+        animation = FuncAnimation(figure, show, steps, init_func=list, cache_frame_data=False)
+        with explained(folder, "written"), counted(frames, "frame", GIF) as progress:
+            animation.save(stage / GIF, PillowWriter(rate), dpi=DOTS, progress_callback=lambda *_: progress.update())
 
 
 def _chosen(estimates: Mapping[str, Estimate], names: Sequence[str]) -> tuple[dict[str, Estimate], dict[str, Estimate]]:
@@ -87,31 +94,3 @@ def _frames(seconds: float, fps: int) -> int:
     if not 1 <= frames <= MOST_FRAMES:
         raise UserError(f"seconds {seconds}, fps {fps}: these are {frames} frames; give 1 to {MOST_FRAMES}")
     return frames
-
-
-def _render(scene: Scene, writer: AbstractMovieWriter, path: Path, steps: list[int]) -> None:
-    """Draw every step and finish the file; an interrupt leaves it unfinished."""
-    writer.setup(scene.figure, str(path), DOTS)
-    for step in tracked(steps, len(steps), "frame", path.name):
-        scene.show(step)
-        writer.grab_frame()
-    writer.finish()
-
-
-def _render_video(scene: Scene, rate: Any, path: Path, steps: list[int]) -> str | None:
-    """Write a video; return the reason if that fails, else None."""
-    if not FFMpegWriter.isAvailable():
-        return NO_FFMPEG
-    writer = FFMpegWriter(rate)
-    try:
-        _render(scene, writer, path, steps)
-    except (CalledProcessError, BrokenPipeError):  # ffmpeg lacks the codec, or the disk is full
-        path.unlink(missing_ok=True)
-        return "ffmpeg failed"
-    except BaseException:
-        LOG.disabled = True  # ffmpeg reports the incomplete frame there
-        with suppress(CalledProcessError):  # ffmpeg was interrupted as well
-            writer.finish()
-        LOG.disabled = False
-        raise
-    return None

@@ -1,24 +1,42 @@
-"""Axes: limits without diverged estimators, origins of large coordinates, and few ticks on logarithmic axes."""
+"""Parts that all figures share: curves, 3-sigma bounds and bands, limits without diverged estimators, few ticks."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.axis import Axis
-from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator, ScalarFormatter
+from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator
+from numpy.typing import ArrayLike
 
 from slamgauge.arrays import Float
+from slamgauge.compare.figures.plot_style import MARK_COLOR, Style
 
 DIVERGED = 5.0  # an extent above this multiple of the median is ignored
 DIVERGED_LOG = 100.0  # the same for logarithmic axes
 NARROW, WIDE = 0.6, 2.5  # decades of an axis between which ticks are at 1, 2, 5; outside at tens or linear
-FAR = 10_000.0  # smaller values need no offset
-MINUS = "\N{MINUS SIGN}"
-THIN = "\N{NARROW NO-BREAK SPACE}"
+LONG = 10_000  # points; a longer curve is an image in SVG and PDF files
+
+
+def curve(axes: Axes, x: ArrayLike, y: Float, style: Style, label: str = "", **more: Any) -> None:
+    """Draw a curve (n,) in the style of an estimator."""
+    look: dict[str, Any] = {"linewidth": 0.9, "rasterized": len(y) > LONG, **more}
+    axes.plot(x, y, color=style.color, linestyle=style.dashes, label=label, **look)
+
+
+def band(axes: Axes, x: ArrayLike, low: Float, high: Float, label: str = "", color: str = MARK_COLOR) -> None:
+    """Fill the area between two curves (n,)."""
+    axes.fill_between(x, low, high, color=color, alpha=0.2, linewidth=0, label=label, rasterized=len(low) > LONG)
+
+
+def three_sigma(axes: Axes, x: ArrayLike, sigma: Float, style: Style, *, filled: bool) -> None:
+    """Draw the bounds of three standard deviations (n,) as thin lines, and fill the area between them."""
+    if filled:
+        band(axes, x, -3.0 * sigma, 3.0 * sigma, color=style.color)
+    for side in (-3.0, 3.0):
+        axes.plot(x, side * sigma, color=style.color, linewidth=0.5, alpha=0.8, zorder=2, rasterized=len(sigma) > LONG)
 
 
 def robust_limits(extents: Mapping[str, Float], factor: float = DIVERGED) -> tuple[Float, list[str]]:
@@ -50,47 +68,3 @@ def logarithmic(axes: Axes, which: Literal["x", "y"]) -> None:
     axis.set_major_locator(MaxNLocator(4) if decades < NARROW else round_numbers)
     axis.set_major_formatter("{x:g}")
     axis.set_minor_locator(NullLocator())
-
-
-class _Relative(ScalarFormatter):
-    """Formatter whose offset is in the axis label, not next to the axis."""
-
-    def get_offset(self) -> str:
-        return ""
-
-
-def label_plane(ax: Axes, *, x: bool = True, y: bool = True) -> None:
-    """Show x and y [m] of a map (world frame) relative to round numbers; label the chosen axes."""
-    (left, right), (bottom, top) = ax.get_xlim(), ax.get_ylim()
-    extent = max(right - left, top - bottom)
-    from_x = _count_from(ax.xaxis, round_origin(left, right, extent))
-    from_y = _count_from(ax.yaxis, round_origin(bottom, top, extent))
-    if x:
-        ax.set_xlabel(f"x{from_x} [m]")
-    if y:
-        ax.set_ylabel(f"y{from_y} [m]")
-
-
-def label_time(ax: Axes) -> str:
-    """Show the time relative to a round number, and return the label of the axis."""
-    begin, end = ax.get_xlim()
-    return f"time{_count_from(ax.xaxis, round_origin(begin, end, end - begin))} [s]"
-
-
-def _count_from(axis: Axis, origin: float) -> str:
-    """Show ticks relative to `origin`, and return the text for the label."""
-    formatter = _Relative(useOffset=origin)  # a number is the offset
-    formatter.set_scientific(False)
-    axis.set_major_formatter(formatter)
-    return f" {MINUS if origin > 0 else '+'} {abs(origin):,.10g}".replace(",", THIN) if origin else ""
-
-
-def round_origin(begin: float, end: float, extent: float) -> float:
-    """Return a round number near the middle of an axis, or 0 if the axis is near 0.
-
-    It is a multiple of the smallest power of ten above `extent`.
-    """
-    if max(abs(begin), abs(end)) < FAR or not extent > 0:
-        return 0.0
-    unit = 10.0 ** math.ceil(math.log10(extent))
-    return unit * round((begin + end) / 2 / unit)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 from slamgauge.compare.estimators.registry import FIXED_LAG
-from slamgauge.compare.figures.plot_style import TRUTH_COLOR, WRAPPED, math_text, printed, sheet
+from slamgauge.compare.figures.plot_style import TRUTH_COLOR, printed, sheet
 from slamgauge.compare.scoring.optimum_notes import MARK
 from slamgauge.compare.studies.budget import ErrorBudget, doubts, verdict
 
@@ -22,11 +23,12 @@ LABELS = {
 
 def save_budget_figure(out: Path, budget: ErrorBudget) -> None:
     """Write budget.png and budget.svg into `out`."""
-    with printed(out / "budget", 3.4) as figure:
+    narrow, doubtful, last = sheet().is_narrow, budget.doubtful(), len(budget.rungs)
+    lines = [verdict(budget).replace("; ", ";\n", 1), *doubts(budget)]
+    number: dict[str, Any] = {"textcoords": "offset points", "ha": "center", "fontsize": 5.5 if narrow else 7.5}
+    with printed(out / "budget", 3.4, "\n".join(lines)) as figure:
         axes = figure.subplots()
-        narrow = sheet().is_narrow
-        size = 5.5 if narrow else 7.5
-        before, doubtful = 0.0, budget.doubtful()
+        before = 0.0
         for place, rung in enumerate(budget.rungs):
             added, low, high = rung.increment_m2.mean, rung.increment_m2.low, rung.increment_m2.high
             color, hatch = (BASE, "") if place == 0 else (COST, "///") if added >= 0 else (GAIN, "...")
@@ -35,19 +37,12 @@ def save_budget_figure(out: Path, budget: ErrorBudget) -> None:
                 axes.plot([place, place], [before + low, before + high], color=TRUTH_COLOR, linewidth=1)
             top = max(before, before + added, before + (high or 0.0))
             mark = MARK if rung.name in doubtful else ""
-            axes.annotate(
-                f"{added:+.4f}{mark}", (place, top), (0, 3), textcoords="offset points", ha="center", fontsize=size
-            )
+            axes.annotate(f"{added:+.4f}{mark}", (place, top), (0, 3), **number)
             axes.plot([place - 0.3, place + 1.3], [rung.mse_m2] * 2, color=TRUTH_COLOR, linewidth=0.5, linestyle=":")
             before = rung.mse_m2
-        last = len(budget.rungs)
         axes.bar(last, before, width=0.6, color=TRUTH_COLOR)
-        axes.annotate(f"{before:.4f}", (last, before), (0, 3), textcoords="offset points", ha="center", fontsize=size)
+        axes.annotate(f"{before:.4f}", (last, before), (0, 3), **number)
         labels = [*(LABELS[rung.name] for rung in budget.rungs), f"= {budget.filter}"]
         axes.set_xticks(range(last + 1), labels, rotation=90 if narrow else 0)
-        axes.set(ylabel="mean squared position error [m²]")
         axes.margins(y=0.12)
-        axes.set_ylim(bottom=0)
-        lines = [verdict(budget).replace("; ", ";\n", 1), *doubts(budget)]
-        title = "\n".join(line.replace(": ", ":\n", 1) for line in lines)
-        axes.set_title(math_text(title), loc="left", **WRAPPED)
+        axes.set(ylabel="mean squared position error [m²]", ylim=(0.0, None))

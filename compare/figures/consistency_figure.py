@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from slamgauge.compare.figures.axes import logarithmic
-from slamgauge.compare.figures.plot_style import MARK_COLOR, TRUTH_COLOR, legend_below, printed, styles
+from slamgauge.compare.figures.axes import band, curve, logarithmic
+from slamgauge.compare.figures.plot_style import TRUTH_COLOR, legend_below, printed, styles
 
 
 def save_consistency_figure(out: Path, entries: Mapping[str, Any], title: str) -> None:
@@ -20,13 +20,11 @@ def save_consistency_figure(out: Path, entries: Mapping[str, Any], title: str) -
         axes = figure.subplots()
         first = next(iter(entries.values()))
         low, high = (np.array(first[key], dtype=np.float64) for key in ("twins_low", "twins_high"))
-        band = axes.fill_between(first["time_s"], low, high, label=f"{BAND:.0%} of twins")
-        band.set(facecolor=MARK_COLOR, alpha=0.3, linewidth=0.0)
+        band(axes, first["time_s"], low, high, f"{BAND:.0%} of twins")
         axes.axhline(1.0, color=TRUTH_COLOR, linewidth=0.6, linestyle=":")
         for name, style in styles(entries).items():
-            entry = entries[name]
-            course = np.array(entry["expected_nees_per_dof"], dtype=np.float64)
-            axes.plot(entry["time_s"], course, color=style.color, linestyle=style.dashes, label=name)
+            course = np.array(entries[name]["expected_nees_per_dof"], dtype=np.float64)
+            curve(axes, entries[name]["time_s"], course, style, name)
         logarithmic(axes, "y")
         axes.set(xlabel="time [s]", ylabel="expected NEES / 3")
-        legend_below(figure, axes)
+        legend_below(figure, axes.get_legend_handles_labels()[0])

@@ -8,11 +8,11 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.axes import Axes
 
-from slamgauge.arrays import Float
+from slamgauge.arrays import Float, Int
 from slamgauge.compare.estimators.registry import CAUSAL, HINDSIGHT
-from slamgauge.compare.figures.axes import exceeding, label_time, robust_limits
-from slamgauge.compare.figures.downsampling import extreme_rows, marked_closures
+from slamgauge.compare.figures.axes import curve, exceeding, robust_limits, three_sigma
 from slamgauge.compare.figures.plot_style import DEAD_RECKONING, MARK_COLOR, TRUTH_COLOR, styles
+from slamgauge.compare.scoring.loop_closures import closure_steps
 from slamgauge.compare.scoring.optimum_figures import is_in_doubt
 from slamgauge.compare.scoring.optimum_notes import MARK
 from slamgauge.compare.scoring.trajectory_error import pose_errors
@@ -23,6 +23,7 @@ from slamgauge.truth import Truth
 PANELS = ("x [m]", "y [m]", "heading [°]")
 LONG_TITLE = 45  # characters; a longer title does not fit a panel of figure.png
 UNITS = np.array([1.0, 1.0, 180.0 / np.pi])
+MOST_CLOSURES = 60  # more marks would hide the paths, and the ticks would merge into a bar
 
 
 class Reference(NamedTuple):
@@ -34,52 +35,39 @@ class Reference(NamedTuple):
 
 
 def plot_errors(
-    axes: Iterable[Axes],
-    truth: Truth | None,
-    recording: Recording,
-    estimates: Mapping[str, Estimate],
-    band: str | None = None,
+    axes: Iterable[Axes], truth: Truth | None, recording: Recording, estimates: Mapping[str, Estimate]
 ) -> None:
-    """Draw the errors in x, y [m] and heading [deg] against time on three axes, world frame.
+    """Draw the errors in x, y [m] and heading [deg] against the time since the start on three axes, world frame.
 
-    The 3-sigma bounds of the estimate `band` are filled (default: the first with covariances); those of the others are
-    thin lines. Axis limits ignore diverged estimates, and the title names them. Dead reckoning is drawn only if it is
-    the only estimate. Without true poses the differences to `batch`, or else to `causal`, are drawn; without these only
-    the bounds.
+    The 3-sigma bounds of the first estimate with covariances are filled; those of the others are thin lines. Axis
+    limits ignore diverged estimates, and the title names them. Dead reckoning is drawn only if it is the only estimate.
+    Without true poses the differences to `batch`, or else to `causal`, are drawn; without these only the bounds.
     """
     panels = list(axes)
     reference = reference_of(truth, recording, estimates)
     shown = {name: each for name, each in estimates.items() if name != reference.name}
     is_hidden = len(shown) > 1 and shown.pop(DEAD_RECKONING, None) is not None
-    chosen = styles(shown)
-    filled = band or next((name for name, each in shown.items() if each.pose_covs is not None), None)
-    times = recording.stamps
+    filled = next((name for name, each in shown.items() if each.pose_covs is not None), None)
+    time = recording.stamps - recording.stamps[0]
     extents: dict[str, Float] = {}
-    for name, estimate in shown.items():
-        color, dashes = chosen[name]
-        errors, extents[name] = pose_errors(reference.poses, estimate.poses), np.zeros(len(panels))
-        for axis, panel in enumerate(panels):
-            rows = extreme_rows(errors[:, axis])
-            error = UNITS[axis] * errors[rows, axis]
-            panel.plot(times[rows], error, color=color, linestyle=dashes, linewidth=0.8, label=name, zorder=3)
-            bound = _three_sigma(estimate, axis)
-            rows = extreme_rows(bound)
-            at, bound = times[rows], bound[rows]
-            extents[name][axis] = np.nan_to_num(np.fmax.reduce([*np.abs(error), *bound]))
-            if name == filled:
-                panel.fill_between(at, -bound, bound, color=color, alpha=0.15, linewidth=0, zorder=1)
-            panel.plot(at, bound, at, -bound, color=color, linewidth=0.5, alpha=0.8, zorder=2)
-    closures, mark = marked_closures(truth, recording)
+    for name, style in styles(shown).items():
+        errors = UNITS * pose_errors(reference.poses, shown[name].poses)
+        sigmas = _sigmas(shown[name])
+        for panel, error, sigma in zip(panels, errors.T, sigmas.T, strict=True):
+            curve(panel, time, error, style, name, linewidth=0.8, zorder=3)
+            three_sigma(panel, time, sigma, style, filled=name == filled)
+        extents[name] = np.nan_to_num(np.fmax.reduce([*np.abs(errors), *(3.0 * sigmas)]))
     limits, diverged = robust_limits(extents) if extents else (np.zeros(3), [])
     remarks = [*filter(None, [exceeding(diverged)]), *["dead reckoning not drawn"] * is_hidden]
     panels[0].set_title(_title(reference.title, f"({'; '.join(remarks)})" if remarks else ""))
+    closures, mark = marked_closures(truth, recording)
     for panel, label, limit in zip(panels, PANELS, limits, strict=True):
-        _finish(panel, label, times, times[closures], limit)
-    label = [label_time(panel) for panel in panels][-1]
-    ticks = "loop closures" if mark == "loop closure" else mark
-    is_row = panels[0].get_position().y0 == panels[-1].get_position().y0
-    loc = "right" if is_row else "center"  # in a row the panel is narrower than its label
-    panels[-1].set_xlabel(f"{label}; ticks: {ticks}" if len(closures) else label, loc=loc)
+        height = 1.1 * limit or 1.0  # symmetric limits make a bias visible
+        panel.set(xlim=(time[0], time[-1]), ylim=(-height, height), ylabel=label)
+        panel.axhline(0, color=MARK_COLOR, linewidth=0.5, zorder=0)
+        ticks = panel.get_xaxis_transform()
+        panel.vlines(time[closures], 0, 0.06, transform=ticks, color=TRUTH_COLOR, linewidth=0.4)
+    panels[-1].set_xlabel(f"time [s]; ticks: {mark}" if len(closures) else "time [s]")
 
 
 def _title(what: str, remark: str) -> str:
@@ -98,18 +86,17 @@ def reference_of(truth: Truth | None, recording: Recording, estimates: Mapping[s
     return Reference("±3σ only: no truth, no optimum", np.full((recording.steps + 1, 3), np.nan))
 
 
-def _three_sigma(estimate: Estimate, axis: int) -> Float:
-    """Return 3-sigma bounds (N+1,) of a coordinate [m] or [deg]; NaN without covariances."""
+def _sigmas(estimate: Estimate) -> Float:
+    """Return standard deviations (N+1, 3) in [m], [m] and [deg]; NaN without covariances."""
     if estimate.pose_covs is None:
-        return np.full(len(estimate.poses), np.nan)
-    return 3 * UNITS[axis] * np.sqrt(estimate.pose_covs[:, axis, axis].clip(min=0))
+        return np.full((len(estimate.poses), 3), np.nan)
+    return UNITS * np.sqrt(np.diagonal(estimate.pose_covs, axis1=1, axis2=2).clip(min=0))
 
 
-def _finish(panel: Axes, label: str, times: Float, closures: Float, limit: float) -> None:
-    """Set symmetric limits, which make a bias visible; draw the zero line and marks at loop closures."""
-    height = 1.1 * limit or 1.0
-    panel.set_ylim(-height, height)
-    panel.axhline(0, color=MARK_COLOR, linewidth=0.5, zorder=0)
-    panel.vlines(closures, 0, 0.06, transform=panel.get_xaxis_transform(), color=TRUTH_COLOR, linewidth=0.4)
-    panel.set_xlim(times[0], times[-1])
-    panel.set_ylabel(label)
+def marked_closures(truth: Truth | None, recording: Recording) -> tuple[Int, str]:
+    """Return the steps of the loop closures to mark, and the label of a mark; no steps if associations are unknown."""
+    steps = closure_steps(truth, recording)
+    if steps is None:
+        return recording.observation_step[:0], ""
+    every = max(1, -(-len(steps) // MOST_CLOSURES))
+    return steps[::every], "loop closures" if every == 1 else f"1 in {every} loop closures"

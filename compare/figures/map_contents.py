@@ -6,14 +6,11 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from slamgauge.arrays import Float, Int, chunks
+from slamgauge.arrays import Float, Int, Marks, chunks
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
-from slamgauge.truth import Truth
 
-EQUAL = 1e-9  # weights that differ by less count as equal
 NEVER = np.iinfo(np.int64).max
 MARGIN = 0.06  # relative to the extent of the map, on each side
 ROOM = 0.15  # the same, for positions that may diverge
@@ -28,15 +25,9 @@ class MapRows(NamedTuple):
     position: Float  # (K, 2) [m]
     cov: Float  # (K, 2, 2) [m^2]
 
-    def only(self, kept: NDArray[np.bool_] | slice) -> MapRows:
+    def only(self, kept: Marks | slice) -> MapRows:
         """Return the rows of a mask (K,) or a slice."""
         return MapRows(self.landmark[kept], self.member[kept], self.weight[kept], self.position[kept], self.cov[kept])
-
-    def heaviest(self) -> NDArray[np.bool_]:
-        """Return a mask (K,) of the most likely member of each ray; rays with equal weights have none."""
-        same = (self.landmark[:, None] == self.landmark) & (self.member >= 0)
-        rivals = np.sum(same & (self.weight[:, None] <= self.weight + EQUAL), axis=1)
-        return (self.member >= 0) & (rivals == 1)
 
 
 def map_at(estimate: Estimate, step: int) -> MapRows:
@@ -70,26 +61,20 @@ def first_seen(recording: Recording, estimate: Estimate) -> Int:
     return steps
 
 
-def sight_lines(truth: Truth, recording: Recording, estimate: Estimate, after: int, step: int) -> Float:
-    """Return lines (m, 2, 2) [m] from robot to landmark, for the last scan after the step `after` up to `step`.
+def sight_lines(recording: Recording, estimate: Estimate, after: int, step: int) -> Float:
+    """Return lines (m, 2, 2) [m] from robot to mapped landmark, for the last scan after the step `after` up to `step`.
 
-    Positions are the true ones if the truth is complete, else those of the estimate. Without ids the result is empty.
+    Positions are those of the estimate. Without ids the result is empty.
     """
+    seen = recording.landmark if estimate.association is None else estimate.association
     first, last = np.searchsorted(recording.observation_step, [after, step], side="right")
-    if first == last:
+    if first == last or seen is None:
         return np.zeros((0, 2, 2))
     at = int(recording.observation_step[last - 1])
     scan = slice(int(np.searchsorted(recording.observation_step, at)), int(last))
-    true_ids = recording.landmark if truth.association is None else truth.association
-    estimated_ids = recording.landmark if estimate.association is None else estimate.association
-    if truth.poses is not None and truth.landmark_ids is not None and true_ids is not None:
-        ids, names, places, start = true_ids[scan], truth.landmark_ids, truth.landmarks, truth.poses[at, :2]
-    else:
-        ids, names, places, start = estimated_ids, estimate.landmark_ids, estimate.landmarks, estimate.poses[at, :2]
-        ids = np.zeros(0, np.int64) if ids is None else ids[scan]
-    assert names is not None and places is not None
-    which = np.nonzero(ids[:, None] == names)[1]
-    return np.stack([np.broadcast_to(start, (len(which), 2)), places[which]], axis=1)
+    which = np.nonzero(seen[scan, None] == estimate.landmark_ids)[1]
+    start = np.broadcast_to(estimate.poses[at, :2], (len(which), 2))
+    return np.stack([start, estimate.landmarks[which]], axis=1)
 
 
 def map_limits(sure: Sequence[Float], others: Sequence[Float]) -> tuple[Float, Float]:

@@ -38,7 +38,7 @@ def save_noise_figure(out: Path, content: dict[str, Any]) -> None:
         _draw_nis(nis, content["nis_by_landmark"])
         _draw_quantiles(quantiles, content["quantiles"])
         _draw_whiteness(whiteness, content["autocorrelation"])
-        legend_below(figure, quantiles)
+        legend_below(figure, quantiles.get_legend_handles_labels()[0])
 
 
 def _series(by_channel: dict[str, Any]) -> Iterator[tuple[dict[str, Any], str, dict[str, Any]]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Generator, Iterable, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -10,33 +11,29 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import matplotlib as mpl
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, FigureBase
 
 from slamgauge import errors
 from slamgauge.compare.estimators.registry import BOUNDS, REGISTRY
 from slamgauge.compare.estimators.registry import DEAD_RECKONING as DEAD_RECKONING
-from slamgauge.compare.figures.svg_size import small_svg
 
 Format = Literal["pdf", "png", "svg"]
 Width = Literal["column", "page"]
 INCHES: dict[Width, float] = {"column": 3.4, "page": 7.0}  # widths in a paper with two columns
 ENTRY = 1.1  # [in] width of a legend entry
+CHARACTERS = 13  # of a title, per inch
 LineStyle = str | tuple[int, tuple[float, ...]]
 
 TRUTH_COLOR = "#000000"
 MARK_COLOR = "#777777"  # loop closures and other marks
-MOST_AT_ONCE = 20_000  # points of a line that are drawn together; a path of a thousand loops needs 100 MB in one piece
 STYLE = Path(errors.__file__).with_name("paper.mplstyle")  # users load it by the name slamgauge.paper
 PRINT: dict[Any, Any] = {
     **mpl.rc_params_from_file(STYLE, use_default_template=False),
-    "figure.constrained_layout.use": False,  # figures that need it set it themselves
     "text.parse_math": False,  # user-given names may contain dollars; numbers on axes are plain (`logarithmic`)
     "svg.hashsalt": "slamgauge",  # files are reproducible
-    "agg.path.chunksize": MOST_AT_ONCE,
+    "agg.path.chunksize": 20_000,  # a path of a thousand loops needs 100 MB in one piece
 }
-WRAPPED: dict[str, Any] = {"wrap": True, "parse_math": True}  # wrapped texts may contain formulas: see `math_text`
-LEGEND: dict[str, Any] = {"frameon": False, "handlelength": 2.6, "handletextpad": 0.6, "columnspacing": 1.2}
+UNDATED: dict[Format, dict[str, None]] = {"pdf": {"CreationDate": None}, "png": {}, "svg": {"Date": None}}
 
 
 class Style(NamedTuple):
@@ -65,7 +62,7 @@ def styles(names: Iterable[str]) -> dict[str, Style]:
 
 
 class Sheet(NamedTuple):
-    """Largest width and file formats of figures."""
+    """Width and file formats of figures."""
 
     width: Width = "page"
     formats: Sequence[Format] = ("png", "svg")
@@ -80,14 +77,8 @@ class Sheet(NamedTuple):
         """Whether the figure has one column of panels."""
         return self.width == "column"
 
-    def legend_columns(self, entries: int) -> int:
-        """Return the number of legend columns for rows of about equal length."""
-        rows = -(-entries // max(int(self.inches / ENTRY), 1))
-        return -(-entries // max(rows, 1)) or 1
 
-
-USUAL = Sheet()
-_SHEET: ContextVar[Sheet] = ContextVar("_SHEET", default=USUAL)
+_SHEET: ContextVar[Sheet] = ContextVar("_SHEET", default=Sheet())  # noqa: B039 a tuple does not change
 
 
 def sheet() -> Sheet:
@@ -108,17 +99,13 @@ def printed_on(chosen: Sheet) -> Generator[None]:
 @contextmanager
 def printed(path: Path, height: float, title: str = "") -> Generator[Figure]:
     """Yield a new figure of a height [in] in the print style, and write it at the end (see `save_printed`)."""
+    inches = sheet().inches
     with mpl.rc_context(PRINT):
-        figure = Figure(figsize=(sheet().inches, height), layout="constrained")
-        if title:
-            figure.suptitle(math_text(title), **WRAPPED)
+        figure = Figure(figsize=(inches, height), layout="constrained")
+        lines = [textwrap.fill(line, int(CHARACTERS * inches)) for line in title.splitlines()]
+        figure.suptitle("\n".join(lines))
         yield figure
         save_printed(figure, path)
-
-
-def math_text(text: str) -> str:
-    r"""Escape dollar signs, for texts in which matplotlib parses formulas: the wrapped ones."""
-    return text.replace("$", r"\$")
 
 
 def save_printed(figure: Figure, path: Path) -> None:
@@ -126,16 +113,14 @@ def save_printed(figure: Figure, path: Path) -> None:
     if (engine := figure.get_layout_engine()) is not None:
         engine.execute(figure)  # it places the parts, once for all formats
         figure.set_layout_engine(None)  # with "none" each format would be drawn twice
-    for each in sheet().formats:
-        if each == "svg":
-            path.with_suffix(".svg").write_bytes(small_svg(figure))
-        else:
-            undated = {"CreationDate": None} if each == "pdf" else {}
-            figure.savefig(path.with_suffix(f".{each}"), dpi=200, metadata=undated)
+    for form in sheet().formats:
+        figure.savefig(path.with_suffix(f".{form}"), metadata=UNDATED[form])
 
 
-def legend_below(figure: Figure, axes: Axes) -> None:
-    """Draw the legend of the axes below all axes of the figure."""
-    handles, labels = axes.get_legend_handles_labels()
-    columns = sheet().legend_columns(len(labels))
-    figure.legend(handles, labels, loc="outside lower center", ncols=columns, **LEGEND)
+def legend_below(figure: FigureBase, handles: Sequence[Any]) -> None:
+    """Draw a legend below all axes of the figure, in rows of about equal length."""
+    in_row = max(int(sheet().inches / ENTRY), 1)
+    longest = max((len(each.get_label()) for each in handles), default=0)
+    in_row = max(min(in_row, int(CHARACTERS * sheet().inches) // (longest + 6)), 1)
+    rows = -(-len(handles) // in_row)
+    figure.legend(handles=handles, loc="outside lower center", ncols=-(-len(handles) // max(rows, 1)) or 1)

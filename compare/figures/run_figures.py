@@ -1,4 +1,4 @@
-"""Figures of a run: the map, the errors, and the drift over distances."""
+"""Figures of a run: the map and the errors."""
 
 from __future__ import annotations
 
@@ -14,15 +14,18 @@ from matplotlib.transforms import ScaledTranslation
 
 from slamgauge.arrays import Float
 from slamgauge.compare.estimators.registry import OPTIMA
-from slamgauge.compare.figures.axes import label_plane, logarithmic
-from slamgauge.compare.figures.downsampling import even_rows, marked_closures
-from slamgauge.compare.figures.error_panels import plot_errors
+from slamgauge.compare.figures.error_panels import marked_closures, plot_errors
 from slamgauge.compare.figures.map_contents import map_limits
-from slamgauge.compare.figures.map_layers import draw_ellipses
+from slamgauge.compare.figures.map_layers import (
+    POINT,
+    TRUE_ROBOT,
+    draw_ellipses,
+    draw_path,
+    draw_true_landmarks,
+    explain,
+)
 from slamgauge.compare.figures.plot_style import (
     DEAD_RECKONING,
-    LEGEND,
-    MARK_COLOR,
     TRUTH_COLOR,
     Style,
     legend_below,
@@ -42,10 +45,7 @@ __all__ = ["plot_errors", "plot_run", "save_figure"]
 
 HEIGHTS = {"page": 4.6, "column": 7.2}  # [in] of figure.png
 DIAMOND: dict[str, Any] = {"markersize": 3, "color": "w", "markeredgecolor": TRUTH_COLOR, "markeredgewidth": 0.6}
-OUTLINE: dict[str, Any] = {"markersize": 6, "color": "none", "markeredgecolor": MARK_COLOR, "markeredgewidth": 0.5}
-LONG_LABEL = 20  # characters; most longer labels are import paths of user code
 ROOM_OF_LABEL = 3.5  # space between axes and legend, in font heights of the axis label
-DRIFTS = (("translation_m", "relative translation error [m]"), ("heading_rad", "relative heading error [rad]"))
 POSE_ELLIPSES = 15  # per path; odd, so that two loops do not have them at the same positions
 LANDMARK_ELLIPSES = 150  # with more in all maps, only those of the first map are drawn
 
@@ -56,34 +56,59 @@ def plot_run(ax: Axes, truth: Truth | None, recording: Recording, estimates: Map
     Dead reckoning is computed from the recording if the estimates do not contain it; the limits ignore it if it drifts
     far away. The legend is below the axes.
     """
-    _draw_run(ax, truth, recording, estimates, drift=True)
+    _draw_run(ax, truth, recording, estimates)
     room = ROOM_OF_LABEL * ax.xaxis.label.get_fontproperties().get_size_in_points() / 72
     lower = ScaledTranslation(0.0, -room, ax.figure.dpi_scale_trans)
-    place: dict[str, Any] = {"bbox_to_anchor": (0.5, 0.0), "bbox_transform": ax.transAxes + lower}
-    ax.legend(loc="upper center", ncols=2, **place, **LEGEND)
+    ax.legend(loc="upper center", ncols=2, bbox_to_anchor=(0.5, 0.0), bbox_transform=ax.transAxes + lower)
 
 
-def _draw_run(
-    ax: Axes, truth: Truth | None, recording: Recording, estimates: Mapping[str, Estimate], *, drift: bool
+def save_figure(
+    folder: str | Path, truth: Truth | None, recording: Recording, estimates: Mapping[str, Estimate], title: str
 ) -> None:
+    """Write figure.png (200 dpi) and figure.svg into `folder`: the map and the errors.
+
+    The title names an optimum whose check or residuals put it in doubt.
+    """
+    doubts = [misfits([name for name in OPTIMA.values() if name in estimates and is_misfit(estimates[name])])]
+    doubts += [distance_from_optimum(name, estimate.optimum_check) for name, estimate in estimates.items()]
+    title = "\n".join([title, *filter(None, doubts)])
+    with printed(Path(folder) / "figure", HEIGHTS[sheet().width], title) as figure:
+        draw_map_and_errors(figure, truth, recording, estimates)
+
+
+def draw_map_and_errors(
+    figure: FigureBase, truth: Truth | None, recording: Recording, estimates: Mapping[str, Estimate]
+) -> None:
+    """Draw the map, the errors and their legend into an empty figure; arguments as for `plot_errors`."""
+    if sheet().is_narrow:
+        parts = figure.subfigures(2, 1, height_ratios=(1, 1.1))
+    else:
+        parts = figure.subfigures(1, 2, width_ratios=(1.25, 1))
+    left, right = cast("Iterable[SubFigure]", parts)
+    axes = left.subplots()
+    _draw_run(axes, truth, recording, estimates)
+    plot_errors(right.subplots(3, sharex=True), truth, recording, estimates)
+    legend_below(figure, axes.get_legend_handles_labels()[0])
+
+
+def _draw_run(ax: Axes, truth: Truth | None, recording: Recording, estimates: Mapping[str, Estimate]) -> None:
     truth = Truth() if truth is None else truth
-    paths = {DEAD_RECKONING: chain(recording.prior_mean, recording.odometry)} if drift else {}
+    paths = {DEAD_RECKONING: chain(recording.prior_mean, recording.odometry)}
     paths |= {name: estimate.poses for name, estimate in estimates.items()}
     chosen = styles(paths)
     if truth.poses is not None:
-        ax.plot(*_drawn(truth.poses), color=TRUTH_COLOR, linewidth=1.0, label="truth", zorder=2)
+        draw_path(ax, truth.poses[:, :2], TRUE_ROBOT, "truth")
     for name, poses in paths.items():
-        color, dashes = chosen[name]
-        ax.plot(*_drawn(poses), color=color, linestyle=dashes, linewidth=1.0, label=name, zorder=2.5)
+        draw_path(ax, poses[:, :2], chosen[name], name)
     _draw_maps(ax, truth, recording, estimates, chosen)
-    _draw_marks(ax, truth, recording, paths)
+    path = truth.poses if truth.poses is not None else list(paths.values())[-1]
+    closures, label = marked_closures(truth, recording)
+    if len(closures):
+        ax.plot(*path[closures, :2].T, "d", label=label, zorder=4, **DIAMOND)
+    ax.plot(*recording.prior_mean[:2, None], "o", color=TRUTH_COLOR, markersize=4, label="start", zorder=4)
+    explain(ax, ellipses=bool(ax.collections))
     mapped = [true_landmarks(truth, recording, estimate)[1] for estimate in estimates.values()]
     _frame(ax, paths, [each for each in (truth.poses, truth.landmarks) if each is not None] or mapped)
-
-
-def _drawn(poses: Float) -> Float:
-    """Return the positions (2, n) [m] of a path, reduced to the visible ones."""
-    return poses[even_rows(len(poses)), :2].T
 
 
 def _draw_maps(
@@ -94,8 +119,7 @@ def _draw_maps(
     chosen: Mapping[str, Style],
 ) -> None:
     """Draw true landmarks, mapped landmarks and the ellipses of maps and paths."""
-    if truth.landmarks is not None:
-        ax.plot(*truth.landmarks.T, "k+", markersize=5, markeredgewidth=0.8, label="true landmark", zorder=3)
+    draw_true_landmarks(ax, truth.landmarks)
     landmark_covs = {name: each.landmark_covs for name, each in estimates.items() if each.landmark_covs is not None}
     if sum(len(covs) for covs in landmark_covs.values()) > LANDMARK_ELLIPSES:
         landmark_covs = dict(islice(landmark_covs.items(), 1))
@@ -103,100 +127,21 @@ def _draw_maps(
     for name, estimate in estimates.items():
         color = chosen[name].color
         _, landmarks = true_landmarks(truth, recording, estimate)
-        ax.plot(*landmarks.T, ".", color=color, markersize=2.5, zorder=3)
+        ax.plot(*landmarks.T, color=color, zorder=3, **POINT)
         if name in landmark_covs:
             draw_ellipses(ax, landmarks, landmark_covs[name], color)
         if estimate.pose_covs is not None and name != DEAD_RECKONING:
             draw_ellipses(ax, estimate.poses[some, :2], estimate.pose_covs[some, :2, :2], color)
 
 
-def _draw_marks(ax: Axes, truth: Truth, recording: Recording, paths: Mapping[str, Float]) -> None:
-    """Draw the start and the loop closures, and add legend entries for dots and ellipses."""
-    path = truth.poses if truth.poses is not None else list(paths.values())[-1]
-    closures, label = marked_closures(truth, recording)
-    if len(closures):
-        ax.plot(*path[closures, :2].T, "d", label=label, zorder=4, **DIAMOND)
-    ax.plot(*recording.prior_mean[:2, None], "o", color=TRUTH_COLOR, markersize=4, label="start", zorder=4)
-    ax.plot([], [], ".", color=MARK_COLOR, markersize=2.5, label="mapped landmark")
-    if ax.collections:
-        ax.plot([], [], "o", label="3σ ellipse", **OUTLINE)
-
-
 def _frame(ax: Axes, paths: Mapping[str, Float], others: list[Float]) -> None:
     """Set limits at equal scales around everything except a drifted dead reckoning."""
-    ax.set_aspect("equal", adjustable="datalim")
     drift = [poses[:, :2] for name, poses in paths.items() if name == DEAD_RECKONING]
     estimated = [poses for name, poses in paths.items() if name != DEAD_RECKONING] or drift
     low, high = map_limits([each[:, :2] for each in estimated + others], drift)
+    ax.set(xlabel="x [m]", ylabel="y [m]")
+    ax.set_aspect("equal", adjustable="datalim")
     ax.set_xlim(low[0], high[0], auto=True)
     ax.set_ylim(low[1], high[1], auto=True)
-    label_plane(ax)
     if any(((each < low) | (each > high)).any() for each in drift):
         ax.set_title("dead reckoning exceeds the axes")
-
-
-def save_figure(
-    folder: str | Path,
-    truth: Truth | None,
-    recording: Recording,
-    estimates: Mapping[str, Estimate],
-    title: str,
-    band: str | None = None,
-    *,
-    drift: bool = True,
-) -> None:
-    """Write figure.png (200 dpi) and figure.svg into `folder`: the map and the errors.
-
-    The bounds of the estimate `band` are filled. Dead reckoning that the estimates do not contain is drawn in the map
-    unless `drift` is False. The title names an optimum whose check or residuals put it in doubt.
-    """
-    page = sheet()
-    doubts = [misfits([name for name in OPTIMA.values() if name in estimates and is_misfit(estimates[name])])]
-    doubts += [distance_from_optimum(name, estimate.optimum_check) for name, estimate in estimates.items()]
-    title = "\n".join([title, *filter(None, doubts)])
-    with printed(Path(folder) / "figure", HEIGHTS[page.width], title) as figure:
-        draw_map_and_errors(figure, truth, recording, estimates, band, drift=drift)
-
-
-def draw_map_and_errors(
-    figure: FigureBase,
-    truth: Truth | None,
-    recording: Recording,
-    estimates: Mapping[str, Estimate],
-    band: str | None = None,
-    *,
-    drift: bool = True,
-) -> None:
-    """Draw the map, the errors and their legend into an empty figure; arguments as for `save_figure`."""
-    page = sheet()
-    if page.is_narrow:
-        parts = figure.subfigures(2, 1, height_ratios=(1, 1.1))
-    else:
-        parts = figure.subfigures(1, 2, width_ratios=(1.25, 1))
-    left, right = cast("Iterable[SubFigure]", parts)
-    left_axes = left.subplots()
-    _draw_run(left_axes, truth, recording, estimates, drift=drift)
-    plot_errors(right.subplots(3, sharex=True), truth, recording, estimates, band)
-    handles, labels = left_axes.get_legend_handles_labels()
-    columns = page.legend_columns(len(labels))
-    if max(map(len, labels)) > LONG_LABEL:
-        columns = -(-2 * columns // 3)
-    figure.legend(handles, labels, loc="outside lower center", ncols=columns, **LEGEND)
-
-
-def save_drift_figure(out: Path, entries: Mapping[str, Any], title: str) -> None:
-    """Write the figure `drift`, relative pose errors over distances; `entries` of metrics.json are by estimator."""
-    shape, height = ((2, 1), 4.4) if sheet().is_narrow else ((1, 2), 2.8)
-    with printed(out / "drift", height, title) as figure:
-        panels = figure.subplots(*shape, sharex=True).flat
-        for axes, (key, label) in zip(panels, DRIFTS, strict=True):
-            for name, style in styles(entries).items():
-                found = [(each["distance_m"], each[key]) for each in entries[name]["rpe_by_distance"] if each[key]]
-                if found:
-                    axes.plot(*zip(*found, strict=True), color=style.color, linestyle=style.dashes, label=name)
-            axes.set_ylabel(label)
-            logarithmic(axes, "y")
-        for axes in figure.axes[-shape[1] :]:
-            axes.set_xlabel("length of the path segment [m]")
-            logarithmic(axes, "x")
-        legend_below(figure, figure.axes[0])

@@ -4,15 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
 
 from slamgauge.arrays import Float
 from slamgauge.compare.estimators.registry import BOUNDS, CAUSAL, HINDSIGHT
-from slamgauge.compare.figures.axes import DIVERGED, DIVERGED_LOG, exceeding, logarithmic, robust_limits
-from slamgauge.compare.figures.downsampling import extreme_rows
+from slamgauge.compare.figures.axes import (
+    DIVERGED,
+    DIVERGED_LOG,
+    band,
+    curve,
+    exceeding,
+    logarithmic,
+    robust_limits,
+    three_sigma,
+)
 from slamgauge.compare.figures.plot_style import MARK_COLOR, legend_below, printed, sheet, styles
 from slamgauge.compare.scoring.aggregation import BAND_LEVEL, PerStep, nees_per_step, nis_per_step, rmse_per_step
 from slamgauge.compare.scoring.optimum_notes import MARK, doubt_in_runs, misfits
@@ -22,8 +30,6 @@ from slamgauge.compare.studies.summary import Summary, is_marked_against, misfit
 
 USUAL = 0.99  # share of the errors inside the limits; a diverged run may exceed them
 RUNS_DRAWN = 50  # error curves; more are not distinguishable
-MOST_POINTS = 24_000  # points of all error curves; half a megabyte of SVG
-FEWEST_POINTS = 100  # points of a curve; if necessary fewer runs are drawn
 COMPONENTS = (("x [m]", "x", 1.0), ("y [m]", "y", 1.0), ("heading [°]", "heading", 180.0 / np.pi))
 
 
@@ -63,16 +69,14 @@ def _draw_against_band(
         axes = figure.subplots()
         low = np.fmin.reduce([each.low for each in found.values()])
         high = np.fmax.reduce([each.high for each in found.values()])
-        band: dict[str, Any] = {"color": MARK_COLOR, "alpha": 0.25, "linewidth": 0, "label": f"{BAND_LEVEL:.1%} band"}
-        axes.fill_between(step * np.arange(len(low)), low, high, **band)
-        curves = {name: each.value for name, each in found.items()}
-        height = _draw_curves(axes, curves, runs, step, DIVERGED_LOG if is_log else DIVERGED)
+        band(axes, step * np.arange(len(low)), low, high, f"{BAND_LEVEL:.1%} band")
+        height = _draw_curves(axes, found, runs, step, DIVERGED_LOG if is_log else DIVERGED)
         axes.set(ylabel=label, yscale="log" if is_log else "linear")
         if height is not None:
             axes.set_ylim(top=1.3 * max(height, np.nanmax(high)))
         if is_log:
             logarithmic(axes, "y")
-        legend_below(figure, axes)
+        legend_below(figure, axes.get_legend_handles_labels()[0])
 
 
 def _draw_rmse(path: Path, title: str, runs: Mapping[str, Runs], step: float) -> None:
@@ -82,23 +86,23 @@ def _draw_rmse(path: Path, title: str, runs: Mapping[str, Runs], step: float) ->
     with printed(path, 3.2, title) as figure:
         axes = figure.subplots()
         found = {name: rmse_per_step(each) for name, each in runs.items()}
-        height = _draw_curves(axes, {name: each.value for name, each in found.items()}, runs, step)
+        height = _draw_curves(axes, found, runs, step)
         for name, style in styles(runs).items():
             time = step * np.arange(len(found[name].value))
-            axes.fill_between(time, found[name].low, found[name].high, color=style.color, alpha=0.2, linewidth=0)
+            band(axes, time, found[name].low, found[name].high, color=style.color)
         axes.set(ylabel="RMS position error, 95 % band [m]", ylim=(0.0, None if height is None else 1.1 * height))
-        legend_below(figure, axes)
+        legend_below(figure, axes.get_legend_handles_labels()[0])
 
 
 def _draw_curves(
-    axes: Axes, curves: Mapping[str, Float], runs: Mapping[str, Runs], step: float, factor: float = DIVERGED
+    axes: Axes, found: Mapping[str, PerStep], runs: Mapping[str, Runs], step: float, factor: float = DIVERGED
 ) -> float | None:
-    """Draw curves (n,) against time in the styles of all `runs`; return their height without diverged ones, if any."""
+    """Draw curves against time in the styles of all `runs`; return their height without diverged ones, if any."""
     for name, style in styles(runs).items():
-        if name in curves:
-            time = step * np.arange(len(curves[name]))
-            axes.plot(time, curves[name], color=style.color, linestyle=style.dashes, linewidth=0.9, label=name)
-    heights, diverged = robust_limits({name: np.array([np.nanmax(each)]) for name, each in curves.items()}, factor)
+        if name in found:
+            curve(axes, step * np.arange(len(found[name].value)), found[name].value, style, name)
+    peaks = {name: np.array([np.nanmax(each.value)]) for name, each in found.items()}
+    heights, diverged = robust_limits(peaks, factor)
     axes.set(xlabel="time [s]", title=exceeding(diverged))
     return heights[0] if diverged else None
 
@@ -109,23 +113,23 @@ def _draw_errors(path: Path, title: str, runs: Mapping[str, Runs], step: float) 
     if not runs:
         return
     extents: dict[str, Float] = {}
-    panels, available = 3 * len(runs), max(len(each.run) for each in runs.values())
-    drawn = min(available, RUNS_DRAWN, max(MOST_POINTS // (FEWEST_POINTS * panels), 1))
     with printed(path, 1.0 + 1.4 * len(runs), title) as figure:
         grid = figure.subplots(len(runs), 3, sharex=True, sharey="col", squeeze=False)
         for row, (name, style) in zip(grid, styles(runs).items(), strict=True):
-            for axes, (_, key, unit) in zip(row, COMPONENTS, strict=True):
-                errors, sigmas = runs[name].series[f"error_{key}"], runs[name].series[f"sigma_{key}"]
-                time = step * np.arange(errors.shape[1])
-                for error in errors[:drawn]:
-                    rows = extreme_rows(error, MOST_POINTS // (drawn * panels))
-                    axes.plot(time[rows], unit * error[rows], color=MARK_COLOR, linewidth=0.3, alpha=0.5)
-                bound = 3 * unit * sigmas.mean(axis=0)
-                for side in (-bound, bound):
-                    axes.plot(time, side, color=style.color, linestyle=style.dashes, linewidth=1.2)
+            extents[name] = np.zeros(len(COMPONENTS))
+            for place, (axes, (_, key, unit)) in enumerate(zip(row, COMPONENTS, strict=True)):
+                errors = unit * runs[name].series[f"error_{key}"]
+                sigma = unit * runs[name].series[f"sigma_{key}"].mean(axis=0)
+                time = step * np.arange(len(sigma))
+                lines = [np.column_stack([time, error]) for error in errors[:RUNS_DRAWN]]
+                axes.add_collection(
+                    LineCollection(lines, colors=MARK_COLOR, linewidths=0.3, alpha=0.5, rasterized=True)
+                )
+                three_sigma(axes, time, sigma, style, filled=True)
                 axes.locator_params(nbins=3 if sheet().is_narrow else 5)
+                usual = np.nanquantile(np.abs(errors), USUAL) if np.isfinite(errors).any() else 0.0
+                extents[name][place] = np.nanmax([usual, 3.0 * np.nanmax(sigma, initial=0.0)])
             row[0].set_ylabel(name)
-            extents[name] = np.array([_extent(runs[name], key, unit) for _, key, unit in COMPONENTS])
         heights, diverged = robust_limits(extents)
         for axes, height, (heading, _, _) in zip(grid[0], heights, COMPONENTS, strict=True):
             axes.set(title=heading, ylim=(-1.1 * height or -1.0, 1.1 * height or 1.0))
@@ -133,15 +137,9 @@ def _draw_errors(path: Path, title: str, runs: Mapping[str, Runs], step: float) 
             axes.set_xlabel("time [s]")
         if diverged:
             grid[0][1].set_title(f"{exceeding(diverged)}\n{COMPONENTS[1][0]}")
-        whose = "error of each run" if drawn == available else f"errors of the first {drawn} runs"
-        figure.supylabel(f"{whose} (grey), mean 3σ bound (dashed)", fontsize=7.5)
-
-
-def _extent(runs: Runs, key: str, unit: float) -> float:
-    """Return the height of a panel that contains the bounds and nearly all errors."""
-    errors, sigmas = runs.series[f"error_{key}"], runs.series[f"sigma_{key}"]
-    usual = np.nanquantile(np.abs(errors), USUAL) if np.isfinite(errors).any() else 0.0
-    return unit * float(np.nanmax([usual, 3 * np.nanmax(sigmas.mean(axis=0), initial=0.0)]))
+        is_all = max(len(each.run) for each in runs.values()) <= RUNS_DRAWN
+        whose = "error of each run" if is_all else f"errors of the first {RUNS_DRAWN} runs"
+        figure.supylabel(f"{whose} (grey), mean 3σ bound (filled)", fontsize=7.5)
 
 
 def _draw_ratios(path: Path, title: str, runs: Mapping[str, Runs], doubtful: Collection[str]) -> None:
@@ -149,9 +147,9 @@ def _draw_ratios(path: Path, title: str, runs: Mapping[str, Runs], doubtful: Col
     known = ((CAUSAL, "causal"), (HINDSIGHT, "hindsight"))
     references = [(name, f"{text}{MARK * (name in doubtful)}") for name, text in known if name in runs]
     boxes = [
-        (f"{name} / {text}", _run_ratios(runs[name], runs[reference]), styles(runs)[name].color)
+        (f"{name} / {text}", _run_ratios(runs[name], runs[reference]), style.color)
         for reference, text in references
-        for name in runs
+        for name, style in styles(runs).items()
         if name != reference
     ]
     boxes = [box for box in reversed(boxes) if len(box[1])]  # the first box is at the top

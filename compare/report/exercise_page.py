@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from shutil import copy
@@ -12,8 +11,7 @@ from urllib.parse import quote
 import numpy as np
 
 from slamgauge.compare.exercise import tables
-from slamgauge.compare.exercise.results import QuestionResult
-from slamgauge.compare.exercise.running import Exercise, SettingRuns
+from slamgauge.compare.exercise.results import Exercise, QuestionResult, SettingResult
 from slamgauge.compare.exercise.settings import CAUSAL, CAUSAL_OF_EKF, DEAD_RECKONING, EKF, GTSAM, QUESTIONS
 from slamgauge.compare.figures.exercise_figures import save_closure_figure, save_nees_figure
 from slamgauge.compare.report.page import TERMS, render
@@ -25,46 +23,42 @@ from slamgauge.compare.storage.provenance import origin as provenance
 from slamgauge.compare.storage.result_files import EXERCISE, METRICS, REPORT, RUN_0, exercise_files
 
 
-def publish_exercise(out: Path, exercise: Exercise, found: Sequence[QuestionResult]) -> bool:
+def publish_exercise(out: Path, exercise: Exercise) -> bool:
     """Write the figures and the page next to exercise.json and run 0 of the settings; return whether all succeeded."""
-    files = exercise_files(
-        exercise.settings, [each.setting.figure for ran in exercise.settings.values() for each in ran]
-    )
+    figures = [each.setting.figure for each in exercise.settings]
+    files = exercise_files([each.name for each in exercise.questions], figures)
 
     def draw(stage: Path) -> None:
-        for each in found:
+        for each in exercise.questions:
             title = f"Question {each.name[1:]}, {exercise.runs} runs"
-            save_nees_figure(stage / f"{each.name}-nees", exercise.settings[each.name], title)
+            save_nees_figure(stage / f"{each.name}-nees", each.settings, title)
             save_closure_figure(stage / f"{each.name}-closures", each.settings, title)
-            for setting in each.settings:
-                figure = setting.setting.figure
-                copy(out / RUN_0 / figure / "figure.png", stage / f"figure-{figure}.png")
+        for figure in figures:
+            copy(out / RUN_0 / figure / "figure.png", stage / f"figure-{figure}.png")
 
     def write(stage: Path) -> None:
-        (stage / REPORT).write_text(exercise_page(stage, out / RUN_0, exercise, found), encoding="utf-8", newline="\n")
+        (stage / REPORT).write_text(exercise_page(stage, out / RUN_0, exercise), encoding="utf-8", newline="\n")
 
     return decorate(out, {"figures": draw, "report": write}, [name for name in files if name != EXERCISE])
 
 
-def exercise_page(figures: Path, run_0: Path, exercise: Exercise, found: Sequence[QuestionResult]) -> str:
+def exercise_page(figures: Path, run_0: Path, exercise: Exercise) -> str:
     """Return the page of the exercise, HTML.
 
     Args:
         figures: folder of the figures of the questions.
         run_0: folder with the folders of run 0 of each setting.
-        exercise: runs.
-        found: results of its questions.
+        exercise: results.
     """
-    questions = [_question(figures, run_0, exercise.settings[each.name], each) for each in found]
-    every = [setting for each in found for setting in each.settings]
-    overview = replace(tables.scores(every), caption="All settings", id="overview")
+    questions = [_question(figures, run_0, each) for each in exercise.questions]
+    overview = replace(tables.scores(exercise.settings), caption="All settings", id="overview")
     return render(
         "exercise.html",
         kind="the exercise next to its optimum",
         title="TP4: EKF-SLAM next to GTSAM batch",
         questions=questions,
         overview=overview,
-        notes=[_measurements(exercise), *(each.doubt for each in every if each.doubt), *exercise.failures],
+        notes=[_measurements(exercise), *(each.doubt for each in exercise.settings if each.doubt), *exercise.failures],
         tables=[overview, *(table for each in questions for table in each["tables"])],
         terms=TERMS["run"],
         origin=origin({**provenance(None), "seed": exercise.seed}, [("Runs of each setting", str(exercise.runs))]),
@@ -78,7 +72,7 @@ def _measurements(exercise: Exercise) -> str:
     )
 
 
-def _question(figures: Path, run_0: Path, ran: Sequence[SettingRuns], found: QuestionResult) -> dict[str, Any]:
+def _question(figures: Path, run_0: Path, found: QuestionResult) -> dict[str, Any]:
     """Return what the template shows of a question."""
     name, question = found.name, QUESTIONS[found.name]
     known = {
@@ -109,11 +103,11 @@ def _question(figures: Path, run_0: Path, ran: Sequence[SettingRuns], found: Que
             )
         ],
         "pictures": pictures(figures, known),
-        "settings": [_setting(run_0, each) for each in ran],
+        "settings": [_setting(run_0, each) for each in found.settings],
     }
 
 
-def _setting(run_0: Path, ran: SettingRuns) -> dict[str, Any]:
+def _setting(run_0: Path, ran: SettingResult) -> dict[str, Any]:
     """Return what the template shows of a setting."""
     setting, folder = ran.setting, run_0 / ran.setting.figure
     alt = f"Figure {setting.figure}: map with truth, dead reckoning, EKF and GTSAM batch, and errors in ±3σ bounds"
@@ -127,7 +121,7 @@ def _setting(run_0: Path, ran: SettingRuns) -> dict[str, Any]:
     }
 
 
-def what_the_figure_shows(ran: SettingRuns, metrics: dict[str, Any]) -> str:
+def what_the_figure_shows(ran: SettingResult, metrics: dict[str, Any]) -> str:
     """Return the numbers of run 0: errors, share of the steps outside the 3-sigma bounds, landmarks, associations."""
     names = [name for name in (EKF, GTSAM, DEAD_RECKONING) if len(ran.runs[name].run) and ran.runs[name].run[0] == 0]
     ates = [f"{ran.runs[name].figures['ate_m'][0]:.2f} m ({name})" for name in names]

@@ -7,8 +7,8 @@ from functools import cached_property
 
 import numpy as np
 
-from slamgauge.arrays import Float, Int
-from slamgauge.compare.scoring.consistency import log_scores, squared_mahalanobis
+from slamgauge.arrays import Float, Int, Marks
+from slamgauge.compare.scoring.consistency import squared_mahalanobis
 from slamgauge.compare.scoring.landmark_identity import (
     AssociationFigures,
     association_figures,
@@ -31,6 +31,7 @@ class Measured:
         estimate: output of the estimator.
         optimum: estimate of `causal` if `estimate` is filtered, of `batch` if it is smoothed; None: not compared.
         batch: the hindsight optimum, for the distance of the last pose.
+        compared: (N+1,) the steps of which a stored trajectory has a pose; None: all.
     """
 
     truth: Truth
@@ -38,12 +39,20 @@ class Measured:
     estimate: Estimate
     optimum: Estimate | None = None
     batch: Estimate | None = None
+    compared: Marks | None = None
 
     @cached_property
     def reference(self) -> Float:
-        """True poses (N+1, 3), all NaN without truth."""
+        """True poses (N+1, 3); NaN where they are not known or not compared."""
         poses = self.truth.poses
-        return np.full(self.estimate.poses.shape, np.nan) if poses is None else poses
+        if poses is None:
+            return np.full(self.estimate.poses.shape, np.nan)
+        return poses if self.compared is None else np.where(self.compared[:, None], poses, np.nan)
+
+    @property
+    def last(self) -> int:
+        """Last step that is compared."""
+        return len(self.estimate.poses) - 1 if self.compared is None else int(np.flatnonzero(self.compared)[-1])
 
     @cached_property
     def errors(self) -> Float:
@@ -75,11 +84,6 @@ class Measured:
         """NEES (N+1,) of the positions."""
         return squared_mahalanobis(self.errors[:, :2], self.covs[:, :2, :2])
 
-    @cached_property
-    def log_scores(self) -> Float:
-        """Log scores (N+1,) of the poses [nats]."""
-        return log_scores(self.errors, self.covs)
-
     @property
     def nis_total(self) -> float:
         """Sum of the NIS of all steps."""
@@ -110,24 +114,6 @@ class Measured:
     def associations(self) -> AssociationFigures:
         """Figures of the data association."""
         return association_figures(self.truth, self.recording, self.estimate)
-
-    @cached_property
-    def halves(self) -> tuple[Int, Int]:
-        """Indices of the half of the mapped landmarks that is nearer to the true start, and of the farther half."""
-        ids, known = self.landmarks[0], self.truth.landmark_ids
-        start = np.tile(self.reference[0, :2], (len(ids), 1))
-        far = np.linalg.norm(landmark_errors(ids, start, known, self.truth.landmarks), axis=1)
-        defined = ~np.isnan(far)
-        near = far <= np.median(far[defined]) if defined.any() else defined
-        return np.flatnonzero(near), np.flatnonzero(~near & defined)
-
-    @cached_property
-    def map_sigmas(self) -> Float:
-        """Position sigmas (L,) of the mapped landmarks [m]; NaN without covariances."""
-        covs = self.estimate.landmark_covs
-        if covs is None:
-            return np.full(len(self.landmarks[0]), np.nan)
-        return np.sqrt(np.trace(covs, axis1=1, axis2=2).clip(min=0))
 
 
 def pose_covs_of(estimate: Estimate) -> Float:

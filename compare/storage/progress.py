@@ -11,8 +11,6 @@ from typing import Any, Self, TypeVar
 
 from tqdm import tqdm
 
-from slamgauge.steps_done import step_text
-
 T = TypeVar("T")
 
 REFRESH = 2.0  # s
@@ -45,12 +43,12 @@ def tracked(items: Iterable[T], total: int, unit: str, text: str = "", *, leave:
 
 @contextmanager
 def refreshed(progress: tqdm[Any] | LogLines, item: Callable[[], str], every: float = REFRESH) -> Generator[None]:
-    """Refresh a progress display during an item: its name, its steps if it counts them, and the elapsed time."""
+    """Refresh a progress display during an item: its name and the elapsed time."""
     done = threading.Event()
 
     def refresh() -> None:
         while not done.wait(every):
-            progress.set_description(item() + step_text())
+            progress.set_description(item())
             progress.refresh()
 
     thread = threading.Thread(target=refresh, daemon=True)

@@ -34,7 +34,7 @@ from slamgauge.ekf.maps.landmark_map import LandmarkMap, NewEntries
 from slamgauge.ekf.online_filter import NO_MEMBERS, Members
 from slamgauge.ekf.settings import FEWEST, Delayed
 from slamgauge.se2 import between, compose, rotation, wrap
-from slamgauge.sensor_models.bearing import gradient as bearing_gradient
+from slamgauge.sensors import bearing_gradient
 from slamgauge.triangulation import triangulate
 
 IMPROBABLE = 1e-3  # probability that correct bearings have to wait

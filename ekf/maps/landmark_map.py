@@ -86,7 +86,7 @@ class LandmarkMap(MapState):
 
     @cached_property
     def predict_kernel(self) -> Callable[..., bool]:
-        """Machine code of `prediction.predict`; `slamgauge bench` replaces it by a timed function."""
+        """Machine code of `prediction.predict`."""
         return direct(predict, self.belief, self._increment, self._increment_cov)
 
     @cached_property

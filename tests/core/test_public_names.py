@@ -49,14 +49,6 @@ def test_other_names_raise_the_usual_attribute_error() -> None:
         _ = slamgauge.slam
 
 
-def test_the_import_loads_no_numpy_and_takes_less_than_a_tenth_of_a_second() -> None:
-    """Best of five fresh processes, measured by Python itself; numpy alone takes longer."""
-    command = [sys.executable, "-X", "importtime", "-c", "import slamgauge, sys; print('numpy' in sys.modules)"]
-    for _ in range(5):
-        done = subprocess.run(command, check=True, capture_output=True, text=True)
-        assert done.stdout == "False\n"
-        (line,) = (line for line in done.stderr.splitlines() if line.rpartition("|")[2].strip() == "slamgauge")
-        if int(line.split("|")[1]) < 100_000:
-            break
-    else:
-        pytest.fail("each of five imports took 0.1 s or more")
+def test_the_import_loads_no_numpy() -> None:
+    command = [sys.executable, "-c", "import slamgauge, sys; print('numpy' in sys.modules)"]
+    assert subprocess.run(command, check=True, capture_output=True, text=True).stdout == "False\n"

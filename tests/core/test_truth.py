@@ -25,3 +25,8 @@ def test_a_truth_may_have_gaps() -> None:
     assert with_gap is not None
     assert np.isnan(with_gap[1]).all()
     np.testing.assert_allclose(with_gap[[0, 2], 2], [4.0 - 2 * math.pi, 2 * math.pi - 4.0])
+
+
+def test_a_truth_may_have_positions_without_headings():
+    poses = np.array([[0.0, 0.0, np.nan], [1.0, 0.0, np.nan], [np.nan, np.nan, np.nan]])
+    np.testing.assert_array_equal(Truth(poses=poses).poses, poses)

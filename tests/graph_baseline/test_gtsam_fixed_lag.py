@@ -42,14 +42,11 @@ def test_marginalisation_loses_nothing_if_noise_is_small(sensor: str, lag: int, 
     assert largest_difference(fixed_lag(recording, lag=lag), causal(recording)) < 0.05
 
 
-def test_a_bearing_only_landmark_waits_until_the_window_places_it() -> None:
-    recording = simulate(load_scenario("q4-three-landmarks", ["start=sampled", "trajectory.duration=12"]), 1)[1]
-    short, long = (fixed_lag(recording, lag=lag) for lag in (1, 60))
-    assert len(short.landmark_ids) < len(long.landmark_ids) == 3
-    assert long.association is not None
-    assert set(long.association[long.association >= 0]) == {*long.landmark_ids.tolist()}
-    optimum = causal(recording)
-    assert largest_difference(long, optimum) < largest_difference(short, optimum)
+def test_bearings_alone_are_refused_with_the_estimator_that_serves_instead() -> None:
+    """Of windows of 5 to 20 steps the error of q4-three-landmarks was up to 11 times what the covariance states."""
+    recording = simulate(load_scenario("q4-three-landmarks", ["trajectory.duration=2"]), 1)[1]
+    with pytest.raises(UserError, match=r"^fixed_lag: .* is overconfident and diverges; use isam2 for this recording$"):
+        fixed_lag(recording)
 
 
 def test_the_name_of_the_estimator_contains_the_lag() -> None:

@@ -75,7 +75,7 @@ def test_scenarios_fit_a_terminal(capsys: pytest.CaptureFixture[str], monkeypatc
     [
         ([], ["Is your EKF-SLAM overconfident", "scenarios", "run", "evaluate", "import"]),
         (["scenarios"], ["--json"]),
-        (["animate"], ["--estimators", "--seconds", "--fps", "animation.gif", "ffmpeg"]),
+        (["animate"], ["--estimators", "--seconds", "--fps", "animation.gif"]),
         (["run"], ["--seed", "--estimators", "--set", "--out", "--json"]),
         (["evaluate"], ["--truth", "--estimators", "--estimates", "--out", "--json", "THIS LOADS AND RUNS"]),
         (["import"], ["victoria-park", "lost-in-the-woods"]),

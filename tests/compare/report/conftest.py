@@ -15,7 +15,7 @@ from selenium import webdriver
 from selenium.webdriver.chrome.service import Service
 
 from slamgauge import compare_estimators, load_estimators, load_scenario, simulate
-from slamgauge.compare.figures.publishing import draw_comparison
+from slamgauge.compare.figures.publishing import draw_stored
 from slamgauge.compare.report.publishing import pages_of, write_pages
 from slamgauge.compare.scoring.comparison import metrics, write_comparison
 from slamgauge.compare.storage.staged_folder import begin_folder
@@ -101,7 +101,7 @@ def run_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("run")
     begin_folder(folder)
     write_comparison(folder, comparison, metrics(comparison, SCRIPT_NAME, 0))
-    assert draw_comparison(folder, comparison, SCRIPT_NAME)
+    assert draw_stored(folder, "metrics.json")
     publish(folder / "metrics.json")
     return folder
 

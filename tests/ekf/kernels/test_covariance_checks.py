@@ -7,7 +7,7 @@ import numpy as np
 from slamgauge.arrays import Float
 from slamgauge.ekf.kernels.soundness import are_sound, is_semidefinite
 from slamgauge.errors import UserError
-from slamgauge.sensor_kernels import RANGE_BEARING
+from slamgauge.sensors import SENSORS
 from slamgauge.validation import as_covariances
 from tests.reference.random_recordings import random_covariances
 
@@ -37,7 +37,7 @@ def test_kernels_accept_all_covariances_of_recordings() -> None:
         Q, R = spoiled(rng, 3), spoiled(rng, 2)
         good = is_taken(Q, definite=False)
         assert is_semidefinite(Q) or not good
-        assert are_sound(RANGE_BEARING, np.ones((1, 2)), R[None]) or not is_taken(R, definite=True)
+        assert are_sound(SENSORS["range-bearing"].code, np.ones((1, 2)), R[None]) or not is_taken(R, definite=True)
         taken, refused = taken + good, refused + (not good and not is_semidefinite(Q))
     assert taken > 1000
     assert refused > 1000

@@ -16,12 +16,13 @@ from slamgauge.ekf.kernels.augmentation import augment
 from slamgauge.ekf.kernels.linearisation import linearise
 from slamgauge.ekf.kernels.prediction import predict
 from slamgauge.se2 import compose, rotation
-from slamgauge.sensor_kernels import POSITION, RANGE_BEARING
 from slamgauge.sensors import MIN_BEARING_DISTANCE
+from slamgauge.sensors import SENSORS as TABLE
 from tests.reference.jacobians import assert_jacobian, differentiate
 from tests.reference.textbook import belief_of, unobservable
 
 PI = math.pi
+RANGE_BEARING, POSITION = TABLE["range-bearing"].code, TABLE["position"].code
 # the differences step 2 * 1e-3 of the distance towards the sensor: they must not cross the guard
 CLOSE = 1.01 * MIN_BEARING_DISTANCE
 HEADINGS = [0.0, 0.7, PI / 2, PI, PI - 1e-12, -PI + 1e-12, -2.5]

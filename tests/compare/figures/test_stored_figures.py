@@ -1,0 +1,235 @@
+"""Figures drawn again from stored results: width, formats, choice of estimators, limits and style."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+from shutil import copytree
+
+import matplotlib as mpl
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+from matplotlib.collections import LineCollection
+from matplotlib.colors import to_hex, to_rgba
+from matplotlib.figure import Figure
+
+from slamgauge import compare_estimators, find_noise, load_estimators, load_scenario, simulate
+from slamgauge.compare.cli.main import main
+from slamgauge.compare.figures.axes import robust_limits
+from slamgauge.compare.figures.plot_style import INCHES, Sheet, Width, printed_on
+from slamgauge.compare.figures.publishing import drawings_of, write_study, write_sweep
+from slamgauge.compare.figures.study_figures import study_drawings
+from slamgauge.compare.noise.noise_json import noise_json
+from slamgauge.compare.scoring.comparison import metrics, write_comparison
+from slamgauge.compare.storage.staged_folder import begin_folder
+from slamgauge.compare.studies.budget import RUNGS, summarise_budget
+from slamgauge.compare.studies.stored_study import load_study
+from slamgauge.compare.studies.study import load_runs, run_study
+from slamgauge.compare.studies.sweep import Sweep, read_sweep
+
+pytestmark = pytest.mark.slow
+
+SHORT = ["start=sampled", "trajectory.duration=5"]
+DRAWN = {"run": {"figure", "rays"}, "study": {"nees", "nis", "rmse", "errors", "ratios"}}
+
+
+def undecorated(*_: object) -> bool:
+    return True
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folders of a bearing-only run, a study, a sweep, a budget, noise and step times, without figures."""
+    from slamgauge.compare.figures import publishing
+    from slamgauge.compare.storage.files import write_json
+
+    out = tmp_path_factory.mktemp("results")
+    for name in ("run", "study", "sweep", "budget", "noise", "bench"):
+        begin_folder(out / name)
+    scenario = load_scenario("q4-ring", SHORT)
+    comparison = compare_estimators(
+        *simulate(scenario, 0), load_estimators(["dead-reckoning", "ekf", "causal"], frames=240)
+    )
+    write_comparison(out / "run", comparison, metrics(comparison, "q4-ring", 0))
+    short, chosen = load_scenario("q1-short-dense", SHORT), ["ekf", "causal", "batch"]
+    with ThreadPoolExecutor(1) as executor, pytest.MonkeyPatch.context() as patch:
+        patch.setattr(publishing, "decorate", undecorated)
+        summary = run_study(short, 3, 0, chosen, out / "study", executor)
+        assert write_study(out / "study", summary, load_runs(short, 3, 0, chosen, out / "study"), 0.1)
+        for value in ("1", "2"):
+            copytree(out / "study", out / "sweep" / f"assumed.scale={value}")
+        assert write_sweep(out / "sweep", Sweep("q1", "assumed.scale", 3, 0, ("1", "2"), (summary, summary)))
+    errors = np.random.default_rng(0).uniform(1.0, 2.0, (3, len(RUNGS)))
+    budget = summarise_budget("q1-short-dense", "ekf", errors, np.full(errors.shape, np.nan), np.ones(3))
+    write_json(out / "budget" / "budget.json", budget.to_json())
+    log = simulate(load_scenario("q1-short-dense", [*SHORT, "assumed.scale=4"]), 2)[1]
+    write_json(out / "noise" / "noise.json", noise_json(find_noise(log)))
+    times = {str(size): {"median_s": 1e-6 * size**1.5, "p95_s": 2e-6 * size**1.5} for size in (20, 1000)}
+    write_json(out / "bench" / "bench.json", {"estimators": dict.fromkeys(("ekf", "causal", "iekf"), times)})
+    return out
+
+
+@pytest.mark.parametrize("width", INCHES)
+def test_nothing_is_cropped(results: Path, drawn: dict[str, Figure], width: Width):
+    with printed_on(Sheet(width)):
+        for folder in results.iterdir():
+            for draw in drawings_of(folder).values():
+                draw(results)
+    assert set(drawn) == {*DRAWN["run"], *DRAWN["study"], "sweep", "budget", "noise", "bench"}
+    for name, figure in drawn.items():
+        figure.dpi = 72
+        figure.draw_without_rendering()
+        box, (inches, height) = figure.get_tightbbox(), figure.get_size_inches()
+        assert inches == INCHES[width]
+        beyond = np.round([-box.x0, box.x1 - inches, -box.y0, box.y1 - height], 3)
+        assert (name, (beyond < 0.02).all()) == (name, True), beyond
+
+
+def labels(figure: Figure) -> set[str]:
+    return {label for axes in figure.axes for label in axes.get_legend_handles_labels()[1]}
+
+
+def test_export_draws_the_chosen_estimators(results: Path, tmp_path: Path, drawn: dict[str, Figure]):
+    words = ("export", "svg", str(results / "run"), "--out", str(tmp_path / "out"))
+    assert main([*words, "--estimators", "causal,ekf"]) == 0
+    assert set(drawn) == DRAWN["run"]
+    panel = drawn["figure"].axes[1]
+    assert labels(drawn["figure"]) >= {"ekf", "causal"}
+    (filled,) = (each for each in panel.collections if not isinstance(each, LineCollection))
+    assert to_hex(np.asarray(filled.get_facecolor())[0]) == "#cc9900"  # the bounds of the first
+    for folder, name, expected in (
+        ("sweep", "sweep", {"ekf"}),
+        ("bench", "bench", {"ekf"}),
+        ("study", "nees", {"ekf", "99.9% band"}),
+    ):
+        drawings_of(results / folder, ["ekf"])[name](tmp_path)
+        assert labels(drawn[name]) == expected
+
+
+def test_numbers_of_the_study_are_drawn(results: Path, tmp_path: Path, drawn: dict[str, Figure]):
+    study = load_study(results / "study")
+    for draw in drawings_of(results / "study").values():
+        draw(tmp_path)
+    runs = study.runs["ekf"]
+    nees = next(line for line in drawn["nees"].axes[0].lines if line.get_label() == "ekf")
+    np.testing.assert_allclose(np.asarray(nees.get_ydata()), runs.series["nees_pose"].mean(axis=0))
+    panel = drawn["errors"].axes[0]
+    (errors,) = (each for each in panel.collections if isinstance(each, LineCollection))
+    drawn_errors = np.array([segment[:, 1] for segment in errors.get_segments()])
+    np.testing.assert_allclose(drawn_errors, runs.series["error_x"])
+    low, high = (np.asarray(line.get_ydata()) for line in panel.lines)
+    np.testing.assert_allclose(high, 3 * runs.series["sigma_x"].mean(axis=0))
+    np.testing.assert_allclose(low, -high)
+
+
+@pytest.mark.parametrize(
+    ("folder", "options", "message"),
+    [
+        ("run", "--estimators oc-ekf", "oc-ekf"),
+        ("noise", "--estimators ekf", "noise.json has no estimators to choose"),
+        ("budget", "--estimators ekf", "budget.json has no estimators to choose"),
+        ("bench", "--estimators riekf", "riekf"),
+        ("damaged noise", "", "written by another version, or changed by hand; run its command again"),
+        ("damaged bench", "", "written by another version, or changed by hand; run its command again"),
+        ("damaged sweep", "", "written by another version, or changed by hand; run its command again"),
+        ("", "", "contains no run, study, sweep, budget, noise or bench"),
+    ],
+)
+def test_refusals(
+    results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], folder: str, options: str, message: str
+):
+    place = results / folder
+    if folder.startswith("damaged"):
+        place = tmp_path
+        (place / f"{folder.split()[1]}.json").write_text("{}")
+    out = ("--out", str(tmp_path / "out"))
+    assert main(["export", "pdf", str(place), *out, *options.split()]) == 2
+    assert message in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_files_have_the_requested_format_and_no_date(results: Path, tmp_path: Path):
+    for form, begins in (("pdf", b"%PDF"), ("png", b"\x89PNG"), ("svg", b"<?xml")):
+        words = ("export", form, str(results / "budget"), "--width", "column")
+        for folder in ("one", "other"):
+            assert main([*words, "--out", str(tmp_path / form / folder)]) == 0
+        written = [(tmp_path / form / folder / f"budget.{form}").read_bytes() for folder in ("one", "other")]
+        assert written[0].startswith(begins)
+        assert written[0] == written[1]
+    assert b"/MediaBox [ 0 0 244.8 " in (tmp_path / "pdf/one/budget.pdf").read_bytes()  # 3.4 in, in points
+
+
+def test_export_prints_only_the_written_files(results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    """The figure of ratios needs an optimum."""
+    words = ("export", "svg", str(results / "study"), "--estimators", "ekf", "--out", str(tmp_path / "out"))
+    assert main([*words]) == 0
+    printed = capsys.readouterr().err.split(": ")[1].strip().split(", ")
+    assert {*printed} == {path.name for path in (tmp_path / "out").glob("*.svg")}
+    assert "ratios.svg" not in printed
+
+
+def test_stored_summaries_are_read_back_unchanged(results: Path):
+    study = load_study(results / "study")
+    for summary in read_sweep(results / "sweep").summaries:
+        assert summary.estimators == study.summary.estimators
+
+
+def test_axis_limits_ignore_a_diverged_estimator_and_name_it():
+    extents: Mapping[str, np.ndarray] = {
+        "a": np.array([1.0, 2.0]),
+        "b": np.array([2.0, 1.0]),
+        "c": np.array([1e6, 2.0]),
+    }
+    heights, gone = robust_limits(extents)
+    assert heights.tolist() == [2.0, 2.0]
+    assert gone == ["c"]
+    assert robust_limits({"exact": np.zeros(1), "too": np.zeros(1), "rounding": np.full(1, 1e-16)})[1] == []
+
+
+def test_a_diverged_filter_does_not_change_the_limits_of_study_figures(
+    results: Path, tmp_path: Path, drawn: dict[str, Figure]
+):
+    study = load_study(results / "study")
+    runs = study.runs["ekf"]
+    wild = {key: 1e4 * rows if key.startswith(("error", "nees", "nis")) else rows for key, rows in runs.series.items()}
+    lost = replace(runs, series=wild, figures={**runs.figures, "ate_m": 1e4 * runs.figures["ate_m"]})
+    for name, others in (("sane", study.runs), ("wild", {**study.runs, "ekf": lost})):
+        for draw in study_drawings(study.summary, others, study.step).values():
+            draw(tmp_path)
+        drawn |= {f"{name} {key}": figure for key, figure in drawn.items() if " " not in key}
+    for key in ("nees", "rmse", "errors"):
+        sane, wild_ = (drawn[f"{name} {key}"].axes[0].get_ylim()[1] for name in ("sane", "wild"))
+        assert wild_ < 4 * sane
+        assert any("ekf exceeds the axes" in axes.get_title() for axes in drawn[f"wild {key}"].axes)
+    assert drawn["wild ratios"].axes[0].get_xlim()[1] < 200
+    assert "ekf / hindsight, ekf / causal exceed the axes" in drawn["wild ratios"].axes[0].get_title()
+
+
+def test_logarithmic_axes_have_few_labels_and_plain_ones(results: Path, tmp_path: Path, drawn: dict[str, Figure]):
+    for folder in ("run", "study", "sweep", "noise", "bench"):
+        for draw in drawings_of(results / folder).values():
+            draw(tmp_path)
+    axes = [
+        each for figure in drawn.values() for each in figure.axes if "log" in (each.get_xscale(), each.get_yscale())
+    ]
+    assert len(axes) >= 4
+    for each in axes:
+        for axis, scale in ((each.xaxis, each.get_xscale()), (each.yaxis, each.get_yscale())):
+            if scale == "log":
+                low, high = sorted(axis.get_view_interval())
+                ticks = [tick for tick in axis.get_majorticklocs() if low <= tick <= high]
+                assert 1 <= len(ticks) <= 9
+                assert not [text for text in axis.get_ticklabels(minor=True) if text.get_text()]
+                assert not any("$" in axis.get_major_formatter()(tick) for tick in ticks)
+
+
+def test_users_can_load_the_style_by_its_name():
+    with plt.style.context("slamgauge.paper"):
+        assert mpl.rcParams["figure.figsize"] == [INCHES["column"], 2.4]
+        assert mpl.rcParams["pdf.fonttype"] == 42
+        assert mpl.rcParams["svg.fonttype"] == "none"
+        colours = [to_rgba(each["color"]) for each in mpl.rcParams["axes.prop_cycle"]]
+        assert len({*colours}) == len(colours) == 8
