@@ -226,8 +226,10 @@ WANTED = {  # by the type of pydantic's error, with its values
 
 
 def _what(detail: ErrorDetails) -> str:
-    """Return what is wrong, by the type of the error; our own validators write whole messages."""
+    """Return what is wrong, by the type of the error, or the message of our own validator (`section.invalid`)."""
     values = detail.get("ctx", {})
+    if "message" in values:
+        return values["message"]
     match detail["type"]:
         case "missing":
             return "missing; add it"
