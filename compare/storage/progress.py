@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import sys
 import threading
 from collections.abc import Callable, Generator, Iterable, Iterator
@@ -21,14 +22,13 @@ class LogLines(tqdm):  # pyrefly: ignore[missing-override-decorator, invalid-inh
 
     due = FIRST  # s after the start
 
-    def display(self, msg: str | None = None, pos: int | None = None) -> bool:  # noqa: ARG002 those of tqdm
+    def display(self, msg: str | None = None, pos: int | None = None) -> None:  # noqa: ARG002 those of tqdm  # pyrefly: ignore
         """Print a line if it is time."""
         state = self.format_dict
         if state["elapsed"] < self.due or self.n >= self.total:
-            return False
+            return
         self.due = FACTOR * state["elapsed"]
         print(self.format_meter(**state), file=sys.stderr)
-        return True
 
 
 def counted(
@@ -50,8 +50,8 @@ def counted(
         initial=done,
         unit=unit,
         desc=f"{text}: " if text else None,
-        leave=leave and is_bar,
-        file=sys.stderr,
+        leave=leave,
+        file=sys.stderr if is_bar else io.StringIO(),  # lines are printed by `display`
         bar_format=form,
     )
 

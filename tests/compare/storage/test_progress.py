@@ -16,6 +16,7 @@ from slamgauge.compare.storage.progress import LogLines, counted, refreshed, tra
 def test_log_files_get_lines_at_growing_intervals(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(LogLines, "due", 0.0)
     with counted(200, "run", "q1", done=100) as lines:
+        assert isinstance(lines, LogLines)
         lines.due = 0.0
         lines.update(99)
     (*_, last) = capsys.readouterr().err.splitlines()
