@@ -57,9 +57,10 @@ def main(
 ) -> int:
     filters = BUGS if estimators == "bugs" else {name: FILTERS[name] for name in estimators.split(",")}
     assumed = load_scenario(scenario, set)
-    found: dict[Estimator, Figures] = {}
+    found: dict[str, Figures] = {}
     if not own:
-        consistent = {consistent_filter(name, recording_of(assumed, 1.0, 0)) for name in filters}
+        log = recording_of(assumed, 1.0, 0)
+        consistent = {name: (consistent_filter(name, log), None) for name in filters}
         found = figures_of(consistent, (simulate(assumed, FIRST_TWIN + seed)[1] for seed in range(twins)))
     print(f"{'estimator':42}{'tested':>7}{'sigmas':>9}{'consistent':>12}{'overconfident':>15}{'too cautious':>14}")
     for ratio in map(float, q.split(",")):
@@ -84,20 +85,18 @@ def recording_of(scenario: Scenario, ratio: float, seed: int) -> Recording:
 
 
 def tests_of(
-    filters: Mapping[str, Estimator], recordings: Iterable[Recording], twins: int, shared: Mapping[Estimator, Figures]
+    filters: Mapping[str, Estimator], recordings: Iterable[Recording], twins: int, shared: Mapping[str, Figures]
 ) -> dict[str, list[ConsistencyTest]]:
     """Test filters on recordings, with shared twins or with twins of each recording."""
     tests: dict[str, list[ConsistencyTest]] = {name: [] for name in filters}
     for recording in recordings:
         optimum = batch(recording)
-        consistent = {name: consistent_filter(name, recording) for name in filters}
-        found = shared or twin_figures(recording, optimum, twins, {*consistent.values()})
+        consistent = {name: (consistent_filter(name, recording), None) for name in filters}
+        found = shared or twin_figures(recording, optimum, twins, consistent)
         for name, filter_ in filters.items():
             try:
                 with np.errstate(all="ignore"):  # bugs may overflow
-                    tests[name].append(
-                        consistency_test(recording, filter_(recording), optimum, found[consistent[name]])
-                    )
+                    tests[name].append(consistency_test(recording, filter_(recording), optimum, found[name]))
             except (UserError, np.linalg.LinAlgError, ValueError):
                 pass  # bugs may raise errors
     return tests

@@ -6,14 +6,12 @@ complete.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from time import perf_counter
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.compare.bench.numpy_filter import plain_numpy_ekf
 from slamgauge.compare.estimators.loading import load_estimators
 from slamgauge.compare.estimators.registry import CAUSAL
 from slamgauge.compare.estimators.requests import Chosen
@@ -24,9 +22,6 @@ from slamgauge.compare.scoring.table import ESTIMATOR, Head, Table, cell
 from slamgauge.compare.scoring.text_page import Page
 from slamgauge.compare.storage.progress import counted
 from slamgauge.compare.storage.provenance import origin
-from slamgauge.ekf import SlamFilter
-from slamgauge.ekf.estimators import drive
-from slamgauge.ekf.maps.correction_table import CORRECTIONS, Correction
 from slamgauge.estimate import Estimate
 from slamgauge.memory import require_memory
 from slamgauge.recording import Recording
@@ -36,9 +31,7 @@ WORKLOAD = (
     "up to 300 landmarks: radius 10 m, landmarks uniform in a 30 x 30 m box; "
     "above: radius 20 m, landmarks uniform within 9.8 m of the circle; none nearer to it than 0.5 m"
 )
-YARDSTICK = "plain-numpy"
 COPIES = 3.0  # memory for a filter, in copies of its covariance
-SHARE_STEPS = 500  # the time outside kernels is measured over these steps of the second round
 
 
 def workload(landmarks: int, seed: int = 0) -> Scenario:
@@ -80,7 +73,7 @@ def run_bench(sizes: Sequence[int], chosen: Chosen, seed: int = 0) -> dict[str, 
     Raises:
         UserError: an unknown estimator.
     """
-    contestants = {**load_estimators(chosen), YARDSTICK: plain_numpy_ekf}
+    contestants = load_estimators(chosen)
     results: dict[str, dict[str, dict[str, float]]] = {name: {} for name in contestants}
     with counted(len(sizes) * len(contestants), "run", alike=False) as progress:
         for size in sizes:
@@ -89,18 +82,17 @@ def run_bench(sizes: Sequence[int], chosen: Chosen, seed: int = 0) -> dict[str, 
                 progress.set_description(f"{name}, {size} landmarks")
                 run_estimator(name, estimator, recording.first(20))  # compiled code loaded, caches warm
                 estimate, seconds = run_estimator(name, estimator, recording)
-                results[name][str(size)] = _figures(name, recording, estimate, seconds)
+                results[name][str(size)] = _figures(recording, estimate, seconds)
                 progress.update()
     for name, by_size in results.items():
         for size, figures in by_size.items():
-            for other in (YARDSTICK, CAUSAL):
-                if other in results and other != name and "median_s" in figures:
-                    figures[f"ratio_to_{other}"] = figures["median_s"] / results[other][size]["median_s"]
+            if CAUSAL in results and name != CAUSAL and "median_s" in figures:
+                figures[f"ratio_to_{CAUSAL}"] = figures["median_s"] / results[CAUSAL][size]["median_s"]
     exponents = {name: growth_exponent(by_size) for name, by_size in results.items()}
     return {**origin(None), "workload": WORKLOAD, "estimators": results, "growth_exponent": exponents}
 
 
-def _figures(name: str, recording: Recording, estimate: Estimate, run_s: float) -> dict[str, float]:
+def _figures(recording: Recording, estimate: Estimate, run_s: float) -> dict[str, float]:
     figures = {
         "mean_observations": len(recording.observation) / (recording.steps + 1),
         "run_s": run_s,
@@ -111,36 +103,7 @@ def _figures(name: str, recording: Recording, estimate: Estimate, run_s: float) 
         second_round = estimate.seconds[recording.steps // 2 :]
         figures["median_s"] = float(np.median(second_round))
         figures["p95_s"] = float(np.quantile(second_round, 0.95))
-    if name in CORRECTIONS:
-        figures["share_outside_kernels"] = _share_outside_kernels(recording, CORRECTIONS[name])
     return figures
-
-
-def _share_outside_kernels(recording: Recording, correction: Correction) -> float:
-    """Return the share of the second round's time that is spent outside compiled kernels."""
-    inside, total = 0.0, 0.0
-
-    def timed(kernel: Callable[..., Any]) -> Callable[..., Any]:
-        def call(*arguments: object) -> object:
-            nonlocal inside
-            start = perf_counter()
-            result = kernel(*arguments)
-            inside += perf_counter() - start
-            return result
-
-        return call
-
-    slam = SlamFilter(recording.sensor, recording.prior_mean, recording.prior_cov, correction)
-    step = slam.map.correction
-    step.kernels = type(step.kernels)(*map(timed, step.kernels))
-    first = recording.steps // 2
-    part = recording.first(min(first + SHARE_STEPS, recording.steps))
-    for step, result in enumerate(drive(slam, part)):
-        if step == first:  # the map is complete
-            inside, total = 0.0, 0.0
-        else:
-            total += result.seconds
-    return 1.0 - inside / total
 
 
 def growth_exponent(by_size: dict[str, dict[str, float]]) -> float | None:
@@ -163,8 +126,6 @@ def bench_table(result: dict[str, Any]) -> Page:
         "p95_s": ("p95 [ms]", 1e3, "{:.4f}"),
         "mean_s": ("mean [ms]", 1e3, "{:.4f}"),
         "runs_per_second": ("runs/s", 1.0, "{:.3g}"),
-        "share_outside_kernels": ("outside kernels", 1.0, "{:.0%}"),
-        f"ratio_to_{YARDSTICK}": (f"x {YARDSTICK}", 1.0, "{:.3f}"),
         f"ratio_to_{CAUSAL}": (f"x {CAUSAL}", 1.0, "{:.4f}"),
     }
     rows: list[list[str]] = []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import shlex
 import sys
 from collections.abc import Sequence
@@ -110,6 +111,23 @@ class Tests:
     """Simulated twins of the consistency test without ground truth, for example 99 (docs/no_ground_truth.md)."""
 
 
+@dataclass(frozen=True)
+class StoredOptions:
+    """How stored trajectories are read and scored."""
+
+    covariance_frame: Literal["world", "body"] = "world"
+    """Frame of the covariances of stored trajectories; GTSAM's Marginals are in the body frame."""
+
+    time_offset: float = 0.0
+    """Added to the stamps of stored trajectories [s]."""
+
+    max_gap: float = 1.0
+    """Longest time without a pose of a stored trajectory [s]: larger for keyframes."""
+
+    align: Literal["none", "se2"] = "none"
+    """se2: score each stored estimate a second time, as LABEL-aligned, moved and turned to fit the true positions."""
+
+
 @dataclass
 class Evaluate(WithPage):
     """Score estimators, your own among them, on a stored recording.
@@ -132,8 +150,7 @@ class Evaluate(WithPage):
     estimates: Repeated = field(default_factory=list)
     """Stored estimates, LABEL=PATH ...: npz, CSV, TUM or BAG:/TOPIC (docs/your_filter.md). No code of yours runs."""
 
-    covariance_frame: Literal["world", "body"] = "world"
-    """Frame of the covariances of stored trajectories; GTSAM's Marginals are in the body frame."""
+    stored: StoredOptions = field(default_factory=StoredOptions)
 
     own_code: OwnCode = field(default_factory=OwnCode)
 
@@ -177,10 +194,7 @@ class Evaluate(WithPage):
             fitted(INITIALISATIONS[self.initialisation], self.reach),
             Robustness(self.robust),
         )
-        stored = {
-            label: _stored_estimator(label, path, recording, truth, self.covariance_frame)
-            for label, path in self._stored().items()
-        }
+        stored = _stored_estimators(self._stored(), recording, truth, self.stored)
         named = self.own_code.isolate(ask(split_names(self.estimators)))
         require_room_for_estimates(recording, named)
         if not 0 <= self.test.twins <= MOST_TWINS:
@@ -198,33 +212,42 @@ class Evaluate(WithPage):
         return {label: Path(path) for label, _, path in pairs}
 
 
-def _stored_estimator(label: str, path: Path, recording: Recording, truth: Truth | None, frame: str) -> Estimator:
-    """Return an estimator of the estimate in a file or in BAG:/TOPIC, or one that raises why it cannot be read."""
-    from slamgauge.compare.estimators.running import StoredEstimate
+def _stored_estimators(
+    paths: dict[str, Path], recording: Recording, truth: Truth | None, options: StoredOptions
+) -> dict[str, Estimator]:
+    """Return estimators of the estimates in files by label; one that cannot be read raises the reason when it runs."""
+    from slamgauge.compare.estimators.stored_trajectory import load_stored
     from slamgauge.compare.estimators.user_errors import UserCodeError
+    from slamgauge.compare.scoring.alignment import aligned
     from slamgauge.compare.scoring.covariance_frame import frame_doubt, in_world_frame
-    from slamgauge.compare.storage.stored_results import load_stored, own_steps
     from slamgauge.notices import tell_once
 
-    def unreadable(_: Recording) -> Estimate:
-        raise UserCodeError(reason)
+    def unreadable(reason: str) -> Estimator:
+        def refuse(_: Recording) -> Estimate:
+            raise UserCodeError(reason)
 
-    bag, colon, topic = str(path).partition(":/")
-    try:
-        if not colon:
-            estimate, own = load_stored(path, recording), own_steps(path, recording)
-            if frame == "body":
-                return StoredEstimate(in_world_frame(estimate), own)
-            doubt = frame_doubt(label, estimate, truth, own)
-            if doubt:
+        return refuse
+
+    if not math.isfinite(options.time_offset):
+        raise UserError(f"time-offset: {options.time_offset:g} is not a time; give seconds")
+    if not options.max_gap > 0.0:
+        raise UserError(f"max-gap: {options.max_gap:g} s is no time; give seconds > 0")
+    if options.align == "se2" and (truth is None or truth.poses is None):
+        raise UserError("align: se2 needs true positions; give --truth, or leave this option out")
+    found: dict[str, Estimator] = {}
+    for label, path in paths.items():
+        try:
+            stored = load_stored(path, recording, options.time_offset, options.max_gap)
+            if options.covariance_frame == "body":
+                stored = in_world_frame(stored)
+            elif doubt := frame_doubt(label, stored, truth, recording):
                 tell_once(doubt)
-            return StoredEstimate(estimate, own)
-        from slamgauge.compare.datasets.bag_log import read_bag_estimate
-
-        return StoredEstimate(read_bag_estimate(Path(bag), f"/{topic}", recording))
-    except UserError as error:
-        reason = str(error)
-        return unreadable
+            found[label] = stored
+            if options.align == "se2" and truth is not None:
+                found[f"{label}-aligned"] = aligned(f"{label}-aligned", stored, truth, recording)
+        except UserError as error:
+            found[label] = unreadable(str(error))
+    return found
 
 
 @dataclass(frozen=True)

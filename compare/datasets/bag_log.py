@@ -25,10 +25,9 @@ from slamgauge.compare.datasets.imported_log import Imported, identified, of_fil
 from slamgauge.compare.datasets.synchronisation import Odometry, constant_twist, joined
 from slamgauge.compare.storage.interpolation import interpolated
 from slamgauge.compare.storage.spatial_poses import planar_covariances, planar_poses
-from slamgauge.compare.storage.stored_results import at_steps, tell_doubts
 from slamgauge.compare.storage.toml_tables import toml_text
+from slamgauge.compare.storage.trajectories import Trajectory
 from slamgauge.errors import UserError
-from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.se2 import between
 from slamgauge.truth import Truth
@@ -113,18 +112,12 @@ def read_pose_topic(bag: Bag, topic: str, clock: str = "header") -> PoseTopic:
     return PoseTopic(seconds_of(stamps), poses, planar_covariances(np.array(covs))[kept] if covs else None, notes)
 
 
-def read_bag_estimate(path: Path, topic: str, recording: Recording) -> Estimate:
-    """Read the poses of a topic as a filtered estimate of a recording, see `at_steps`.
-
-    Raises:
-        UserError: the bag or the topic cannot be read, or a step has no pose.
-    """
+def read_bag_trajectory(path: Path, topic: str) -> Trajectory:
+    """Read the poses of a topic; raise `UserError` if the bag or the topic cannot be read."""
     with opened(path) as bag:
         found = read_pose_topic(bag, topic)
     covs = found.covs if found.covs is not None and found.covs.any() else None  # zeros: not known
-    estimate = at_steps(f"{path}:{topic}", found.stamps, found.poses, covs, recording.stamps)
-    tell_doubts(f"{path}:{topic}", estimate, recording)
-    return estimate
+    return Trajectory(f"{path}:{topic}", found.stamps, found.poses, covs)
 
 
 def topics_text(path: Path, msgs: Sequence[Path] = ()) -> str:

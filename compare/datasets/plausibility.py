@@ -15,7 +15,7 @@ import numpy as np
 from slamgauge.arrays import Float, Int
 from slamgauge.compare.datasets.imported_log import Imported, of_file
 from slamgauge.compare.datasets.log_mistakes import clock_offset, quick_fit, refuse_mistakes
-from slamgauge.compare.storage.path_doubts import path_doubts
+from slamgauge.compare.datasets.path_doubts import path_doubts
 from slamgauge.recording import Recording
 from slamgauge.se2 import rotation
 from slamgauge.sensors import SENSORS, innovation, predict

@@ -14,6 +14,7 @@ from slamgauge.arrays import Marks
 from slamgauge.compare.estimators.loading import LoadedEstimator, entry_behind, load, remarks_of, seconds_of, without
 from slamgauge.compare.estimators.registry import INFORMED, OPTIMA, UNDER, Entry
 from slamgauge.compare.estimators.requests import Asked, UserCode
+from slamgauge.compare.estimators.stored_trajectory import OwnPoses, StoredEstimate
 from slamgauge.compare.estimators.user_errors import UserCodeError, reason_of
 from slamgauge.compare.storage.progress import counted, refreshed
 from slamgauge.errors import CovarianceError, UserError, failure_text
@@ -24,23 +25,8 @@ from slamgauge.recording import Recording
 FARTHEST = 1e12  # m, rad: far outside any map, and squares of errors are still finite
 
 
-@dataclass(frozen=True)
-class StoredEstimate:
-    """An estimator that returns a stored estimate.
-
-    `own` (N+1,) marks the steps of which it has a pose of its own; None for all. Other steps are not scored.
-    """
-
-    estimate: Estimate
-    own: Marks | None = None
-
-    def __call__(self, _recording: Recording, /) -> Estimate:
-        """Return the estimate, for any recording."""
-        return self.estimate
-
-
-def own_steps_of(estimator: Estimator) -> Marks | None:
-    """Return the steps of which a stored estimate has a pose of its own; None for all, and for other estimators."""
+def own_poses_of(estimator: Estimator | None) -> OwnPoses | None:
+    """Return the poses of a stored trajectory at its own stamps; None if they are at the steps, or for others."""
     inner = estimator.estimate if isinstance(estimator, LoadedEstimator) else estimator
     return inner.own if isinstance(inner, StoredEstimate) else None
 

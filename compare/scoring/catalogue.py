@@ -79,7 +79,7 @@ CATALOGUE = (
     _averaged(
         "final_position_error_m",
         "position error of the last pose",
-        lambda found: number(found.off[-1]),
+        lambda found: number(found.off[found.last]),
         Column("end [m]", "final position error [m]", run=7, study=10),
     ),
     _of_run(
@@ -90,13 +90,19 @@ CATALOGUE = (
     _of_run(
         "rpe_by_distance",
         "relative pose errors over segments of the path, by their length (`trajectory_error.RelativeError`)",
-        lambda found: relative_errors(found.truth.poses, found.estimate.poses),
+        lambda found: None if found.truth.poses is None else relative_errors(found.reference, found.estimate.poses),
     ),
     _of_run(
         "nees_pose",
         "mean over time of the pose NEES: about 3 if the estimate is consistent",
         lambda found: mean(found.nees),
         Column("NEES", form="{:.2f}", run=3),
+    ),
+    _of_run(
+        "nees_position",
+        "mean over time of the position NEES: about 2 if the estimate is consistent (a column if headings are unknown)",
+        lambda found: mean(found.nees_position),
+        Column("NEES xy", form="{:.2f}", run=3),
     ),
     _of_study(
         "nees_pose_per_dof",

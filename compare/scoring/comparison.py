@@ -12,7 +12,8 @@ import numpy as np
 
 from slamgauge.arrays import chunks
 from slamgauge.compare.estimators.registry import OPTIMA, REGISTRY
-from slamgauge.compare.estimators.running import own_steps_of, run_side_by_side
+from slamgauge.compare.estimators.running import own_poses_of, run_side_by_side
+from slamgauge.compare.estimators.stored_trajectory import OwnPoses
 from slamgauge.compare.scoring.catalogue import empty_columns, heads, is_relative
 from slamgauge.compare.scoring.optimum_figures import is_in_doubt, is_misfit
 from slamgauge.compare.scoring.optimum_notes import (
@@ -25,10 +26,12 @@ from slamgauge.compare.scoring.optimum_notes import (
     left_out,
     misfits,
     under_associations,
+    without_headings,
     without_misleading,
 )
-from slamgauge.compare.scoring.scores import Score, evaluate
-from slamgauge.compare.scoring.table import ESTIMATOR, KIND, NO_FIGURE, Cell, Table, figures, marked
+from slamgauge.compare.scoring.own_stamps import score_at_own_stamps
+from slamgauge.compare.scoring.scores import Score
+from slamgauge.compare.scoring.table import ESTIMATOR, KIND, NO_FIGURE, Cell, Head, Table, figures, marked
 from slamgauge.compare.scoring.text_page import Page
 from slamgauge.compare.scoring.verdicts import single_run, verdict_lines
 from slamgauge.compare.storage.files import save, write_json, write_tum
@@ -53,7 +56,8 @@ class Comparison:
     of the estimator, `optima` are the names of the optima by kind. `failures` has the reason, in a line, for each
     estimator without a score. `stand_ins` are optima with the associations of an estimator, if the true ones are
     unknown. `study` is a command of many runs, if the recording is simulated. `remarks` are those on user code, for
-    example replaced settings. `without_truth` has the tests of `scoring.without_truth` on filters.
+    example replaced settings. `without_truth` has the tests of `scoring.without_truth` on filters. `own` has
+    the poses of stored trajectories at their own stamps.
     """
 
     truth: Truth | None
@@ -66,6 +70,7 @@ class Comparison:
     remarks: tuple[str, ...] = ()
     without_truth: Mapping[str, ConsistencyTest] = field(default_factory=dict[str, "ConsistencyTest"])
     study: str = ""
+    own: Mapping[str, OwnPoses] = field(default_factory=dict[str, OwnPoses])
 
     def __repr__(self) -> str:
         failed = f"; failed: {', '.join(self.failures)}" if self.failures else ""
@@ -112,15 +117,12 @@ def compare_estimators(
     ran = run_side_by_side(estimators, recording, informed, None if truth is None else truth.misleading)
     failures = ran.failures
     scores: dict[str, Score] = {}
+    own = {name: found for name in ran.estimates if (found := own_poses_of(estimators.get(name))) is not None}
     best = {kind: ran.estimates[name] for kind, name in ran.optima.items()}
     for name, estimate in ran.estimates.items():
         try:
-            score = evaluate(
-                _at_steps_of(truth, estimators.get(name)),
-                recording,
-                estimate,
-                best.get(estimate.kind),
-                best.get("smoothed"),
+            score = score_at_own_stamps(
+                own.get(name), truth, recording, estimate, best.get(estimate.kind), best.get("smoothed")
             )
         except UserError as error:
             failures[name] = f"estimator {name}: {error}"
@@ -131,15 +133,7 @@ def compare_estimators(
     estimates = {name: ran.estimates[name] for name in scores}
     found = tuple(f"{name}: {remark}" for name in scores for remark in ran.remarks.get(name, ()))
     stand_ins = tuple(ran.stand_ins)
-    return Comparison(truth, recording, estimates, scores, ran.optima, failures, stand_ins, found)
-
-
-def _at_steps_of(truth: Truth | None, estimator: Estimator | None) -> Truth | None:
-    """Return the truth without poses at steps of which a stored estimate has no pose of its own."""
-    own = None if estimator is None else own_steps_of(estimator)
-    if truth is None or truth.poses is None or own is None:
-        return truth
-    return replace(truth, poses=np.where(own[:, None], truth.poses, np.nan))
+    return Comparison(truth, recording, estimates, scores, ran.optima, failures, stand_ins, found, own=own)
 
 
 def metrics(
@@ -188,9 +182,10 @@ def run_table(
 ) -> Table:
     """Return the scores, or their entries in metrics.json, as a table, filtered estimates before smoothed ones.
 
-    Figures relative to an optimum in doubt are marked, and estimators without a score follow.
+    Columns without any figure are left out, and the position NEES if there is a pose NEES. Figures relative to an
+    optimum in doubt are marked, and estimators without a score follow.
     """
-    found = heads("run")
+    found = _shown_heads(scores)
     rows: list[list[Cell | str]] = []
     for name, score in sorted(scores.items(), key=lambda item: item[1]["kind"]):
         cells = figures(score, found)
@@ -203,6 +198,13 @@ def run_table(
         rows.append([name, score["kind"], *cells])
     rows += [[name, "failed", *(NO_FIGURE for _ in found)] for name in failed]
     return Table.of([ESTIMATOR, KIND, *found], rows, "Metrics of the whole run; click a column title to sort", "scores")
+
+
+def _shown_heads(scores: Mapping[str, Mapping[str, Any]]) -> list[Head]:
+    """Return the columns in which an estimator has a figure."""
+    found = [head for head in heads("run") if any(score[head.key] is not None for score in scores.values())]
+    keys = {head.key for head in found}
+    return [head for head in found if head.key != "nees_position" or "nees_pose" not in keys]
 
 
 def doubtful_kinds(optima: Mapping[Kind, Estimate]) -> set[Kind]:
@@ -231,7 +233,8 @@ def tested_without_truth(comparison: Comparison, twins: int) -> Comparison:
     if "smoothed" not in comparison.optima:
         raise UserError("twins: the test needs the optimum of all measurements; add batch to --estimators")
     optimum = comparison.estimates[comparison.optima["smoothed"]]
-    return replace(comparison, without_truth=tested_filters(comparison.recording, comparison.estimates, optimum, twins))
+    found = tested_filters(comparison.recording, comparison.estimates, optimum, twins, comparison.own)
+    return replace(comparison, without_truth=found)
 
 
 def remarks(comparison: Comparison) -> list[str]:
@@ -247,7 +250,9 @@ def remarks(comparison: Comparison) -> list[str]:
         found.append(under_associations(comparison.stand_ins))
     else:
         found.append(without_misleading(optima, comparison.truth))
-    found += empty_columns(heads("run"), lambda key: all(score[key] is None for score in scores))
+    found.append(without_headings(comparison.truth))
+    columns = [head for head in heads("run") if head.key != "nees_position"]
+    found += empty_columns(columns, lambda key: all(score[key] is None for score in scores))
     return [line for line in found if line]
 
 

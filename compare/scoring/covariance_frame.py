@@ -6,36 +6,45 @@ from dataclasses import replace
 
 import numpy as np
 
-from slamgauge.arrays import Float, Marks
+from slamgauge.arrays import Float
+from slamgauge.compare.estimators.stored_trajectory import StoredEstimate
+from slamgauge.compare.scoring.own_stamps import truth_at
+from slamgauge.compare.scoring.trajectory_error import pose_errors
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
-from slamgauge.se2 import rotation, wrap
+from slamgauge.recording import Recording
+from slamgauge.se2 import pose_rotation
 from slamgauge.truth import Truth
 
 FAR_BETTER = 2.0  # ratio of the mean NEES as read to that of rotated covariances, above which a warning is printed
 
 
-def in_world_frame(estimate: Estimate) -> Estimate:
-    """Return the estimate with pose covariances of the body frame rotated to the world frame.
+def in_world_frame(stored: StoredEstimate) -> StoredEstimate:
+    """Return a stored estimate with pose covariances of the body frame rotated to the world frame.
 
     Raises:
         UserError: it has no covariances.
     """
-    if estimate.pose_covs is None:
-        raise UserError("covariance-frame: the estimate has no covariances; leave this option out")
-    return replace(estimate, pose_covs=_rotated(estimate.poses, estimate.pose_covs))
+
+    def turned(estimate: Estimate) -> Estimate:
+        if estimate.pose_covs is None:
+            raise UserError("covariance-frame: the estimate has no covariances; leave this option out")
+        return replace(estimate, pose_covs=_rotated(estimate.poses, estimate.pose_covs))
+
+    return stored.changed(turned)
 
 
-def frame_doubt(label: str, estimate: Estimate, truth: Truth | None, own: Marks | None) -> str:
+def frame_doubt(label: str, stored: StoredEstimate, truth: Truth | None, recording: Recording) -> str:
     """Return a warning if covariances fit the errors far better once they are rotated to the world frame, else ""."""
+    estimate = stored.estimate if stored.own is None else stored.own.estimate
+    if stored.own is not None:
+        truth = truth_at(stored.own.stamps, truth, recording)
     if truth is None or truth.poses is None or estimate.pose_covs is None:
         return ""
     known = np.isfinite(truth.poses).all(axis=1) & (np.linalg.eigvalsh(estimate.pose_covs)[:, 0] > 0.0)
-    known &= True if own is None else own
     if not known.any():
         return ""
-    errors = estimate.poses[known] - truth.poses[known]
-    errors[:, 2] = wrap(errors[:, 2])
+    errors = pose_errors(truth.poses[known], estimate.poses[known])
     as_read = _mean_nees(errors, estimate.pose_covs[known])
     turned = _mean_nees(errors, _rotated(estimate.poses, estimate.pose_covs)[known])
     if as_read <= FAR_BETTER * turned:
@@ -46,8 +55,7 @@ def frame_doubt(label: str, estimate: Estimate, truth: Truth | None, own: Marks 
 
 def _rotated(poses: Float, covs: Float) -> Float:
     """Return covariances (n, 3, 3) of the body frames of poses (n, 3) in the world frame."""
-    turns = np.tile(np.eye(3), (len(poses), 1, 1))
-    turns[:, :2, :2] = rotation(poses[:, 2])
+    turns = pose_rotation(poses[:, 2])
     return turns @ covs @ turns.swapaxes(1, 2)
 
 

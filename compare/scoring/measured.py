@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from slamgauge.arrays import Float, Int
+from slamgauge.arrays import Float, Int, Marks
 from slamgauge.compare.scoring.consistency import log_scores, squared_mahalanobis
 from slamgauge.compare.scoring.landmark_identity import (
     AssociationFigures,
@@ -31,6 +31,7 @@ class Measured:
         estimate: output of the estimator.
         optimum: estimate of `causal` if `estimate` is filtered, of `batch` if it is smoothed; None: not compared.
         batch: the hindsight optimum, for the distance of the last pose.
+        compared: (N+1,) the steps of which a stored trajectory has a pose; None: all.
     """
 
     truth: Truth
@@ -38,12 +39,20 @@ class Measured:
     estimate: Estimate
     optimum: Estimate | None = None
     batch: Estimate | None = None
+    compared: Marks | None = None
 
     @cached_property
     def reference(self) -> Float:
-        """True poses (N+1, 3), all NaN without truth."""
+        """True poses (N+1, 3); NaN where they are not known or not compared."""
         poses = self.truth.poses
-        return np.full(self.estimate.poses.shape, np.nan) if poses is None else poses
+        if poses is None:
+            return np.full(self.estimate.poses.shape, np.nan)
+        return poses if self.compared is None else np.where(self.compared[:, None], poses, np.nan)
+
+    @property
+    def last(self) -> int:
+        """Last step that is compared."""
+        return len(self.estimate.poses) - 1 if self.compared is None else int(np.flatnonzero(self.compared)[-1])
 
     @cached_property
     def errors(self) -> Float:

@@ -76,7 +76,8 @@ def mahalanobis_to_optimum(found: Measured) -> float | None:
     if found.optimum is None:
         return None
     differences = pose_errors(found.optimum.poses, found.estimate.poses)
-    return mean(squared_mahalanobis(differences, pose_covs_of(found.optimum)))
+    squares = squared_mahalanobis(differences, pose_covs_of(found.optimum))
+    return mean(squares if found.compared is None else squares[found.compared])
 
 
 def log_score_to_optimum(found: Measured) -> float | None:
@@ -91,4 +92,4 @@ def final_distance_to_batch(found: Measured) -> float | None:
     """Return the distance of the last position from that of the hindsight optimum [m]."""
     if found.batch is None:
         return None
-    return number(math.dist(found.estimate.poses[-1, :2], found.batch.poses[-1, :2]))
+    return number(math.dist(found.estimate.poses[found.last, :2], found.batch.poses[found.last, :2]))

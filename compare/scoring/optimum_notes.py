@@ -79,6 +79,17 @@ def without_misleading(names: Sequence[str], truth: Truth | None) -> str | None:
     return f"{' and '.join(names)} {verb} out {count}: the true outliers and clutter"
 
 
+def without_headings(truth: Truth | None) -> str | None:
+    """Return what a truth without headings leaves undefined, or None."""
+    if truth is None or truth.poses is None:
+        return None
+    headless = np.isfinite(truth.poses[:, :2]).all(axis=1) & np.isnan(truth.poses[:, 2])
+    if not headless.any():
+        return None
+    count = "no headings" if headless.all() else f"no headings at {headless.sum()} of {len(headless)} steps"
+    return f"the truth has {count}: heading errors, relative errors, pose NEES and log scores are left out there"
+
+
 def misfits(names: Sequence[str]) -> str | None:
     """Return that the residuals of these optima contradict the stated noise; None without names."""
     if not names:

@@ -10,7 +10,7 @@ from typing import Any
 
 from pydantic_core import to_jsonable_python
 
-from slamgauge.arrays import Float
+from slamgauge.arrays import Float, Marks
 from slamgauge.compare.scoring.catalogue import BY_KEY, measured
 from slamgauge.compare.scoring.measured import Measured
 from slamgauge.display import data_frame, html_table
@@ -86,6 +86,7 @@ def evaluate(
     estimate: Estimate,
     optimum: Estimate | None = None,
     batch: Estimate | None = None,
+    compared: Marks | None = None,
 ) -> Score:
     """Score an estimate against the truth, the optimum of the same kind and the hindsight optimum.
 
@@ -95,6 +96,7 @@ def evaluate(
         estimate: output of the estimator.
         optimum: estimate of `causal` if `estimate` is filtered, of `batch` if it is smoothed.
         batch: the hindsight optimum, for the distance of the last pose.
+        compared: (N+1,) the steps at which poses are scored; None: all.
 
     Raises:
         UserError: lengths do not fit the recording, or the optimum is of another kind.
@@ -104,7 +106,7 @@ def evaluate(
     require_type("recording", recording, Recording)
     require_type("estimate", estimate, Estimate)
     _check(truth, recording, estimate, optimum, batch)
-    found = Measured(truth, recording, estimate, optimum, batch)
+    found = Measured(truth, recording, estimate, optimum, batch, compared)
     return Score({"kind": estimate.kind, **measured(found)}, found.nees, found.sigmas)
 
 

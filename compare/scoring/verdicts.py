@@ -195,11 +195,11 @@ def _cause(evidence: Evidence) -> str:
 
 def verdict_on_run(found: Measured) -> str | None:
     """Return the verdict on a single run."""
-    nees = mean(found.nees)
+    nees, nees_position = mean(found.nees / 3), mean(found.nees_position / 2)
     dof = found.nis_dof_total
     evidence = Evidence(
         runs=1,
-        nees_per_dof=None if nees is None else nees / 3,
+        nees_per_dof=nees_position if nees is None else nees,  # a truth may lack headings
         coverage_95=mean(is_inside(found.nees_position, 0.95)),
         nis_per_dof=found.nis_total / dof if dof > 0 else None,
         nis_dof=dof,

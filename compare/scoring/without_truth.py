@@ -28,7 +28,7 @@ optimum instead of the true one, and in the correlations of the filter, which is
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Literal, NamedTuple
@@ -38,7 +38,9 @@ from tqdm import tqdm
 
 from slamgauge.arrays import Float, Marks
 from slamgauge.compare.estimators.registry import CAUSAL
+from slamgauge.compare.estimators.stored_trajectory import OwnPoses
 from slamgauge.compare.scoring.nan_stats import number
+from slamgauge.compare.scoring.own_stamps import optimum_at
 from slamgauge.compare.scoring.trajectory_error import pose_errors
 from slamgauge.covariances import square_roots
 from slamgauge.ekf import riekf
@@ -183,8 +185,8 @@ class ConsistencyTest:
         return f"{name} residuals are {times:.2f} times those of twins (p = {self.p_values[which]:.2g}): {cause}"
 
 
-def step_statistics(estimate: Estimate, optimum: Estimate) -> StepStatistics:
-    """Compare a filter with the optimum of all measurements.
+def step_statistics(estimate: Estimate, optimum: Estimate, compared: Marks | None = None) -> StepStatistics:
+    """Compare a filter with the optimum of all measurements, at all steps or at those `compared` (N+1,).
 
     Raises:
         UserError: one of them has no covariances.
@@ -194,7 +196,7 @@ def step_statistics(estimate: Estimate, optimum: Estimate) -> StepStatistics:
     count = len(estimate.poses)
     expected, claims_more = np.full(count, np.nan), np.zeros(count, dtype=bool)
     variances = np.diagonal(estimate.pose_covs, axis1=1, axis2=2)
-    rows = np.flatnonzero((variances > 0.0).all(axis=1))
+    rows = np.flatnonzero((variances > 0.0).all(axis=1) & (True if compared is None else compared))
     scale = np.sqrt(variances[rows])
     claimed = estimate.pose_covs[rows] / (scale[:, :, None] * scale[:, None, :])
     definite = np.linalg.eigvalsh(claimed)[:, 0] > 1e-9
@@ -218,14 +220,29 @@ def figures(recording: Recording, statistics: StepStatistics, optimum: Estimate)
     return Figures(np.array([statistics.ratio, *residuals]), statistics.course())
 
 
-def consistency_test(recording: Recording, estimate: Estimate, optimum: Estimate, twins: Figures) -> ConsistencyTest:
-    """Return the test of a filter on a recording with ids, from the figures of twins."""
-    statistics = step_statistics(estimate, optimum)
-    return ConsistencyTest(figures(recording, statistics, optimum), twins, float(np.mean(statistics.claims_more)))
+def consistency_test(
+    recording: Recording, estimate: Estimate, optimum: Estimate, twins: Figures, own: OwnPoses | None = None
+) -> ConsistencyTest:
+    """Return the test of a filter on a recording with ids, from the figures of twins.
+
+    A stored trajectory is compared with the optimum at its `own` stamps.
+    """
+    if own is None:
+        statistics, share = step_statistics(estimate, optimum), 1.0
+    else:
+        statistics = step_statistics(own.estimate, optimum_at(own.stamps, optimum, recording), own.compared)
+        share = float(np.mean(own.compared))
+    return ConsistencyTest(
+        figures(recording, statistics, optimum), twins, float(np.mean(statistics.claims_more)) / share
+    )
 
 
 def tested_filters(
-    recording: Recording, estimates: Mapping[str, Estimate], optimum: Estimate, twins: int
+    recording: Recording,
+    estimates: Mapping[str, Estimate],
+    optimum: Estimate,
+    twins: int,
+    own: Mapping[str, OwnPoses] | None = None,
 ) -> dict[str, ConsistencyTest]:
     """Test all filtered estimates with covariances, by name.
 
@@ -234,19 +251,23 @@ def tested_filters(
         estimates: by name; smoothed ones are left out.
         optimum: the optimum of all measurements, with the associations that it used.
         twins: number of simulated twins.
+        own: poses of stored trajectories at their own stamps, by name; twins are compared at the same steps.
 
     Raises:
         UserError: too few twins for the level of the test.
     """
     if twins < FEWEST:
         raise UserError(f"twins: {twins} are too few for a test of level {LEVEL:.0%}; give {FEWEST} or more")
+    own = {} if own is None else own
     log = recording if optimum.association is None else recording.associated(optimum.association)
     filters = {name: each for name, each in estimates.items() if each.kind == "filtered" and each.pose_covs is not None}
     if not filters:
         return {}
-    consistent = {name: consistent_filter(name, log) for name in filters}
-    found = twin_figures(log, optimum, twins, {*consistent.values()})
-    return {name: consistency_test(log, each, optimum, found[consistent[name]]) for name, each in filters.items()}
+    compared = {name: own[name].compared if name in own else None for name in filters}
+    found = twin_figures(
+        log, optimum, twins, {name: (consistent_filter(name, log), compared[name]) for name in filters}
+    )
+    return {name: consistency_test(log, each, optimum, found[name], own.get(name)) for name, each in filters.items()}
 
 
 def consistent_filter(name: str, recording: Recording) -> Estimator:
@@ -257,9 +278,12 @@ def consistent_filter(name: str, recording: Recording) -> Estimator:
     return riekf if name != CAUSAL and SENSORS[recording.sensor].places_landmarks else causal
 
 
+Tested = Mapping[str, tuple[Estimator, Marks | None]]  # filters by name, with the steps (N+1,) that are compared
+
+
 def twin_figures(
-    recording: Recording, optimum: Estimate, twins: int, filters: Collection[Estimator], seed: int = 0
-) -> dict[Estimator, Figures]:
+    recording: Recording, optimum: Estimate, twins: int, filters: Tested, seed: int = 0
+) -> dict[str, Figures]:
     """Return the figures of filters on simulated twins of a recording.
 
     Args:
@@ -274,14 +298,15 @@ def twin_figures(
     return figures_of(filters, tqdm(drawn, "twins", twins, delay=2.0, disable=None, leave=False))
 
 
-def figures_of(filters: Collection[Estimator], recordings: Iterable[Recording]) -> dict[Estimator, Figures]:
-    """Return the figures of filters on recordings."""
-    rows: dict[Estimator, list[Figures]] = {filter_: [] for filter_ in filters}
+def figures_of(filters: Tested, recordings: Iterable[Recording]) -> dict[str, Figures]:
+    """Return the figures of filters on recordings, by name; the same filter runs once."""
+    rows: dict[str, list[Figures]] = {name: [] for name in filters}
     for each in recordings:
         optimum = batch(each)
-        for filter_, found in rows.items():
-            found.append(figures(each, step_statistics(filter_(each), optimum), optimum))
-    return {filter_: Figures(*map(np.array, zip(*found, strict=True))) for filter_, found in rows.items()}
+        ran = {filter_: filter_(each) for filter_, _ in filters.values()}
+        for name, (filter_, compared) in filters.items():
+            rows[name].append(figures(each, step_statistics(ran[filter_], optimum, compared), optimum))
+    return {name: Figures(*map(np.array, zip(*found, strict=True))) for name, found in rows.items()}
 
 
 def simulated_twin(recording: Recording, optimum: Estimate, rng: np.random.Generator) -> Recording:

@@ -11,9 +11,9 @@ from scipy.io import loadmat
 
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.datasets.g2o import read_g2o
+from slamgauge.compare.estimators.stored_trajectory import load_stored
 from slamgauge.compare.storage.csv_folder import read_recording_csv
 from slamgauge.compare.storage.files import load_estimate, load_recording, save
-from slamgauge.compare.storage.stored_results import load_stored
 from slamgauge.estimate import Estimate
 from tests.reference.random_recordings import random_recording
 
@@ -70,7 +70,7 @@ def test_a_run_as_mat(run: Path, tmp_path: Path):
 def test_an_estimate_as_tum_with_covariances(run: Path, tmp_path: Path):
     recording, estimate = load_recording(run / "recording.npz"), load_estimate(run / "estimates/ekf.npz")
     assert export(run / "estimates/ekf.npz", "tum-cov", tmp_path / "ekf.tum") == 0
-    back = load_stored(tmp_path / "ekf.tum", recording)
+    back = load_stored(tmp_path / "ekf.tum", recording).estimate
     assert_allclose(back.poses, estimate.poses, atol=1e-12)
     assert_array_equal(back.pose_covs, estimate.pose_covs)
 
@@ -89,7 +89,7 @@ def test_an_estimate_elsewhere_needs_its_recording(run: Path, tmp_path: Path, ca
 def test_an_estimate_as_csv(run: Path, tmp_path: Path):
     estimate = load_estimate(run / "estimates/ekf.npz")
     assert export(run / "estimates/ekf.npz", "csv", tmp_path / "mine.csv") == 0
-    back = load_stored(tmp_path / "mine.csv", load_recording(run / "recording.npz"))
+    back = load_stored(tmp_path / "mine.csv", load_recording(run / "recording.npz")).estimate
     for name in ("poses", "pose_covs", "landmark_ids", "landmarks", "landmark_covs"):
         assert_array_equal(getattr(back, name), getattr(estimate, name))
 

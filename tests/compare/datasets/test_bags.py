@@ -13,7 +13,8 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from slamgauge.arrays import Float
-from slamgauge.compare.datasets.bag_log import read_bag, read_bag_estimate
+from slamgauge.compare.datasets.bag_log import read_bag
+from slamgauge.compare.estimators.stored_trajectory import load_stored
 from slamgauge.compare.storage.files import load_recording, load_truth, save
 from slamgauge.errors import UserError
 from slamgauge.recording import Recording
@@ -329,7 +330,7 @@ def test_cones_without_ids_from_the_bag_to_the_table(tmp_path: Path, capsys: pyt
 def test_a_topic_as_an_estimate(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     recording = simulated()
     bag = Bags("mcap").write(tmp_path / "run", odometry_messages(recording, "/ekf/odom"))
-    estimate = read_bag_estimate(bag, "/ekf/odom", recording)
+    estimate = load_stored(Path(f"{bag}:/ekf/odom"), recording).estimate
     assert_allclose(estimate.poses, chain(np.zeros(3), recording.odometry), atol=1e-9)
     assert estimate.pose_covs is None  # they are 0 in the messages
     save(tmp_path / "recording.npz", recording)

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from slamgauge.compare.cli.main import main
+from slamgauge.compare.estimators.stored_trajectory import load_stored
 from slamgauge.compare.storage.files import load_recording
-from slamgauge.compare.storage.stored_results import load_stored
 
 CASES = Path(__file__).parents[3] / "../shared/cases/logs"
 pytestmark = pytest.mark.skipif(not CASES.exists(), reason=f"{CASES} is not there")
@@ -79,7 +79,7 @@ def test_a_column_called_time_is_the_stamp(tmp_path: Path):
     shifted = [",".join([f"{float(row[0]) - start:.9f}", *row[1:]]) for row in rows]
     (tmp_path / "e.csv").write_text("\n".join([content[0], *shifted]) + "\n")
     few = recording.first(min(recording.steps, len(rows) - 2))
-    assert load_stored(tmp_path / "e.csv", few).poses.shape == (few.steps + 1, 3)
+    assert load_stored(tmp_path / "e.csv", few).estimate.poses.shape == (few.steps + 1, 3)
 
 
 def test_an_exception_of_a_built_in_estimator_costs_no_other_result(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
@@ -105,7 +105,7 @@ def test_trajectories_are_scored_at_their_own_stamps_and_in_their_frame(
     found = {name: (scores[f"e{name}"]["nees_pose"], scores[f"e{name}"]["ate_m"]) for name in files}
     np.testing.assert_allclose(found["1"], (3.92, 0.329), rtol=0.003)
     np.testing.assert_allclose(found["20"], (3.96, 0.327), rtol=0.003)
-    assert "has poses at 31 of 601 steps; only these are compared with the truth" in printed.err
+    assert "31 poses are compared, at their own stamps; the recording has 601 steps" in printed.err
     assert "3.92 if its covariances are in the body frame" in printed.err
     assert main([*words, f"body={files['body']}", "--covariance-frame", "body"]) == 0
     assert json.loads(capsys.readouterr().out)["estimators"]["body"]["nees_pose"] == pytest.approx(3.92, rel=0.003)

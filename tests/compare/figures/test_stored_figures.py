@@ -68,7 +68,7 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     log = simulate(load_scenario("q1-short-dense", [*SHORT, "assumed.scale=4"]), 2)[1]
     write_json(out / "noise" / "noise.json", noise_json(find_noise(log)))
     times = {str(size): {"median_s": 1e-6 * size**1.5, "p95_s": 2e-6 * size**1.5} for size in (20, 1000)}
-    write_json(out / "bench" / "bench.json", {"estimators": dict.fromkeys(("ekf", "causal", "plain-numpy"), times)})
+    write_json(out / "bench" / "bench.json", {"estimators": dict.fromkeys(("ekf", "causal", "iekf"), times)})
     return out
 
 

@@ -36,7 +36,8 @@ def test_every_metric_is_in_the_catalogue_once():
     [
         (
             "run",
-            "ATE [m],x optimum,NEES,in 95% ellipse,NIS/dof,heading [rad],end [m],wrong,map [m],mapped,of,d to optimum,",
+            "ATE [m],x optimum,NEES,NEES xy,in 95% ellipse,NIS/dof,heading [rad],end [m],wrong,map [m],mapped,of,"
+            "d to optimum,",
         ),
         (
             "study",

@@ -11,10 +11,10 @@ from evo.core.trajectory import PoseTrajectory3D
 from evo.tools.file_interface import read_tum_trajectory_file
 
 from slamgauge.arrays import Float
+from slamgauge.compare.estimators.stored_trajectory import load_stored
 from slamgauge.compare.scoring.nan_stats import rms
 from slamgauge.compare.scoring.trajectory_error import distances, pose_errors, step_errors
 from slamgauge.compare.storage.files import write_tum
-from slamgauge.compare.storage.stored_results import load_stored
 from slamgauge.se2 import chain
 from tests.reference.random_recordings import random_recording
 
@@ -31,7 +31,7 @@ def test_ate_and_rpe(seed: int, tmp_path: Path):
     turned = np.array([0.1 * seed, -0.2, 0.1 * seed])
     write_tum(tmp_path / "truth.tum", recording.stamps, truth.poses)
     write_tum(tmp_path / "mine.tum", recording.stamps, chain(recording.prior_mean + turned, recording.odometry))
-    poses = load_stored(tmp_path / "mine.tum", recording).poses
+    poses = load_stored(tmp_path / "mine.tum", recording).estimate.poses
 
     reference = read_tum_trajectory_file(tmp_path / "truth.tum")
     estimate = read_tum_trajectory_file(tmp_path / "mine.tum")

@@ -139,13 +139,15 @@ def test_a_wrong_filter_and_wrong_noise_on_a_recording():
     _, recording = random_recording(5, steps=60)
     optimum, estimate = batch(recording), riekf(recording)
     assert estimate.pose_covs is not None
-    twins = twin_figures(recording, optimum, 19, [riekf])[riekf]
+    twins = twin_figures(recording, optimum, 19, {"riekf": (riekf, None)})["riekf"]
     assert consistency_test(recording, estimate, optimum, twins).verdict == "consistent"
     wrong = replace(estimate, pose_covs=estimate.pose_covs / 4.0)
     assert consistency_test(recording, wrong, optimum, twins).verdict == "overconfident"
     small = replace(recording, odometry_cov=recording.odometry_cov / 25.0)
     optimum = batch(small)
-    found = consistency_test(small, riekf(small), optimum, twin_figures(small, optimum, 19, [riekf])[riekf])
+    found = consistency_test(
+        small, riekf(small), optimum, twin_figures(small, optimum, 19, {"riekf": (riekf, None)})["riekf"]
+    )
     assert found.verdict == "overconfident"
     assert "Q is too small" in found.text()
 

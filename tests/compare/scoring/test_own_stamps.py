@@ -1,0 +1,232 @@
+"""Stored trajectories are scored at their own stamps, and aligned or rotated on request."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from slamgauge.arrays import Float
+from slamgauge.compare.cli.main import main
+from slamgauge.compare.estimators.stored_trajectory import load_stored, stored_estimate
+from slamgauge.compare.scoring.alignment import rigid_transform
+from slamgauge.compare.scoring.own_stamps import optimum_at, truth_at
+from slamgauge.compare.storage.csv_folder import POSE, POSE_COV, write_rows
+from slamgauge.compare.storage.files import save, write_tum
+from slamgauge.compare.storage.trajectories import Trajectory
+from slamgauge.ekf import ekf_slam
+from slamgauge.graph_baseline import causal
+from slamgauge.recording import Recording
+from slamgauge.se2 import between, chain, compose, pose_rotation
+from slamgauge.truth import Truth
+from tests.reference.random_recordings import random_recording
+
+TRUTH, RECORDING = random_recording(3, steps=40)
+STAMPS = RECORDING.stamps
+UPPER = np.triu_indices(3)
+
+
+def arc(times: Float) -> Float:
+    """Return poses on a circle of 2 m radius at 1 m/s."""
+    return np.column_stack([2.0 * np.sin(times / 2.0), 2.0 - 2.0 * np.cos(times / 2.0), times / 2.0])
+
+
+def on_the_arc() -> tuple[Truth, Recording]:
+    poses = arc(STAMPS)
+    motions = between(poses[:-1], poses[1:])
+    return replace(TRUTH, poses=poses), replace(RECORDING, odometry=motions)
+
+
+@pytest.fixture
+def run_folder(tmp_path: Path) -> Path:
+    save(tmp_path / "recording.npz", RECORDING)
+    save(tmp_path / "truth.npz", TRUTH)
+    return tmp_path
+
+
+def scores(folder: Path, capsys: pytest.CaptureFixture[str], *words: str) -> dict[str, dict[str, float]]:
+    capsys.readouterr()
+    assert main(["evaluate", str(folder / "recording.npz"), "--estimators", "causal,batch", "--json", *words]) == 0
+    return json.loads(capsys.readouterr().out)["estimators"]
+
+
+@pytest.mark.parametrize("shift", [-0.04, 0.03, 0.049])
+def test_a_perfect_trajectory_on_an_arc_has_no_error_at_stamps_between_the_steps(shift: float) -> None:
+    """Straight lines between its poses, or between those of the truth, would be wrong by up to 0.3 mm."""
+    truth, recording = on_the_arc()
+    found = stored_estimate(Trajectory("mine", STAMPS + shift, arc(STAMPS + shift)), recording)
+    assert found.own is not None
+    reference = truth_at(found.own.stamps, truth, recording)
+    assert reference is not None
+    assert reference.poses is not None
+    inside = slice(1, -1)  # beyond the ends the truth is not known
+    assert_allclose(found.own.estimate.poses[inside], reference.poses[inside], atol=1e-12)
+    assert_allclose(found.estimate.poses[inside], truth.poses[inside], atol=1e-12)  # pyrefly: ignore
+
+
+@pytest.mark.parametrize("every", [7, 20])
+def test_keyframes_have_the_scores_of_their_poses(every: int) -> None:
+    truth, recording = on_the_arc()
+    found = stored_estimate(Trajectory("mine", STAMPS[::every], arc(STAMPS[::every]) + 0.1), recording, max_gap=5.0)
+    assert found.own is not None
+    assert found.own.compared.nonzero()[0].tolist() == list(range(0, 41, every))
+    reference = truth_at(found.own.stamps, truth, recording)
+    assert reference is not None
+    assert reference.poses is not None
+    assert np.isnan(reference.poses).all(axis=1).sum() == 41 - len(range(0, 41, every))
+
+
+def test_a_filtered_optimum_between_steps_follows_the_odometry() -> None:
+    optimum = causal(RECORDING)
+    assert optimum_at(STAMPS, optimum, RECORDING) == optimum
+    near = np.full(41, np.nan)
+    near[[10, 21]] = STAMPS[10] + 0.05, STAMPS[21] - 0.05
+    moved = optimum_at(near, optimum, RECORDING).poses
+    for row, begin in ((10, 10), (21, 20)):
+        rest = between(moved[row], compose(optimum.poses[begin], RECORDING.odometry[begin]))
+        assert np.hypot(*rest[:2]) == pytest.approx(np.hypot(*RECORDING.odometry[begin, :2]) / 2.0, rel=0.05)
+
+
+def test_formats_thinned_offset_and_turned(run_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A filter's poses as TUM and CSV, late by a second, and every third one, have the scores of the filter."""
+    estimate = ekf_slam(RECORDING)
+    assert estimate.pose_covs is not None
+    upper = estimate.pose_covs[:, *UPPER]
+    rows = np.column_stack([STAMPS, estimate.poses, upper])
+    header = ("time", *POSE[:2], "yaw", *POSE_COV)
+    write_tum(run_folder / "tum.tum", STAMPS, estimate.poses, estimate.pose_covs)
+    write_rows(run_folder / "csv.csv", header, rows.tolist())
+    write_rows(run_folder / "third.csv", header, rows[::3].tolist())
+    save(run_folder / "whole.npz", estimate)
+    files = [
+        f"{name.partition('.')[0]}={run_folder / name}" for name in ("whole.npz", "tum.tum", "csv.csv", "third.csv")
+    ]
+    found = scores(run_folder, capsys, "--estimates", *files)
+    for key in ("ate_m", "nees_pose", "ratio_to_optimum", "mahalanobis_to_optimum", "final_position_error_m"):
+        assert_allclose([found["tum"][key], found["csv"][key]], found["whole"][key], rtol=1e-9)
+    third = slice(None, None, 3)
+    assert TRUTH.poses is not None
+    off = np.hypot(*(estimate.poses - TRUTH.poses)[third, :2].T)
+    best = np.hypot(*(causal(RECORDING).poses - TRUTH.poses)[third, :2].T)
+    assert found["third"]["ate_m"] == pytest.approx(np.sqrt(np.mean(off**2)), rel=1e-12)
+    assert found["third"]["ratio_to_optimum"] == pytest.approx(np.sqrt(np.mean(off**2) / np.mean(best**2)), rel=1e-9)
+    assert found["third"]["final_position_error_m"] == pytest.approx(off[-1], rel=1e-12)
+    rows[:, 0] -= 1.0
+    write_rows(run_folder / "late.csv", header, rows.tolist())
+    late = scores(run_folder, capsys, "--estimates", f"late={run_folder / 'late.csv'}", "--time-offset", "1")
+    assert late["late"]["nees_pose"] == pytest.approx(found["whole"]["nees_pose"], rel=1e-9)
+
+
+def test_body_frame_and_alignment(run_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    estimate = ekf_slam(RECORDING)
+    assert estimate.pose_covs is not None
+    turns = pose_rotation(estimate.poses[:, 2])
+    body = np.einsum("nji,njk,nkl->nil", turns, estimate.pose_covs, turns)
+    write_tum(run_folder / "body.tum", STAMPS, estimate.poses, body)
+    save(run_folder / "whole.npz", estimate)
+    words = ("--estimates", f"body={run_folder / 'body.tum'}", "--covariance-frame", "body")
+    whole = scores(run_folder, capsys, "--estimates", f"whole={run_folder / 'whole.npz'}")["whole"]
+    assert scores(run_folder, capsys, *words)["body"]["nees_pose"] == pytest.approx(whole["nees_pose"], rel=1e-9)
+    transform = np.array([5.0, -3.0, 0.7])
+    turn = pose_rotation(transform[2])
+    moved = replace(estimate, poses=compose(transform, estimate.poses), pose_covs=turn @ estimate.pose_covs @ turn.T)
+    write_tum(run_folder / "moved.tum", STAMPS, moved.poses, moved.pose_covs)
+    found = scores(run_folder, capsys, "--estimates", f"m={run_folder / 'moved.tum'}", "--align", "se2")
+    assert found["m"]["ate_m"] > 3.0
+    assert found["m-aligned"]["ate_m"] <= whole["ate_m"]
+    again = scores(run_folder, capsys, "--estimates", f"w={run_folder / 'whole.npz'}", "--align", "se2")["w-aligned"]
+    for key in ("ate_m", "nees_pose"):
+        assert found["m-aligned"][key] == pytest.approx(again[key], rel=1e-9)
+
+
+def test_covariances_of_another_frame_are_warned_of(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A narrow ellipse along the heading, as the sampled errors of a robot on a circle are."""
+    truth, recording = on_the_arc()
+    assert truth.poses is not None
+    rng = np.random.default_rng(0)
+    errors = rng.normal(0.0, [0.5, 0.02, 0.02], (41, 3))
+    poses = compose(truth.poses, errors)
+    write_tum(tmp_path / "body.tum", STAMPS, poses, np.tile(np.diag([0.25, 4e-4, 4e-4]), (41, 1, 1)))
+    save(tmp_path / "recording.npz", recording)
+    save(tmp_path / "truth.npz", truth)
+    words = ["evaluate", str(tmp_path / "recording.npz"), "--estimators", "dead-reckoning", "--estimates"]
+    assert main([*words, f"warned={tmp_path / 'body.tum'}"]) == 0
+    assert "covariances are in the body frame" in capsys.readouterr().err
+    assert main([*words, f"right={tmp_path / 'body.tum'}", "--covariance-frame", "body"]) == 0
+    assert "covariances are in the body frame" not in capsys.readouterr().err
+
+
+def test_the_rigid_transform_is_that_of_evo() -> None:
+    from evo.core.geometry import umeyama_alignment
+
+    rng = np.random.default_rng(5)
+    points, targets = rng.normal(size=(2, 20, 2))
+    turn, move, _ = umeyama_alignment(points.T, targets.T)
+    transform = rigid_transform(points, targets)
+    assert_allclose(transform, [*move, np.arctan2(turn[1, 0], turn[0, 0])], atol=1e-12)
+
+
+def test_twins_are_compared_at_the_same_steps(run_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A consistent filter is consistent, too, if every fifth pose is given; on straight lines it was overconfident."""
+    estimate = ekf_slam(RECORDING)
+    assert estimate.pose_covs is not None
+    write_tum(run_folder / "m.tum", STAMPS[::5], estimate.poses[::5], estimate.pose_covs[::5])
+    words = ["evaluate", str(run_folder / "recording.npz"), "--estimators", "batch", "--twins", "19", "--json"]
+    capsys.readouterr()
+    assert main([*words, "--estimates", f"m={run_folder / 'm.tum'}"]) == 0
+    assert json.loads(capsys.readouterr().out)["without_truth"]["m"]["verdict"] == "consistent"
+
+
+def test_a_truth_without_headings_gives_position_errors_and_position_nees(
+    run_folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    whole = scores(run_folder, capsys)["causal"]
+    assert TRUTH.poses is not None
+    save(run_folder / "truth.npz", replace(TRUTH, poses=TRUTH.poses * [1.0, 1.0, np.nan]))
+    found = scores(run_folder, capsys)["causal"]
+    for key in ("ate_m", "nees_position", "coverage_95", "ratio_to_optimum", "final_position_error_m"):
+        assert found[key] == whole[key]
+    for key in ("heading_rmse_rad", "nees_pose", "log_score", "rpe_m"):
+        assert found[key] is None
+    assert main(["evaluate", str(run_folder / "recording.npz"), "--estimators", "causal,batch", "--align", "se2"]) == 0
+    printed = " ".join(capsys.readouterr().out.split())
+    assert (
+        "the truth has no headings: heading errors, relative errors, pose NEES and log scores are left out" in printed
+    )
+    assert "NEES xy" in printed
+    estimate = ekf_slam(RECORDING)
+    write_tum(run_folder / "between.tum", STAMPS + 0.02, estimate.poses)
+    moved = scores(run_folder, capsys, "--estimates", f"m={run_folder / 'between.tum'}")["m"]
+    assert moved["ate_m"] == pytest.approx(whole["ate_m"], rel=0.5)
+
+
+def test_options_that_do_not_fit(run_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    save(run_folder / "e.npz", ekf_slam(RECORDING))
+    words = [
+        "evaluate",
+        str(run_folder / "recording.npz"),
+        "--estimators",
+        "ekf",
+        "--estimates",
+        f"e={run_folder / 'e.npz'}",
+    ]
+    for more, message in (
+        (["--max-gap", "0"], "max-gap: 0 s is no time"),
+        (["--time-offset", "nan"], "time-offset: nan is not a time"),
+    ):
+        assert main([*words, *more]) == 2
+        assert message in capsys.readouterr().err
+    (run_folder / "truth.npz").unlink()
+    assert main([*words, "--align", "se2"]) == 2
+    assert "align: se2 needs true positions" in capsys.readouterr().err
+
+
+def test_load_stored_with_the_odometry_of_a_still_robot(tmp_path: Path) -> None:
+    still = replace(RECORDING, odometry=np.zeros((40, 3)))
+    write_tum(tmp_path / "e.tum", STAMPS[[0, -1]], chain(np.zeros(3), np.array([[1.0, 0.0, 0.0]])))
+    found = load_stored(tmp_path / "e.tum", still, max_gap=10.0).estimate.poses
+    assert_allclose(found[:, 0], np.linspace(0.0, 1.0, 41), atol=1e-12)
