@@ -50,8 +50,7 @@ class Animate:
 
     def _repeat_worst_run(self, out: Path) -> int:
         """Repeat the run of a study with the largest ATE of the first of `estimators`; return the exit status."""
-        from slamgauge.compare.report.rerun_command import request_of, settings_of
-        from slamgauge.compare.report.study_page import runs_to_look_at
+        from slamgauge.compare.report.study_page import request_of, runs_to_look_at, settings_of
         from slamgauge.compare.studies.stored_study import load_study
         from slamgauge.compare.studies.study_run import run_seed
 

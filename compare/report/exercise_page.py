@@ -17,8 +17,9 @@ from slamgauge.compare.exercise.running import Exercise, SettingRuns
 from slamgauge.compare.exercise.settings import CAUSAL, CAUSAL_OF_EKF, DEAD_RECKONING, EKF, GTSAM, QUESTIONS
 from slamgauge.compare.figures.exercise_figures import save_closure_figure, save_nees_figure
 from slamgauge.compare.report.page import TERMS, render
-from slamgauge.compare.report.page_elements import Picture, origin, pictures
+from slamgauge.compare.report.page_elements import Line, Page, Section, origin, pictures, said
 from slamgauge.compare.scoring.runs import Runs
+from slamgauge.compare.scoring.table import Table
 from slamgauge.compare.storage.best_effort import decorate
 from slamgauge.compare.storage.files import read_json
 from slamgauge.compare.storage.provenance import origin as provenance
@@ -55,20 +56,24 @@ def exercise_page(figures: Path, run_0: Path, exercise: Exercise, found: Sequenc
         exercise: runs.
         found: results of its questions.
     """
-    questions = [_question(figures, run_0, exercise.settings[each.name], each) for each in found]
     every = [setting for each in found for setting in each.settings]
-    overview = replace(tables.scores(every), caption="All settings", id="overview")
-    return render(
-        "exercise.html",
+    overview = replace(tables.scores(every), id="overview") if len(found) > 1 else Table((), ())
+    doubts = [*(each.doubt for each in every if each.doubt), *exercise.failures]
+    sections = [_question(figures, each) for each in found]
+    settings = [[_setting(run_0, each) for each in exercise.settings[question.name]] for question in found]
+    page = Page(
         kind="the exercise next to its optimum",
         title="TP4: EKF-SLAM next to GTSAM batch",
-        questions=questions,
-        overview=overview,
-        notes=[_measurements(exercise), *(each.doubt for each in every if each.doubt), *exercise.failures],
-        tables=[overview, *(table for each in questions for table in each["tables"])],
+        lead=[Line(f"Question {each.name[1:]}", each.answer(), f"#{each.name}") for each in found],
+        notes=said([_measurements(exercise), *doubts]),
+        sections=[
+            Section("All settings", "all", tables=[overview]),
+            *(part for section, parts in zip(sections, settings, strict=True) for part in (section, *parts)),
+        ],
         terms=TERMS["run"],
         origin=origin({**provenance(None), "seed": exercise.seed}, [("Runs of each setting", str(exercise.runs))]),
     )
+    return render(page)
 
 
 def _measurements(exercise: Exercise) -> str:
@@ -78,8 +83,8 @@ def _measurements(exercise: Exercise) -> str:
     )
 
 
-def _question(figures: Path, run_0: Path, ran: Sequence[SettingRuns], found: QuestionResult) -> dict[str, Any]:
-    """Return what the template shows of a question."""
+def _question(figures: Path, found: QuestionResult) -> Section:
+    """Return the section of a question: task, tables, and figures of all its settings."""
     name, question = found.name, QUESTIONS[found.name]
     known = {
         f"{name}-nees.png": (
@@ -91,40 +96,32 @@ def _question(figures: Path, run_0: Path, ran: Sequence[SettingRuns], found: Que
             "The first loop closure of each lap: RMS position error (dots) and 3σ (bars), before and at the closure.",
         ),
     }
-    return {
-        "name": name,
-        "title": question.title,
-        "task": question.task,
-        "answer": found.answer(),
-        "correction": found.largest_correction(),
-        "tables": [
-            replace(table, id=f"{name}-{place}")
-            for place, table in enumerate(
-                (
-                    tables.scores(found.settings),
-                    tables.closures(found.settings),
-                    tables.landmarks(found.settings),
-                    tables.conclusions(found.judgements, with_ratio=True),
-                )
-            )
-        ],
-        "pictures": pictures(figures, known),
-        "settings": [_setting(run_0, each) for each in ran],
-    }
+    shown = (
+        tables.scores(found.settings),
+        tables.closures(found.settings),
+        tables.landmarks(found.settings),
+        tables.conclusions(found.judgements, with_ratio=True),
+    )
+    return Section(
+        f"Question {name[1:]}: {question.title}",
+        name,
+        texts=[*filter(None, (question.task, found.largest_correction()))],
+        tables=[replace(table, id=f"{name}-{place}") for place, table in enumerate(shown)],
+        pictures=pictures(figures, known),
+    )
 
 
-def _setting(run_0: Path, ran: SettingRuns) -> dict[str, Any]:
-    """Return what the template shows of a setting."""
+def _setting(run_0: Path, ran: SettingRuns) -> Section:
+    """Return the section of a setting: its figure, what it shows, and the link to its replay."""
     setting, folder = ran.setting, run_0 / ran.setting.figure
     alt = f"Figure {setting.figure}: map with truth, dead reckoning, EKF and GTSAM batch, and errors in ±3σ bounds"
-    shown: list[Picture] = pictures(folder, {"figure.png": (alt, "Run 0: map, and errors in their ±3σ bounds.")})
-    return {
-        "figure": setting.figure,
-        "title": f"{setting.title} ({setting.scenario})",
-        "text": what_the_figure_shows(ran, read_json(folder / METRICS, "exercise")),
-        "link": f"{RUN_0}/{quote(setting.figure)}/{REPORT}",
-        "picture": shown[0] if shown else None,
-    }
+    return Section(
+        f"Figure {setting.figure}: {setting.title} ({setting.scenario})",
+        texts=[what_the_figure_shows(ran, read_json(folder / METRICS, "exercise"))],
+        pictures=pictures(folder, {"figure.png": (alt, "Run 0: map, and errors in their ±3σ bounds.")}),
+        link=f"{RUN_0}/{quote(setting.figure)}/{REPORT}",
+        level=3,
+    )
 
 
 def what_the_figure_shows(ran: SettingRuns, metrics: dict[str, Any]) -> str:
