@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 import tyro
 
-from slamgauge.compare.exercise.conclusions import judge_ratio, log_ratios
+from slamgauge.compare.exercise.judgements import judge_ratio, log_ratios
 from slamgauge.compare.exercise.running import run_exercise
 from slamgauge.compare.studies.executors import local_processes
 
@@ -34,15 +34,10 @@ def main(
 ) -> int:
     with local_processes(1) as executor:
         exercise = run_exercise(only, runs, seed, folder, executor)
-    found = {
-        (ran.setting.figure, name): each
-        for settings in exercise.settings.values()
-        for ran in settings
-        for name, each in ran.runs.items()
-    }
+    found = {(ran.setting.figure, name): each for ran in exercise.settings for name, each in ran.runs.items()}
     rng, total = np.random.default_rng(1), np.zeros(len(RUNS))
     print(f"{studies} studies from {runs} runs; wrong and decided share with {', '.join(map(str, RUNS))} runs")
-    for conclusion in (pair[0] for judged in exercise.judgements.values() for pair in judged):
+    for conclusion in (pair[0] for question in exercise.questions for pair in question.judgements):
         for below in (each for each in conclusion.below if (each.figure, each.estimator) in found):
             logs = log_ratios(conclusion.above, below, found)
             ends = [np.log(end) for end in conclusion.asserted if 0.0 < end < np.inf]

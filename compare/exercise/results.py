@@ -5,14 +5,17 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from slamgauge.compare.exercise.conclusions import Conclusion, Judgement
-from slamgauge.compare.exercise.conclusions import to_json as conclusion_json
-from slamgauge.compare.exercise.running import Exercise, SettingRuns
+from slamgauge.arrays import Int
+from slamgauge.compare.exercise.conclusions import Conclusion
+from slamgauge.compare.exercise.judgements import Judgement
+from slamgauge.compare.exercise.judgements import to_json as conclusion_json
 from slamgauge.compare.exercise.settings import CAUSAL, EKF, GTSAM, QUESTIONS, Setting
+from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.scoring.nan_stats import mean, rms
 from slamgauge.compare.scoring.optimum_notes import doubt_in_runs
 from slamgauge.compare.scoring.runs import Runs
@@ -46,19 +49,37 @@ class Closure:
 
 @dataclass(frozen=True)
 class SettingResult:
-    """Figures of a setting over its runs.
+    """Runs of a setting, and their figures.
 
-    Attributes:
-        setting: the setting.
-        estimators: summary of each estimator, as in summary.json.
-        landmarks_true: mean number of distinct landmarks that were observed.
-        closures: the first loop closure of each lap that has one.
+    `runs` are the stored runs by name of the estimator, `first_closures` (R, laps) the step of the first loop closure
+    in each lap of each run; -1 without one.
     """
 
     setting: Setting
-    estimators: dict[str, EstimatorSummary]
-    landmarks_true: float | None
-    closures: list[Closure]
+    scenario: Scenario
+    runs: dict[str, Runs]
+    first_closures: Int
+
+    @cached_property
+    def estimators(self) -> dict[str, EstimatorSummary]:
+        """Summary of each estimator, as in summary.json."""
+        return summarise(self.runs)
+
+    @cached_property
+    def landmarks_true(self) -> float | None:
+        """Mean number of distinct landmarks that were observed."""
+        return mean(self.runs[EKF].figures["landmarks_true"])
+
+    @cached_property
+    def closures(self) -> list[Closure]:
+        """The first loop closure of each lap that has one."""
+        laps = enumerate(self.first_closures.T, 1)
+        return [self._closure(lap, steps) for lap, steps in laps if (steps >= 0).any()]
+
+    def _closure(self, lap: int, steps: Int) -> Closure:
+        known = steps[steps >= 0]
+        time = float(known.mean()) * self.scenario.trajectory.step
+        return Closure(lap, time, len(known), {name: _at(self.runs[name], steps) for name in AT_CLOSURES})
 
     @property
     def ekf(self) -> EstimatorSummary:
@@ -162,45 +183,32 @@ class QuestionResult:
         }
 
 
-def results(exercise: Exercise) -> list[QuestionResult]:
-    """Return the results of the questions."""
-    return [
-        QuestionResult(name, [setting_result(each) for each in settings], exercise.judgements[name])
-        for name, settings in exercise.settings.items()
-    ]
+@dataclass(frozen=True)
+class Exercise:
+    """Results of questions over `runs` runs of each setting; `failures` has a line for each run of an estimator."""
+
+    runs: int
+    seed: int
+    questions: list[QuestionResult]
+    failures: list[str]
+
+    @property
+    def settings(self) -> list[SettingResult]:
+        """Results of the settings of all questions."""
+        return [setting for each in self.questions for setting in each.settings]
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the content of exercise.json."""
+        return {
+            **origin(None),
+            "runs": self.runs,
+            "seed": self.seed,
+            "questions": {each.name: each.to_json() for each in self.questions},
+            "failures": self.failures,
+        }
 
 
-def exercise_json(exercise: Exercise, found: Sequence[QuestionResult]) -> dict[str, Any]:
-    """Return the content of exercise.json."""
-    return {
-        **origin(None),
-        "runs": exercise.runs,
-        "seed": exercise.seed,
-        "questions": {each.name: each.to_json() for each in found},
-        "failures": exercise.failures,
-    }
-
-
-def setting_result(ran: SettingRuns) -> SettingResult:
-    """Return the figures of a setting."""
-    laps = range(ran.first_closures.shape[1])
-    closures = [closure for lap in laps if (closure := _closure(ran, lap)) is not None]
-    true = mean(ran.runs[EKF].figures["landmarks_true"])
-    return SettingResult(ran.setting, summarise(ran.runs), true, closures)
-
-
-def _closure(ran: SettingRuns, lap: int) -> Closure | None:
-    """Return the first loop closure of a lap, from 0; None without one."""
-    steps = ran.first_closures[:, lap]
-    known = steps >= 0
-    if not known.any():
-        return None
-    time = float(steps[known].mean()) * ran.scenario.trajectory.step
-    found = {name: _at(ran.runs[name], steps) for name in AT_CLOSURES}
-    return Closure(lap + 1, time, int(known.sum()), found)
-
-
-def _at(runs: Runs, steps: np.ndarray[Any, np.dtype[np.int64]]) -> AtClosure:
+def _at(runs: Runs, steps: Int) -> AtClosure:
     """Return error and sigma of an estimator at the steps (runs,) and just before them; step -1 does not count."""
     step = steps[runs.run]
     rows = np.flatnonzero(step >= 0)

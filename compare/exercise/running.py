@@ -8,25 +8,25 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from concurrent.futures import Executor
-from dataclasses import dataclass
+from concurrent.futures import Executor, wait
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from slamgauge.arrays import Int
-from slamgauge.compare.exercise.conclusions import CONCLUSIONS, Conclusion, Judgement, judge
+from slamgauge.compare.exercise.conclusions import CONCLUSIONS
+from slamgauge.compare.exercise.judgements import judge
+from slamgauge.compare.exercise.results import Exercise, QuestionResult, SettingResult
 from slamgauge.compare.exercise.settings import EKF, FILTERS, OPTIMA, QUESTIONS, SETTINGS, Setting, require_questions
 from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
 from slamgauge.compare.scenarios.simulation import informed, simulate
 from slamgauge.compare.scoring.loop_closures import closure_steps
 from slamgauge.compare.scoring.runs import Runs
-from slamgauge.compare.storage.result_files import STUDIES
+from slamgauge.compare.storage.result_files import STORE, STUDIES
 from slamgauge.compare.storage.staged_folder import begin_folder, require_ours
 from slamgauge.compare.studies.store import digest
 from slamgauge.compare.studies.study import load_runs, run_study
-from slamgauge.compare.studies.study_run import run_seed
+from slamgauge.compare.studies.study_run import run_once, run_seed
 from slamgauge.compare.studies.summary import failure_lines
 from slamgauge.errors import UserError
 
@@ -37,42 +37,6 @@ class Part(NamedTuple):
     scenario: Scenario
     estimators: tuple[str, ...]
     folder: Path
-
-
-@dataclass(frozen=True)
-class SettingRuns:
-    """Runs of a setting.
-
-    Attributes:
-        setting: the setting.
-        scenario: its scenario.
-        runs: stored runs by name of the estimator.
-        first_closures: (R, laps) step of the first loop closure in each lap of each run; -1 without one.
-    """
-
-    setting: Setting
-    scenario: Scenario
-    runs: dict[str, Runs]
-    first_closures: Int
-
-
-@dataclass(frozen=True)
-class Exercise:
-    """Runs of questions of the exercise, and the judgements of their conclusions.
-
-    Attributes:
-        runs: number of runs of each setting.
-        seed: root seed.
-        settings: runs of the settings, by name of the question.
-        judgements: judgements of the conclusions, by name of the question.
-        failures: a line for each run in which an estimator failed.
-    """
-
-    runs: int
-    seed: int
-    settings: dict[str, list[SettingRuns]]
-    judgements: dict[str, list[tuple[Conclusion, Judgement]]]
-    failures: list[str]
 
 
 def run_exercise(names: Sequence[str], runs: int, seed: int, out: str | Path, executor: Executor) -> Exercise:
@@ -93,25 +57,35 @@ def run_exercise(names: Sequence[str], runs: int, seed: int, out: str | Path, ex
         raise UserError(f"runs: {runs} is too few; give at least 1")
     begin_folder(out)
     chosen = [each for name in questions for each in QUESTIONS[name].settings]
-    conclusions = [each for each in CONCLUSIONS if each.question in questions]
+    compared = [
+        SETTINGS[measure.figure] for each in CONCLUSIONS if each.question in questions for measure in each.below
+    ]
+    _compile_at_once(parts(chosen[0], seed, out), seed, executor)
     loaded = dict[tuple[str, str], Runs]()
     failures = dict[str, None]()
-    for setting in [*chosen, *_compared(conclusions, chosen)]:
+    for setting in dict.fromkeys([*chosen, *compared]):
         for part in parts(setting, seed, out, with_optima=setting in chosen):
             summary = run_study(part.scenario, runs, seed, part.estimators, part.folder, executor)
             failures |= dict.fromkeys(f"figure {setting.figure}, {line}" for line in failure_lines(summary))
             found = load_runs(part.scenario, runs, seed, part.estimators, part.folder)
             loaded |= {(setting.figure, name): each for name, each in found.items()}
-    judged = [(each, judge(each, loaded)) for each in conclusions]
-    return Exercise(
-        runs=runs,
-        seed=seed,
-        settings={
-            name: [_runs_of(each, loaded, runs, seed) for each in QUESTIONS[name].settings] for name in questions
-        },
-        judgements={name: [pair for pair in judged if pair[0].question == name] for name in questions},
-        failures=[*failures],
-    )
+    results = [
+        QuestionResult(
+            name,
+            [_setting_result(each, loaded, runs, seed) for each in QUESTIONS[name].settings],
+            [(each, judge(each, loaded)) for each in CONCLUSIONS if each.question == name],
+        )
+        for name in questions
+    ]
+    return Exercise(runs, seed, results, [*failures])
+
+
+def _compile_at_once(found: Sequence[Part], seed: int, executor: Executor) -> None:
+    """On first use compile the kernels of the filters and those of the optima at the same time, by a run of each."""
+    from slamgauge.jit import stored_files  # here: it loads numba
+
+    if not stored_files() and not any((part.folder / STORE).exists() for part in found):
+        wait([executor.submit(run_once, part.scenario, run_seed(seed, 0), part.estimators) for part in found])
 
 
 def parts(setting: Setting, seed: int, out: Path, *, with_optima: bool = True) -> list[Part]:
@@ -126,17 +100,11 @@ def parts(setting: Setting, seed: int, out: Path, *, with_optima: bool = True) -
     return found
 
 
-def _compared(conclusions: Sequence[Conclusion], chosen: Sequence[Setting]) -> list[Setting]:
-    """Return the settings of other questions with which conclusions compare those of the chosen questions."""
-    figures = dict.fromkeys(each.figure for conclusion in conclusions for each in conclusion.below)
-    return [SETTINGS[figure] for figure in figures if SETTINGS[figure] not in chosen]
-
-
-def _runs_of(setting: Setting, loaded: dict[tuple[str, str], Runs], runs: int, seed: int) -> SettingRuns:
+def _setting_result(setting: Setting, loaded: dict[tuple[str, str], Runs], runs: int, seed: int) -> SettingResult:
     scenario = load_scenario(setting.scenario)
     closures = [_first_closures(scenario, run_seed(seed, run)) for run in range(runs)]
     found = {name: loaded[setting.figure, name] for name in (*FILTERS, *OPTIMA)}
-    return SettingRuns(setting, scenario, found, np.array(closures, dtype=np.int64))
+    return SettingResult(setting, scenario, found, np.array(closures, dtype=np.int64))
 
 
 def _first_closures(scenario: Scenario, seed: int) -> list[int]:

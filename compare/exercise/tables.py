@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from slamgauge.compare.exercise.conclusions import Conclusion, Judgement
-from slamgauge.compare.exercise.results import AtClosure, QuestionResult, SettingResult
+from slamgauge.compare.exercise.conclusions import Conclusion
+from slamgauge.compare.exercise.judgements import Judgement
+from slamgauge.compare.exercise.results import AtClosure, Exercise, SettingResult
 from slamgauge.compare.exercise.settings import CAUSAL, EKF, GTSAM, QUESTIONS
 from slamgauge.compare.scoring.intervals import Interval
 from slamgauge.compare.scoring.optimum_notes import MARK
@@ -55,11 +56,11 @@ RATIO = Head(
 )
 
 
-def exercise_page(found: Sequence[QuestionResult], runs: int, failures: Sequence[str]) -> Page:
+def exercise_page(exercise: Exercise) -> Page:
     """Return heading, tables and answer of each question, and at the end the failures."""
     parts: list[Table | str] = []
-    for each in found:
-        parts += [f"Question {each.name[1:]}. {QUESTIONS[each.name].title}: {runs} runs of each setting", ""]
+    for each in exercise.questions:
+        parts += [f"Question {each.name[1:]}. {QUESTIONS[each.name].title}: {exercise.runs} runs of each setting", ""]
         tables = (
             scores(each.settings),
             closures(each.settings),
@@ -71,7 +72,7 @@ def exercise_page(found: Sequence[QuestionResult], runs: int, failures: Sequence
                 parts += [table, ""]
         notes = [each.largest_correction(), *(setting.doubt for setting in each.settings)]
         parts += [_sentence(each.answer()), *filter(None, notes), ""]
-    return Page((*parts[:-1], *failures))
+    return Page((*parts[:-1], *exercise.failures))
 
 
 def scores(settings: Sequence[SettingResult]) -> Table:

@@ -12,7 +12,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 
 from slamgauge.compare.exercise.results import Closure, SettingResult
-from slamgauge.compare.exercise.running import SettingRuns
 from slamgauge.compare.exercise.settings import CAUSAL, EKF, GTSAM, Setting
 from slamgauge.compare.figures.axes import band, curve, logarithmic
 from slamgauge.compare.figures.plot_style import Sheet, legend_below, printed, printed_on, styles
@@ -48,7 +47,7 @@ def save_setting_figure(
             strip.draw(below)
 
 
-def save_nees_figure(path: Path, settings: Sequence[SettingRuns], title: str) -> None:
+def save_nees_figure(path: Path, settings: Sequence[SettingResult], title: str) -> None:
     """Write the mean pose NEES over 3 of EKF and causal optimum against time as PNG, a panel for each setting."""
     with _panels(path, [each.setting for each in settings], title) as (figure, panels):
         for axes, ran in zip(panels, settings, strict=True):

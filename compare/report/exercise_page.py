@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from shutil import copy
@@ -12,63 +11,55 @@ from urllib.parse import quote
 import numpy as np
 
 from slamgauge.compare.exercise import tables
-from slamgauge.compare.exercise.results import QuestionResult
-from slamgauge.compare.exercise.running import Exercise, SettingRuns
+from slamgauge.compare.exercise.results import Exercise, QuestionResult, SettingResult
 from slamgauge.compare.exercise.settings import CAUSAL, CAUSAL_OF_EKF, DEAD_RECKONING, EKF, GTSAM, QUESTIONS
 from slamgauge.compare.figures.exercise_figures import save_closure_figure, save_nees_figure
 from slamgauge.compare.report.page import TERMS, render
 from slamgauge.compare.report.page_elements import Line, Page, Section, origin, pictures, said
 from slamgauge.compare.scoring.runs import Runs
-from slamgauge.compare.scoring.table import Table
 from slamgauge.compare.storage.best_effort import decorate
 from slamgauge.compare.storage.files import read_json
 from slamgauge.compare.storage.provenance import origin as provenance
 from slamgauge.compare.storage.result_files import EXERCISE, METRICS, REPORT, RUN_0, exercise_files
 
 
-def publish_exercise(out: Path, exercise: Exercise, found: Sequence[QuestionResult]) -> bool:
+def publish_exercise(out: Path, exercise: Exercise) -> bool:
     """Write the figures and the page next to exercise.json and run 0 of the settings; return whether all succeeded."""
-    files = exercise_files(
-        exercise.settings, [each.setting.figure for ran in exercise.settings.values() for each in ran]
-    )
+    figures = [each.setting.figure for each in exercise.settings]
+    files = exercise_files([each.name for each in exercise.questions], figures)
 
     def draw(stage: Path) -> None:
-        for each in found:
+        for each in exercise.questions:
             title = f"Question {each.name[1:]}, {exercise.runs} runs"
-            save_nees_figure(stage / f"{each.name}-nees", exercise.settings[each.name], title)
+            save_nees_figure(stage / f"{each.name}-nees", each.settings, title)
             save_closure_figure(stage / f"{each.name}-closures", each.settings, title)
-            for setting in each.settings:
-                figure = setting.setting.figure
-                copy(out / RUN_0 / figure / "figure.png", stage / f"figure-{figure}.png")
+        for figure in figures:
+            copy(out / RUN_0 / figure / "figure.png", stage / f"figure-{figure}.png")
 
     def write(stage: Path) -> None:
-        (stage / REPORT).write_text(exercise_page(stage, out / RUN_0, exercise, found), encoding="utf-8", newline="\n")
+        (stage / REPORT).write_text(exercise_page(stage, out / RUN_0, exercise), encoding="utf-8", newline="\n")
 
     return decorate(out, {"figures": draw, "report": write}, [name for name in files if name != EXERCISE])
 
 
-def exercise_page(figures: Path, run_0: Path, exercise: Exercise, found: Sequence[QuestionResult]) -> str:
+def exercise_page(figures: Path, run_0: Path, exercise: Exercise) -> str:
     """Return the page of the exercise, HTML.
 
     Args:
         figures: folder of the figures of the questions.
         run_0: folder with the folders of run 0 of each setting.
-        exercise: runs.
-        found: results of its questions.
+        exercise: results.
     """
-    every = [setting for each in found for setting in each.settings]
-    overview = replace(tables.scores(every), id="overview") if len(found) > 1 else Table((), ())
-    doubts = [*(each.doubt for each in every if each.doubt), *exercise.failures]
-    sections = [_question(figures, each) for each in found]
-    settings = [[_setting(run_0, each) for each in exercise.settings[question.name]] for question in found]
+    overview = replace(tables.scores(exercise.settings), id="overview")
+    doubts = [*(each.doubt for each in exercise.settings if each.doubt), *exercise.failures]
     page = Page(
         kind="the exercise next to its optimum",
         title="TP4: EKF-SLAM next to GTSAM batch",
-        lead=[Line(f"Question {each.name[1:]}", each.answer(), f"#{each.name}") for each in found],
+        lead=[Line(f"Question {each.name[1:]}", each.answer(), f"#{each.name}") for each in exercise.questions],
         notes=said([_measurements(exercise), *doubts]),
         sections=[
-            Section("All settings", "all", tables=[overview]),
-            *(part for section, parts in zip(sections, settings, strict=True) for part in (section, *parts)),
+            *([Section("All settings", "all", tables=[overview])] if len(exercise.questions) > 1 else []),
+            *(section for each in exercise.questions for section in _sections(figures, run_0, each)),
         ],
         terms=TERMS["run"],
         origin=origin({**provenance(None), "seed": exercise.seed}, [("Runs of each setting", str(exercise.runs))]),
@@ -83,8 +74,8 @@ def _measurements(exercise: Exercise) -> str:
     )
 
 
-def _question(figures: Path, found: QuestionResult) -> Section:
-    """Return the section of a question: task, tables, and figures of all its settings."""
+def _sections(figures: Path, run_0: Path, found: QuestionResult) -> list[Section]:
+    """Return the section of a question: task, tables, and figures of all its settings; then those of its settings."""
     name, question = found.name, QUESTIONS[found.name]
     known = {
         f"{name}-nees.png": (
@@ -102,16 +93,17 @@ def _question(figures: Path, found: QuestionResult) -> Section:
         tables.landmarks(found.settings),
         tables.conclusions(found.judgements, with_ratio=True),
     )
-    return Section(
+    section = Section(
         f"Question {name[1:]}: {question.title}",
         name,
         texts=[*filter(None, (question.task, found.largest_correction()))],
         tables=[replace(table, id=f"{name}-{place}") for place, table in enumerate(shown)],
         pictures=pictures(figures, known),
     )
+    return [section, *(_setting(run_0, each) for each in found.settings)]
 
 
-def _setting(run_0: Path, ran: SettingRuns) -> Section:
+def _setting(run_0: Path, ran: SettingResult) -> Section:
     """Return the section of a setting: its figure, what it shows, and the link to its replay."""
     setting, folder = ran.setting, run_0 / ran.setting.figure
     alt = f"Figure {setting.figure}: map with truth, dead reckoning, EKF and GTSAM batch, and errors in ±3σ bounds"
@@ -124,7 +116,7 @@ def _setting(run_0: Path, ran: SettingRuns) -> Section:
     )
 
 
-def what_the_figure_shows(ran: SettingRuns, metrics: dict[str, Any]) -> str:
+def what_the_figure_shows(ran: SettingResult, metrics: dict[str, Any]) -> str:
     """Return the numbers of run 0: errors, share of the steps outside the 3-sigma bounds, landmarks, associations."""
     names = [name for name in (EKF, GTSAM, DEAD_RECKONING) if len(ran.runs[name].run) and ran.runs[name].run[0] == 0]
     ates = [f"{ran.runs[name].figures['ate_m'][0]:.2f} m ({name})" for name in names]

@@ -6,7 +6,7 @@ from concurrent.futures import Executor, as_completed
 from pathlib import Path
 
 from slamgauge.compare.estimators.loading import load_estimators
-from slamgauge.compare.exercise.running import SettingRuns
+from slamgauge.compare.exercise.results import SettingResult
 from slamgauge.compare.exercise.settings import DEAD_RECKONING, EKF, FILTERS, GTSAM, OPTIMA, Setting
 from slamgauge.compare.figures.exercise_figures import save_setting_figure
 from slamgauge.compare.report.run_page import run_page
@@ -24,7 +24,7 @@ FRAMES = 240  # maps that the filter stores for the replay
 DRAWN = (DEAD_RECKONING, EKF, GTSAM)
 
 
-def publish_first_runs(settings: list[SettingRuns], seed: int, out: Path, executor: Executor) -> None:
+def publish_first_runs(settings: list[SettingResult], seed: int, out: Path, executor: Executor) -> None:
     """Write run 0 of the settings into `out`, each into the folder of its figure; complete folders are kept.
 
     Raises:

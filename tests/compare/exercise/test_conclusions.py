@@ -9,23 +9,16 @@ import pytest
 from scipy import stats
 
 from slamgauge.arrays import Float
-from slamgauge.compare.exercise.conclusions import (
-    CONCLUSIONS,
+from slamgauge.compare.exercise.conclusions import CONCLUSIONS, LESS, MORE, MUCH, SAME, Conclusion, Measure, ate, during
+from slamgauge.compare.exercise.judgements import (
     ERROR,
-    LESS,
-    MORE,
-    MUCH,
     POWER,
     RATIOS,
-    SAME,
     UNSEEN,
-    Conclusion,
     Judgement,
-    during,
     judge,
     judge_ratio,
     log_ratios,
-    stored,
 )
 from slamgauge.compare.exercise.settings import EKF, QUESTIONS, SETTINGS
 from slamgauge.compare.scoring.runs import SERIES, Runs
@@ -122,13 +115,13 @@ def test_a_ratio_uses_the_runs_that_have_both_figures():
         ("2.1", EKF): runs_of("ate_m", np.array([1.0, 2.0, 3.0, np.nan, 0.0]), [0, 1, 2, 3, 4]),
         ("2.6", EKF): runs_of("ate_m", np.array([8.0, 6.0, 5.0, 1e9]), [1, 2, 3, 5]),
     }
-    above, below = (stored(figure, "ate_m", "ATE") for figure in ("2.6", "2.1"))
+    above, below = map(ate, ("2.6", "2.1"))
     np.testing.assert_allclose(log_ratios(above, below, runs), np.log([4.0, 2.0]))
 
 
 def test_a_diverged_run_counts_as_a_factor_of_a_hundred():
     runs = {("2.1", EKF): runs_of("ate_m", np.array([1.0, 1.0])), ("2.6", EKF): runs_of("ate_m", np.array([1e6, 1e-6]))}
-    above, below = (stored(figure, "ate_m", "ATE") for figure in ("2.6", "2.1"))
+    above, below = map(ate, ("2.6", "2.1"))
     np.testing.assert_allclose(log_ratios(above, below, runs), np.log([100.0, 0.01]))
 
 
@@ -136,8 +129,8 @@ def judged(ratios: dict[str, Float]) -> Judgement:
     """Judge that a figure is smaller than several others, from the logarithms of the ratios."""
     runs = {("3.4", EKF): runs_of("x", np.ones(50))}
     runs |= {(name, EKF): runs_of("x", np.exp(-logs)) for name, logs in ratios.items()}
-    below = tuple(stored(name, "x", name) for name in ratios)
-    return judge(Conclusion("q3-x", "", stored("3.4", "x", "x"), below, LESS), runs)
+    above, *below = (Measure(name, "x", lambda each: each.figures["x"]) for name in ("3.4", *ratios))
+    return judge(Conclusion("q3-x", "", LESS, above, tuple(below)), runs)
 
 
 def test_a_conclusion_with_several_ratios_must_hold_for_each():

@@ -16,8 +16,8 @@ import pytest
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.estimators.registry import REGISTRY
 from slamgauge.compare.exercise import running
-from slamgauge.compare.exercise.results import exercise_json, results
-from slamgauge.compare.exercise.running import Exercise, run_exercise
+from slamgauge.compare.exercise.results import Exercise
+from slamgauge.compare.exercise.running import run_exercise
 from slamgauge.compare.exercise.settings import CAUSAL, EKF, FILTERS, GTSAM, OPTIMA, QUESTIONS
 from slamgauge.compare.exercise.tables import exercise_page
 from slamgauge.compare.report import exercise_runs
@@ -55,7 +55,7 @@ def question_1(tmp_path: Path, pool: ThreadPoolExecutor) -> Exercise:
 
 def test_all_estimators_of_a_run_use_the_same_measurements(question_1: Exercise):
     """Stored figures equal those of single runs: filters on the recording, optima with true noise and associations."""
-    for ran in question_1.settings["q1"]:
+    for ran in question_1.settings:
         for run in range(2):
             seed = run_seed(3, run)
             alone = [*run_once(ran.scenario, seed, FILTERS), *run_once(informed(ran.scenario), seed, OPTIMA)]
@@ -86,15 +86,14 @@ def test_the_same_runs_are_not_repeated_and_more_are_added(
     monkeypatch.setattr(study, "run_once", counted)
     again = run_exercise(["q1"], 2, 3, tmp_path / "out", pool)
     assert not seeds
-    assert [each.to_json() for each in results(again)] == [each.to_json() for each in results(question_1)]
+    assert again.to_json() == question_1.to_json()
     run_exercise(["q1"], 3, 3, tmp_path / "out", pool)
     assert seeds == {run_seed(3, 2)}
 
 
 def test_loop_closures_are_the_first_of_each_lap(question_1: Exercise):
     """Errors and sigmas at these steps are the RMS over the runs."""
-    found = results(question_1)[0].settings
-    for ran, result in zip(question_1.settings["q1"], found, strict=True):
+    for ran in question_1.settings:
         laps = math.ceil(SECONDS * (0.8 if ran.setting.figure == "2.1" else 0.4) / (2 * math.pi) - 0.01)
         assert ran.first_closures.shape == (2, laps)
         for run, firsts in enumerate(ran.first_closures.tolist()):
@@ -105,7 +104,7 @@ def test_loop_closures_are_the_first_of_each_lap(question_1: Exercise):
             for lap, first in enumerate(firsts):
                 inside = [step for step in steps if 2 * math.pi * lap <= step * turn + 1e-6 < 2 * math.pi * (lap + 1)]
                 assert first == (inside[0] if inside else -1)
-        for closure in result.closures:
+        for closure in ran.closures:
             steps = ran.first_closures[:, closure.lap - 1]
             rows = np.flatnonzero(steps >= 0)
             assert closure.time_s == pytest.approx(0.1 * steps[rows].mean())
@@ -117,12 +116,12 @@ def test_loop_closures_are_the_first_of_each_lap(question_1: Exercise):
             assert closure.estimators[EKF].error_before_m == pytest.approx(math.sqrt(np.mean(squares)))
             traces = [series["sigma_x"][row, steps[row]] ** 2 + series["sigma_y"][row, steps[row]] ** 2 for row in rows]
             assert closure.estimators[EKF].three_sigma_after_m == pytest.approx(3 * math.sqrt(np.mean(traces)))
-    assert any(result.closures for result in found)
+    assert any(ran.closures for ran in question_1.settings)
 
 
 def test_tables_have_a_row_for_each_setting_and_fit_80_columns(question_1: Exercise):
-    found = results(question_1)
-    lines = exercise_page(found, 2, ["figure 2.1, run 0: ekf failed: x"]).text(80).splitlines()
+    failed = replace(question_1, failures=["figure 2.1, run 0: ekf failed: x"])
+    lines = exercise_page(failed).text(80).splitlines()
     assert max(map(len, lines)) <= 80
     assert lines[0].startswith("Question 1. Environment, with known association: 2 runs")
     for figure in ("1.1", "2.1", "2.2", "2.3"):
@@ -133,9 +132,9 @@ def test_tables_have_a_row_for_each_setting_and_fit_80_columns(question_1: Exerc
 
 
 def test_a_ratio_to_an_optimum_in_doubt_is_marked(question_1: Exercise):
-    checks = question_1.settings["q1"][1].runs[CAUSAL].figures["optimum_check_sigma"]
+    checks = question_1.settings[1].runs[CAUSAL].figures["optimum_check_sigma"]
     checks[0] = 1.0  # sigma
-    text = exercise_page(results(question_1), 2, []).text(80)
+    text = exercise_page(question_1).text(80)
     row = next(line for line in text.splitlines() if line.startswith("2.1"))
     assert "?" in row
     assert "2.1: causal is more than 0.05 sigma from the optimum" in " ".join(text.split())
@@ -150,7 +149,7 @@ def test_a_failed_estimator_has_a_line_and_the_others_their_figures(
     assert [line.partition(" failed")[0] for line in exercise.failures] == [
         f"figure {figure}, run 0: gtsam-batch" for figure in ("4.1", "ring")
     ]
-    rows = exercise_page(results(exercise), 1, exercise.failures).text(80).splitlines()
+    rows = exercise_page(exercise).text(80).splitlines()
     row = next(line for line in rows if line.startswith("4.1")).split()
     assert row[3].startswith("0.") and row[4] == "-"  # errors of EKF and GTSAM batch
 
@@ -216,7 +215,7 @@ def test_every_key_of_the_json_file_is_documented(question_1: Exercise):
     text = Path(__file__).parents[3].joinpath("docs/exercise.md").read_text(encoding="utf-8")
     rows = "\n".join(line.partition("| ")[2].partition(" |")[0] for line in text.splitlines() if line.startswith("| `"))
     documented = {word for code in re.findall(r"`([^`]+)`", rows) for word in re.findall(r"\w+", code)}
-    found = exercise_json(question_1, results(question_1))
+    found = question_1.to_json()
     for setting in found["questions"]["q1"]["settings"]:
         setting["estimators"] = {}  # as in summary.json
     assert keys_of(found) - {"q1", *FILTERS, *OPTIMA} <= documented | {"mean", "low", "high"}

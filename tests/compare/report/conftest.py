@@ -18,7 +18,6 @@ from selenium.webdriver.chrome.service import Service
 from slamgauge import compare_estimators, find_noise, load_estimators, load_scenario, simulate
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.exercise import running
-from slamgauge.compare.exercise.results import results
 from slamgauge.compare.exercise.running import run_exercise
 from slamgauge.compare.figures.publishing import draw_stored, write_study
 from slamgauge.compare.noise.noise_json import noise_json
@@ -163,8 +162,8 @@ def exercise(folder: Path) -> None:
     with ThreadPoolExecutor(1) as pool, pytest.MonkeyPatch.context() as patched, fast_commands.empty_pictures():
         patched.setattr(running, "load_scenario", lambda name: load_scenario(name, ["trajectory.duration=4"]))
         ran = run_exercise(["q3"], 2, 0, folder, pool)
-        publish_first_runs(ran.settings["q3"], 0, folder, pool)
-        assert publish_exercise(folder, ran, results(ran))
+        publish_first_runs(ran.settings, 0, folder, pool)
+        assert publish_exercise(folder, ran)
 
 
 KINDS: dict[str, Callable[[Path], None]] = {
