@@ -26,7 +26,7 @@ from slamgauge.ekf.kernels.belief import NONE
 from slamgauge.jit import inner
 
 GAUSSIAN, MIXTURE, STUDENT_T = 0, 1, 2
-LEAST_WEIGHT = 1e-12
+LEAST_WEIGHT = 1e-12  # of a row; a pivot is divided by the weight
 DOUBTED = 0.5  # a row with a smaller weight is more likely an outlier
 INCREDIBLE = 1e-9  # probability of a run of outliers below which the filter is taken as diverged
 HALF_LOG_TWO_PI = 0.5 * math.log(2.0 * math.pi)
