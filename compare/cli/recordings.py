@@ -41,7 +41,7 @@ class Noise(WithPage):
     def __call__(self) -> int:
         from slamgauge.compare.noise.estimation import find_noise
         from slamgauge.compare.noise.noise_json import noise_json
-        from slamgauge.compare.noise.report_text import noise_table
+        from slamgauge.compare.noise.tables import noise_page
         from slamgauge.compare.scoring.comparison import digest
         from slamgauge.compare.storage.files import load_recording, save, write_json
         from slamgauge.compare.storage.result_files import NOISE, NOISE_FILES
@@ -54,7 +54,7 @@ class Noise(WithPage):
         with staged as parent, results_folder(self.out, NOISE_FILES, last=NOISE) as folder:
             noise = find_noise(recording, systematic=self.systematic, heading=self.heading)
             content = noise_json(noise) | {"digest": digest(recording)}
-            self.output.show(content, noise_table(noise))
+            self.output.show(content, noise_page(content))
             if folder is not None:
                 write_json(folder / NOISE, content)
             if self.write is not None and parent is not None:

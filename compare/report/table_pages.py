@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from urllib.parse import quote
 
-from slamgauge.compare.noise.noise_json import supported
-from slamgauge.compare.noise.report_text import systematic_verdict
-from slamgauge.compare.noise.report_text import verdict as sigma_verdict
+from slamgauge.compare.noise.tables import nis_table, noise_table
 from slamgauge.compare.report.page import plain_page
 from slamgauge.compare.report.page_elements import origin, pictures
-from slamgauge.compare.scoring.table import Cell, Head, Table, figure, from_to
 from slamgauge.compare.storage.files import read_json
 from slamgauge.compare.storage.result_files import BUDGET, NOISE, REPORT, SWEEP
 from slamgauge.compare.studies.budget import notes, read_budget, rung_table, verdict
@@ -47,60 +43,18 @@ NOISE_PICTURES = {
         "Estimated divided by assumed sigmas, and the fit of the innovations.",
     )
 }
-NOISE_HEADS = (
-    Head("noise", help="measurement", words=True),
-    Head("unit", help="unit of the value", words=True),
-    Head("assumed", help="sigma in the recording"),
-    Head("found", help="maximum likelihood value"),
-    Head("95 % interval", help="interval of the profile likelihood; the log does not determine a missing end"),
-    Head("verdict", help="comparison of the interval with the assumed value", words=True),
-)
-NIS_HEADS = (
-    Head("channel", help="measured value", words=True),
-    Head("NIS as assumed", help="squared innovations divided by their variance, with the assumed noise; 1 if right"),
-    Head("NIS as found", help="the same with the estimated noise"),
-    Head("95 % band", help="interval of the NIS for the right noise"),
-    Head("rows", help="number of innovations"),
-)
 
 
 def noise_page(folder: Path) -> dict[str, str]:
     """Return the page of the results of `noise --out` in a folder."""
     content = read_json(folder / NOISE, "noise")
-    sigmas = [
-        [
-            *(Cell(name), Cell(each["unit"])),
-            *(figure(each["assumed"], "{:.4g}"), figure(each["sigma"], "{:.4g}")),
-            from_to(each["low"], each["high"], "{:.4g}"),
-            Cell(sigma_verdict(supported(each["sigma"], each), each["assumed"])),
-        ]
-        for name, each in content["parameters"].items()
-    ]
-    systematic = [
-        [
-            *(Cell(name), Cell(each["unit"]), figure(each["value"], "{:+.3g}")),
-            from_to(each["low"], each["high"], "{:.3g}"),
-            Cell(systematic_verdict(supported(each["value"], each, -math.inf))),
-        ]
-        for name, each in content["systematic"].items()
-    ]
-    nis = [
-        [
-            *(Cell(channel), figure(each["before"], "{:.3f}"), figure(each["after"], "{:.3f}")),
-            *(from_to(each["low"], each["high"], "{:.3f}"), Cell(str(each["rows"]), each["rows"])),
-        ]
-        for channel, each in content["nis_by_channel"].items()
-    ]
+    found = noise_table(content)
     text = plain_page(
         kind="the noise of a recording",
         title="Noise estimated from the measurements",
-        lead=[(row[0].text, row[-1].text) for row in sigmas],
+        lead=[(row[0].text, row[3].text) for row in found.rows],
         notes=content["notes"],
-        tables=[
-            Table(NOISE_HEADS, sigmas, "Noise of the measurements", "noise"),
-            Table(NOISE_HEADS[:2] + NOISE_HEADS[3:], systematic, "Systematic errors", "systematic"),
-            Table(NIS_HEADS, nis, "Fit of the innovations", "nis"),
-        ],
+        tables=[found, nis_table(content)],
         pictures=pictures(folder, NOISE_PICTURES),
         origin=origin(content),
     )

@@ -15,7 +15,7 @@ import pytest
 from slamgauge import find_noise, load_scenario, simulate
 from slamgauge.compare.noise.estimation import Noise
 from slamgauge.compare.noise.noise_json import noise_json
-from slamgauge.compare.noise.report_text import noise_table
+from slamgauge.compare.noise.tables import noise_page
 from slamgauge.compare.report import table_pages
 from slamgauge.compare.report.publishing import pages_of
 from slamgauge.compare.scoring.intervals import Interval
@@ -63,16 +63,15 @@ def test_a_sweep_is_marked_where_its_optimum_is_in_doubt(tmp_path: Path, monkeyp
     assert len(re.findall(r"\d\?", page)) == 2  # `x causal` of both estimators at the second value
 
 
-def test_the_page_of_noise_notes_autocorrelation_and_held_out_loss(tmp_path: Path):
+def test_the_page_of_noise_notes_a_held_out_loss(tmp_path: Path):
     recording = simulate(load_scenario("q1-short-dense", ["trajectory.duration=5", "start=sampled"]), 4)[1]
     found = find_noise(recording)
     assert found.held_out is not None
     losing = found.held_out._replace(log_likelihood_gain=-3.5)
-    noise: Noise = replace(found, sights_counted_as_one=2.5, held_out=losing)
+    noise: Noise = replace(found, held_out=losing)
     page = page_of(tmp_path, "noise.json", noise_json(noise))
-    notes = [part for part in noise_table(noise).parts if isinstance(part, str)]
+    notes = [part for part in noise_page(noise_json(noise)).parts if isinstance(part, str)]
     (tmp_path / "report.html").write_text(pages_of(tmp_path / "noise.json")["report.html"], encoding="utf-8")
     assert unexplained(tmp_path / "report.html") == []
-    assert any("2.5 observations of a landmark count as one" in line for line in notes)
     assert any("this is a loss, and the assumed noise is kept" in line for line in notes)
     assert [line for line in notes if line not in page] == []
