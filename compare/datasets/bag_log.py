@@ -20,8 +20,7 @@ from slamgauge.compare.datasets.bag_mapping import (
     shipped,
 )
 from slamgauge.compare.datasets.bag_observations import read_observations
-from slamgauge.compare.datasets.csv_mapping import StartPose
-from slamgauge.compare.datasets.imported_log import Imported, identified, of_file, with_sigmas
+from slamgauge.compare.datasets.imported_log import Imported, identified, of_file, start_pose, with_sigmas
 from slamgauge.compare.datasets.synchronisation import Odometry, constant_twist, joined
 from slamgauge.compare.storage.interpolation import interpolated
 from slamgauge.compare.storage.spatial_poses import planar_covariances, planar_poses
@@ -67,7 +66,7 @@ def read_bag(
             odometry, steps, inside, outside = joined(odometry, seen.stamps[kept])
         landmark = None if landmark is None else landmark[inside]
         truth, of_truth = _truth(bag, settings, odometry.stamps, landmark)
-        start = _start(settings.start, truth, settings.where)
+        start, of_start = start_pose(settings.start.pose, None if truth is None else truth.poses, odometry.increments)
         with of_file(path):
             recording = Recording(
                 stamps=odometry.stamps,
@@ -82,7 +81,7 @@ def read_bag(
                 landmark=landmark,
             )
     in_force = replace(settings, ids=seen.ids, frames=replace(settings.frames, base=base))
-    every = (*notes, *seen.notes, *more, *outside, *of_truth)
+    every = (*notes, *seen.notes, *more, *outside, *of_truth, *of_start)
     return Imported(recording, truth, every, in_force.sections(), int(np.sum(~inside)))
 
 
@@ -204,17 +203,6 @@ def _truth(bag: Bag, mapping: BagMapping, stamps: Float, landmark: Any) -> tuple
         raise UserError(f"{bag.path}: {mapping.truth.topic}: has no messages; leave truth.topic out")
     poses = interpolated(found.stamps, found.poses, stamps, mapping.truth.max_gap)
     return Truth(poses=poses, association=landmark), found.notes
-
-
-def _start(section: StartPose, truth: Truth | None, where: str) -> Float:
-    """Return the start pose (3,): as stated, else the true one, else the origin."""
-    if section.pose is not None:
-        return np.array(section.pose, dtype=np.float64)
-    if truth is None or truth.poses is None:
-        return np.zeros(3)
-    if np.isnan(truth.poses[0]).any():
-        raise UserError(f"{where}: start.pose: the ground truth has no pose at the start; state it")
-    return truth.poses[0]
 
 
 def _in_order(bag: Bag, topic: str, times: Sequence[tuple[int, int]], clock: str) -> tuple[Int, Int, tuple[str, ...]]:

@@ -16,16 +16,18 @@ their paths in `bag_mappings.toml`. A stated standard deviation replaces the var
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
 
 from slamgauge.compare.datasets.bag_file import Bag
-from slamgauge.compare.datasets.csv_mapping import Noise, Paths, StartPose, is_finite, sections_of
-from slamgauge.compare.datasets.imported_log import require_sigmas
-from slamgauge.compare.storage.toml_tables import Table, override, parse_toml, read_toml
+from slamgauge.compare.datasets.csv_mapping import Noise, StartPose
+from slamgauge.compare.datasets.settings import Id, Pose, Section, Sigma, Text, load_settings
+from slamgauge.compare.storage.toml_tables import Table, parse_toml
 from slamgauge.errors import UserError
 from slamgauge.suggestions import did_you_mean
 
@@ -40,20 +42,21 @@ POSES = (
     "geometry_msgs/msg/PoseWithCovarianceStamped",
     "geometry_msgs/msg/TransformStamped",
 )
+Paths = Text | Annotated[list[Text], Field(min_length=1)]  # paths into a message: one, or several
 TREES = ("/tf", "/tf_static")  # read as observations only if they are named
 
 
 @dataclass(frozen=True)
-class OdometryTopic:
+class OdometryTopic(Section):
     """Odometry: increments from twists, or from differences of poses. A twist is valid since the last message."""
 
-    topic: str | None = None
+    topic: Text | None = None
     kind: Literal["twist", "poses"] = "twist"
     holds: Literal["since-last", "until-next"] = "since-last"
 
 
 @dataclass(frozen=True)
-class ObservationsTopic:
+class ObservationsTopic(Section):
     """Observations of landmarks: paths into a message, and from there into an element of `array`.
 
     Paths are names and indices with dots between them: results.0.pose.pose.position.x. Of several paths in `id`, the
@@ -61,69 +64,58 @@ class ObservationsTopic:
     group is the id.
     """
 
-    topic: str | None = None
+    topic: Text | None = None
     array: Paths | None = None
-    x: str | None = None
-    y: str | None = None
-    z: str | None = None
-    range: str | None = None
-    bearing: str | None = None
+    x: Text | None = None
+    y: Text | None = None
+    z: Text | None = None
+    range: Text | None = None
+    bearing: Text | None = None
     id: Paths | None = None
-    pattern: str | None = None
-    covariance: str | None = None
+    pattern: Text | None = None
+    covariance: Text | None = None
 
 
 @dataclass(frozen=True)
 class BagNoise(Noise):
     """The same standard deviations; those that are not stated are those of the messages."""
 
-    lateral: float | None = None
+    lateral: Sigma | None = None
     per: Literal["step", "second", "speed"] = "speed"
 
 
 @dataclass(frozen=True)
-class TruthTopic:
+class TruthTopic(Section):
     """Poses of the ground truth. They are not interpolated over gaps longer than `max_gap` [s]."""
 
-    topic: str | None = None
-    max_gap: float = 1.0
+    topic: Text | None = None
+    max_gap: Sigma = 1.0
 
 
 @dataclass(frozen=True)
-class Frames:
+class Frames(Section):
     """Frame of the robot (by default the child frame of the odometry, else base_link) and the source of stamps."""
 
-    base: str | None = None
+    base: Text | None = None
     clock: Literal["header", "recording"] = "header"
 
 
 @dataclass(frozen=True)
-class BagMapping:
-    """All sections, and a name of their file for messages."""
+class BagMapping(Section):
+    """All sections."""
 
-    where: str
-    odometry: OdometryTopic
-    observations: ObservationsTopic
-    noise: BagNoise
-    start: StartPose
-    truth: TruthTopic
-    frames: Frames
-    transforms: dict[str, tuple[float, float, float]] = field(default_factory=dict[str, tuple[float, float, float]])
-    ids: dict[str, int] = field(default_factory=dict[str, int])
+    odometry: OdometryTopic = field(default_factory=OdometryTopic)
+    observations: ObservationsTopic = field(default_factory=ObservationsTopic)
+    noise: BagNoise = field(default_factory=BagNoise)
+    start: StartPose = field(default_factory=StartPose)
+    truth: TruthTopic = field(default_factory=TruthTopic)
+    frames: Frames = field(default_factory=Frames)
+    transforms: dict[str, Pose] = field(default_factory=dict[str, Pose])
+    ids: dict[str, Id] = field(default_factory=dict[str, Id])
 
     def sections(self) -> dict[str, dict[str, Any]]:
-        """Return the sections as tables."""
-        return {name: table for name, table in asdict(self).items() if name != "where" and table}
-
-
-KINDS = {
-    "odometry": OdometryTopic,
-    "observations": ObservationsTopic,
-    "noise": BagNoise,
-    "start": StartPose,
-    "truth": TruthTopic,
-    "frames": Frames,
-}
+        """Return the sections that are not empty as tables."""
+        return {name: table for name, table in asdict(self).items() if table}
 
 
 @cache
@@ -143,15 +135,7 @@ def load_bag_mapping(bag: Bag, file: Path | None, overrides: Sequence[str]) -> B
     Raises:
         UserError: a key, a value or a topic is wrong, or a topic must be stated.
     """
-    where = str(file or "--set")
-    table: Table = {} if file is None else read_toml(file)
-    for text in overrides:
-        override(table, text)
-    transforms, ids = table.pop("transforms", {}), table.pop("ids", {})
-    _require_tables(where, transforms, ids)
-    mapping = BagMapping(where, **sections_of(table, KINDS, where), transforms=transforms, ids=ids)
-    noise = {key: value for key, value in asdict(mapping.noise).items() if isinstance(value, float | int)}
-    require_sigmas(**noise)
+    mapping = load_settings(BagMapping, file, overrides)
     if mapping.truth.topic is not None:
         _require_type(bag, mapping.truth.topic, POSES, "truth.topic")
     odometry = mapping.odometry.topic or only_topic(bag, ODOMETRIES, "odometry.topic")
@@ -159,7 +143,7 @@ def load_bag_mapping(bag: Bag, file: Path | None, overrides: Sequence[str]) -> B
     return replace(
         mapping,
         odometry=replace(mapping.odometry, topic=odometry),
-        observations=_completed(bag, mapping.observations, where),
+        observations=_completed(bag, mapping.observations),
     )
 
 
@@ -178,15 +162,16 @@ def only_topic(bag: Bag, types: Sequence[str], key: str) -> str:
     raise UserError(f"{bag.path}: {reason}; give --set {key}=TOPIC, `--list` lists all topics")
 
 
-def _completed(bag: Bag, section: ObservationsTopic, where: str) -> ObservationsTopic:
+def _completed(bag: Bag, section: ObservationsTopic) -> ObservationsTopic:
     """Return the section with its topic, and with the shipped paths of its type where none are stated."""
     topic = section.topic or only_topic(bag, tuple(shipped()), "observations.topic")
     kind = bag.require(topic).type
-    stated = {each.name: value for each in fields(section) if (value := getattr(section, each.name)) is not None}
-    known = ObservationsTopic(**(shipped().get(kind, {}) | stated | {"topic": topic}))
+    stated = {name: value for name, value in asdict(section).items() if value is not None}
+    complete: dict[str, Any] = shipped().get(kind, {}) | stated | {"topic": topic}
+    known = ObservationsTopic(**complete)
     if (known.bearing is None) == (known.x is None) or (known.x is None) != (known.y is None):
         paths = "observations.x and y, or observations.range and bearing, or observations.bearing"
-        raise UserError(f"{where}: observations: give paths of {topic} ({kind}): {paths}")
+        raise UserError(f"{bag.path}: give paths of {topic} ({kind}): {paths}")
     return known
 
 
@@ -194,14 +179,3 @@ def _require_type(bag: Bag, topic: str, types: Sequence[str], key: str) -> None:
     kind = bag.require(topic).type
     if kind not in types:
         raise UserError(f"{bag.path}: {key}: {topic} has the type {kind}; {did_you_mean(kind, types)}")
-
-
-def _require_tables(where: str, transforms: Any, ids: Any) -> None:
-    """Refuse transforms that are not three numbers, and ids that are not whole numbers from 0."""
-    for name, pose in transforms.items() if isinstance(transforms, dict) else [("", None)]:
-        numbers = pose if isinstance(pose, list) else []
-        if len(numbers) != 3 or not all(map(is_finite, numbers)):
-            raise UserError(f"{where}: transforms.{name}: must be [x, y, heading] in metres and radians; correct it")
-    for name, number in ids.items() if isinstance(ids, dict) else [("", None)]:
-        if type(number) is not int or number < 0:
-            raise UserError(f"{where}: ids.{name}: must be a whole number from 0; correct it")

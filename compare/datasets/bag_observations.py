@@ -11,9 +11,8 @@ import numpy as np
 
 from slamgauge.arrays import Float, Int
 from slamgauge.compare.datasets.bag_file import Bag, clock_checked, frame_of, header_stamp, seconds_of
-from slamgauge.compare.datasets.bag_mapping import BagMapping, ObservationsTopic
-from slamgauge.compare.datasets.csv_mapping import Paths
-from slamgauge.compare.datasets.imported_log import with_sigmas
+from slamgauge.compare.datasets.bag_mapping import BagMapping, ObservationsTopic, Paths
+from slamgauge.compare.datasets.imported_log import numbered, with_sigmas
 from slamgauge.compare.datasets.static_transforms import StaticTransforms
 from slamgauge.errors import UserError
 from slamgauge.se2 import wrap
@@ -81,7 +80,9 @@ def read_observations(bag: Bag, mapping: BagMapping, base: str) -> Observations:
     order = np.argsort(stamps, kind="stable")
     rows, stamps = [rows[each] for each in order], stamps[order]
     values, covs = _in_base(rows, sensor, StaticTransforms(bag, mapping.transforms, base), base, where)
-    landmark, ids = _numbered(rows, mapping.ids, where)
+    landmark, ids = numbered([row.id for row in rows], mapping.ids, where)
+    if min(landmark, default=0) < -1:
+        raise UserError(f"{where}: the id {min(landmark)} is negative; ids start at 0, and -1 stands for a missing id")
     covs = _observation_noise(covs, sensor, mapping, where)
     return Observations(sensor, seconds_of(stamps), landmark, values, covs, notes, ids)
 
@@ -147,23 +148,6 @@ def _first(getters: list[Callable[[Any], Any]], element: Any) -> int | str | Non
         if found != "":
             return found if isinstance(found, str) else int(found)
     return None
-
-
-def _numbered(rows: list[_Row], stated: dict[str, int], where: str) -> tuple[Int, dict[str, int]]:
-    """Return the ids (M,) as numbers, and the numbers of texts.
-
-    Texts of digits are numbers. Other texts have the number that is stated; if no text has one, they are numbered in
-    alphabetical order.
-    """
-    words = sorted({row.id for row in rows if isinstance(row.id, str) and not row.id.isdigit()})
-    table = stated or {word: number for number, word in enumerate(words)}
-    missing = [word for word in words if word not in table]
-    if missing:
-        raise UserError(f"{where}: the id {missing[0]!r} has no number; add it to [ids], or leave [ids] out")
-    found = [-1 if row.id is None else table[row.id] if row.id in table else int(row.id) for row in rows]
-    if min(found, default=0) < -1:
-        raise UserError(f"{where}: the id {min(found)} is negative; ids start at 0, and -1 stands for a missing id")
-    return np.array(found, dtype=np.int64), table if words else {}
 
 
 def _in_base(

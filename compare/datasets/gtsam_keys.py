@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from slamgauge.compare.datasets.text_lines import Line
+from slamgauge.compare.storage.text_lines import Line
 
 BITS = 56  # of the number behind the letter
 PLAIN = "\0"  # letter of a key that is a number only

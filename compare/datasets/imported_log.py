@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -10,11 +10,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float, Int, Marks
-from slamgauge.compare.datasets.text_lines import Line
+from slamgauge.compare.storage.text_lines import Line
 from slamgauge.covariances import scale_of
 from slamgauge.errors import UserError
 from slamgauge.recording import Recording
+from slamgauge.se2 import chain
 from slamgauge.truth import Truth
+
+BEGINNING = 5.0  # m of a path, whose direction suggests the heading of the start
 
 
 class Imported(NamedTuple):
@@ -36,7 +39,7 @@ class Imported(NamedTuple):
 
 
 @contextmanager
-def of_file(path: Path) -> Generator[None]:
+def of_file(path: Path | str) -> Generator[None]:
     """Return a context that adds the path of a file to the text of each UserError."""
     try:
         yield
@@ -82,9 +85,52 @@ def identified(landmark: Int) -> tuple[Int | None, Marks, tuple[str, ...]]:
     return landmark[known], known, notes
 
 
-def steps_of(moves: Sequence[Line], seen: Sequence[Line]) -> Int:
-    """Return the step (M,) of each observation: the number of moves in lines above its own."""
-    return np.searchsorted([line.number for line in moves], [line.number for line in seen])
+def numbered(ids: Sequence[int | str | None], stated: Mapping[str, int], where: str) -> tuple[Int, dict[str, int]]:
+    """Return ids (M,) as numbers, -1 for None, and the numbers of texts.
+
+    Texts of digits are numbers. Another text has the number that is stated. If no number is stated, texts are numbered
+    in alphabetical order, after the largest id that is a number.
+    """
+    ids = [int(each) if isinstance(each, str) and each.isdecimal() else each for each in ids]
+    texts = sorted({each for each in ids if isinstance(each, str)})
+    if not texts:
+        return np.array([-1 if each is None else each for each in ids], dtype=np.int64), dict(stated)
+    first = 1 + max((each for each in ids if isinstance(each, int)), default=-1)
+    table = dict(stated) or {text: number for number, text in enumerate(texts, max(first, 0))}
+    missing = [text for text in texts if text not in table]
+    if missing:
+        raise UserError(f"{where}: the id {missing[0]!r} has no number; add it to [ids], or leave [ids] out")
+    numbers = [-1 if each is None else table[each] if isinstance(each, str) else each for each in ids]
+    return np.array(numbers, dtype=np.int64), table
+
+
+def start_pose(stated: Sequence[float] | None, truth: Float | None, odometry: Float) -> tuple[Float, tuple[str, ...]]:
+    """Return the start pose (3,), as stated, else the true one, else the origin, and notes.
+
+    Args:
+        stated: x, y [m] and heading [rad], if they are stated.
+        truth: (N+1, 3) true poses; headings may be NaN.
+        odometry: (N, 3) increments, which suggest a heading.
+
+    Raises:
+        UserError: the truth does not begin at the start.
+    """
+    if stated is not None:
+        return np.array(stated, dtype=np.float64), ()
+    if truth is None:
+        return np.zeros(3), ()
+    if np.isnan(truth[0, 0]):
+        raise UserError("start.pose: the ground truth has no pose at the start; state it, or cut the log")
+    if not np.isnan(truth[0, 2]):
+        return truth[0], ()
+    start = np.array([*truth[0, :2], 0.0])
+    driven = chain(start, odometry) - start
+    near = np.cumsum(np.hypot(*np.diff(driven[:, :2], axis=0).T)) < BEGINNING
+    ours, theirs = driven[1:, :2][near], truth[1:, :2][near] - start[:2]
+    dot, cross = np.nansum(ours * theirs), np.nansum(ours[:, 0] * theirs[:, 1] - ours[:, 1] * theirs[:, 0])
+    x, y, heading = *start[:2], np.arctan2(cross, dot)
+    fit = f"the first {BEGINNING:g} m suggest {heading:.3g} rad (--set start.pose=[{x:.6g},{y:.6g},{heading:.3g}])"
+    return start, (f"the ground truth has no headings: the start has the heading 0; {fit}",)
 
 
 def diagonal_covariances(sigmas: Float) -> Float:

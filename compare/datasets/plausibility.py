@@ -112,7 +112,7 @@ def _doubts_of_truth(truth: Truth, recording: Recording) -> Iterator[str]:
     """Yield doubts about the true path and the true map."""
     if truth.poses is None:
         return
-    known = int(np.sum(np.isfinite(truth.poses).all(axis=1)))
+    known = int(np.sum(np.isfinite(truth.poses[:, :2]).all(axis=1)))
     if known < COVERED * len(truth.poses):
         yield f"the true path has poses at {known} of {len(truth.poses)} steps; only these are scored"
     yield from (f"the true path {doubt}" for doubt in path_doubts(truth.poses, recording))

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float, Int, Marks
-from slamgauge.compare.datasets.text_lines import Line
+from slamgauge.compare.storage.text_lines import Line
 from slamgauge.se2 import between, rotation
 
 

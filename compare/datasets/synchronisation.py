@@ -7,19 +7,17 @@ whole step, and each has a share of its noise in proportion to its duration.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from slamgauge.arrays import Float, Int, Marks
-from slamgauge.compare.datasets.text_lines import Line, shown_stamp
 from slamgauge.compare.storage.interpolation import SAME
+from slamgauge.compare.storage.text_lines import shown_stamp
 from slamgauge.errors import UserError
 from slamgauge.se2 import exp, log
 
 GAP, MANY_ROWS = 1.0, 10.0  # s, typical times between rows: the shortest gap that a note is printed about
-UNWRAPPED = 0.5  # rad: largest turn in a row whose difference of headings jumps by a whole turn
 FEW, SHORTEST = 20, 0.01  # observations; share of the odometry's time that they should cover
 
 
@@ -40,17 +38,6 @@ class Odometry(NamedTuple):
 def constant_twist(velocities: Float, seconds: Float) -> Float:
     """Return increments (n, 3) at constant velocities (n, 3) (forward, to the left, yaw rate) for seconds (n,)."""
     return exp(velocities * seconds[:, None])
-
-
-def require_turns(lines: Sequence[Line], increments: Float) -> None:
-    """Refuse the first line whose increment (n, 3) turns by more than half a circle: odometry cannot resolve that."""
-    wild = np.abs(increments[:, 2]) > np.pi
-    if wild.any():
-        at = int(np.argmax(wild))
-        remedy = "check the units of angles and stamps, or write lines in between"
-        if (np.abs(np.abs(increments[wild, 2]) - 2.0 * np.pi) < UNWRAPPED).all():
-            remedy = "these look like differences of headings from -pi to pi: wrap the differences into (-pi, pi]"
-        raise lines[at].refused(f"the robot turns by {increments[at, 2]:.3g} rad in one row", remedy)
 
 
 def joined(odometry: Odometry, times: Float) -> tuple[Odometry, Int, Marks, tuple[str, ...]]:

@@ -13,7 +13,7 @@ import numpy as np
 
 from slamgauge.compare.datasets.g2o import FORMS, read_g2o
 from slamgauge.compare.datasets.imported_log import require_max_range
-from slamgauge.compare.datasets.text_lines import read_tagged
+from slamgauge.compare.storage.text_lines import read_tagged
 from slamgauge.recording import Recording
 
 

@@ -1,8 +1,7 @@
 """Tests of assumed noise by the innovations of a log.
 
 A score is an innovation over its standard deviation. If the noise is right, scores are independent and standard normal.
-Then the mean of their squares, the NIS per row, is 1, their quantiles are those of the normal distribution, and
-successive scores of a landmark are not correlated.
+Then the mean of their squares, the NIS per row, is 1, and successive scores of a landmark are not correlated.
 
 A channel is a sensor component with its own noise: range, bearing, or both coordinates of a position.
 """
@@ -13,16 +12,12 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import ndtr, ndtri
 
 from slamgauge.arrays import Float, Int
 from slamgauge.compare.noise.likelihood import NoiseModel
 from slamgauge.compare.scoring.consistency import chi2_band
 from slamgauge.compare.scoring.intervals import LEVEL
 from slamgauge.ekf.innovations import Innovations
-
-QUANTILES = 101  # number of quantiles, evenly spaced on the axis of the normal distribution
-LAGS = 10  # largest lag of a correlation, in observations of a landmark
 
 
 class Nis(NamedTuple):
@@ -35,9 +30,9 @@ class Nis(NamedTuple):
 
 
 class Correlation(NamedTuple):
-    """Correlation (LAGS,) of scores of a landmark 1, 2, ... observations apart, and the 95 % limit of the first."""
+    """Correlation of successive scores of a landmark, and its 95 % limit for white noise."""
 
-    by_lag: Float
+    value: float
     band: float
 
 
@@ -46,7 +41,6 @@ class Diagnosis:
     """Scores (M, 2) of a log, NaN without information, and their statistics by channel."""
 
     scores: Float
-    by_channel: dict[str, Float] = field(default_factory=dict[str, Float])  # (n,) without NaN
     nis: dict[str, Nis] = field(default_factory=dict[str, Nis])
     nis_by_landmark: dict[str, dict[int, Nis]] = field(default_factory=dict[str, dict[int, Nis]])
     correlation: dict[str, Correlation] = field(default_factory=dict[str, Correlation])
@@ -61,7 +55,6 @@ def diagnose(model: NoiseModel, innovations: Innovations) -> Diagnosis:
         scores = result.scores[:, model.parameters.rows(channel)]
         defined = ~np.isnan(scores[:, 0])
         found, seen = scores[defined], ids[defined]
-        result.by_channel[channel] = found.ravel()
         result.nis[channel] = nis_of(found)
         result.nis_by_landmark[channel] = {int(each): nis_of(found[seen == each]) for each in np.unique(seen)}
         result.correlation[channel] = autocorrelation(found, seen)
@@ -76,26 +69,14 @@ def nis_of(scores: Float) -> Nis:
     return Nis(float(np.mean(scores**2)), low / scores.size, high / scores.size, scores.size)
 
 
-def normal_quantiles(count: int) -> Float:
-    """Return evenly spaced normal quantiles (QUANTILES,), up to about the largest of `count` normal scores."""
-    reach = -ndtri(0.5 / count)
-    return np.linspace(-reach, reach, QUANTILES)
-
-
-def quantiles(scores: Float, expected: Float) -> Float:
-    """Return quantiles of scores (n,) at the cumulative probabilities of the normal quantiles `expected`."""
-    return np.quantile(scores, ndtr(expected), method="hazen")
-
-
 def autocorrelation(scores: Float, ids: Int) -> Correlation:
-    """Return the correlation of scores (n, d) of the same landmark, with ids (n,), in the order of the recording.
+    """Return the correlation of successive scores (n, d) of the same landmark, with ids (n,), in the recording's order.
 
     The mean product of the pairs is divided by the mean square of all scores. No mean is subtracted, because an offset
     is not white noise.
     """
     order = np.argsort(ids, kind="stable")
     scores, ids = scores[order], ids[order]
-    power = max(float(np.mean(scores**2)), 1e-300) if len(scores) else 1.0
-    products = [(scores[lag:] * scores[:-lag])[ids[lag:] == ids[:-lag]] for lag in range(1, LAGS + 1)]
-    by_lag = np.array([each.mean() / power if each.size else 0.0 for each in products])
-    return Correlation(by_lag, 1.96 / max(products[0].size, 1) ** 0.5)
+    products = (scores[1:] * scores[:-1])[ids[1:] == ids[:-1]]
+    power = float(np.mean(scores**2)) if products.size else 1.0
+    return Correlation(float(products.sum()) / max(products.size, 1) / power, 1.96 / max(products.size, 1) ** 0.5)

@@ -1,19 +1,18 @@
 """Likelihood of a recording as a function of its noise and its systematic errors: maximum and profile intervals.
 
 iminuit's MIGRAD searches the maximum. MINOS finds the ends of an interval: the values of a parameter at which twice the
-log-likelihood, maximised over all others, is 3.84 below its maximum. Both work with coordinates: the logarithm of a
-sigma relative to the assumed one, and a systematic error divided by its unit.
+log-likelihood, maximised over all others, is 3.84 below its maximum. Both work with coordinates: a sigma divided by the
+assumed one, and a systematic error divided by its unit. The sign of a sigma's coordinate has no effect, so that the
+likelihood is smooth where a sigma is 0.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-import numpy as np
 from iminuit import Minuit
 
 from slamgauge.arrays import Float
@@ -23,8 +22,7 @@ from slamgauge.ekf.innovations import Innovations, Log
 from slamgauge.recording import Recording
 
 SYSTEMATIC_UNIT = 0.01  # a coordinate of 1 is large, as for sigmas
-SIGMA_LIMIT = 6.0  # a factor of 400; the log does not determine an end beyond it
-SYSTEMATIC_LIMIT = 100.0  # an error of 1 m, 1 rad or 100 %
+LIMIT = 100.0  # of coordinates; the log does not determine an end beyond it
 FIRST_STEP = 0.1  # of the search
 IMPOSSIBLE = 1e12  # cost of noise with which the filter cannot compute an update
 
@@ -54,7 +52,7 @@ class NoiseModel:
         """Return the value of a coordinate, in its unit."""
         if name in SYSTEMATIC:
             return SYSTEMATIC_UNIT * coordinate
-        return math.exp(coordinate) * self.parameters.begin[name]
+        return abs(coordinate) * self.parameters.begin[name]
 
     def values(self, point: Iterable[float]) -> dict[str, float]:
         """Return all values by name, in their units, at coordinates (P,)."""
@@ -76,13 +74,14 @@ class Fit:
     def __init__(self, model: NoiseModel) -> None:
         self.model = model
         cost: Any = self._cost  # iminuit's types want a function of many numbers
-        self._minuit = Minuit(cost, np.zeros(len(model.names)), name=model.names)
+        start = [0.0 if name in SYSTEMATIC else 1.0 for name in model.names]
+        self._minuit = Minuit(cost, start, name=model.names)
         self._minuit.errordef = Minuit.LIKELIHOOD
-        self._minuit.strategy = 0
         self._minuit.errors = [FIRST_STEP] * len(model.names)
-        for name in model.names:
-            limit = SYSTEMATIC_LIMIT if name in SYSTEMATIC else SIGMA_LIMIT
-            self._minuit.limits[name] = (-limit, limit)
+        self._minuit.limits = [(-LIMIT, LIMIT)] * len(model.names)
+        self._minuit.migrad()
+        for name in model.parameters.sigmas:  # to the side where an interval has its lower end below
+            self._minuit.values[name] = abs(self._minuit.values[name])
         self._minuit.migrad()
         self.values = model.values(self._minuit.values)
 
@@ -102,11 +101,10 @@ class Fit:
         An end that the log does not determine is None. The low end of a sigma is 0 if all smaller values are as likely.
         """
         self._minuit.minos(name, cl=LEVEL)
-        best, found = self._minuit.values[name], self._minuit.merrors[name]
-        low, high = (self.model.value(name, best + each) for each in (found.lower, found.upper))
-        lowest = None if name in SYSTEMATIC else 0.0
-        return Interval(
-            self.values[name],
-            lowest if found.at_lower_limit or not found.lower_valid else low,
-            None if found.at_upper_limit or not found.upper_valid else high,
-        )
+        found, best = self._minuit.merrors[name], self._minuit.values[name]
+        ends = (best + found.lower, best + found.upper)
+        low = self.model.value(name, ends[0]) if found.lower_valid and not found.at_lower_limit else None
+        high = self.model.value(name, ends[1]) if found.upper_valid and not found.at_upper_limit else None
+        if name not in SYSTEMATIC and ends[0] * ends[1] <= 0.0:
+            low = 0.0
+        return Interval(self.values[name], low, high)

@@ -6,8 +6,7 @@ from typing import Any
 
 from pydantic_core import to_jsonable_python
 
-from slamgauge.arrays import Float
-from slamgauge.compare.noise.diagnosis import Nis, normal_quantiles, quantiles
+from slamgauge.compare.noise.diagnosis import Nis
 from slamgauge.compare.noise.estimation import Noise
 from slamgauge.compare.noise.notes import notes
 from slamgauge.compare.noise.parameters import UNITS
@@ -41,15 +40,8 @@ def noise_json(noise: Noise) -> dict[str, Any]:
             channel: {str(each): _nis(before.nis_by_landmark[channel][each], nis) for each, nis in by_landmark.items()}
             for channel, by_landmark in after.nis_by_landmark.items()
         },
-        "quantiles": {
-            channel: _quantiles(before.by_channel[channel], each) for channel, each in after.by_channel.items()
-        },
         "autocorrelation": {
-            channel: {
-                "before": before.correlation[channel].by_lag.tolist(),
-                "after": each.by_lag.tolist(),
-                "band": each.band,
-            }
+            channel: {"before": before.correlation[channel].value, "after": each.value, "band": each.band}
             for channel, each in after.correlation.items()
         },
         "log_likelihood_gain": noise.log_likelihood_gain,
@@ -61,11 +53,3 @@ def noise_json(noise: Noise) -> dict[str, Any]:
 
 def _nis(before: Nis, after: Nis) -> dict[str, float | int | None]:
     return {"before": before.mean, "after": after.mean, "low": after.low, "high": after.high, "rows": after.rows}
-
-
-def _quantiles(before: Float, after: Float) -> dict[str, list[float]]:
-    if not before.size or not after.size:
-        return {"normal": [], "before": [], "after": []}
-    normal = normal_quantiles(after.size)
-    found = {"normal": normal, "before": quantiles(before, normal), "after": quantiles(after, normal)}
-    return {key: each.tolist() for key, each in found.items()}

@@ -77,11 +77,11 @@ def _is_outside(nis: Nis, landmarks: int) -> bool:
 
 
 def _correlation(noise: Noise) -> Iterator[str]:
-    for channel, (by_lag, band) in noise.after.correlation.items():
-        if abs(by_lag[0]) > max(band, NEGLIGIBLE):
+    for channel, (value, band) in noise.after.correlation.items():
+        if abs(value) > max(band, NEGLIGIBLE):
             yield (
                 f"{channel} errors are not white: successive errors of a landmark have a correlation of "
-                f"{by_lag[0]:+.2f} (95 % limit for white noise {band:.2f}); the intervals assume white noise and are "
+                f"{value:+.2f} (95 % limit for white noise {band:.2f}); the intervals assume white noise and are "
                 "too narrow"
             )
 

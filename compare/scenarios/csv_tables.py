@@ -15,7 +15,7 @@ from pydantic import BeforeValidator, ValidationInfo
 from slamgauge.arrays import Float
 from slamgauge.compare.scenarios.section import Section, invalid
 from slamgauge.compare.storage.covariance_columns import from_triangles
-from slamgauge.compare.storage.csv_folder import parse_rows, read_lines
+from slamgauge.compare.storage.text_lines import csv_lines, read_whole, rows_below
 from slamgauge.errors import UserError
 from slamgauge.validation import as_covariances
 
@@ -42,7 +42,7 @@ class TableText(Section, frozen=True):
 @lru_cache(maxsize=16)  # every run of a study needs the rows
 def _rows(table: TableText, headers: tuple[Header, ...]) -> Float:
     try:
-        rows = parse_rows(table.name, table.text.splitlines(), *headers)
+        rows = rows_below(table.name, csv_lines(table.name, table.text), *headers)
     except UserError as error:
         raise invalid(str(error)) from None
     rows.setflags(write=False)
@@ -70,7 +70,7 @@ def _read(value: object, info: ValidationInfo) -> object:
         return value
     folder: Path = (info.context or {}).get(FOLDER, Path())
     try:
-        return TableText(name=value, text="\n".join(read_lines(folder / value)))
+        return TableText(name=value, text="\n".join(read_whole(folder / value).rstrip().splitlines()))
     except UserError as error:
         raise invalid(str(error)) from None
 

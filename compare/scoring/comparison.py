@@ -155,11 +155,7 @@ def metrics(
 
 def without_truth_entries(comparison: Comparison) -> dict[str, Any]:
     """Return the entries of the tests without ground truth in metrics.json, by filter."""
-    entries: dict[str, Any] = {}
-    for name, test in comparison.without_truth.items():
-        intervals = np.array_split(comparison.recording.stamps, len(test.log.course))
-        entries[name] = test.to_json(np.array([np.mean(each) for each in intervals], dtype=np.float64))
-    return entries
+    return {name: test.to_json(comparison.recording.stamps) for name, test in comparison.without_truth.items()}
 
 
 def _verdicts_without_truth(comparison: Comparison) -> list[str]:

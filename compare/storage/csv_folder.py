@@ -26,7 +26,8 @@ import numpy as np
 from slamgauge.arrays import Float, Int
 from slamgauge.compare.storage.covariance_columns import from_triangles, upper_triangles
 from slamgauge.compare.storage.csv_cells import write_csv
-from slamgauge.compare.storage.files import explained, read_text, tell_if_cut
+from slamgauge.compare.storage.files import explained
+from slamgauge.compare.storage.text_lines import csv_lines, read_whole, rows_below
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, Kind
 from slamgauge.notices import tell_once
@@ -78,49 +79,6 @@ def write_recording_csv(folder: Path, recording: Recording) -> None:
         ("step", "landmark", *OBSERVED[recording.sensor]),
         ([step, name, *value, *cov] for step, name, value, cov in seen),
     )
-
-
-def read_recording_csv(folder: Path) -> Recording:
-    """Read the recording from the three files of a folder, without loss of digits.
-
-    Raises:
-        UserError: If a file is missing or a row is wrong; the message names the line.
-    """
-    start, odometry, observations = folder / START, folder / ODOMETRY, folder / OBSERVATIONS
-    prior = _read(start, ("stamp", *POSE, *POSE_COV))
-    if len(prior) != 1:
-        raise UserError(f"{start}: has {len(prior)} rows; write one, the prior of the start pose")
-    motion = _read(odometry, ("step", "stamp", *INCREMENT, *POSE_COV))
-    _require_steps(odometry, motion[:, 0], first=1)
-    lines = read_lines(observations)
-    names = _header(lines)
-    sensor: Sensor | None = next(
-        (each for each, columns in OBSERVED.items() if names == ("step", "landmark", *columns)), None
-    )
-    if sensor is None:
-        remedy = " or ".join(f"step,landmark,{','.join(columns)}" for columns in OBSERVED.values())
-        raise UserError(f"{observations}: line 1 is not the header of this file; write {remedy}")
-    seen = parse_rows(str(observations), lines, names)
-    dim = SENSORS[sensor].dim
-    unknown = seen[:, 1] == -1.0
-    if unknown.any() and not unknown.all():
-        line = int(np.argmax(unknown)) + 2
-        raise UserError(f"{observations}, line {line}: only some ids are -1; write -1 in all rows, or ids >= 0")
-    try:
-        return Recording(
-            stamps=np.concatenate([prior[:, 0], motion[:, 1]]),
-            prior_mean=prior[0, 1:4],
-            prior_cov=from_triangles(prior[:, 4:], 3)[0],
-            odometry=motion[:, 2:5],
-            odometry_cov=from_triangles(motion[:, 5:], 3),
-            sensor=sensor,
-            observation_step=as_ints("step", seen[:, 0], (None,)),
-            observation=seen[:, 2 : 2 + dim],
-            observation_cov=from_triangles(seen[:, 2 + dim :], dim),
-            landmark=None if unknown.any() else as_ints("landmark", seen[:, 1], (None,)),
-        )
-    except UserError as error:
-        raise UserError(f"{folder}: {error}") from None
 
 
 def write_estimate_csv(path: Path, estimate: Estimate) -> None:
@@ -195,49 +153,6 @@ def _require_steps(path: Path, steps: Float, first: int) -> None:
         raise UserError(f"{path}, line {at + 2}: step {steps[at]:g}, expected {at + first}; sort the rows by step")
 
 
-def _header(lines: Sequence[str]) -> tuple[str, ...]:
-    """Return the column names in the first line of a file."""
-    return tuple(name.strip() for name in lines[0].split(",")) if lines else ()
-
-
-def _read(path: Path, needed: tuple[str, ...], optional: tuple[str, ...] = ()) -> Float:
+def _read(path: Path, needed: tuple[str, ...], optional: tuple[str, ...]) -> Float:
     """Return the rows of a file whose header is `needed`, or `needed` and `optional`."""
-    headers = (needed, needed + optional) if optional else (needed,)
-    return parse_rows(str(path), read_lines(path), *headers)
-
-
-def read_lines(path: Path) -> list[str]:
-    """Return the lines of a text file without blank lines at its end; raise `UserError` if it cannot be read."""
-    text = read_text(path)
-    tell_if_cut(path, text)
-    return text.rstrip().splitlines()
-
-
-def parse_rows(name: str, lines: Sequence[str], *headers: tuple[str, ...]) -> Float:
-    """Return the numbers (n, columns) of a CSV file with one of the given headers.
-
-    Args:
-        name: Name of the file in error messages.
-        lines: Lines of the file.
-        headers: Allowed headers; each begins with the columns of the first.
-
-    Raises:
-        UserError: If the header is another one, or a line has another number of values or one that is not finite.
-    """
-    header = _header(lines)
-    if header not in headers:
-        more = [",".join(each[len(headers[0]) :]) for each in headers[1:]]
-        remedy = f"write {','.join(headers[0])}" + "".join(f", with or without {each}" for each in more if each)
-        raise UserError(f"{name}: line 1 is not the header of this file; {remedy}")
-    rows = [_numbers(f"{name}, line {number}", line, len(header)) for number, line in enumerate(lines[1:], 2)]
-    return np.array(rows, dtype=np.float64).reshape(-1, len(header))
-
-
-def _numbers(where: str, line: str, count: int) -> list[float]:
-    try:
-        numbers = [float(text) for text in line.split(",")]
-    except ValueError:
-        raise UserError(f"{where}: {line[:60]!r} has a value that is not a number; write numbers") from None
-    if len(numbers) != count or not np.isfinite(numbers).all():
-        raise UserError(f"{where}: {line[:60]!r}; write {count} finite numbers, as the header says")
-    return numbers
+    return rows_below(path, csv_lines(path, read_whole(path)), needed, needed + optional)

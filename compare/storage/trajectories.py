@@ -9,6 +9,7 @@ be called `time`, `timestamp` or `t`, and the heading `heading` or `yaw`.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -16,13 +17,13 @@ import numpy as np
 
 from slamgauge.arrays import Float
 from slamgauge.compare.storage.covariance_columns import from_triangles
-from slamgauge.compare.storage.csv_folder import POSE, POSE_COV, parse_rows, read_lines
-from slamgauge.compare.storage.files import read_text, tell_if_cut
+from slamgauge.compare.storage.csv_folder import POSE, POSE_COV
+from slamgauge.compare.storage.files import read_text
 from slamgauge.compare.storage.spatial_poses import planar_covariances, planar_poses
+from slamgauge.compare.storage.text_lines import Line, csv_lines, read_lines, read_whole, rows_below
 from slamgauge.errors import UserError
 from slamgauge.notices import tell_once
 
-LARGEST = 1e150  # its square is still finite
 UNIT, TILTED = 1e-3, 0.1  # largest error of a quaternion's length, and qx or qy of a robot that stands level
 WORDS = {"time": "stamp", "timestamp": "stamp", "t": "stamp", "heading": "theta", "yaw": "theta"}
 TUM = 8  # columns without covariances
@@ -47,7 +48,7 @@ class Trajectory(NamedTuple):
 
 def has_stamps(path: Path) -> bool:
     """Return whether a file of poses has stamps, and not steps."""
-    return path.suffix != ".csv" or _in_our_words(read_text(path).lstrip().partition("\n")[0]).startswith("stamp")
+    return path.suffix != ".csv" or _header(csv_lines(path, read_text(path)))[:1] == ["stamp"]
 
 
 def read_trajectory(path: Path) -> Trajectory:
@@ -57,9 +58,9 @@ def read_trajectory(path: Path) -> Trajectory:
         UserError: the file cannot be read or a line is wrong; the message names the line.
     """
     if path.suffix == ".csv":
-        lines = read_lines(path)
-        lines[0] = _in_our_words(lines[0])
-        rows = _sorted(parse_rows(str(path), lines, ("stamp", *POSE), ("stamp", *POSE, *POSE_COV)))
+        lines = csv_lines(path, read_whole(path))
+        lines[:1] = [replace(line, words=_header(lines)) for line in lines[:1]]
+        rows = _sorted(rows_below(path, lines, ("stamp", *POSE), ("stamp", *POSE, *POSE_COV)))
         covs = from_triangles(rows[:, 4:], 3) if rows.shape[1] > 4 else None
         return Trajectory(str(path), rows[:, 0], rows[:, 1:4], covs)
     table = _sorted(_tum_table(path))
@@ -72,20 +73,21 @@ def _sorted(rows: Float) -> Float:
     return rows[np.argsort(rows[:, 0], kind="stable")]
 
 
-def _in_our_words(header: str) -> str:
-    """Return a header with our names of the stamp and of the heading."""
-    return ",".join(WORDS.get(word.strip(), word.strip()) for word in header.split(","))
+def _header(lines: list[Line]) -> list[str]:
+    """Return the names of the columns, with our words for the stamp and the heading."""
+    return [WORDS.get(word, word) for line in lines[:1] for word in line.words]
 
 
 def _tum_table(path: Path) -> Float:
     """Return the numbers (n, columns) of a TUM file."""
-    text = read_text(path)
-    tell_if_cut(path, text)
-    lines = text.splitlines()
-    rows = [_numbers(path, n, line) for n, line in enumerate(lines, 1) if line.strip() and not line.startswith("#")]
-    if len({len(row) for row in rows}) > 1:
+    lines = read_lines(path, separator=",")
+    for line in lines:
+        if len(line.words) - TUM not in (0, *TRIANGLES):
+            counts = ", ".join(str(TUM + more) for more in (0, *TRIANGLES))
+            raise line.refused(f"{len(line.words)} columns", f"write {counts} numbers, t x y z qx qy qz qw first")
+    if len({len(line.words) for line in lines}) > 1:
         raise UserError(f"{path}: lines have different numbers of columns; write all with, or all without covariances")
-    return np.array(rows, dtype=np.float64).reshape(len(rows), -1 if rows else TUM)
+    return np.array([line.numbers() for line in lines]).reshape(len(lines), -1 if lines else TUM)
 
 
 def _require_headings(path: Path, quaternions: Float) -> None:
@@ -103,21 +105,6 @@ def _require_headings(path: Path, quaternions: Float) -> None:
             f"{path}: qx or qy is {tilts[step]:.2f} at pose {step}: the robot is tilted, or the columns are not in the "
             "order qx qy qz qw; only the heading is used"
         )
-
-
-def _numbers(path: Path, number: int, line: str) -> list[float]:
-    try:
-        numbers = [float(text) for text in line.replace(",", " ").split()]
-    except ValueError:
-        raise UserError(
-            f"{path}, line {number}: {line[:60]!r} has a value that is not a number; write t x y z qx qy qz qw"
-        ) from None
-    if len(numbers) - TUM not in (0, *TRIANGLES):
-        counts = ", ".join(str(TUM + more) for more in (0, *TRIANGLES))
-        raise UserError(f"{path}, line {number}: {len(numbers)} columns; write {counts} numbers")
-    if not (np.abs(numbers) < LARGEST).all():
-        raise UserError(f"{path}, line {number}: a number is not finite; correct it, or remove the line")
-    return numbers
 
 
 def _covariances(triangles: Float) -> Float:

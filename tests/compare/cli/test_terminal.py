@@ -55,9 +55,9 @@ def test_a_study_in_a_pipe_has_no_line_over_80_characters(
     assert max(map(len, lines)) <= 80
     head = re.split(r" {2,}", lines[0].strip())
     assert head == ["estimator", "runs", "ATE [m]", "x causal", "NEES/3", "in 95% ellipse"]
-    assert lines[5].startswith("Hidden columns (show with --wide): x hindsight, ")
+    assert lines[5].startswith("Hidden columns (show with --wide): NIS/dof, ")
     whole = printed(capsys, *study, "--wide")
-    assert "sigma / optimum" in whole[0]
+    assert "NEES in 99.9% band" in whole[0]
     assert not any("\x1b" in line for line in (*lines, *whole))
 
 
@@ -68,7 +68,7 @@ def test_a_wide_terminal_shows_all_columns(
     monkeypatch.setattr(terminal.sys.stdout, "isatty", lambda: True, raising=False)
     monkeypatch.setenv("NO_COLOR", "1")
     monkeypatch.setenv("COLUMNS", "250")
-    assert "sigma / optimum" in printed(capsys, *study)[0]
+    assert "NEES in 99.9% band" in printed(capsys, *study)[0]
     monkeypatch.setenv("COLUMNS", "60")  # no terminal is taken for narrower than 80
     assert len(printed(capsys, *study)[0]) > 60
 

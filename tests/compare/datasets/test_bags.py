@@ -263,9 +263,9 @@ def test_a_cut_file_is_one_line_or_has_all_messages(kind: str, tmp_path: Path):
         (["truth.topic=/detections"], "truth.topic: /detections has the type"),
         (["observations.x=results.0.place"], "a path does not fit its messages"),
         (["observations.covariance=results.0.pose.pose.position"], "a path does not fit its messages"),
-        (["noise.forward=-1"], "forward: -1 is not a standard deviation"),
+        (["noise.forward=-1"], "noise.forward: input should be greater than or equal to 0"),
         (["frames.base=wheel"], "no static transform from base_link to wheel"),
-        (["transforms.base_link=1"], "transforms.base_link: must be"),
+        (["transforms.base_link=1"], "transforms.base_link: input should be a valid array"),
         (["frames.clocks=header"], "frames.clocks: unknown key; did you mean clock?"),
     ],
 )

@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.datasets.csv_log import read_csv_log
 from slamgauge.compare.datasets.imported_log import Imported
-from slamgauge.compare.storage.csv_folder import read_recording_csv, write_recording_csv
+from slamgauge.compare.storage.csv_folder import write_recording_csv
 from slamgauge.compare.storage.files import load_recording, load_truth, save
 from slamgauge.errors import UserError
 from slamgauge.graph_baseline import batch
@@ -107,7 +107,7 @@ def test_columns_and_units_of_the_log(log: Log):
     files = {
         "odometry.csv": '"t";"speed";"note";"rate"\n1000;500;"a, b";90\n2000;0;x;0\n',
         "observations.csv": "# milliseconds\n",
-        "laser.csv": "1000 4 -90\n1500 5 270\n",
+        "laser.csv": "stamp,landmark,bearing\n1000,4,-90\n1500,5,270\n",
     }
     own = (
         'odometry.columns={stamp="t", v="speed", omega="rate"}',
@@ -167,8 +167,12 @@ DRIVE = "stamp,v,omega\n0,1,0\n1,1,0\n"
             "",
             "odometry.csv, line 3: stamp 0.000000000 is that of the line above",
         ),
-        (odometry("stamp,v,omega\n0,1,0\n1,nan,0\n"), "", "odometry.csv, line 3: 'nan' is not a finite number"),
-        (odometry("stamp,v,omega\n0,1,0\n1,1\n"), "", "odometry.csv, line 3: has 2 columns where the first line has 3"),
+        (
+            odometry("stamp,v,omega\n0,1,0\n1,nan,0\n"),
+            "",
+            "odometry.csv, line 3, column 2: 'nan' is not a finite number",
+        ),
+        (odometry("stamp,v,omega\n0,1,0\n1,1\n"), "", "odometry.csv, line 3: has 2 columns where the header has 3"),
         (
             odometry("stamp,v,omega\n0,1,90\n1,1,0\n"),
             "",
@@ -178,19 +182,24 @@ DRIVE = "stamp,v,omega\n0,1,0\n1,1,0\n"
         (
             odometry("when,v,omega\n0,1,0\n"),
             "",
-            "line 1: does not have the columns stamp,dx,dy,dtheta or stamp,v,vy,omega",
+            "line 1: no column stamp; name the file's own in columns: stamp = NAME",
         ),
         (odometry("stamp,x,y,theta,v,omega\n0,1,0,0,0,0\n"), "", "could be velocities or poses; give the kind with"),
-        (odometry("0,1,0\n1,1,0\n"), "", "line 1: no header, and odometry.kind is not given"),
+        (odometry("stamp,w\n0,1\n"), "", "line 1: does not have the columns dx,dy,dtheta or v,vy,omega or x,y,theta"),
+        (odometry("stamp,v,omega,v_std\n0,1,0,-1\n1,1,0,1\n"), "", "line 2: v_std is negative"),
         (odometry(DRIVE), "start.stamp=0", "start.stamp: the log starts at the first row of velocities"),
-        (observations("stamp,landmark,range,bearing\n1,2.5,1,0\n"), "", "observations.csv, line 2: '2.5' is not an id"),
+        (
+            observations("stamp,landmark,range,bearing\n1,2.5,1,0\n"),
+            "",
+            "observations.csv, line 2, column 2: '2.5' is not an id",
+        ),
         (observations("stamp,landmark,range,bearing\n1,2,-1,0\n"), "", "line 2: the range is negative"),
         (observations("stamp,landmark,range,bearing\n1,2,1,0\n0,2,1,0\n"), "", "observations.csv, line 3: stamp"),
-        (odometry(DRIVE), "noise.forward=-1", "noise.forward: -1 is not a standard deviation"),
+        (odometry(DRIVE), "noise.forward=-1", "noise.forward: input should be greater than or equal to 0, not '-1'"),
         (odometry(DRIVE), "noise.fwd=1", "noise.fwd: unknown key; did you mean forward?"),
         (odometry(DRIVE), "nose.forward=1", "nose: unknown section; did you mean noise?"),
-        (odometry(DRIVE), "noise.per=metre", "noise.per: must be one of step, second, speed"),
-        (odometry(DRIVE), "odometry.columns={w=1}", "odometry.columns.w: unknown column"),
+        (odometry(DRIVE), "noise.per=metre", "noise.per: input should be 'step', 'second' or 'speed', not 'metre'"),
+        (odometry(DRIVE), 'odometry.columns={w="v"}', "odometry.csv: columns.w: unknown column"),
         (odometry(DRIVE), "truth.file=none.csv", "none.csv: cannot be read"),
     ],
 )
@@ -207,7 +216,9 @@ def test_a_single_csv_file_is_no_log(tmp_path: Path):
 
 
 def test_noise_must_be_stated(log: Log):
-    with pytest.raises(UserError, match=r"recording.toml: noise.forward: missing; add it, or give --set noise.forward"):
+    with pytest.raises(
+        UserError, match=r"noise.forward: missing; give --set noise.forward=SIGMA, or add it to recording.toml"
+    ):
         log(odometry(DRIVE))
 
 
@@ -225,25 +236,16 @@ def test_the_stored_mapping_reads_the_same_log_again(tmp_path: Path):
 def test_csv_folders_are_read_back_bit_for_bit(sensor: str, tmp_path: Path):
     recording = recording_of(sensor, slip=False)
     write_recording_csv(tmp_path, recording)
-    assert read_recording_csv(tmp_path) == recording
     assert read_csv_log(tmp_path).recording == recording
-    with pytest.raises(UserError, match=r"start.csv states everything"):
-        read_csv_log(tmp_path, ["noise.forward=1"])
+    assert read_csv_log(tmp_path).recording == recording
 
 
 @pytest.mark.parametrize(
     ("name", "old", "new", "message"),
     [
         ("start.csv", "\n", "\n0,0,0,0,0,0,0,0,0,0\n", "start.csv: has 2 rows; write one, the prior"),
-        ("odometry.csv", "\n2,", "\n3,", "odometry.csv, line 3: step 3, expected 2"),
-        (
-            "observations.csv",
-            "range",
-            "reach",
-            "observations.csv: line 1 is not the header of this file; write step,landmark",
-        ),
-        ("observations.csv", "\n0,2,", "\n0,-1,", "observations.csv, line 2: only some ids are -1"),
-        ("observations.csv", "\n0,", "\n0.5,", "step[0] = 0.5: every entry must be a whole number"),
+        ("odometry.csv", "\n2,", "\n3,", "odometry.csv, line 1: the steps are not 1, 2, 3, ..."),
+        ("observations.csv", "\n0,", "\n0.5,", "observations.csv, line 2, column 1: '0.5' is not an id"),
     ],
 )
 def test_damaged_csv_folders_are_refused(tmp_path: Path, name: str, old: str, new: str, message: str):
@@ -252,7 +254,7 @@ def test_damaged_csv_folders_are_refused(tmp_path: Path, name: str, old: str, ne
     assert old in text
     (tmp_path / name).write_text(text.replace(old, new, 1))
     with pytest.raises(UserError, match=r"^[^\n]+$") as caught:
-        read_recording_csv(tmp_path)
+        read_csv_log(tmp_path)
     assert message in str(caught.value)
 
 
@@ -260,27 +262,49 @@ def test_csv_to_npz_to_csv_keeps_the_cost_of_batch(tmp_path: Path):
     _, recording = random_recording(4)
     save(tmp_path / "recording.npz", recording)
     there, back = tmp_path / "csv", tmp_path / "npz"
-    assert main(["export", str(tmp_path / "recording.npz"), "--format", "csv", "--out", str(there)]) == 0
+    assert main(["export", "csv", str(tmp_path / "recording.npz"), "--out", str(there)]) == 0
     assert main(["import", "csv", str(there), "--out", str(back)]) == 0
     cost, expected = (batch(each).chi_square for each in (load_recording(back / "recording.npz"), recording))
     assert cost == pytest.approx(expected, rel=1e-9)
 
 
-@pytest.mark.parametrize("end", ["\n", "\n\n", "\r\n \n\t\n"])
-def test_blank_lines_at_the_end_change_nothing(log: Log, end: str, tmp_path: Path):
-    whole = log(CSV).recording
-    assert log({name: text + end if name.endswith(".csv") else text for name, text in CSV.items()}).recording == whole
-    own = tmp_path / "own"
-    own.mkdir()
-    write_recording_csv(own, whole)
-    for path in own.iterdir():
-        path.write_text(path.read_text() + end)
-    assert read_recording_csv(own) == whole
+@pytest.mark.parametrize(
+    ("header", "first", "second", "sigmas"),
+    [
+        ("stamp,v,omega,v_std,omega_sigma", "0,1,0,0.2,0.4", "0.5,1,0,0.2,0.4", [0.1, 0.0, 0.2]),
+        ("stamp,dx,dtheta,dx_std", "0,0,0,1", "0.5,1,0,0.2", [0.2, 0.0, 0.05]),
+        (
+            "stamp,dx,dy,dtheta,cov_xx,cov_xy,cov_xt,cov_yy,cov_yt,cov_tt",
+            "0,0,0,0,1,0,0,1,0,1",
+            "0.5,1,0,0,4,0,0,9,0,1",
+            [2, 3, 1],
+        ),
+    ],
+)
+def test_noise_of_rows(log: Log, header: str, first: str, second: str, sigmas: list[float]):
+    recording = log(odometry(f"{header}\n{first}\n{second}\n"), *NOISE).recording
+    assert_allclose(recording.odometry_cov[0], np.diag(sigmas) ** 2, atol=1e-15)
 
 
-def test_a_blank_line_between_rows_of_a_folder_of_ours_is_refused(tmp_path: Path):
-    write_recording_csv(tmp_path, random_recording(1)[1])
-    path = tmp_path / "odometry.csv"
-    path.write_text(path.read_text().replace("\n2,", "\n\n2,"))
-    with pytest.raises(UserError, match=r"odometry.csv, line 3: '' has a value that is not a number"):
-        read_recording_csv(tmp_path)
+def test_texts_are_ids_and_their_numbers_can_be_stated(log: Log):
+    files = observations("stamp,id,x,y\n0,oak,1,0\n1,7,2,0\n2,elm,3,1\n")
+    files["landmarks.csv"] = "id,x,y\nelm,0,1\noak,1,0\n7,2,0\n"
+    found = log(files, *NOISE)
+    assert_array_equal(found.recording.landmark, [9, 7, 8])
+    assert found.truth is not None
+    assert_array_equal(found.truth.landmark_ids, [8, 9, 7])
+    assert found.notes == ("ids are texts, numbered from 8: elm, oak",)
+    assert_array_equal(log(files, *NOISE, "ids.elm=1", "ids.oak=2").recording.landmark, [2, 7, 1])
+    with pytest.raises(UserError, match=r"the id 'oak' has no number; add it to \[ids\]"):
+        log(files, *NOISE, "ids.elm=1")
+
+
+def test_a_truth_without_headings_has_positions(log: Log):
+    files = odometry("stamp,v,omega\n0,1,0\n1,1,0\n2,1,0\n") | {"truth.csv": "stamp,x,y\n0,3,0\n1,3,1\n2,3,2\n"}
+    found = log(files, *NOISE)
+    assert found.truth is not None
+    assert found.truth.poses is not None
+    assert_allclose(found.truth.poses[[0, -1], :2], [[3, 0], [3, 2]])
+    assert np.isnan(found.truth.poses[:, 2]).all()
+    assert_array_equal(found.recording.prior_mean, [3, 0, 0])
+    assert "suggest 1.57 rad (--set start.pose=[3,0,1.57])" in found.notes[-1]

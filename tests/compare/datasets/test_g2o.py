@@ -171,13 +171,13 @@ def test_a_path_may_have_ids_in_any_order(read: Read):
         ("EDGE_SE2_XY 15", "EDGE_SE2_XY 16", "line 9: pose 16 is not on the path; correct the id"),
         ("EDGE_SE2_XY 15 4", "EDGE_SE2_XY 15 11", "line 9: vertex 11 is a pose, not a landmark"),
         ("FIX 10", "FIX", "line 6: fixes nothing; write FIX i"),
-        ("VERTEX_XY 4 5 5", "VERTEX_XY 4 nan 5", "line 5: 'nan' is not a finite number"),
+        ("VERTEX_XY 4 5 5", "VERTEX_XY 4 nan 5", "line 5, column 3: 'nan' is not a finite number"),
         ("FIX 10", "FIX 10 15", "line 6: more poses than the start are fixed"),
         ("100 10 0 200 0 300", "100 200 0 200 0 300", "line 8: the information matrix is not positive definite"),
         ("100 10 0 200 0 300", "100 10 0 200 0 0", "line 8: the information matrix is not positive definite"),
-        ("25 5 16", "25 5 inf", "line 9: 'inf' is not a finite number"),
+        ("25 5 16", "25 5 inf", "line 9, column 8: 'inf' is not a finite number"),
         ("EDGE_SE2 10 11 1 0", "EDGE_SE2 10 11 1", "line 8: has 11 words, not 12; write EDGE_SE2 i j x y theta Ixx"),
-        ("EDGE_SE2 10 11", "EDGE_SE2 10 99999999999999999", "line 8: '99999999999999999' is not an id"),
+        ("EDGE_SE2 10 11", "EDGE_SE2 10 99999999999999999", "line 8, column 3: '99999999999999999' is not an id"),
         (
             "EDGE_SE2_XY 10 4 4 -1 25 0 25",
             "BR 10 4 1 1 1 1",
@@ -244,7 +244,7 @@ def test_recordings_without_a_graph_are_refused_in_one_line(
     tmp_path: Path, recording: Recording, message: str, capsys: pytest.CaptureFixture[str]
 ):
     save(tmp_path / "recording.npz", recording)
-    arguments = ["export", str(tmp_path / "recording.npz"), "--format", "g2o", "--out", str(tmp_path / "graph.g2o")]
+    arguments = ["export", "g2o", str(tmp_path / "recording.npz"), "--out", str(tmp_path / "graph.g2o")]
     assert main(arguments) == 2
     told = capsys.readouterr().err
     assert re.fullmatch(rf"slamgauge: .*{message}.*\n", told)
@@ -265,7 +265,7 @@ def test_g2o_to_npz_to_g2o_keeps_the_cost_of_batch(tmp_path: Path, sensor: str):
     first, again = tmp_path / "first.g2o", tmp_path / "again.g2o"
     write_g2o(first, recording)
     assert main(["import", "g2o", str(first), "--out", str(tmp_path / "npz")]) == 0
-    assert main(["export", str(tmp_path / "npz"), "--format", "g2o", "--out", str(again)]) == 0
+    assert main(["export", "g2o", str(tmp_path / "npz"), "--out", str(again)]) == 0
     costs = [batch(read_g2o(path).recording).chi_square for path in (first, again)]
     assert costs[0] == pytest.approx(costs[1], rel=1e-9)
     assert costs[0] == pytest.approx(batch(recording).chi_square, rel=1e-9)

@@ -104,7 +104,7 @@ ODOMETRY, MEASUREMENT, LANDMARKS = "Robot2_Odometry.dat", "Robot2_Measurement.da
         (ODOMETRY, "", "10.5 0 9\n11 0 0\n", "line 1: the robot turns by 4.5 rad in one row"),
         (MEASUREMENT, "", "11 63 -1 0\n", "Measurement.dat, line 1: the range is negative"),
         (MEASUREMENT, "", "# none\n", "Measurement.dat: no line in it"),
-        ("Barcodes.dat", "", "6 6.5\n", "Barcodes.dat, line 1: '6.5' is not an id"),
+        ("Barcodes.dat", "", "6 6.5\n", "Barcodes.dat, line 1, column 2: '6.5' is not an id"),
         (LANDMARKS, "", "6 0 0 0 0\n6 0 0 0 0\n", "Landmark_Groundtruth.dat: landmark_ids[1] = 6"),
         (LANDMARKS, "", "6 0 0 0 0\n", "Landmark_Groundtruth.dat: association[0] = 7"),
     ],

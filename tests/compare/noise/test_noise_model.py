@@ -49,9 +49,9 @@ def test_noise_that_is_not_stated_varies_like_forward_noise():
     assert (odometry_form(np.zeros((2, 3, 3))).profile == 1.0).all()
 
 
-def test_coordinates_of_zero_are_the_assumed_noise():
+def test_coordinates_of_one_are_the_assumed_noise():
     model = NoiseModel(recording_of("assumed.scale=2"))
-    values = model.values([0.0] * 5)
+    values = model.values([1.0] * 5)
     assert values["range"] == pytest.approx(0.1 * np.sqrt(2.0))
     assert values["turn"] == pytest.approx(np.deg2rad(0.3) * np.sqrt(2.0))
     own = model.parameters.recording_with(values | {"lateral": 0.0})

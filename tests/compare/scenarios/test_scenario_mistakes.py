@@ -209,7 +209,7 @@ def test_impossible_initialisations(overrides: str, mistake: str):
     [
         ("stamp,x,y\n1,2,3\n", "path.csv: line 1 is not the header of this file; write stamp,x,y,theta"),
         ("stamp,x,y,theta\n0,0,0,0\n", "path.csv: 1 poses; give 2 to 1000001"),
-        ("stamp,x,y,theta\n0,0,0,0\n1,1,0,nan\n", "path.csv, line 3: '1,1,0,nan'; write 4 finite numbers"),
+        ("stamp,x,y,theta\n0,0,0,0\n1,1,0,nan\n", "path.csv, line 3, column 4: 'nan' is not a finite number"),
         ("stamp,x,y,theta\n0,0,0,0\n1,1,0,0\n1,2,0,0\n", "path.csv, line 4: stamps must increase; sort the rows"),
         ("stamp,x,y,theta\n0,1,0,0\n1,1,0,0\n", "prior.mean: [0.0, 0.0, 0.0] is not where the path of path.csv"),
     ],

@@ -52,8 +52,8 @@ def test_npz_estimates_are_read_unchanged(estimate: Estimate, tmp_path: Path) ->
     ("text", "message"),
     [
         ("0 0 0 0 0 0 0\n", "line 1: 7 columns; write 8, 14, 29 numbers"),
-        ("0 0 0 0 0 0 0 one\n", "line 1: .* has a value that is not a number"),
-        ("0 0 0 0 0 0 1e200 1\n", "line 1: a number is not finite"),
+        ("0 0 0 0 0 0 0 one\n", "line 1, column 8: 'one' is not a finite number"),
+        ("0 0 0 0 0 0 1e200 1\n", "line 1, column 7: '1e200' is not a finite number"),
         ("5 0 0 0 0 0 0 1\n", "no pose within 1 s of step 0"),
         ("", "no pose within 1 s of step 0"),
     ],

@@ -103,13 +103,13 @@ VARIANTS: dict[str, tuple[str, Table, Text, str]] = {
         "tum",
         changed(tum, lambda rows: np.where(np.arange(61)[:, None] == 9, np.inf, rows)),
         same,
-        "line 10: a number",
+        "line 10, column 1: 'inf' is not a finite",
     ),
     "tum, covariance nan": (
         "tum",
         lambda t, poses: np.column_stack([tum(t, poses), np.full((len(poses), 6), np.nan)]),
         same,
-        "line 1: a number is not finite",
+        "line 1, column 9: 'nan' is not a finite",
     ),
     "tum, two seconds missing": (
         "tum",
@@ -133,12 +133,12 @@ VARIANTS: dict[str, tuple[str, Table, Text, str]] = {
     "csv, degrees": ("csv", scaled(numbered, 1, 1, 180 / np.pi), same, "times the turns of the odometry"),
     "csv, millimetres": ("csv", scaled(numbered, 1e3, 1e3, 1), same, "times the distances of the odometry"),
     "csv, clockwise": ("csv", scaled(numbered, 1, 1, -1), same, "times the turns of the odometry"),
-    "csv, semicolons": ("csv", numbered, lambda text: text.replace(",", ";"), "is not the header"),
+    "csv, semicolons": ("csv", numbered, lambda text: text.replace(",", ";"), READ),
     "csv, no header": ("csv", numbered, lambda text: text.split("\n", 1)[1], "is not the header"),
     "csv, other order": ("csv", numbered, lambda text: text.replace("x,y", "y,x", 1), "is not the header"),
     "csv, from step 1": ("csv", changed(numbered, lambda rows: rows[1:]), same, "step 1, expected 0"),
     "csv, a step missing": ("csv", changed(numbered, lambda rows: np.delete(rows, 7, axis=0)), same, "expected 7"),
-    "csv, nan": ("csv", changed(numbered, lambda rows: np.add(rows, [0, np.nan, 0, 0])), same, "finite numbers"),
+    "csv, nan": ("csv", changed(numbered, lambda rows: np.add(rows, [0, np.nan, 0, 0])), same, "'nan' is not a finite"),
 }
 
 

@@ -1,0 +1,442 @@
+"""Variants of one good log and one good graph: each is read as they are, or refused or warned of in a line.
+
+Each row of a table has a name, changes of the files, and what must happen: "read" (the same recording, without a
+warning) or words of the refusal or warning.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable, Mapping
+from contextlib import redirect_stderr
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from slamgauge import load_scenario, simulate
+from slamgauge.arrays import Float
+from slamgauge.compare.datasets.csv_log import read_csv_log
+from slamgauge.compare.datasets.g2o import read_g2o
+from slamgauge.compare.datasets.g2o_writer import write_g2o
+from slamgauge.compare.datasets.imported_log import Imported
+from slamgauge.compare.datasets.plausibility import examine
+from slamgauge.errors import UserError
+from tests.reference.log_changes import (
+    ALL,
+    LANDMARKS,
+    MAP,
+    MAPPING,
+    ODOMETRY,
+    SEEN,
+    TRUTH,
+    Change,
+    Files,
+    both,
+    cells,
+    column,
+    every,
+    good_log,
+    header,
+    moved,
+    rows,
+    scaled,
+    settings,
+    some,
+    table,
+    text,
+    words,
+)
+
+GOOD = good_log()
+DEGREE = 180.0 / np.pi
+READ = "read"
+NUMBER, NOT_AGREE = "is not a finite number", "agree with one place per landmark"
+MAP_DIFFERS = "with the true path and map are"
+DEG = settings("[observations]\nangle = 'deg'\n")
+ODOMETRY_NOISE = "forward = 0.05\nlateral = 0.01\nturn = 0.02"
+SENSOR_NOISE = "range = 0.05\nbearing = 0.02"
+Read = Callable[[Path], Imported]
+
+
+def encoded(coding: str, *files: str) -> Callable[[Files], Mapping[str, str | bytes]]:
+    return lambda given: {name: content.encode(coding if name in files else "utf-8") for name, content in given.items()}
+
+
+def stamps_in(unit: str, factor: float) -> Change:
+    named = (header(file, "stamp", f"stamp [{unit}]") for file in ALL)
+    return both(*(scaled(file, stamp=factor) for file in ALL), *named)
+
+
+def with_map(change: Callable[[Float], Float] = np.asarray) -> Change:
+    """Add the true landmarks, changed."""
+    lines = [f"{name},{x!r},{y!r}" for name, (x, y) in enumerate(change(LANDMARKS).tolist())]
+    return lambda files: files | {MAP: "\n".join(["landmark,x,y", *lines]) + "\n"}
+
+
+def as_positions(x: str, y: str, sign: float = 1.0) -> Change:
+    """Write observations as positions under two names."""
+
+    def change(columns: dict[str, Float]) -> dict[str, Float]:
+        ranges, bearings = columns["range"], columns["bearing"]
+        seen = {x: ranges * np.cos(bearings), y: sign * ranges * np.sin(bearings)}
+        return {"stamp": columns["stamp"], "landmark": columns["landmark"], **seen}
+
+    return both(header(MAPPING, SENSOR_NOISE, "position = 0.08"), table(SEEN, change))
+
+
+def as_poses(change: Callable[[Float], Float]) -> Change:
+    """Write the true path as odometry, changed; the odometry is then nearly without errors."""
+
+    def changed(files: Files) -> Files:
+        found = np.array([line.split(",") for line in files[TRUTH].splitlines()[1:]], dtype=np.float64)
+        found[:, 1:] = change(found[:, 1:])
+        content = "\n".join(["stamp,x,y,theta", *(",".join(map(repr, row)) for row in found.tolist())]) + "\n"
+        return {name: each for name, each in files.items() if name != TRUTH} | {ODOMETRY: content}
+
+    return changed
+
+
+def with_quaternions(columns: dict[str, Float]) -> dict[str, Float]:
+    half, zero = columns.pop("theta") / 2, np.zeros_like(columns["x"])
+    return columns | {"qx": zero, "qy": zero, "qz": 3 * np.sin(half), "qw": 3 * np.cos(half)}
+
+
+def in_two_columns(columns: dict[str, Float]) -> dict[str, Float]:
+    stamps = columns.pop("stamp")
+    return {"sec": np.floor(stamps), "nanosec": np.round((stamps % 1.0) * 1e9)} | columns
+
+
+def as_time(word: str) -> str:
+    """Write a stamp as a time, at which the log's second 1000 is noon."""
+    return f"2024-05-01T12:00:{float(word) - 1000.0:09.6f}"
+
+
+def in_quotes(content: str) -> str:
+    return "\n".join(",".join(f'"{word}"' for word in line.split(",")) for line in content.splitlines()) + "\n"
+
+
+def without(columns: dict[str, Float], begin: float, end: float) -> dict[str, Float]:
+    keeps = (columns["stamp"] < begin) | (columns["stamp"] >= end)
+    return {name: values[keeps] for name, values in columns.items()}
+
+
+def numbered(lines: list[str]) -> list[str]:
+    """Give each observation its own landmark."""
+    return [",".join([line.split(",")[0], str(n), *line.split(",")[2:]]) for n, line in enumerate(lines)]
+
+
+def swapped_ids(columns: dict[str, Float]) -> dict[str, Float]:
+    ids = columns["landmark"]
+    return columns | {"landmark": np.where((columns["stamp"] > 1015) & (ids < 2), 1 - ids, ids)}
+
+
+def twice(lines: list[str]) -> list[str]:
+    return [each for line in lines for each in (line, line)]
+
+
+def last_cell(value: str) -> Change:
+    """Replace the last cell of the first row."""
+    return rows(SEEN, lambda lines: [lines[0].rsplit(",", 1)[0] + "," + value, *lines[1:]])
+
+
+LOGS: dict[str, tuple[Callable[[Files], Mapping[str, str | bytes]], str]] = {
+    # texts and cells
+    "as it is": (both(), READ),
+    "semicolons": (every(*ALL, change=lambda t: t.replace(",", ";")), READ),
+    "tabs": (every(*ALL, change=lambda t: t.replace(",", "\t")), READ),
+    "spaces": (text(SEEN, lambda t: t.replace(",", " ")), "does not have the columns"),
+    "space after the comma": (every(*ALL, change=lambda t: t.replace(",", ", ")), READ),
+    "decimal commas": (text(SEEN, lambda t: t.replace(",", ";").replace(".", ",")), NUMBER),
+    "byte order mark": (every(*ALL, MAPPING, change=lambda t: "\ufeff" + t), READ),
+    "line ends of Windows": (every(*ALL, change=lambda t: t.replace("\n", "\r\n")), READ),
+    "CR only": (every(*ALL, change=lambda t: t.replace("\n", "\r")), READ),
+    "blank lines at the end": (every(*ALL, change=lambda t: t + "\n \n\n"), READ),
+    "no line end at the end": (text(TRUTH, str.rstrip), "no line end after"),
+    "the last number cut short": (text(SEEN, lambda t: t[:-4]), "no line end after"),
+    "a line cut short": (text(SEEN, lambda t: t[:-12]), "columns where the header has"),
+    "a remark": (text(SEEN, lambda t: "# laser\n" + t), READ),
+    "header behind #": (text(ODOMETRY, lambda t: "# " + t), READ),
+    "capital letters": (header(SEEN, "stamp,landmark,range", "Stamp,LANDMARK,Range"), READ),
+    "all cells in quotes": (every(*ALL, change=in_quotes), READ),
+    "half a quote": (rows(SEEN, lambda lines: [f'"{lines[0]}', *lines[1:]]), "line 2: has 1 columns"),
+    "another column": (cells(SEEN, lambda line: [*line, "note"]), "columns that are not used: note"),
+    "another column of odometry": (cells(ODOMETRY, lambda line: [*line, "volt"]), "columns that are not used: volt"),
+    "another column of the truth": (cells(TRUTH, lambda line: [*line, "fix"]), "columns that are not used: fix"),
+    "other order": (cells(SEEN, lambda line: line[::-1]), READ),
+    "exponents": (rows(SEEN, lambda lines: [f"{line}e0" for line in lines]), READ),
+    "no header": (text(SEEN, lambda t: t.split("\n", 1)[1]), "no header; write a line"),
+    "UTF-16": (encoded("utf-16", *ALL), "odometry.csv, line 1: not a text in UTF-8"),
+    "NUL at the end": (text(SEEN, lambda t: f"{t}\0"), "line 385: not a text in UTF-8"),
+    "end of file of DOS": (text(SEEN, lambda t: f"{t}\x1a"), "line 385: has 1 columns"),
+    "typographic minus": (text(SEEN, lambda t: t.replace("-", "\u2212")), NUMBER),
+    "semicolons in some rows": (
+        rows(SEEN, lambda lines: [*lines[:4], lines[4].replace(",", ";"), *lines[5:]]),
+        "line 6: has 1 columns",
+    ),
+    "a separator behind each line": (text(SEEN, lambda t: t.replace("\n", ",\n")), READ),
+    "underscores in numbers": (words(SEEN, 0, lambda word: f"{float(word):_.6f}"), NUMBER),
+    "units behind numbers": (words(SEEN, 2, lambda word: f"{word} m"), "line 2, column 3: "),
+    "plus signs": (words(SEEN, 2, lambda word: f"+{word}"), READ),
+    "an empty cell": (last_cell(""), NUMBER),
+    "nan": (last_cell("nan"), NUMBER),
+    "infinite ranges": (column(SEEN, "range", some(np.inf)), "'inf' is not a finite number"),
+    "some negative ranges": (column(SEEN, "range", some(-1.0)), "line 5: the range is negative"),
+    "zeros for nothing": (column(SEEN, "range", some(0.0)), "observations have range 0 m"),
+    "the largest range for nothing": (column(SEEN, "range", some(81.91)), NOT_AGREE),
+    "a second header": (
+        rows(SEEN, lambda lines: [*lines[:50], "stamp,landmark,range,bearing", *lines[50:]]),
+        "line 52",
+    ),
+    # names and units
+    "other words": (
+        both(header(ODOMETRY, "stamp,v,omega", "time,speed,yaw_rate"), header(SEEN, "landmark", "id")),
+        READ,
+    ),
+    "units in the header": (header(ODOMETRY, "stamp,v,omega", "Time [s],Speed (m/s),yaw rate [rad/s]"), READ),
+    "units behind _": (
+        both(scaled(SEEN, range=1e3, bearing=DEGREE), header(SEEN, "range,bearing", "range_mm,bearing_deg")),
+        READ,
+    ),
+    "degrees by their sign": (both(scaled(SEEN, bearing=DEGREE), header(SEEN, "bearing", "bearing (°)")), READ),
+    "degrees by the settings": (both(scaled(SEEN, bearing=DEGREE), DEG), READ),
+    "deg/s by the header": (both(scaled(ODOMETRY, omega=DEGREE), header(ODOMETRY, "omega", "omega (deg/s)")), READ),
+    "cm by the header": (both(scaled(SEEN, range=1e2), header(SEEN, "range", "range[cm]")), READ),
+    "mm by the settings": (both(scaled(SEEN, range=1e3), settings("[observations]\nlength = 'mm'\n")), READ),
+    "ms by the header": (stamps_in("ms", 1e3), READ),
+    "ns by the header": (stamps_in("ns", 1e9), READ),
+    "feet": (header(SEEN, "range", "range [ft]"), "'ft' is not a unit of range"),
+    "speed in m": (header(ODOMETRY, "v", "v [m]"), "'m' is not a unit of v"),
+    "unknown unit in the settings": (settings("[observations]\nangle = 'gon'\n"), "input should be 'rad' or 'deg'"),
+    "unknown name": (header(SEEN, "bearing", "azimuth"), "range-only landmarks are not supported"),
+    "another name for the range": (header(SEEN, "range", "r_m"), "columns that are not used: r_m"),
+    "two columns of one name": (cells(SEEN, lambda line: [*line, line[3]]), "two columns are called 'bearing'"),
+    "one column for two": (
+        settings("[observations]\ncolumns = {range = 'bearing'}\n"),
+        "is used for range and bearing",
+    ),
+    "an unknown column in the settings": (settings("[odometry]\ncolumns = {w = 'omega'}\n"), "columns.w: unknown"),
+    "v and omega exchanged": (header(ODOMETRY, "v,omega", "omega,v"), "times the turns of the odometry"),
+    # stamps and ids
+    "seconds and nanoseconds": (both(*(table(file, in_two_columns) for file in ALL)), READ),
+    "times of ISO 8601": (both(*(words(file, 0, as_time) for file in ALL)), READ),
+    "times, and seconds from the start": (
+        both(words(ODOMETRY, 0, as_time), moved(SEEN, "stamp", -1000.0), moved(TRUTH, "stamp", -1000.0)),
+        "observations.csv: stamps are seconds, those of the odometry times: they count from its first row",
+    ),
+    "quaternions": (table(TRUTH, with_quaternions), READ),
+    "texts as ids": (words(SEEN, 1, lambda word: f"tree{word}"), "numbered from 0: tree0, tree1, tree2"),
+    "ids with _": (words(SEEN, 1, lambda word: f"1_{word}"), "numbered from 0: 1_0, 1_1, 1_2"),
+    "ids with exponents": (words(SEEN, 1, lambda word: f"{float(word):.6e}"), READ),
+    "huge ids": (words(SEEN, 1, lambda word: f"1{word}{'0' * 19}"), "is not an id"),
+    "half an id": (words(SEEN, 1, lambda word: f"{word}.5"), "is not an id"),
+    "a new id each time": (rows(SEEN, numbered), "no landmark is observed at two steps"),
+    "one id for all": (column(SEEN, "landmark", np.zeros_like), NOT_AGREE),
+    "two ids exchanged at half time": (table(SEEN, swapped_ids), NOT_AGREE),
+    "dates of another form": (words(SEEN, 0, lambda word: f"2024-01-01T00:{word}"), "is not a time"),
+    "stamps in whole seconds": (column(SEEN, "stamp", np.round), NOT_AGREE),
+    "doubled observations": (rows(SEEN, twice), "count twice"),
+    "doubled odometry": (rows(ODOMETRY, twice), "is that of the line above"),
+    "one line in the wrong place": (
+        rows(SEEN, lambda lines: [*lines[:50], lines[60], *lines[50:60], *lines[61:]]),
+        "line 53: stamp 1003.000000000 comes after 1003.300000000",
+    ),
+    "observations in ms": (scaled(SEEN, stamp=1e3), "give each file the unit of its stamps"),
+    "all stamps in ms": (both(*(scaled(file, stamp=1e3) for file in ALL)), "check the units of angles and stamps"),
+    "observations an hour late": (moved(SEEN, "stamp", 3600.0), "both the same clock"),
+    "observations 10 s late": (moved(SEEN, "stamp", 10.0), NOT_AGREE),
+    "observations 2 s late": (moved(SEEN, "stamp", 2.0), "if their stamps are 2 s late"),
+    "observations 1 s early": (moved(SEEN, "stamp", -1.0), "if their stamps are 1 s early"),
+    "five seconds without odometry": (
+        table(ODOMETRY, lambda columns: without(columns, 1010.0, 1015.0)),
+        "no row for 5.1 s from 1009.9 s on",
+    ),
+    "no observations": (rows(SEEN, lambda _: []), "there are no observations"),
+    # units, signs and frames
+    "bearings in degrees": (scaled(SEEN, bearing=DEGREE), "more than a full turn"),
+    "bearings in radians, read as degrees": (DEG, "in radians, read as degrees"),
+    "clockwise bearings": (scaled(SEEN, bearing=-1), "angles in opposite directions"),
+    "clockwise odometry": (scaled(ODOMETRY, omega=-1), "angles in opposite directions"),
+    "both clockwise": (both(scaled(SEEN, bearing=-1), scaled(ODOMETRY, omega=-1)), "-0.997 times the turns"),
+    "turns in degrees": (scaled(ODOMETRY, omega=DEGREE), "check the units of angles and stamps"),
+    "turns in radians, read as degrees": (settings("[odometry]\nangle = 'deg'\n"), "turns are in radians, read as deg"),
+    "ranges in mm": (scaled(SEEN, range=1e3), "observed lengths are 1000 times too large"),
+    "ranges in m, read as mm": (settings("[observations]\nlength = 'mm'\n"), "lengths are 1000 times too small"),
+    "speeds in mm": (scaled(ODOMETRY, v=1e3), "1000 times too large"),
+    "all lengths in mm": (both(scaled(SEEN, range=1e3), scaled(ODOMETRY, v=1e3)), "all lengths are 1000 times too"),
+    "ranges in feet": (scaled(SEEN, range=1 / 0.3048), NOT_AGREE),
+    "speeds in km/h": (scaled(ODOMETRY, v=3.6), NOT_AGREE),
+    "wheels that do not count": (scaled(ODOMETRY, v=0), NOT_AGREE),
+    "bearings of 0 to 2 pi": (column(SEEN, "bearing", lambda values: values % (2 * np.pi)), READ),
+    "bearings from the left": (column(SEEN, "bearing", lambda values: values - np.pi / 2), NOT_AGREE),
+    "positions, y to the right": (as_positions("x", "y", -1.0), "angles in opposite directions"),
+    "positions, x and y exchanged": (as_positions("y", "x"), NOT_AGREE),
+    "poses, headings in degrees": (as_poses(lambda poses: poses * [1, 1, DEGREE]), NOT_AGREE),
+    "poses, y downwards": (as_poses(lambda poses: poses * [1, -1, 1]), NOT_AGREE),
+    "a start far away": (settings("[start]\npose = [1e15, 0.0, 0.0]\n"), "where centimetres are rounded"),
+    # noise
+    "sensor noise too small": (header(MAPPING, SENSOR_NOISE, "range = 5e-4\nbearing = 2e-4"), "`slamgauge noise`"),
+    "sensor noise too large": (
+        header(MAPPING, SENSOR_NOISE, "range = 5\nbearing = 2"),
+        "do not fit their stated noise",
+    ),
+    "odometry noise too small": (
+        header(MAPPING, ODOMETRY_NOISE, "forward = 0.0025\nlateral = 0.0001\nturn = 0.0004"),
+        "`slamgauge noise`",
+    ),
+    # truth
+    "truth in mm": (scaled(TRUTH, x=1e3, y=1e3), "the true path has 996 times the distances"),
+    "truth in degrees": (scaled(TRUTH, theta=DEGREE), "the true path has"),
+    "truth of another clock": (moved(TRUTH, "stamp", 1e6), "no pose at the start"),
+    "truth a second early": (
+        both(moved(TRUTH, "stamp", -1.0), settings("[start]\npose = [0.0, 0.0, 0.0]\n")),
+        "turns 1 s before the odometry",
+    ),
+    "truth without headings": (
+        cells(TRUTH, lambda line: line[:3]),
+        "the start has the heading 0; the first 5 m suggest",
+    ),
+    "truth at one step": (rows(TRUTH, lambda lines: lines[:1]), "the true path has poses at 1 of 301 steps"),
+    "a true map": (with_map(), READ),
+    "true x and y exchanged": (with_map(lambda places: places[:, ::-1]), MAP_DIFFERS),
+    "true map with other ids": (with_map(lambda places: np.roll(places, 1, axis=0)), MAP_DIFFERS),
+    "true map in another frame": (with_map(lambda places: places + np.array([10, 5])), MAP_DIFFERS),
+    "true map, an id twice": (
+        both(with_map(), rows(MAP, lambda lines: [*lines, lines[0]])),
+        "must be >= 0 and distinct",
+    ),
+}
+
+
+def written(folder: Path, files: Mapping[str, str | bytes]) -> Path:
+    for name, content in files.items():
+        (folder / name).write_bytes(content if isinstance(content, bytes) else content.encode())
+    return folder
+
+
+def said_of(read: Read, path: Path) -> tuple[Imported | None, str]:
+    """Return the log, None if it is refused, and everything that the import prints except facts."""
+    try:
+        with redirect_stderr(io.StringIO()) as printed:
+            log = read(path)
+        return log, "\n".join([*printed.getvalue().splitlines(), *log.notes, *examine(log, path).warnings])
+    except UserError as error:
+        assert len(str(error).splitlines()) == 1
+        return None, str(error)
+
+
+def true_path(log: Imported) -> Float:
+    assert log.truth is not None
+    assert log.truth.poses is not None
+    return log.truth.poses
+
+
+@pytest.fixture(scope="module")
+def good(tmp_path_factory: pytest.TempPathFactory) -> Imported:
+    return read_csv_log(written(tmp_path_factory.mktemp("good"), GOOD))
+
+
+@pytest.mark.parametrize("name", LOGS)
+def test_a_variant_of_the_log(name: str, good: Imported, tmp_path: Path):
+    change, outcome = LOGS[name]
+    log, said = said_of(read_csv_log, written(tmp_path, change(GOOD)))
+    if outcome != READ:
+        assert outcome in said
+        return
+    assert said == ""
+    assert log is not None
+    assert_allclose(*(each.recording.stamps - each.recording.stamps[0] for each in (log, good)), atol=1e-6)
+    for field in ("odometry", "observation", "odometry_cov", "observation_cov"):
+        assert_allclose(getattr(log.recording, field), getattr(good.recording, field), rtol=1e-5, atol=1e-6)
+    assert_array_equal(log.recording.landmark, good.recording.landmark)
+    if "truth.csv" in change(GOOD):
+        assert_allclose(true_path(log), true_path(good), atol=1e-4)
+
+
+def test_a_unit_that_makes_lengths_smaller_than_their_noise_is_not_suggested(tmp_path: Path) -> None:
+    """Ranges in feet over 3 s agree with one place per landmark once all lengths are divided by 100 or 1000."""
+    _, recording = simulate(load_scenario("q1-short-dense", ["trajectory.duration=3"]), 3)
+    log = Imported(replace(recording, observation=recording.observation * [3.28, 1.0]))
+    assert "check units" in " ".join(examine(log, tmp_path).warnings)
+
+
+# --- graphs --------------------------------------------------------------------------------------
+
+Words = Callable[[list[str]], list[str]]
+ChangedGraph = Callable[[str], str]
+
+
+def each(tag: str, change: Words) -> ChangedGraph:
+    """Change the words of the lines of a tag."""
+
+    def changed(line: str) -> str:
+        parts = line.split()
+        return " ".join(change(parts)) if parts and parts[0] == tag else line
+
+    return lambda graph: "".join(f"{changed(line)}\n" for line in graph.splitlines())
+
+
+def times(tag: str, at: int, factor: float) -> ChangedGraph:
+    return each(tag, lambda line: [*line[:at], repr(float(line[at]) * factor), *line[at + 1 :]])
+
+
+def with_keys(graph: str) -> str:
+    """Write the ids of poses and landmarks as keys of GTSAM."""
+    pose, landmark = (ord(letter) << 56 for letter in "xl")
+    firsts = {"VERTEX_XY": (landmark,), "EDGE_SE2": (pose, pose), "BR": (pose, landmark)}
+    lines = list[str]()
+    for line in graph.splitlines():
+        tag, *parts = line.split()
+        keys = [str(first + int(word)) for first, word in zip(firsts.get(tag, (pose,)), parts, strict=False)]
+        lines.append(" ".join([tag, *keys, *parts[len(keys) :]]))
+    return "\n".join([*lines, ""])
+
+
+GRAPHS: dict[str, tuple[ChangedGraph, str]] = {
+    "as it is": (str, READ),
+    "line ends of Windows": (lambda graph: graph.replace("\n", "\r\n"), READ),
+    "remarks and blank lines": (lambda graph: "# a graph\n\n" + graph.replace("FIX", "\nFIX") + "\n\n", READ),
+    "lines from the last to the first": (lambda graph: "\n".join([*graph.splitlines()[::-1], ""]), READ),
+    "landmarks without vertices": (each("VERTEX_XY", lambda _: []), READ),
+    "keys of GTSAM": (with_keys, "l1 has the id 1001"),
+    "bearings in degrees": (times("BR", 3, DEGREE), "more than a full turn"),
+    "clockwise bearings": (times("BR", 3, -1.0), "angles in opposite directions"),
+    "bearing and range exchanged": (each("BR", lambda line: [*line[:3], line[4], line[3], *line[5:]]), "a range < 0"),
+    "ranges in mm": (times("BR", 4, 1e3), "observed lengths are 1000 times too large"),
+    "motions in mm": (times("EDGE_SE2", 3, 1e3), "distances of the odometry are 1000 times too large"),
+    "turns in degrees": (times("EDGE_SE2", 5, DEGREE), "turns are in degrees, read as radians"),
+    "variances instead of information": (times("EDGE_SE2", 6, 1e-10), "standard deviation of a step"),
+    "sigmas 100 times too small": (each("BR", lambda line: [*line[:5], "2e-4", "5e-4"]), "`slamgauge noise`"),
+    "doubled observations": (each("BR", lambda line: [*line, "\n", *line]), "count twice"),
+    "doubled edges": (each("EDGE_SE2", lambda line: [*line, "\n", *line]), "a second edge between the poses"),
+    "an edge missing": (lambda graph: graph.replace("EDGE_SE2 7 8 ", "# "), "no edge joins the poses"),
+    "no line end at the end": (str.rstrip, "no line end after"),
+    "in space": (lambda graph: graph + "VERTEX_SE3:QUAT 0 0 0 0 0 0 0 1\n", "is a graph in space, which"),
+    "ranges only": (lambda graph: graph + "EDGE_RANGE_SE2_XY 3 4 1 1\n", "is a range-only edge, which"),
+}
+
+
+@pytest.fixture(scope="module")
+def good_graph(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Imported]:
+    folder = tmp_path_factory.mktemp("good")
+    write_g2o(folder / "graph.g2o", read_csv_log(written(folder, GOOD)).recording)
+    return (folder / "graph.g2o").read_text(), read_g2o(folder / "graph.g2o")
+
+
+@pytest.mark.parametrize("name", GRAPHS)
+def test_a_variant_of_the_graph(name: str, good_graph: tuple[str, Imported], tmp_path: Path):
+    (change, outcome), (graph, expected) = GRAPHS[name], good_graph
+    (tmp_path / "graph.g2o").write_bytes(change(graph).encode())
+    log, said = said_of(read_g2o, tmp_path / "graph.g2o")
+    if outcome != READ:
+        assert outcome in said
+        return
+    assert said == ""
+    assert log is not None
+    recordings = [each.recording for each in (log, expected)]
+    order = [np.lexsort(np.array([each.landmark, each.observation_step])) for each in recordings]
+    assert_allclose(log.recording.odometry, expected.recording.odometry)
+    assert_allclose(log.recording.observation[order[0]], expected.recording.observation[order[1]])
+    assert_array_equal(log.recording.observation_step, expected.recording.observation_step)
