@@ -172,17 +172,14 @@ def versions() -> dict[str, str]:
 @contextmanager
 def _quiet() -> Generator[None]:
     """Silence the log of distributed about broken connections, which are also raised as errors."""
-    names = [name for name in logging.root.manager.loggerDict if name.partition(".")[0] in ("distributed", "tornado")]
-    levels = {name: logging.getLogger(name).level for name in names}  # some loggers have their own level
-    for name in names:
-        logging.getLogger(name).setLevel(logging.CRITICAL + 1)
+    before = logging.root.manager.disable
+    logging.disable(logging.CRITICAL)
     try:
         with warnings.catch_warnings():
             warnings.filterwarnings("ignore", module="distributed")  # about versions, which are checked here
             yield
     finally:
-        for name, level in levels.items():
-            logging.getLogger(name).setLevel(level)
+        logging.disable(before)
 
 
 def _first_line(error: BaseException) -> str:

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import json
 import sqlite3
-import sys
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -251,13 +249,6 @@ def test_figures_of_a_study_in_which_everything_failed(
     content = json.loads((tmp_path / "summary.json").read_text())
     assert content["estimators"]["ekf"]["ate_m"] is None
     assert len(content["failures"]) == 2
-
-
-def test_several_threads_do_not_change_standard_output(run: Run) -> None:
-    before = sys.stdout
-    with ThreadPoolExecutor(3) as executor:
-        run(6, ("ekf", "riekf"), executor=executor)
-    assert sys.stdout is before
 
 
 def test_loading_from_a_folder_without_study_is_refused(load: Load, tmp_path: Path) -> None:
