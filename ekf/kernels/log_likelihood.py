@@ -14,15 +14,15 @@ import numpy as np
 
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf.kernels.augmentation import augment
-from slamgauge.ekf.kernels.belief import Belief, Workspace, resized
-from slamgauge.ekf.kernels.blas import combine_rows, solve_factor, subtract_gram
-from slamgauge.ekf.kernels.covariance import innovation_covariance, mirror_robot_block, project_covariance
+from slamgauge.ekf.kernels.belief import NONE, Belief, Pending, Workspace, resized
+from slamgauge.ekf.kernels.blas import combine_rows, solve_factor
+from slamgauge.ekf.kernels.covariance import innovation_covariance, project_covariance
 from slamgauge.ekf.kernels.linearisation import linearise, subtract_projection
+from slamgauge.ekf.kernels.precision import are_variances_lost
 from slamgauge.ekf.kernels.prediction import predict
-from slamgauge.ekf.kernels.update import Pending, are_variances_lost, retract
+from slamgauge.ekf.kernels.update import apply, retract
 from slamgauge.jit import inner, kernel
 
-WHOLE = -1
 HALF_LOG_TWO_PI = 0.5 * math.log(2.0 * math.pi)
 
 
@@ -54,7 +54,7 @@ class Rows(NamedTuple):
 
 @kernel
 def run_log(belief: Belief, order: Order, measured: Measured, work: Workspace, rows: Rows) -> int:
-    """Filter the log and fill `rows`; return WHOLE, or the step at which no prediction or update exists.
+    """Filter the log and fill `rows`; return NONE, or the step at which no prediction or update exists.
 
     The belief contains the prior and has capacity for all landmarks.
     """
@@ -70,7 +70,7 @@ def run_log(belief: Belief, order: Order, measured: Measured, work: Workspace, r
         if end > new:
             augment(sensor, belief, measured.observation[new:end], measured.observation_cov[new:end])
             belief = resized(belief, belief.size + 2 * (end - new))
-    return WHOLE
+    return NONE
 
 
 @inner
@@ -112,13 +112,13 @@ def _update(sensor: int, belief: Belief, work: Workspace, rows: Rows) -> bool:
         if not _factor(work.S, y, jacobian, _rows_between(rows, first, last)):
             return False
         solve_factor(work.S, work.W, height, size)
-        if are_variances_lost(belief.cov, slots, Pending(height, 0), work):
+        changed = Pending(height, 0)
+        if are_variances_lost(belief.cov, slots, changed, work):
             return False
         combine_rows(work.W, y, block_dx, height, size)
         for j in range(size):
             dx[j] += block_dx[j]
-        subtract_gram(belief.cov, work.W, height, size)
-        mirror_robot_block(belief.cov)
+        apply(belief, changed, work)
     retract(belief, dx, True, work)
     return True
 
