@@ -15,7 +15,7 @@ from slamgauge.compare.scoring.nan_stats import rms
 from slamgauge.se2 import between, wrap
 
 LENGTHS = (1.0, 2.0, 5.0)  # lengths of segments, times powers of ten [m]
-LONGEST = 0.5  # longest segment, as a share of the true path: at least half of the poses begin one
+LONGEST_SEGMENT = 0.5  # longest segment, as a share of the true path: at least half of the poses begin one
 
 
 def pose_errors(reference: Float, poses: Float) -> Float:
@@ -95,6 +95,6 @@ def relative_errors(true_poses: Float | None, estimated: Float) -> list[Relative
 
 def _lengths(way: float) -> Iterator[float]:
     power = 1.0
-    while power <= LONGEST * way:
-        yield from (power * each for each in LENGTHS if power * each <= LONGEST * way)
+    while power <= LONGEST_SEGMENT * way:
+        yield from (power * each for each in LENGTHS if power * each <= LONGEST_SEGMENT * way)
         power *= 10.0
