@@ -51,7 +51,7 @@ def run_page(folder: Path) -> dict[str, str]:
     comparison = Comparison(truth, recording, estimates, {}, optima)
     by_kind = {kind: estimates[name] for kind, name in optima.items()}
     doubtful = doubtful_kinds(by_kind)
-    tables = (run_table(metrics["estimators"], doubtful), closure_table(metrics), drift_table(metrics))
+    tables = (run_table(metrics["estimators"], doubtful), closure_table(metrics))
     failures = [f"{each['estimator']} failed: {each['error']}" for each in metrics.get("failures", ())]
 
     def page(data: dict[str, Any]) -> str:
@@ -92,26 +92,6 @@ def _sentence(name: str, entry: dict[str, Any]) -> str:
     if entry.get("verdict"):
         parts.append(entry["verdict"])
     return "; ".join(parts)
-
-
-def drift_table(metrics: dict[str, Any]) -> Table:
-    """Return the table of relative pose errors by length of the path segments."""
-    rows = [
-        [
-            *(Cell(name), figure(each["distance_m"], "{:g}"), figure(each["translation_m"], "{:.3f}")),
-            *(figure(each["heading_rad"], "{:.4f}"), figure(each["pieces"], "{}")),
-        ]
-        for name, entry in metrics["estimators"].items()
-        for each in entry.get("rpe_by_distance") or ()
-    ]
-    heads = [
-        ESTIMATOR,
-        Head("over [m]", help="length of the segments of the true path"),
-        Head("error [m]", help="RMS translation error over a segment, relative to its start"),
-        Head("heading error [rad]", help="RMS heading error over a segment, relative to its start"),
-        Head("segments", help="number of segments"),
-    ]
-    return Table(heads, rows, "Relative pose errors over all segments of the true path of a length", "drift")
 
 
 def closure_table(metrics: dict[str, Any]) -> Table:
