@@ -24,7 +24,11 @@ class OverdueError(UserCodeError):
 
 
 class FormError(UserCodeError):
-    """User code has none of the forms: what it has, what is missing, and the wrapper to copy."""
+    """User code has none of the forms: what it has, what it lacks, and the `wrapper` to copy."""
+
+    def __init__(self, reason: str, wrapper: str = "") -> None:
+        super().__init__(reason)
+        self.wrapper = wrapper
 
 
 class WrongCovarianceError(UserCodeError, CovarianceError):

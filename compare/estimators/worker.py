@@ -12,6 +12,7 @@ from __future__ import annotations
 import importlib
 import os
 import shutil
+import signal
 import sys
 import threading
 from collections.abc import Mapping
@@ -25,7 +26,8 @@ from typing import IO, Any, cast
 import numpy as np
 
 from slamgauge.compare.estimators.adapters import adapted, callable_of
-from slamgauge.compare.estimators.answers import message, read_request
+from slamgauge.compare.estimators.answers import COVARIANCE, FORM, message, read_request
+from slamgauge.compare.estimators.forms.signatures import Form
 from slamgauge.compare.estimators.forms.step_function import StepFunction
 from slamgauge.compare.estimators.user_errors import FormError, UserCodeError, reason_of
 from slamgauge.errors import CovarianceError, UserError
@@ -59,7 +61,7 @@ class Code:
         self._folder = str(where["folder"])
         self._files = {str(Path(self._folder, path)) for path in where["files"]}
         self.attribute: str = where["attribute"]
-        self._loaded: tuple[Estimator, str] | None = None
+        self._loaded: Estimator | None = None
 
     def load(self) -> str:
         """Load the module and adapt its callable; return its form in words.
@@ -85,7 +87,7 @@ class Code:
         if not callable(given):
             raise UserError(f"is a {type(given).__name__}; give a callable Recording -> Estimate")
         self._loaded = adapted(given)
-        return self._loaded[1]
+        return self._loaded.words if isinstance(self._loaded, Form) else ""
 
     def _module(self) -> ModuleType:
         """Import the module; a file whose name an imported module has is loaded under another."""
@@ -107,7 +109,7 @@ class Code:
         try:
             if self._loaded is None:
                 self.load()
-            (estimator, _), self._loaded = cast("tuple[Estimator, str]", self._loaded), None
+            estimator, self._loaded = cast("Estimator", self._loaded), None
             if noise == "file":
                 if not isinstance(estimator, StepFunction):
                     raise UserCodeError("its form has no noise to choose; leave out --noise")  # noqa: TRY301
@@ -120,14 +122,15 @@ class Code:
             return failure(error, f"{reason_of(error, self._folder)}{most}"), None
         if not isinstance(estimate, Estimate):
             return {"reason": f"returned a {type(estimate).__name__}; return a slamgauge.Estimate"}, None
-        remarks, replaces = getattr(estimator, "remarks", []), getattr(estimator, "replaces_noise", False)
-        return {"seconds": seconds, "remarks": remarks, "replaces_noise": replaces}, estimate
+        form = estimator if isinstance(estimator, Form) else Form()
+        return {"seconds": seconds, "remarks": [*form.remarks], "replaces_noise": form.replaces_noise}, estimate
 
 
 def failure(error: BaseException, reason: str) -> Mapping[str, object]:
     """Return the fields of an answer without a result."""
-    kinds = {"form": FormError, "covariance": CovarianceError}
-    return {"reason": reason, "kind": next((kind for kind, each in kinds.items() if isinstance(error, each)), "")}
+    if isinstance(error, FormError):
+        return {"reason": reason, "kind": FORM, "wrapper": error.wrapper.splitlines()}
+    return {"reason": reason, "kind": COVARIANCE if isinstance(error, CovarianceError) else ""}
 
 
 def serve(requests: IO[bytes], answers: IO[bytes], *, walled: bool) -> None:
@@ -154,17 +157,11 @@ def serve(requests: IO[bytes], answers: IO[bytes], *, walled: bool) -> None:
         elif pid := os.fork():
             status = os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
             if status != ANSWERED:
-                how = f"was ended by {_signal_name(-status)}" if status < 0 else f"ended with status {status}"
+                how = f"was ended by {signal.Signals(-status).name}" if status < 0 else f"ended with status {status}"
                 _answer(answers, {"reason": f"its process {how}{' before the run was done' if status >= 0 else ''}"})
         else:
             _answer(answers, *code.run(recording, fields["noise"]))
             os._exit(ANSWERED)
-
-
-def _signal_name(number: int) -> str:
-    import signal
-
-    return signal.Signals(number).name
 
 
 def _answer(out: IO[bytes], fields: Mapping[str, object], estimate: Estimate | None = None) -> None:

@@ -21,7 +21,7 @@ COMMANDS = [
     ["study", "q1-short-dense", *SHORT, "--runs", "3", "--jobs", "2", "--estimators", "ekf", "--out", "study"],
     ["check", "mine.py:estimate"],
     ["noise", "run/recording.npz", "--out", "noise"],
-    ["export", "run", "--format", "csv", "--out", "log"],
+    ["export", "csv", "run", "--out", "log"],
     ["import", "csv", "log", "--out", "imported"],
     ["bench", "--landmarks", "5", "--estimators", "ekf"],
     ["doctor"],

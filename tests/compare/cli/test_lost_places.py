@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from slamgauge.compare.cli.machine import WARM_UPS, run_shortly
+from slamgauge.compare.cli.doctor import WARM_UPS, run_shortly
 from slamgauge.compare.storage.staged_folder import MARK
 from tests.reference.command_line import Refuse, command_after, contents
 

@@ -188,7 +188,7 @@ def test_line_ends_in_names_are_escaped(mistake: Callable[..., str]):
 
 def test_paths_that_are_too_long_are_one_line(mistake: Callable[..., str]):
     mistake("evaluate", "x" * 5000)
-    mistake("export", "[" * 3000, "--format", "csv", "--out", "x")
+    mistake("export", "csv", "[" * 3000, "--out", "x")
 
 
 # --- memory and processes ----------------------------------------------------------------------
@@ -199,7 +199,7 @@ def test_paths_that_are_too_long_are_one_line(mistake: Callable[..., str]):
     [
         (("study", "q1-short-dense", "--runs", MANY), "runs: to sum up 100000000 of"),
         (("study", "q1-short-dense", "--runs", MANY, "--sweep", "association.gate=1,9"), "runs: to sum up"),
-        (("grade", "examples", "--scenario", "q1-short-dense", "--runs", MANY), "runs: to sum up"),
+        (("grade", "examples", "--scenario", "q1-short-dense", "--runs", MANY, "--unconfined"), "runs: to sum up"),
         (("budget", "q1-short-dense", "--runs", "100000000000"), "runs: a budget of 100000000000"),
         (("bench", "--landmarks", MANY), "landmarks: the covariance of 100000000 needs"),
     ],
@@ -274,7 +274,7 @@ def test_the_version_is_printed(capsys: pytest.CaptureFixture[str]):
 def test_other_errors_are_defects_with_a_traceback_and_where_to_report_them(
     error: Exception, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
-    monkeypatch.setattr("slamgauge.compare.scenarios.scenario.shipped_scenarios", Mock(side_effect=error))
+    monkeypatch.setattr("slamgauge.compare.cli.scenarios.shipped_scenarios", Mock(side_effect=error))
     assert run("scenarios") == 70
     printed = capsys.readouterr()
     assert printed.out == ""
@@ -291,7 +291,7 @@ def test_other_errors_are_defects_with_a_traceback_and_where_to_report_them(
 def test_refusals_of_the_machine_are_one_line(
     error: Exception, monkeypatch: pytest.MonkeyPatch, mistake: Callable[..., str]
 ):
-    monkeypatch.setattr("slamgauge.compare.scenarios.scenario.shipped_scenarios", Mock(side_effect=error))
+    monkeypatch.setattr("slamgauge.compare.cli.scenarios.shipped_scenarios", Mock(side_effect=error))
     line = mistake("scenarios", status=71)
     assert str(error) in line
     assert line.endswith("; make room and give the same command again")
