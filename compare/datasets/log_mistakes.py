@@ -9,7 +9,7 @@ from __future__ import annotations
 import io
 from contextlib import redirect_stderr
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.stats import chi2
@@ -60,6 +60,11 @@ class Mistake(NamedTuple):
         return round(abs(self.bearing) * self.length * self.turn * self.way, 9)
 
 
+def _of_lengths(what: str, names: tuple[str, ...], scale: str, undone: float) -> Mistake:
+    factors: dict[str, Any] = dict.fromkeys(names, undone)
+    return Mistake(f"{what} are {scale}", UNIT, **factors)
+
+
 MISTAKES = (
     Mistake("observations and odometry count angles in opposite directions", SIGN, bearing=-1.0),
     Mistake("bearings are in degrees, read as radians", UNIT, bearing=DEGREE),
@@ -70,7 +75,7 @@ MISTAKES = (
     Mistake("turns are in radians, read as degrees", UNIT, turn=1 / DEGREE),
     Mistake("bearings and turns are in radians, read as degrees", UNIT, bearing=1 / DEGREE, turn=1 / DEGREE),
     *(
-        Mistake(f"{what} are {factor:g} times too {size}", UNIT, **dict.fromkeys(names, undone))
+        _of_lengths(what, names, f"{factor:g} times too {size}", undone)
         for what, names in {
             "observed lengths": ("length",),
             "distances of the odometry": ("way",),
