@@ -104,11 +104,11 @@ def tests_of(
 
 def print_row(name: str, tests: list[ConsistencyTest]) -> None:
     """Print the number of tests, the median of errors over sigmas, and the shares of the verdicts."""
-    tests = [each for each in tests if np.isfinite(each.ratio)]
+    tests = [each for each in tests if np.isfinite(each.log.means[0])]
     if not tests:
         print(f"{name:42}{0:>7}", flush=True)
         return
-    times = np.sqrt(np.median([each.ratio for each in tests]))
+    times = np.sqrt(np.median([each.log.means[0] for each in tests]))
     verdicts = [each.verdict for each in tests]
     shares = [verdicts.count(each) / len(tests) for each in ("consistent", "overconfident", "too cautious")]
     print(f"{name:42}{len(tests):>7}{times:>9.3g}{shares[0]:>12.1%}{shares[1]:>15.1%}{shares[2]:>14.1%}", flush=True)

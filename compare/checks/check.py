@@ -34,12 +34,14 @@ class Subject:
         estimator: any callable `Recording -> Estimate`.
         ignored: inputs that do not change its estimates (see `ignored_inputs`).
         is_confused: whether its own association confused landmarks in a run, or it did not show its landmarks.
+        cause: name of the check of the part that explains a failure of `truth-recovered`; empty if it is unknown.
     """
 
     name: str
     estimator: Estimator
     ignored: Set[Need] = frozenset()
     is_confused: bool = False
+    cause: str = ""
 
     def ignores(self, *needs: Need) -> bool:
         """Return whether it ignores any of these inputs."""

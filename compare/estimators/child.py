@@ -21,7 +21,7 @@ from typing import IO, NamedTuple
 
 from slamgauge.compare.estimators.addresses import Address, Noise
 from slamgauge.compare.estimators.answers import Answer, message, printable, read_answer
-from slamgauge.compare.estimators.forms.wrapper import refusal
+from slamgauge.compare.estimators.forms.signatures import refusal
 from slamgauge.compare.estimators.sandbox import CODE, environment, require_wall, walled
 from slamgauge.compare.estimators.user_errors import FormError, OverdueError, UserCodeError
 from slamgauge.compare.storage.safe_names import file_name
@@ -104,13 +104,11 @@ class Host:
             raise OverdueError(f"estimator {text}: {what}; {remedy}{process.printed}") from error
         except UserCodeError as error:
             raise type(error)(f"estimator {text}: cannot be loaded, {error}") from error
-        attribute = answer.text("attribute")
         if isinstance(answer.error, FormError):
-            module = self.where.place if self.where.code is None else self.where.code.module
-            raise FormError(refusal(text, str(answer.error), module, attribute))
+            raise refusal(text, answer.error)
         if answer.error is not None:
             raise UserCodeError(f"estimator {text}: {answer.error}{process.printed}")
-        self.where = self.where._replace(attribute=attribute)
+        self.where = self.where._replace(attribute=answer.text("attribute"))
         return answer.text("form")
 
     def run(self, recording: Recording, noise: Noise = "recording") -> Run:
@@ -175,13 +173,13 @@ class _Process:
             folder = where.code.place()
         files = [] if where.code is None else [path for path, _ in where.code.files if path.endswith(".py")]
         module = where.place if where.code is None else where.code.module
-        names: dict[str, object] = {
+        self.address: dict[str, object] = {
             "folder": str(folder),
             "module": module,
             "attribute": where.attribute,
             "files": files,
+            "place": where.place,
         }
-        self.address = names | {"place": where.place}
         name = f"slamgauge-printed-{file_name(where.label)[:40]}-"
         descriptor, path = tempfile.mkstemp(prefix=name, suffix=".txt")
         os.close(descriptor)

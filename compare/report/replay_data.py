@@ -15,7 +15,7 @@ from slamgauge.compare.figures.plot_style import DEAD_RECKONING
 from slamgauge.compare.report.page import pack
 from slamgauge.compare.report.page_elements import Look
 from slamgauge.compare.scoring.consistency import chi2_band, squared_mahalanobis
-from slamgauge.compare.scoring.landmark_identity import wrong_sights
+from slamgauge.compare.scoring.landmark_identity import wrongly_associated
 from slamgauge.compare.scoring.loop_closures import closure_steps
 from slamgauge.compare.scoring.measured import pose_covs_of
 from slamgauge.compare.scoring.trajectory_error import distances, pose_errors
@@ -95,7 +95,7 @@ def _estimate(estimate: Estimate, look: Look, run: _Run) -> dict[str, Any]:
     recording, truth, reference, observations, shown = run
     errors, covs = pose_errors(reference[shown], estimate.poses[shown]), pose_covs_of(estimate)[shown]
     nees = squared_mahalanobis(errors, covs) if truth.poses is not None else errors[:, 0] * np.nan
-    wrong = wrong_sights(truth, recording, estimate)
+    wrong = wrongly_associated(truth, recording, estimate)
     wrong_frames = [] if wrong is None else distinct(np.searchsorted(shown, recording.observation_step[wrong]))
     given = recording.landmark if estimate.association is None else estimate.association
     return {

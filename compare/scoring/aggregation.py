@@ -87,11 +87,6 @@ def _squares(runs: Runs, *series: str) -> Float:
     return np.sum([runs.series[key] ** 2 for key in series], axis=0)
 
 
-def _optimum(runs: Runs, others: Mapping[str, Runs]) -> Runs | None:
-    """Return the runs of the optimum of the same kind, if it has any."""
-    return others.get(OPTIMA[runs.kind]) if runs.kind else None
-
-
 def _mean_root(sums: Float, count: int) -> Float:
     """Return the mean over steps of the root of the mean over runs."""
     return np.sqrt(np.maximum(sums, 0.0) / count).mean(axis=-1)
@@ -124,7 +119,7 @@ def over_optimum(name: str | None = None) -> OverRuns:
     """Return a function for mean ATE over that of an optimum on the same runs; by default the one of the same kind."""
 
     def ratio(runs: Runs, others: Mapping[str, Runs]) -> Interval | None:
-        optimum = _optimum(runs, others) if name is None else others.get(name)
+        optimum = others.get(name or OPTIMA.get(runs.kind, ""))
         return None if optimum is None else ratio_interval(*paired_figures("ate_m", runs, optimum))
 
     return ratio
@@ -145,15 +140,6 @@ def over_bound(runs: Runs, others: Mapping[str, Runs]) -> Interval | None:
     return jackknife_interval(ratio, np.concatenate(squares, axis=1))
 
 
-def excess_over(key: str, name: str) -> OverRuns:
-    """Return a function for the mean of a stored figure minus that of another estimator on the same runs."""
-
-    def difference(runs: Runs, others: Mapping[str, Runs]) -> Interval | None:
-        return mean_interval(np.subtract(*paired_figures(key, runs, others[name]))) if name in others else None
-
-    return difference
-
-
 def total_nis(runs: Runs, _: Mapping[str, Runs]) -> Interval | None:
     """Return the NIS over its degrees of freedom."""
     dof = runs.figures["nis_dof_total"]
@@ -165,20 +151,6 @@ def share_inside_band(runs: Runs, _: Mapping[str, Runs]) -> float | None:
     average, low, high = nees_per_step(runs)
     defined = ~np.isnan(average)
     return mean(((average >= low) & (average <= high))[defined].astype(np.float64))
-
-
-def final_sigma_ratio(runs: Runs, others: Mapping[str, Runs]) -> tuple[float | None, ...] | None:
-    """Return the mean over runs of the last sigma over the optimum's: x, y, heading."""
-    optimum = _optimum(runs, others)
-    if optimum is None:
-        return None
-    ours, theirs = paired(runs, optimum)
-    if not len(ours):
-        return None
-    keys = ("sigma_x", "sigma_y", "sigma_heading")
-    last, best = (np.array([each.series[k][at, -1] for k in keys]) for each, at in ((runs, ours), (optimum, theirs)))
-    ratios = np.divide(last, best, out=np.full(last.shape, np.nan), where=best > 0)
-    return tuple(map(mean, ratios))
 
 
 def share_in_doubt(runs: Runs, _: Mapping[str, Runs]) -> float | None:

@@ -1,9 +1,8 @@
-"""Whether errors are as large as the covariance says: Mahalanobis distances, coverage of ellipses, log score."""
+"""Whether errors are as large as the covariance says: Mahalanobis distances, chi-square bands, coverage of ellipses."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 
@@ -11,7 +10,7 @@ from slamgauge.arrays import Float, chunks
 from slamgauge.errors import UserError
 
 SINGULAR = 1e-9  # largest smallest eigenvalue of a correlation matrix that may be rounding (as in `validation`)
-LARGEST = 1e100  # limit of distances, so that sums of their squares are finite, as result files require
+FARTHEST = 1e100  # limit of distances, so that sums of their squares are finite, as result files require
 
 
 def squared_mahalanobis(errors: Float, covs: Float) -> Float:
@@ -20,13 +19,9 @@ def squared_mahalanobis(errors: Float, covs: Float) -> Float:
     NaN where the covariance is singular (a fixed start, P0 = 0) or either is NaN. Variances may have different units:
     the correlation matrix is checked and solved, not the covariance.
     """
-    return _in_chunks(_distances, errors, covs)
-
-
-def _in_chunks(function: Callable[[Float, Float], Float], errors: Float, covs: Float) -> Float:
     values = np.empty(len(errors))
     for rows in chunks(len(errors)):
-        values[rows] = function(errors[rows], covs[rows])
+        values[rows] = _distances(errors[rows], covs[rows])
     return values
 
 
@@ -41,7 +36,7 @@ def _distances(errors: Float, covs: Float) -> Float:
     doubtful = ~regular
     regular[doubtful] = np.linalg.eigvalsh(correlations[doubtful])[:, 0] > SINGULAR
     distances = np.full(len(errors), np.nan)
-    distances[np.flatnonzero(defined)[regular]] = np.minimum(found[regular], LARGEST)
+    distances[np.flatnonzero(defined)[regular]] = np.minimum(found[regular], FARTHEST)
     return distances
 
 
@@ -81,23 +76,3 @@ def is_inside(nees_position: Float, level: float) -> Float:
     Chi-square with two degrees of freedom is exponential: the ellipse is e' P^-1 e <= -2 log(1 - level).
     """
     return np.where(np.isnan(nees_position), np.nan, nees_position <= -2 * math.log1p(-level))
-
-
-def log_scores(errors: Float, covs: Float) -> Float:
-    """Return -log p (n,) [nats] of the truth under Gaussians with additive `errors` (n, d) and `covs` (n, d, d).
-
-    NaN where the covariance is singular. The score is proper (Good 1952): the right sigmas have the smallest mean. It
-    depends on the units of the errors, here metres and radians, so only differences of scores have a meaning.
-    """
-    return _in_chunks(_log_scores, errors, covs)
-
-
-def _log_scores(errors: Float, covs: Float) -> Float:
-    nees = squared_mahalanobis(errors, covs)
-    scores = np.full(len(errors), np.nan)
-    regular = ~np.isnan(nees)
-    sigmas = np.sqrt(np.diagonal(covs[regular], axis1=1, axis2=2))
-    correlations = covs[regular] / (sigmas[:, :, None] * sigmas[:, None, :])
-    log_det = np.linalg.slogdet(correlations)[1] + 2 * np.log(sigmas).sum(axis=1)
-    scores[regular] = (nees[regular] + log_det + errors.shape[1] * math.log(2 * math.pi)) / 2
-    return scores

@@ -17,14 +17,12 @@ from slamgauge.truth import NOBODY, Truth
 class AssociationFigures(NamedTuple):
     """Figures of the data association, defined in `catalogue`; None if unknown.
 
-    A track is a mapped landmark with its observations. Clutter on the track of a landmark is a wrong association; a
-    track of clutter is a spurious landmark.
+    A track is a mapped landmark with its observations; clutter on the track of a landmark is a wrong association.
     """
 
     wrong_associations: int | None = None
     landmarks_true: int | None = None
     landmarks_missed: int | None = None
-    landmarks_spurious: int | None = None
 
 
 def true_landmarks(truth: Truth, recording: Recording, estimate: Estimate) -> tuple[Int, Float]:
@@ -52,47 +50,34 @@ def true_landmarks(truth: Truth, recording: Recording, estimate: Estimate) -> tu
 
 def association_figures(truth: Truth, recording: Recording, estimate: Estimate) -> AssociationFigures:
     """Return the figures; a track belongs to the landmark from which most of its observations come."""
-    given, true = estimate.association, truth.association
-    if true is None:
+    if truth.association is None:
         return AssociationFigures()
-    observed = _landmarks_of(true)
-    owners = true_landmarks(truth, recording, estimate)[0]
-    known = given is not None or recording.landmark is not None
-    wrong = None
-    if given is not None:
-        names, counts, landmark = _main_landmarks(true, recording, estimate)
-        wrong = int(counts.sum() - np.where(landmark[:, None] == names, counts, 0).sum())
-    return AssociationFigures(
-        wrong_associations=wrong,
-        landmarks_true=len(observed),
-        landmarks_missed=int(np.sum(~np.isin(observed, owners))) if known else None,
-        landmarks_spurious=int(np.sum(~np.isin(owners, observed))) if known else None,
-    )
+    observed = _landmarks_of(truth.association)
+    wrong, missed = wrongly_associated(truth, recording, estimate), None
+    if estimate.association is not None or recording.landmark is not None:
+        missed = int(np.sum(~np.isin(observed, true_landmarks(truth, recording, estimate)[0])))
+    return AssociationFigures(None if wrong is None else int(wrong.sum()), len(observed), missed)
 
 
-def wrong_sights(truth: Truth, recording: Recording, estimate: Estimate) -> NDArray[np.bool_] | None:
+def wrongly_associated(truth: Truth, recording: Recording, estimate: Estimate) -> NDArray[np.bool_] | None:
     """Return which observations (M,) are assigned to a track of another landmark; None if unknown."""
     given, true = estimate.association, truth.association
     if given is None or true is None:
         return None
-    landmark = _main_landmarks(true, recording, estimate)[2]
+    ids = np.asarray(estimate.landmark_ids)
+    if recording.landmark is not None:
+        main = np.where(np.isin(ids, _landmarks_of(true)), ids, NOBODY)
+    else:
+        names, counts = _counts(true, estimate)
+        main = names[counts.argmax(axis=1)] if len(names) else np.full(len(ids), NOBODY)
     wrong = np.zeros(len(given), dtype=np.bool_)
     for accepted, row in _accepted(estimate):
-        wrong[accepted] = landmark[row] != true[accepted]
+        wrong[accepted] = main[row] != true[accepted]
     return wrong
 
 
-def _main_landmarks(true: Int, recording: Recording, estimate: Estimate) -> tuple[Int, Int, Int]:
-    """Return `_counts`, and the true landmark (L,) of each mapped one, NOBODY if it has none."""
-    names, counts = _counts(true, estimate)
-    ids = np.asarray(estimate.landmark_ids)
-    if recording.landmark is not None:
-        return names, counts, np.where(np.isin(ids, _landmarks_of(true)), ids, NOBODY)
-    return names, counts, names[counts.argmax(axis=1)] if len(names) else np.full(len(ids), NOBODY)
-
-
 def _counts(true: Int, estimate: Estimate) -> tuple[Int, Int]:
-    """Return the observed landmarks (T,), clutter as NOBODY, and how many observations of each (L, T) tracks have."""
+    """Return distinct ids (T,) of observed landmarks and clutter, and numbers (L, T) of their observations by track."""
     names = distinct(true)
     counts = np.zeros((len(estimate.landmark_ids), len(names)), dtype=np.int64)
     for accepted, row in _accepted(estimate):

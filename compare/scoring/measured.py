@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from slamgauge.arrays import Float, Int, Marks
-from slamgauge.compare.scoring.consistency import log_scores, squared_mahalanobis
+from slamgauge.compare.scoring.consistency import squared_mahalanobis
 from slamgauge.compare.scoring.landmark_identity import (
     AssociationFigures,
     association_figures,
@@ -84,11 +84,6 @@ class Measured:
         """NEES (N+1,) of the positions."""
         return squared_mahalanobis(self.errors[:, :2], self.covs[:, :2, :2])
 
-    @cached_property
-    def log_scores(self) -> Float:
-        """Log scores (N+1,) of the poses [nats]."""
-        return log_scores(self.errors, self.covs)
-
     @property
     def nis_total(self) -> float:
         """Sum of the NIS of all steps."""
@@ -119,24 +114,6 @@ class Measured:
     def associations(self) -> AssociationFigures:
         """Figures of the data association."""
         return association_figures(self.truth, self.recording, self.estimate)
-
-    @cached_property
-    def halves(self) -> tuple[Int, Int]:
-        """Indices of the half of the mapped landmarks that is nearer to the true start, and of the farther half."""
-        ids, known = self.landmarks[0], self.truth.landmark_ids
-        start = np.tile(self.reference[0, :2], (len(ids), 1))
-        far = np.linalg.norm(landmark_errors(ids, start, known, self.truth.landmarks), axis=1)
-        defined = ~np.isnan(far)
-        near = far <= np.median(far[defined]) if defined.any() else defined
-        return np.flatnonzero(near), np.flatnonzero(~near & defined)
-
-    @cached_property
-    def map_sigmas(self) -> Float:
-        """Position sigmas (L,) of the mapped landmarks [m]; NaN without covariances."""
-        covs = self.estimate.landmark_covs
-        if covs is None:
-            return np.full(len(self.landmarks[0]), np.nan)
-        return np.sqrt(np.trace(covs, axis1=1, axis2=2).clip(min=0))
 
 
 def pose_covs_of(estimate: Estimate) -> Float:

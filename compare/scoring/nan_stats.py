@@ -14,10 +14,15 @@ def number(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
 
 
+def defined_mean(values: Float) -> float:
+    """Return the mean of the entries that are not NaN, which may be infinite; NaN without entries."""
+    values = values[~np.isnan(values)]
+    return float(values.mean()) if values.size else math.nan
+
+
 def mean(values: Float) -> float | None:
     """Return the mean of the entries that are not NaN; None without entries or if it is infinite."""
-    values = values[~np.isnan(values)]
-    return number(values.mean()) if values.size else None
+    return number(defined_mean(values))
 
 
 def rms(values: Float) -> float | None:

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.compare.scoring.consistency import chi2_band, log_scores, squared_mahalanobis
+from slamgauge.compare.scoring.consistency import chi2_band, squared_mahalanobis
 from slamgauge.compare.scoring.intervals import ROUNDING, Interval
 from slamgauge.compare.scoring.measured import Measured, pose_covs_of
 from slamgauge.compare.scoring.nan_stats import mean, number, rms
@@ -78,14 +78,6 @@ def mahalanobis_to_optimum(found: Measured) -> float | None:
     differences = pose_errors(found.optimum.poses, found.estimate.poses)
     squares = squared_mahalanobis(differences, pose_covs_of(found.optimum))
     return mean(squares if found.compared is None else squares[found.compared])
-
-
-def log_score_to_optimum(found: Measured) -> float | None:
-    """Return the mean difference of the log scores to those of the optimum [nats per step]."""
-    if found.optimum is None:
-        return None
-    best = log_scores(pose_errors(found.reference, found.optimum.poses), pose_covs_of(found.optimum))
-    return mean(found.log_scores - best)
 
 
 def final_distance_to_batch(found: Measured) -> float | None:

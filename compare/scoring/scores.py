@@ -22,20 +22,10 @@ from slamgauge.validation import require_type
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Score(Mapping[str, Any]):
-    """Figures of an estimate by their key in `catalogue`, for example `score["ate_m"]`; None if one does not apply.
-
-    `kind` is a key, too: "filtered" (compared with `causal`) or "smoothed" (compared with `batch`).
-
-    Attributes:
-        figures: kind and figures by key.
-        nees: (N+1,) pose NEES of each step, NaN where undefined.
-        sigmas: (N+1, 3) standard deviations of x, y [m] and heading [rad], NaN where undefined.
-    """
+class FiguresByKey(Mapping[str, Any]):
+    """Kind and figures of an estimator by their keys in `catalogue`; None if a figure does not apply."""
 
     figures: dict[str, Any]
-    nees: Float
-    sigmas: Float
 
     def __getitem__(self, key: str) -> Any:
         return self.figures[key]
@@ -45,6 +35,31 @@ class Score(Mapping[str, Any]):
 
     def __len__(self) -> int:
         return len(self.figures)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return plain numbers, lists and None, as in files; `rays` only if the estimator has any.
+
+        JSON has no infinity: an infinite check becomes the largest double.
+        """
+        entry = {key: sys.float_info.max if value == math.inf else value for key, value in self.items()}
+        if entry["rays"] is None:
+            del entry["rays"]
+        return to_jsonable_python(entry)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Score(FiguresByKey):
+    """Figures of an estimate, for example `score["ate_m"]`: its entry in metrics.json.
+
+    `kind` is a key, too: "filtered" (compared with `causal`) or "smoothed" (compared with `batch`).
+
+    Attributes:
+        nees: (N+1,) pose NEES of each step, NaN where undefined.
+        sigmas: (N+1, 3) standard deviations of x, y [m] and heading [rad], NaN where undefined.
+    """
+
+    nees: Float
+    sigmas: Float
 
     def __repr__(self) -> str:
         known = (("ATE", "ate_m", " m"), ("NEES", "nees_pose", ""), ("NIS/dof", "nis_per_dof", ""))
@@ -64,16 +79,6 @@ class Score(Mapping[str, Any]):
         """Return the figures as a `pandas.DataFrame` with a row for each."""
         numbers = self.numbers()
         return data_frame({"value": [*numbers.values()]}, [*numbers])
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the entry in metrics.json: plain numbers, lists and None; `rays` only if the estimate has any.
-
-        JSON has no infinity: an infinite check becomes the largest double.
-        """
-        entry = {key: sys.float_info.max if value == math.inf else value for key, value in self.items()}
-        if entry["rays"] is None:
-            del entry["rays"]
-        return to_jsonable_python(entry)
 
     def timed(self, seconds: float | None) -> Score:
         """Return the score with this computing time [s]."""

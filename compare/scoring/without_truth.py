@@ -39,7 +39,8 @@ from tqdm import tqdm
 from slamgauge.arrays import Float, Marks
 from slamgauge.compare.estimators.registry import CAUSAL
 from slamgauge.compare.estimators.stored_trajectory import OwnPoses
-from slamgauge.compare.scoring.nan_stats import number
+from slamgauge.compare.scoring.consistency import squared_mahalanobis
+from slamgauge.compare.scoring.nan_stats import defined_mean, number
 from slamgauge.compare.scoring.own_stamps import optimum_at
 from slamgauge.compare.scoring.trajectory_error import pose_errors
 from slamgauge.covariances import square_roots
@@ -48,45 +49,17 @@ from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, Estimator
 from slamgauge.graph_baseline import batch, causal
 from slamgauge.recording import Recording
-from slamgauge.se2 import between, rotation, wrap
+from slamgauge.se2 import between, in_body, wrap
 from slamgauge.sensors import SENSORS, innovation, predict
 
-Verdict = Literal["consistent", "overconfident", "too cautious"]
-
-LEVEL = 0.05  # of the test
+TEST_LEVEL = 0.05  # probability that a consistent filter is rejected
 BAND = 0.95  # share of the twins within a band over time
-FEWEST = 19  # twins: with fewer, no p-value is at most LEVEL
+FEWEST = 19  # twins: with fewer, no p-value is at most TEST_LEVEL
 SMALL = 0.01  # share of P_f: a negative eigenvalue of P_f - P_s of at most this size is rounding
 NEAREST = 1e-3  # m: least range that a twin observes
-LARGEST = 1e100  # limit of a figure of a diverged filter
-INTERVALS = 100  # of time, at most, in figures over time
+DIVERGED = 1e100  # figures of diverged filters are cut here, so that their logarithms are finite
+INTERVALS = 100  # largest number of intervals of time in figures over time
 RESIDUALS = {1: ("odometry", "Q", ""), 2: ("observation", "R", " or observations are outliers")}
-
-
-class StepStatistics(NamedTuple):
-    """Statistics of each step; NaN and False where the filter's covariance is singular.
-
-    Attributes:
-        expected_nees: (N+1,) c; 3 on average if the filter is consistent.
-        claims_more: (N+1,) whether the filter claims more than the optimum in some direction.
-    """
-
-    expected_nees: Float
-    claims_more: Marks
-
-    @property
-    def ratio(self) -> float:
-        """Mean of the expected NEES over time, divided by 3; NaN without a step."""
-        known = self.expected_nees[~np.isnan(self.expected_nees)]
-        return float(np.mean(known)) / 3.0 if len(known) else np.nan
-
-    def course(self) -> Float:
-        """Return the mean of the expected NEES over 3 in at most `INTERVALS` intervals of time; NaN without a step."""
-        found = np.full(min(INTERVALS, len(self.expected_nees)), np.nan)
-        for at, part in enumerate(np.array_split(self.expected_nees, len(found))):
-            known = part[~np.isnan(part)]
-            found[at] = np.mean(known) / 3.0 if len(known) else np.nan
-        return found
 
 
 class Figures(NamedTuple):
@@ -94,37 +67,27 @@ class Figures(NamedTuple):
 
     Attributes:
         means: (3,) ratio of the filter, then mean squared residuals of odometry and of observations at the optimum.
-        course: (B,) expected NEES over 3 in B intervals of time.
+        course: (B,) expected NEES over 3 in B intervals of time; NaN without an invertible covariance.
+        claims_more: share of the steps at which the filter claims more than the optimum in some direction.
     """
 
     means: Float
     course: Float
+    claims_more: float | Float = 0.0
 
 
 @dataclass(frozen=True)
 class ConsistencyTest:
-    """Result of the test of one filter.
-
-    Attributes:
-        log: figures of the filter on the log.
-        twins: figures of a consistent filter on T twins.
-        claims_more: share of the steps at which the filter claims more than the optimum.
-    """
+    """Test of one filter: its figures on the log, and those of a consistent filter on T twins."""
 
     log: Figures
     twins: Figures
-    claims_more: float = 0.0
-
-    @property
-    def ratio(self) -> float:
-        """Squared ratio of the errors to the filter's sigmas."""
-        return float(self.log.means[0])
 
     @cached_property
     def deviations(self) -> Float:
         """(1+T, 3) standardised logarithms of the figures, the log first; 0 for a figure that is 0 or undefined."""
         with np.errstate(divide="ignore", invalid="ignore"):
-            every = np.log(np.vstack([self.log.means.clip(max=LARGEST), self.twins.means]))
+            every = np.log(np.vstack([self.log.means.clip(max=DIVERGED), self.twins.means]))
             found = (every - every.mean(axis=0)) / every.std(axis=0)
         return np.where(np.isfinite(found), found, 0.0)
 
@@ -140,42 +103,43 @@ class ConsistencyTest:
         return float(self.p_values.min())
 
     @property
-    def verdict(self) -> Verdict:
+    def verdict(self) -> Literal["consistent", "overconfident", "too cautious"]:
         """Direction of the first figure that is rejected."""
-        rejected = np.flatnonzero(self.p_values <= LEVEL)
+        rejected = np.flatnonzero(self.p_values <= TEST_LEVEL)
         if not len(rejected):
             return "consistent"
         return "overconfident" if self.deviations[0, rejected[0]] > 0.0 else "too cautious"
 
-    def to_json(self, time: Float) -> dict[str, Any]:
-        """Return the entry in metrics.json; `time` (B,) are the middles of the intervals of time [s]."""
-        courses = self.twins.course
-        ends = np.quantile(courses, [(1 - BAND) / 2, (1 + BAND) / 2], axis=0)
+    def to_json(self, stamps: Float) -> dict[str, Any]:
+        """Return the entry in metrics.json; `stamps` (N+1,) are those of the recording [s]."""
+        intervals = np.array_split(stamps, len(self.log.course))
+        low, high = np.quantile(self.twins.course, [(1 - BAND) / 2, (1 + BAND) / 2], axis=0)
         return {
             "verdict": self.verdict,
             "p_value": self.p_value,
             "p_values": dict(zip(("difference", "odometry", "observations"), self.p_values.tolist(), strict=True)),
-            "ratio": number(self.ratio),
-            "claims_more": self.claims_more,
-            "time_s": time.tolist(),
-            "expected_nees_per_dof": [number(each) for each in self.log.course],
-            "twins_low": [number(each) for each in ends[0]],
-            "twins_high": [number(each) for each in ends[1]],
+            "ratio": number(self.log.means[0]),
+            "claims_more": self.log.claims_more,
+            "time_s": [float(each.mean()) for each in intervals],
+            "expected_nees_per_dof": [*map(number, self.log.course)],
+            "twins_low": [*map(number, low)],
+            "twins_high": [*map(number, high)],
         }
 
     def text(self) -> str:
         """Return the verdict without a full stop."""
-        if np.isnan(self.ratio):
+        ratio, claims_more = self.log.means[0], self.log.claims_more
+        if np.isnan(ratio):
             return "without ground truth: not tested, because no step has an invertible covariance"
-        size = f"errors are about {np.sqrt(self.ratio):.2f} times its sigmas"
+        size = f"errors are about {np.sqrt(ratio):.2f} times its sigmas"
         if self.verdict == "consistent":
             return f"without ground truth: consistent as far as this log shows, {size} (p = {self.p_value:.2g})"
-        found = [f"{size} (p = {self.p_values[0]:.2g})"] if self.p_values[0] <= LEVEL else []
+        found = [f"{size} (p = {self.p_values[0]:.2g})"] if self.p_values[0] <= TEST_LEVEL else []
         which = 1 + int(np.argmax(np.abs(self.deviations[0, 1:])))
-        if self.p_values[which] <= LEVEL:
+        if self.p_values[which] <= TEST_LEVEL:
             found.append(self._residual_text(which))
-        if self.claims_more:
-            found.append(f"it claims more than the optimum at {self.claims_more:.0%} of the steps")
+        if claims_more:
+            found.append(f"it claims more than the optimum at {claims_more:.0%} of the steps")
         return f"without ground truth: {self.verdict}, {'; '.join(found)}"
 
     def _residual_text(self, which: int) -> str:
@@ -183,58 +147,6 @@ class ConsistencyTest:
         times = np.sqrt(self.log.means[which] / np.mean(self.twins.means[:, which]))
         cause = f"{noise} is too small{other}" if self.deviations[0, which] > 0.0 else f"{noise} is too large"
         return f"{name} residuals are {times:.2f} times those of twins (p = {self.p_values[which]:.2g}): {cause}"
-
-
-def step_statistics(estimate: Estimate, optimum: Estimate, compared: Marks | None = None) -> StepStatistics:
-    """Compare a filter with the optimum of all measurements, at all steps or at those `compared` (N+1,).
-
-    Raises:
-        UserError: one of them has no covariances.
-    """
-    if estimate.pose_covs is None or optimum.pose_covs is None:
-        raise UserError("pose_covs: the test without ground truth needs covariances of the poses; add them")
-    count = len(estimate.poses)
-    expected, claims_more = np.full(count, np.nan), np.zeros(count, dtype=bool)
-    variances = np.diagonal(estimate.pose_covs, axis1=1, axis2=2)
-    rows = np.flatnonzero((variances > 0.0).all(axis=1) & (True if compared is None else compared))
-    scale = np.sqrt(variances[rows])
-    claimed = estimate.pose_covs[rows] / (scale[:, :, None] * scale[:, None, :])
-    definite = np.linalg.eigvalsh(claimed)[:, 0] > 1e-9
-    rows, scale, claimed = rows[definite], scale[definite], claimed[definite]
-    white = np.linalg.inv(np.linalg.cholesky(claimed)) / scale[:, None, :]  # white P_f white' = I
-    d = np.einsum("nij,nj->ni", white, pose_errors(optimum.poses[rows], estimate.poses[rows]))
-    optimal = white @ optimum.pose_covs[rows] @ white.swapaxes(1, 2)
-    expected[rows] = np.sum(d**2, axis=1) + np.trace(optimal, axis1=1, axis2=2)
-    claims_more[rows] = np.linalg.eigvalsh(np.eye(3) - optimal)[:, 0] < -SMALL
-    return StepStatistics(expected, claims_more)
-
-
-def figures(recording: Recording, statistics: StepStatistics, optimum: Estimate) -> Figures:
-    """Return the figures of a filter from its steps; landmarks that the optimum does not have are left out."""
-    moved = between(optimum.poses[:-1], optimum.poses[1:])
-    moving = recording.odometry - moved
-    moving[:, 2] = wrap(moving[:, 2])
-    log, seen = _observed(recording, optimum)
-    seeing = innovation(log.sensor, log.observation, seen)
-    residuals = [_mean_square(moving, recording.odometry_cov), _mean_square(seeing, log.observation_cov)]
-    return Figures(np.array([statistics.ratio, *residuals]), statistics.course())
-
-
-def consistency_test(
-    recording: Recording, estimate: Estimate, optimum: Estimate, twins: Figures, own: OwnPoses | None = None
-) -> ConsistencyTest:
-    """Return the test of a filter on a recording with ids, from the figures of twins.
-
-    A stored trajectory is compared with the optimum at its `own` stamps.
-    """
-    if own is None:
-        statistics, share = step_statistics(estimate, optimum), 1.0
-    else:
-        statistics = step_statistics(own.estimate, optimum_at(own.stamps, optimum, recording), own.compared)
-        share = float(np.mean(own.compared))
-    return ConsistencyTest(
-        figures(recording, statistics, optimum), twins, float(np.mean(statistics.claims_more)) / share
-    )
 
 
 def tested_filters(
@@ -257,7 +169,7 @@ def tested_filters(
         UserError: too few twins for the level of the test.
     """
     if twins < FEWEST:
-        raise UserError(f"twins: {twins} are too few for a test of level {LEVEL:.0%}; give {FEWEST} or more")
+        raise UserError(f"twins: {twins} are too few for a test of level {TEST_LEVEL:.0%}; give {FEWEST} or more")
     own = {} if own is None else own
     log = recording if optimum.association is None else recording.associated(optimum.association)
     filters = {name: each for name, each in estimates.items() if each.kind == "filtered" and each.pose_covs is not None}
@@ -268,6 +180,59 @@ def tested_filters(
         log, optimum, twins, {name: (consistent_filter(name, log), compared[name]) for name in filters}
     )
     return {name: consistency_test(log, each, optimum, found[name], own.get(name)) for name, each in filters.items()}
+
+
+def consistency_test(
+    recording: Recording, estimate: Estimate, optimum: Estimate, twins: Figures, own: OwnPoses | None = None
+) -> ConsistencyTest:
+    """Return the test of a filter on a recording with ids, from the figures of twins.
+
+    A stored trajectory is compared with the optimum at its `own` stamps.
+    """
+    if own is None:
+        return ConsistencyTest(figures(recording, step_statistics(estimate, optimum), optimum), twins)
+    steps = step_statistics(own.estimate, optimum_at(own.stamps, optimum, recording), own.compared)
+    return ConsistencyTest(figures(recording, steps, optimum, own.compared), twins)
+
+
+def step_statistics(estimate: Estimate, optimum: Estimate, compared: Marks | None = None) -> tuple[Float, Marks]:
+    """Compare a filter with the optimum of all measurements, at all steps or at those `compared` (N+1,).
+
+    Returns:
+        Expected NEES c (N+1,), 3 on average if the filter is consistent, and whether the filter claims more than the
+        optimum in some direction (N+1,); NaN and False where the filter's covariance is singular.
+
+    Raises:
+        UserError: one of them has no covariances.
+    """
+    if estimate.pose_covs is None or optimum.pose_covs is None:
+        raise UserError("pose_covs: the test without ground truth needs covariances of the poses; add them")
+    expected = squared_mahalanobis(pose_errors(optimum.poses, estimate.poses), estimate.pose_covs)
+    if compared is not None:
+        expected[~compared] = np.nan
+    rows = np.flatnonzero(~np.isnan(expected))
+    white = np.linalg.inv(np.linalg.cholesky(estimate.pose_covs[rows]))  # white P_f white' = I
+    optimal = white @ optimum.pose_covs[rows] @ white.swapaxes(1, 2)
+    expected[rows] += np.trace(optimal, axis1=1, axis2=2)
+    claims_more = np.zeros(len(expected), dtype=bool)
+    claims_more[rows] = np.linalg.eigvalsh(np.eye(3) - optimal)[:, 0] < -SMALL
+    return expected, claims_more
+
+
+def figures(
+    recording: Recording, steps: tuple[Float, Marks], optimum: Estimate, compared: Marks | None = None
+) -> Figures:
+    """Return the figures of a filter from its steps; landmarks that the optimum does not have are left out."""
+    expected, claims_more = steps
+    moving = recording.odometry - between(optimum.poses[:-1], optimum.poses[1:])
+    moving[:, 2] = wrap(moving[:, 2])
+    log, seen = _observed(recording, optimum)
+    seeing = innovation(log.sensor, log.observation, seen)
+    residuals = [_mean_square(moving, recording.odometry_cov), _mean_square(seeing, log.observation_cov)]
+    parts = np.array_split(expected, min(INTERVALS, len(expected)))
+    course = np.array([defined_mean(each) for each in parts]) / 3.0
+    share = float(np.mean(claims_more if compared is None else claims_more[compared]))
+    return Figures(np.array([defined_mean(expected) / 3.0, *residuals]), course, share)
 
 
 def consistent_filter(name: str, recording: Recording) -> Estimator:
@@ -334,8 +299,7 @@ def _observed(recording: Recording, optimum: Estimate) -> tuple[Recording, Float
     assert log.landmark is not None
     order = np.argsort(optimum.landmark_ids)
     landmarks = optimum.landmarks[order][np.searchsorted(optimum.landmark_ids[order], log.landmark)]
-    poses = optimum.poses[log.observation_step]
-    return log, predict(log.sensor, np.einsum("nji,nj->ni", rotation(poses[:, 2]), landmarks - poses[:, :2]))
+    return log, predict(log.sensor, in_body(optimum.poses[log.observation_step], landmarks))
 
 
 def _mean_square(residuals: Float, covs: Float) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -18,45 +18,28 @@ from slamgauge.compare.scoring.optimum_figures import is_misfit_in_runs
 from slamgauge.compare.scoring.optimum_notes import MARK, beats_the_optimum, doubt_in_runs, mean_fit, misfits
 from slamgauge.compare.scoring.ray_figures import describe
 from slamgauge.compare.scoring.runs import Runs
-from slamgauge.compare.scoring.table import ESTIMATOR, RUNS, Cell, Head, Table, cell, figure, figures, marked
+from slamgauge.compare.scoring.scores import FiguresByKey
+from slamgauge.compare.scoring.table import ESTIMATOR, RUNS, Cell, Head, Table, figures, marked
 from slamgauge.compare.scoring.text_page import Page
 from slamgauge.compare.scoring.verdicts import verdict_lines
 from slamgauge.compare.storage.provenance import origin
 from slamgauge.compare.studies.paired_comparisons import Against, against_parts
 from slamgauge.display import data_frame
 
-LAST_COLUMNS = {  # of the table, by key
-    "nees_share_inside_band": f"NEES in {BAND_LEVEL:.1%} band",
-    "sigma_ratio_to_optimum_final": "final sigma / optimum",
-}
-
 
 @dataclass(frozen=True, eq=False)
-class EstimatorSummary(Mapping[str, Any]):
-    """Figures of one estimator over the runs of a study by their key in `scoring.catalogue`; None does not apply.
+class EstimatorSummary(FiguresByKey):
+    """Figures of one estimator over the runs of a study: its entry in summary.json.
 
     `kind` (None if all runs failed) and `runs`, the number of runs without failure, are keys, too.
     """
 
-    figures: dict[str, Any]
-
-    def __getitem__(self, key: str) -> Any:
-        return self.figures[key]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self.figures)
-
-    def __len__(self) -> int:
-        return len(self.figures)
-
     def to_json(self) -> dict[str, Any]:
         """Return the estimator's entry in summary.json; without `rays` if the estimator has none."""
-        entry: dict[str, Any] = {**self.figures, "seconds_total": {"mean": self["seconds_total"]}}
         share = self["nees_share_inside_band"]
-        entry["nees_share_inside_band"] = None if share is None else {"level": BAND_LEVEL, "share": share}
-        if entry["rays"] is None:
-            del entry["rays"]
-        return to_jsonable_python(entry)
+        band = None if share is None else {"level": BAND_LEVEL, "share": share}
+        entry = {"seconds_total": {"mean": self["seconds_total"]}, "nees_share_inside_band": band}
+        return FiguresByKey({**self, **entry}).to_json()
 
 
 @dataclass(frozen=True)
@@ -211,17 +194,10 @@ def estimator_table(summary: Summary) -> Table:
     is_marked = is_doubtful(summary)
     rows: list[list[Cell | str]] = []
     for name, entry in summary.estimators.items():
-        ratios = entry["sigma_ratio_to_optimum_final"] or (None,)
-        final = Cell(" ".join(cell(ratio, "{:.3f}") for ratio in ratios))
-        if is_marked:
-            optimum = CAUSAL if entry["kind"] == "filtered" else HINDSIGHT
-            final = marked(final, MARK, is_marked=is_marked_against(summary, optimum))
         cells = figure_cells(summary, entry, found, room_for_marks=is_marked)
-        share = figure(entry["nees_share_inside_band"], "{:.1%}")
-        rows.append([name, Cell(str(entry["runs"]), entry["runs"]), *cells, share, final])
-    last = [Head(title, help=BY_KEY[key].help) for key, title in LAST_COLUMNS.items()]
+        rows.append([name, Cell(str(entry["runs"]), entry["runs"]), *cells])
     caption = "Means over runs with their 95 % intervals; click a column title to sort"
-    return Table.of([ESTIMATOR, RUNS, *found, *last], rows, caption, "summary")
+    return Table.of([ESTIMATOR, RUNS, *found], rows, caption, "summary")
 
 
 def share_in_doubt(summary: Summary) -> float:
@@ -257,11 +233,9 @@ def figure_cells(
     cells = figures(entry, found)
     if not room_for_marks:
         return cells
-    optimum = {head.key: CAUSAL for head in found if is_relative(head.key)}
-    if is_marked_against(summary, HINDSIGHT):  # else the column needs no room for marks
-        optimum["ratio_to_hindsight"] = HINDSIGHT
+    is_marked = is_marked_against(summary, CAUSAL)
     return [
-        marked(each, MARK, is_marked=is_marked_against(summary, optimum[head.key])) if head.key in optimum else each
+        marked(each, MARK, is_marked=is_marked) if is_relative(head.key) else each
         for each, head in zip(cells, found, strict=True)
     ]
 

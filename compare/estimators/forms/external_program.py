@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
+from slamgauge.compare.estimators.forms.signatures import Form
 from slamgauge.compare.estimators.user_errors import UserCodeError
 from slamgauge.compare.storage.csv_folder import read_estimate_csv, write_recording_csv
 from slamgauge.errors import UserError
@@ -27,7 +28,7 @@ TAIL = 2000  # bytes at the end of its output in which the last line is searched
 
 
 @dataclass(frozen=True)
-class ExternalProgram:
+class ExternalProgram(Form):
     """A program as an estimator; its attributes are the arguments of `external`."""
 
     command: tuple[str, ...]

@@ -262,7 +262,7 @@ def test_csv_to_npz_to_csv_keeps_the_cost_of_batch(tmp_path: Path):
     _, recording = random_recording(4)
     save(tmp_path / "recording.npz", recording)
     there, back = tmp_path / "csv", tmp_path / "npz"
-    assert main(["export", str(tmp_path / "recording.npz"), "--format", "csv", "--out", str(there)]) == 0
+    assert main(["export", "csv", str(tmp_path / "recording.npz"), "--out", str(there)]) == 0
     assert main(["import", "csv", str(there), "--out", str(back)]) == 0
     cost, expected = (batch(each).chi_square for each in (load_recording(back / "recording.npz"), recording))
     assert cost == pytest.approx(expected, rel=1e-9)

@@ -90,7 +90,7 @@ def test_a_map_without_ids_causes_no_warning() -> None:
         warnings.simplefilter("error")
         (outcome,) = run_once(load_scenario("q2-short-dense", SHORT), 0, [f"{EXAMPLES}/student_ekf.py:ekf_slam"])
     assert outcome.error is None
-    assert outcome.figures["landmark_error_near_m"] is None
+    assert outcome.figures["landmark_rmse_m"] is None
 
 
 def test_a_study_takes_callables_and_lists_failures_by_label(folder: Path) -> None:

@@ -93,7 +93,7 @@ def labels(figure: Figure) -> set[str]:
 
 
 def test_export_draws_the_chosen_estimators(results: Path, tmp_path: Path, drawn: dict[str, Figure]):
-    words = ("export", str(results / "run"), "--format", "svg", "--out", str(tmp_path / "out"))
+    words = ("export", "svg", str(results / "run"), "--out", str(tmp_path / "out"))
     assert main([*words, "--estimators", "causal,ekf"]) == 0
     assert set(drawn) == DRAWN["run"]
     panel = drawn["figure"].axes[1]
@@ -146,14 +146,14 @@ def test_refusals(
         place = tmp_path
         (place / f"{folder.split()[1]}.json").write_text("{}")
     out = ("--out", str(tmp_path / "out"))
-    assert main(["export", str(place), "--format", "pdf", *out, *options.split()]) == 2
+    assert main(["export", "pdf", str(place), *out, *options.split()]) == 2
     assert message in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 
 
 def test_files_have_the_requested_format_and_no_date(results: Path, tmp_path: Path):
     for form, begins in (("pdf", b"%PDF"), ("png", b"\x89PNG"), ("svg", b"<?xml")):
-        words = ("export", str(results / "budget"), "--format", form, "--width", "column")
+        words = ("export", form, str(results / "budget"), "--width", "column")
         for folder in ("one", "other"):
             assert main([*words, "--out", str(tmp_path / form / folder)]) == 0
         written = [(tmp_path / form / folder / f"budget.{form}").read_bytes() for folder in ("one", "other")]
@@ -164,7 +164,7 @@ def test_files_have_the_requested_format_and_no_date(results: Path, tmp_path: Pa
 
 def test_export_prints_only_the_written_files(results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     """The figure of ratios needs an optimum."""
-    words = ("export", str(results / "study"), "--format", "svg", "--estimators", "ekf", "--out", str(tmp_path / "out"))
+    words = ("export", "svg", str(results / "study"), "--estimators", "ekf", "--out", str(tmp_path / "out"))
     assert main([*words]) == 0
     printed = capsys.readouterr().err.split(": ")[1].strip().split(", ")
     assert {*printed} == {path.name for path in (tmp_path / "out").glob("*.svg")}

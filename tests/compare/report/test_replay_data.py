@@ -14,7 +14,7 @@ from slamgauge.arrays import Float
 from slamgauge.compare.figures.map_contents import map_at
 from slamgauge.compare.report.page_elements import looks
 from slamgauge.compare.report.replay_data import frame_steps, replay_data, shown_observations
-from slamgauge.compare.scoring.landmark_identity import association_figures, wrong_sights
+from slamgauge.compare.scoring.landmark_identity import association_figures, wrongly_associated
 from slamgauge.compare.storage.stored_results import Results
 
 pytestmark = pytest.mark.slow
@@ -39,7 +39,7 @@ def results() -> Results:
 def test_the_number_of_wrong_observations_agrees_with_the_scores(results: Results):
     assert results.truth is not None
     for estimate in results.estimates.values():
-        wrong = wrong_sights(results.truth, results.recording, estimate)
+        wrong = wrongly_associated(results.truth, results.recording, estimate)
         assert wrong is not None
         assert wrong.sum() == association_figures(results.truth, results.recording, estimate).wrong_associations
         assert wrong.any()
@@ -48,8 +48,8 @@ def test_the_number_of_wrong_observations_agrees_with_the_scores(results: Result
 def test_wrong_observations_are_unknown_without_association_or_truth(results: Results):
     estimate = Estimate("filtered", results.estimates["ekf"].poses)
     assert results.truth is not None
-    assert wrong_sights(results.truth, results.recording, estimate) is None
-    assert wrong_sights(Truth(), results.recording, results.estimates["ekf"]) is None
+    assert wrongly_associated(results.truth, results.recording, estimate) is None
+    assert wrongly_associated(Truth(), results.recording, results.estimates["ekf"]) is None
 
 
 def test_frames_are_evenly_spaced_from_the_first_step_to_the_last():

@@ -41,8 +41,7 @@ def test_every_metric_is_in_the_catalogue_once():
         ),
         (
             "study",
-            "ATE [m],x causal,NEES/3,in 95% ellipse,x hindsight,NIS/dof,heading [rad],end [m],log score to causal,"
-            "map NEES/2,wrong,mapped",
+            "ATE [m],x causal,NEES/3,in 95% ellipse,NIS/dof,heading [rad],end [m],map NEES/2,wrong,mapped,NEES in",
         ),
         ("sweep", "ATE [m],x causal,NEES/3,sigma [m],mapped,wrong"),
     ],
@@ -90,7 +89,7 @@ def test_columns_without_any_figure_are_named_and_only_simulated_runs_lead_to_a_
     def bare(given: Recording) -> Estimate:
         return Estimate(kind="filtered", poses=np.zeros((given.steps + 1, 3)))
 
-    relative = "x optimum, Mahalanobis distance² to the optimum, log-score difference to the optimum [nats], "
+    relative = "x optimum, Mahalanobis distance² to the optimum, "
     errors = "ATE [m], x optimum, NEES, in 95% ellipse, heading error [rad], final position error [m]"
     for known, told, names, empty in (
         (truth, informed, ["batch"], "NIS/dof"),

@@ -1,4 +1,4 @@
-"""Mahalanobis distances, coverage and log score against closed forms and chi-square."""
+"""Mahalanobis distances and coverage against closed forms and chi-square."""
 
 from __future__ import annotations
 
@@ -12,11 +12,10 @@ from slamgauge.arrays import Float
 from slamgauge.compare.scoring.aggregation import FIRST_STEP
 from slamgauge.compare.scoring.catalogue import STORED
 from slamgauge.compare.scoring.consistency import (
-    LARGEST,
+    FARTHEST,
     SINGULAR,
     chi2_band,
     is_inside,
-    log_scores,
     squared_mahalanobis,
 )
 from slamgauge.compare.scoring.runs import SERIES, Runs
@@ -29,8 +28,6 @@ from .builders import straight
 
 STEPS = 20_000
 COV = np.array([[0.04, 0.01, 0.002], [0.01, 0.09, -0.003], [0.002, -0.003, 0.0025]])
-TRUTH = Truth(poses=np.zeros((STEPS + 1, 3)))
-RECORDING = straight(STEPS)
 
 
 def errors_and_covs(count: int, scales: list[list[float]], seed: int) -> tuple[Float, Float]:
@@ -40,25 +37,21 @@ def errors_and_covs(count: int, scales: list[list[float]], seed: int) -> tuple[F
     return np.einsum("nij,nj->ni", A, rng.normal(size=(count, 3))), A @ A.swapaxes(1, 2)
 
 
-def test_distance_and_log_score_agree_with_inverse_and_density_in_any_units() -> None:
+def test_distance_agrees_with_the_inverse_in_any_units() -> None:
     errors, covs = errors_and_covs(50, [[1e4], [1.0], [1e-6]], 0)
     units = np.array([1e-4, 1.0, 1e6])
     pairs = [*zip(errors * units, covs * units[:, None] * units, strict=True)]
     assert squared_mahalanobis(errors, covs) == pytest.approx([e @ np.linalg.inv(P) @ e for e, P in pairs], rel=1e-6)
-    expected = np.array([-stats.multivariate_normal(cov=P).logpdf(e) for e, P in pairs])
-    assert log_scores(errors, covs) == pytest.approx(expected - np.log(units).sum(), rel=1e-6)
 
 
-def test_a_singular_covariance_has_no_distance_and_no_log_score() -> None:
+def test_a_singular_covariance_has_no_distance() -> None:
     covs = np.array([np.diag([1, 1, 0.0]), [[1, 1, 0], [1, 1, 0], [0, 0, 1]], np.eye(3), np.full((3, 3), np.nan)])
     assert squared_mahalanobis(np.ones((4, 3)), covs) == pytest.approx([np.nan, np.nan, 3, np.nan], nan_ok=True)
-    expected = [np.nan, np.nan, 1.5 * math.log(2 * math.pi), np.nan]
-    assert log_scores(np.zeros((4, 3)), covs) == pytest.approx(expected, nan_ok=True)
 
 
 def test_distances_are_limited() -> None:
     distances = squared_mahalanobis(np.full((2, 3), 1e9), np.array([np.eye(3) * 1e-307, np.eye(3)]))
-    assert distances == pytest.approx([LARGEST, 3e18])
+    assert distances == pytest.approx([FARTHEST, 3e18])
 
 
 def test_a_covariance_is_singular_by_the_smallest_eigenvalue_of_its_correlations() -> None:
@@ -108,63 +101,25 @@ def test_nees_of_right_covariances_is_inside_its_band_with_the_stated_probabilit
     assert abs(share - 0.9) <= 3.29 * math.sqrt(0.9 * 0.1 / 2000)
 
 
-# --- coverage and log score of a path ------------------------------------------------------------
-
-
-def claimed(factor: float) -> Estimate:
-    """Return an estimate with independent errors of covariance COV and sigmas `factor` times too large."""
-    errors = np.random.default_rng(7).multivariate_normal(np.zeros(3), COV, STEPS + 1)
-    return Estimate(kind="filtered", poses=errors, pose_covs=np.tile(factor**2 * COV, (STEPS + 1, 1, 1)))
+# --- coverage of a path --------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("factor", [1.0, 0.5, 2.0])
-def test_coverage_and_mean_log_score_have_their_expected_values(factor: float) -> None:
-    """Coverage 1 - (1 - level)^factor^2, two-sided 0.999 binomial bounds; the log score is the cross-entropy.
-
-    That is the entropy 1/2 log det(2 pi e P) plus the cost of the factor; variance 3/2 / factor^4 a step, 3.29 sigma.
-    """
-    score = evaluate(TRUTH, RECORDING, claimed(factor))
+def test_coverage_has_its_expected_value(factor: float) -> None:
+    """Sigmas that are `factor` times too large: coverage 1 - (1 - level)^factor^2, two-sided 0.999 binomial bounds."""
+    errors = np.random.default_rng(7).multivariate_normal(np.zeros(3), COV, STEPS + 1)
+    estimate = Estimate(kind="filtered", poses=errors, pose_covs=np.tile(factor**2 * COV, (STEPS + 1, 1, 1)))
+    truth = Truth(poses=np.zeros((STEPS + 1, 3)))
     low, high = stats.binom.interval(0.999, STEPS + 1, 1 - (1 - 0.95) ** (factor**2))
-    assert low <= score["coverage_95"] * (STEPS + 1) <= high
-    entropy = np.linalg.slogdet(2 * math.pi * math.e * COV)[1] / 2
-    cost = 3 * math.log(factor) + 1.5 * (factor**-2 - 1)
-    assert abs(score["log_score"] - entropy - cost) <= 3.29 * math.sqrt(1.5 / STEPS) / factor**2
-    assert cost >= 0  # proper: the right sigma has the least
+    assert low <= evaluate(truth, straight(STEPS), estimate)["coverage_95"] * (STEPS + 1) <= high
+    assert evaluate(None, straight(STEPS), estimate)["coverage_95"] is None
 
 
-def test_without_truth_or_covariances_there_is_no_coverage_and_no_log_score() -> None:
+def test_studies_have_the_coverage_of_the_late_steps() -> None:
     assert is_inside(np.array([0.1, 5.9, 6.0, np.nan]), 0.95) == pytest.approx([1, 1, 0, np.nan], nan_ok=True)
-    without = evaluate(None, RECORDING, claimed(1.0))
-    assert (without["coverage_95"], without["log_score"]) == (None, None)
-    bare = Estimate(kind="filtered", poses=np.zeros((STEPS + 1, 3)))
-    assert evaluate(TRUTH, RECORDING, bare, optimum=claimed(1.0))["log_score_to_optimum"] is None
-
-
-def test_the_log_score_difference_to_the_optimum_is_the_cost_of_the_wrong_sigma() -> None:
-    score = evaluate(TRUTH, RECORDING, claimed(0.5), optimum=claimed(1.0))
-    difference = score["log_score"] - evaluate(TRUTH, RECORDING, claimed(1.0))["log_score"]
-    assert score["log_score_to_optimum"] == pytest.approx(difference)
-    assert score["log_score_to_optimum"] == pytest.approx(3 * math.log(0.5) + 4.5, abs=0.1)
-    assert score.to_json()["coverage_95"] < 0.6
-
-
-def stored(nees_position: Float, log_score: list[float]) -> Runs:
-    undefined = np.full(nees_position.shape, np.nan)
-    figures = {key: np.full(len(log_score), np.nan) for key in STORED}
-    return Runs(
-        run=np.arange(len(log_score)),
-        kind="filtered",
-        figures=figures | {"log_score": np.array(log_score)},
-        series=dict.fromkeys(SERIES, undefined) | {"nees_position": nees_position},
-    )
-
-
-def test_studies_have_the_coverage_of_the_late_steps_and_the_paired_log_score() -> None:
     nees = np.zeros((2, FIRST_STEP + 4))
     nees[:, :FIRST_STEP] = 1e9  # early steps do not count
     nees[0, FIRST_STEP] = 7.0
-    summaries = summarise({"ekf": stored(nees, [-3.0, -2.0]), "causal": stored(nees, [-5.0, -5.0])})
-    entry = summaries["ekf"].to_json()
-    assert entry["coverage_95"]["mean"] == pytest.approx((3 / 4 + 1) / 2)
-    assert entry["log_score"]["mean"] == -2.5
-    assert entry["log_score_to_causal"]["mean"] == 2.5
+    series = dict.fromkeys(SERIES, np.full(nees.shape, np.nan)) | {"nees_position": nees}
+    runs = Runs(np.arange(2), "filtered", {key: np.full(2, np.nan) for key in STORED}, series)
+    assert summarise({"ekf": runs})["ekf"].to_json()["coverage_95"]["mean"] == pytest.approx((3 / 4 + 1) / 2)
