@@ -1,11 +1,10 @@
-"""Figure of `slamgauge noise`, with four panels: sigmas, NIS by landmark, quantiles and whiteness.
+"""Figure of `slamgauge noise`: sigmas, and NIS by landmark.
 
 Values with the assumed noise have the key "before" in noise.json; values with the estimated noise have "after".
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +12,8 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from slamgauge.arrays import Float
-from slamgauge.compare.figures.axes import logarithmic
-from slamgauge.compare.figures.plot_style import MARK_COLOR, TRUTH_COLOR, legend_below, printed, sheet
+from slamgauge.compare.figures.axes import band, logarithmic
+from slamgauge.compare.figures.plot_style import TRUTH_COLOR, legend_below, printed, sheet
 from slamgauge.compare.noise.noise_json import supported
 from slamgauge.compare.noise.report_text import verdict
 
@@ -26,26 +25,16 @@ LOOKS: dict[str, dict[str, Any]] = {  # styles of assumed and estimated values, 
 WORDS = {"before": "assumed", "after": "found"}
 MARKERS = ("o", "^")  # one per channel
 SHOWN = 20.0  # largest ratio of estimated and assumed sigma on the axis
-LEAST_CORRELATION = 0.1  # the axis reaches at least this correlation
 
 
 def save_noise_figure(out: Path, content: dict[str, Any]) -> None:
     """Write the figure `noise` into `out`; `content` is the content of noise.json."""
-    shape, height = ((4, 1), 8.6) if sheet().is_narrow else ((2, 2), 5.4)
+    shape, height = ((2, 1), 4.6) if sheet().is_narrow else ((1, 2), 2.9)
     with printed(out / "noise", height) as figure:
-        sigmas, nis, quantiles, whiteness = figure.subplots(*shape).flat
+        sigmas, nis = figure.subplots(*shape).flat
         _draw_sigmas(sigmas, content["parameters"])
         _draw_nis(nis, content["nis_by_landmark"])
-        _draw_quantiles(quantiles, content["quantiles"])
-        _draw_whiteness(whiteness, content["autocorrelation"])
-        legend_below(figure, quantiles.get_legend_handles_labels()[0])
-
-
-def _series(by_channel: dict[str, Any]) -> Iterator[tuple[dict[str, Any], str, dict[str, Any]]]:
-    """Yield values, the key "before" or "after", and plot arguments, for each channel and key."""
-    for (channel, found), marker in zip(by_channel.items(), MARKERS, strict=False):
-        for which, look in LOOKS.items():
-            yield found, which, {**look, "label": f"{channel}, {WORDS[which]}", "marker": marker, "markersize": 3}
+        legend_below(figure, nis.get_legend_handles_labels()[0])
 
 
 def _draw_sigmas(axes: Axes, parameters: dict[str, Any]) -> None:
@@ -75,39 +64,18 @@ def _draw_sigmas(axes: Axes, parameters: dict[str, Any]) -> None:
 
 def _draw_nis(axes: Axes, nis_by_landmark: dict[str, Any]) -> None:
     """Draw the mean NIS per row of each landmark, in the order of ids, and its 95 % band."""
-    for by_landmark, which, look in _series(nis_by_landmark):
-        axes.plot(_column(by_landmark.values(), which), linestyle="none", **look)
-    first = [*next(iter(nis_by_landmark.values())).values()]
-    lows, highs = _column(first, "low"), _column(first, "high")
-    axes.fill_between(range(len(first)), lows, highs, step="mid", color=MARK_COLOR, alpha=0.25, linewidth=0)
+    for (channel, by_landmark), marker in zip(nis_by_landmark.items(), MARKERS, strict=False):
+        for which, look in LOOKS.items():
+            label = f"{channel}, {WORDS[which]}"
+            axes.plot(_column(by_landmark, which), linestyle="none", marker=marker, label=label, **look)
+    first = next(iter(nis_by_landmark.values()))
+    band(axes, range(len(first)), _column(first, "low"), _column(first, "high"), "95 % band")
     axes.axhline(1.0, color=TRUTH_COLOR, linewidth=0.5)
-    axes.set(xlabel="landmarks in the order of ids", ylabel="NIS per row (grey: 95 %)", title="by landmark")
+    axes.set(xlabel="landmarks in the order of ids", ylabel="NIS per row", title="by landmark")
     logarithmic(axes, "y")
     axes.set_xticks([])
 
 
-def _column(rows: Iterable[dict[str, Any]], key: str) -> Float:
-    """Return the value of `key` in each row, NaN for None."""
-    return np.array([row[key] for row in rows], dtype=np.float64)
-
-
-def _draw_quantiles(axes: Axes, quantiles: dict[str, Any]) -> None:
-    """Draw quantiles of the normal scores against those of the normal distribution."""
-    for found, which, look in _series(quantiles):
-        axes.plot(found["normal"], found[which], linestyle="none", **look)
-    reach = max(map(abs, axes.get_xlim()))
-    axes.plot([-reach, reach], [-reach, reach], color=TRUTH_COLOR, linewidth=0.5)
-    low, high = axes.get_ylim()
-    axes.set_ylim(max(low, -3 * reach), min(high, 3 * reach))
-    axes.set(xlabel="quantile of the normal distribution", ylabel="normal score", title="distribution")
-
-
-def _draw_whiteness(axes: Axes, autocorrelation: dict[str, Any]) -> None:
-    """Draw the autocorrelation of normal scores against the lag, in observations of the same landmark."""
-    for found, which, look in _series(autocorrelation):
-        axes.plot(np.arange(1, len(found[which]) + 1), found[which], linewidth=0.8, **look)
-    band = max(found["band"] for found in autocorrelation.values())
-    axes.axhspan(-band, band, color=MARK_COLOR, alpha=0.25, linewidth=0)
-    low, high = axes.get_ylim()
-    axes.set_ylim(min(low, -LEAST_CORRELATION), max(high, LEAST_CORRELATION))
-    axes.set(xlabel="lag [observations of a landmark]", ylabel="correlation (grey: white, 95 %)", title="whiteness")
+def _column(by_landmark: dict[str, dict[str, Any]], key: str) -> Float:
+    """Return the value of `key` of each landmark, NaN for None."""
+    return np.array([row[key] for row in by_landmark.values()], dtype=np.float64)

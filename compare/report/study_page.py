@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from slamgauge.compare.report.page import TERMS, pack, render
-from slamgauge.compare.report.page_elements import Look, looks, origin, pictures
-from slamgauge.compare.report.rerun_command import command_of_run, request_of
-from slamgauge.compare.scoring.aggregation import BAND_LEVEL, PerStep, nees_per_step, nis_per_step
+from slamgauge.compare.report.page_elements import Line, Look, Page, Section, looks, origin, pictures, said
+from slamgauge.compare.scoring.aggregation import PerStep, nees_per_step, nis_per_step
 from slamgauge.compare.scoring.catalogue import BY_KEY
 from slamgauge.compare.scoring.ray_figures import describe
 from slamgauge.compare.scoring.runs import Runs
@@ -20,6 +20,8 @@ from slamgauge.compare.studies.paired_comparisons import against_tables
 from slamgauge.compare.studies.stored_study import StoredStudy, load_study
 from slamgauge.compare.studies.study_run import run_seed
 from slamgauge.compare.studies.summary import (
+    Request,
+    Summary,
     empty_column_lines,
     estimator_table,
     failure_lines,
@@ -53,33 +55,51 @@ def study_page(folder: Path) -> dict[str, str]:
     study = load_study(folder)
     summary = study.summary
     shown, value = looks(summary.estimators), request_of(summary).swept
-    table, worst, every = estimator_table(summary), worst_table(study), run_table(study)
-    comparisons = against_tables(summary.against)
-    text = render(
-        "study.html",
+    first, *others = [*pictures(folder, PICTURES), None]
+    table, every = estimator_table(summary), run_table(study)
+    entries = summary.estimators.items()
+    rays = [Line(name, f"a run's {describe(each['rays'])}.") for name, each in entries if each["rays"]]
+    notes = [*optimum_lines(summary), *empty_column_lines([summary], "study")]
+    page = Page(
         kind="a study",
         title=f"{summary.scenario}{f' at {value}' if value else ''}, {summary.runs} runs",
-        lead=[(name, each["verdict"]) for name, each in summary.estimators.items() if each["verdict"]],
-        notes=[
-            *optimum_lines(summary),
-            *empty_column_lines([summary], "study"),
-            *too_good_lines(summary),
-            *failure_lines(summary),
+        lead=[Line(name, f"{each['verdict']}.") for name, each in entries if each["verdict"]],
+        notes=said([*notes, *too_good_lines(summary), *failure_lines(summary)]),
+        picture=first,
+        sections=[
+            Section("Metrics of each estimator", "figures", tables=[table, *against_tables(summary.against)]),
+            Section("Rays of bearing-only landmarks", lines=rays, level=3),
+            Section("Consistency against time, and errors over runs", "charts", include="charts.html"),
+            Section("Worst and median runs", "look", tables=[worst_table(study)]),
+            Section(f"All {len(every.rows)} runs", tables=[every], is_folded=True),
+            Section("Print figures", "pictures", pictures=[each for each in others if each is not None]),
         ],
-        table=table,
-        worst=worst,
-        every=every,
-        comparisons=comparisons,
-        rays=[(name, describe(each["rays"])) for name, each in summary.estimators.items() if each["rays"]],
-        level=f"{BAND_LEVEL:.1%}",
         looks=shown,
-        pictures=pictures(folder, PICTURES),
         terms=TERMS["study"],
-        tables=(table, *comparisons, worst, every),
         origin=origin(study.content, [("Runs", str(summary.runs))]),
         data={"study": study_data(study, shown)},
     )
-    return {REPORT: text}
+    return {REPORT: render(page)}
+
+
+def request_of(summary: Summary) -> Request:
+    """Return what a study requested; a study run from Python has no settings that are known."""
+    return summary.request or Request(summary.scenario, (), ",".join(summary.estimators))
+
+
+def settings_of(request: Request) -> list[str]:
+    """Return the settings of a run, with the value of a sweep."""
+    return [*request.settings, *filter(None, [request.swept])]
+
+
+def command_of_run(summary: Summary, seed: int) -> str:
+    """Return the `slamgauge run` command of a run; a comment at its end warns of settings that may be missing."""
+    request = request_of(summary)
+    settings = settings_of(request)
+    overrides = ["--set", *settings] if settings else []
+    words = ("run", request.scenario, "--seed", str(seed), *overrides, "--estimators", request.estimators)
+    known = "" if summary.request else "  # add the --set options of the study, if any"
+    return f"{shlex.join(('slamgauge', *words))}{known}"
 
 
 def worst_table(study: StoredStudy) -> Table:

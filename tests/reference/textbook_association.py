@@ -22,8 +22,6 @@ from tests.reference.textbook import DenseFilter, Kind, Step, block_diagonal, es
 
 Pair = tuple[int, int]  # observation, slot
 
-NONE = -1
-
 
 def textbook_nearest_neighbour(recording: Recording, gate: float, kind: Kind) -> Estimate:
     """Run a filter with nearest-neighbour association; landmark ids are 0, 1, ... in the order of their addition."""
