@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float, Int
-from slamgauge.ekf.kernels.belief import allocate_belief, allocate_workspace
-from slamgauge.ekf.kernels.log_likelihood import WHOLE, Measured, Order, run_log
+from slamgauge.ekf.kernels.belief import NONE, allocate_belief, allocate_workspace
+from slamgauge.ekf.kernels.log_likelihood import Measured, Order, run_log
 from slamgauge.ekf.kernels.outlier_likelihood import GAUSSIAN, MIXTURE, STUDENT_T, Rows, Tails, weigh
 from slamgauge.ekf.maps.correction_table import BLOCK
 from slamgauge.ekf.maps.input_checks import start_of
@@ -79,7 +79,7 @@ class Log:
         rows = Rows(*np.zeros((4, 2 * count)))
         kept = (odometry, odometry_cov, observation[self._kept], observation_cov[self._kept])
         measured = Measured(self._code, *(np.array(each, order="C") for each in kept))  # kernels need C order
-        if run_log(belief, self._order, measured, tails, self._work, rows) != WHOLE:
+        if run_log(belief, self._order, measured, tails, self._work, rows) != NONE:
             return None
         found = np.full((4, len(observation), 2), np.nan)
         found[3] = 0.0

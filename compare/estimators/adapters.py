@@ -15,11 +15,10 @@ from slamgauge.compare.estimators.forms import step_function as steps
 from slamgauge.compare.estimators.forms.external_program import external
 from slamgauge.compare.estimators.forms.online_class import OnlineClass
 from slamgauge.compare.estimators.forms.signatures import (
-    MOVING,
-    OBSERVING,
     PAGE,
     Callee,
     Form,
+    is_filter,
     no_form,
     required,
     spelt,
@@ -65,8 +64,7 @@ def adapted(given: Callee) -> Estimator:
         return OnlineClass(given)
     if steps.is_step_function(given):
         if lacking := steps.lacks(given):
-            is_part = any(word in given.__name__.lower() for word in (*MOVING, *OBSERVING))
-            raise no_form(given, STATES if is_part else lacking)
+            raise no_form(given, lacking if is_filter(given) else STATES)
         return StepFunction(given)
     if len(required(given)) > 1:
         raise no_form(given, STATES)
@@ -113,10 +111,10 @@ def callable_of(module: ModuleType) -> str:
         raise UserError(
             f"may be {', '.join(found)}; name it, FILE.py:{found[0]}, or call the one that counts {NAMES[0]}"
         )
-    others = [name for name in own if isinstance(getattr(module, name), type)] or own
-    if others:
-        return others[0]  # `adapted` names all of them, and what they lack
-    raise FormError(f"no function and no class; it lacks {STATES}")
+    filters = [name for name in own if isinstance(getattr(module, name), type) and is_filter(getattr(module, name))]
+    if filters:
+        return filters[-1]  # `adapted` names what it lacks
+    raise no_form(module, STATES)
 
 
 def _has_a_form(given: Callee) -> bool:

@@ -173,13 +173,13 @@ class _Process:
             folder = where.code.place()
         files = [] if where.code is None else [path for path, _ in where.code.files if path.endswith(".py")]
         module = where.place if where.code is None else where.code.module
-        names: dict[str, object] = {
+        self.address: dict[str, object] = {
             "folder": str(folder),
             "module": module,
             "attribute": where.attribute,
             "files": files,
+            "place": where.place,
         }
-        self.address = names | {"place": where.place}
         name = f"slamgauge-printed-{file_name(where.label)[:40]}-"
         descriptor, path = tempfile.mkstemp(prefix=name, suffix=".txt")
         os.close(descriptor)

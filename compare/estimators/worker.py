@@ -29,6 +29,7 @@ from slamgauge.compare.estimators.adapters import adapted, callable_of
 from slamgauge.compare.estimators.answers import COVARIANCE, FORM, message, read_request
 from slamgauge.compare.estimators.forms.signatures import Form
 from slamgauge.compare.estimators.forms.step_function import StepFunction
+from slamgauge.compare.estimators.sandbox import CACHES, HOME, LIMITS, WRITABLE
 from slamgauge.compare.estimators.user_errors import FormError, UserCodeError, reason_of
 from slamgauge.errors import CovarianceError, UserError
 from slamgauge.estimate import Estimate, Estimator
@@ -54,10 +55,11 @@ class Code:
 
     Args:
         where: `folder`, `module`, `attribute`, `place`, and `files`, the Python files of the folder.
+        walled: whether it runs behind a wall.
     """
 
-    def __init__(self, where: Mapping[str, Any]) -> None:
-        self._where = where
+    def __init__(self, where: Mapping[str, Any], *, walled: bool) -> None:
+        self._where, self._walled = where, walled
         self._folder = str(where["folder"])
         self._files = {str(Path(self._folder, path)) for path in where["files"]}
         self.attribute: str = where["attribute"]
@@ -118,7 +120,7 @@ class Code:
             estimate = cast("object", estimator(recording))
             seconds = perf_counter() - start
         except (Exception, SystemExit) as error:  # noqa: BLE001 user code may raise anything
-            most = "; its process may take 4 GB" if isinstance(error, MemoryError) and WALLED in sys.argv else ""
+            most = "; its process may take 4 GB" if isinstance(error, MemoryError) and self._walled else ""
             return failure(error, f"{reason_of(error, self._folder)}{most}"), None
         if not isinstance(estimate, Estimate):
             return {"reason": f"returned a {type(estimate).__name__}; return a slamgauge.Estimate"}, None
@@ -140,9 +142,9 @@ def serve(requests: IO[bytes], answers: IO[bytes], *, walled: bool) -> None:
     if first is None:
         return
     where, _ = first
-    sys.argv, sys.dont_write_bytecode = [where["place"], *sys.argv[1:]], True
+    sys.argv, sys.dont_write_bytecode = [where["place"]], True
     sys.path.insert(0, where["folder"])
-    code = Code(where)
+    code = Code(where, walled=walled)
     try:
         form = code.load()
     except UserError as error:
@@ -156,6 +158,7 @@ def serve(requests: IO[bytes], answers: IO[bytes], *, walled: bool) -> None:
             _answer(answers, *code.run(recording, fields["noise"]))
         elif pid := os.fork():
             status = os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
+            _clear()
             if status != ANSWERED:
                 how = f"was ended by {signal.Signals(-status).name}" if status < 0 else f"ended with status {status}"
                 _answer(answers, {"reason": f"its process {how}{' before the run was done' if status >= 0 else ''}"})
@@ -190,15 +193,22 @@ def _end_with_parent(parent: int) -> None:
 
 
 def _limit() -> None:
-    """Limit what this process and those that it starts may take; its caches begin with those of the user."""
-    import resource
-
-    from slamgauge.compare.estimators.sandbox import CACHES, HOME, LIMITS
+    """Limit what this process and those that it starts may take."""
+    import resource  # not on Windows
 
     for name, most in LIMITS.items():
         what = getattr(resource, f"RLIMIT_{name}")
         least = min(each for each in (*resource.getrlimit(what), most) if each != resource.RLIM_INFINITY)
         resource.setrlimit(what, (least, least))
+
+
+def _clear() -> None:
+    """End the processes and remove the files that a run has left; the caches begin again with those of the user."""
+    with suppress(ProcessLookupError):
+        os.kill(-1, signal.SIGKILL)  # all but this one and the wall's own
+    for folder in map(Path, WRITABLE):
+        for each in folder.iterdir():
+            each.unlink() if each.is_symlink() or not each.is_dir() else shutil.rmtree(each)
     for place in filter(os.path.isdir, os.environ.get(CACHES, "").split(os.pathsep)):
         shutil.copytree(place, f"{HOME}/.cache/{Path(place).name}", copy_function=os.symlink, dirs_exist_ok=True)
 
@@ -209,6 +219,7 @@ def main() -> None:
     requests, answers = _own_pipes()
     if walled:
         _limit()
+        _clear()
     else:
         threading.Thread(target=_end_with_parent, args=[os.getppid()], daemon=True).start()
     for name, value in OLD_NAMES.items():

@@ -34,7 +34,7 @@ from slamgauge.compare.scoring.metric import Column, Measure, Metric, TableName
 from slamgauge.compare.scoring.nan_stats import lengths, mean, number, rms
 from slamgauge.compare.scoring.ray_figures import RAY_FIGURES, ray_figures
 from slamgauge.compare.scoring.table import Head
-from slamgauge.compare.scoring.trajectory_error import relative_errors, step_errors
+from slamgauge.compare.scoring.trajectory_error import step_errors
 
 
 def _of_run(key: str, text: str, measure: Measure, column: Column | None = None) -> Metric:
@@ -85,11 +85,6 @@ CATALOGUE = (
         "rpe_m",
         "RMS translation error of single steps, in the body frame",
         lambda found: rms(step_errors(found.reference, found.estimate.poses)),
-    ),
-    _of_run(
-        "rpe_by_distance",
-        "relative pose errors over segments of the path, by their length (`trajectory_error.RelativeError`)",
-        lambda found: None if found.truth.poses is None else relative_errors(found.reference, found.estimate.poses),
     ),
     _of_run(
         "nees_pose",

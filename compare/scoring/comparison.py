@@ -19,7 +19,6 @@ from slamgauge.compare.scoring.optimum_figures import is_in_doubt, is_misfit
 from slamgauge.compare.scoring.optimum_notes import (
     MARK,
     beats_the_optimum_in_a_run,
-    contradicting,
     distance_from_optimum,
     doubt,
     fit_of_the_model,
@@ -259,7 +258,6 @@ def optimum_notes(comparison: Comparison) -> list[str]:
     optima = [(kind, comparison.optima[kind]) for kind in ("smoothed", "filtered") if kind in comparison.optima]
     for kind, name in optima[:1]:
         notes.append(fit_of_the_model(REGISTRY[OPTIMA[kind]].title, estimates[name]))
-        notes.append(contradicting(comparison.recording, estimates[name]))
     notes += [left_out(name, comparison.truth, comparison.recording, estimates[name]) for _, name in optima]
     notes += [doubt(distance_from_optimum(name, estimates[name].optimum_check)) for _, name in optima]
     others = {name: each for name, each in estimates.items() if name not in comparison.optima.values()}

@@ -18,6 +18,7 @@ import numpy as np
 
 from slamgauge.compare.estimators.registry import BOUNDS, is_optimum
 from slamgauge.compare.scoring.intervals import Interval, ratio_interval
+from slamgauge.compare.scoring.paired import is_above, is_below
 from slamgauge.compare.storage.files import read_json
 from slamgauge.compare.studies.summary import RunFigures, Summary
 from slamgauge.display import counted
@@ -63,7 +64,7 @@ class Gate(NamedTuple):
             if ratio is not None:
                 runs = int(np.sum(~np.isnan(ours) & ~np.isnan(theirs)))
                 lines.append(f"{name}: {FIGURES[figure]} is {self._sentence(ratio, runs)}")
-                worse += lines[-1:] if self._is_worse(ratio) else []
+                worse += lines[-1:] if is_above(ratio, 1.0 + self.tolerance) else []
             elif len(ours) and np.isnan(ours).all():
                 lines.append(f"{name}: has no {FIGURES[figure]}, as the baseline has")
                 worse.append(lines[-1])
@@ -77,19 +78,16 @@ class Gate(NamedTuple):
             return []
         return [f"{name}: fails in {counted(len(failed), 'run')} of the baseline, first in run {failed[0]}"]
 
-    def _is_worse(self, ratio: Interval) -> bool:
-        return ratio.low is not None and ratio.low > 1.0 + self.tolerance
-
     def _sentence(self, ratio: Interval, runs: int) -> str:
         """Return a ratio, its interval over the common runs, and the result."""
         low, high = ("?" if end is None else f"{end:.3f}" for end in (ratio.low, ratio.high))
         text = f"{ratio.mean:.3f} ({low} to {high}) times the baseline's on {counted(runs, 'run')}: "
         limit = f"worse by more than {100 * self.tolerance:g} %"
-        if self._is_worse(ratio):
+        if is_above(ratio, 1.0 + self.tolerance):
             return text + limit
         if ratio.high is None:
             return f"{text}not significantly {limit}"
-        text += f"not {limit}" if ratio.high < 1.0 + self.tolerance else f"not significantly {limit}"
+        text += f"not {limit}" if is_below(ratio, 1.0 + self.tolerance) else f"not significantly {limit}"
         normal, sought = NormalDist(), 1.0 + 2.0 * self.tolerance
         bound = normal.inv_cdf((1.0 + self.level) / 2.0)
         spread = (ratio.high / ratio.mean - 1.0) * sought / bound * math.sqrt(runs)

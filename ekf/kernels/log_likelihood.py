@@ -13,9 +13,9 @@ import numpy as np
 
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf.kernels.augmentation import augment
-from slamgauge.ekf.kernels.belief import Belief, Workspace, resized
-from slamgauge.ekf.kernels.blas import combine_rows, solve_factor, subtract_gram
-from slamgauge.ekf.kernels.covariance import innovation_covariance, mirror_robot_block, project_covariance
+from slamgauge.ekf.kernels.belief import NONE, Belief, Pending, Workspace, resized
+from slamgauge.ekf.kernels.blas import combine_rows, solve_factor
+from slamgauge.ekf.kernels.covariance import innovation_covariance, project_covariance
 from slamgauge.ekf.kernels.linearisation import linearise, subtract_projection
 from slamgauge.ekf.kernels.outlier_likelihood import (
     Rows,
@@ -26,11 +26,10 @@ from slamgauge.ekf.kernels.outlier_likelihood import (
     longest_run,
     rows_between,
 )
+from slamgauge.ekf.kernels.precision import are_variances_lost
 from slamgauge.ekf.kernels.prediction import predict
-from slamgauge.ekf.kernels.update import Pending, are_variances_lost, retract
+from slamgauge.ekf.kernels.update import apply, retract
 from slamgauge.jit import inner, kernel
-
-WHOLE = -1
 
 
 class Order(NamedTuple):
@@ -53,11 +52,11 @@ class Measured(NamedTuple):
 
 @kernel
 def run_log(belief: Belief, order: Order, measured: Measured, tails: Tails, work: Workspace, rows: Rows) -> int:
-    """Filter the log and fill `rows`; return WHOLE, or the step at which no prediction or update exists.
+    """Filter the log and fill `rows`; return NONE, or the step at which no prediction or update exists.
 
     The belief contains the prior and has capacity for all landmarks.
     """
-    sensor, run, longest = measured.sensor, Run(0, -1), longest_run(tails)
+    sensor, run, longest = measured.sensor, Run(0, NONE), longest_run(tails)
     for step in range(len(order.new)):
         if step > 0 and not predict(belief, measured.increment[step - 1], measured.increment_cov[step - 1]):
             return step
@@ -70,7 +69,7 @@ def run_log(belief: Belief, order: Order, measured: Measured, tails: Tails, work
         if end > new:
             augment(sensor, belief, measured.observation[new:end], measured.observation_cov[new:end])
             belief = resized(belief, belief.size + 2 * (end - new))
-    return WHOLE
+    return NONE
 
 
 @inner
@@ -105,12 +104,12 @@ def _update(sensor: int, belief: Belief, tails: Tails, is_lost: bool, work: Work
         if not factor_weighing(work.S, y, jacobian, tails, is_lost, rows_between(rows, first, last)):
             return False
         solve_factor(work.S, work.W, height, size)
-        if are_variances_lost(belief.cov, slots, Pending(height, 0), work):
+        changed = Pending(height, 0)
+        if are_variances_lost(belief.cov, slots, changed, work):
             return False
         combine_rows(work.W, y, block_dx, height, size)
         for j in range(size):
             dx[j] += block_dx[j]
-        subtract_gram(belief.cov, work.W, height, size)
-        mirror_robot_block(belief.cov)
+        apply(belief, changed, work)
     retract(belief, dx, True, work)
     return True

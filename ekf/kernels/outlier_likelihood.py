@@ -22,6 +22,7 @@ import math
 from typing import NamedTuple
 
 from slamgauge.arrays import Float, Int
+from slamgauge.ekf.kernels.belief import NONE
 from slamgauge.jit import inner
 
 GAUSSIAN, MIXTURE, STUDENT_T = 0, 1, 2
@@ -44,7 +45,7 @@ class Run(NamedTuple):
     """Consecutive observations with a weight below DOUBTED."""
 
     length: int  # number of changes of landmark plus 1; 0 for an empty run
-    slot: int  # newest landmark of the run; -1 for an empty run
+    slot: int  # newest landmark of the run; NONE for an empty run
 
 
 class Rows(NamedTuple):
@@ -128,7 +129,7 @@ def continued(run: Run, slots: Int, rows: Rows, start: int, end: int) -> Run:
     for i in range(start, end):
         informative = rows.variance[2 * i] + rows.variance[2 * i + 1] > 0.0
         if informative and min(rows.weight[2 * i], rows.weight[2 * i + 1]) >= DOUBTED:
-            run = Run(0, -1)
+            run = Run(0, NONE)
         elif informative and slots[i] != run.slot:
             run = Run(run.length + 1, slots[i])
     return run

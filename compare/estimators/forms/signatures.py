@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import inspect
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
+from types import ModuleType
 from typing import Any
 
 from slamgauge.compare.estimators.user_errors import FormError
@@ -19,6 +20,7 @@ PAGE = "docs/your_filter.md"
 SHOWN = 8  # functions or methods of a refusal
 MOVING = ("predict", "motion", "propagate", "move")  # parts of usual names
 OBSERVING = ("update", "correct", "measure", "observ", "sens")
+FILTERS = ("ekf", "slam", "filter")
 MEANS, COVARIANCES = ("mu", "xEst", "X", "state", "mean", "eta"), ("Sigma", "sigma", "PEst", "cov", "covariance")
 WRAPPER = """from {module} import {imported}
 
@@ -80,55 +82,64 @@ def spelt(given: object) -> str:
     return f"{kind}{getattr(given, '__name__', repr(given))}({', '.join(names[names[:1] == ['self'] :])})"
 
 
-def no_form(given: Callee, lacks: str) -> FormError:
-    """Return the error of a class or function without a known form: what it has, and what it lacks."""
-    parts = [*_parts(given)]
-    owner = spelt(given) if isinstance(given, type) else "the file"
-    has = ", ".join(map(spelt, parts[:SHOWN])) or ("no methods" if isinstance(given, type) else spelt(given))
-    return FormError(f"{owner} has {has}; it lacks {lacks}", _wrapper(given, parts))
+def is_filter(given: Callee) -> bool:
+    """Return whether a class or function is a filter by its name, or has methods with usual names for both halves."""
+    names = [each.__name__.lower() for each in functions_of(given)] if isinstance(given, type) else []
+    halves = [any(word in name for word in words for name in names) for words in (MOVING, OBSERVING)]
+    return all(halves) or any(word in given.__name__.lower() for word in FILTERS)
 
 
-def _parts(given: Callee) -> Iterable[Callee]:
-    """Yield the public methods of a class, or the public functions of the module of a function."""
-    module = getattr(given, "__module__", "")
-    owner = given if isinstance(given, type) else sys.modules.get(module)
-    for name, each in [*vars(owner).items()] if owner is not None else []:
-        if name[0] != "_" and inspect.isfunction(each) and each.__module__ == module:
-            yield each
+def functions_of(owner: type | ModuleType) -> list[Callee]:
+    """Return the public methods of a class, or the public functions that a module defines."""
+    home = owner.__module__ if isinstance(owner, type) else owner.__name__
+    named = [each for name, each in vars(owner).items() if name[0] != "_" and inspect.isfunction(each)]
+    return [each for each in named if each.__module__ == home]
 
 
-def _wrapper(given: Callee, parts: list[Callee]) -> str:
-    """Return the wrapper of a class or of functions, with their names where these are usual."""
-    module, name = str(given.__module__), getattr(given, "__name__", "Filter")
-    moves, observes = _call(parts, MOVING), _call(parts, OBSERVING)
-    if isinstance(given, type):
-        names = given.__init__.__code__.co_names if inspect.isfunction(given.__init__) else ()
-        filled = {
-            "imported": name,
-            "start": f"self.filter = {spelt(given).removeprefix('class ')}  # and let it start at the prior",
-            "moves": f"self.filter.{moves}",
-            "observes": f"self.filter.{observes}",
-            "owner": "self.filter",
-            "mean": next((each for each in MEANS if each in names), "x"),
-            "cov": next((each for each in COVARIANCES if each in names), "P"),
-        }
-    else:
-        filled = {
-            "imported": ", ".join(each.partition("(")[0] for each in (moves, observes)),
-            "start": "self.x, self.P = prior_mean, prior_cov",
-            "moves": f"self.x, self.P = {moves}",
-            "observes": f"self.x, self.P = {observes}",
-            "owner": "self",
-            "mean": "x",
-            "cov": "P",
-        }
-    return WRAPPER.format(module=module, **filled)
+def no_form(given: Callee | ModuleType, lacks: str) -> FormError:
+    """Return the error of a class, or of the functions of a module, without a known form: what it has and lacks."""
+    is_class = isinstance(given, type)
+    owner = given if isinstance(given, type | ModuleType) else sys.modules[given.__module__]
+    parts = functions_of(owner)
+    has = ", ".join(map(spelt, parts[:SHOWN])) or ("no methods" if is_class else "no function and no class")
+    blanks = _blanks_of_class(given, parts) if isinstance(given, type) else _blanks_of_functions(parts)
+    wrapper = WRAPPER.format(module=owner.__module__ if is_class else owner.__name__, **blanks)
+    return FormError(f"{spelt(given) if is_class else 'the file'} has {has}; it lacks {lacks}", wrapper)
 
 
-def _call(parts: list[Callee], words: tuple[str, ...]) -> str:
-    """Return the call of the first function with one of these words in its name; its arguments are to be filled in."""
-    found = (each for each in parts if any(word in each.__name__.lower() for word in words))
-    return next(map(spelt, found), f"{words[0]}(...)")
+def _blanks_of_class(given: type, parts: list[Callee]) -> dict[str, str]:
+    names = given.__init__.__code__.co_names if inspect.isfunction(given.__init__) else ()
+    moves, observes = _calls(parts)
+    return {
+        "imported": given.__name__,
+        "start": f"self.filter = {spelt(given).removeprefix('class ')}  # and let it start at the prior",
+        "moves": f"self.filter.{moves}",
+        "observes": f"self.filter.{observes}",
+        "owner": "self.filter",
+        "mean": next((each for each in MEANS if each in names), "x"),
+        "cov": next((each for each in COVARIANCES if each in names), "P"),
+    }
+
+
+def _blanks_of_functions(parts: list[Callee]) -> dict[str, str]:
+    moves, observes = _calls(parts)
+    return {
+        "imported": ", ".join(each.partition("(")[0] for each in (moves, observes)),
+        "start": "self.x, self.P = prior_mean, prior_cov",
+        "moves": f"self.x, self.P = {moves}",
+        "observes": f"self.x, self.P = {observes}",
+        "owner": "self",
+        "mean": "x",
+        "cov": "P",
+    }
+
+
+def _calls(parts: list[Callee]) -> tuple[str, str]:
+    """Return the calls of a prediction and of an update with the most usual names; users fill in their arguments."""
+    moving = [each for word in MOVING for each in parts if word in each.__name__.lower()]
+    observing = [each for word in OBSERVING for each in parts if word in each.__name__.lower() and each not in moving]
+    moves = spelt(moving[0]) if moving else "predict(...)"
+    return moves, spelt(observing[0]) if observing else "update(...)"
 
 
 def refusal(text: str, error: FormError) -> FormError:

@@ -12,7 +12,7 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
 from slamgauge.arrays import Float
-from slamgauge.compare.figures.plot_style import KNOWN, USER_STYLES, styles
+from slamgauge.compare.figures.plot_style import STYLES, USER_STYLES, styles
 from slamgauge.compare.figures.run_figures import plot_errors, plot_run, save_figure
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
@@ -97,14 +97,14 @@ def panels_of(
 
 
 def test_colours_and_dashes_are_all_distinct() -> None:
-    everyone = [*KNOWN.values(), *USER_STYLES]
+    everyone = [*STYLES.values(), *USER_STYLES]
     assert len({style.color for style in everyone}) == len(everyone)
     assert len({style.dashes for style in everyone}) == len(everyone)
 
 
 def test_user_estimators_do_not_change_the_style_of_built_in_ones() -> None:
     chosen = styles(["a:b", "ekf", "c:d"])
-    assert chosen["ekf"] == KNOWN["ekf"]
+    assert chosen["ekf"] == STYLES["ekf"]
     assert (chosen["a:b"], chosen["c:d"]) == USER_STYLES[:2]
 
 
@@ -200,7 +200,7 @@ def test_errors_are_drawn_in_metres_and_degrees() -> None:
 def test_only_the_first_band_is_filled() -> None:
     panels = panels_of({name: estimate([0, 0, 0]) for name in ("riekf", "ekf", "causal")})
     (filled,) = (each for each in panels[0].collections if not isinstance(each, LineCollection))
-    assert to_hex(np.asarray(filled.get_facecolor())[0]) == KNOWN["riekf"].color.lower()
+    assert to_hex(np.asarray(filled.get_facecolor())[0]) == STYLES["riekf"].color.lower()
     assert len(panels[0].lines) == 3 * 3 + 1  # error and two bounds each, zero
 
 

@@ -12,7 +12,7 @@ from slamgauge.arrays import Float
 from slamgauge.compare.scoring.aggregation import FIRST_STEP
 from slamgauge.compare.scoring.catalogue import STORED
 from slamgauge.compare.scoring.consistency import (
-    LARGEST,
+    FARTHEST,
     SINGULAR,
     chi2_band,
     is_inside,
@@ -51,7 +51,7 @@ def test_a_singular_covariance_has_no_distance() -> None:
 
 def test_distances_are_limited() -> None:
     distances = squared_mahalanobis(np.full((2, 3), 1e9), np.array([np.eye(3) * 1e-307, np.eye(3)]))
-    assert distances == pytest.approx([LARGEST, 3e18])
+    assert distances == pytest.approx([FARTHEST, 3e18])
 
 
 def test_a_covariance_is_singular_by_the_smallest_eigenvalue_of_its_correlations() -> None:
