@@ -146,6 +146,26 @@ CATALOGUE = (
         lambda found: mean(found.map_nees / 2),
         Column("map NEES/2", "landmark NEES/2", "{:.2f}", study=10),
     ),
+    _stored(
+        "landmark_sigma_near_m",
+        "RMS sigma of the half of the map that is nearer to the start (`exercise` compares the halves)",
+        lambda found: rms(found.map_sigmas[found.halves[0]]),
+    ),
+    _stored(
+        "landmark_sigma_far_m",
+        "RMS sigma of the farther half of the map",
+        lambda found: rms(found.map_sigmas[found.halves[1]]),
+    ),
+    _stored(
+        "landmark_error_near_m",
+        "RMS error of the nearer half of the map",
+        lambda found: rms(lengths(found.map_errors[found.halves[0]])),
+    ),
+    _stored(
+        "landmark_error_far_m",
+        "RMS error of the farther half of the map",
+        lambda found: rms(lengths(found.map_errors[found.halves[1]])),
+    ),
     _averaged(
         "landmarks_mapped",
         "number of landmarks in the map",
