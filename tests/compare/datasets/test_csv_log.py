@@ -202,6 +202,13 @@ def test_wrong_logs_are_refused_in_one_line(log: Log, files: dict[str, str], ove
     assert message in str(caught.value)
 
 
+def test_the_folder_may_be_a_relative_path(log: Log, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    whole = log(CSV)
+    monkeypatch.chdir(tmp_path.parent)
+    relative = read_csv_log(Path(tmp_path.name))
+    assert (relative.recording, relative.truth) == (whole.recording, whole.truth)
+
+
 def test_a_single_csv_file_is_no_log(tmp_path: Path):
     (tmp_path / "odometry.csv").write_text("stamp,v,omega\n")
     with pytest.raises(UserError, match=r"odometry.csv: is neither a folder nor a .toml file; give the folder"):
