@@ -1,4 +1,7 @@
-"""What a bug report needs: `slamgauge doctor`."""
+"""What a bug report needs: `slamgauge doctor`.
+
+Libraries are imported inside functions, because one that is missing or broken is a finding.
+"""
 
 from __future__ import annotations
 
@@ -13,17 +16,10 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from time import perf_counter
 
-import numpy as np
-import scipy
-
-from slamgauge import jit
 from slamgauge.blas_threads import VARIABLES
 from slamgauge.compare.cli.options.machine import Doctor
 from slamgauge.compare.cli.terminal import Output
-from slamgauge.compare.scenarios.scenario import load_scenario
-from slamgauge.compare.scenarios.simulation import simulate
 from slamgauge.compare.scoring.text_page import Page
-from slamgauge.memory import free_memory
 from slamgauge.version import __version__
 
 LIBRARIES = ("numpy", "scipy", "numba", "llvmlite", "matplotlib", "pydantic", "tyro", "tqdm")
@@ -37,6 +33,8 @@ MEGABYTE, GIGABYTE = 1e6, 1e9
 def run(command: Doctor) -> int:
     """Run the command; return the exit status."""
     if command.clear_cache:
+        from slamgauge import jit
+
         files = jit.stored_files()
         for file in files:
             file.unlink(missing_ok=True)
@@ -79,6 +77,9 @@ def _attempt(look: Callable[[], str]) -> str:
 
 
 def _blas() -> str:
+    import numpy as np
+    import scipy
+
     def named(library: object) -> str:
         used = library.show_config(mode="dicts")["Build Dependencies"]["blas"]  # pyrefly: ignore[missing-attribute]
         return f"{used['name']} {used['version']}"
@@ -88,6 +89,9 @@ def _blas() -> str:
 
 def run_shortly(module: str, estimator: str) -> str:
     """Run an estimator on one second of a scenario, which compiles or loads its kernels."""
+    from slamgauge.compare.scenarios.scenario import load_scenario
+    from slamgauge.compare.scenarios.simulation import simulate
+
     begin = perf_counter()
     recording = simulate(load_scenario("q1-short-dense", ["trajectory.duration=1"]), 0)[1]
     getattr(importlib.import_module(module), estimator)(recording)
@@ -95,9 +99,13 @@ def run_shortly(module: str, estimator: str) -> str:
 
 
 def _kept() -> str:
+    from slamgauge import jit
+
     files = jit.stored_files()
     return f"{len(files)} files, {sum(file.stat().st_size for file in files) / MEGABYTE:.1f} MB, {jit.caches()}"
 
 
 def _memory() -> str:
+    from slamgauge.memory import free_memory
+
     return f"{free_memory() / GIGABYTE:.1f} GB"

@@ -52,7 +52,6 @@ def run_page(folder: Path) -> dict[str, str]:
     doubtful = doubtful_kinds({kind: estimates[name] for kind, name in optima.items()})
     failures = [f"{each['estimator']} failed: {each['error']}" for each in metrics.get("failures", ())]
     first, *others = [*pictures(folder, PICTURES), None]
-    closures, drift = closure_table(metrics), drift_table(metrics)
     page = Page(
         kind="one run",
         title=title,
@@ -61,8 +60,7 @@ def run_page(folder: Path) -> dict[str, str]:
         picture=first,
         sections=[
             Section("Metrics of each estimator", "figures", tables=[run_table(metrics["estimators"], doubtful)]),
-            Section("Loop closures: error and sigma before and after", tables=[closures], is_folded=True),
-            Section("Relative pose errors over distances", tables=[drift], is_folded=True),
+            Section("Loop closures: error and sigma before and after", tables=[closure_table(metrics)], is_folded=True),
             Section("Replay of the run", "replay", include="replay.html"),
             Section("Further figures", "pictures", pictures=[each for each in others if each is not None]),
         ],
@@ -93,26 +91,6 @@ def _sentence(name: str, entry: dict[str, Any]) -> str:
     if entry.get("verdict"):
         parts.append(entry["verdict"])
     return "; ".join(parts)
-
-
-def drift_table(metrics: dict[str, Any]) -> Table:
-    """Return the table of relative pose errors by length of the path segments."""
-    rows = [
-        [
-            *(Cell(name), figure(each["distance_m"], "{:g}"), figure(each["translation_m"], "{:.3f}")),
-            *(figure(each["heading_rad"], "{:.4f}"), figure(each["pieces"], "{}")),
-        ]
-        for name, entry in metrics["estimators"].items()
-        for each in entry.get("rpe_by_distance") or ()
-    ]
-    heads = [
-        ESTIMATOR,
-        Head("over [m]", help="length of the segments of the true path"),
-        Head("error [m]", help="RMS translation error over a segment, relative to its start"),
-        Head("heading error [rad]", help="RMS heading error over a segment, relative to its start"),
-        Head("segments", help="number of segments"),
-    ]
-    return Table(heads, rows, "Relative pose errors over all segments of the true path of a length", "drift")
 
 
 def closure_table(metrics: dict[str, Any]) -> Table:

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from references.seeded_bugs import SEEDED, seeded_ekf
 
 from slamgauge import Estimate, Recording, dead_reckoning
 from slamgauge.arrays import Float
@@ -18,6 +17,7 @@ from slamgauge.compare.checks.ignored_inputs import ignored_inputs
 from slamgauge.ekf import ekf_slam
 from slamgauge.estimate import Estimator
 from tests.marks import in_full
+from tests.reference.seeded_bugs import SEEDED, seeded_ekf
 
 pytestmark = pytest.mark.slow
 

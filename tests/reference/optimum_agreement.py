@@ -16,9 +16,6 @@ from unittest.mock import patch
 import numpy as np
 from scipy.special import chdtrc
 
-from references.least_squares import MAX_ITERATIONS, Minimum, Model, NoMinimumError, placed_only
-from references.recordings import Drawn
-from references.verdicts import COST_BAR, STEP_BAR, Outcome, attempt
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf import riekf
 from slamgauge.estimate import Estimate
@@ -28,6 +25,9 @@ from slamgauge.graph_baseline.problem.undetermined import UndeterminedError
 from slamgauge.graph_baseline.solver.incremental import IncrementalOptimum
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain, wrap
+from tests.reference.agreement import COST_BAR, STEP_BAR, Outcome, attempt
+from tests.reference.drawn_recordings import Drawn
+from tests.reference.least_squares import MAX_ITERATIONS, Minimum, Model, NoMinimumError, placed_only
 
 WELL_PLACED = 0.05  # sigma over distance of a landmark that is placed for certain by bearings from the true path
 PLACED = 0.3  # the same by bearings from the path of a minimum with the landmark
@@ -318,7 +318,7 @@ def _newest_apart(part: Model, minimum: Minimum, estimate: Estimate) -> float:
     """Return the distance of the newest pose from the optimum in sigmas of the optimum."""
     step = part.recording.steps
     try:
-        cov = part.newest_cov(minimum.unknowns, part.factored(minimum.unknowns)[0])
+        cov = part.pose_cov(step, minimum.unknowns, part.factored(minimum.unknowns)[0])
     except np.linalg.LinAlgError:
         return math.inf
     pose = part.relative(estimate.poses[step : step + 1])

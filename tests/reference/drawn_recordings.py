@@ -21,7 +21,7 @@ from slamgauge.recording import Recording
 from slamgauge.se2 import compose, rotation, wrap
 from slamgauge.sensors import Sensor
 from slamgauge.truth import Truth
-from tests.reference.optimum import exp_se2
+from tests.reference.least_squares import exp_se2
 
 SENSORS = get_args(Sensor)
 PRIORS = ("zero", "diagonal", "full")

@@ -20,7 +20,6 @@ from scipy.linalg import solve_triangular
 from slamgauge.arrays import Float, Int
 from slamgauge.recording import Recording
 from slamgauge.se2 import between, compose, rotation, wrap
-from tests.reference.optimum import exp_se2, square_root
 
 ARRIVED = 1e-8  # length of a step [standard deviations], over all unknowns
 MAX_ITERATIONS = 200
@@ -37,6 +36,21 @@ class Minimum(NamedTuple):
 
 class NoMinimumError(Exception):
     """The solver ended at a point with a gradient that does not vanish."""
+
+
+def exp_se2(tangent: Float) -> Float:
+    """Return the exponential (..., 3) of SE(2) without cancellation; GTSAM's loses digits below 0.1 rad."""
+    x, y, turn = np.moveaxis(tangent, -1, 0)
+    cosine, sine = np.sinc(turn / np.pi), np.sin(turn / 2) * np.sinc(turn / 2 / np.pi)
+    return np.stack([cosine * x - sine * y, sine * x + cosine * y, turn], axis=-1)
+
+
+def square_root(cov: Float) -> Float:
+    """Return B with B B' = cov and as many columns as the rank of cov."""
+    sigma = np.sqrt(np.where(np.diag(cov) > 0, np.diag(cov), 1.0))
+    value, axes = np.linalg.eigh(cov / np.outer(sigma, sigma))
+    keep = value > 1e-12
+    return sigma[:, None] * axes[:, keep] * np.sqrt(value[keep])
 
 
 class Model:
@@ -130,11 +144,19 @@ class Model:
         to_world[:, :2, :2], to_world[:, 2, 2] = rotation(begin), 1.0
         return to_world @ _exp_jacobian(tangents) @ self.roots
 
-    def newest_cov(self, unknowns: Float, factor: Float) -> Float:
-        """Return the additive covariance (3, 3) of the newest pose from the factor R of the information R'R."""
+    def covariances(self, unknowns: Float) -> tuple[Float, Float]:
+        """Return additive covariances of poses (N+1, 3, 3) and landmarks (L, 2, 2)."""
+        factor = self.factored(unknowns)[0]
+        pose_covs = [self.pose_cov(step, unknowns, factor) for step in range(len(self.free))]
+        root = solve_triangular(factor, np.eye(self.size))[self.noises :].reshape(-1, 2, self.size)
+        return np.array(pose_covs), root @ root.swapaxes(1, 2)
+
+    def pose_cov(self, step: int, unknowns: Float, factor: Float) -> Float:
+        """Return the additive covariance (3, 3) of a pose from the factor R of the information R'R."""
         poses = self.poses(unknowns)
         effects = self._effects(poses, unknowns)
-        lever = poses[-1, :2] - poses[:, :2]
+        effects[step + 1 :] = 0.0  # later noise does not move the pose
+        lever = poses[step, :2] - poses[:, :2]
         effects[:, 0] -= lever[:, 1:] * effects[:, 2]
         effects[:, 1] += lever[:, :1] * effects[:, 2]
         by_unknown = np.zeros((3, self.size))
@@ -149,6 +171,12 @@ class Model:
         noise = np.einsum("nij,nj->ni", np.linalg.pinv(self.roots), tangents)
         return np.concatenate([noise[self.free], landmarks.ravel()])
 
+    def world(self, poses: Float) -> Float:
+        """Return relative poses (..., 3) or points (..., 2) in the world frame."""
+        moved = poses.copy()
+        moved[..., :2] += self.origin
+        return moved
+
     def relative(self, poses: Float) -> Float:
         """Return world poses (..., 3) or points (..., 2) relative to the origin."""
         moved = np.array(poses, dtype=np.float64)
@@ -158,6 +186,11 @@ class Model:
     def start(self, poses: Float) -> Float:
         """Return the unknowns at relative poses (N+1, 3) and landmarks computed from observations at these poses."""
         return self.unknowns(poses, self.sighted(self.poses(self.unknowns(poses, np.zeros((len(self.ids), 2))))))
+
+    def drawn_start(self, noise: Float) -> Float:
+        """Return unknowns with these noise coordinates (noises,), and landmarks computed from observations."""
+        bare = np.concatenate([noise, np.zeros(2 * len(self.ids))])
+        return np.concatenate([noise, self.sighted(self.poses(bare)).ravel()])
 
     def sighted(self, poses: Float) -> Float:
         """Return landmarks (L, 2) computed from relative poses (N+1, 3): first observations, or crossing bearings."""
