@@ -7,7 +7,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Literal
 
 from slamgauge.compare.estimators.registry import CAUSAL
 from slamgauge.compare.scoring import optimum_figures, verdicts
@@ -53,6 +53,12 @@ def _stored(key: str, text: str, measure: Measure, column: Column | None = None)
 def _averaged(key: str, text: str, measure: Measure, column: Column | None = None) -> Metric:
     """Return a metric of runs that studies store and average."""
     return Metric(key, text, measure, mean_of(key), stored=True, column=column)
+
+
+def _of_half_map(what: Literal["error", "sigma"], half: Literal["near", "far"]) -> Metric:
+    """Return the RMS error or sigma of the half of the map that is nearer to the start, or of the farther half."""
+    text = f"RMS {what} of the half of the map that is {'nearer to' if half == 'near' else 'farther from'} the start"
+    return _stored(f"landmark_{what}_{half}_m", text, lambda found: rms(found.of_map(what)[found.halves[half]]))
 
 
 CATALOGUE = (
@@ -146,6 +152,10 @@ CATALOGUE = (
         lambda found: mean(found.map_nees / 2),
         Column("map NEES/2", "landmark NEES/2", "{:.2f}", study=10),
     ),
+    _of_half_map("sigma", "near"),
+    _of_half_map("sigma", "far"),
+    _of_half_map("error", "near"),
+    _of_half_map("error", "far"),
     _averaged(
         "landmarks_mapped",
         "number of landmarks in the map",
