@@ -6,8 +6,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, Literal
+from collections.abc import Callable, Mapping
+from typing import Any
 
 from slamgauge.compare.estimators.registry import CAUSAL
 from slamgauge.compare.scoring import optimum_figures, verdicts
@@ -33,7 +33,7 @@ from slamgauge.compare.scoring.measured import Measured
 from slamgauge.compare.scoring.metric import Column, Measure, Metric, TableName
 from slamgauge.compare.scoring.nan_stats import lengths, mean, number, rms
 from slamgauge.compare.scoring.ray_figures import RAY_FIGURES, ray_figures
-from slamgauge.compare.scoring.table import Head
+from slamgauge.compare.scoring.table import MARK, Cell, Head, figure, marked
 from slamgauge.compare.scoring.trajectory_error import step_errors
 
 
@@ -53,12 +53,6 @@ def _stored(key: str, text: str, measure: Measure, column: Column | None = None)
 def _averaged(key: str, text: str, measure: Measure, column: Column | None = None) -> Metric:
     """Return a metric of runs that studies store and average."""
     return Metric(key, text, measure, mean_of(key), stored=True, column=column)
-
-
-def _of_half_map(what: Literal["error", "sigma"], half: Literal["near", "far"]) -> Metric:
-    """Return the RMS error or sigma of the half of the map that is nearer to the start, or of the farther half."""
-    text = f"RMS {what} of the half of the map that is {'nearer to' if half == 'near' else 'farther from'} the start"
-    return _stored(f"landmark_{what}_{half}_m", text, lambda found: rms(found.of_map(what)[found.halves[half]]))
 
 
 CATALOGUE = (
@@ -152,10 +146,26 @@ CATALOGUE = (
         lambda found: mean(found.map_nees / 2),
         Column("map NEES/2", "landmark NEES/2", "{:.2f}", study=10),
     ),
-    _of_half_map("sigma", "near"),
-    _of_half_map("sigma", "far"),
-    _of_half_map("error", "near"),
-    _of_half_map("error", "far"),
+    _stored(
+        "landmark_sigma_near_m",
+        "RMS sigma of the half of the map that is nearer to the start (`exercise` compares the halves)",
+        lambda found: rms(found.map_sigmas[found.halves[0]]),
+    ),
+    _stored(
+        "landmark_sigma_far_m",
+        "RMS sigma of the farther half of the map",
+        lambda found: rms(found.map_sigmas[found.halves[1]]),
+    ),
+    _stored(
+        "landmark_error_near_m",
+        "RMS error of the nearer half of the map",
+        lambda found: rms(lengths(found.map_errors[found.halves[0]])),
+    ),
+    _stored(
+        "landmark_error_far_m",
+        "RMS error of the farther half of the map",
+        lambda found: rms(lengths(found.map_errors[found.halves[1]])),
+    ),
     _averaged(
         "landmarks_mapped",
         "number of landmarks in the map",
@@ -279,6 +289,20 @@ def is_relative(key: str) -> bool:
     """Return whether a metric compares with the optimum of the same kind."""
     column = BY_KEY[key].column
     return column is not None and column.relative
+
+
+def figure_cells(entry: Mapping[str, Any], columns: list[Head], is_marked: bool | None) -> list[Cell]:
+    """Return the cells of an estimator in columns of metrics; None leaves no room for marks.
+
+    Figures relative to an optimum are marked if it is in doubt.
+    """
+    cells = [figure(entry[head.key], head.form) for head in columns]
+    if is_marked is None:
+        return cells
+    return [
+        marked(each, MARK, is_marked=is_marked) if is_relative(head.key) else each
+        for each, head in zip(cells, columns, strict=True)
+    ]
 
 
 def empty_columns(columns: list[Head], is_empty: Callable[[str], bool]) -> list[str]:

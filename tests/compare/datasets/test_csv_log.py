@@ -123,13 +123,6 @@ def test_columns_and_units_of_the_log(log: Log):
     assert_array_equal(recording.landmark, [4, 5])
 
 
-@pytest.mark.parametrize(
-    "text", ["%stamp,v,omega\n0,1,0\n1,1,0\n", "# a robot, mine\n\nstamp;v;omega\n0;1;0\n# a remark\n1;1;0\n"]
-)
-def test_remarks_and_headers_behind_a_sign(log: Log, text: str):
-    assert_array_equal(log(odometry(text), *NOISE).recording.stamps, [0.0, 0.5, 1.0])
-
-
 def test_positions_and_missing_ids(log: Log):
     recording = log(observations("stamp,x,y\n1,3,4\n2,5,6\n"), *NOISE).recording
     assert recording.sensor == "position"
