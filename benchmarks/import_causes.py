@@ -1,17 +1,19 @@
 """How often `slamgauge import` names a wrong cause, or none, for mistakes of units, signs, frames and clocks.
 
+    python benchmarks/import_causes.py [--seeds 50]
+
 Simulated logs of 30 s have one mistake each, or none. Their sensor noise is the stated one, or 15 % larger or smaller.
 """
 
 from __future__ import annotations
 
-import argparse
 import sys
 import tempfile
 from collections import Counter
 from pathlib import Path
 
 import numpy as np
+import tyro
 
 sys.path.insert(0, str(Path(__file__).parents[1]))  # for `tests.reference`
 
@@ -50,11 +52,8 @@ MISTAKES: dict[str, tuple[Change, str]] = {  # change of the files, and the caus
 }
 
 
-def main() -> None:
+def main(seeds: int = 50) -> int:
     """Print the rates."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seeds", type=int, default=50)
-    seeds = parser.parse_args().seeds
     print(f"{seeds} logs for each mistake and noise: right cause, another cause, no cause\n")
     print(f"{'mistake':<41}" + "".join(f"{name:>18}" for name in NOISES))
     for mistake, (change, cause) in MISTAKES.items():
@@ -63,6 +62,7 @@ def main() -> None:
             found = Counter(outcome(change(log(seed, noise)), cause) for seed in range(seeds))
             shares.append(" ".join(f"{found[each] / seeds:4.0%}" for each in ("right", "other", "none")))
         print(f"{mistake:<41}" + "".join(f"{each:>18}" for each in shares), flush=True)
+    return 0
 
 
 def log(seed: int, noise: float) -> Files:
@@ -93,4 +93,4 @@ def import_of(files: Files) -> str:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(tyro.cli(main, description=__doc__))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Set
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -133,10 +133,10 @@ class Check:
     figure: str
     bound: float
     blame: str
-    excused_to: float
-    limit: str
-    needs: tuple[Need, ...]
-    after: tuple[str, ...]
+    excused_to: float = -np.inf
+    limit: str = ""
+    needs: tuple[Need, ...] = ()
+    after: tuple[str, ...] = ()
 
     @property
     def name(self) -> str:
@@ -144,15 +144,6 @@ class Check:
         return self.measure.__name__.replace("_", "-")
 
 
-def check(
-    *,
-    figure: str,
-    bound: float,
-    blame: str,
-    excused_to: float = -np.inf,
-    limit: str = "",
-    needs: tuple[Need, ...] = (),
-    after: tuple[str, ...] = (),
-) -> Callable[[Measure], Check]:
-    """Return a decorator that turns the function `measure` into a `Check`; arguments as in `Check`."""
-    return lambda measure: Check(measure, figure, bound, blame, excused_to, limit, needs, after)
+def check(**fields: Any) -> Callable[[Measure], Check]:
+    """Return a decorator that turns the function `measure` into a `Check` with the other attributes of `Check`."""
+    return lambda measure: Check(measure, **fields)

@@ -9,7 +9,7 @@ from slamgauge.compare.cli.options.recordings import Noise
 from slamgauge.compare.cli.steps import draw, results_folder, write_page
 from slamgauge.compare.noise.estimation import find_noise
 from slamgauge.compare.noise.noise_json import noise_json
-from slamgauge.compare.noise.report_text import noise_table
+from slamgauge.compare.noise.tables import noise_page
 from slamgauge.compare.scoring.comparison import digest
 from slamgauge.compare.storage.files import load_recording, save, write_json
 from slamgauge.compare.storage.result_files import NOISE, NOISE_FILES
@@ -26,7 +26,7 @@ def run(command: Noise) -> int:
     with staged as parent, results_folder(command.out, NOISE_FILES, last=NOISE) as folder:
         noise = find_noise(recording, systematic=command.systematic, heading=command.heading)
         content = noise_json(noise) | {"digest": digest(recording)}
-        command.output.show(content, noise_table(noise))
+        command.output.show(content, noise_page(content))
         if folder is not None:
             write_json(folder / NOISE, content)
         if command.write is not None and parent is not None:

@@ -21,6 +21,7 @@ from typing import IO, NamedTuple
 
 from slamgauge.compare.estimators.addresses import Address, Noise
 from slamgauge.compare.estimators.answers import Answer, message, printable, read_answer
+from slamgauge.compare.estimators.forms.external_program import end_group, last_lines
 from slamgauge.compare.estimators.forms.signatures import refusal
 from slamgauge.compare.estimators.sandbox import CODE, environment, require_wall, walled
 from slamgauge.compare.estimators.user_errors import FormError, OverdueError, UserCodeError
@@ -34,7 +35,6 @@ STARTING = 120.0  # s: largest time for the imports of Python, slamgauge and lib
 MOST_PRINTED = 10_000_000  # bytes of output in a run
 POLL = 1.0  # s between looks at the size of the output
 ENDING = 5.0  # s: time for a process that has closed its answers to end
-TAIL = 4000  # bytes at the end of the output
 FIRST, WIDEST = 3, 120  # lines of output in error messages, and characters of each
 
 
@@ -237,10 +237,7 @@ class _Process:
     @property
     def last_lines(self) -> str:
         """The last lines of its output, at most 20."""
-        with Path(self.output.name).open("rb") as file:
-            file.seek(max(0, os.fstat(file.fileno()).st_size - TAIL))
-            lines = file.read().decode("utf-8", errors="replace").splitlines()
-        return "\n".join(printable(line) for line in lines[-20:])
+        return "\n".join(last_lines(Path(self.output.name), 20))
 
     def _why_no_answer(self) -> str:
         try:
@@ -279,12 +276,7 @@ def _end(
     keeps_output: bool,
 ) -> None:
     """End a process with all that it has started, and remove its files."""
-    if hasattr(os, "killpg"):
-        with suppress(ProcessLookupError, PermissionError):  # the group is empty
-            os.killpg(process.pid, signal.SIGKILL)  # it leads a group
-    else:  # Windows
-        process.kill()
-    process.wait()
+    end_group(process)
     is_empty = os.fstat(output.fileno()).st_size == 0
     output.close()
     if is_empty or not keeps_output:

@@ -14,8 +14,8 @@ from matplotlib.axes import Axes
 from slamgauge.arrays import Float
 from slamgauge.compare.figures.axes import band, logarithmic
 from slamgauge.compare.figures.plot_style import TRUTH_COLOR, legend_below, printed, sheet
-from slamgauge.compare.noise.noise_json import supported
-from slamgauge.compare.noise.report_text import verdict
+from slamgauge.compare.noise.tables import verdict
+from slamgauge.compare.scoring.intervals import Interval
 
 BEFORE, AFTER = "#EE7733", "#0077BB"
 LOOKS: dict[str, dict[str, Any]] = {  # styles of assumed and estimated values, by their key in noise.json
@@ -40,17 +40,17 @@ def save_noise_figure(out: Path, content: dict[str, Any]) -> None:
 def _draw_sigmas(axes: Axes, parameters: dict[str, Any]) -> None:
     """Draw each estimated sigma with its 95 % interval, divided by the assumed sigma.
 
-    If the assumed sigma is 0, the divisor is the upper end of the interval, or the estimate if that end is infinite.
+    If the assumed sigma is 0, the divisor is the upper end of the interval, or the estimate without that end.
     """
     for place, content in enumerate(parameters.values()):
-        found, assumed = supported(content["sigma"], content), content["assumed"]
-        end = found.high if np.isfinite(found.high) else found.value
-        over = assumed or end
-        low, high = max(found.low / over, 1 / SHOWN), min(found.high / over, SHOWN)
+        found, assumed = Interval(content["sigma"], content["low"], content["high"]), content["assumed"]
+        over = assumed or found.high or found.mean
+        low = max((found.low or 0.0) / over, 1 / SHOWN)
+        high = SHOWN if found.high is None else min(found.high / over, SHOWN)
         axes.plot([low, high], [place, place], color=AFTER, linewidth=1.5)
-        if found.low > 0.0:
-            axes.plot(found.value / over, place, "o", color=AFTER, markersize=4)
-        text = f"{found.value:.3g}: {verdict(found, assumed)}" if found.low > 0.0 else verdict(found, 0.0)
+        if found.low:
+            axes.plot(found.mean / over, place, "o", color=AFTER, markersize=4)
+        text = f"{found.mean:.3g}: {verdict(found, assumed)}" if found.low else verdict(found, 0.0)
         axes.text(0.03, place - 0.2, text, transform=axes.get_yaxis_transform(), fontsize=6)
     axes.axvline(1.0, color=BEFORE, linewidth=0.8, linestyle="--")
     axes.set_yticks(range(len(parameters)), [*parameters])

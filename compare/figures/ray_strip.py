@@ -98,8 +98,8 @@ class RayStrip:
             panel.set_title(f"t = {time:.1f} s\n{frame.caption}", fontsize=5 if sheet().is_narrow else None)
             panel.label_outer()
             rows = map_at(self._shown[self._name], frame.step)
-            places = rows.position[rows.landmark == frame.landmark]
-            for place in places[-1:]:
+            mine = rows.only(rows.landmark == frame.landmark)
+            for place in mine.position[np.argsort(mine.weight)][-1:]:  # the likeliest member
                 panel.annotate(str(frame.landmark), place, (0, 5), textcoords="offset points", clip_on=True, zorder=5)
         for panel in panels[len(self._frames) :]:
             panel.set_axis_off()

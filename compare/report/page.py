@@ -29,7 +29,7 @@ ASSETS = files("slamgauge.compare.report") / "assets"
 # each module imports only modules before it
 MODULES = (
     *("unpack", "colours", "surface", "ticks", "download", "tables", "panel", "camera", "scene", "timeline", "player"),
-    *("replay", "strip", "study", "start"),
+    *("replay", "start"),
 )
 TERMS = {
     "run": (

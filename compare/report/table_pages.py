@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from urllib.parse import quote
 
-from slamgauge.compare.noise.noise_json import supported
-from slamgauge.compare.noise.report_text import systematic_verdict
-from slamgauge.compare.noise.report_text import verdict as sigma_verdict
+from slamgauge.compare.noise.tables import nis_table, noise_table
 from slamgauge.compare.report.page import render
 from slamgauge.compare.report.page_elements import Line, Page, Section, origin, pictures, said
-from slamgauge.compare.scoring.table import Cell, Head, Table, figure, from_to
 from slamgauge.compare.storage.files import read_json
 from slamgauge.compare.storage.result_files import BUDGET, NOISE, REPORT, SWEEP
 from slamgauge.compare.studies.budget import notes, read_budget, rung_table, verdict
@@ -32,14 +28,6 @@ PICTURES = {
         "Error, consistency, reported sigma and size of the map against the value; bars are 95 % intervals.",
     ),
 }
-NOISE_HEADS = (
-    Head("noise", help="measurement", words=True),
-    Head("unit", help="unit of the value", words=True),
-    Head("assumed", help="sigma in the recording"),
-    Head("found", help="maximum likelihood value"),
-    Head("95 % interval", help="interval of the profile likelihood; the log does not determine a missing end"),
-    Head("verdict", help="comparison of the interval with the assumed value", words=True),
-)
 
 
 def budget_page(folder: Path) -> dict[str, str]:
@@ -62,32 +50,14 @@ def budget_page(folder: Path) -> dict[str, str]:
 def noise_page(folder: Path) -> dict[str, str]:
     """Return the page of the results of `noise --out` in a folder."""
     content = read_json(folder / NOISE, "noise")
-    sigmas = [
-        [
-            *(Cell(name), Cell(each["unit"])),
-            *(figure(each["assumed"], "{:.4g}"), figure(each["sigma"], "{:.4g}")),
-            from_to(each["low"], each["high"], "{:.4g}"),
-            Cell(sigma_verdict(supported(each["sigma"], each), each["assumed"])),
-        ]
-        for name, each in content["parameters"].items()
-    ]
-    systematic = [
-        [
-            *(Cell(name), Cell(each["unit"]), figure(each["value"], "{:+.3g}")),
-            from_to(each["low"], each["high"], "{:.3g}"),
-            Cell(systematic_verdict(supported(each["value"], each, -math.inf))),
-        ]
-        for name, each in content["systematic"].items()
-    ]
-    without_assumed = (*NOISE_HEADS[:2], *NOISE_HEADS[3:])
+    found = noise_table(content)
     page = Page(
         kind="the noise of a recording",
         title="Noise estimated from the measurements",
-        lead=[Line(row[0].text, row[-1].text) for row in sigmas],
+        lead=[Line(row[0].text, row[3].text) for row in found.rows],
         notes=said(content["notes"]),
         sections=[
-            Section("Noise of the measurements", "sigmas", tables=[Table(NOISE_HEADS, sigmas, id="noise")]),
-            Section("Systematic errors", "errors", tables=[Table(without_assumed, systematic, id="systematic")]),
+            Section("Noise of the measurements", "sigmas", tables=[found, nis_table(content)]),
             Section("Figure", "pictures", pictures=pictures(folder, PICTURES)),
         ],
         origin=origin(content),

@@ -15,7 +15,7 @@ from slamgauge.compare.scoring.intervals import LEVEL, Interval
 from slamgauge.compare.scoring.measured import pose_covs_of
 from slamgauge.compare.scoring.nan_stats import mean
 from slamgauge.compare.scoring.optimum_figures import CHECK_LIMIT, is_in_doubt, is_misfit, unused_observations
-from slamgauge.compare.scoring.table import interval_cell
+from slamgauge.compare.scoring.table import MARK, interval_cell
 from slamgauge.compare.scoring.trajectory_error import pose_errors
 from slamgauge.display import counted
 from slamgauge.estimate import Estimate
@@ -23,7 +23,6 @@ from slamgauge.recording import Recording
 from slamgauge.sensors import SENSORS
 from slamgauge.truth import NOBODY, Truth
 
-MARK = "?"  # behind figures that are relative to an optimum in doubt
 FIT_LEVEL = 0.95  # probability of the two-sided chi-square band of the fit
 SURE = 0.999  # probability of the two-sided interval: one in 2000 estimators with the optimum's accuracy is reported
 FAR_BELOW = 0.1  # largest share of the optimum's own figure

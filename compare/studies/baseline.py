@@ -10,11 +10,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from statistics import NormalDist
 from typing import NamedTuple
 
 import numpy as np
+from pydantic import TypeAdapter, ValidationError
 
 from slamgauge.compare.estimators.registry import BOUNDS, is_optimum
 from slamgauge.compare.scoring.intervals import Interval, ratio_interval
@@ -31,12 +33,14 @@ FIGURES = {"ate_m": "ATE", "nees_pose_per_dof": "NEES"}
 AGAIN = "make the baseline again with this version and this scenario"
 
 
-class StudyFigures(NamedTuple):
+@dataclass(frozen=True)
+class StudyFigures:
     """Digest of a study's measurements, number of its runs, and figures of each run by estimator."""
 
     digest: str
     runs: int
     per_run: Mapping[str, RunFigures]
+    version: str = __version__
 
 
 class Gate(NamedTuple):
@@ -53,7 +57,7 @@ class Gate(NamedTuple):
 
     def judge(self, study: StudyFigures) -> tuple[list[str], list[str]]:
         """Return a line on each comparison with a study, and those lines on what is worse."""
-        lines = [line for name in dict.fromkeys(name for name, _ in self.compared) for line in self._lost(name, study)]
+        lines = [*filter(None, (self._lost(name, study) for name in dict.fromkeys(name for name, _ in self.compared)))]
         worse = [*lines]
         for name, figure in self.compared:
             first, second = study.per_run[name], self.baseline.per_run[name]
@@ -70,13 +74,12 @@ class Gate(NamedTuple):
                 worse.append(lines[-1])
         return lines, worse
 
-    def _lost(self, name: str, study: StudyFigures) -> list[str]:
-        """Return a line if an estimator fails in runs that it completed in the baseline."""
+    def _lost(self, name: str, study: StudyFigures) -> str:
+        """Return a line if an estimator fails in runs that it completed in the baseline, else nothing."""
         done = {run for run in self.baseline.per_run[name].run if run < study.runs}
         failed = sorted(done - {*study.per_run[name].run})
-        if not failed:
-            return []
-        return [f"{name}: fails in {counted(len(failed), 'run')} of the baseline, first in run {failed[0]}"]
+        runs = counted(len(failed), "run")
+        return f"{name}: fails in {runs} of the baseline, first in run {failed[0]}" if failed else ""
 
     def _sentence(self, ratio: Interval, runs: int) -> str:
         """Return a ratio, its interval over the common runs, and the result."""
@@ -125,14 +128,13 @@ def figures_of(study: Summary | str | Path) -> StudyFigures:
     """
     if isinstance(study, Summary):
         return StudyFigures(study.digest, study.runs, study.per_run)
-    content = read_json(Path(study), "study")
     try:
-        if content["version"] != __version__:
-            raise UserError(f"{study}: of slamgauge {content['version']}, this is {__version__}; {AGAIN}")
-        per_run = {name: RunFigures(**each) for name, each in content["per_run"].items()}
-        return StudyFigures(content["digest"], content["runs"], per_run)
-    except (TypeError, KeyError, AttributeError):
+        found = TypeAdapter(StudyFigures).validate_python(read_json(Path(study), "study"))
+    except ValidationError:
         raise UserError(f"{study}: not what `slamgauge study` writes; {AGAIN}") from None
+    if found.version != __version__:
+        raise UserError(f"{study}: of slamgauge {found.version}, this is {__version__}; {AGAIN}")
+    return found
 
 
 def false_alarms(tolerance: float) -> str:

@@ -62,6 +62,12 @@ SMALLEST = {
         "(none) - - -",
         "wrong sign in F prediction-jacobian 1/1 - ",
     ),
+    "import_causes": (  # 10 s
+        "--seeds 1",
+        "1 logs for each mistake and noise",
+        "none 100% 0% 0% 100% 0% 0% 100% 0% 0%",
+        "ranges are in mm 100% 0% 0%",
+    ),
     "verdict_power": (  # 3 s
         "--trials 20",
         "20 trials",

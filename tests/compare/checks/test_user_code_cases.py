@@ -154,27 +154,58 @@ def ekf_slam(xEst, PEst, u, y): return motion(xEst, u), PEst
 TWO = "def predict(X, P, control, control_cov, k): ...\ndef update(X, P, measure, measure_cov, k): ..."
 POSITIONS = """
 class EKF:
-    def __init__(self, Q, R): ...
+    def __init__(self, Q, R): self.mu = self.Sigma = 0
     def predict(self, v, w, dt): ...
     def update(self, z, landmark_id): ...
 """
+ROBOT = """
+class Robot:
+    def move(self, v, w): ...
+class Slam:
+    def __init__(self, robot): self.state = self.cov = 0
+    def motion_update(self, v, w): ...
+    def measurement_update(self, z): ...
+"""
+PARTS = """
+def motion_model(x, u): ...
+def ekf_predict(x, P, u, Q, dt): ...
+def ekf_update(x, P, z, R): ...
+"""
+STATES = "it lacks estimate(recording), ekf_slam(xEst, PEst, u, y), or a class with"
 
 
 @pytest.mark.parametrize(
-    ("source", "name", "lacks"),
+    ("source", "has", "lacks", "calls"),
     [
-        (UNREAD, "ekf_slam", "motion() takes dt = 0.01 by default: pass it DT where it is called"),
-        (TWO, "predict", "predict(X, P, control, control_cov, k), update(X, P, measure, measure_cov, k)"),
-        (POSITIONS, "EKF", "class EKF(Q, R) has predict(v, w, dt), update(z, landmark_id)"),
+        (
+            UNREAD,
+            "the file has motion(x, u, dt), ekf",
+            "motion() takes dt = 0.01 by default: pass it DT where it is",
+            "",
+        ),
+        (TWO, "the file has predict(X, P, control,", STATES, "self.x, self.P = update(X, P, measure, measure_cov, k)"),
+        (POSITIONS, "class EKF(Q, R) has predict(v, w, dt), update(z", "it lacks predict(", "self.filter.mu[:3]"),
+        (ROBOT, "class Slam(robot) has motion_update(v, w), me", "update(obs", "self.filter.measurement_update(z)"),
+        (PARTS, "the file has motion_model(x, u), ekf_pred", STATES, "self.x, self.P = ekf_predict(x, P, u, Q, dt)"),
+        ("x = 1", "the file has no function and no class", STATES, "self.x, self.P = predict(...)"),
+        ("class Node:\n    def scan_callback(self, msg): ...", "the file has no function", STATES, "update(...)"),
     ],
 )
-def test_another_form_is_refused_with_what_it_has_and_the_wrapper(tmp_path: Path, source: str, name: str, lacks: str):
+def test_another_form_is_refused_with_what_it_has_and_the_wrapper(
+    tmp_path: Path, source: str, has: str, lacks: str, calls: str
+):
     with pytest.raises(UserError) as caught:
-        load_estimators([f"mine={written(tmp_path, source)}:{name}"])
-    has, lacking, remedy, *_ = str(caught.value).splitlines()
-    assert lacks in f"{has}; it {lacking}"
+        load_estimators([f"mine={written(tmp_path, source)}"])
+    first, second, remedy, *wrapper = str(caught.value).splitlines()
+    assert has in first
+    assert lacks in second
     assert remedy.startswith("copy this wrapper into another file")
-    assert ("DT" in lacking) == (name == "ekf_slam")
-    wrapper = str(caught.value)[str(caught.value).index("class Wrapper:") :]
-    calls = {"EKF": "self.filter.update(z, landmark_id)", "predict": "update(X, P, measure, measure_cov, k)"}
-    assert calls.get(name, "") in wrapper
+    assert "class Wrapper:" in "\n".join(wrapper)
+    assert calls in "\n".join(wrapper)
+
+
+def test_a_library_that_is_missing_is_named(tmp_path: Path):
+    with pytest.raises(
+        UserError, match="install rospy_of_old beside slamgauge, or write the filter in a file that does"
+    ):
+        load_estimators([f"mine={written(tmp_path, 'import rospy_of_old')}"])

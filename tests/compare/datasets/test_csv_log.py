@@ -123,13 +123,6 @@ def test_columns_and_units_of_the_log(log: Log):
     assert_array_equal(recording.landmark, [4, 5])
 
 
-@pytest.mark.parametrize(
-    "text", ["%stamp,v,omega\n0,1,0\n1,1,0\n", "# a robot, mine\n\nstamp;v;omega\n0;1;0\n# a remark\n1;1;0\n"]
-)
-def test_remarks_and_headers_behind_a_sign(log: Log, text: str):
-    assert_array_equal(log(odometry(text), *NOISE).recording.stamps, [0.0, 0.5, 1.0])
-
-
 def test_positions_and_missing_ids(log: Log):
     recording = log(observations("stamp,x,y\n1,3,4\n2,5,6\n"), *NOISE).recording
     assert recording.sensor == "position"
@@ -207,6 +200,13 @@ def test_wrong_logs_are_refused_in_one_line(log: Log, files: dict[str, str], ove
     with pytest.raises(UserError, match=r"^[^\n]+$") as caught:
         log(files, *NOISE, *filter(None, [override]))
     assert message in str(caught.value)
+
+
+def test_the_folder_may_be_a_relative_path(log: Log, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    whole = log(CSV)
+    monkeypatch.chdir(tmp_path.parent)
+    relative = read_csv_log(Path(tmp_path.name))
+    assert (relative.recording, relative.truth) == (whole.recording, whole.truth)
 
 
 def test_a_single_csv_file_is_no_log(tmp_path: Path):

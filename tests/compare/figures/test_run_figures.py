@@ -4,7 +4,6 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
-import matplotlib as mpl
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
@@ -13,7 +12,7 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
 from slamgauge.arrays import Float
-from slamgauge.compare.figures.plot_style import PRINT, STYLES, USER_STYLES, styles
+from slamgauge.compare.figures.plot_style import STYLES, USER_STYLES, styles
 from slamgauge.compare.figures.run_figures import plot_errors, plot_run, save_figure
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
@@ -271,21 +270,6 @@ def test_only_some_of_many_loop_closures_are_marked() -> None:
     assert [len(each.get_segments()) for each in ticks] == [50]  # every second one of 99
     assert panels[2].get_xlabel() == "time [s]; ticks: 1 in 2 loop closures"
     assert "1 in 2 loop closures" in labels(map_of({}, recording=recording))
-
-
-@pytest.mark.parametrize("optimum", ["batch", "causal", "ekf"])
-def test_titles_of_a_figure_without_truth_are_not_cropped(
-    optimum: str, tmp_path: Path, drawn: dict[str, Figure]
-) -> None:
-    estimates = {"dead-reckoning": DRIFTING, "riekf": estimate([0, 0, 0]), optimum: estimate([0.1, 0, 0])}
-    save_figure(tmp_path, None, RECORDING, estimates, "a run")
-    figure = drawn["figure"]
-    with mpl.rc_context(PRINT):
-        figure.draw_without_rendering()
-    width = figure.bbox.width
-    for ax in figure.axes:
-        extent = ax.title.get_window_extent()
-        assert 0.0 <= extent.x0 <= extent.x1 <= width, ax.get_title()
 
 
 def test_error_panels_ignore_a_diverged_estimate_and_name_it():

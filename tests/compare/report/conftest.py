@@ -2,40 +2,35 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import os
 from collections.abc import Callable, Generator
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from selenium import webdriver
 from selenium.webdriver.chrome.service import Service
 
-from slamgauge import compare_estimators, find_noise, load_estimators, load_scenario, simulate
-from slamgauge.compare.cli.main import main
-from slamgauge.compare.exercise import running
-from slamgauge.compare.exercise.running import run_exercise
-from slamgauge.compare.figures.publishing import draw_stored, write_study
-from slamgauge.compare.noise.noise_json import noise_json
-from slamgauge.compare.report.exercise_page import publish_exercise
-from slamgauge.compare.report.exercise_runs import publish_first_runs
-from slamgauge.compare.report.grade_page import FIGURES
+from slamgauge import compare_estimators, load_estimators, load_scenario, simulate
+from slamgauge.compare.figures.publishing import draw_stored
 from slamgauge.compare.report.publishing import pages_of, write_pages
 from slamgauge.compare.scoring.comparison import metrics, write_comparison
 from slamgauge.compare.storage.staged_folder import begin_folder
-from slamgauge.compare.studies.budget import RUNGS, summarise_budget
-from slamgauge.compare.studies.study import load_runs, run_study
-from tests.reference import fast_commands
 from tests.reference.external_programs import program
+from tests.reference.result_folders import SCRIPT_NAME, WRITE
 
-SCRIPT_NAME = "<script>alert(1)</script>"
 USER_NAME = 'own "<b>&amp;'
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
-RUNS = 4
+# main files of the kinds of results; the page of the exercise is written with its results
+KINDS = {
+    "study": "summary.json",
+    "sweep": "sweep.json",
+    "budget": "budget.json",
+    "noise": "noise.json",
+    "grades": "grades.csv",
+    "exercise": "",
+}
 
 
 class Reader:
@@ -107,70 +102,6 @@ def run_page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "report.html"
 
 
-def study(folder: Path) -> None:
-    """Write a study of four short runs of two estimators."""
-    begin_folder(folder)
-    scenario, chosen = load_scenario("q1-short-dense", ["start=sampled", "trajectory.duration=5"]), ["ekf", "causal"]
-    with ThreadPoolExecutor(1) as executor:
-        summary = run_study(scenario, RUNS, 0, chosen, folder, executor, against=["ekf"])
-    runs = load_runs(scenario, RUNS, 0, chosen, folder)
-    assert write_study(folder, summary, runs, scenario.trajectory.step)
-    publish(folder / "summary.json")
-
-
-def sweep(folder: Path) -> None:
-    """Write a sweep with two short runs at each of two scales."""
-    words = ["study", "q1-short-dense", "--runs", "2", "--jobs", "1", "--set", "trajectory.duration=3"]
-    with fast_commands.studies_in_a_thread(), fast_commands.empty_pictures():
-        words += ["--estimators", "ekf,causal", "--sweep", "assumed.scale=1,2", "--out", str(folder)]
-        assert main(words) == 0
-
-
-def budget(folder: Path) -> None:
-    folder.mkdir()
-    errors = np.random.default_rng(0).uniform(1.0, 2.0, (5, len(RUNGS)))
-    found = summarise_budget(SCRIPT_NAME, "ekf", errors, np.full(errors.shape, np.nan), np.ones(len(errors)))
-    (folder / "budget.json").write_text(json.dumps(found.to_json()))
-    publish(folder / "budget.json")
-
-
-def noise(folder: Path) -> None:
-    folder.mkdir()
-    recording = simulate(load_scenario("q1-short-dense", ["trajectory.duration=5", "start=sampled"]), 4)[1]
-    (folder / "noise.json").write_text(json.dumps(noise_json(find_noise(recording))))
-    publish(folder / "noise.json")
-
-
-def grades(folder: Path) -> None:
-    (folder / "submissions").mkdir(parents=True)
-    row = {"submission": 'a "<b>', "passed": "false", "graded": "true", "reason": f"{SCRIPT_NAME}; two"}
-    row |= {"points": "47", "max_points": "100", "remarks": 'same "<i>" figures', "settings": "Q of the file <b>"}
-    row |= {"failed_checks": "heading-wrap", "seconds_per_run": "0.5", "seed": "7", "digest": "of q1-long-dense"}
-    row |= {f"{key}{end}": "" for key, *_ in FIGURES for end in ("", "_low", "_high")}
-    row |= {"ate_m": "0.3", "ate_m_low": "0.2", "ate_m_high": "0.4"}
-    with (folder / "grades.csv").open("w", encoding="utf-8", newline="") as file:
-        table = csv.DictWriter(file, row)
-        table.writeheader()
-        table.writerow(row)
-    (folder / "submissions" / f"{row['submission']}.md").write_text(f"# {SCRIPT_NAME}\n")
-    publish(folder / "grades.csv")
-
-
-def exercise(folder: Path) -> None:
-    """Write question 3 with two short runs, without the figures of run 0."""
-    begin_folder(folder)
-    with ThreadPoolExecutor(1) as pool, pytest.MonkeyPatch.context() as patched, fast_commands.empty_pictures():
-        patched.setattr(running, "load_scenario", lambda name: load_scenario(name, ["trajectory.duration=4"]))
-        ran = run_exercise(["q3"], 2, 0, folder, pool)
-        publish_first_runs(ran.settings, 0, folder, pool)
-        assert publish_exercise(folder, ran)
-
-
-KINDS: dict[str, Callable[[Path], None]] = {
-    each.__name__: each for each in (study, sweep, budget, noise, grades, exercise)
-}
-
-
 @pytest.fixture(scope="session")
 def page_of(tmp_path_factory: pytest.TempPathFactory, run_page: Path) -> Callable[[str], Path]:
     """A function that returns the page of a kind of results, which is made once."""
@@ -179,7 +110,9 @@ def page_of(tmp_path_factory: pytest.TempPathFactory, run_page: Path) -> Callabl
 
     def page(kind: str) -> Path:
         if kind not in made:
-            KINDS[kind](parent / kind)
+            WRITE[kind](parent / kind)
+            if KINDS[kind]:
+                publish(parent / kind / KINDS[kind])
             made[kind] = parent / kind / "report.html"
         return made[kind]
 

@@ -1,4 +1,4 @@
-"""A page of each kind in a real browser, opened from disk; the replay of a run, and the charts of a study."""
+"""A page of each kind in a real browser, opened from disk; and the replay of a run."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from slamgauge.compare.studies.study_run import run_seed
+from tests.reference.result_folders import SCRIPT_NAME
 
-from .conftest import KINDS, SCRIPT_NAME, Reader
+from .conftest import KINDS, Reader
 
 pytestmark = pytest.mark.slow
 
@@ -85,7 +85,7 @@ def test_a_page_of_each_kind_is_right(reader: Reader, page_of: PageOf, kind: str
         text = each.read_text(encoding="utf-8")
         patterns = ('<th scope="col"[^>]*>(.*?)</th>', "<dt>(.*?)</dt><dd>")
         heads, terms = ({html.unescape(found) for found in re.findall(pattern, text)} for pattern in patterns)
-        assert heads - terms <= ({"ekf", "causal"} if kind == "study" else set())  # columns of estimators
+        assert heads - terms <= ({"ekf", "causal", "batch"} if kind == "study" else set())  # columns of estimators
 
 
 @pytest.mark.parametrize("kind", ["run", *KINDS])
@@ -193,20 +193,7 @@ def test_a_page_can_be_printed_and_read_without_javascript(reader: Reader, run_p
         reader.command("Emulation.setScriptExecutionDisabled", value=False)
 
 
-# --- studies, sweeps and grades ----------------------------------------------------------------
-
-
-def test_charts_of_a_study_show_values_runs_and_commands(reader: Reader, page_of: PageOf):
-    reader.open(page_of("study"))
-    reader.run(CLICK, "study-nees", 0.5)
-    assert reader.run(TEXT, "nees-now").startswith("t = 2.")
-    reader.run(KEY, "study-errors", "ArrowRight")
-    assert reader.run(TEXT, "run-now").startswith("run 0: ekf ")
-    assert f"--seed {run_seed(0, 0)}" in reader.run(TEXT, "run-command")
-    shown = reader.run(PICTURE, "study-nees")
-    reader.run("document.querySelector('.toggle').click()")
-    assert reader.run(PICTURE, "study-nees") != shown
-    assert reader.complaints() == []
+# --- sweeps, grades and the exercise ----------------------------------------------------------------
 
 
 def test_pages_link_to_the_pages_of_values_submissions_and_replays(reader: Reader, page_of: PageOf):

@@ -93,14 +93,6 @@ def test_the_chi_square_band_refuses_invalid_levels_and_degrees_of_freedom(argum
         chi2_band(*arguments)
 
 
-def test_nees_of_right_covariances_is_inside_its_band_with_the_stated_probability() -> None:
-    """Coverage of 2000 draws at 90 %: binomial, two-sided false-alarm rate 0.1 % (3.29 sigma)."""
-    nees = squared_mahalanobis(*errors_and_covs(2000, [[1.0], [0.3], [0.02]], 1))
-    low, high = chi2_band(0.9, 3)
-    share = np.mean((nees >= low) & (nees <= high))
-    assert abs(share - 0.9) <= 3.29 * math.sqrt(0.9 * 0.1 / 2000)
-
-
 # --- coverage of a path --------------------------------------------------------------------------
 
 

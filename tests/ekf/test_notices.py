@@ -1,4 +1,4 @@
-"""The notice of divergence: printed once, at the step whose innovations show it, and only by a diverged filter."""
+"""Notices of a filter: that it has diverged, at the step that shows it; that the iterated filter did not settle."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import pytest
 from slamgauge import load_scenario, simulate
 from slamgauge.ekf import AssociatingFilter, BearingFilter, SlamFilter
 from slamgauge.ekf.estimators import drive
+from slamgauge.ekf.kernels.update import PASSES
 from slamgauge.ekf.online_filter import OnlineFilter
 from slamgauge.ekf.settings import Association, Rays
 from slamgauge.recording import Observations
@@ -56,3 +57,16 @@ def test_a_bearing_filter_prints_the_notice_only_if_it_diverges(
     assert said(capsys) == notices
     assert truth.poses is not None
     assert (np.hypot(*(slam.pose - truth.poses[-1])[:2]) > 100.0) == bool(notices)  # m
+
+
+def test_an_iterated_update_that_does_not_settle_is_reported_once(capsys: pytest.CaptureFixture[str]) -> None:
+    slam = SlamFilter("position", *START, "iterated")
+    sight = Observations(np.array([7]), np.array([[3.0, 1.0]]), np.eye(2)[None])
+    for _ in range(2):
+        slam.update(sight)
+    assert said(capsys) == []
+    slam.map.update_kernels = (slam.map.update_kernels[0], lambda *_: (1.0, 2, PASSES))
+    for _ in range(2):
+        assert slam.update(sight) == (1.0, 2)
+    notice = "iekf: an update did not settle in 1000 passes, and the last one is used; raise the sensor noise"
+    assert said(capsys) == [f"slamgauge: {notice}"]
