@@ -20,9 +20,9 @@ from slamgauge.graph_baseline.problem.linearisation import GraphArrays, empty_mo
 from slamgauge.graph_baseline.solver import chord_kernels
 from slamgauge.graph_baseline.solver.active_landmarks import ActiveLandmarks, State
 from slamgauge.graph_baseline.solver.anderson import AndersonAcceleration
-from slamgauge.graph_baseline.solver.elimination import Scans, eliminate_poses, empty_chain, empty_front
-from slamgauge.graph_baseline.solver.multifrontal import EXHAUSTED
-from slamgauge.graph_baseline.solver.smoother import CHUNK, own_blocks
+from slamgauge.graph_baseline.solver.elimination import Scans, eliminate_poses, empty_chain, empty_frontier
+from slamgauge.graph_baseline.solver.multifrontal import LOST_PIVOT
+from slamgauge.graph_baseline.solver.smoother import EXACT, NOT_DAMPED, POSES_TOGETHER, own_blocks
 from slamgauge.jit import direct
 
 factorise, solve_factored, solve_lower = get_lapack_funcs(("potrf", "potrs", "trtrs"), dtype=np.float64)
@@ -30,15 +30,13 @@ factorise, solve_factored, solve_lower = get_lapack_funcs(("potrf", "potrs", "tr
 CONVERGED = 0.003  # largest remaining step, in sigmas of the newest pose and of the predicted observations
 RATE = 0.2  # smallest assumed ratio of consecutive chord steps
 FIRST = 10.0  # largest assumed size of the rest after the first step, relative to this step
-MISFIT = 4.0  # mean squared residual above which the ratio of consecutive chord steps varies
+UNEVEN = 4.0  # mean squared residual above which the ratio of consecutive chord steps varies
 SLOW = 0.6  # relinearise if a step exceeds this share of the previous one (accelerated steps: the one before that)
 STALE = 0.1  # relinearise if the relative change of Jacobians times `_reach` exceeds this
 LARGE = 100  # landmarks; in larger maps a few accelerated steps cost less than a relinearisation
 GROWN = 10.0  # chord steps diverge if a step exceeds the smallest one by this factor
-MAX_STEPS = 20
-PASSES = 2  # Gauss-Newton steps on the newest scan
-EXACT = 1e-9  # a smaller standard deviation is treated as zero [m or rad]
-NOT_DAMPED = np.zeros(3)
+MAX_CHORD_STEPS = 20
+SCAN_PASSES = 2  # Gauss-Newton steps on the newest scan
 
 
 class ChordDescent:
@@ -60,7 +58,7 @@ class ChordDescent:
         self._scans = Scans(arrays.first, arrays.slot)
         self._at = State(np.zeros((poses, 3)), np.zeros((landmarks, 2)))
         self._model, self._now = empty_model(poses, *sizes), empty_model(poses, *sizes)  # at `at`; at the state
-        self._chain, self._front = empty_chain(poses), empty_front(2 * landmarks)
+        self._chain, self._front = empty_chain(poses), empty_frontier(2 * landmarks)
         self._step = chord_kernels.empty_step(poses, landmarks, *sizes)
         self._acceleration: AndersonAcceleration | None = None  # None: steps are not accelerated
         self._sizes: list[float] = []  # sizes of the steps since the last relinearisation
@@ -76,7 +74,7 @@ class ChordDescent:
         scans, model, step, pose = self._scans, self._model, self._step, (0, 1)
         self._linearise = direct(linearise, self._arrays, *self._at, pose, model)
         self._eliminate_poses = direct(
-            eliminate_poses, scans, model, NOT_DAMPED, self._chain, self._front, pose, *np.empty((2, 1, 3, 1))
+            eliminate_poses, scans, model, NOT_DAMPED.pose, self._chain, self._front, pose, *np.empty((2, 1, 3, 1))
         )
         self._extrapolate = direct(chord_kernels.extrapolate_newest, scans, self._at, self._at, 0, model, model)
         self._compute_gradient = direct(chord_kernels.compute_gradient, scans, 0, model, model, step)
@@ -119,7 +117,7 @@ class ChordDescent:
         return self._eliminate(self.newest)
 
     def add_newest_scan(self, new: int) -> Float | None:
-        """Add the newest scan with PASSES Gauss-Newton steps on it; the last `new` active landmarks are new.
+        """Add the newest scan with SCAN_PASSES Gauss-Newton steps on it; the last `new` active landmarks are new.
 
         Returns:
             The change (3,) of the newest pose; None if the matrices do not determine all landmarks.
@@ -128,7 +126,7 @@ class ChordDescent:
         added, width, step = slice(count - new, count), 1 + 2 * count, np.zeros(3)
         predicted, mapped = state.poses[k : k + 1].copy(), state.landmarks[:count].copy()
         saved = front.M[:, :width].copy(), front.P.copy(), front.information[:width, :width].copy()
-        for again in range(PASSES):
+        for again in range(SCAN_PASSES):
             if again:
                 front.M[:, :width], front.P[:], front.information[:width, :width] = saved
             at.poses[k], at.landmarks[added] = state.poses[k], state.landmarks[added]
@@ -149,7 +147,7 @@ class ChordDescent:
         """Take chord steps, with relinearisations where they shrink too slowly; return whether they converged."""
         self._acceleration, self._sizes = AndersonAcceleration() if len(self._mapped) >= LARGE else None, []
         before = smallest = np.inf
-        for _ in range(MAX_STEPS):
+        for _ in range(MAX_CHORD_STEPS):
             size = self._chord_step()
             if not size < GROWN * smallest:
                 return False
@@ -169,7 +167,7 @@ class ChordDescent:
     def _is_ratio_uncertain(self) -> bool:
         """Return whether the ratio of consecutive steps varies: steps are accelerated, or residuals above the noise."""
         measured = self._scans.first[self.newest + 1] * self._model.r.shape[1]
-        return self._acceleration is not None or self.chi_square > MISFIT * measured
+        return self._acceleration is not None or self.chi_square > UNEVEN * measured
 
     def _chord_step(self) -> float:
         """Take one chord step, accelerated if acceleration is in use.
@@ -226,11 +224,11 @@ class ChordDescent:
         width, end, self._newest_cov = 1 + 2 * len(self._mapped), self.newest + 1, None
         information = self._front.information[:width, :width]
         try:
-            for first in range(since, end, CHUNK):
-                last = min(first + CHUNK, end)
+            for first in range(since, end, POSES_TOGETHER):
+                last = min(first + POSES_TOGETHER, end)
                 maps, rows = np.empty((2, last - first, 3, width))
                 self._eliminate_poses(
-                    self._scans, self._model, NOT_DAMPED, self._chain, self._front, (first, last), maps, rows
+                    self._scans, self._model, NOT_DAMPED.pose, self._chain, self._front, (first, last), maps, rows
                 )
                 stacked = rows.reshape(-1, width)
                 information += stacked.T @ stacked
@@ -243,7 +241,7 @@ class ChordDescent:
         width = 1 + 2 * len(self._mapped)
         information = self._front.information[1:width, 1:width]
         upper, indefinite = factorise(information.T) if width > 1 else (information, 0)
-        if indefinite or (np.square(upper.diagonal()) < EXHAUSTED * information.diagonal()).any():
+        if indefinite or (np.square(upper.diagonal()) < LOST_PIVOT * information.diagonal()).any():
             return False
         self._factor = upper.T
         self._sigma = None

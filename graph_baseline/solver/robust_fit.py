@@ -25,7 +25,7 @@ from slamgauge.recording import Recording
 
 OUTLIER = 1e-3  # probability that a correct observation has a larger residual than the limit of outliers
 DECREASE = 4.0  # factor between successive c
-LARGEST = 1e12  # largest squared residual; larger ones also have no weight
+LARGEST_SQUARE = 1e12  # largest squared residual; larger ones also have no weight
 STEPS = 3  # damped steps for each c
 
 
@@ -59,5 +59,5 @@ def outlier_limit(problem: Recording) -> float:
 
 
 def squared_residuals(objective: Objective, poses: Float, landmarks: Float) -> Float:
-    """Return the squared Mahalanobis residuals (M,) of the observations, LARGEST if they are larger or undefined."""
-    return np.fmin(objective.squared_residuals(objective.at(poses, landmarks)), LARGEST)
+    """Return squared Mahalanobis residuals (M,) of the observations; larger or undefined ones are LARGEST_SQUARE."""
+    return np.fmin(objective.squared_residuals(objective.at(poses, landmarks)), LARGEST_SQUARE)

@@ -23,7 +23,7 @@ from slamgauge.sensors import SENSORS
 
 UNLIKELY = 5e-4  # probability of a cost that counts as too high, under the stated noise
 LONG = 100  # steps; bearings of shorter recordings may have several minima that noise explains
-SAME = 1e-6  # largest relative difference of the costs of two starts that lead to the same minimum
+SAME_COST = 1e-6  # largest relative difference of the costs of two starts that lead to the same minimum
 
 Start = Callable[[], tuple[Float, Float]]  # poses (N+1, 3), and landmarks (L, 2) in increasing id order
 Starts = Callable[[Problem, Float], Iterable[Start]]  # from a problem and a path (N+1, 3)
@@ -94,7 +94,7 @@ def lowest_minimum(problem: Problem, starts: Iterable[Start]) -> Minimum:
                 near.append(point)
         except UndeterminedError as error:
             mistakes.append(error)
-        if one_suffices and len(near) == 2 and abs(near[0].cost - near[1].cost) <= SAME * near[0].cost:
+        if one_suffices and len(near) == 2 and abs(near[0].cost - near[1].cost) <= SAME_COST * near[0].cost:
             break
     if explained:
         return min(explained, key=lambda minimum: minimum.cost)
@@ -114,7 +114,7 @@ def lowest_minimum(problem: Problem, starts: Iterable[Start]) -> Minimum:
 def _is_lowest(minima: list[Minimum]) -> bool:
     """Return whether the lowest of the minima is zero or was found twice."""
     first, second = sorted([*(minimum.cost for minimum in minima), np.inf])[:2]
-    return first <= SAME or second - first <= SAME * max(first, 1.0)
+    return first <= SAME_COST or second - first <= SAME_COST * max(first, 1.0)
 
 
 def _minimum_at(objective: Objective, point: Point) -> Minimum:
