@@ -1,20 +1,13 @@
-"""Compare each estimator with an independent reference on random recordings and print one table.
+"""How well does each estimator agree with an independent reference on random recordings?
 
-    python benchmarks/agreement.py [--recordings 200] [--seed 0] [--only 17] [--jobs 2] [--worst 3]
-                                   [--save FOLDER] [--check] [--misfits]
+    python benchmarks/agreement.py [--recordings 200] [--seed 0] [--only 17] [--jobs 2]
 
-`references/recordings.py` draws recordings of all kinds. The references are: textbook filters and extended precision
-for the filters, and for `iekf` also the gradient of its cost; a damped least-squares solver with several starts for
-`batch`; the optimum of the measurements up to each step for `causal`. Bearing-only filters have no reference: they must
-run without an error.
+`tests/reference/drawn_recordings.py` draws recordings of all kinds. The references are: textbook filters, and for
+`iekf` also the gradient of its cost; a damped least-squares solver with several starts for `batch`; the optimum of the
+measurements up to each step for `causal`. Bearing-only filters have no reference: they must run without an error.
 
-A result is `undecided` if the reference has no answer either: double precision is exhausted, or no minimum exists.
-`--misfits` compares the processor time of `batch` and `causal` on logs with misread ids, outliers and wrong noise with
-that on the same log without them (`references/misfits.py`), after the random recordings.
-
-The program prints each worse or failed result on stderr at once, and at the end the worst cases with number, seed and
-tags. `--only` takes one recording, `--save` writes recordings and truths of the worst cases, and `--check` sets exit
-status 1 if an estimator misses a bar. After an interrupt the program prints the table of the results so far.
+A result is `undecided` if the reference has no answer either: double precision is exhausted, or no minimum exists. Each
+worse or failed result is printed on stderr with number, seed and tags; `--only` takes one recording.
 """
 
 from __future__ import annotations
@@ -30,61 +23,30 @@ from functools import partial
 from pathlib import Path
 from time import perf_counter
 
-sys.path.insert(0, str(Path(__file__).parent))  # Python with PYTHONSAFEPATH does not look there
+sys.path.insert(0, str(Path(__file__).parents[1]))  # for the references
 
 import numpy as np
 import tyro
-from references.filters import judge_filters
-from references.misfits import judge_misfits, misfit_bars, misfit_table
-from references.optima import judge_optima
-from references.recordings import draw
-from references.table import bad_ones, bars_missed, describe, messages, table, worst_cases
-from references.verdicts import Judged, Outcome
 from tqdm import tqdm
 
 from slamgauge import local_processes
-from slamgauge.compare.storage.files import save as save_record
+from tests.reference.agreement import Judged, bad_ones, describe, table
+from tests.reference.drawn_recordings import draw
+from tests.reference.filter_agreement import judge_filters
+from tests.reference.optimum_agreement import judge_optima
 
-INTERRUPTED = 130
 
-
-def main(
-    recordings: int = 200,
-    seed: int = 0,
-    only: int | None = None,
-    jobs: int = 2,
-    worst: int = 3,
-    save: Path | None = None,
-    check: bool = False,
-    misfits: bool = False,
-) -> int:
+def main(recordings: int = 200, seed: int = 0, only: int | None = None, jobs: int = 2) -> int:
     numbers = range(recordings) if only is None else [only]
     judged: list[Judged] = []
-    status = 0
-    try:
-        for each in tqdm(judge_all(seed, numbers, jobs), total=len(numbers), disable=None):
-            judged.append(each)
-            for outcome in bad_ones(each):
-                tqdm.write(describe(each, outcome), file=sys.stderr)
-    except KeyboardInterrupt:
-        status = INTERRUPTED
-        print("interrupted")
-    judged.sort(key=lambda each: each.number)
-    cases = worst_cases(judged, worst)
-    print_all(judged, cases)
-    missed = bars_missed(judged)
-    if misfits:
-        logs = list(judge_misfits())
-        print("", misfit_table(logs), sep="\n")
-        missed += misfit_bars(logs)
-    print("\nbars missed:" if missed else "\nbars missed: none", *missed, sep="\n  ")
-    if save is not None:
-        save.mkdir(parents=True, exist_ok=True)
-        for number in {each.number for each, _ in cases}:
-            drawn = draw(seed, number)
-            save_record(save / f"recording-{seed}-{number}.npz", drawn.recording)
-            save_record(save / f"truth-{seed}-{number}.npz", drawn.truth)
-    return status or int(check and bool(missed))
+    for each in tqdm(judge_all(seed, numbers, jobs), total=len(numbers), disable=None):
+        judged.append(each)
+        for outcome in each.outcomes if only is not None else bad_ones(each):
+            tqdm.write(describe(each, outcome), file=sys.stderr)
+    seconds = sum(each.seconds for each in judged)
+    print(f"{len(judged)} recordings, {seconds / max(1, len(judged)):.2f} s each\n")
+    print(table(judged))
+    return 0
 
 
 def judge_all(seed: int, numbers: Sequence[int], jobs: int) -> Iterator[Judged]:
@@ -104,18 +66,6 @@ def judge(seed: int, number: int) -> Judged:
     with np.errstate(all="ignore"):  # a diverging start may overflow; the comparisons find values that are not finite
         outcomes = [*judge_filters(drawn.recording), *judge_optima(drawn)]
     return Judged(seed, number, drawn.recording.steps, drawn.tags, outcomes, perf_counter() - begin)
-
-
-def print_all(judged: Sequence[Judged], worst: Sequence[tuple[Judged, Outcome]]) -> None:
-    seconds = sum(each.seconds for each in judged)
-    print(f"{len(judged)} recordings, {seconds / max(1, len(judged)):.2f} s each\n")
-    print(table(judged))
-    if failed := messages(judged):
-        print("\nfailed:", *failed, sep="\n")
-    if worst:
-        print("\nworst cases:", *(describe(*each) for each in worst), sep="\n")
-    if len(judged) == 1:
-        print("\nall of it:", *(describe(judged[0], each) for each in judged[0].outcomes), sep="\n")
 
 
 if __name__ == "__main__":

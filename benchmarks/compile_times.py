@@ -23,9 +23,9 @@ import tyro
 
 ROOT = Path(__file__).parents[1]
 RUN = ["run", "q1-long-dense", "--estimators", "dead-reckoning,ekf,riekf,causal,batch", "--out", "run"]
-STUDY = ["study", "freiburg-course", "--runs", "50", "--estimators", "ekf,riekf,causal", "--out", "first-study"]
+EXERCISE = ["exercise", "q1", "--runs", "20", "--out", "exercise"]
 COMMANDS = {
-    "first study (README)": STUDY,
+    "exercise q1 (README)": EXERCISE,
     "run q1-long-dense": RUN,
     "run, ekf only": [*RUN[:3], "ekf", "--out", "ekf"],
     "study q1-short-dense": ["study", "q1-short-dense", "--runs", "4", "--estimators", "ekf,riekf", "--out", "study"],

@@ -7,7 +7,7 @@ The start and the noise of every recording are random. The distribution of a con
 other seeds of the scenario, shared by all recordings. With `--own` it comes from `--twins` simulated twins of each
 recording, as in `slamgauge evaluate --twins`, which takes much longer. `--q` has values of the true covariance of the
 odometry divided by the one that filters and optimum assume. The estimator `bugs` means all bugs of
-`references/seeded_bugs.py` and the same EKF without a bug.
+`tests/reference/seeded_bugs.py` and the same EKF without a bug.
 """
 
 from __future__ import annotations
@@ -22,9 +22,7 @@ from typing import Annotated
 import numpy as np
 import tyro
 
-sys.path.insert(0, str(Path(__file__).parent))  # Python with PYTHONSAFEPATH does not look there
-
-from references.seeded_bugs import SEEDED, seeded_ekf
+sys.path.insert(0, str(Path(__file__).parents[1]))  # for the references
 
 from slamgauge import batch, causal, ekf_slam, riekf
 from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
@@ -40,6 +38,7 @@ from slamgauge.compare.scoring.without_truth import (
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimator
 from slamgauge.recording import Recording
+from tests.reference.seeded_bugs import SEEDED, seeded_ekf
 
 FILTERS: dict[str, Estimator] = {"causal": causal, "riekf": riekf, "ekf": ekf_slam}
 BUGS: dict[str, Estimator] = {bug or "no bug": partial(seeded_ekf, bug=bug) for bug in ("", *SEEDED)}

@@ -18,12 +18,11 @@ from pathlib import Path
 import numpy as np
 import tyro
 
-sys.path.insert(0, str(Path(__file__).parent))  # Python with PYTHONSAFEPATH does not look there
-
-from references.seeded_bugs import SEEDED, seeded_ekf
+sys.path.insert(0, str(Path(__file__).parents[1]))  # for the references
 
 from slamgauge.compare.checks.examination import check_estimator
 from slamgauge.estimate import Estimator
+from tests.reference.seeded_bugs import SEEDED, seeded_ekf
 
 
 def main(seeds: int = 20) -> int:

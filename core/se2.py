@@ -107,11 +107,15 @@ def compose(pose: ArrayLike, increment: ArrayLike) -> Float:
     return np.concatenate([position, heading[..., None]], axis=-1)
 
 
+def in_body(pose: Float, point: Float) -> Float:
+    """Return points (..., 2) of the world in the body frames of poses (..., 3): where landmarks are seen from poses."""
+    return np.einsum("...ji,...j->...i", rotation(pose[..., 2]), point - pose[..., :2])
+
+
 def between(start: ArrayLike, end: ArrayLike) -> Float:
     """Return the body-frame increments (..., 3) from the poses `start` to the poses `end`."""
     start, end = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
-    displacement = end[..., :2] - start[..., :2]
-    position = np.einsum("...ji,...j->...i", rotation(start[..., 2]), displacement)
+    position = in_body(start, end[..., :2])
     return np.concatenate([position, wrap(end[..., 2] - start[..., 2])[..., None]], axis=-1)
 
 

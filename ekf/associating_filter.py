@@ -10,7 +10,7 @@ The id of a landmark is the number of its track, 0, 1, 2, ... in the order of bi
 
 from __future__ import annotations
 
-from contextlib import nullcontext
+import math
 from typing import cast
 
 import numpy as np
@@ -18,25 +18,23 @@ from numpy.typing import ArrayLike
 from scipy.special import chdtri
 
 from slamgauge.arrays import Float, Int
-from slamgauge.ekf.kernels.individual_compatibility import NONE
-from slamgauge.ekf.kernels.nearest_neighbour import Gates
+from slamgauge.ekf.kernels.belief import NONE
+from slamgauge.ekf.kernels.individual_compatibility import find_compatible
+from slamgauge.ekf.kernels.joint_compatibility import search_jointly
+from slamgauge.ekf.kernels.nearest_neighbour import Gates, update_nearest
 from slamgauge.ekf.maps.correction_table import Correction, Rule
-from slamgauge.ekf.maps.divergence_monitor import DivergenceMonitor
-from slamgauge.ekf.maps.input_checks import require_robustness, require_sensor, rows_of
-from slamgauge.ekf.maps.landmark_map import LandmarkMap
-from slamgauge.ekf.maps.map_edits import add_landmarks
-from slamgauge.ekf.maps.matching import Matcher, update_nearest
+from slamgauge.ekf.maps.input_checks import explain_scan, require_robustness, require_sensor, rows_of
+from slamgauge.ekf.maps.landmark_map import LandmarkMap, two_rows
 from slamgauge.ekf.maps.tracks import Tracks
-from slamgauge.ekf.maps.transaction import is_addition_certain, transaction
-from slamgauge.ekf.online_filter import PointFilter
+from slamgauge.ekf.online_filter import OnlineFilter
 from slamgauge.ekf.settings import NEAREST_NEIGHBOUR, PLAIN, Association, Robustness
 from slamgauge.errors import UserError
 from slamgauge.recording import Observations
 from slamgauge.sensors import PLACING
 
 
-class AssociatingFilter(PointFilter):
-    """`SlamFilter` for observations without ids.
+class AssociatingFilter(OnlineFilter):
+    """`SlamFilter` for observations without ids. Its landmarks are the confirmed tracks.
 
     Args:
         sensor: `range-bearing` or `position`.
@@ -60,58 +58,32 @@ class AssociatingFilter(PointFilter):
         robust: Robustness = PLAIN,
     ) -> None:
         require_sensor(sensor, PLACING)
-        self._map = LandmarkMap(
-            sensor, prior_mean, prior_cov, correction, landmarks=32, tails=require_robustness(robust).tails
-        )
+        tails = require_robustness(robust).tails
+        super().__init__(LandmarkMap(sensor, prior_mean, prior_cov, correction, tails=tails))
         if not isinstance(cast("object", association), Association):
             raise UserError(f"association: {association!r} is not an Association; give Association(method, gate)")
-        rule = self._map.correction.rule
-        if association.method != "nearest-neighbour":
-            self._matcher = Matcher(self._map)
         self._association = association
-        self._tracks = Tracks(self._map, association.map_management)
-        self._associated: Int = np.zeros(0, dtype=np.int64)
+        self._tracks = Tracks(self.map, association.map_management)
         self._quantiles = np.zeros(1)
-        self._monitor = DivergenceMonitor(rule)
-
-    @property
-    def pose(self) -> Float:
-        """(3,) x, y [m], heading [rad] in the world frame."""
-        return self._map.state.pose
-
-    @property
-    def pose_cov(self) -> Float:
-        """(3, 3) covariance of the additive pose error in the world frame."""
-        return self._map.state.pose_cov
 
     @property
     def landmark_ids(self) -> Int:
         """(L,) ids of the mapped landmarks that are confirmed."""
-        return self._map.state.ids[self._tracks.confirmed]
+        return self.map.ids[self._tracks.confirmed]
 
     @property
     def landmarks(self) -> Float:
         """(L, 2) their positions [m] in the world frame."""
-        return self._map.state.positions[self._tracks.confirmed]
+        return self.map.positions[self._tracks.confirmed]
 
     @property
     def landmark_covs(self) -> Float:
         """(L, 2, 2) their covariances [m^2]."""
-        return self._map.state.position_covs[self._tracks.confirmed]
-
-    @property
-    def associated(self) -> Int:
-        """(m,) landmark of each observation of the current step, -1 without one; see `standing`."""
-        return self._associated
+        return self.map.position_covs[self._tracks.confirmed]
 
     def standing(self, ids: Int) -> Int:
         """Return the present ids of earlier ids: that of the merged landmark, or -1 if unconfirmed or deleted."""
         return self._tracks.standing(ids)
-
-    def predict(self, increment: ArrayLike, cov: ArrayLike) -> None:
-        """Move by a body-frame increment; see `SlamFilter.predict`."""
-        self._map.correction.predict(increment, cov)
-        self._associated = self._associated[:0]
 
     def update(self, observations: Observations) -> tuple[float, int]:
         """Associate the observations of one step, correct, and map new landmarks; ids are ignored.
@@ -122,37 +94,44 @@ class AssociatingFilter(PointFilter):
         Raises:
             UserError: no update exists; see `SlamFilter.update`.
         """
-        given, given_covs = rows_of(observations, self._map.correction.dim)
+        given, given_covs = rows_of(observations, self.map.dim)
         if not len(given):
-            self._associated = self._associated[:0]
-            return 0.0, 0
+            return self._finished(np.zeros(0, dtype=np.int64), 0.0, 0)
         values, covs = np.array(given, dtype=np.float64), np.array(given_covs, dtype=np.float64)
-        self._map.correction.require_sound(values, covs)
+        self.map.require_sound(values, covs)
         associate = self._jointly if self._association.method == "jcbb" else self._one_by_one
-        self._associated, nis, dof = associate(values, covs)
-        self._tracks.close_scan(self._associated)
-        return self._monitor.checked((nis, dof))
+        associated, nis, dof = associate(values, covs)
+        self._tracks.close_scan(associated)
+        return self._finished(associated, nis, dof)
 
     def _one_by_one(self, values: Float, covs: Float) -> tuple[Int, float, int]:
-        gates = Gates(float(self._association.gate), float(self._widest_gate))
-        slots, nis, dof = update_nearest(self._map, self._tracks.new_ids, values, covs, gates)
-        return np.where(slots == NONE, NONE, self._map.state.ids[slots]), nis, dof
+        landmarks, count, before = self.map, len(values), self.map.size
+        landmarks.reserve(before + 2 * count)
+        gates, work = Gates(self._association.gate, self._widest_gate), landmarks.loaded(values, covs)
+        # P changes after the last block only
+        with landmarks.transaction(only_addition=count <= landmarks.rule.block):
+            update = update_nearest(landmarks.code, landmarks.belief, count, gates, landmarks.form, work)
+            variances = np.diagonal(landmarks.belief.cov)[: update.size]
+            if not (math.isfinite(update.nis) and np.isfinite(variances).all()):
+                raise explain_scan(landmarks.sensor, values, covs, update.nis, variances)
+        landmarks.append(landmarks.take_ids((update.size - before) // 2))
+        return np.where(update.slots == NONE, NONE, landmarks.ids[update.slots]), update.nis, update.dof
 
     def _jointly(self, values: Float, covs: Float) -> tuple[Int, float, int]:
-        pairs, noise_covs = self._matcher.compatible(values, covs, self._widest_gate)
-        gate, limit = self._association.gate, self._association.node_limit
-        slots = self._matcher.jointly_compatible(pairs, noise_covs, gate, self._joint_gates(len(values)), limit)
+        observed, gates = two_rows(values, covs), self._joint_gates(len(values))
+        pairs = find_compatible(self.map.code, self.map.belief, *observed, self._widest_gate)
+        settings = self._association
+        slots, _ = search_jointly(self.map.belief.cov, observed[1], pairs, settings.gate, gates, settings.node_limit)
         matched, new = slots != NONE, slots == NONE
-        if self._association.map_management is not None:  # a possible outlier of another landmark starts no track
+        if settings.map_management is not None:  # a possible outlier of another landmark starts no track
             new[pairs.observation[np.isin(pairs.slot, slots, invert=True)]] = False
         associated = np.full(len(values), NONE)
-        associated[matched] = self._map.state.ids[slots[matched]]
-        self._map.state.reserve(self._map.state.size + 2 * int(new.sum()))  # may raise an error: before any change
-        with nullcontext() if is_addition_certain(self._map) else transaction(self._map):
-            nis, dof = self._map.correction.update(slots[matched], values[matched], covs[matched])
-            associated[new] = self._tracks.new_ids.given + np.arange(new.sum())
-            add_landmarks(self._map, associated[new], values[new], covs[new])
-        self._tracks.new_ids.take(int(new.sum()))
+        associated[matched] = self.map.ids[slots[matched]]
+        self.map.reserve(self.map.size + 2 * int(new.sum()))  # may raise an error: before any change
+        with self.map.transaction(only_addition=True):
+            nis, dof = self.map.update(associated[matched], values[matched], covs[matched]) or (0.0, 0)
+            associated[new] = self.map.take_ids(int(new.sum()))
+            self.map.add(associated[new], values[new], covs[new])
         return associated, nis, dof
 
     @property

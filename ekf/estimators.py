@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from time import perf_counter
-from typing import NamedTuple
 
 import numpy as np
 
@@ -87,22 +86,14 @@ def dead_reckoning(recording: Recording) -> Estimate:
     return Estimate(kind="filtered", poses=poses, pose_covs=pose_covs, seconds=seconds)
 
 
-class StepResult(NamedTuple):
-    """Result of a step: NIS, its degrees of freedom, computing time [s]."""
-
-    nis: float
-    nis_dof: int
-    seconds: float
-
-
-def drive(slam: OnlineFilter, recording: Recording) -> Iterator[StepResult]:
-    """Run a filter on a recording; yield the results of step 0, 1, ..., N."""
+def drive(slam: OnlineFilter, recording: Recording) -> Iterator[tuple[float, int, float]]:
+    """Run a filter on a recording; yield NIS, its degrees of freedom and computing time [s] of step 0, 1, ..., N."""
     for step, scan in enumerate(recording.scans()):
         start = perf_counter()
         if step > 0:
             slam.predict(recording.odometry[step - 1], recording.odometry_cov[step - 1])
         nis, dof = slam.update(scan) if len(scan.value) else (0.0, 0)
-        yield StepResult(nis, dof, perf_counter() - start)
+        yield nis, dof, perf_counter() - start
 
 
 def _run(recording: Recording, estimator: str, settings: FilterSettings) -> Estimate:
@@ -122,6 +113,7 @@ def _driven(slam: OnlineFilter, recording: Recording, frames: int) -> Estimate:
         members[step] = slam.member_count
         association.append(slam.associated)
         history.keep(step, slam)
+    rays = slam.rays if isinstance(slam, BearingFilter) else None
     pose_covs = without_rounding("pose_covs", pose_covs)
     freeze(poses, pose_covs, nis, nis_dof, seconds)
     return Estimate(
@@ -135,7 +127,7 @@ def _driven(slam: OnlineFilter, recording: Recording, frames: int) -> Estimate:
         nis=nis,
         nis_dof=nis_dof,
         seconds=seconds,
-        rays=slam.ray_log(members),
+        rays=None if rays is None else rays.log(members),
         history=history.kept(),
     )
 
@@ -148,17 +140,7 @@ def online_filter(recording: Recording, correction: Correction, settings: Filter
         return BearingFilter(*start, settings.initialisation, robust)
     if recording.landmark is None:
         return AssociatingFilter(recording.sensor, *start, settings.association, robust)
-    landmarks = _landmarks_of(recording)
-    _require_room(landmarks)
-    return SlamFilter(recording.sensor, *start, landmarks=landmarks, robust=robust)
-
-
-def _landmarks_of(recording: Recording) -> int:
-    """Return the number of landmarks in a recording; 0 without ids."""
-    return 0 if recording.landmark is None else len(distinct(recording.landmark))
-
-
-def _require_room(landmarks: int) -> None:
-    """Refuse a map whose covariance does not fit into memory."""
+    landmarks = len(distinct(recording.landmark))
     size = 3 + 2 * landmarks
     require_memory(8.0 * ROOM * size * size, f"the covariance of {landmarks} landmarks", "give fewer landmarks")
+    return SlamFilter(recording.sensor, *start, landmarks=landmarks, robust=robust)

@@ -1,8 +1,4 @@
-"""Innovations of a log by the right-invariant filter, and their likelihood.
-
-The filter is `riekf`; if outliers are assumed, each row of an observation has a weight (see
-`kernels.outlier_likelihood`).
-"""
+"""Innovations of a log by the right-invariant filter (`riekf`), and their likelihood."""
 
 from __future__ import annotations
 
@@ -11,34 +7,25 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float, Int
-from slamgauge.ekf.kernels.belief import allocate_belief, allocate_workspace
-from slamgauge.ekf.kernels.log_likelihood import WHOLE, Measured, Order, run_log
-from slamgauge.ekf.kernels.outlier_likelihood import GAUSSIAN, MIXTURE, STUDENT_T, Rows, Tails, weigh
+from slamgauge.ekf.kernels.belief import NONE, allocate_belief, allocate_workspace
+from slamgauge.ekf.kernels.log_likelihood import Measured, Order, Rows, run_log
 from slamgauge.ekf.maps.correction_table import BLOCK
 from slamgauge.ekf.maps.input_checks import start_of
 from slamgauge.errors import UserError
 from slamgauge.recording import Recording
 from slamgauge.sensors import SENSORS
 
-__all__ = ["GAUSSIAN", "MIXTURE", "STUDENT_T", "Innovations", "Log", "Tails", "gaussian_tails", "weigh"]
-
 
 class Innovations(NamedTuple):
     """Two rows for every observation, in the order of the recording; NaN for a row without information.
 
-    Each row is conditioned on all rows before it. Without outliers and with the right noise, the normalised innovations
-    are independent with mean 0 and variance 1.
+    Each row is conditioned on all rows before it. With the right noise, the normalised innovations are independent with
+    mean 0 and variance 1.
     """
 
     value: Float  # (M, 2) [m or rad]
-    variance: Float  # (M, 2) if there were no outliers
-    weight: Float  # (M, 2) of the row in the update
+    variance: Float  # (M, 2)
     log_likelihood: Float  # (M, 2); 0 for a row without information
-
-
-def gaussian_tails() -> Tails:
-    """Return Gaussian noise: no outliers."""
-    return Tails(np.full(2, GAUSSIAN), np.zeros(2), np.zeros(2), np.ones(2))
 
 
 class Log:
@@ -64,9 +51,9 @@ class Log:
         self._work = allocate_workspace(most, 3 + 2 * self._landmarks, BLOCK)
 
     def innovations(
-        self, odometry: Float, odometry_cov: Float, observation: Float, observation_cov: Float, tails: Tails
+        self, odometry: Float, odometry_cov: Float, observation: Float, observation_cov: Float
     ) -> Innovations | None:
-        """Filter the log with these increments (N, 3), observations (M, 2) and covariances, and tails.
+        """Filter the log with these increments (N, 3), observations (M, 2) and covariances.
 
         Returns:
             The innovations; None if no update exists: an innovation covariance is not positive definite.
@@ -76,15 +63,15 @@ class Log:
         belief.state[:3] = start
         belief.cov[:3, :3] = cov
         count = len(self._kept)
-        rows = Rows(*np.zeros((4, 2 * count)))
+        rows = Rows(*np.zeros((3, 2 * count)))
         kept = (odometry, odometry_cov, observation[self._kept], observation_cov[self._kept])
         measured = Measured(self._code, *(np.array(each, order="C") for each in kept))  # kernels need C order
-        if run_log(belief, self._order, measured, tails, self._work, rows) != WHOLE:
+        if run_log(belief, self._order, measured, self._work, rows) != NONE:
             return None
-        found = np.full((4, len(observation), 2), np.nan)
-        found[3] = 0.0
-        found[:, self._kept] = np.stack(rows).reshape(4, count, 2)
-        found[:3, found[1] == 0.0] = np.nan
+        found = np.full((3, len(observation), 2), np.nan)
+        found[2] = 0.0
+        found[:, self._kept] = np.stack(rows).reshape(3, count, 2)
+        found[:2, found[1] == 0.0] = np.nan
         return Innovations(*found)
 
 

@@ -135,7 +135,7 @@ class Robustness:
     Attributes:
         robust: `none`; `gate` rejects observations with ids beyond `gate` (without ids the gate of the association does
             that); `student-t` reduces the weight of far observations, as if their noise had Student's distribution (see
-            `kernels.student_t_weights`), with and without ids.
+            `kernels.student_t`), with and without ids.
         gate: largest squared Mahalanobis distance of a single observation. One correct observation in a thousand
             exceeds the default (chi-square, 2 degrees of freedom).
         degrees_of_freedom: of Student's distribution; the fewer, the heavier its tails (1 is Cauchy's).

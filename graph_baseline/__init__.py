@@ -3,9 +3,8 @@
 from slamgauge.graph_baseline.bound import causal_bound, hindsight_bound
 from slamgauge.graph_baseline.causal import causal
 from slamgauge.graph_baseline.hindsight import batch
-from slamgauge.graph_baseline.problem.gtsam_missing import unavailable
 from slamgauge.graph_baseline.problem.objective import cost
-from slamgauge.graph_baseline.problem.undetermined import UndeterminedError
+from slamgauge.graph_baseline.problem.undetermined import UndeterminedError, unavailable
 from slamgauge.graph_baseline.robust import robust_batch
 
 try:

@@ -22,7 +22,7 @@ from slamgauge.errors import UserError
 from slamgauge.graph_baseline.problem.linearisation import LinearModel, empty_model, graph_arrays, linearise
 from slamgauge.graph_baseline.problem.placement import MAX_LANDMARK_SIGMA, are_reobserved
 from slamgauge.graph_baseline.problem.preparation import prepare
-from slamgauge.graph_baseline.solver.elimination import Scans, eliminate_poses, empty_chain, empty_front
+from slamgauge.graph_baseline.solver.elimination import Scans, eliminate_poses, empty_chain, empty_frontier
 from slamgauge.graph_baseline.solver.memory_estimate import require_memory_for
 from slamgauge.graph_baseline.solver.partition import plan
 from slamgauge.graph_baseline.solver.smoother import NOT_DAMPED, solve
@@ -83,7 +83,7 @@ def model_at_truth(truth: Truth, recording: Recording) -> tuple[Scans, LinearMod
 
 def causal_covariances(scans: Scans, model: LinearModel, landmarks: int) -> Float:
     """Return covariances (N+1, 3, 3) of each pose given the scans up to it; slots are in order of observation."""
-    chain, front = empty_chain(len(model.c)), empty_front(2 * landmarks)
+    chain, front = empty_chain(len(model.c)), empty_frontier(2 * landmarks)
     vague = 1.0 / MAX_LANDMARK_SIGMA**2  # a single bearing does not determine a landmark
     front.information[np.arange(1, len(front.information)), np.arange(1, len(front.information))] = vague
     covs, width = np.empty((len(model.c), 3, 3)), 1

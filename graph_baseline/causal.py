@@ -22,6 +22,7 @@ from slamgauge.graph_baseline.problem.undetermined import UndeterminedError
 from slamgauge.graph_baseline.solver.incremental import SHORT, IncrementalOptimum
 from slamgauge.graph_baseline.solver.memory_estimate import require_memory_for
 from slamgauge.graph_baseline.solver.search import degrees_of_freedom, explained_by_noise
+from slamgauge.graph_baseline.solver.smoother import EXACT
 from slamgauge.recording import Recording
 from slamgauge.se2 import wrap
 from slamgauge.sensors import SENSORS
@@ -165,6 +166,6 @@ def _distance(optimum: Estimate, estimate: Estimate) -> float:
     expected, sigma = (np.sqrt(np.diag(covs[last])) for covs in (optimum.pose_covs, estimate.pose_covs))
     difference = estimate.poses[last] - optimum.poses[last]
     difference[2] = wrap(difference[2])
-    free = expected > 1e-9  # m or rad; smaller sigmas are zero up to rounding
+    free = expected > EXACT
     distances = [np.abs(difference[free]) / expected[free], np.abs(sigma[free] / expected[free] - 1.0)]
     return float(np.concatenate(distances).max(initial=0.0))

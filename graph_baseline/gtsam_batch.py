@@ -111,7 +111,7 @@ def observation_factors(problem: preparation.Problem) -> Factors:
     measured, covs = preparation.as_range_bearing(problem)
     steps, names = problem.observation_step.tolist(), problem.landmark.tolist()
     factors: Factors = []
-    for k, name, z, noise in zip(steps, names, measured.tolist(), convert.observation_noise(covs), strict=True):
+    for k, name, noise, *z in zip(steps, names, convert.observation_noise(covs), *measured.T.tolist(), strict=True):
         if problem.sensor == "bearing":
             factors.append(gtsam.BearingFactor2D(X(k), L(name), gtsam.Rot2(z[0]), noise))
         else:

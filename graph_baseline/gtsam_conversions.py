@@ -11,6 +11,7 @@ from slamgauge.arrays import Float, Int
 from slamgauge.graph_baseline.problem.preparation import prior_cov_in_body
 from slamgauge.recording import Recording
 from slamgauge.se2 import pose_rotation
+from slamgauge.validation import is_one_for_all
 
 
 def motion_noise(recording: Recording, regularising: float) -> list[gtsam.noiseModel.Base]:
@@ -29,6 +30,8 @@ def motion_noise(recording: Recording, regularising: float) -> list[gtsam.noiseM
 
 def observation_noise(covs: Float) -> list[gtsam.noiseModel.Base]:
     """Return the noise models of covariances (M, d, d) of range and bearing; GTSAM's order is bearing, then range."""
+    if is_one_for_all(covs):
+        return len(covs) * observation_noise(covs[:1])
     return _noise_models(covs[:, ::-1, ::-1], np.zeros(len(covs)))
 
 

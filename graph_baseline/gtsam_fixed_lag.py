@@ -20,7 +20,7 @@ from slamgauge.sensors import SENSORS
 from slamgauge.validation import require_lag
 
 LAG = 20  # steps
-RELINEARIZE_THRESHOLD = 1e-3  # m or rad, checked at every step
+RELINEARIZED_ABOVE = 1e-3  # m or rad, checked at every step
 UPDATES = 2  # Gauss-Newton steps per scan; the first one uses the linearisation from before the scan
 
 
@@ -45,7 +45,7 @@ def fixed_lag(recording: Recording, association: Int | None = None, lag: int = L
         raise UserError("fixed_lag: a window of bearings is overconfident and diverges; use isam2 for this recording")
     lag = min(require_lag(lag), max(problem.steps, 1))
     parameters = gtsam.ISAM2Params()
-    parameters.setRelinearizeThreshold(RELINEARIZE_THRESHOLD)
+    parameters.setRelinearizeThreshold(RELINEARIZED_ABOVE)
     parameters.relinearizeSkip = 1
     parameters.setFactorization("QR")  # Cholesky loses the digits of regularising noise
     smoother = gtsam.IncrementalFixedLagSmoother(float(lag), parameters)

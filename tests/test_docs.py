@@ -72,9 +72,9 @@ COMMANDS = [shlex.split(line, comments=True) for line in re.findall(r"(?:^|/)sla
 
 @pytest.mark.parametrize("command", sorted({command for command, *_ in COMMANDS}))
 def test_commands_on_a_page_have_those_options(command: str, capsys: pytest.CaptureFixture[str]):
-    """For `slamgauge import FORMAT` the options of each format are compared."""
+    """For `slamgauge import FORMAT` and `export FORMAT` the options of each format are compared."""
     used = [words[1:] for words in COMMANDS if words[0] == command]
-    starts = {(command, words[0]) if command == "import" else (command,) for words in used}
+    starts = {(command, words[0]) if command in ("import", "export") else (command,) for words in used}
     for start in starts:
         with pytest.raises(SystemExit) as done:
             main([*start, "--help"])

@@ -20,7 +20,7 @@ from slamgauge.ekf import SlamFilter, ekf_slam
 from slamgauge.ekf.textbook import Belief, Linearised, augment, linearise, motion_jacobians, predict, stack, update
 from slamgauge.recording import Recording
 from slamgauge.se2 import wrap
-from tests.reference.optimum import square_root
+from tests.reference.least_squares import square_root
 from tests.reference.random_recordings import random_recording
 
 pytestmark = pytest.mark.slow

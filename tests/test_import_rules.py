@@ -67,6 +67,7 @@ LIBRARIES = {
     "slamgauge.compare.figures": {"matplotlib"},
     "slamgauge.compare.report": {"jinja2", "markupsafe"},
     "slamgauge.compare.cli": {"tyro"},
+    "slamgauge.compare.noise": {"iminuit"},
 }
 LAZY = ("slamgauge", "slamgauge.__main__")  # import names of all packages on first use
 SLOW_TO_START = ("numpy", "gtsam", "matplotlib", "numba", "scipy", "pydantic")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Set
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -34,12 +34,14 @@ class Subject:
         estimator: any callable `Recording -> Estimate`.
         ignored: inputs that do not change its estimates (see `ignored_inputs`).
         is_confused: whether its own association confused landmarks in a run, or it did not show its landmarks.
+        cause: name of the check of the part that explains a failure of `truth-recovered`; empty if it is unknown.
     """
 
     name: str
     estimator: Estimator
     ignored: Set[Need] = frozenset()
     is_confused: bool = False
+    cause: str = ""
 
     def ignores(self, *needs: Need) -> bool:
         """Return whether it ignores any of these inputs."""
@@ -131,10 +133,10 @@ class Check:
     figure: str
     bound: float
     blame: str
-    excused_to: float
-    limit: str
-    needs: tuple[Need, ...]
-    after: tuple[str, ...]
+    excused_to: float = -np.inf
+    limit: str = ""
+    needs: tuple[Need, ...] = ()
+    after: tuple[str, ...] = ()
 
     @property
     def name(self) -> str:
@@ -142,15 +144,6 @@ class Check:
         return self.measure.__name__.replace("_", "-")
 
 
-def check(
-    *,
-    figure: str,
-    bound: float,
-    blame: str,
-    excused_to: float = -np.inf,
-    limit: str = "",
-    needs: tuple[Need, ...] = (),
-    after: tuple[str, ...] = (),
-) -> Callable[[Measure], Check]:
-    """Return a decorator that turns the function `measure` into a `Check`; arguments as in `Check`."""
-    return lambda measure: Check(measure, figure, bound, blame, excused_to, limit, needs, after)
+def check(**fields: Any) -> Callable[[Measure], Check]:
+    """Return a decorator that turns the function `measure` into a `Check` with the other attributes of `Check`."""
+    return lambda measure: Check(measure, **fields)

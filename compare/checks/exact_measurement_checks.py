@@ -18,18 +18,21 @@ from slamgauge.compare.checks.small_recordings import (
     correlated,
     pose_error,
 )
+from slamgauge.recording import Recording
 
 ARC = (
     "it moves on an arc in each step, where recordings of slamgauge move straight ahead and turn afterwards: a right "
     "model, but biased on them"
 )
 NEAR = 0.3  # largest difference of a path from arcs, as a share of their difference from straight moves; chords: 0.2
+COARSE = 1e3  # sigma [m], [rad] of a channel without weight
+EXPLAINED = 1e-3  # share of the error of a mean that remains without the channel that causes it
 ROUNDING = 1e-6  # [m], [rad]: a hundredth of a sigma, far above rounding and the tolerance of optimisers
 
 
-def _error(subject: Subject, world: World) -> float:
-    """Return the largest error of poses and landmarks on the exact recording [m, rad]."""
-    estimate = subject(world.recording())
+def _error(subject: Subject, world: World, recording: Recording | None = None) -> float:
+    """Return the largest error of poses and landmarks on an exact recording of a world [m, rad]."""
+    estimate = subject(world.recording() if recording is None else recording)
     worst = pose_error(estimate.poses, world.poses)
     if len(estimate.landmark_ids):
         names = sorted({name for _, name in world.observed})
@@ -90,7 +93,18 @@ def truth_recovered(subject: Subject, rng: np.random.Generator) -> float:
     found = found if found > ROUNDING else _error(subject, world)
     if found > ROUNDING and _moves_on_arcs(subject, world):
         raise OtherModelError(ARC)
+    if found > ROUNDING and not subject.ignores("ids", "observation noise"):
+        subject.cause = _cause(subject, world, found)
     return found
+
+
+def _cause(subject: Subject, world: World, error: float) -> str:
+    """Return the check of the predicted bearing or range, if the error vanishes without the weight of that channel."""
+    for sigmas, name in (([SIGMA, COARSE], "update-bearing"), ([COARSE, SIGMA], "update-range")):
+        coarse = world.recording(sigma=np.tile(sigmas, (len(world.observed), 1)))
+        if _error(subject, world, coarse) < EXPLAINED * error:
+            return name
+    return ""
 
 
 def _moves_on_arcs(subject: Subject, world: World) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
@@ -75,7 +75,7 @@ def check_estimator(name: str, estimator: Estimator, seed: int = 0, checks: Sequ
         UserError: the estimator fails on the plain recording, so that no check can judge it.
     """
     ignored = ignored_inputs(Subject(name, estimator))
-    found, refused, is_overdue = list[Verdict](), set[str](), False
+    found, refused, causes, is_overdue = list[Verdict](), set[str](), dict[str, str](), False
     for each in checks:
         if is_overdue:
             found.append(_not_judged(each, OVERDUE))
@@ -87,6 +87,7 @@ def check_estimator(name: str, estimator: Estimator, seed: int = 0, checks: Sequ
         subject = Subject(name, estimator, ignored)
         try:
             found.append(_verdict(each, subject, np.random.default_rng([seed, *each.name.encode()])))
+            causes[each.name] = subject.cause
         except NotJudgedError as reason:
             found.append(_not_judged(each, str(reason)))
         except OtherModelError as model:
@@ -96,24 +97,28 @@ def check_estimator(name: str, estimator: Estimator, seed: int = 0, checks: Sequ
             if isinstance(error, CovarianceError):
                 refused.add(each.name)
             found.append(Verdict(each.name, False, None, each.bound, f"{error}; {each.blame}"))
-    return _without_consequences(found, refused)
+    return _without_consequences(found, refused, causes)
 
 
-def _without_consequences(verdicts: list[Verdict], refused: set[str]) -> list[Verdict]:
+def _without_consequences(verdicts: list[Verdict], refused: set[str], causes: Mapping[str, str]) -> list[Verdict]:
     """Replace failures of checks that presuppose a failed check, and invalid covariances that another failure explains.
 
     `refused` has the names of checks whose estimates were refused for a covariance. A wrong covariance may make the
-    estimate of any recording invalid, also where only the mean is measured.
+    estimate of any recording invalid, also where only the mean is measured. If a check found its cause, another failed
+    check (`causes`), the failures that presuppose it follow from that one.
     """
     failed = [each for each in verdicts if each.is_failure]
     direct = [each for each in failed if each.name not in refused] or failed
+    for name, cause in causes.items():
+        if cause in {each.name for each in failed}:
+            direct = [each for each in direct if each.name == cause or name not in {each.name} | presupposed(each.name)]
     roots = [each for each in direct if not presupposed(each.name) & {other.name for other in direct}]
     kept: list[Verdict] = []
     for each in verdicts:
         is_invalid = each.is_failure and each not in direct
-        causes = [root.name for root in roots if is_invalid or root.name in presupposed(each.name)]
-        if each.is_failure and causes:
-            reason = f"not judged: {causes[0]} fails, and this may follow from it"
+        above = [root.name for root in roots if is_invalid or root.name in presupposed(each.name)]
+        if each.is_failure and above:
+            reason = f"not judged: {above[0]} fails, and this may follow from it"
             kept.append(replace(each, passed=None, figure=None, blame=reason))
         else:
             kept.append(each)

@@ -175,7 +175,7 @@ def _wrong_direction(subject: Subject, rng: np.random.Generator, channel: int) -
     figure="update by one range: relative difference of the robot's motion from the innovation, or sine of the angle "
     "between the landmark's motion and the line of sight",
     bound=SHARE,
-    blame="the row of H for the range, or the gain: dr = ((l - p)/r)'(dl - dp)",
+    blame="the predicted range, its row of H, or the gain: dr = ((l - p)/r)'(dl - dp)",
     needs=("prior",),
     after=("landmarks-behind", "odometry-noise-size"),
 )
@@ -191,7 +191,8 @@ def update_range(subject: Subject, rng: np.random.Generator) -> float:
     figure="update by one bearing: relative difference of the robot's motion from the innovation, or sine of the angle "
     "between the landmark's motion and the normal of the line of sight",
     bound=SHARE,
-    blame="the row of H for a bearing, or the gain: (-dy, dx)/r^2 for a landmark, its opposite and -1 for the pose",
+    blame="the predicted bearing, its row of H, or the gain: (-dy, dx)/r^2 for a landmark, its opposite and -1 for the "
+    "pose",
     needs=("prior",),
     after=("landmarks-behind", "odometry-noise-size"),
 )

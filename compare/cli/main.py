@@ -11,7 +11,7 @@ from collections.abc import Generator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
-from slamgauge.compare.cli.options import EmptyPathError
+from slamgauge.compare.cli.options.shared import EmptyPathError
 from slamgauge.compare.cli.parsing import Listed, parse
 from slamgauge.compare.cli.terminal import drop_output, prepare_streams, put
 from slamgauge.compare.storage.provenance import commanded
@@ -26,21 +26,21 @@ LONGEST = 200  # characters of the machine's own message
 ENDS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 
 COMMANDS = {
-    "exercise": Listed("exercise:ExerciseCommand", "the settings of the exercise TP4: EKF, GTSAM batch and optimum"),
-    "scenarios": Listed("listings:Scenarios", "list the shipped scenarios"),
-    "run": Listed("run:Run", "simulate one run of a scenario and score estimators on it"),
-    "evaluate": Listed("run:Evaluate", "score estimators, your own among them, on a recording"),
-    "import": Listed("imports:Import", "convert the log of a robot, or a published recording"),
-    "export": Listed("export:Export", "write results in a format of other programs"),
-    "twin": Listed("recordings:Twin", "make a scenario that is like a recording"),
-    "study": Listed("study:Study", "many independent runs, their statistics and figures"),
-    "budget": Listed("study:Budget", "split a filter's error into its causes"),
-    "noise": Listed("recordings:Noise", "estimate the noise of a recording, with intervals"),
-    "animate": Listed("animate:Animate", "draw a run as a moving picture"),
-    "check": Listed("user_filters:Check", "test a filter; a failed check names the part that is wrong"),
-    "grade": Listed("user_filters:Grade", "grade a folder of submissions"),
-    "bench": Listed("machine:Bench", "measure step times for several map sizes"),
-    "doctor": Listed("machine:Doctor", "print what a bug report needs"),
+    "exercise": Listed("exercise:ExerciseCommand", "exercise", "the exercise TP4: EKF, GTSAM batch and optimum"),
+    "scenarios": Listed("machine:Scenarios", "scenarios", "list the shipped scenarios"),
+    "run": Listed("run:Run", "run", "simulate one run of a scenario and score estimators on it"),
+    "evaluate": Listed("run:Evaluate", "evaluate", "score estimators, your own among them, on a recording"),
+    "import": Listed("imports:Import", "imports", "convert the log of a robot, or a published recording"),
+    "export": Listed("exports:Export", "exports", "write results in a format of other programs"),
+    "twin": Listed("recordings:Twin", "twin", "make a scenario that is like a recording"),
+    "study": Listed("study:Study", "study", "many independent runs, their statistics and figures"),
+    "budget": Listed("study:Budget", "budget", "split a filter's error into its causes"),
+    "noise": Listed("recordings:Noise", "noise", "estimate the noise of a recording, with intervals"),
+    "animate": Listed("animate:Animate", "animate", "draw a run as a moving picture"),
+    "check": Listed("user_filters:Check", "check", "test a filter; a failed check names the part that is wrong"),
+    "grade": Listed("user_filters:Grade", "grade", "grade a folder of submissions"),
+    "bench": Listed("machine:Bench", "bench", "measure step times for several map sizes"),
+    "doctor": Listed("machine:Doctor", "doctor", "print what a bug report needs"),
 }
 
 
@@ -67,9 +67,10 @@ def _run(words: Sequence[str]) -> int:
         put(f"slamgauge {__version__}")
         return 0
     try:
-        command = parse(words, COMMANDS)
+        options = parse(words, COMMANDS)
+        options.check()
         with commanded(words):
-            return command() or 0
+            return COMMANDS[words[0]].run(options) or 0
     except (UserError, EmptyPathError) as error:
         lines = str(error).split("\n")  # `shown` escapes the other line ends, which are parts of names
         return _ended(2, "\n".join(map(shown, lines)))

@@ -9,30 +9,34 @@ from contextlib import redirect_stderr
 from importlib import import_module
 from io import StringIO
 from itertools import takewhile
-from typing import Annotated, Any, NamedTuple, Protocol, Union, get_args, get_type_hints
+from typing import Annotated, Any, NamedTuple, Union, get_args, get_type_hints
 
+from slamgauge.compare.cli.options.shared import Options
 from slamgauge.errors import UserError
 from slamgauge.suggestions import did_you_mean, near_names
 
 
-class Command(Protocol):
-    """A dataclass whose fields are the options."""
-
-    def __call__(self) -> int | None:
-        """Run the command and return the exit status; None is 0."""
-        ...
-
-
 class Listed(NamedTuple):
-    """A command in the list of commands: `module:class` in this folder, and what it does in a line of help."""
+    """A command in the list of commands.
 
-    place: str
+    Attributes:
+        options: `module:class` of its options in `cli/options`.
+        module: module in this folder whose function `run` does the work, imported when the command is called.
+        summary: what it does, in a line of help.
+    """
+
+    options: str
+    module: str
     summary: str
 
-    def load(self) -> type[Command]:
-        """Import the class of the command."""
-        module, _, name = self.place.partition(":")
-        return getattr(import_module(f"slamgauge.compare.cli.{module}"), name)
+    def load(self) -> type[Options]:
+        """Import the class of the options."""
+        module, _, name = self.options.partition(":")
+        return getattr(import_module(f"slamgauge.compare.cli.options.{module}"), name)
+
+    def run(self, options: Options) -> int | None:
+        """Run the command and return the exit status; None is 0."""
+        return import_module(f"slamgauge.compare.cli.{self.module}").run(options)
 
 
 ABOUT = """usage: slamgauge COMMAND ...
@@ -50,8 +54,8 @@ BAD_INPUT = 2  # exit status
 REPEATED = ("For full helptext", "Argument helptext")  # beginnings of lines that only repeat --help
 
 
-def parse(words: Sequence[str], commands: Mapping[str, Listed]) -> Command:
-    """Return the command for the words after `slamgauge`; only its module is imported.
+def parse(words: Sequence[str], commands: Mapping[str, Listed]) -> Options:
+    """Return the options for the words after `slamgauge`; only their module is imported.
 
     Raises:
         UserError: a command or option does not exist, or something is missing.
@@ -84,7 +88,7 @@ def _any_of(commands: Mapping[str, Listed]) -> Any:
     return Union[tuple(alternatives)]  # noqa: UP007 types known at run time only  # pyrefly: ignore[invalid-annotation]
 
 
-def _parsed(kind: Any, program: str, words: Sequence[str]) -> Command:
+def _parsed(kind: Any, program: str, words: Sequence[str]) -> Options:
     import tyro
 
     config = (tyro.conf.OmitSubcommandPrefixes, tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff)

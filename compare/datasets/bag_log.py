@@ -28,10 +28,11 @@ from slamgauge.compare.storage.toml_tables import toml_text
 from slamgauge.compare.storage.trajectories import Trajectory
 from slamgauge.errors import UserError
 from slamgauge.recording import Recording
-from slamgauge.se2 import between
+from slamgauge.se2 import between, rotation
 from slamgauge.truth import Truth
 
 SAME = 1000  # ns: nearer stamps of odometry are the same
+CONTRADICTS = 0.1  # share of mean squares above which motions contradict each other
 
 
 class PoseTopic(NamedTuple):
@@ -165,13 +166,12 @@ def _odometry(bag: Bag, mapping: BagMapping) -> tuple[Odometry, str, tuple[str, 
         raise UserError(f"{where}: {len(stamps)} messages with different stamps; odometry needs two or more")
     rows = slice(1, None) if section.holds == "since-last" else slice(None, -1)
     velocities, seconds = np.array(twists)[kept], seconds_of(np.diff(stamps))
-    if section.kind == "poses":
-        path = planar_poses(np.array(poses)[kept])
-        increments = between(path[:-1], path[1:])
-    else:
+    path = planar_poses(np.array(poses)[kept]) if poses else np.zeros((len(stamps), 3))
+    increments = between(path[:-1], path[1:])
+    if section.kind == "twist":
+        if poses:
+            _require_twists_of_the_robot(where, velocities[rows], path[rows, 2], seconds, increments)
         increments = constant_twist(velocities[rows], seconds)
-        if poses and not velocities.any() and np.ptp(np.array(poses), axis=0).any():
-            raise UserError(f"{where}: all twists are 0, but the poses move; give --set odometry.kind=poses")
     wild = np.abs(increments[:, 2]) > np.pi
     if wild.any():
         at = int(np.argmax(wild))
@@ -181,6 +181,26 @@ def _odometry(bag: Bag, mapping: BagMapping) -> tuple[Odometry, str, tuple[str, 
     with of_file(bag.path):
         noise = _step_noise(covariances, seconds, mapping, topic)
     return Odometry(seconds_of(stamps), increments, noise), mapping.frames.base or child or "base_link", notes
+
+
+def _require_twists_of_the_robot(
+    where: str, velocities: Float, headings: Float, seconds: Float, motions: Float
+) -> None:
+    """Refuse twists (N, 3) that contradict the motions (N, 3) between the poses of the same messages.
+
+    They do if all are 0, or if the motions agree with them only once they are turned from the world's frame by the
+    headings (N,).
+    """
+    if not velocities.any() and motions.any():
+        raise UserError(f"{where}: all twists are 0, but the poses move; give --set odometry.kind=poses")
+    turned = velocities.copy()
+    turned[:, :2] = np.einsum("nji,nj->ni", rotation(headings), velocities[:, :2])
+    as_read, of_world = (
+        float(np.sum((constant_twist(each, seconds) - motions)[:, :2] ** 2)) for each in (velocities, turned)
+    )
+    if as_read > CONTRADICTS * float(np.sum(motions[:, :2] ** 2)) and of_world < CONTRADICTS * as_read:
+        what = "the twists contradict the poses of the same messages, unless they are in the world's frame"
+        raise UserError(f"{where}: {what}; give --set odometry.kind=poses")
 
 
 def _step_noise(covs: Float, seconds: Float, mapping: BagMapping, topic: str) -> Float:

@@ -142,7 +142,7 @@ def load_mapping(path: Path, overrides: Sequence[str] = ()) -> LogMapping:
     folder = where.parent
     for (section, key), name in BESIDE.items():
         if getattr(getattr(mapping, section), key) is None and (folder / name).exists():
-            mapping = _with_file(mapping, section, key, folder / name)
+            mapping = _with_file(mapping, section, key, Path(name))
     for section, key in (("odometry", "file"), ("observations", "file"), *BESIDE):
         name = getattr(getattr(mapping, section), key)
         if name is not None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import io
 from contextlib import redirect_stderr
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.stats import chi2
@@ -18,6 +18,7 @@ from slamgauge.ekf import riekf
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
+from slamgauge.se2 import exp, log
 from slamgauge.sensors import SENSORS
 
 BOUND = 0.999  # probability of the largest normalised innovation that agrees
@@ -42,6 +43,7 @@ class Mistake(NamedTuple):
         length: factor of observed lengths.
         turn: factor of the turns of odometry.
         way: factor of its distances.
+        rates: whether the turns come from yaw rates, so that the distances are chords of arcs.
     """
 
     what: str
@@ -50,18 +52,30 @@ class Mistake(NamedTuple):
     length: float = 1.0
     turn: float = 1.0
     way: float = 1.0
+    rates: bool = False
+
+    @property
+    def size(self) -> float:
+        """Size of the numbers without the mistake, relative to those with it."""
+        return round(abs(self.bearing) * self.length * self.turn * self.way, 9)
+
+
+def _of_lengths(what: str, names: tuple[str, ...], scale: str, undone: float) -> Mistake:
+    factors: dict[str, Any] = dict.fromkeys(names, undone)
+    return Mistake(f"{what} are {scale}", UNIT, **factors)
 
 
 MISTAKES = (
     Mistake("observations and odometry count angles in opposite directions", SIGN, bearing=-1.0),
     Mistake("bearings are in degrees, read as radians", UNIT, bearing=DEGREE),
     Mistake("turns are in degrees, read as radians", UNIT, turn=DEGREE),
+    Mistake("yaw rates are in deg/s, read as rad/s", UNIT, turn=DEGREE, rates=True),
     Mistake("bearings and turns are in degrees, read as radians", UNIT, bearing=DEGREE, turn=DEGREE),
     Mistake("bearings are in radians, read as degrees", UNIT, bearing=1 / DEGREE),
     Mistake("turns are in radians, read as degrees", UNIT, turn=1 / DEGREE),
     Mistake("bearings and turns are in radians, read as degrees", UNIT, bearing=1 / DEGREE, turn=1 / DEGREE),
     *(
-        Mistake(f"{what} are {factor:g} times too {size}", UNIT, **dict.fromkeys(names, undone))
+        _of_lengths(what, names, f"{factor:g} times too {size}", undone)
         for what, names in {
             "observed lengths": ("length",),
             "distances of the odometry": ("way",),
@@ -111,7 +125,8 @@ def refuse_mistakes(recording: Recording, stated: Fit) -> None:
     undone = ((each, _without(recording, each)) for each in MISTAKES)
     fits = {each: quick_fit(other)[0] for each, other in undone if not _lengths_are_noise(other)}
     found = {each: fit for each, fit in fits.items() if fit.share > CONVINCING and fit.nis > SMALL}
-    best = min(found, key=lambda each: abs(np.log(found[each].nis)), default=None)  # with tiny lengths all agrees
+    # small numbers agree with everything, so the largest are the strongest evidence
+    best = max(found, key=lambda each: (each.size, -abs(np.log(found[each].nis))), default=None)
     if best:
         what = f"{stated.share:.1%} of the observations agree with one place per landmark"
         raise UserError(f"{what}, but {found[best].share:.1%} if {best.what}; {best.remedy}")
@@ -148,11 +163,12 @@ def _lengths_are_noise(recording: Recording) -> bool:
 def _without(recording: Recording, mistake: Mistake) -> Recording:
     """Return the recording without a mistake."""
     columns = SENSORS[recording.sensor].columns
-    factors = dict.fromkeys(("range", "x", "y"), mistake.length) | {"bearing": mistake.bearing}
+    of_column = dict.fromkeys(("range", "x", "y"), mistake.length) | {"bearing": mistake.bearing}
     if mistake.bearing < 0.0:
-        factors["y"] *= mistake.bearing
-    observation = recording.observation * np.array([factors[name] for name in columns])
-    odometry = recording.odometry * np.array([mistake.way, mistake.way, mistake.turn])
+        of_column["y"] *= mistake.bearing
+    observation = recording.observation * np.array([of_column[name] for name in columns])
+    factors = np.array([mistake.way, mistake.way, mistake.turn])
+    odometry = exp(log(recording.odometry) * factors) if mistake.rates else recording.odometry * factors
     return replace(recording, odometry=odometry, observation=observation)
 
 

@@ -105,23 +105,16 @@ def _read_fields(path: str | Path) -> Fields:
         content = Path(path).read_bytes()
     try:
         raw = loadmat(BytesIO(content), variable_names=names)
+        fields = {name: np.asarray(raw[name], dtype=np.float64) for name in names}
     except (MatReadError, *DAMAGED) as error:
         what = " ".join(str(error).split())[:200]
-        raise UserError(f"{path}: not a whole MATLAB 5 file ({what}); copy it again, or save it with -v7") from None
-    for name in names:
-        if name not in raw:
-            raise UserError(f"{path}: field {name} is missing; give dataset2.mat of Lost in the Woods")
-    steps, landmarks = len(raw["t"]), len(raw["l"])
+        raise UserError(f"{path}: not a whole dataset2.mat of Lost in the Woods ({what}); copy it again") from None
+    steps, landmarks = len(fields["t"]), len(fields["l"])
     shapes = dict.fromkeys(_COLUMNS, (steps, 1)) | dict.fromkeys(_SCALARS, (1, 1))
     shapes |= dict.fromkeys(("r", "b"), (steps, landmarks)) | {"l": (landmarks, 2)}
     for name, shape in shapes.items():
-        if not isinstance(raw[name], np.ndarray) or raw[name].dtype.kind not in "biuf":
-            raise UserError(f"{path}: field {name} is not a matrix of real numbers; correct it")
-        if raw[name].shape != shape:
-            raise UserError(f"{path}: field {name} has shape {raw[name].shape}, not {shape}; correct it")
-        raw[name] = raw[name].astype(np.float64)
-        if not (np.abs(raw[name]) < LARGEST).all():
+        if fields[name].shape != shape or not steps:
+            raise UserError(f"{path}: field {name} has shape {fields[name].shape}, not {shape} with steps; correct it")
+        if not (np.abs(fields[name]) < LARGEST).all():
             raise UserError(f"{path}: field {name} must have finite numbers; correct it")
-    if not steps:
-        raise UserError(f"{path}: field t has no steps; give dataset2.mat of Lost in the Woods")
-    return raw | {name: raw[name][:, 0] for name in _COLUMNS} | {name: raw[name][0, 0] for name in _SCALARS}
+    return fields | {name: fields[name][:, 0] for name in _COLUMNS} | {name: fields[name][0, 0] for name in _SCALARS}

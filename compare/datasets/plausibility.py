@@ -17,7 +17,7 @@ from slamgauge.compare.datasets.imported_log import Imported, of_file
 from slamgauge.compare.datasets.log_mistakes import clock_offset, quick_fit, refuse_mistakes
 from slamgauge.compare.datasets.path_doubts import path_doubts
 from slamgauge.recording import Recording
-from slamgauge.se2 import rotation
+from slamgauge.se2 import in_body
 from slamgauge.sensors import SENSORS, innovation, predict
 from slamgauge.truth import Truth
 
@@ -173,8 +173,7 @@ def _residuals(recording: Recording, poses: Float, ids: Int, landmarks: Float) -
     rows = (ids[at] == recording.landmark) & np.isfinite(seen_from).all(axis=1)
     if not rows.any():
         return {}
-    ahead = landmarks[at[rows]] - seen_from[rows, :2]
-    delta = np.einsum("nji,nj->ni", rotation(seen_from[rows, 2]), ahead)
-    residuals = innovation(model.name, recording.observation[rows], predict(model.name, delta))
+    seen = predict(model.name, in_body(seen_from[rows], landmarks[at[rows]]))
+    residuals = innovation(model.name, recording.observation[rows], seen)
     sigmas = np.sqrt(np.diagonal(recording.observation_cov[rows], axis1=1, axis2=2))
     return dict(zip(model.columns, np.median(np.abs(residuals) / sigmas, axis=0) / MEDIAN, strict=True))

@@ -7,13 +7,22 @@ wrapper (docs/your_filter.md, examples/adapters).
 from __future__ import annotations
 
 from types import ModuleType
+from typing import get_args
 
 from slamgauge.compare.estimators.addresses import Noise
 from slamgauge.compare.estimators.forms import online_class
 from slamgauge.compare.estimators.forms import step_function as steps
-from slamgauge.compare.estimators.forms.external_program import ExternalProgram, external
+from slamgauge.compare.estimators.forms.external_program import external
 from slamgauge.compare.estimators.forms.online_class import OnlineClass
-from slamgauge.compare.estimators.forms.signatures import Callee, parameters, required, spelt
+from slamgauge.compare.estimators.forms.signatures import (
+    PAGE,
+    Callee,
+    Form,
+    is_filter,
+    no_form,
+    required,
+    spelt,
+)
 from slamgauge.compare.estimators.forms.step_function import StepFunction
 from slamgauge.compare.estimators.user_errors import FormError
 from slamgauge.errors import UserError
@@ -38,32 +47,28 @@ def adapt(given: Callee, name: str) -> Estimator:
         UserError: the callable has none of the forms.
     """
     try:
-        return adapted(given)[0]
+        return adapted(given)
     except FormError as error:
-        raise UserError(f"estimator {name}: {error} (docs/your_filter.md has a wrapper to copy)") from None
+        raise UserError(f"estimator {name}: {error} ({PAGE} has a wrapper to copy)") from None
 
 
-def adapted(given: Callee) -> tuple[Estimator, str]:
-    """Return the estimator of a callable, and its form in words: empty for `Recording -> Estimate`.
+def adapted(given: Callee) -> Estimator:
+    """Return the estimator of a callable; it is no `Form` if it is `Recording -> Estimate`.
 
     Raises:
         FormError: it has none of the forms.
     """
-    if isinstance(given, StepFunction | ExternalProgram | OnlineClass):
-        return given, ""
     if isinstance(given, type):
         if lacking := online_class.lacks(given):
-            methods = [name for name, each in vars(given).items() if callable(each) and name[0] != "_"]
-            has = ", ".join(f"{name}({', '.join(required(getattr(given, name))[1:])})" for name in methods[:8])
-            raise FormError(f"{spelt(given)} has {has or 'no methods'}; it lacks {lacking}, pose, pose_cov")
-        return OnlineClass(given), f"online {spelt(given)}"
+            raise no_form(given, f"{lacking}, pose, pose_cov")
+        return OnlineClass(given)
     if steps.is_step_function(given):
         if lacking := steps.lacks(given):
-            raise FormError(f"{spelt(given)} is no step function of the exercise; it lacks {lacking}")
-        return StepFunction(given), f"step function of the exercise ({', '.join(e.name for e in parameters(given))})"
+            raise no_form(given, lacking if is_filter(given) else STATES)
+        return StepFunction(given)
     if len(required(given)) > 1:
-        raise FormError(f"{spelt(given)} is no known form; it lacks {STATES}")
-    return given, ""
+        raise no_form(given, STATES)
+    return given
 
 
 def step_function(given: Callee, noise: Noise = "recording") -> StepFunction:
@@ -76,7 +81,7 @@ def step_function(given: Callee, noise: Noise = "recording") -> StepFunction:
     Raises:
         UserError: unknown noise, or a callable of another form.
     """
-    if noise not in ("recording", "file"):
+    if noise not in get_args(Noise):
         raise UserError(f"noise: {noise!r} is not known; use 'recording' or 'file'")
     if not steps.is_step_function(given) or steps.lacks(given):
         raise UserError(
@@ -106,23 +111,20 @@ def callable_of(module: ModuleType) -> str:
         raise UserError(
             f"may be {', '.join(found)}; name it, FILE.py:{found[0]}, or call the one that counts {NAMES[0]}"
         )
-    others = [name for name in own if isinstance(getattr(module, name), type)] or own
-    if len(others) == 1:
-        return others[0]  # `adapted` says what it lacks
-    shown = ", ".join(spelt(getattr(module, name)) for name in others[:8]) or "no function and no class"
-    raise FormError(f"has {shown}; it lacks {STATES}")
+    filters = [name for name in own if isinstance(getattr(module, name), type) and is_filter(getattr(module, name))]
+    if filters:
+        return filters[-1]  # `adapted` names what it lacks
+    raise no_form(module, STATES)
 
 
 def _has_a_form(given: Callee) -> bool:
     try:
-        _, form = adapted(given)
+        return isinstance(adapted(given), Form) or required(given) == ["recording"]
     except FormError:
         return False
-    return bool(form) or isinstance(given, StepFunction | ExternalProgram) or required(given) == ["recording"]
 
 
 def _is_defined_by(module: ModuleType, name: str) -> bool:
     given = getattr(module, name)
-    is_made = isinstance(given, ExternalProgram | StepFunction)
     is_own = callable(given) and getattr(given, "__module__", None) == module.__name__
-    return not name.startswith("_") and (is_made or is_own)
+    return not name.startswith("_") and (is_own or isinstance(given, Form))

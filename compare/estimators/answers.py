@@ -25,7 +25,8 @@ LONGEST_HEADER = 1_000_000  # bytes
 LONGEST_TEXT = 1000  # characters
 MOST_REMARKS = 100
 MOST_BYTES = 500_000_000  # largest estimate
-KINDS = {"form": FormError, "covariance": WrongCovarianceError}  # of errors, by the field `kind`
+FORM, COVARIANCE = "form", "covariance"  # values of the field `kind`
+KINDS = {COVARIANCE: WrongCovarianceError}
 FOLLOWING = "bytes"  # key of the size of what follows
 PIPES = "leave the pipes that it is given alone"
 
@@ -39,8 +40,10 @@ class Answer(NamedTuple):
     @property
     def error(self) -> UserCodeError | None:
         """Why a result is missing; None if it exists."""
-        reason = self.text("reason")
-        return KINDS.get(self.text("kind"), UserCodeError)(reason) if reason else None
+        reason, kind = self.text("reason"), self.text("kind")
+        if reason and kind == FORM:
+            return FormError(reason, "\n".join(self.texts("wrapper", keeps_indent=True)))
+        return KINDS.get(kind, UserCodeError)(reason) if reason else None
 
     def text(self, key: str) -> str:
         """Return a field as one printable line; empty if it is missing."""
@@ -49,12 +52,13 @@ class Answer(NamedTuple):
             raise wrong(f"{key} is not a text")
         return printable(value)
 
-    def texts(self, key: str) -> list[str]:
-        """Return a list of texts."""
+    def texts(self, key: str, *, keeps_indent: bool = False) -> list[str]:
+        """Return a list of texts, each one printable line."""
         values = self.fields.get(key, [])
         if not isinstance(values, list) or len(values) > MOST_REMARKS or not all(isinstance(v, str) for v in values):
             raise wrong(f"{key} is not a short list of texts")
-        return [printable(each) for each in values]
+        indents = [len(each) - len(each.lstrip(" ")) if keeps_indent else 0 for each in values]
+        return [" " * indent + printable(each) for indent, each in zip(indents, values, strict=True)]
 
     def flag(self, key: str) -> bool:
         """Return a field that is true or false; false if it is missing."""

@@ -21,7 +21,8 @@ from typing import IO, NamedTuple
 
 from slamgauge.compare.estimators.addresses import Address, Noise
 from slamgauge.compare.estimators.answers import Answer, message, printable, read_answer
-from slamgauge.compare.estimators.forms.wrapper import refusal
+from slamgauge.compare.estimators.forms.external_program import end_group, last_lines
+from slamgauge.compare.estimators.forms.signatures import refusal
 from slamgauge.compare.estimators.sandbox import CODE, environment, require_wall, walled
 from slamgauge.compare.estimators.user_errors import FormError, OverdueError, UserCodeError
 from slamgauge.compare.storage.safe_names import file_name
@@ -34,7 +35,6 @@ STARTING = 120.0  # s: largest time for the imports of Python, slamgauge and lib
 MOST_PRINTED = 10_000_000  # bytes of output in a run
 POLL = 1.0  # s between looks at the size of the output
 ENDING = 5.0  # s: time for a process that has closed its answers to end
-TAIL = 4000  # bytes at the end of the output
 FIRST, WIDEST = 3, 120  # lines of output in error messages, and characters of each
 
 
@@ -104,13 +104,11 @@ class Host:
             raise OverdueError(f"estimator {text}: {what}; {remedy}{process.printed}") from error
         except UserCodeError as error:
             raise type(error)(f"estimator {text}: cannot be loaded, {error}") from error
-        attribute = answer.text("attribute")
         if isinstance(answer.error, FormError):
-            module = self.where.place if self.where.code is None else self.where.code.module
-            raise FormError(refusal(text, str(answer.error), module, attribute))
+            raise refusal(text, answer.error)
         if answer.error is not None:
             raise UserCodeError(f"estimator {text}: {answer.error}{process.printed}")
-        self.where = self.where._replace(attribute=attribute)
+        self.where = self.where._replace(attribute=answer.text("attribute"))
         return answer.text("form")
 
     def run(self, recording: Recording, noise: Noise = "recording") -> Run:
@@ -175,13 +173,13 @@ class _Process:
             folder = where.code.place()
         files = [] if where.code is None else [path for path, _ in where.code.files if path.endswith(".py")]
         module = where.place if where.code is None else where.code.module
-        names: dict[str, object] = {
+        self.address: dict[str, object] = {
             "folder": str(folder),
             "module": module,
             "attribute": where.attribute,
             "files": files,
+            "place": where.place,
         }
-        self.address = names | {"place": where.place}
         name = f"slamgauge-printed-{file_name(where.label)[:40]}-"
         descriptor, path = tempfile.mkstemp(prefix=name, suffix=".txt")
         os.close(descriptor)
@@ -239,10 +237,7 @@ class _Process:
     @property
     def last_lines(self) -> str:
         """The last lines of its output, at most 20."""
-        with Path(self.output.name).open("rb") as file:
-            file.seek(max(0, os.fstat(file.fileno()).st_size - TAIL))
-            lines = file.read().decode("utf-8", errors="replace").splitlines()
-        return "\n".join(printable(line) for line in lines[-20:])
+        return "\n".join(last_lines(Path(self.output.name), 20))
 
     def _why_no_answer(self) -> str:
         try:
@@ -281,12 +276,7 @@ def _end(
     keeps_output: bool,
 ) -> None:
     """End a process with all that it has started, and remove its files."""
-    if hasattr(os, "killpg"):
-        with suppress(ProcessLookupError, PermissionError):  # the group is empty
-            os.killpg(process.pid, signal.SIGKILL)  # it leads a group
-    else:  # Windows
-        process.kill()
-    process.wait()
+    end_group(process)
     is_empty = os.fstat(output.fileno()).st_size == 0
     output.close()
     if is_empty or not keeps_output:

@@ -1,7 +1,7 @@
 """The folder of user code: its files, their digest, and a copy on another machine or behind a wall.
 
 Files of the folder count, and those of the folders in it that contain Python files, at any depth: Python files, and
-other files of at most `LARGEST` bytes. Hidden files, links that lead out of the folder and stored truths do not.
+other files of at most `LARGEST_FILE` bytes. Hidden files, links that lead out of the folder and stored truths do not.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from pathlib import Path
 
 from slamgauge.errors import UserError
 
-LARGEST = 1_000_000  # bytes of a file
+LARGEST_FILE = 1_000_000  # bytes of a file
 MOST_FILES = 1000
 MOST_BYTES = 20_000_000  # of all files together; those that would exceed it are left out
 TRUTH = "truth.npz"
@@ -71,15 +71,13 @@ def read_folder(folder: Path, module: str, only: Path | None = None) -> CodeFold
     folder, found = folder.resolve(), dict[str, bytes]()
     room = MOST_BYTES
     for path in [only.resolve()] if only is not None and only.is_file() else _listed(only or folder):
-        try:
+        with suppress(FileNotFoundError):  # another program deletes it after the folder was listed
             size = path.stat().st_size
-        except FileNotFoundError:  # another program has deleted it since the folder was listed
-            continue
-        if size > LARGEST and path.suffix == ".py":
-            raise UserError(f"{path.name}: has more than {LARGEST / 1e6:g} MB; keep data in files of their own")
-        if size <= min(LARGEST, room) and len(found) < MOST_FILES and path.is_relative_to(folder):
-            found[path.relative_to(folder).as_posix()] = path.read_bytes()
-            room -= size
+            if size > LARGEST_FILE and path.suffix == ".py":
+                raise UserError(f"{path.name}: has more than {LARGEST_FILE / 1e6:g} MB; keep data in other files")
+            if size <= min(LARGEST_FILE, room) and len(found) < MOST_FILES and path.is_relative_to(folder):
+                found[path.relative_to(folder).as_posix()] = path.read_bytes()
+                room -= size
     return CodeFolder(str(folder), module, tuple(sorted(found.items())))
 
 

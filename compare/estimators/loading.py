@@ -14,9 +14,9 @@ from slamgauge.arrays import Marks
 from slamgauge.compare.estimators.addresses import Noise
 from slamgauge.compare.estimators.causality_check import require_causal
 from slamgauge.compare.estimators.child import Host, Run, shared_host
+from slamgauge.compare.estimators.forms.signatures import Form
 from slamgauge.compare.estimators.registry import REGISTRY, UNDER, Entry, entry_of
 from slamgauge.compare.estimators.requests import Asked, BuiltIn, Chosen, UserCode, ask
-from slamgauge.compare.estimators.user_errors import FormError
 from slamgauge.compare.scenarios.schema import Association
 from slamgauge.ekf.settings import NEAREST_NEIGHBOUR, PLAIN, FilterSettings, Initialisation, Robustness
 from slamgauge.errors import UserError
@@ -143,12 +143,10 @@ def load(
     else:
         if (built_in := entry_behind(asked.call)) is not None:
             return LoadedEstimator(built_in, asked.call)
-        from slamgauge.compare.estimators.adapters import adapted  # here: it loads the filters
+        from slamgauge.compare.estimators.adapters import adapt  # here: it loads the filters
 
-        try:
-            estimator, form = adapted(asked.call)
-        except FormError as error:
-            raise UserError(f"estimator {asked.label}: {error} (docs/your_filter.md has a wrapper)") from None
+        estimator = adapt(asked.call, asked.label)
+        form = estimator.words if isinstance(estimator, Form) else ""
     if announced and form:
         print(f"{asked.label}: {form}", file=sys.stderr)
     return LoadedEstimator(entry, estimator, form)

@@ -9,7 +9,7 @@ import importlib
 import re
 import sys
 from dataclasses import KW_ONLY, dataclass, replace
-from typing import TYPE_CHECKING, Literal, NamedTuple, cast
+from typing import TYPE_CHECKING, Literal, cast
 
 from slamgauge.errors import UserError
 from slamgauge.suggestions import did_you_mean
@@ -26,13 +26,6 @@ DEAD_RECKONING = "dead-reckoning"  # faint in figures, absent from pictures of a
 FIXED_LAG = "fixed-lag"  # fixed-lag-50: a window of 50 steps
 LAG = "0|[1-9][0-9]{0,8}"  # pattern of the steps at the end of a name
 UNDER = "@"  # causal@ekf: causal with the associations of ekf
-
-
-class Look(NamedTuple):
-    """Colour and dashes of an estimator's curves (offset, then lengths on and off, in line widths)."""
-
-    color: str
-    dashes: tuple[int, tuple[float, ...]]
 
 
 Role = Literal["estimator", "textbook", "filter", "graph", "informed", "optimum", "bound", "user"]
@@ -58,7 +51,6 @@ class Entry:
         note: short description for help texts.
         lag: steps of the window that its name states, as in `fixed-lag-50`.
         title: its name as an optimum in figures.
-        look: colour and dashes of its curves; None takes a free one.
     """
 
     name: str
@@ -69,7 +61,6 @@ class Entry:
     note: str = ""
     lag: int | None = None
     title: str = ""
-    look: Look | None = None
 
     @property
     def takes_associations(self) -> bool:
@@ -97,35 +88,21 @@ class Entry:
         return named and getattr(sys.modules[module], attribute, None) is estimator
 
 
-# colours after P. Tol, "Colour schemes" (SRON/EPS/TN/09-002)
 _ENTRIES = (
-    Entry(DEAD_RECKONING, "slamgauge.ekf:dead_reckoning", look=Look("#009988", (0, (1, 1.4)))),
-    Entry(
-        "textbook-ekf",
-        "slamgauge.ekf:textbook_ekf",
-        "textbook",
-        note="the same as ekf in 200 lines, for reading",
-        look=Look("#6A5ACD", (0, (7, 3))),
-    ),
-    Entry("ekf", "slamgauge.ekf:ekf_slam", "filter", look=Look("#CC3311", (0, (5, 1.2)))),
-    Entry("fej-ekf", "slamgauge.ekf:fej_ekf", "filter", look=Look("#33BBEE", (0, (3, 1, 1, 1, 1, 1)))),
-    Entry("oc-ekf", "slamgauge.ekf:oc_ekf", "filter", look=Look("#EE3377", (0, (6, 1, 1, 1, 3, 1)))),
-    Entry("iekf", "slamgauge.ekf:iekf", "filter", look=Look("#775522", (0, (9, 2)))),
-    Entry("riekf", "slamgauge.ekf:riekf", "filter", look=Look("#0077BB", (0, (4, 1, 1, 1)))),
+    Entry(DEAD_RECKONING, "slamgauge.ekf:dead_reckoning"),
+    Entry("textbook-ekf", "slamgauge.ekf:textbook_ekf", "textbook", note="the same as ekf in 200 lines, for reading"),
+    Entry("ekf", "slamgauge.ekf:ekf_slam", "filter"),
+    Entry("fej-ekf", "slamgauge.ekf:fej_ekf", "filter"),
+    Entry("oc-ekf", "slamgauge.ekf:oc_ekf", "filter"),
+    Entry("iekf", "slamgauge.ekf:iekf", "filter"),
+    Entry("riekf", "slamgauge.ekf:riekf", "filter"),
     Entry(
         FIXED_LAG,
         "slamgauge.graph_baseline:fixed_lag",
         "graph",
         note=f"the last 20 steps smoothed; {FIXED_LAG}-5: the last 5",
     ),
-    Entry(
-        "causal",
-        "slamgauge.graph_baseline:causal",
-        "optimum",
-        note="causal optimum",
-        title="causal optimum",
-        look=Look("#CC9900", (0, (2, 1))),
-    ),
+    Entry("causal", "slamgauge.graph_baseline:causal", "optimum", note="causal optimum", title="causal optimum"),
     Entry(
         "batch",
         "slamgauge.graph_baseline:batch",
@@ -133,23 +110,15 @@ _ENTRIES = (
         kind="smoothed",
         note="hindsight",
         title="hindsight optimum",
-        look=Look("#882288", (0, (7, 1, 1, 1, 1, 1))),
     ),
     Entry("robust-batch", "slamgauge.graph_baseline:robust_batch", "graph", kind="smoothed"),
-    Entry(
-        "isam2",
-        "slamgauge.graph_baseline:isam2",
-        "graph",
-        note="GTSAM's iSAM2",
-        look=Look("#AAAA00", (0, (3, 3))),
-    ),
+    Entry("isam2", "slamgauge.graph_baseline:isam2", "graph", note="GTSAM's iSAM2"),
     Entry(
         "gtsam-batch",
         "slamgauge.graph_baseline:gtsam_batch",
         "informed",
         kind="smoothed",
         note="GTSAM's Levenberg-Marquardt",
-        look=Look("#4477AA", (0, (10, 2, 2, 2))),
     ),
 )
 REGISTRY = {entry.name: entry for entry in _ENTRIES}
@@ -160,15 +129,8 @@ BOUNDS = {  # for studies only: they need the truth and many runs
         "slamgauge.graph_baseline:causal_bound",
         "bound",
         note="for studies: Cramer-Rao bounds, causal and in hindsight",
-        look=Look("#000000", (0, (1, 1))),
     ),
-    HINDSIGHT_BOUND: Entry(
-        HINDSIGHT_BOUND,
-        "slamgauge.graph_baseline:hindsight_bound",
-        "bound",
-        kind="smoothed",
-        look=Look("#777777", (0, (1, 2))),
-    ),
+    HINDSIGHT_BOUND: Entry(HINDSIGHT_BOUND, "slamgauge.graph_baseline:hindsight_bound", "bound", kind="smoothed"),
 }
 BOUND_OF = {str(entry.kind): entry.name for entry in BOUNDS.values()}  # kind of estimates -> bound
 FILTERS = tuple(entry.name for entry in _ENTRIES if entry.role == "filter")
@@ -194,7 +156,7 @@ def entry_of(name: str) -> Entry:
     if entry is not None and not under:
         return entry
     if entry is not None and entry.takes_associations and filter_name in FILTERS:
-        return replace(entry, name=name, role="graph", note="", title="", look=None)
+        return replace(entry, name=name, role="graph", note="", title="")
     if under and entry is not None:
         remedy = f"write GRAPH@FILTER with one of {', '.join(GRAPHS)} and one of {', '.join(FILTERS)}"
     elif (stem := graph.rpartition("-")[0]) == FIXED_LAG and graph[len(stem) + 1 :].isdecimal():

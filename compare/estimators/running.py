@@ -56,7 +56,8 @@ def run_estimator(
     if remarked and not is_built_in:
         tell_remarks(name, remarks_of(estimator))
     seconds = perf_counter() - start
-    return _checked(name, estimate, recording), seconds_of(estimator) or seconds
+    own_seconds = seconds_of(estimator)
+    return _checked(name, estimate, recording), seconds if own_seconds is None else own_seconds
 
 
 def tell_remarks(name: str, remarks: Iterable[str]) -> None:

@@ -1,7 +1,7 @@
 """The wall around user code: `bwrap` (Debian's package bubblewrap) shows it its own files and the system's programs.
 
 Its root contains the system's programs, Python with its libraries, slamgauge and a copy of the folder of the user's
-file, all read-only. `/tmp`, `/dev/shm` and its home are empty, writable and removed with it. It sees no other process
+file, all read-only. `/tmp`, `/dev/shm` and its home are writable, and empty before every run. It sees no other process
 and no network, and ends with slamgauge.
 """
 
@@ -20,6 +20,7 @@ from pathlib import Path
 from slamgauge.errors import UserError
 
 HOME, CODE = "/slamgauge", "/slamgauge-code"  # behind the wall: home and temporary folder, and the folder of the code
+WRITABLE = ("/tmp", "/dev/shm", HOME)
 ROOM = 500_000_000  # bytes of each writable folder
 LIMITS = {  # of each process
     "FSIZE": 500_000_000,  # bytes of a file
@@ -64,7 +65,7 @@ def has_wall() -> bool:
 def walled(command: list[str], code: Path | None) -> list[str]:
     """Return a command that runs behind the wall, with a folder of code at `CODE`."""
     words = [*BWRAP, "--proc", "/proc", "--dev", "/dev"]
-    for path in ("/tmp", "/dev/shm", HOME):
+    for path in WRITABLE:
         words += ["--size", str(ROOM), "--tmpfs", path]
     for path in _shown():
         link = path.is_symlink()

@@ -24,7 +24,11 @@ class OverdueError(UserCodeError):
 
 
 class FormError(UserCodeError):
-    """User code has none of the forms: what it has, what is missing, and the wrapper to copy."""
+    """User code has none of the forms: what it has, what it lacks, and the `wrapper` to copy."""
+
+    def __init__(self, reason: str, wrapper: str = "") -> None:
+        super().__init__(reason)
+        self.wrapper = wrapper
 
 
 class WrongCovarianceError(UserCodeError, CovarianceError):
@@ -45,6 +49,8 @@ def where_it_broke(error: BaseException, folder: str = "") -> str:
         frames = [each for each in frames if folder and each.filename.startswith(folder)] or frames
         what += "".join(f" ({Path(frame.filename).name}, line {frame.lineno})" for frame in frames[-1:])
     remedy = "mend it and run again"
+    if isinstance(error, ModuleNotFoundError):
+        remedy = f"install {error.name} beside slamgauge, or write the filter in a file that does not import it"
     if isinstance(error, FileNotFoundError) and isinstance(error.filename, str):
         name = Path(error.filename).name
         remedy = f"read {name} below `if __name__ == '__main__':`, or open Path(__file__).parent / {name!r}"

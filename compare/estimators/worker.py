@@ -12,6 +12,7 @@ from __future__ import annotations
 import importlib
 import os
 import shutil
+import signal
 import sys
 import threading
 from collections.abc import Mapping
@@ -25,8 +26,10 @@ from typing import IO, Any, cast
 import numpy as np
 
 from slamgauge.compare.estimators.adapters import adapted, callable_of
-from slamgauge.compare.estimators.answers import message, read_request
+from slamgauge.compare.estimators.answers import COVARIANCE, FORM, message, read_request
+from slamgauge.compare.estimators.forms.signatures import Form
 from slamgauge.compare.estimators.forms.step_function import StepFunction
+from slamgauge.compare.estimators.sandbox import CACHES, HOME, LIMITS, WRITABLE
 from slamgauge.compare.estimators.user_errors import FormError, UserCodeError, reason_of
 from slamgauge.errors import CovarianceError, UserError
 from slamgauge.estimate import Estimate, Estimator
@@ -52,14 +55,15 @@ class Code:
 
     Args:
         where: `folder`, `module`, `attribute`, `place`, and `files`, the Python files of the folder.
+        walled: whether it runs behind a wall.
     """
 
-    def __init__(self, where: Mapping[str, Any]) -> None:
-        self._where = where
+    def __init__(self, where: Mapping[str, Any], *, walled: bool) -> None:
+        self._where, self._walled = where, walled
         self._folder = str(where["folder"])
         self._files = {str(Path(self._folder, path)) for path in where["files"]}
         self.attribute: str = where["attribute"]
-        self._loaded: tuple[Estimator, str] | None = None
+        self._loaded: Estimator | None = None
 
     def load(self) -> str:
         """Load the module and adapt its callable; return its form in words.
@@ -85,7 +89,7 @@ class Code:
         if not callable(given):
             raise UserError(f"is a {type(given).__name__}; give a callable Recording -> Estimate")
         self._loaded = adapted(given)
-        return self._loaded[1]
+        return self._loaded.words if isinstance(self._loaded, Form) else ""
 
     def _module(self) -> ModuleType:
         """Import the module; a file whose name an imported module has is loaded under another."""
@@ -107,7 +111,7 @@ class Code:
         try:
             if self._loaded is None:
                 self.load()
-            (estimator, _), self._loaded = cast("tuple[Estimator, str]", self._loaded), None
+            estimator, self._loaded = cast("Estimator", self._loaded), None
             if noise == "file":
                 if not isinstance(estimator, StepFunction):
                     raise UserCodeError("its form has no noise to choose; leave out --noise")  # noqa: TRY301
@@ -116,18 +120,19 @@ class Code:
             estimate = cast("object", estimator(recording))
             seconds = perf_counter() - start
         except (Exception, SystemExit) as error:  # noqa: BLE001 user code may raise anything
-            most = "; its process may take 4 GB" if isinstance(error, MemoryError) and WALLED in sys.argv else ""
+            most = "; its process may take 4 GB" if isinstance(error, MemoryError) and self._walled else ""
             return failure(error, f"{reason_of(error, self._folder)}{most}"), None
         if not isinstance(estimate, Estimate):
             return {"reason": f"returned a {type(estimate).__name__}; return a slamgauge.Estimate"}, None
-        remarks, replaces = getattr(estimator, "remarks", []), getattr(estimator, "replaces_noise", False)
-        return {"seconds": seconds, "remarks": remarks, "replaces_noise": replaces}, estimate
+        form = estimator if isinstance(estimator, Form) else Form()
+        return {"seconds": seconds, "remarks": [*form.remarks], "replaces_noise": form.replaces_noise}, estimate
 
 
 def failure(error: BaseException, reason: str) -> Mapping[str, object]:
     """Return the fields of an answer without a result."""
-    kinds = {"form": FormError, "covariance": CovarianceError}
-    return {"reason": reason, "kind": next((kind for kind, each in kinds.items() if isinstance(error, each)), "")}
+    if isinstance(error, FormError):
+        return {"reason": reason, "kind": FORM, "wrapper": error.wrapper.splitlines()}
+    return {"reason": reason, "kind": COVARIANCE if isinstance(error, CovarianceError) else ""}
 
 
 def serve(requests: IO[bytes], answers: IO[bytes], *, walled: bool) -> None:
@@ -137,9 +142,9 @@ def serve(requests: IO[bytes], answers: IO[bytes], *, walled: bool) -> None:
     if first is None:
         return
     where, _ = first
-    sys.argv, sys.dont_write_bytecode = [where["place"], *sys.argv[1:]], True
+    sys.argv, sys.dont_write_bytecode = [where["place"]], True
     sys.path.insert(0, where["folder"])
-    code = Code(where)
+    code = Code(where, walled=walled)
     try:
         form = code.load()
     except UserError as error:
@@ -153,18 +158,13 @@ def serve(requests: IO[bytes], answers: IO[bytes], *, walled: bool) -> None:
             _answer(answers, *code.run(recording, fields["noise"]))
         elif pid := os.fork():
             status = os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
+            _clear()
             if status != ANSWERED:
-                how = f"was ended by {_signal_name(-status)}" if status < 0 else f"ended with status {status}"
+                how = f"was ended by {signal.Signals(-status).name}" if status < 0 else f"ended with status {status}"
                 _answer(answers, {"reason": f"its process {how}{' before the run was done' if status >= 0 else ''}"})
         else:
             _answer(answers, *code.run(recording, fields["noise"]))
             os._exit(ANSWERED)
-
-
-def _signal_name(number: int) -> str:
-    import signal
-
-    return signal.Signals(number).name
 
 
 def _answer(out: IO[bytes], fields: Mapping[str, object], estimate: Estimate | None = None) -> None:
@@ -193,15 +193,22 @@ def _end_with_parent(parent: int) -> None:
 
 
 def _limit() -> None:
-    """Limit what this process and those that it starts may take; its caches begin with those of the user."""
-    import resource
-
-    from slamgauge.compare.estimators.sandbox import CACHES, HOME, LIMITS
+    """Limit what this process and those that it starts may take."""
+    import resource  # not on Windows
 
     for name, most in LIMITS.items():
         what = getattr(resource, f"RLIMIT_{name}")
         least = min(each for each in (*resource.getrlimit(what), most) if each != resource.RLIM_INFINITY)
         resource.setrlimit(what, (least, least))
+
+
+def _clear() -> None:
+    """End the processes and remove the files that a run has left; the caches begin again with those of the user."""
+    with suppress(ProcessLookupError):
+        os.kill(-1, signal.SIGKILL)  # all but this one and the wall's own
+    for folder in map(Path, WRITABLE):
+        for each in folder.iterdir():
+            each.unlink() if each.is_symlink() or not each.is_dir() else shutil.rmtree(each)
     for place in filter(os.path.isdir, os.environ.get(CACHES, "").split(os.pathsep)):
         shutil.copytree(place, f"{HOME}/.cache/{Path(place).name}", copy_function=os.symlink, dirs_exist_ok=True)
 
@@ -212,6 +219,7 @@ def main() -> None:
     requests, answers = _own_pipes()
     if walled:
         _limit()
+        _clear()
     else:
         threading.Thread(target=_end_with_parent, args=[os.getppid()], daemon=True).start()
     for name, value in OLD_NAMES.items():

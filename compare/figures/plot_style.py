@@ -14,8 +14,7 @@ import matplotlib as mpl
 from matplotlib.figure import Figure, FigureBase
 
 from slamgauge import errors
-from slamgauge.compare.estimators.registry import BOUNDS, REGISTRY
-from slamgauge.compare.estimators.registry import DEAD_RECKONING as DEAD_RECKONING
+from slamgauge.compare.estimators.registry import BOUND, DEAD_RECKONING, HINDSIGHT_BOUND
 
 Format = Literal["pdf", "png", "svg"]
 Width = Literal["column", "page"]
@@ -43,8 +42,22 @@ class Style(NamedTuple):
     dashes: LineStyle
 
 
-# styles of built-in estimators; user estimators take those of `USER_STYLES`
-KNOWN = {name: Style(*entry.look) for name, entry in (REGISTRY | BOUNDS).items() if entry.look is not None}
+# styles of built-in estimators, others take those of `USER_STYLES`: P. Tol, "Colour schemes" (SRON/EPS/TN/09-002)
+STYLES = {
+    DEAD_RECKONING: Style("#009988", (0, (1, 1.4))),
+    "textbook-ekf": Style("#6A5ACD", (0, (7, 3))),
+    "ekf": Style("#CC3311", (0, (5, 1.2))),
+    "fej-ekf": Style("#33BBEE", (0, (3, 1, 1, 1, 1, 1))),
+    "oc-ekf": Style("#EE3377", (0, (6, 1, 1, 1, 3, 1))),
+    "iekf": Style("#775522", (0, (9, 2))),
+    "riekf": Style("#0077BB", (0, (4, 1, 1, 1))),
+    "causal": Style("#CC9900", (0, (2, 1))),
+    "batch": Style("#882288", (0, (7, 1, 1, 1, 1, 1))),
+    "isam2": Style("#AAAA00", (0, (3, 3))),
+    "gtsam-batch": Style("#4477AA", (0, (10, 2, 2, 2))),
+    BOUND: Style("#000000", (0, (1, 1))),
+    HINDSIGHT_BOUND: Style("#777777", (0, (1, 2))),
+}
 USER_STYLES = (
     Style("#332288", (0, (4, 2))),
     Style("#999933", (0, (6, 1, 2, 1))),
@@ -56,9 +69,9 @@ USER_STYLES = (
 
 
 def styles(names: Iterable[str]) -> dict[str, Style]:
-    """Return a style for each name; names without one in the registry take `USER_STYLES` in turn."""
+    """Return a style for each name; other names take `USER_STYLES` in turn."""
     users = cycle(USER_STYLES)
-    return {name: KNOWN.get(name) or next(users) for name in names}
+    return {name: STYLES.get(name) or next(users) for name in names}
 
 
 class Sheet(NamedTuple):

@@ -37,10 +37,10 @@ def has_rays(estimate: Estimate) -> bool:
 
 
 def ray_frames(estimate: Estimate) -> list[RayFrame]:
-    """Return moments at which the ray that became a point last changes, and others up to the end of all rays."""
+    """Return moments at which the oldest ray that became a point changes, and others up to the end of all rays."""
     log, history = estimate.rays, estimate.history
     assert log is not None and history is not None
-    ray = np.lexsort([log.birth - log.end, log.survivor < 0])[0]  # the one that lives longest
+    ray = np.lexsort([-log.end, log.birth, log.survivor < 0])[0]
     name, recorded = int(log.landmark[ray]), np.unique(history.step)
     members = np.array([_members(estimate, int(step), name) for step in recorded])
     chosen = _spread(recorded[np.diff(members, prepend=-1) != 0], OF_ONE_RAY)
@@ -83,7 +83,7 @@ class RayStrip:
     @property
     def height(self) -> float:
         """Height of the strip [in]."""
-        low, high = limits(self._results, self._shown, self._shown)
+        low, high = limits(self._results, self._shown, self._shown, self._frames[-1].step)
         width, height = (high - low).tolist()
         panel = sheet().inches / self._columns * float(np.clip(height / width, 0.4, 1.4))
         return -(-len(self._frames) // self._columns) * (panel + HEADINGS) + FOOT
@@ -93,13 +93,13 @@ class RayStrip:
         rows, start = -(-len(self._frames) // self._columns), self._results.recording.stamps[0]
         panels = list(figure.subplots(rows, self._columns, squeeze=False).flat)
         for panel, frame in zip(panels, self._frames, strict=False):
-            Scene(panel, self._results, self._shown, self._shown).show(frame.step)
+            Scene(panel, self._results, self._shown, self._shown, self._frames[-1].step).show(frame.step)
             time = self._results.recording.stamps[frame.step] - start
             panel.set_title(f"t = {time:.1f} s\n{frame.caption}", fontsize=5 if sheet().is_narrow else None)
             panel.label_outer()
             rows = map_at(self._shown[self._name], frame.step)
-            places = rows.position[rows.landmark == frame.landmark]
-            for place in places[-1:]:
+            mine = rows.only(rows.landmark == frame.landmark)
+            for place in mine.position[np.argsort(mine.weight)][-1:]:  # the likeliest member
                 panel.annotate(str(frame.landmark), place, (0, 5), textcoords="offset points", clip_on=True, zorder=5)
         for panel in panels[len(self._frames) :]:
             panel.set_axis_off()

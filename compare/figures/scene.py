@@ -32,18 +32,23 @@ class Scene:
     """Estimates of a run on axes; `show` moves them to a step."""
 
     def __init__(
-        self, ax: Axes, results: Results, shown: Mapping[str, Estimate], mapped: Mapping[str, Estimate]
+        self,
+        ax: Axes,
+        results: Results,
+        shown: Mapping[str, Estimate],
+        mapped: Mapping[str, Estimate],
+        last: int | None = None,
     ) -> None:
         """Create the artists: paths of the `shown` estimates, robots and maps of the `mapped` ones.
 
-        A map is that of the history, or else the final map.
+        A map is that of the history, or else the final map. The axes contain the paths up to the step `last`.
         """
         self._truth = Truth() if results.truth is None else results.truth
         self._recording = results.recording
         self._shown, self._mapped = shown, mapped
         self._step = -1
         chosen = styles(results.estimates)  # same styles as in the figure of the run
-        low, high = limits(results, shown, mapped)
+        low, high = limits(results, shown, mapped, last)
         ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal", xlabel="x [m]", ylabel="y [m]")
         size = ROBOT * float((high - low).max())
         draw_true_landmarks(ax, self._truth.landmarks)
@@ -79,11 +84,13 @@ class Scene:
         self._step = step
 
 
-def limits(results: Results, shown: Mapping[str, Estimate], mapped: Mapping[str, Estimate]) -> tuple[Float, Float]:
-    """Return limits around all paths, true landmarks and final maps, and as far as possible around earlier maps."""
-    truth = Truth() if results.truth is None else results.truth
-    sure = [each[:, :2] for each in (truth.poses, truth.landmarks) if each is not None]
-    sure += [estimate.poses[:, :2] for estimate in shown.values()]
-    sure += [estimate.landmarks for estimate in mapped.values()]
+def limits(
+    results: Results, shown: Mapping[str, Estimate], mapped: Mapping[str, Estimate], last: int | None = None
+) -> tuple[Float, Float]:
+    """Return limits around paths up to the step `last` and landmarks, and as far as possible around earlier maps."""
+    truth, end = Truth() if results.truth is None else results.truth, None if last is None else last + 1
+    sure = [] if truth.poses is None else [truth.poses[:end, :2]]
+    sure += [estimate.poses[:end, :2] for estimate in shown.values()]
+    sure += [estimate.landmarks for estimate in mapped.values()] if truth.landmarks is None else [truth.landmarks]
     passing = [estimate.history.position for estimate in mapped.values() if estimate.history is not None]
     return map_limits(sure, passing)

@@ -8,20 +8,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from slamgauge.compare.noise.association import with_ids
-from slamgauge.compare.noise.autocorrelation import (
-    largest_correlation,
-    observations_per_independent_one,
-    with_larger_sigmas,
-)
 from slamgauge.compare.noise.diagnosis import Diagnosis, diagnose
-from slamgauge.compare.noise.innovation_model import NoiseModel
-from slamgauge.compare.noise.likelihood import Interval, intervals
-from slamgauge.compare.noise.outliers import fit
+from slamgauge.compare.noise.likelihood import Fit, NoiseModel
+from slamgauge.compare.noise.outliers import Outlier, fit_without_outliers
 from slamgauge.compare.noise.parameters import SYSTEMATIC, Heading, NoiseParameters
+from slamgauge.compare.scoring.intervals import Interval
+from slamgauge.ekf.estimators import riekf
 from slamgauge.ekf.innovations import Innovations
+from slamgauge.ekf.settings import Association, FilterSettings, MapManagement
 from slamgauge.errors import UserError
 from slamgauge.recording import Recording
+
+# A smaller gate would make the noise look too small; this one excludes 3 in 10 000 correct observations.
+JOINT = FilterSettings(Association(method="jcbb", gate=16.0, map_management=MapManagement()))
 
 
 class HeldOut(NamedTuple):
@@ -36,23 +35,19 @@ class Noise:
     """Noise of a recording, as found by `find_noise`.
 
     Attributes:
-        recording: measurements from which the noise was estimated: with ids, without contradicted first observations.
+        recording: measurements from which the noise was estimated: with ids, without outliers.
         assumed: sigmas of the recording by name.
         parameters: estimated sigmas by name: forward, lateral [m per step], turn [rad per step], range [m], bearing
             [rad] or position [m]; root mean squares over steps and observations.
         systematic: systematic errors by name, if requested.
         heading: forward direction to which headings refer.
-        values: all estimated parameters by name, including those of outliers.
-        rates: share of outliers of each channel with a mixture distribution.
-        first_sights_left_out: number of excluded first observations, which the next ones contradict.
+        outliers: excluded observations.
         left_without_id: number of excluded observations of a recording without ids, which fit no landmark.
         before: tests of the assumed noise.
         after: tests of the estimated noise.
         log_likelihood_gain: log-likelihood of the estimated noise minus that of the assumed noise [nats].
         held_out: the same on data that was not fitted; None if one half of the log does not determine the noise.
-        sights_counted_as_one: number of observations of a landmark that count as one; 1 if errors are not correlated.
-        tuned: the given recording with the estimated noise, covariances of observations times
-            `sights_counted_as_one`, and without systematic errors; unchanged if `keeps_assumed`.
+        tuned: the given recording with the estimated noise and without systematic errors; unchanged if `keeps_assumed`.
     """
 
     recording: Recording
@@ -60,15 +55,12 @@ class Noise:
     parameters: Mapping[str, Interval]
     systematic: Mapping[str, Interval]
     heading: Heading
-    values: Mapping[str, float]
-    rates: Mapping[str, Interval]
-    first_sights_left_out: int
+    outliers: list[Outlier]
     left_without_id: int
     before: Diagnosis
     after: Diagnosis
     log_likelihood_gain: float
     held_out: HeldOut | None
-    sights_counted_as_one: float
     tuned: Recording
 
     @property
@@ -78,8 +70,8 @@ class Noise:
 
     @property
     def outlier_rate(self) -> float:
-        """Share of observations with an outlier in one of their channels; 0 with Gaussian or Student's t errors."""
-        return 1.0 - float(np.prod([1.0 - rate.value for rate in self.rates.values()]))
+        """Share of the observations that are outliers."""
+        return len(self.outliers) / (len(self.outliers) + len(self.recording.observation))
 
 
 def find_noise(recording: Recording, *, systematic: bool = False, heading: Heading = "sensor") -> Noise:
@@ -94,38 +86,39 @@ def find_noise(recording: Recording, *, systematic: bool = False, heading: Headi
     Raises:
         UserError: the recording is bearing-only, has no steps or no observations, or no landmark is re-observed.
     """
-    tuned = NoiseParameters(recording).recording_with
-    known = with_ids(recording)
-    model = NoiseModel(known, systematic)
-    _require_innovations(model.assumed_innovations())  # before the long computation
-    found = fit(model)
-    used, values = found.model, found.values
-    before = _require_innovations(used.assumed_innovations())
-    after = diagnose(used, found.innovations, values)
-    held_out = _held_out(used, before)
-    is_kept = _is_loss(held_out)
-    correlation = 0.0 if is_kept else largest_correlation(after)
-    counted = observations_per_independent_one(used, values, correlation) if correlation else 1.0
-    rates = {each.channel: f"{each.channel} rate" for each in used.distributions if each.kind == "mixture"}
-    errors = SYSTEMATIC if systematic else ()
-    interval = intervals(found.likelihood, found.best, (*used.parameters.sigmas, *errors, *rates.values()))
+    given = NoiseParameters(recording)
+    known = _with_ids(recording)
+    _require_innovations(NoiseModel(known).assumed_innovations())  # before the long computation
+    found, outliers = fit_without_outliers(NoiseModel(known, systematic))
+    before, after = _require_innovations(found.model.assumed_innovations()), found.innovations()
+    held_out = _held_out(found.model, before)
     return Noise(
-        recording=used.recording,
-        assumed=model.parameters.assumed,
-        parameters={name: interval[name] for name in used.parameters.sigmas},
-        systematic={name: interval[name] for name in errors},
-        values=values,
+        recording=found.model.recording,
+        assumed=given.assumed,
+        parameters={name: found.interval(name) for name in given.sigmas},
+        systematic={name: found.interval(name) for name in (SYSTEMATIC if systematic else ())},
         heading=heading,
-        rates={channel: interval[name] for channel, name in rates.items()},
-        first_sights_left_out=len(known.observation) - len(used.recording.observation),
+        outliers=outliers,
         left_without_id=len(recording.observation) - len(known.observation),
-        before=diagnose(used, before, {}),
-        after=after,
-        log_likelihood_gain=float(found.innovations.log_likelihood.sum()) - float(before.log_likelihood.sum()),
+        before=diagnose(found.model, before),
+        after=diagnose(found.model, after),
+        log_likelihood_gain=float(after.log_likelihood.sum()) - float(before.log_likelihood.sum()),
         held_out=held_out,
-        sights_counted_as_one=counted,
-        tuned=recording if is_kept else tuned(with_larger_sigmas(used, values, counted), heading),
+        tuned=recording if _is_loss(held_out) else given.recording_with(found.values, heading),
     )
+
+
+def _with_ids(recording: Recording) -> Recording:
+    """Return the recording with ids: its own, or those of `riekf` with joint compatibility (JCBB).
+
+    Observations without a landmark are excluded.
+    """
+    if recording.landmark is not None:
+        return recording
+    ids = riekf(recording, JOINT).association
+    if ids is None or not (ids >= 0).any():
+        raise UserError("recording: it has no ids, and no observation fits a landmark; give larger covariances")
+    return recording.associated(ids)
 
 
 def _require_innovations(found: Innovations | None) -> Innovations:
@@ -141,19 +134,15 @@ def _is_loss(held_out: HeldOut | None) -> bool:
 
 
 def _held_out(model: NoiseModel, before: Innovations) -> HeldOut | None:
-    """Return the gain of the noise of the first half of the observations, with its own distributions, on the second."""
+    """Return the gain of the noise of the first half of the observations on the second half."""
     recording = model.recording
     middle = int(recording.observation_step[len(recording.observation) // 2])
     second = recording.observation_step > middle
-    first = recording.first(middle)
-    if not (first.steps and second.any()):
+    half = replace(model, recording=recording.first(middle))
+    if not (half.recording.steps and second.any()):
         return None
-    half = replace(model, recording=first, distributions=())
     assumed = half.assumed_innovations()
-    if assumed is None or np.isnan(assumed.value).all():
-        return None
-    found = fit(half)
-    after = replace(model, distributions=found.model.distributions).innovations(found.values)
+    after = None if assumed is None or np.isnan(assumed.value).all() else model.innovations(Fit(half).values)
     if after is None:
         return None
     return HeldOut(float((after.log_likelihood - before.log_likelihood)[second].sum()), int(second.sum()))

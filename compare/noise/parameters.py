@@ -148,6 +148,10 @@ class NoiseParameters:
             odometry, odometry_cov, observation, self.recording.observation_cov * np.outer(factor, factor)
         )
 
+    def rows(self, channel: str) -> list[int]:
+        """Return which of the two rows of an observation belong to a channel."""
+        return [0, 1] if len(self.channels) == 1 else [self.channels.index(channel)]
+
     def recording_with(self, values: Mapping[str, float], heading: Heading = "odometry") -> Recording:
         """Return the recording with these values; its headings refer to the forward direction of `heading`.
 

@@ -15,7 +15,7 @@ from slamgauge.compare.exercise.results import Exercise, QuestionResult, Setting
 from slamgauge.compare.exercise.settings import CAUSAL, CAUSAL_OF_EKF, DEAD_RECKONING, EKF, GTSAM, QUESTIONS
 from slamgauge.compare.figures.exercise_figures import save_closure_figure, save_nees_figure
 from slamgauge.compare.report.page import TERMS, render
-from slamgauge.compare.report.page_elements import Picture, origin, pictures
+from slamgauge.compare.report.page_elements import Line, Page, Section, origin, pictures, said
 from slamgauge.compare.scoring.runs import Runs
 from slamgauge.compare.storage.best_effort import decorate
 from slamgauge.compare.storage.files import read_json
@@ -50,19 +50,21 @@ def exercise_page(figures: Path, run_0: Path, exercise: Exercise) -> str:
         run_0: folder with the folders of run 0 of each setting.
         exercise: results.
     """
-    questions = [_question(figures, run_0, each) for each in exercise.questions]
-    overview = replace(tables.scores(exercise.settings), caption="All settings", id="overview")
-    return render(
-        "exercise.html",
+    overview = replace(tables.scores(exercise.settings), id="overview")
+    doubts = [*(each.doubt for each in exercise.settings if each.doubt), *exercise.failures]
+    page = Page(
         kind="the exercise next to its optimum",
         title="TP4: EKF-SLAM next to GTSAM batch",
-        questions=questions,
-        overview=overview,
-        notes=[_measurements(exercise), *(each.doubt for each in exercise.settings if each.doubt), *exercise.failures],
-        tables=[overview, *(table for each in questions for table in each["tables"])],
+        lead=[Line(f"Question {each.name[1:]}", each.answer(), f"#{each.name}") for each in exercise.questions],
+        notes=said([_measurements(exercise), *doubts]),
+        sections=[
+            *([Section("All settings", "all", tables=[overview])] if len(exercise.questions) > 1 else []),
+            *(section for each in exercise.questions for section in _sections(figures, run_0, each)),
+        ],
         terms=TERMS["run"],
         origin=origin({**provenance(None), "seed": exercise.seed}, [("Runs of each setting", str(exercise.runs))]),
     )
+    return render(page)
 
 
 def _measurements(exercise: Exercise) -> str:
@@ -72,8 +74,8 @@ def _measurements(exercise: Exercise) -> str:
     )
 
 
-def _question(figures: Path, run_0: Path, found: QuestionResult) -> dict[str, Any]:
-    """Return what the template shows of a question."""
+def _sections(figures: Path, run_0: Path, found: QuestionResult) -> list[Section]:
+    """Return the section of a question: task, tables, and figures of all its settings; then those of its settings."""
     name, question = found.name, QUESTIONS[found.name]
     known = {
         f"{name}-nees.png": (
@@ -85,40 +87,33 @@ def _question(figures: Path, run_0: Path, found: QuestionResult) -> dict[str, An
             "The first loop closure of each lap: RMS position error (dots) and 3σ (bars), before and at the closure.",
         ),
     }
-    return {
-        "name": name,
-        "title": question.title,
-        "task": question.task,
-        "answer": found.answer(),
-        "correction": found.largest_correction(),
-        "tables": [
-            replace(table, id=f"{name}-{place}")
-            for place, table in enumerate(
-                (
-                    tables.scores(found.settings),
-                    tables.closures(found.settings),
-                    tables.landmarks(found.settings),
-                    tables.conclusions(found.judgements, with_ratio=True),
-                )
-            )
-        ],
-        "pictures": pictures(figures, known),
-        "settings": [_setting(run_0, each) for each in found.settings],
-    }
+    shown = (
+        tables.scores(found.settings),
+        tables.closures(found.settings),
+        tables.landmarks(found.settings),
+        tables.conclusions(found.judgements, with_ratio=True),
+    )
+    section = Section(
+        f"Question {name[1:]}: {question.title}",
+        name,
+        texts=[*filter(None, (question.task, found.largest_correction()))],
+        tables=[replace(table, id=f"{name}-{place}") for place, table in enumerate(shown)],
+        pictures=pictures(figures, known),
+    )
+    return [section, *(_setting(run_0, each) for each in found.settings)]
 
 
-def _setting(run_0: Path, ran: SettingResult) -> dict[str, Any]:
-    """Return what the template shows of a setting."""
+def _setting(run_0: Path, ran: SettingResult) -> Section:
+    """Return the section of a setting: its figure, what it shows, and the link to its replay."""
     setting, folder = ran.setting, run_0 / ran.setting.figure
     alt = f"Figure {setting.figure}: map with truth, dead reckoning, EKF and GTSAM batch, and errors in ±3σ bounds"
-    shown: list[Picture] = pictures(folder, {"figure.png": (alt, "Run 0: map, and errors in their ±3σ bounds.")})
-    return {
-        "figure": setting.figure,
-        "title": f"{setting.title} ({setting.scenario})",
-        "text": what_the_figure_shows(ran, read_json(folder / METRICS, "exercise")),
-        "link": f"{RUN_0}/{quote(setting.figure)}/{REPORT}",
-        "picture": shown[0] if shown else None,
-    }
+    return Section(
+        f"Figure {setting.figure}: {setting.title} ({setting.scenario})",
+        texts=[what_the_figure_shows(ran, read_json(folder / METRICS, "exercise"))],
+        pictures=pictures(folder, {"figure.png": (alt, "Run 0: map, and errors in their ±3σ bounds.")}),
+        link=f"{RUN_0}/{quote(setting.figure)}/{REPORT}",
+        level=3,
+    )
 
 
 def what_the_figure_shows(ran: SettingResult, metrics: dict[str, Any]) -> str:

@@ -7,9 +7,9 @@ from pathlib import Path
 from urllib.parse import quote
 
 from slamgauge.compare.checks.examination import CHECKS as ALL_CHECKS
-from slamgauge.compare.report.page import plain_page
-from slamgauge.compare.report.page_elements import origin
-from slamgauge.compare.scoring.table import Cell, Head, Table, figure, from_to
+from slamgauge.compare.report.page import render
+from slamgauge.compare.report.page_elements import Line, Page, Section, origin, said
+from slamgauge.compare.scoring.table import Cell, Head, Table, figure
 from slamgauge.compare.storage.csv_cells import read_csv
 from slamgauge.compare.storage.result_files import GRADES, PAGES, REPORT
 
@@ -40,20 +40,23 @@ def grade_pages(folder: Path) -> dict[str, str]:
     rows = read_csv(folder / GRADES)
     graded, passed = (sum(row[key] == "true" for row in rows) for key in ("graded", "passed"))
     where = origin(rows[0])
-    pages = {
-        REPORT: plain_page(
-            kind="grades",
-            title=f"{passed} of {len(rows)} submissions passed",
-            lead=[("", "all could be graded" if graded == len(rows) else f"{len(rows) - graded} could not be graded")],
-            tables=[class_table(rows), check_table(rows)],
-            folded=[
-                ("Reasons", [(row["submission"], f"{verdict(row)}: {row['reason']}") for row in rows if row["reason"]]),
-                ("Settings of files", [(row["submission"], row["settings"]) for row in rows if row["settings"]]),
-                ("Remarks for the teacher", [(row["submission"], row["remarks"]) for row in rows if row["remarks"]]),
-            ],
-            origin=where,
-        )
+    lists = {
+        "Reasons": [Line(row["submission"], f"{verdict(row)}: {row['reason']}") for row in rows if row["reason"]],
+        "Settings of files": [Line(row["submission"], row["settings"]) for row in rows if row["settings"]],
+        "Remarks for the teacher": [Line(row["submission"], row["remarks"]) for row in rows if row["remarks"]],
     }
+    page = Page(
+        kind="grades",
+        title=f"{passed} of {len(rows)} submissions passed",
+        lead=said(["all could be graded" if graded == len(rows) else f"{len(rows) - graded} could not be graded"]),
+        sections=[
+            Section("Submissions", "submissions", tables=[class_table(rows)]),
+            Section("Failed checks", "failures", tables=[check_table(rows)]),
+            *(Section(f"{title} ({len(lines)})", lines=lines, is_folded=True) for title, lines in lists.items()),
+        ],
+        origin=where,
+    )
+    pages = {REPORT: render(page)}
     return pages | {f"{PAGES}/{row['submission']}.html": submission_page(folder, row, where) for row in rows}
 
 
@@ -79,7 +82,7 @@ def class_table(rows: list[Row]) -> Table:
         ]
         for row in rows
     ]
-    return Table(heads, cells, "Submissions", "grades")
+    return Table(heads, cells, id="grades")
 
 
 def _number(row: Row, key: str) -> float | None:
@@ -95,7 +98,7 @@ def check_table(rows: list[Row]) -> Table:
         for name, submissions in failed.items()
         if submissions
     ]
-    return Table(heads, cells, "Failed checks", "checks")
+    return Table(heads, cells, id="checks")
 
 
 CHECKS = {check.name: check for check in ALL_CHECKS}
@@ -104,25 +107,17 @@ CHECKS = {check.name: check for check in ALL_CHECKS}
 def submission_page(folder: Path, row: Row, where: list[tuple[str, str, bool]]) -> str:
     """Return the page of a submission."""
     record = folder / PAGES / f"{row['submission']}.md"
-    figures = [
-        [
-            *(Cell(title), figure(_number(row, key), form)),
-            *(from_to(_number(row, f"{key}_low"), _number(row, f"{key}_high"), form), Cell(meaning)),
-        ]
-        for key, title, meaning, form in FIGURES
-    ]
-    heads = [
-        Head("metric", help="name of the metric", words=True),
-        *(Head("mean", help="mean over runs"), Head("95 % interval", help="95 % interval of the mean")),
-        Head("meaning", help="explanation of the metric", words=True),
-    ]
     reasons = row["reason"].split("; ") if row["reason"] else []
-    return plain_page(
+    printed = html.unescape(record.read_text(encoding="utf-8")) if record.is_file() else ""
+    page = Page(
         kind="a submission",
         title=f"{row['submission']}: {verdict(row)}",
-        lead=[("", reason) for reason in reasons] or [("", "no criterion fails")],
-        tables=[Table(heads, figures if row["graded"] == "true" else [], "Metrics", "figures"), check_table([row])],
+        lead=said(reasons or ["no criterion fails"]),
+        sections=[
+            Section("Failed checks", "failures", tables=[check_table([row])]),
+            Section("Complete record", "record", verbatim=printed),
+        ],
         origin=where,
         back=f"../{REPORT}",
-        verbatim=html.unescape(record.read_text(encoding="utf-8")).splitlines() if record.is_file() else (),
     )
+    return render(page)

@@ -10,7 +10,7 @@ import base64
 import hashlib
 import json
 import re
-from collections.abc import Iterable, Sequence
+from dataclasses import fields
 from functools import cache
 from importlib.resources import files
 from typing import Any, Literal
@@ -20,8 +20,8 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescap
 from markupsafe import Markup
 from numpy.typing import ArrayLike
 
-from slamgauge.compare.report.page_elements import Picture
-from slamgauge.compare.scoring.table import Table, sized
+from slamgauge.compare.report.page_elements import Page
+from slamgauge.compare.scoring.table import sized
 from slamgauge.compare.storage.safe_names import shown
 from slamgauge.version import __version__
 
@@ -29,7 +29,7 @@ ASSETS = files("slamgauge.compare.report") / "assets"
 # each module imports only modules before it
 MODULES = (
     *("unpack", "colours", "surface", "ticks", "download", "tables", "panel", "camera", "scene", "timeline", "player"),
-    *("replay", "strip", "study", "start"),
+    *("replay", "start"),
 )
 TERMS = {
     "run": (
@@ -50,72 +50,26 @@ IMPORT = re.compile(r"^import .*;\n", re.MULTILINE)
 EXPORT = re.compile(r"^export (?=function|class|const)", re.MULTILINE)
 
 
-def render(
-    template: str,
-    *,
-    tables: Sequence[Table] = (),
-    terms: Sequence[tuple[str, str]] = (),
-    data: dict[str, Any] | None = None,
-    **content: Any,
-) -> str:
-    """Return the HTML of a template with a glossary of terms and table columns; `data` is JSON for its script."""
+def render(page: Page) -> str:
+    """Return the HTML of a page, with a glossary of its terms and of the columns of its tables."""
     style, script = style_sheet(), program()
+    content = {each.name: getattr(page, each.name) for each in fields(page)}
+    content["data"] = Markup(json_text(page.data))  # escaped by json_text
+    content["sections"] = [section for section in page.sections if section]
+    heads = [head for section in page.sections for table in section.tables if table.rows for head in table.heads]
+    glossary = dict.fromkeys([*page.terms, *((head.full, head.help) for head in heads if head.help)])
     return (
         _environment()
-        .get_template(template)
+        .get_template("page.html")
         .render(
+            content,
             version=__version__,
             style=Markup(style),  # trusted: part of slamgauge
             script=Markup(script),  # trusted: part of slamgauge
             policy=policy(style, script),
-            data=Markup(json_text(data or {})),  # escaped by json_text
-            tables=tables,
-            glossary=glossary(terms, tables),
-            **content,
+            glossary=[*glossary],
         )
     )
-
-
-def plain_page(
-    *,
-    kind: str,
-    title: str,
-    lead: Sequence[tuple[str, str]],
-    tables: Sequence[Table],
-    origin: Sequence[tuple[str, str, bool]],
-    notes: Sequence[str] = (),
-    pictures: Sequence[Picture] = (),
-    terms: Sequence[tuple[str, str]] = (),
-    folded: Sequence[tuple[str, Sequence[tuple[str, str]]]] = (),
-    back: str = "",
-    verbatim: Sequence[str] = (),
-) -> str:
-    """Return the HTML of a page; each parameter is a part of the template `plain.html`.
-
-    `kind` is shown above the title. `lead` has sentences with the name of their estimator, `notes` further ones. Tables
-    without rows are not shown. `folded` are lists below the tables, each with a summary that opens it. The glossary
-    explains `terms` and all columns. `back` is a link to the page above, `verbatim` are lines that a program printed.
-    """
-    return render(
-        "plain.html",
-        kind=kind,
-        title=title,
-        lead=lead,
-        notes=notes,
-        tables=tables,
-        pictures=pictures,
-        terms=terms,
-        origin=origin,
-        folded=folded,
-        back=back,
-        verbatim=verbatim,
-    )
-
-
-def glossary(terms: Iterable[tuple[str, str]], tables: Iterable[Table]) -> list[tuple[str, str]]:
-    """Return terms and columns of tables with rows, each once."""
-    shown = [head for table in tables if table.rows for head in table.heads]
-    return [*dict.fromkeys([*terms, *((head.full, head.help) for head in shown if head.help)])]
 
 
 def policy(style: str, script: str) -> str:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from slamgauge.compare.estimators.registry import OPTIMA, REGISTRY
 from slamgauge.compare.figures.plot_style import DEAD_RECKONING
 from slamgauge.compare.report.page import TERMS, render
-from slamgauge.compare.report.page_elements import looks, origin, pictures
+from slamgauge.compare.report.page_elements import Line, Page, Section, looks, origin, pictures, said
 from slamgauge.compare.report.replay_data import replay_data
 from slamgauge.compare.scoring.comparison import Comparison, doubtful_kinds, optimum_notes, run_table
 from slamgauge.compare.scoring.table import ESTIMATOR, Cell, Head, Table, cell, figure
@@ -46,37 +47,35 @@ def run_page(folder: Path) -> dict[str, str]:
     results, path = load_results(folder), folder / METRICS
     title, truth, recording, estimates = results
     metrics = read_json(path, "run")
-    shown = looks(estimates, hidden=(DEAD_RECKONING,) if len(estimates) > 1 else ())
     optima: dict[Kind, str] = {each.kind: name for name, each in estimates.items() if OPTIMA.get(each.kind) == name}
     comparison = Comparison(truth, recording, estimates, {}, optima)
-    by_kind = {kind: estimates[name] for kind, name in optima.items()}
-    doubtful = doubtful_kinds(by_kind)
-    tables = (run_table(metrics["estimators"], doubtful), closure_table(metrics), drift_table(metrics))
+    doubtful = doubtful_kinds({kind: estimates[name] for kind, name in optima.items()})
     failures = [f"{each['estimator']} failed: {each['error']}" for each in metrics.get("failures", ())]
+    first, *others = [*pictures(folder, PICTURES), None]
+    page = Page(
+        kind="one run",
+        title=title,
+        lead=lead(metrics),
+        notes=said([*metrics.get("notes", ()), *optimum_notes(comparison), *failures]),
+        picture=first,
+        sections=[
+            Section("Metrics of each estimator", "figures", tables=[run_table(metrics["estimators"], doubtful)]),
+            Section("Loop closures: error and sigma before and after", tables=[closure_table(metrics)], is_folded=True),
+            Section("Replay of the run", "replay", include="replay.html"),
+            Section("Further figures", "pictures", pictures=[each for each in others if each is not None]),
+        ],
+        looks=looks(estimates, hidden=(DEAD_RECKONING,) if len(estimates) > 1 else ()),
+        legend=legend(results),
+        terms=TERMS["run"],
+        origin=origin(metrics, [("Steps", str(recording.steps)), ("Sensor", recording.sensor)]),
+    )
+    room = LARGEST - len(render(page).encode())
+    return {REPORT: render(replace(page, data={"run": replay_data(results, page.looks, room)}))}
 
-    def page(data: dict[str, Any]) -> str:
-        return render(
-            "run.html",
-            kind="one run",
-            title=title,
-            lead=lead(metrics),
-            notes=[*metrics.get("notes", ()), *optimum_notes(comparison), *failures],
-            looks=shown,
-            legend=legend(results),
-            pictures=pictures(folder, PICTURES),
-            terms=TERMS["run"],
-            tables=tables,
-            origin=origin(metrics, [("Steps", str(recording.steps)), ("Sensor", recording.sensor)]),
-            data=data,
-        )
 
-    room = LARGEST - len(page({}).encode())
-    return {REPORT: page({"run": replay_data(results, shown, room)})}
-
-
-def lead(metrics: dict[str, Any]) -> list[tuple[str, str]]:
+def lead(metrics: dict[str, Any]) -> list[Line]:
     """Return a sentence for each estimator: its error, its ratio to the optimum, and the verdict."""
-    return [(name, text) for name, entry in metrics["estimators"].items() if (text := _sentence(name, entry))]
+    return [Line(name, f"{text}.") for name, entry in metrics["estimators"].items() if (text := _sentence(name, entry))]
 
 
 def _sentence(name: str, entry: dict[str, Any]) -> str:
@@ -92,26 +91,6 @@ def _sentence(name: str, entry: dict[str, Any]) -> str:
     if entry.get("verdict"):
         parts.append(entry["verdict"])
     return "; ".join(parts)
-
-
-def drift_table(metrics: dict[str, Any]) -> Table:
-    """Return the table of relative pose errors by length of the path segments."""
-    rows = [
-        [
-            *(Cell(name), figure(each["distance_m"], "{:g}"), figure(each["translation_m"], "{:.3f}")),
-            *(figure(each["heading_rad"], "{:.4f}"), figure(each["pieces"], "{}")),
-        ]
-        for name, entry in metrics["estimators"].items()
-        for each in entry.get("rpe_by_distance") or ()
-    ]
-    heads = [
-        ESTIMATOR,
-        Head("over [m]", help="length of the segments of the true path"),
-        Head("error [m]", help="RMS translation error over a segment, relative to its start"),
-        Head("heading error [rad]", help="RMS heading error over a segment, relative to its start"),
-        Head("segments", help="number of segments"),
-    ]
-    return Table(heads, rows, "Relative pose errors over all segments of the true path of a length", "drift")
 
 
 def closure_table(metrics: dict[str, Any]) -> Table:

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from slamgauge.compare.report.page import TERMS, pack, render
-from slamgauge.compare.report.page_elements import Look, looks, origin, pictures
-from slamgauge.compare.report.rerun_command import command_of_run, request_of
-from slamgauge.compare.scoring.aggregation import BAND_LEVEL, PerStep, nees_per_step, nis_per_step
+from slamgauge.compare.report.page import TERMS, render
+from slamgauge.compare.report.page_elements import Line, Page, Section, looks, origin, pictures, said
 from slamgauge.compare.scoring.catalogue import BY_KEY
 from slamgauge.compare.scoring.ray_figures import describe
 from slamgauge.compare.scoring.runs import Runs
@@ -20,6 +18,8 @@ from slamgauge.compare.studies.paired_comparisons import against_tables
 from slamgauge.compare.studies.stored_study import StoredStudy, load_study
 from slamgauge.compare.studies.study_run import run_seed
 from slamgauge.compare.studies.summary import (
+    Request,
+    Summary,
     empty_column_lines,
     estimator_table,
     failure_lines,
@@ -27,7 +27,6 @@ from slamgauge.compare.studies.summary import (
     too_good_lines,
 )
 
-MOST_MOMENTS = 1500  # points of a curve
 PICTURES = {
     "rmse.png": (
         "RMS position error over runs against time with 95 % intervals, and the bounds",
@@ -42,6 +41,7 @@ PICTURES = {
     "ratios.png": ("Box plots of each run's ATE over the optimum's", "ATE of each run over the optimum's in that run."),
 }
 RUN = Head("run", help="number of the run, from 0")
+COMMAND = Head("command", help="repeats the run and writes its page with a replay", words=True)
 
 
 def study_page(folder: Path) -> dict[str, str]:
@@ -52,34 +52,50 @@ def study_page(folder: Path) -> dict[str, str]:
     """
     study = load_study(folder)
     summary = study.summary
-    shown, value = looks(summary.estimators), request_of(summary).swept
-    table, worst, every = estimator_table(summary), worst_table(study), run_table(study)
-    comparisons = against_tables(summary.against)
-    text = render(
-        "study.html",
+    value = request_of(summary).swept
+    first, *others = [*pictures(folder, PICTURES), None]
+    table, every = estimator_table(summary), run_table(study)
+    entries = summary.estimators.items()
+    rays = [Line(name, f"a run's {describe(each['rays'])}.") for name, each in entries if each["rays"]]
+    notes = [*optimum_lines(summary), *empty_column_lines([summary], "study")]
+    page = Page(
         kind="a study",
         title=f"{summary.scenario}{f' at {value}' if value else ''}, {summary.runs} runs",
-        lead=[(name, each["verdict"]) for name, each in summary.estimators.items() if each["verdict"]],
-        notes=[
-            *optimum_lines(summary),
-            *empty_column_lines([summary], "study"),
-            *too_good_lines(summary),
-            *failure_lines(summary),
+        lead=[Line(name, f"{each['verdict']}.") for name, each in entries if each["verdict"]],
+        notes=said([*notes, *too_good_lines(summary), *failure_lines(summary)]),
+        picture=first,
+        sections=[
+            Section("Metrics of each estimator", "figures", tables=[table, *against_tables(summary.against)]),
+            Section("Rays of bearing-only landmarks", lines=rays, level=3),
+            Section("Worst and median runs", "look", tables=[worst_table(study)]),
+            Section(f"All {len(every.rows)} runs", tables=[every], is_folded=True),
+            Section("Consistency and errors", "pictures", pictures=[each for each in others if each is not None]),
         ],
-        table=table,
-        worst=worst,
-        every=every,
-        comparisons=comparisons,
-        rays=[(name, describe(each["rays"])) for name, each in summary.estimators.items() if each["rays"]],
-        level=f"{BAND_LEVEL:.1%}",
-        looks=shown,
-        pictures=pictures(folder, PICTURES),
+        looks=looks(summary.estimators),
         terms=TERMS["study"],
-        tables=(table, *comparisons, worst, every),
         origin=origin(study.content, [("Runs", str(summary.runs))]),
-        data={"study": study_data(study, shown)},
     )
-    return {REPORT: text}
+    return {REPORT: render(page)}
+
+
+def request_of(summary: Summary) -> Request:
+    """Return what a study requested; a study run from Python has no settings that are known."""
+    return summary.request or Request(summary.scenario, (), ",".join(summary.estimators))
+
+
+def settings_of(request: Request) -> list[str]:
+    """Return the settings of a run, with the value of a sweep."""
+    return [*request.settings, *filter(None, [request.swept])]
+
+
+def command_of_run(summary: Summary, seed: int) -> str:
+    """Return the `slamgauge run` command of a run; a comment at its end warns of settings that may be missing."""
+    request = request_of(summary)
+    settings = settings_of(request)
+    overrides = ["--set", *settings] if settings else []
+    words = ("run", request.scenario, "--seed", str(seed), *overrides, "--estimators", request.estimators)
+    known = "" if summary.request else "  # add the --set options of the study, if any"
+    return f"{shlex.join(('slamgauge', *words))}{known}"
 
 
 def worst_table(study: StoredStudy) -> Table:
@@ -95,7 +111,7 @@ def worst_table(study: StoredStudy) -> Table:
         ESTIMATOR,
         Head("which", help="run of the largest or of the median ATE", words=True),
         *(RUN, Head("ATE [m]", help=BY_KEY["ate_m"].help)),
-        Head("command", help="repeats the run and writes its page with a replay", words=True),
+        COMMAND,
     ]
     return Table(heads, rows, "Worst and median runs by ATE", "worst")
 
@@ -118,37 +134,8 @@ def run_table(study: StoredStudy) -> Table:
     rows = [
         [Cell(str(run), run), Cell(str(run_seed(study.summary.seed, run)))]
         + [figure(by_run.get(run), "{:.4f}") for by_run in ates.values()]
+        + [Cell(command_of_run(study.summary, run_seed(study.summary.seed, run)))]
         for run in range(study.summary.runs)
     ]
-    heads = [RUN, Head("seed", help="random seed of the run"), *(Head(name) for name in ates)]
+    heads = [RUN, Head("seed", help="random seed of the run"), *(Head(name) for name in ates), COMMAND]
     return Table(heads, rows, "ATE [m] of every run", "runs")
-
-
-def study_data(study: StoredStudy, shown: list[Look]) -> dict[str, Any]:
-    """Return the data of the charts."""
-    ran = {look.name: study.runs[look.name] for look in shown if len(study.runs[look.name].run)}
-    nees = {name: nees_per_step(runs) for name, runs in ran.items()}
-    nis = {name: nis_per_step(runs) for name, runs in ran.items()}
-    length = max((len(each.value) for each in nees.values()), default=0)
-    moments = np.unique(np.linspace(0, max(length - 1, 0), min(length, MOST_MOMENTS)).round().astype(np.int64))
-    return {
-        "time": pack(study.step * moments),
-        "looks": [{"name": each.name, "color": each.color, "dashes": list(each.dashes)} for each in shown],
-        "nees": _curves(nees, shown, moments),
-        "nis": _curves(nis, shown, moments),
-        "ates": [pack(study.runs[each.name].figures["ate_m"] if each.name in ran else []) for each in shown],
-        "runs": [pack(study.runs[each.name].run if each.name in ran else [], "i4") for each in shown],
-        "commands": [
-            command_of_run(study.summary, run_seed(study.summary.seed, run)) for run in range(study.summary.runs)
-        ],
-    }
-
-
-def _curves(found: dict[str, PerStep], shown: list[Look], moments: Any) -> dict[str, Any]:
-    """Return a curve for each estimator, and the widest of their bands."""
-    none = np.full(len(moments), np.nan)
-    bands = [(each.low[moments], each.high[moments]) for each in found.values()]
-    low = np.fmin.reduce([low for low, _ in bands]) if bands else none
-    high = np.fmax.reduce([high for _, high in bands]) if bands else none
-    values = [pack(found[each.name].value[moments] if each.name in found else none) for each in shown]
-    return {"values": values, "low": pack(low), "high": pack(high)}

@@ -2,137 +2,83 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from urllib.parse import quote
 
-from slamgauge.compare.noise.noise_json import supported
-from slamgauge.compare.noise.report_text import systematic_verdict
-from slamgauge.compare.noise.report_text import verdict as sigma_verdict
-from slamgauge.compare.report.page import plain_page
-from slamgauge.compare.report.page_elements import origin, pictures
-from slamgauge.compare.scoring.table import Cell, Head, Table, figure, from_to
+from slamgauge.compare.noise.tables import nis_table, noise_table
+from slamgauge.compare.report.page import render
+from slamgauge.compare.report.page_elements import Line, Page, Section, origin, pictures, said
 from slamgauge.compare.storage.files import read_json
 from slamgauge.compare.storage.result_files import BUDGET, NOISE, REPORT, SWEEP
 from slamgauge.compare.studies.budget import notes, read_budget, rung_table, verdict
 from slamgauge.compare.studies.sweep import faults, read_sweep, value_table
 from slamgauge.compare.studies.sweep import notes as sweep_notes
 
-BUDGET_PICTURES = {
+PICTURES = {
     "budget.png": (
         "Waterfall of the mean squared position error: each bar starts at the end of the previous one",
         "Each bar starts at the end of the previous one; the line in it is its 95 % interval.",
-    )
+    ),
+    "noise.png": (
+        "Estimated divided by assumed sigmas with intervals, and the NIS of each landmark before and after",
+        "Estimated divided by assumed sigmas, and the NIS of each landmark.",
+    ),
+    "sweep.png": (
+        "Error, consistency, reported sigma and size of the map against the value, with 95 % intervals",
+        "Error, consistency, reported sigma and size of the map against the value; bars are 95 % intervals.",
+    ),
 }
 
 
 def budget_page(folder: Path) -> dict[str, str]:
     """Return the page of the results of `budget` in a folder."""
     budget, content = read_budget(folder), read_json(folder / BUDGET, "budget")
-    text = plain_page(
+    page = Page(
         kind="an error budget",
         title=f"Where the error of {budget.filter} comes from: {budget.scenario}",
-        lead=[("", verdict(budget))],
-        notes=notes(budget),
-        tables=[rung_table(budget)],
-        pictures=pictures(folder, BUDGET_PICTURES),
+        lead=said([verdict(budget)]),
+        notes=said(notes(budget)),
+        sections=[
+            Section("Parts of the error", "parts", tables=[rung_table(budget)]),
+            Section("Figure", "pictures", pictures=pictures(folder, PICTURES)),
+        ],
         origin=origin(content, [("Filter", budget.filter), ("Runs", str(budget.runs))]),
     )
-    return {REPORT: text}
-
-
-NOISE_PICTURES = {
-    "noise.png": (
-        "Estimated divided by assumed sigmas with intervals, and the fit of innovations before and after",
-        "Estimated divided by assumed sigmas, and the fit of the innovations.",
-    )
-}
-NOISE_HEADS = (
-    Head("noise", help="measurement", words=True),
-    Head("unit", help="unit of the value", words=True),
-    Head("assumed", help="sigma in the recording"),
-    Head("found", help="maximum likelihood value"),
-    Head("95 % interval", help="interval of the profile likelihood; the log does not determine a missing end"),
-    Head("verdict", help="comparison of the interval with the assumed value", words=True),
-)
-NIS_HEADS = (
-    Head("channel", help="measured value", words=True),
-    Head("NIS as assumed", help="squared innovations divided by their variance, with the assumed noise; 1 if right"),
-    Head("NIS as found", help="the same with the estimated noise"),
-    Head("95 % band", help="interval of the NIS for the right noise"),
-    Head("rows", help="number of innovations"),
-)
+    return {REPORT: render(page)}
 
 
 def noise_page(folder: Path) -> dict[str, str]:
     """Return the page of the results of `noise --out` in a folder."""
     content = read_json(folder / NOISE, "noise")
-    sigmas = [
-        [
-            *(Cell(name), Cell(each["unit"])),
-            *(figure(each["assumed"], "{:.4g}"), figure(each["sigma"], "{:.4g}")),
-            from_to(each["low"], each["high"], "{:.4g}"),
-            Cell(sigma_verdict(supported(each["sigma"], each), each["assumed"])),
-        ]
-        for name, each in content["parameters"].items()
-    ]
-    systematic = [
-        [
-            *(Cell(name), Cell(each["unit"]), figure(each["value"], "{:+.3g}")),
-            from_to(each["low"], each["high"], "{:.3g}"),
-            Cell(systematic_verdict(supported(each["value"], each, -math.inf))),
-        ]
-        for name, each in content["systematic"].items()
-    ]
-    nis = [
-        [
-            *(Cell(channel), figure(each["before"], "{:.3f}"), figure(each["after"], "{:.3f}")),
-            *(from_to(each["low"], each["high"], "{:.3f}"), Cell(str(each["rows"]), each["rows"])),
-        ]
-        for channel, each in content["nis_by_channel"].items()
-    ]
-    text = plain_page(
+    found = noise_table(content)
+    page = Page(
         kind="the noise of a recording",
         title="Noise estimated from the measurements",
-        lead=[(row[0].text, row[-1].text) for row in sigmas],
-        notes=content["notes"],
-        tables=[
-            Table(NOISE_HEADS, sigmas, "Noise of the measurements", "noise"),
-            Table(NOISE_HEADS[:2] + NOISE_HEADS[3:], systematic, "Systematic errors", "systematic"),
-            Table(NIS_HEADS, nis, "Fit of the innovations", "nis"),
+        lead=[Line(row[0].text, row[3].text) for row in found.rows],
+        notes=said(content["notes"]),
+        sections=[
+            Section("Noise of the measurements", "sigmas", tables=[found, nis_table(content)]),
+            Section("Figure", "pictures", pictures=pictures(folder, PICTURES)),
         ],
-        pictures=pictures(folder, NOISE_PICTURES),
         origin=origin(content),
     )
-    return {REPORT: text}
-
-
-SWEEP_PICTURES = {
-    "sweep.png": (
-        "Error, consistency, reported sigma and size of the map against the value, with 95 % intervals",
-        "Error, consistency, reported sigma and size of the map against the value; bars are 95 % intervals.",
-    )
-}
+    return {REPORT: render(page)}
 
 
 def sweep_page(folder: Path) -> dict[str, str]:
     """Return the page of the results of `study --sweep` in a folder."""
     sweep, content = read_sweep(folder), read_json(folder / SWEEP, "study --sweep")
-    studies = zip(sweep.values, sweep.summaries, strict=True)
+    digests = [(f"Digest at {value}", each.digest) for value, each in zip(sweep.values, sweep.summaries, strict=True)]
     links = {value: f"{quote(f'{sweep.key}={value}')}/{REPORT}" for value in sweep.values}
-    text = plain_page(
+    page = Page(
         kind="a sweep",
         title=f"{sweep.scenario} over {sweep.key}, {sweep.runs} runs at each value",
-        lead=[*faults(sweep).items()],
-        notes=["each value in the table links to the page of its study, with all runs", *sweep_notes(sweep)],
-        tables=[value_table(sweep, links)],
-        pictures=pictures(folder, SWEEP_PICTURES),
-        origin=origin(
-            content,
-            [
-                ("Runs at each value", str(sweep.runs)),
-                *((f"Digest at {value}", summary.digest) for value, summary in studies),
-            ],
-        ),
+        lead=[Line(*each) for each in faults(sweep).items()],
+        notes=said(["each value in the table links to the page of its study, with all runs", *sweep_notes(sweep)]),
+        sections=[
+            Section("Values", "values", tables=[value_table(sweep, links)]),
+            Section("Figure", "pictures", pictures=pictures(folder, PICTURES)),
+        ],
+        origin=origin(content, [("Runs at each value", str(sweep.runs)), *digests]),
     )
-    return {REPORT: text}
+    return {REPORT: render(page)}

@@ -15,7 +15,7 @@ from slamgauge.arrays import CHUNK, Float, Int, Marks, chunks
 from slamgauge.compare.scenarios.measurement_errors import Sensor
 from slamgauge.covariances import square_roots
 from slamgauge.memory import require_memory
-from slamgauge.se2 import rotation, wrap
+from slamgauge.se2 import in_body, wrap
 from slamgauge.sensors import SENSORS, predict
 from slamgauge.truth import NOBODY
 
@@ -77,11 +77,13 @@ def observe(poses: Float, landmarks: Float, sensor: Sensor, streams: Streams) ->
     value = _noise(sensor, sights, streams.noise)
     count = len(value)
     for rows in chunks(count):
-        value[rows] = _measured(_seen_from(poses, landmarks, sights, rows), value[rows], sensor)
+        seen = in_body(poses[sights.step[rows]], landmarks[sights.landmark[rows]])
+        value[rows] = _measured(seen, value[rows], sensor)
     outlier = np.zeros(count, dtype=np.bool_)
     if sensor.outlier_rate > 0.0:
         outlier = sights.draw(streams.outlier, "random", 1)[:, 0] < sensor.outlier_rate
-        value[outlier] = _wrong(_seen_from(poses, landmarks, sights, outlier), sights, outlier, sensor, streams)
+        seen = in_body(poses[sights.step[outlier]], landmarks[sights.landmark[outlier]])
+        value[outlier] = _wrong(seen, sights, outlier, sensor, streams)
     found = Observed(sights.step, sights.landmark, value, _covs(sensor, count), outlier)
     if sensor.detection_probability < 1.0:
         seen = sights.draw(streams.detection, "random", 1)[:, 0] < sensor.detection_probability
@@ -98,7 +100,7 @@ def _sights(poses: Float, landmarks: Float, sensor: Sensor) -> _Sights:
     in_view = np.zeros((steps, count), dtype=np.bool_)
     together = max(CHUNK // max(count, 1), 1)
     for first in range(sensor.first_step, steps, together):
-        in_view[first : first + together] = _in_view(_in_body(poses[first : first + together, None], landmarks), sensor)
+        in_view[first : first + together] = _in_view(in_body(poses[first : first + together, None], landmarks), sensor)
     seen = int(np.count_nonzero(in_view))
     require_memory(1.0 * seen * SIGHT, f"a run of {seen} observations", f"{SHORTER}, or lower sensor.max_range")
     step, landmark = np.divmod(np.flatnonzero(in_view), max(count, 1))
@@ -112,16 +114,6 @@ def _in_view(body: Float, sensor: Sensor) -> Marks:
     if sensor.field_of_view_deg < 360.0:
         in_view &= np.abs(np.arctan2(body[..., 1], body[..., 0])) <= np.deg2rad(sensor.field_of_view_deg / 2.0)
     return in_view
-
-
-def _seen_from(poses: Float, landmarks: Float, sights: _Sights, rows: slice | Marks) -> Float:
-    """Return the landmarks (m, 2) of some observations in the body frame."""
-    return _in_body(poses[sights.step[rows]], landmarks[sights.landmark[rows]])
-
-
-def _in_body(poses: Float, points: Float) -> Float:
-    """Transform points (..., 2) of the world into the body frames of poses (..., 3)."""
-    return np.einsum("...ji,...j->...i", rotation(poses[..., 2]), points - poses[..., :2])
 
 
 def _noise(sensor: Sensor, sights: _Sights, stream: np.random.SeedSequence) -> Float:

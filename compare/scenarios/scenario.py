@@ -206,9 +206,37 @@ def _line(place: Place, detail: ErrorDetails, kind: str) -> str:
                 return "trajectory: has both forms; give segments, or speed, yaw_rate and duration"
             return f"{where}: a trajectory of the kind {kind} has none; remove it or change kind"
         return f"{where[:LONGEST_KEY]}: unknown key; {did_you_mean(str(place[-1]), _keys(place))}"
-    what = detail["msg"].replace("Field required", "missing; add it").replace("Tuple should", "must")
-    what = what.replace(" after validation", "").replace("valid tuple", "list")
-    if what.startswith("Input should be"):
-        expected = "a table" if detail["type"] == "model_type" else what.removeprefix("Input should be ")
-        what = f"must be {expected}, not {reprlib.repr(detail['input'])}"
+    what = _what(detail)
     return f"{where}: {what}" if where else what  # a mistake of several sections names its keys in the message
+
+
+WANTED = {  # by the type of pydantic's error, with its values
+    "float_type": "a valid number",
+    "int_type": "a valid integer",
+    "string_type": "a text",
+    "finite_number": "a finite number",
+    "tuple_type": "a list",
+    "model_type": "a table",
+    "literal_error": "{expected}",
+    "greater_than": "greater than {gt:g}",
+    "greater_than_equal": "greater than or equal to {ge:g}",
+    "less_than": "less than {lt:g}",
+    "less_than_equal": "less than or equal to {le:g}",
+}
+
+
+def _what(detail: ErrorDetails) -> str:
+    """Return what is wrong, by the type of the error, or the message of our own validator (`section.invalid`)."""
+    values = detail.get("ctx", {})
+    if "message" in values:
+        return values["message"]
+    match detail["type"]:
+        case "missing":
+            return "missing; add it"
+        case "too_long":
+            return f"must have at most {values['max_length']} items, not {values['actual_length']}"
+        case "too_short":
+            return f"must have at least {values['min_length']} items, not {values['actual_length']}"
+        case kind if kind in WANTED:
+            return f"must be {WANTED[kind].format(**values)}, not {reprlib.repr(detail['input'])}"
+    return detail["msg"]

@@ -6,7 +6,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from slamgauge.compare.estimators.registry import CAUSAL
@@ -33,8 +33,8 @@ from slamgauge.compare.scoring.measured import Measured
 from slamgauge.compare.scoring.metric import Column, Measure, Metric, TableName
 from slamgauge.compare.scoring.nan_stats import lengths, mean, number, rms
 from slamgauge.compare.scoring.ray_figures import RAY_FIGURES, ray_figures
-from slamgauge.compare.scoring.table import Head
-from slamgauge.compare.scoring.trajectory_error import relative_errors, step_errors
+from slamgauge.compare.scoring.table import MARK, Cell, Head, figure, marked
+from slamgauge.compare.scoring.trajectory_error import step_errors
 
 
 def _of_run(key: str, text: str, measure: Measure, column: Column | None = None) -> Metric:
@@ -85,11 +85,6 @@ CATALOGUE = (
         "rpe_m",
         "RMS translation error of single steps, in the body frame",
         lambda found: rms(step_errors(found.reference, found.estimate.poses)),
-    ),
-    _of_run(
-        "rpe_by_distance",
-        "relative pose errors over segments of the path, by their length (`trajectory_error.RelativeError`)",
-        lambda found: None if found.truth.poses is None else relative_errors(found.reference, found.estimate.poses),
     ),
     _of_run(
         "nees_pose",
@@ -150,6 +145,26 @@ CATALOGUE = (
         "mean NEES of the mapped landmarks over its 2 degrees of freedom",
         lambda found: mean(found.map_nees / 2),
         Column("map NEES/2", "landmark NEES/2", "{:.2f}", study=10),
+    ),
+    _stored(
+        "landmark_sigma_near_m",
+        "RMS sigma of the half of the map that is nearer to the start (`exercise` compares the halves)",
+        lambda found: rms(found.map_sigmas[found.halves[0]]),
+    ),
+    _stored(
+        "landmark_sigma_far_m",
+        "RMS sigma of the farther half of the map",
+        lambda found: rms(found.map_sigmas[found.halves[1]]),
+    ),
+    _stored(
+        "landmark_error_near_m",
+        "RMS error of the nearer half of the map",
+        lambda found: rms(lengths(found.map_errors[found.halves[0]])),
+    ),
+    _stored(
+        "landmark_error_far_m",
+        "RMS error of the farther half of the map",
+        lambda found: rms(lengths(found.map_errors[found.halves[1]])),
     ),
     _averaged(
         "landmarks_mapped",
@@ -274,6 +289,20 @@ def is_relative(key: str) -> bool:
     """Return whether a metric compares with the optimum of the same kind."""
     column = BY_KEY[key].column
     return column is not None and column.relative
+
+
+def figure_cells(entry: Mapping[str, Any], columns: list[Head], is_marked: bool | None) -> list[Cell]:
+    """Return the cells of an estimator in columns of metrics; None leaves no room for marks.
+
+    Figures relative to an optimum are marked if it is in doubt.
+    """
+    cells = [figure(entry[head.key], head.form) for head in columns]
+    if is_marked is None:
+        return cells
+    return [
+        marked(each, MARK, is_marked=is_marked) if is_relative(head.key) else each
+        for each, head in zip(cells, columns, strict=True)
+    ]
 
 
 def empty_columns(columns: list[Head], is_empty: Callable[[str], bool]) -> list[str]:

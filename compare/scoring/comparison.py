@@ -14,12 +14,10 @@ from slamgauge.arrays import chunks
 from slamgauge.compare.estimators.registry import OPTIMA, REGISTRY
 from slamgauge.compare.estimators.running import own_poses_of, run_side_by_side
 from slamgauge.compare.estimators.stored_trajectory import OwnPoses
-from slamgauge.compare.scoring.catalogue import empty_columns, heads, is_relative
+from slamgauge.compare.scoring.catalogue import empty_columns, figure_cells, heads
 from slamgauge.compare.scoring.optimum_figures import is_in_doubt, is_misfit
 from slamgauge.compare.scoring.optimum_notes import (
-    MARK,
     beats_the_optimum_in_a_run,
-    contradicting,
     distance_from_optimum,
     doubt,
     fit_of_the_model,
@@ -31,7 +29,7 @@ from slamgauge.compare.scoring.optimum_notes import (
 )
 from slamgauge.compare.scoring.own_stamps import score_at_own_stamps
 from slamgauge.compare.scoring.scores import Score
-from slamgauge.compare.scoring.table import ESTIMATOR, KIND, NO_FIGURE, Cell, Head, Table, figures, marked
+from slamgauge.compare.scoring.table import ESTIMATOR, KIND, NO_FIGURE, Cell, Head, Table
 from slamgauge.compare.scoring.text_page import Page
 from slamgauge.compare.scoring.verdicts import single_run, verdict_lines
 from slamgauge.compare.storage.files import save, write_json, write_tum
@@ -184,13 +182,7 @@ def run_table(
     found = _shown_heads(scores)
     rows: list[list[Cell | str]] = []
     for name, score in sorted(scores.items(), key=lambda item: item[1]["kind"]):
-        cells = figures(score, found)
-        if doubtful:
-            is_marked = score["kind"] in doubtful
-            cells = [
-                marked(each, MARK, is_marked=is_marked) if is_relative(head.key) else each
-                for each, head in zip(cells, found, strict=True)
-            ]
+        cells = figure_cells(score, found, score["kind"] in doubtful if doubtful else None)
         rows.append([name, score["kind"], *cells])
     rows += [[name, "failed", *(NO_FIGURE for _ in found)] for name in failed]
     return Table.of([ESTIMATOR, KIND, *found], rows, "Metrics of the whole run; click a column title to sort", "scores")
@@ -259,7 +251,6 @@ def optimum_notes(comparison: Comparison) -> list[str]:
     optima = [(kind, comparison.optima[kind]) for kind in ("smoothed", "filtered") if kind in comparison.optima]
     for kind, name in optima[:1]:
         notes.append(fit_of_the_model(REGISTRY[OPTIMA[kind]].title, estimates[name]))
-        notes.append(contradicting(comparison.recording, estimates[name]))
     notes += [left_out(name, comparison.truth, comparison.recording, estimates[name]) for _, name in optima]
     notes += [doubt(distance_from_optimum(name, estimates[name].optimum_check)) for _, name in optima]
     others = {name: each for name, each in estimates.items() if name not in comparison.optima.values()}

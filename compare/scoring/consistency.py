@@ -10,7 +10,7 @@ from slamgauge.arrays import Float, chunks
 from slamgauge.errors import UserError
 
 SINGULAR = 1e-9  # largest smallest eigenvalue of a correlation matrix that may be rounding (as in `validation`)
-LARGEST = 1e100  # limit of distances, so that sums of their squares are finite, as result files require
+FARTHEST = 1e100  # limit of distances, so that sums of their squares are finite, as result files require
 
 
 def squared_mahalanobis(errors: Float, covs: Float) -> Float:
@@ -36,7 +36,7 @@ def _distances(errors: Float, covs: Float) -> Float:
     doubtful = ~regular
     regular[doubtful] = np.linalg.eigvalsh(correlations[doubtful])[:, 0] > SINGULAR
     distances = np.full(len(errors), np.nan)
-    distances[np.flatnonzero(defined)[regular]] = np.minimum(found[regular], LARGEST)
+    distances[np.flatnonzero(defined)[regular]] = np.minimum(found[regular], FARTHEST)
     return distances
 
 

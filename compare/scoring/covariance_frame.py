@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-
 from slamgauge.arrays import Float
 from slamgauge.compare.estimators.stored_trajectory import StoredEstimate
+from slamgauge.compare.scoring.consistency import squared_mahalanobis
+from slamgauge.compare.scoring.nan_stats import defined_mean
 from slamgauge.compare.scoring.own_stamps import truth_at
 from slamgauge.compare.scoring.trajectory_error import pose_errors
 from slamgauge.errors import UserError
@@ -41,13 +41,10 @@ def frame_doubt(label: str, stored: StoredEstimate, truth: Truth | None, recordi
         truth = truth_at(stored.own.stamps, truth, recording)
     if truth is None or truth.poses is None or estimate.pose_covs is None:
         return ""
-    known = np.isfinite(truth.poses).all(axis=1) & (np.linalg.eigvalsh(estimate.pose_covs)[:, 0] > 0.0)
-    if not known.any():
-        return ""
-    errors = pose_errors(truth.poses[known], estimate.poses[known])
-    as_read = _mean_nees(errors, estimate.pose_covs[known])
-    turned = _mean_nees(errors, _rotated(estimate.poses, estimate.pose_covs)[known])
-    if as_read <= FAR_BETTER * turned:
+    errors, covs = pose_errors(truth.poses, estimate.poses), estimate.pose_covs
+    read, rotated = squared_mahalanobis(errors, covs), squared_mahalanobis(errors, _rotated(estimate.poses, covs))
+    as_read, turned = defined_mean(read), defined_mean(rotated)
+    if not as_read > FAR_BETTER * turned:  # NaN without a step that has both
         return ""
     what = f"the mean NEES is {as_read:.3g}, but {turned:.3g} if its covariances are in the body frame"
     return f"{label}: {what} (as GTSAM's Marginals gives them); then give --covariance-frame body"
@@ -57,7 +54,3 @@ def _rotated(poses: Float, covs: Float) -> Float:
     """Return covariances (n, 3, 3) of the body frames of poses (n, 3) in the world frame."""
     turns = pose_rotation(poses[:, 2])
     return turns @ covs @ turns.swapaxes(1, 2)
-
-
-def _mean_nees(errors: Float, covs: Float) -> float:
-    return float(np.mean(np.einsum("ni,ni->n", errors, np.linalg.solve(covs, errors[:, :, None])[:, :, 0])))

@@ -16,12 +16,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from slamgauge.arrays import Float
+from slamgauge.arrays import Float, Marks
 from slamgauge.compare.scoring.aggregation import FIRST_STEP
 from slamgauge.compare.scoring.consistency import chi2_band
 from slamgauge.compare.scoring.intervals import Interval, mean_interval, ratio_interval
+from slamgauge.compare.scoring.nan_stats import defined_mean
 from slamgauge.compare.scoring.optimum_figures import share_of_doubt
 from slamgauge.compare.scoring.optimum_notes import distance_from_optimum, distance_in_runs
+from slamgauge.compare.scoring.paired import is_above, is_below
 from slamgauge.compare.scoring.scores import Score
 from slamgauge.errors import UserError
 
@@ -84,11 +86,10 @@ def _mean_below(name: str, remedy: str, scores: list[Score], bound: float | None
         return ""
     if not bound > 0:
         raise UserError(f"max_{name} = {bound}: no error can keep it; give a bound > 0")
-    figures: list[float | None] = [score[name] for score in scores]
-    known = [figure for figure in figures if figure is not None]
-    if len(known) < len(figures):
-        return _missing(name, len(figures) - len(known), len(figures), remedy)
-    average = float(np.mean(known))
+    figures = np.array([score[name] for score in scores], dtype=np.float64)
+    if np.isnan(figures).any():
+        return _missing(name, np.isnan(figures), remedy)
+    average = float(figures.mean())
     return "" if average <= bound else f"{name} = {average:.6g}{_runs(scores)} exceeds max_{name} = {bound:.6g}"
 
 
@@ -108,20 +109,19 @@ def _ratio_below(scores: list[Score], bound: float | None) -> str:
 def _nees_inside(scores: list[Score], level: float) -> str:
     last = np.array([score.nees[-1] for score in scores])
     band = chi2_band(level, 3 * len(last))
-    undefined = int(np.isnan(last).sum())
-    if undefined:
+    if np.isnan(last).any():
         remedy = "it needs the true last pose and an Estimate with a regular pose_covs[-1]"
-        return _missing("pose NEES at the last step", undefined, len(last), remedy)
+        return _missing("pose NEES at the last step", np.isnan(last), remedy)
     return _outside(f"pose NEES at the last step{_runs(scores)}", float(last.sum()), band, len(last), level)
 
 
 def _nis_inside(scores: list[Score], level: float) -> str:
-    dof = sum(score["nis_dof_total"] for score in scores)
-    missing = sum(score["nis_dof_total"] <= 0 for score in scores)
-    band = chi2_band(level, max(dof, 1))
-    if missing:
-        return _missing("NIS", missing, len(scores), "return an Estimate with nis and nis_dof")
-    return _outside(f"NIS per degree of freedom{_runs(scores)}", sum(s["nis_total"] for s in scores), band, dof, level)
+    dof = np.array([score["nis_dof_total"] for score in scores])
+    band = chi2_band(level, max(dof.sum(), 1))
+    if (dof <= 0).any():
+        return _missing("NIS", dof <= 0, "return an Estimate with nis and nis_dof")
+    total = sum(score["nis_total"] for score in scores)
+    return _outside(f"NIS per degree of freedom{_runs(scores)}", total, band, int(dof.sum()), level)
 
 
 def _outside(name: str, total: float, band: tuple[float, float], count: int, level: float) -> str:
@@ -136,8 +136,8 @@ def _outside(name: str, total: float, band: tuple[float, float], count: int, lev
     )
 
 
-def _missing(name: str, missing: int, runs: int, remedy: str) -> str:
-    return f"{name} is missing in {missing} of {runs} run(s): {remedy}"
+def _missing(name: str, missing: Marks, remedy: str) -> str:
+    return f"{name} is missing in {missing.sum()} of {len(missing)} run(s): {remedy}"
 
 
 def _runs(scores: list[Score]) -> str:
@@ -183,11 +183,11 @@ def against_reference(scores: Sequence[Score], reference: Sequence[Score]) -> Ag
     broken = [_beyond("ATE", ate, most=MOST_ATE)]
     if own is None and other is not None:
         broken.append(NO_COVS)
-    if own is not None and own.low is not None and own.low > 1.0:
+    if is_above(own, 1.0):
         broken.append(_beyond("NEES", nees, most=MOST_NEES))
     if own is not None and other is not None and _off(own) >= _off(other):
-        for name, ratio in (("sigma of the position", position), ("sigma of the heading", heading)):
-            broken.append(_beyond(name, ratio, LEAST_SIGMA, MOST_SIGMA, (": it is too sure", ": it is too cautious")))
+        broken.append(_beyond("sigma of the position", position, LEAST_SIGMA, MOST_SIGMA))
+        broken.append(_beyond("sigma of the heading", heading, LEAST_SIGMA, MOST_SIGMA))
     return AgainstReference(ate, nees, position, heading, tuple(text for text in broken if text))
 
 
@@ -198,19 +198,13 @@ def ates(scores: Sequence[Score]) -> Float:
 
 def late_nees(scores: Sequence[Score]) -> Float:
     """Return the mean of the pose NEES over 3 from the 11th step on (R,)."""
-    return np.array([_mean(each.nees[FIRST_STEP:]) for each in scores], dtype=np.float64) / 3
+    return np.array([defined_mean(each.nees[FIRST_STEP:]) for each in scores], dtype=np.float64) / 3
 
 
 def late_sigma(scores: Sequence[Score], of: list[int]) -> Float:
     """Return the RMS of the sigma of these components of the pose together, from the 11th step on (R,)."""
-    squares = [_mean(np.square(each.sigmas[FIRST_STEP:, of]).sum(axis=1)) for each in scores]
+    squares = [defined_mean(np.square(each.sigmas[FIRST_STEP:, of]).sum(axis=1)) for each in scores]
     return np.sqrt(np.array(squares, dtype=np.float64))
-
-
-def _mean(values: Float) -> float:
-    """Return the mean of the entries that are not NaN, which may be infinite; NaN without entries."""
-    defined = values[~np.isnan(values)]
-    return float(defined.mean()) if len(defined) else np.nan
 
 
 def _off(nees: Interval) -> float:
@@ -218,13 +212,13 @@ def _off(nees: Interval) -> float:
     return float(abs(np.log(max(nees.mean, np.finfo(float).tiny))))
 
 
-def _beyond(
-    name: str, ratio: Interval | None, least: float = 0.0, most: float = np.inf, meanings: tuple[str, str] = ("", "")
-) -> str:
-    """Return that the interval of a ratio is beyond a bound, with the meaning of too small or too large; or nothing."""
-    if ratio is None or ratio.low is None or ratio.high is None or (ratio.high >= least and ratio.low <= most):
+def _beyond(name: str, ratio: Interval | None, least: float = 0.0, most: float = np.inf) -> str:
+    """Return that the whole interval of a ratio is beyond a bound, or nothing; too small a sigma is too sure."""
+    if ratio is None or ratio.low is None:
         return ""
-    text = f"{name} is {ratio.mean:.3g} ± {ratio.mean - ratio.low:.2g} times the reference's"
-    if ratio.high < least:
-        return f"{text}, less than {least:g}{meanings[0]}"
-    return f"{text}, more than {most:g}{meanings[1]}"
+    text, is_sigma = f"{name} is {ratio.mean:.3g} ± {ratio.mean - ratio.low:.2g} times the reference's", least > 0.0
+    if is_below(ratio, least):
+        return f"{text}, less than {least:g}: it is too sure"
+    if is_above(ratio, most):
+        return f"{text}, more than {most:g}{': it is too cautious' if is_sigma else ''}"
+    return ""

@@ -1,4 +1,4 @@
-"""Intervals over independent runs, by default 95 %: means, ratios of means, paired comparisons, figures of all runs."""
+"""Intervals over independent runs, by default 95 %: means, ratios of means, figures of all runs."""
 
 from __future__ import annotations
 
@@ -23,23 +23,6 @@ class Interval:
     high: float | None
 
 
-@dataclass(frozen=True)
-class Paired:
-    """Comparison of the means of two estimators on the same runs.
-
-    Attributes:
-        runs: number of runs with both figures.
-        difference: mean of the differences, first minus second, with Student's interval.
-        ratio: mean over mean, with the delta method's interval; None unless the second mean is above ROUNDING.
-        p_value: p-value of Student's two-sided paired test of equal means; None for a single run.
-    """
-
-    runs: int
-    difference: Interval
-    ratio: Interval | None
-    p_value: float | None
-
-
 def mean_interval(values: Float, level: float = LEVEL) -> Interval | None:
     """Return Student's interval of the mean of the entries that are not NaN; None without entries."""
     values = values[~np.isnan(values)]
@@ -61,38 +44,6 @@ def ratio_interval(numerator: Float, denominator: Float, level: float = LEVEL) -
     ratio = float(above.mean() / below.mean())
     spread = float((above - ratio * below).std(ddof=1) / below.mean()) if len(above) > 1 else np.nan
     return _around(ratio, spread, len(above), level)
-
-
-def compare_paired(first: Float, second: Float, level: float = LEVEL) -> Paired | None:
-    """Compare a figure of two estimators run by run: variation that runs share cancels in the difference.
-
-    Args:
-        first: (R,) figures of the runs; pairs with NaN are left out.
-        second: (R,) figures of the same runs.
-        level: probability of both intervals.
-
-    Returns:
-        None if no run has both figures.
-    """
-    both = ~np.isnan(first) & ~np.isnan(second)
-    differences = (first - second)[both]
-    difference = mean_interval(differences, level)
-    if difference is None:
-        return None
-    return Paired(len(differences), difference, ratio_interval(first, second, level), _p_value(differences))
-
-
-def _p_value(differences: Float) -> float | None:
-    """Return the p-value of Student's two-sided test that the mean of (R,) is zero."""
-    from scipy.special import stdtr  # here: scipy is slow to start
-
-    runs = len(differences)
-    if runs < 2:
-        return None
-    mean, spread = float(differences.mean()), float(differences.std(ddof=1))
-    if spread == 0:
-        return 1.0 if mean == 0 else 0.0
-    return 2 * float(stdtr(runs - 1, -abs(mean) / spread * np.sqrt(runs)))
 
 
 def jackknife_interval(figure: Callable[[Float, int], Float], totals: Float) -> Interval | None:

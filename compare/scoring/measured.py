@@ -111,6 +111,24 @@ class Measured:
         return np.full(len(self.map_errors), np.nan) if covs is None else squared_mahalanobis(self.map_errors, covs)
 
     @cached_property
+    def halves(self) -> tuple[Int, Int]:
+        """Indices of the half of the mapped landmarks that is nearer to the true start, and of the farther half."""
+        ids, known = self.landmarks[0], self.truth.landmark_ids
+        start = np.tile(self.reference[0, :2], (len(ids), 1))
+        far = np.linalg.norm(landmark_errors(ids, start, known, self.truth.landmarks), axis=1)
+        defined = ~np.isnan(far)
+        near = far <= np.median(far[defined]) if defined.any() else defined
+        return np.flatnonzero(near), np.flatnonzero(~near & defined)
+
+    @cached_property
+    def map_sigmas(self) -> Float:
+        """Position sigmas (L,) of the mapped landmarks [m]; NaN without covariances."""
+        covs = self.estimate.landmark_covs
+        if covs is None:
+            return np.full(len(self.landmarks[0]), np.nan)
+        return np.sqrt(np.trace(covs, axis1=1, axis2=2).clip(min=0))
+
+    @cached_property
     def associations(self) -> AssociationFigures:
         """Figures of the data association."""
         return association_figures(self.truth, self.recording, self.estimate)

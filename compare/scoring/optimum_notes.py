@@ -15,7 +15,7 @@ from slamgauge.compare.scoring.intervals import LEVEL, Interval
 from slamgauge.compare.scoring.measured import pose_covs_of
 from slamgauge.compare.scoring.nan_stats import mean
 from slamgauge.compare.scoring.optimum_figures import CHECK_LIMIT, is_in_doubt, is_misfit, unused_observations
-from slamgauge.compare.scoring.table import interval_cell
+from slamgauge.compare.scoring.table import MARK, interval_cell
 from slamgauge.compare.scoring.trajectory_error import pose_errors
 from slamgauge.display import counted
 from slamgauge.estimate import Estimate
@@ -23,12 +23,9 @@ from slamgauge.recording import Recording
 from slamgauge.sensors import SENSORS
 from slamgauge.truth import NOBODY, Truth
 
-MARK = "?"  # behind figures that are relative to an optimum in doubt
 FIT_LEVEL = 0.95  # probability of the two-sided chi-square band of the fit
 SURE = 0.999  # probability of the two-sided interval: one in 2000 estimators with the optimum's accuracy is reported
 FAR_BELOW = 0.1  # largest share of the optimum's own figure
-MOST_REJECTED = 0.2  # share of rejected observations above which they are not outliers
-FEW = 5  # observations that a note names
 WHY = "no filter can be; check whether it uses the truth, later measurements or the scenario"
 
 
@@ -87,7 +84,7 @@ def without_headings(truth: Truth | None) -> str | None:
     if not headless.any():
         return None
     count = "no headings" if headless.all() else f"no headings at {headless.sum()} of {len(headless)} steps"
-    return f"the truth has {count}: heading errors, relative errors, pose NEES and log scores are left out there"
+    return f"the truth has {count}: heading errors, relative errors and pose NEES are left out there"
 
 
 def misfits(names: Sequence[str]) -> str | None:
@@ -96,27 +93,6 @@ def misfits(names: Sequence[str]) -> str | None:
         return None
     which = f"the residuals of {' and '.join(names)} contradict the stated noise"
     return f"{which}, so they are not optimal: figures relative to them are marked {MARK}"
-
-
-def contradicting(recording: Recording, optimum: Estimate) -> str | None:
-    """Return the observations that a robust fit rejects, if the residuals of an optimum are too large; else None."""
-    if not is_misfit(optimum) or optimum.association is None or not SENSORS[recording.sensor].places_landmarks:
-        return None
-    if optimum.chi_square is None or not optimum.chi_square_dof or optimum.chi_square < optimum.chi_square_dof:
-        return None
-    from slamgauge.graph_baseline.solver.robust_fit import rejected_observations  # loads the optima
-
-    used = recording.associated(optimum.association)
-    rows = rejected_observations(used)
-    if len(rows) > MOST_REJECTED * len(used.observation):
-        return (
-            f"a robust fit rejects {len(rows) / len(used.observation):.0%} of the observations: check the stated noise"
-        )
-    if not len(rows) or used.landmark is None:
-        return None
-    steps, ids = used.observation_step[rows[:FEW]].tolist(), used.landmark[rows[:FEW]].tolist()
-    worst = ", ".join(f"step {step} landmark {name}" for step, name in zip(steps, ids, strict=True))
-    return f"a robust fit rejects {counted(len(rows), 'observation')}, check ids; the largest residuals: {worst}"
 
 
 def under_associations(names: Sequence[str]) -> str:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from slamgauge.compare.scoring.intervals import Interval
 
 VAST = 1e9  # figures from here on are written with an exponent, to keep columns narrow
 NO_FIGURE = "-"  # text of None
+MARK = "?"  # behind figures that are relative to an optimum in doubt
 
 
 @dataclass(frozen=True)
@@ -105,11 +106,6 @@ def figure(value: float | Interval | None, form: str) -> Cell:
 def from_to(low: float | None, high: float | None, form: str) -> Cell:
     """Return a cell that shows an interval by its ends; its value is the lower one."""
     return Cell(NO_FIGURE if low is None and high is None else f"{cell(low, form)} to {cell(high, form)}", low)
-
-
-def figures(entry: Mapping[str, Any], heads: Sequence[Head]) -> list[Cell]:
-    """Return the cells of an estimator in the columns of metrics."""
-    return [figure(entry[head.key], head.form) for head in heads]
 
 
 def marked(found: Cell, mark: str, *, is_marked: bool) -> Cell:

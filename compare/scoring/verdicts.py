@@ -4,8 +4,8 @@ A deviation is stated if it is significant and at least WORTH, in a sigma or in 
 
 The test of the NEES does not need the correlation of errors over time. The mean over the steps of a run varies most if
 errors last for the whole run; it is then chi-square with 3 degrees of freedom. The mean over R independent runs is
-therefore compared with the two-sided band of chi-square with 3 R: a right filter is outside with probability 1 - LEVEL
-at most. The NIS is white: its total is chi-square with all its degrees of freedom.
+therefore compared with the two-sided band of chi-square with 3 R: a right filter is outside with probability
+1 - BAND_LEVEL at most. The NIS is white: its total is chi-square with all its degrees of freedom.
 """
 
 from __future__ import annotations
@@ -23,14 +23,13 @@ from slamgauge.compare.scoring.intervals import Interval, mean_interval, ratio_i
 from slamgauge.compare.scoring.measured import Measured
 from slamgauge.compare.scoring.nan_stats import mean
 from slamgauge.compare.scoring.optimum_figures import is_misfit_in_runs, share_of_doubt
+from slamgauge.compare.scoring.paired import WORTH, needed_runs
 from slamgauge.compare.scoring.runs import Runs, paired_figures
 
-LEVEL = 0.99  # probability of the two-sided chi-square bands of NEES and NIS
-WORTH = 0.05  # least relative deviation that is stated, and the precision that a study should reach
+BAND_LEVEL = 0.99  # probability of the two-sided chi-square bands of NEES and NIS
 
 # relative standard deviation of the ATE between runs whose errors last for the whole run: that of a Rayleigh variable
 SCATTER = math.sqrt(4 / math.pi - 1)
-NORMAL = 1.959964  # standard deviations of a 95 % interval
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,35 +74,31 @@ class Evidence:
 
 def _is_off(figure: float, dof: int) -> bool:
     """Return whether a chi-square figure over its degrees of freedom differs from 1 significantly and by WORTH."""
-    low, high = chi2_band(LEVEL, dof)
+    low, high = chi2_band(BAND_LEVEL, dof)
     return not low <= figure * dof <= high and not 1 / (1 + WORTH) <= math.sqrt(figure) <= 1 + WORTH
 
 
 def verdict(evidence: Evidence) -> str | None:
     """Return the sentence, without a full stop; None if there is nothing to state."""
-    parts = [_sigma(evidence), _ratio(evidence), _cause(evidence), _innovations(evidence)]
+    return "; ".join(sentence for _, sentence in findings(evidence)) or None
+
+
+def faults(evidence: Evidence) -> tuple[str, ...]:
+    """Return the faults that the verdict states, without sizes, for tables of many estimators."""
+    return tuple(fault for fault, _ in findings(evidence) if fault)
+
+
+def findings(evidence: Evidence) -> list[tuple[str, str]]:
+    """Return what the figures show: a fault without its size, or nothing, and a part of the verdict."""
+    found = [_sigma(evidence), _ratio(evidence), _cause(evidence), _innovations(evidence)]
     if evidence.is_sigma_off and evidence.has_nis and not evidence.is_nis_off:
-        parts.append("NIS does not show this")
-    return "; ".join(filter(None, parts)) or None
+        found.append(("", "NIS does not show this"))
+    return [(fault, sentence) for fault, sentence in found if sentence]
 
 
 def verdict_lines(verdicts: Mapping[str, str | None]) -> list[str]:
     """Return a line for each estimator with a verdict."""
     return [f"{name}: {text}" for name, text in verdicts.items() if text]
-
-
-def faults(evidence: Evidence) -> tuple[str, ...]:
-    """Return the faults that the verdict states, without sizes, for tables of many estimators."""
-    found: list[str] = []
-    if evidence.is_sigma_off:
-        found.append(f"claims too {'small' if (evidence.nees_per_dof or 0.0) > 1 else 'large'} a sigma")
-    if evidence.is_worse:
-        found.append(f"worse than the {evidence.optimum}")
-    if found and evidence.wrong_associations:
-        found.append("wrong associations")
-    if evidence.is_nis_off:
-        found.append(f"innovations {'larger' if (evidence.nis_per_dof or 0.0) > 1 else 'smaller'} than it expects")
-    return tuple(found)
 
 
 def single_run(study: str) -> str:
@@ -115,79 +110,62 @@ def single_run(study: str) -> str:
     return f"{text}. For conclusions use many runs: {study}" if study else text
 
 
-def runs_to_resolve(scatter: float) -> int:
-    """Return the runs until a 95 % interval is ±WORTH, for a standard deviation `scatter` between runs; two digits."""
-    runs = round((NORMAL * scatter / WORTH) ** 2, 6)  # 400, not 400.0000001
-    step = 10 ** max(0, math.floor(math.log10(max(runs, 1))) - 1)
-    return math.ceil(runs / step) * step
+# --- parts of the verdict ------------------------------------------------------------------------
 
 
-def needed_runs(ratio: Interval, runs: int) -> str:
-    """Return how many runs a 95 % interval of ±WORTH needs, for the interval of a ratio over `runs` runs.
-
-    Empty if `runs` are enough, or if the ratio has no interval.
-    """
-    if ratio.low is None or ratio.high is None:
-        return ""
-    needed = runs_to_resolve((ratio.high - ratio.low) / 2 / NORMAL * math.sqrt(runs))
-    return f": about {needed} runs are needed to know it to {100 * WORTH:g} %" if needed > runs else ""
-
-
-# --- parts of the sentence -----------------------------------------------------------------------
-
-
-def _sigma(evidence: Evidence) -> str:
+def _sigma(evidence: Evidence) -> tuple[str, str]:
     if evidence.nees_per_dof is None or not evidence.runs:
-        return ""
-    if not evidence.nees_per_dof:
-        return "has no error at all, whatever sigma it claims: check whether it receives the truth"
+        return "", ""
+    factor = math.sqrt(evidence.nees_per_dof)
+    fault = f"claims too {'small' if factor > 1 else 'large'} a sigma" if evidence.is_sigma_off else ""
+    if not factor:
+        return fault, "has no error at all, whatever sigma it claims: check whether it receives the truth"
     share = evidence.coverage_95
     ellipses = "" if share is None else f" (95 % ellipses contain {100 * share:.0f} %)"
-    if evidence.is_sigma_off:
-        factor = math.sqrt(evidence.nees_per_dof)
+    if fault:
         too = f"{factor:.2g} times too small" if factor > 1 else f"{1 / factor:.2g} times too large"
-        return f"claims {too} a sigma{ellipses}"
-    return "" if evidence.runs == 1 else f"its sigmas are right as far as {evidence.runs} runs show{ellipses}"
+        return fault, f"claims {too} a sigma{ellipses}"
+    return "", "" if evidence.runs == 1 else f"its sigmas are right as far as {evidence.runs} runs show{ellipses}"
 
 
-def _innovations(evidence: Evidence) -> str:
-    if not evidence.is_nis_off:
-        return ""
-    factor = math.sqrt(evidence.nis_per_dof or 0.0)
-    small = "the stated noise is too small, or associations are wrong"
-    large = "the stated noise is too large, or a gate rejects large ones"
-    return f"innovations are {factor:.2g} times as large as it expects: {small if factor > 1 else large}"
-
-
-def _ratio(evidence: Evidence) -> str:
+def _ratio(evidence: Evidence) -> tuple[str, str]:
     ratio = evidence.ratio
     if ratio is None or ratio.low is None or ratio.high is None:
-        return ""
-    half = (ratio.high - ratio.low) / 2
-    figure = f"{ratio.mean:.2f} ± {half:.2f}"
+        return "", ""
+    figure = f"{ratio.mean:.2f} ± {(ratio.high - ratio.low) / 2:.2f}"
     if ratio.low >= 1 - WORTH and ratio.high <= 1 + WORTH:
-        return f"as accurate as the {evidence.optimum} ({figure})"
+        return "", f"as accurate as the {evidence.optimum} ({figure})"
     text = f"{figure} times the {evidence.optimum}'s error"
     if evidence.is_worse:
-        return text
+        return f"worse than the {evidence.optimum}", text
     if ratio.high < 1 - WORTH:
-        return f"{text}, less than the optimum's: check whether it uses more than the measurements"
+        return "", f"{text}, less than the optimum's: check whether it uses more than the measurements"
     more = needed_runs(ratio, evidence.ratio_runs)
-    return f"{text}{more}" if ratio.high < 1 else f"{text}, not significant{more}"
+    return "", f"{text}{more}" if ratio.high < 1 else f"{text}, not significant{more}"
 
 
-def _cause(evidence: Evidence) -> str:
+def _cause(evidence: Evidence) -> tuple[str, str]:
     """Return the cause of an error, by elimination of what the figures show to be right."""
-    if not evidence.is_worse and not evidence.is_sigma_off:
-        return ""
     wrong = evidence.wrong_associations
-    if wrong:
+    if wrong and (evidence.is_worse or evidence.is_sigma_off):
         count = f"{wrong:{'.0f' if wrong >= 10 else '.2g'}}"
-        return f"{count} wrong association{'s' * (count != '1')}{' per run' * (evidence.runs != 1)}"
+        each = " per run" * (evidence.runs != 1)
+        return "wrong associations", f"{count} wrong association{'s' * (count != '1')}{each}"
     is_too_sure = evidence.is_sigma_off and (evidence.nees_per_dof or 0.0) > 1
     if wrong == 0 and evidence.is_worse and is_too_sure and evidence.has_nis and not evidence.is_nis_off:
-        return "associations and noise are right, so the cause is its linearisation or a bug"
-    return ""
+        return "", "associations and noise are right, so the cause is its linearisation or a bug"
+    return "", ""
+
+
+def _innovations(evidence: Evidence) -> tuple[str, str]:
+    if not evidence.is_nis_off:
+        return "", ""
+    factor = math.sqrt(evidence.nis_per_dof or 0.0)
+    cause = "the stated noise is too large, or a gate rejects large ones"
+    if factor > 1:
+        cause = "the stated noise is too small, or associations are wrong"
+    fault = f"innovations {'larger' if factor > 1 else 'smaller'} than it expects"
+    return fault, f"innovations are {factor:.2g} times as large as it expects: {cause}"
 
 
 # --- for the catalogue ---------------------------------------------------------------------------

@@ -49,7 +49,7 @@ from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, Estimator
 from slamgauge.graph_baseline import batch, causal
 from slamgauge.recording import Recording
-from slamgauge.se2 import between, rotation, wrap
+from slamgauge.se2 import between, in_body, wrap
 from slamgauge.sensors import SENSORS, innovation, predict
 
 TEST_LEVEL = 0.05  # probability that a consistent filter is rejected
@@ -299,8 +299,7 @@ def _observed(recording: Recording, optimum: Estimate) -> tuple[Recording, Float
     assert log.landmark is not None
     order = np.argsort(optimum.landmark_ids)
     landmarks = optimum.landmarks[order][np.searchsorted(optimum.landmark_ids[order], log.landmark)]
-    poses = optimum.poses[log.observation_step]
-    return log, predict(log.sensor, np.einsum("nji,nj->ni", rotation(poses[:, 2]), landmarks - poses[:, :2]))
+    return log, predict(log.sensor, in_body(optimum.poses[log.observation_step], landmarks))
 
 
 def _mean_square(residuals: Float, covs: Float) -> float:

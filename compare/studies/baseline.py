@@ -10,14 +10,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from statistics import NormalDist
 from typing import NamedTuple
 
 import numpy as np
+from pydantic import TypeAdapter, ValidationError
 
 from slamgauge.compare.estimators.registry import BOUNDS, is_optimum
 from slamgauge.compare.scoring.intervals import Interval, ratio_interval
+from slamgauge.compare.scoring.paired import is_above, is_below
 from slamgauge.compare.storage.files import read_json
 from slamgauge.compare.studies.summary import RunFigures, Summary
 from slamgauge.display import counted
@@ -30,12 +33,14 @@ FIGURES = {"ate_m": "ATE", "nees_pose_per_dof": "NEES"}
 AGAIN = "make the baseline again with this version and this scenario"
 
 
-class StudyFigures(NamedTuple):
+@dataclass(frozen=True)
+class StudyFigures:
     """Digest of a study's measurements, number of its runs, and figures of each run by estimator."""
 
     digest: str
     runs: int
     per_run: Mapping[str, RunFigures]
+    version: str = __version__
 
 
 class Gate(NamedTuple):
@@ -52,7 +57,7 @@ class Gate(NamedTuple):
 
     def judge(self, study: StudyFigures) -> tuple[list[str], list[str]]:
         """Return a line on each comparison with a study, and those lines on what is worse."""
-        lines = [line for name in dict.fromkeys(name for name, _ in self.compared) for line in self._lost(name, study)]
+        lines = [*filter(None, (self._lost(name, study) for name in dict.fromkeys(name for name, _ in self.compared)))]
         worse = [*lines]
         for name, figure in self.compared:
             first, second = study.per_run[name], self.baseline.per_run[name]
@@ -63,33 +68,29 @@ class Gate(NamedTuple):
             if ratio is not None:
                 runs = int(np.sum(~np.isnan(ours) & ~np.isnan(theirs)))
                 lines.append(f"{name}: {FIGURES[figure]} is {self._sentence(ratio, runs)}")
-                worse += lines[-1:] if self._is_worse(ratio) else []
+                worse += lines[-1:] if is_above(ratio, 1.0 + self.tolerance) else []
             elif len(ours) and np.isnan(ours).all():
                 lines.append(f"{name}: has no {FIGURES[figure]}, as the baseline has")
                 worse.append(lines[-1])
         return lines, worse
 
-    def _lost(self, name: str, study: StudyFigures) -> list[str]:
-        """Return a line if an estimator fails in runs that it completed in the baseline."""
+    def _lost(self, name: str, study: StudyFigures) -> str:
+        """Return a line if an estimator fails in runs that it completed in the baseline, else nothing."""
         done = {run for run in self.baseline.per_run[name].run if run < study.runs}
         failed = sorted(done - {*study.per_run[name].run})
-        if not failed:
-            return []
-        return [f"{name}: fails in {counted(len(failed), 'run')} of the baseline, first in run {failed[0]}"]
-
-    def _is_worse(self, ratio: Interval) -> bool:
-        return ratio.low is not None and ratio.low > 1.0 + self.tolerance
+        runs = counted(len(failed), "run")
+        return f"{name}: fails in {runs} of the baseline, first in run {failed[0]}" if failed else ""
 
     def _sentence(self, ratio: Interval, runs: int) -> str:
         """Return a ratio, its interval over the common runs, and the result."""
         low, high = ("?" if end is None else f"{end:.3f}" for end in (ratio.low, ratio.high))
         text = f"{ratio.mean:.3f} ({low} to {high}) times the baseline's on {counted(runs, 'run')}: "
         limit = f"worse by more than {100 * self.tolerance:g} %"
-        if self._is_worse(ratio):
+        if is_above(ratio, 1.0 + self.tolerance):
             return text + limit
         if ratio.high is None:
             return f"{text}not significantly {limit}"
-        text += f"not {limit}" if ratio.high < 1.0 + self.tolerance else f"not significantly {limit}"
+        text += f"not {limit}" if is_below(ratio, 1.0 + self.tolerance) else f"not significantly {limit}"
         normal, sought = NormalDist(), 1.0 + 2.0 * self.tolerance
         bound = normal.inv_cdf((1.0 + self.level) / 2.0)
         spread = (ratio.high / ratio.mean - 1.0) * sought / bound * math.sqrt(runs)
@@ -127,14 +128,13 @@ def figures_of(study: Summary | str | Path) -> StudyFigures:
     """
     if isinstance(study, Summary):
         return StudyFigures(study.digest, study.runs, study.per_run)
-    content = read_json(Path(study), "study")
     try:
-        if content["version"] != __version__:
-            raise UserError(f"{study}: of slamgauge {content['version']}, this is {__version__}; {AGAIN}")
-        per_run = {name: RunFigures(**each) for name, each in content["per_run"].items()}
-        return StudyFigures(content["digest"], content["runs"], per_run)
-    except (TypeError, KeyError, AttributeError):
+        found = TypeAdapter(StudyFigures).validate_python(read_json(Path(study), "study"))
+    except ValidationError:
         raise UserError(f"{study}: not what `slamgauge study` writes; {AGAIN}") from None
+    if found.version != __version__:
+        raise UserError(f"{study}: of slamgauge {found.version}, this is {__version__}; {AGAIN}")
+    return found
 
 
 def false_alarms(tolerance: float) -> str:

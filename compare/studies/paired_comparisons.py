@@ -8,10 +8,10 @@ from slamgauge.arrays import Float
 from slamgauge.compare.estimators.registry import BOUNDS, DEAD_RECKONING, is_optimum
 from slamgauge.compare.estimators.requests import Asked, BuiltIn
 from slamgauge.compare.scoring.aggregation import late_means
-from slamgauge.compare.scoring.intervals import Interval, Paired, compare_paired
+from slamgauge.compare.scoring.intervals import Interval
+from slamgauge.compare.scoring.paired import Paired, compare_paired, needed_runs
 from slamgauge.compare.scoring.runs import Runs, paired
 from slamgauge.compare.scoring.table import NO_FIGURE, RUNS, Cell, Head, Table, figure, interval_cell
-from slamgauge.compare.scoring.verdicts import needed_runs
 from slamgauge.display import counted
 
 SMALLEST_P = 1e-6  # smaller ones are printed as `<1e-06`

@@ -191,9 +191,9 @@ def _require_same(connection: sqlite3.Connection, path: Path, scenario: Scenario
 
 def _require_schema(found: dict[str, str], path: Path) -> None:
     """Refuse a store whose results may differ from those of this version."""
-    if not {"version", "digest", "scenario"} <= found.keys():
+    if not {"schema", "version", "digest", "scenario"} <= found.keys():
         raise UserError(f"{path}: has no study; give another --out")
-    schema = found.get("schema", "of old")  # version 0.3 and older wrote no number
+    schema = found["schema"]
     if schema != str(SCHEMA):
         raise UserError(
             f"{path}: has schema {schema} (begun by slamgauge {found['version']}), this is schema {SCHEMA} "

@@ -82,9 +82,6 @@ def connected(path: Path) -> Generator[sqlite3.Connection]:
         else:
             reason, remedy = "cannot be used as a study's store", "give another --out"
         raise UserError(f"{path}: {reason} ({_in_a_line(str(error))}); {remedy}") from None
-    except UnicodeDecodeError as error:  # SQLite's message quotes bytes of the file
-        message = _in_a_line(error.object.decode(errors="backslashreplace"))
-        raise UserError(f"{path}: cannot be used as a study's store ({message}); give another --out") from None
 
 
 def _primary_code(error: sqlite3.Error) -> int:

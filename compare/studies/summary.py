@@ -10,16 +10,16 @@ from pydantic_core import to_jsonable_python
 
 from slamgauge.compare.estimators.registry import BOUND_OF, BOUNDS, CAUSAL, HINDSIGHT, REGISTRY, is_ours
 from slamgauge.compare.scoring.aggregation import BAND_LEVEL, late_means
-from slamgauge.compare.scoring.catalogue import BY_KEY, empty_columns, heads, is_relative
+from slamgauge.compare.scoring.catalogue import BY_KEY, empty_columns, figure_cells, heads
 from slamgauge.compare.scoring.intervals import Interval
 from slamgauge.compare.scoring.metric import TableName
 from slamgauge.compare.scoring.nan_stats import number
 from slamgauge.compare.scoring.optimum_figures import is_misfit_in_runs
-from slamgauge.compare.scoring.optimum_notes import MARK, beats_the_optimum, doubt_in_runs, mean_fit, misfits
+from slamgauge.compare.scoring.optimum_notes import beats_the_optimum, doubt_in_runs, mean_fit, misfits
 from slamgauge.compare.scoring.ray_figures import describe
 from slamgauge.compare.scoring.runs import Runs
 from slamgauge.compare.scoring.scores import FiguresByKey
-from slamgauge.compare.scoring.table import ESTIMATOR, RUNS, Cell, Head, Table, figures, marked
+from slamgauge.compare.scoring.table import ESTIMATOR, RUNS, Cell, Table
 from slamgauge.compare.scoring.text_page import Page
 from slamgauge.compare.scoring.verdicts import verdict_lines
 from slamgauge.compare.storage.provenance import origin
@@ -191,10 +191,10 @@ def summary_table(summary: Summary) -> Page:
 def estimator_table(summary: Summary) -> Table:
     """Return means with 95 % intervals, a row for each estimator."""
     found = heads("study", bounded=is_bounded(summary.estimators))
-    is_marked = is_doubtful(summary)
+    is_marked = is_marked_against(summary, CAUSAL) or None
     rows: list[list[Cell | str]] = []
     for name, entry in summary.estimators.items():
-        cells = figure_cells(summary, entry, found, room_for_marks=is_marked)
+        cells = figure_cells(entry, found, is_marked)
         rows.append([name, Cell(str(entry["runs"]), entry["runs"]), *cells])
     caption = "Means over runs with their 95 % intervals; click a column title to sort"
     return Table.of([ESTIMATOR, RUNS, *found], rows, caption, "summary")
@@ -217,27 +217,8 @@ def is_marked_against(summary: Summary, optimum: str) -> bool:
     return optimum in misfit_optima(summary) or (optimum == CAUSAL and share_in_doubt(summary) > 0)
 
 
-def is_doubtful(summary: Summary) -> bool:
-    """Whether figures relative to any optimum of a study are marked."""
-    return any(is_marked_against(summary, name) for name in _optima(summary))
-
-
 def _optima(summary: Summary) -> list[str]:
     return [name for name in (HINDSIGHT, CAUSAL) if name in summary.estimators]
-
-
-def figure_cells(
-    summary: Summary, entry: EstimatorSummary, found: Sequence[Head], *, room_for_marks: bool
-) -> list[Cell]:
-    """Return an estimator's cells in columns of metrics; figures relative to an optimum in doubt are marked."""
-    cells = figures(entry, found)
-    if not room_for_marks:
-        return cells
-    is_marked = is_marked_against(summary, CAUSAL)
-    return [
-        marked(each, MARK, is_marked=is_marked) if is_relative(head.key) else each
-        for each, head in zip(cells, found, strict=True)
-    ]
 
 
 def optimum_lines(summary: Summary) -> list[str]:

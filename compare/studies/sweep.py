@@ -13,7 +13,7 @@ from slamgauge.compare.estimators.registry import BOUNDS, CAUSAL, HINDSIGHT, INF
 from slamgauge.compare.estimators.requests import Asked, Chosen, ask
 from slamgauge.compare.scenarios.scenario import Scenario, load_scenario, scenario_text
 from slamgauge.compare.scenarios.simulation import informed
-from slamgauge.compare.scoring.catalogue import heads
+from slamgauge.compare.scoring.catalogue import figure_cells, heads
 from slamgauge.compare.scoring.optimum_notes import at_places, misfits, placed
 from slamgauge.compare.scoring.runs import Runs
 from slamgauge.compare.scoring.table import ESTIMATOR, Cell, Head, Table
@@ -30,9 +30,7 @@ from slamgauge.compare.studies.summary import (
     Summary,
     empty_column_lines,
     failure_lines,
-    figure_cells,
     is_bounded,
-    is_doubtful,
     is_marked_against,
     misfit_optima,
     share_in_doubt,
@@ -199,11 +197,11 @@ def sweep_table(sweep: Sweep) -> Page:
 def value_table(sweep: Sweep, links: Mapping[str, str] = MappingProxyType({})) -> Table:
     """Return the means of every value and estimator; `links` are the pages of the studies by value."""
     found = heads("sweep", bounded=is_bounded(sweep.summaries[0].estimators))
-    any_doubt = any(map(is_doubtful, sweep.summaries))
+    any_doubt = any(is_marked_against(summary, CAUSAL) for summary in sweep.summaries)
     rows = [
         [
             *(Cell(value, link=links.get(value, "")), Cell(name)),
-            *figure_cells(summary, entry, found, room_for_marks=any_doubt),
+            *figure_cells(entry, found, is_marked_against(summary, CAUSAL) if any_doubt else None),
         ]
         for value, summary in zip(sweep.values, sweep.summaries, strict=True)
         for name, entry in summary.estimators.items()

@@ -7,7 +7,6 @@ all bearings of points at once, then with those of provisional landmarks.
 
 from __future__ import annotations
 
-from contextlib import nullcontext
 from typing import cast
 
 import numpy as np
@@ -15,24 +14,20 @@ from numpy.typing import ArrayLike
 
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf.bearings.delayed import DelayedInitialiser
-from slamgauge.ekf.bearings.initialiser import Initialiser
+from slamgauge.ekf.bearings.ray_recorder import RayRecorder
 from slamgauge.ekf.bearings.rays import RayInitialiser
-from slamgauge.ekf.bearings.transaction import transaction_with
-from slamgauge.ekf.kernels.individual_compatibility import NONE
+from slamgauge.ekf.kernels.belief import NONE
 from slamgauge.ekf.maps.correction_table import Correction, Rule
-from slamgauge.ekf.maps.divergence_monitor import DivergenceMonitor
 from slamgauge.ekf.maps.input_checks import ids_of, require_gate, require_ids, require_robustness, rows_of
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
-from slamgauge.ekf.maps.matching import are_within
-from slamgauge.ekf.online_filter import Members, joined, points
+from slamgauge.ekf.online_filter import Members, OnlineFilter, joined, points
 from slamgauge.ekf.settings import PLAIN, Delayed, Initialisation, Rays, Robustness
 from slamgauge.errors import UserError
-from slamgauge.estimate import RayLog
 from slamgauge.recording import Observations
 from slamgauge.validation import are_among
 
 
-class BearingFilter:
+class BearingFilter(OnlineFilter):
     """Online bearing-only SLAM.
 
     Args:
@@ -57,27 +52,9 @@ class BearingFilter:
     ) -> None:
         initialisation = Rays() if initialisation is None else initialisation
         self._gate = require_robustness(robust).known_gate
-        self._map = LandmarkMap("bearing", prior_mean, prior_cov, correction, landmarks=32, tails=robust.tails)
-        self._provisional = _initialiser(self._map, initialisation)
+        super().__init__(LandmarkMap("bearing", prior_mean, prior_cov, correction, tails=robust.tails))
+        self._provisional = _initialiser(self.map, initialisation)
         self._points: dict[int, int] = {}  # landmark: its id in the map
-        self._step = 0
-        self._associated: Int = np.zeros(0, dtype=np.int64)
-        self._monitor = DivergenceMonitor(self._map.correction.rule)
-
-    @property
-    def pose(self) -> Float:
-        """(3,) x, y [m], heading [rad] in the world frame."""
-        return self._map.state.pose
-
-    @property
-    def pose_cov(self) -> Float:
-        """(3, 3) covariance of the additive pose error in the world frame."""
-        return self._map.state.pose_cov
-
-    @property
-    def cov(self) -> Float:
-        """(3 + 2n, 3 + 2n) covariance of the whole state."""
-        return self._map.state.cov
 
     @property
     def landmark_ids(self) -> Int:
@@ -105,23 +82,19 @@ class BearingFilter:
         return sum(self._provisional.counts.values())
 
     @property
-    def associated(self) -> Int:
-        """(m,) landmark of each bearing of the current step, -1 without one."""
-        return self._associated
+    def rays(self) -> RayRecorder | None:
+        """Log of the rays; None without rays."""
+        return self._provisional.log
 
     def standing(self, ids: Int) -> Int:
         """Return the ids, -1 for deleted landmarks."""
         return np.where(are_among(ids, self.landmark_ids), ids, NONE)
 
-    def ray_log(self, members: Int) -> RayLog | None:
-        """Return the log of rays, with the number of members (N+1,) after each step; None without rays."""
-        return None if self._provisional.log is None else self._provisional.log.log(members)
-
     def predict(self, increment: ArrayLike, cov: ArrayLike) -> None:
-        """Move by a body-frame increment; see `SlamFilter.predict`."""
-        self._map.correction.predict(increment, cov)
-        self._step += 1
-        self._associated = self._associated[:0]
+        """Move by a body-frame increment; see `OnlineFilter.predict`."""
+        super().predict(increment, cov)
+        if self.rays is not None:
+            self.rays.step += 1
 
     def update(self, observations: Observations, gate: float | None = None) -> tuple[float, int]:
         """Correct with the bearings of points, then process those of provisional and new landmarks.
@@ -143,16 +116,21 @@ class BearingFilter:
         given, given_covs = rows_of(observations, 1)
         known = ids_of(observations, len(given))
         if not len(given):
-            self._associated = self._associated[:0]
-            return 0.0, 0
+            return self._finished(known[:0], 0.0, 0)
         values, covs = np.asarray(given, np.float64), np.asarray(given_covs, np.float64)
-        self._map.correction.require_sound(values, covs)
-        is_one_part = all(each in self._points for each in known.tolist())
-        with nullcontext() if is_one_part else transaction_with(self._map, self._provisional, self):
+        self.map.require_sound(values, covs)
+        if all(each in self._points for each in known.tolist()):  # one part, which is refused as a whole
             ids = self._without_outliers(known, values, covs, gate)
-            result = self._update_all(ids.tolist(), values, covs)
-            self._associated = ids.copy()
-        return self._monitor.checked(result)
+            return self._finished(ids.copy(), *self._update_first(ids.tolist(), values, covs)[:2])
+        before = self._points, self._provisional.copy()
+        try:
+            with self.map.transaction():
+                ids = self._without_outliers(known, values, covs, gate)
+                result = self._update_all(ids.tolist(), values, covs)
+        except BaseException:
+            self._points, self._provisional = before
+            raise
+        return self._finished(ids.copy(), *result)
 
     def _without_outliers(self, ids: Int, values: Float, covs: Float, gate: float | None) -> Int:
         """Return the ids (m,), NONE for bearings of points beyond the gate."""
@@ -161,8 +139,8 @@ class BearingFilter:
             return ids
         kept = ids.copy()
         rows = np.flatnonzero([each in self._points for each in ids.tolist()])
-        slots = self._slots_of_points(ids[rows].tolist())
-        kept[rows[~are_within(self._map, slots, values[rows], covs[rows], gate)]] = NONE
+        within = self.map.are_within(self._in_map(ids[rows].tolist()), values[rows], covs[rows], gate)
+        kept[rows[~within]] = NONE
         return kept
 
     def _update_all(self, ids: list[int], values: Float, covs: Float) -> tuple[float, int]:
@@ -179,22 +157,19 @@ class BearingFilter:
     def _update_first(self, ids: list[int], values: Float, covs: Float) -> tuple[float, int, list[int]]:
         """Run `_update_all` with the first bearing of each provisional landmark; also return the rows of the others."""
         of_points = [row for row, landmark in enumerate(ids) if landmark in self._points]
-        slots = self._slots_of_points([ids[row] for row in of_points])
-        nis, dof = self._map.correction.update(slots, values[of_points], covs[of_points])
+        in_map = self._in_map([ids[row] for row in of_points])
+        nis, dof = self.map.update(in_map, values[of_points], covs[of_points]) or (0.0, 0)
         others = [row for row, landmark in enumerate(ids) if landmark not in self._points and landmark != NONE]
         first: dict[int, int] = {}
         for row in others:
             first.setdefault(ids[row], row)
         rows = [*first.values()]
-        self._points |= self._provisional.observe(self._step, [*first], values[rows], covs[rows])
+        self._points = self._points | self._provisional.observe([*first], values[rows], covs[rows])
         return nis, dof, [row for row in others if first[ids[row]] != row]
 
-    def _slots_of_points(self, landmarks: list[int]) -> Int:
-        return self._map.state.slots_of(np.array([self._points[each] for each in landmarks], dtype=np.int64))
-
-    def _point_landmarks(self) -> Int:
-        """(P,) landmarks that are points."""
-        return np.array([*self._points], dtype=np.int64)
+    def _in_map(self, landmarks: list[int]) -> Int:
+        """Return the ids (m,) in the map of landmarks that are points."""
+        return np.array([self._points[each] for each in landmarks], dtype=np.int64)
 
     def _landmarks(self) -> Members:
         """Return a row for every landmark, points first; of a ray the heaviest member, else the nearest."""
@@ -207,12 +182,14 @@ class BearingFilter:
 
     def whole_map(self) -> Members:
         """Return every point and every member of provisional landmarks."""
-        slots = self._slots_of_points([*self._points])
-        known = points(self._point_landmarks(), self._map.state.positions[slots], self._map.state.position_covs[slots])
+        landmarks = [*self._points]
+        slots = self.map.slots_of(self._in_map(landmarks))
+        ids = np.array(landmarks, dtype=np.int64)
+        known = points(ids, self.map.positions[slots], self.map.position_covs[slots])
         return joined([known, self._provisional.members()])
 
 
-def _initialiser(landmarks: LandmarkMap, initialisation: Initialisation) -> Initialiser:
+def _initialiser(landmarks: LandmarkMap, initialisation: Initialisation) -> RayInitialiser | DelayedInitialiser:
     if isinstance(initialisation, Rays):
         return RayInitialiser(landmarks, initialisation)
     if isinstance(cast("object", initialisation), Delayed):

@@ -22,6 +22,7 @@ navigation", ICRA 2007 (cloned poses, projection on the null space).
 from __future__ import annotations
 
 import math
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,9 +30,7 @@ from numpy.typing import ArrayLike
 from scipy.special import chdtri
 
 from slamgauge.arrays import Float, Int
-from slamgauge.ekf.maps.landmark_ids import Ids
-from slamgauge.ekf.maps.landmark_map import LandmarkMap
-from slamgauge.ekf.maps.map_edits import NewEntries, add_entries, remove_landmark
+from slamgauge.ekf.maps.landmark_map import LandmarkMap, NewEntries
 from slamgauge.ekf.online_filter import NO_MEMBERS, Members
 from slamgauge.ekf.settings import FEWEST, Delayed
 from slamgauge.se2 import between, compose, rotation, wrap
@@ -54,7 +53,7 @@ class Sight:
 
 
 class DelayedInitialiser:
-    """The waiting landmarks of a map. The methods are those of `Initialiser`."""
+    """The waiting landmarks of a map, with the methods of `rays.RayInitialiser`."""
 
     log = None  # without rays
 
@@ -64,14 +63,20 @@ class DelayedInitialiser:
         self._sights: dict[int, list[Sight]] = {}
         self._clones: list[int] = []  # in the order of time; a clone has two ids in the map: this and the next
         self._scans = 0  # used since the last clone
-        self._ids = Ids()
+
+    def copy(self) -> DelayedInitialiser:
+        """Return a copy that later observations do not change; both share the map."""
+        twin = copy(self)
+        sights = {landmark: [*each] for landmark, each in self._sights.items()}
+        vars(twin).update(_sights=sights, _clones=[*self._clones])
+        return twin
 
     @property
     def counts(self) -> dict[int, int]:
         """0 members for each waiting landmark."""
         return dict.fromkeys(self._sights, 0)
 
-    def observe(self, step: int, ids: list[int], values: Float, covs: Float) -> dict[int, int]:  # noqa: ARG002
+    def observe(self, ids: list[int], values: Float, covs: Float) -> dict[int, int]:
         """Store the bearings if the robot has moved, then place the landmarks that have enough."""
         points: dict[int, int] = {}
         moved = self._distance_from_clone()
@@ -103,29 +108,29 @@ class DelayedInitialiser:
         """Return the robot's distance from the last clone [m]; infinite without clones."""
         if not self._clones:
             return math.inf
-        last = self._map.state.entries(self._columns(self._clones[-1:])[0, :2])
-        return float(np.hypot(*(self._map.state.robot[:2] - last)))
+        last = self._map.entries(self._columns(self._clones[-1:])[0, :2])
+        return float(np.hypot(*(self._map.robot[:2] - last)))
 
     def _increment_from_clone(self) -> tuple[Float, Float]:
         """Return the increment (3,) from the last clone to the robot, and its covariance (3, 3)."""
         if self._scans == 1:
             return np.zeros(3), np.zeros((3, 3))
         columns = np.append([0, 1, 2], self._columns(self._clones[-1:]))
-        robot, clone = self._map.state.entries(columns).reshape(2, 3)
+        robot, clone = self._map.entries(columns).reshape(2, 3)
         increment, turn = between(clone, robot), np.eye(3)
         turn[:2, :2] = rotation(clone[2]).T
         by_clone = -turn
         by_clone[:2, 2] = [increment[1], -increment[0]]
         jacobian = np.column_stack([turn, by_clone])
-        return increment, jacobian @ self._map.state.block(columns) @ jacobian.T
+        return increment, jacobian @ self._map.block(columns) @ jacobian.T
 
     def _clone_pose(self) -> None:
         """Append the pose as two slots: the position, and the heading with a zero."""
         jacobian = np.zeros((4, 3))
         jacobian[:3] = np.eye(3)
-        ids = self._ids.take(2)
-        values = np.append(self._map.state.robot, 0.0)
-        add_entries(self._map, ids, NewEntries(values, np.arange(3), jacobian, np.zeros((4, 4)), [True, False]))
+        ids = self._map.take_ids(2)
+        values = np.append(self._map.robot, 0.0)
+        self._map.add_entries(ids, NewEntries(values, np.arange(3), jacobian, np.zeros((4, 4)), [True, False]))
         self._clones.append(int(ids[0]))
         self._scans = 0
 
@@ -135,7 +140,7 @@ class DelayedInitialiser:
         past = [clone for clone in self._clones if clone not in useful]
         if len(past) > self._settings.poses // 2:
             return past[0]
-        positions = self._map.state.entries(self._columns(self._clones)[:, :2].ravel()).reshape(-1, 2)
+        positions = self._map.entries(self._columns(self._clones)[:, :2].ravel()).reshape(-1, 2)
         gaps = np.hypot(*(positions[2:] - positions[:-2]).T)
         return self._clones[1 + int(np.argmin(gaps))]
 
@@ -146,7 +151,7 @@ class DelayedInitialiser:
             return None
         used, index = np.unique([sight.clone for sight in sights], return_inverse=True)
         columns = self._columns(used)
-        clones = self._map.state.entries(columns.ravel()).reshape(-1, 3)[index]
+        clones = self._map.entries(columns.ravel()).reshape(-1, 3)[index]
         poses = compose(clones, np.array([sight.increment for sight in sights]))
         bearings, variances = np.array([(sight.bearing, sight.variance) for sight in sights]).T
         found = triangulate(poses, bearings, variances, self._settings.sure)
@@ -160,20 +165,20 @@ class DelayedInitialiser:
         jacobian, columns = jacobian.reshape(len(sights), -1), columns.ravel()
         Q, T = np.linalg.qr(of_landmark / sigmas[:, None], mode="complete")
         residual, jacobian, inverse = Q.T @ (residual / sigmas), Q.T @ jacobian, np.linalg.inv(T[:2])
-        S = jacobian[2:] @ self._map.state.block(columns) @ jacobian[2:].T + np.eye(len(sights) - 2)
+        S = jacobian[2:] @ self._map.block(columns) @ jacobian[2:].T + np.eye(len(sights) - 2)
         if residual[2:] @ np.linalg.solve(S, residual[2:]) > chdtri(len(sights) - 2, IMPROBABLE):
             return None
         position = found.landmark + inverse @ residual[:2]
-        new = self._ids.take(1)
-        add_entries(self._map, new, NewEntries(position, columns, -inverse @ jacobian[:2], inverse @ inverse.T, [True]))
-        self._map.correction.update_linear(columns, jacobian[2:], residual[2:], np.eye(len(sights) - 2))
+        new = self._map.take_ids(1)
+        self._map.add_entries(new, NewEntries(position, columns, -inverse @ jacobian[:2], inverse @ inverse.T, [True]))
+        self._map.update_linear(columns, jacobian[2:], residual[2:], np.eye(len(sights) - 2))
         del self._sights[landmark]
         return int(new[0])
 
     def _columns(self, clones: ArrayLike) -> Int:
         """Return the state entries (c, 3) of the clones' (c,) x, y and heading."""
         ids = np.add.outer(np.asarray(clones), [0, 1])
-        return self._map.state.columns_of(ids.ravel()).reshape(-1, 4)[:, :3]
+        return self._map.columns_of(ids.ravel()).reshape(-1, 4)[:, :3]
 
     def _drop_unused(self) -> None:
         """Remove the clones without bearings of waiting landmarks."""
@@ -187,8 +192,7 @@ class DelayedInitialiser:
             self._sights[landmark] = [sight for sight in sights if sight.clone != clone]
             if not self._sights[landmark]:
                 del self._sights[landmark]
-        for each in (clone, clone + 1):
-            remove_landmark(self._map, int(self._map.state.slots_of(np.array(each))))
+        self._map.remove(clone, clone + 1)
 
 
 def linearise_bearings(

@@ -21,16 +21,15 @@ are those of the exercise (docs/exercise.md).
 from __future__ import annotations
 
 import math
+from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from slamgauge.arrays import Float, Int, Marks
-from slamgauge.ekf.bearings.initialiser import RayRecorder
-from slamgauge.ekf.maps.landmark_ids import Ids
+from slamgauge.ekf.bearings.ray_recorder import RayRecorder
+from slamgauge.ekf.kernels.belief import NONE
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
-from slamgauge.ekf.maps.map_edits import add_landmarks, remove_landmark
-from slamgauge.ekf.maps.matching import innovations
 from slamgauge.ekf.online_filter import NO_MEMBERS, Members
 from slamgauge.ekf.settings import Rays
 
@@ -125,7 +124,7 @@ class Ray:
 
 
 class RayInitialiser:
-    """Rays of a map. The methods are those of `Initialiser`.
+    """Rays of a map.
 
     A landmark has the id that its bearings have; each of its members has another id, with which it is in the map.
     """
@@ -134,14 +133,18 @@ class RayInitialiser:
         self._map = landmarks
         self._settings = settings
         self._rays: dict[int, Ray] = {}
-        self._ids = Ids()  # of members, in the map
         self.log = RayRecorder()
 
-    def observe(self, step: int, ids: list[int], values: Float, covs: Float) -> dict[int, int]:
+    def copy(self) -> RayInitialiser:
+        """Return a copy that later observations do not change; both share the map."""
+        twin = copy(self)
+        vars(twin).update(_rays={**self._rays}, log=self.log.copy())
+        return twin
+
+    def observe(self, ids: list[int], values: Float, covs: Float) -> dict[int, int]:
         """Update the observed rays, then start a ray for every other observed landmark.
 
         Args:
-            step: step of the bearings, for the log.
             ids: (m,) distinct landmarks that are not points.
             values: (m, 1) their bearings [rad].
             covs: (m, 1, 1) variances [rad^2].
@@ -155,7 +158,7 @@ class RayInitialiser:
             landmark, ray = ids[row], self._rays[ids[row]]
             nu, Z = self._innovations(ray, values[row], covs[row])  # step 1
             if (nu**2 / Z).min() > self._settings.gate:
-                self._reject(step, landmark, ray)
+                self._reject(landmark, ray)
                 continue
             log_weights = weigh(ray.log_weights, nu, Z, covs[row, 0, 0])  # step 2
             ray = self._rays[landmark] = self._pruned(ray, log_weights)  # step 3
@@ -163,55 +166,45 @@ class RayInitialiser:
             updates.append((np.full(np.count_nonzero(rho), row), ray.members[rho > 0.0], rho[rho > 0.0]))
             if len(ray.members) == 1:  # step 4
                 points[landmark] = int(ray.members[0])
-                self._end(step, landmark, survivor=int(ray.numbers[0]))
+                self._end(landmark, survivor=int(ray.numbers[0]))
         if updates:  # step 5: all members of all rays at once
             rows, members, rho = (np.concatenate(each) for each in zip(*updates, strict=True))
-            slots = self._map.state.slots_of(members)
-            self._map.correction.update(slots, values[rows], covs[rows] / rho[:, None, None])
+            self._map.update(members, values[rows], covs[rows] / rho[:, None, None])
         for row, landmark in enumerate(ids):
             if landmark not in self._rays and landmark not in points:
-                self._start(step, landmark, values[row, 0], covs[row, 0, 0])
+                self._start(landmark, values[row, 0], covs[row, 0, 0])
         return points
 
     def _innovations(self, ray: Ray, value: Float, cov: Float) -> tuple[Float, Float]:
         """Return the innovation nu_i of each member by a bearing (1,), and its variance Z_i = H_i P H_i' + R."""
-        count, slots = len(ray.members), self._map.state.slots_of(ray.members)
-        nu, Z = innovations(self._map, slots, np.tile(value, (count, 1)), np.tile(cov, (count, 1, 1)))
+        count = len(ray.members)
+        nu, Z = self._map.innovations(ray.members, np.tile(value, (count, 1)), np.tile(cov, (count, 1, 1)))
         return nu[:, 0], Z[:, 0, 0]
 
-    def _reject(self, step: int, landmark: int, ray: Ray) -> None:
+    def _reject(self, landmark: int, ray: Ray) -> None:
         """Count a bearing that failed the gate; delete the ray after `Rays.lost_after` of them in a row."""
         if ray.failures + 1 < self._settings.lost_after:
             self._rays[landmark] = replace(ray, failures=ray.failures + 1)
         else:
-            self.forget(step, landmark)
+            self._map.remove(*self._end(landmark).members.tolist())
 
     def _pruned(self, ray: Ray, log_weights: Float) -> Ray:
         """Return a ray with new weights, without the members of small weight, which leave the map."""
-        state = self._map.state
-        offsets = state.entries(state.columns_of(ray.members)).reshape(-1, 2) - state.robot[:2]
+        offsets = self._map.entries(self._map.columns_of(ray.members)).reshape(-1, 2) - self._map.robot[:2]
         kept = keep(log_weights, np.hypot(*offsets.T), self._settings.threshold / ray.first_count)
-        self._remove(ray.members[~kept])
+        self._map.remove(*ray.members[~kept].tolist())
         return Ray(ray.members[kept], normalised(log_weights[kept]), ray.numbers[kept], ray.first_count)
 
-    def _start(self, step: int, landmark: int, z: float, R: float) -> None:
+    def _start(self, landmark: int, z: float, R: float) -> None:
         s, sigma = distances_and_sigmas(self._settings)
-        members = self._ids.take(len(s))
-        add_landmarks(self._map, members, *as_observations(s, sigma, z, R))
+        members = self._map.take_ids(len(s))
+        self._map.add(members, *as_observations(s, sigma, z, R))
         self._rays[landmark] = Ray(members, normalised(np.zeros(len(s))), np.arange(len(s)), len(s))
-        self.log.begin(step, landmark, s)
+        self.log.begin(landmark, s)
 
-    def _end(self, step: int, landmark: int, survivor: int = -1) -> Ray:
-        self.log.end(step, landmark, survivor)
+    def _end(self, landmark: int, survivor: int = NONE) -> Ray:
+        self.log.end(landmark, survivor)
         return self._rays.pop(landmark)
-
-    def forget(self, step: int, landmark: int) -> None:
-        """Delete a ray and its members."""
-        self._remove(self._end(step, landmark).members)
-
-    def _remove(self, members: Int) -> None:
-        for member in members.tolist():
-            remove_landmark(self._map, int(self._map.state.slots_of(np.array([member]))[0]))
 
     @property
     def counts(self) -> dict[int, int]:
@@ -223,11 +216,11 @@ class RayInitialiser:
         if not self._rays:
             return NO_MEMBERS
         rays = self._rays.values()
-        slots = self._map.state.slots_of(np.concatenate([ray.members for ray in rays]))
+        slots = self._map.slots_of(np.concatenate([ray.members for ray in rays]))
         return Members(
             landmark=np.repeat([*self._rays], [len(ray.members) for ray in rays]),
             number=np.concatenate([ray.numbers for ray in rays]),
             weight=np.exp(np.concatenate([ray.log_weights for ray in rays])),
-            position=self._map.state.positions[slots],
-            cov=self._map.state.position_covs[slots],
+            position=self._map.positions[slots],
+            cov=self._map.position_covs[slots],
         )

@@ -10,6 +10,7 @@ from slamgauge.arrays import Float, Int, Marks
 from slamgauge.jit import inner
 
 ROBOT = 3  # entries of the robot: x, y, heading
+NONE = -1  # no landmark, no slot, no member, no step
 AT_POINT = 0  # form of Jacobians: evaluated at a belief's `point`, without projection
 
 
@@ -61,6 +62,13 @@ def at_place(belief: Belief, place: Float) -> Belief:
     return Belief(place, place, belief.cov, belief.points, belief.size, AT_POINT)
 
 
+class Pending(NamedTuple):
+    """Number of pending rows of W, and of pending pairs u, a: changes of P that `update.apply` makes later."""
+
+    rows: int
+    pairs: int
+
+
 class Workspace(NamedTuple):
     """Arrays for a scan of up to m observations, updated in blocks of up to b observations.
 
@@ -75,7 +83,7 @@ class Workspace(NamedTuple):
     innovation: Float  # (2m,)
     S: Float  # (2b, 2b)
     W: Float  # (2b, capacity)
-    u: Float  # (b, capacity) see `update.Pending`
+    u: Float  # (b, capacity) see `Pending`
     a: Float  # (b, capacity)
 
 

@@ -4,22 +4,11 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from slamgauge.arrays import Float, Int
-from slamgauge.jit import inner, kernel
+from slamgauge.ekf.kernels.belief import ROBOT
+from slamgauge.jit import inner
 
 TILE = 64  # rows of `cov` that fit into the processor's cache during a strided pass
-ROUNDING = 1e-8  # tolerance of a correlation: ten times that of `slamgauge.validation`
-
-
-@inner
-def is_symmetric(one: float, other: float, product: float, largest: float) -> bool:
-    """Return whether two opposite entries of a covariance are equal up to rounding.
-
-    `product` is the product of their variances, and `largest` the largest entry of the matrix.
-    """
-    return abs(one - other) <= ROUNDING * math.sqrt(abs(product)) + 1e-14 * largest
 
 
 @inner
@@ -83,7 +72,7 @@ def innovation_covariance(W: Float, slots: Int, jacobian: Float, observation_cov
         S[k + 1, k + 1] += r11
 
 
-@kernel
+@inner
 def noise(R: Float, second_row: Float) -> tuple[float, float, float]:
     """Return the entries (0, 0), (0, 1) and (1, 1) that an observation's covariance R (2, 2) adds to S.
 
@@ -94,23 +83,33 @@ def noise(R: Float, second_row: Float) -> tuple[float, float, float]:
 
 
 @inner
-def projected(cov: Float, h: Float, landmark: int) -> tuple[float, float, float]:
-    """Return H P H' of one observation, from the upper triangle of P: entries (0, 0), (0, 1) and (1, 1)."""
-    block = np.empty((5, 5))
-    for a in range(3):
-        for b in range(3):
-            block[a, b] = cov[a, b]
-        for b in range(2):
-            block[a, 3 + b] = block[3 + b, a] = cov[a, landmark + b]
-    block[3, 3], block[4, 4] = cov[landmark, landmark], cov[landmark + 1, landmark + 1]
-    block[3, 4] = block[4, 3] = cov[landmark, landmark + 1]
-    s00, s01, s11 = 0.0, 0.0, 0.0
-    for a in range(5):
-        for b in range(5):
-            s00 += h[0, a] * block[a, b] * h[0, b]
-            s01 += h[0, a] * block[a, b] * h[1, b]
-            s11 += h[1, a] * block[a, b] * h[1, b]
-    return s00, s01, s11
+def cross_covariance(cov: Float, h_a: Float, a: int, h_b: Float, b: int) -> tuple[float, float, float, float]:
+    """Return H_a P H_b' (2, 2), row by row, of observations of the landmarks at entries a and b.
+
+    Their Jacobians (2, 5) are those of `linearisation.linearise`; only the upper triangle of P is used.
+    """
+    s00, s01, s10, s11 = 0.0, 0.0, 0.0, 0.0
+    for k in range(5):
+        column = k if k < ROBOT else b + k - ROBOT
+        p0, p1 = 0.0, 0.0
+        for j in range(5):
+            row = j if j < ROBOT else a + j - ROBOT
+            p = cov[min(row, column), max(row, column)]
+            p0 += h_a[0, j] * p
+            p1 += h_a[1, j] * p
+        s00 += p0 * h_b[0, k]
+        s01 += p0 * h_b[1, k]
+        s10 += p1 * h_b[0, k]
+        s11 += p1 * h_b[1, k]
+    return s00, s01, s10, s11
+
+
+@inner
+def own_covariance(cov: Float, h: Float, landmark: int, R: Float) -> tuple[float, float, float]:
+    """Return S = H P H' + R of one observation: entries (0, 0), (0, 1) and (1, 1)."""
+    s00, s01, _, s11 = cross_covariance(cov, h, landmark, h, landmark)
+    r00, r01, r11 = noise(R, h[1])
+    return s00 + r00, s01 + r01, s11 + r11
 
 
 @inner

@@ -17,29 +17,18 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float, Int
-from slamgauge.ekf.kernels.individual_compatibility import NONE, Pairs, add_noise, pair_covariance
+from slamgauge.ekf.kernels.belief import NONE, ROBOT
+from slamgauge.ekf.kernels.covariance import cross_covariance, own_covariance
+from slamgauge.ekf.kernels.individual_compatibility import Pairs
 from slamgauge.jit import inner, kernel
 
 
 class Joint(NamedTuple):
-    """The first n pairs of a set, and their joint innovation; the caller stores n."""
+    """The present set of pairs and their joint innovation; the caller stores their number n."""
 
     taken: Int  # (depths,) the pairs, in the order of the columns of U
     U: Float  # (2 depths, 2 depths) factor of the joint innovation covariance
     y: Float  # (2 depths,) whitened joint innovation
-
-
-class Branch(NamedTuple):
-    """The present set of pairs of the search: one observation at each depth, with or without a landmark."""
-
-    rows: Int  # (depths,) observation of each depth
-    first: Int  # (depths,) start of its range in `Pairs.by_distance`
-    last: Int  # (depths,) end of this range; as a cursor it means no landmark
-    cursor: Int  # (depths,) candidate to try next
-    chosen: Int  # (depths,) pair, or NONE
-    placed: Int  # (depths + 1,) number of pairs before each depth
-    total: Float  # (depths + 1,) joint d^2 before each depth
-    joint: Joint
 
 
 @kernel
@@ -47,6 +36,8 @@ def search_jointly(
     cov: Float, covs: Float, pairs: Pairs, gate: float, quantiles: Float, node_limit: int
 ) -> tuple[Int, int]:
     """Find the joint association of m observations by depth-first branch and bound.
+
+    At each depth one observation is paired with a landmark, or stays without one.
 
     Args:
         cov: the covariance P.
@@ -61,77 +52,46 @@ def search_jointly(
         Slots (m,), NONE for an observation without a landmark, and the number of pairs that were tried.
     """
     best = np.full(len(covs), NONE)
-    branch = _root(pairs, gate, len(best))
-    depths, joint = len(branch.rows), branch.joint
+    first, last = _candidates(pairs, gate, len(covs))
+    depths = len(first)
+    joint = Joint(np.full(depths, NONE), np.zeros((2 * depths, 2 * depths)), np.zeros(2 * depths))
+    cursor, placed, total = first.copy(), np.zeros(depths + 1, dtype=np.int64), np.zeros(depths + 1)
     most, least, nodes, depth = 0, 0.0, 0, 0
-    while depth >= 0 and depths:
-        n, total = branch.placed[depth], branch.total[depth]
-        promising = n + depths - depth > most or (n + depths - depth == most and total < least)
-        if depth == depths or not promising or branch.cursor[depth] > branch.last[depth]:
+    while depth >= 0:
+        n, distance, left = placed[depth], total[depth], depths - depth
+        promising = n + left > most or (n + left == most and distance < least)
+        if left == 0 or not promising or cursor[depth] > last[depth]:
             depth -= 1
             continue
-        place = branch.cursor[depth]
-        branch.cursor[depth] += 1
-        if place == branch.last[depth]:  # all landmarks have been tried: the observation stays without one
-            _descend(branch, depth, NONE, total)
-        else:
+        place = cursor[depth]
+        cursor[depth] += 1
+        if place < last[depth]:  # otherwise all landmarks have been tried: the observation stays without one
             c = int(pairs.by_distance[place])
             if _is_taken(pairs, joint.taken, n, c):
                 continue
             if nodes >= node_limit:
                 break
             nodes += 1
-            distance = _extend(cov, covs, pairs, joint, n, c) + total
+            distance += _extend(cov, covs, pairs, joint, n, c)
             if not distance <= quantiles[n + 1]:
                 continue
-            _descend(branch, depth, c, distance)
-            if n + 1 > most or (n + 1 == most and distance < least):
-                most, least = n + 1, distance
-                _copy_slots(branch, depth, pairs, best)
+            joint.taken[n] = c
+            n += 1
+            if n > most or (n == most and distance < least):
+                most, least = n, distance
+                best[:] = NONE
+                for k in range(n):
+                    best[pairs.observation[joint.taken[k]]] = pairs.slot[joint.taken[k]]
         depth += 1
+        placed[depth], total[depth] = n, distance
+        if depth < depths:
+            cursor[depth] = first[depth]
     return best, nodes
 
 
 @inner
-def _root(pairs: Pairs, gate: float, observations: int) -> Branch:
-    """Return the empty set."""
-    rows, first, last = _rows_to_place(pairs, gate, observations)
-    depths = len(rows)
-    placed, total = np.zeros(depths + 1, dtype=np.int64), np.zeros(depths + 1)
-    return Branch(rows, first, last, first.copy(), np.full(depths, NONE), placed, total, _empty(depths))
-
-
-@inner
-def _empty(most: int) -> Joint:
-    """Allocate arrays for `most` pairs."""
-    return Joint(np.full(most, NONE), np.zeros((2 * most, 2 * most)), np.zeros(2 * most))
-
-
-@inner
-def _descend(branch: Branch, depth: int, c: int, total: float) -> None:
-    """Choose pair c, or NONE, at this depth, and start the next depth with the nearest landmark of its observation."""
-    n = branch.placed[depth]
-    branch.chosen[depth] = c
-    if c != NONE:
-        branch.joint.taken[n] = c
-        n += 1
-    branch.placed[depth + 1], branch.total[depth + 1] = n, total
-    if depth + 1 < len(branch.rows):
-        branch.cursor[depth + 1] = branch.first[depth + 1]
-
-
-@inner
-def _copy_slots(branch: Branch, depth: int, pairs: Pairs, best: Int) -> None:
-    """Copy the slots of the set, from depth 0 to this depth, to `best`."""
-    best[:] = NONE
-    for d in range(depth + 1):
-        if branch.chosen[d] != NONE:
-            best[branch.rows[d]] = pairs.slot[branch.chosen[d]]
-
-
-@inner
-def _rows_to_place(pairs: Pairs, gate: float, observations: int) -> tuple[Int, Int, Int]:
-    """Return observations with pairs inside the gate, fewest first, and the range of `by_distance` of each."""
+def _candidates(pairs: Pairs, gate: float, observations: int) -> tuple[Int, Int]:
+    """Return the range of `by_distance` inside the gate of each observation that has one, shortest first."""
     first, last = np.zeros(observations, dtype=np.int64), np.zeros(observations, dtype=np.int64)
     for place in range(len(pairs.slot)):
         i = pairs.observation[place]
@@ -139,9 +99,17 @@ def _rows_to_place(pairs: Pairs, gate: float, observations: int) -> tuple[Int, I
             first[i] = last[i] = place
         if pairs.distance[pairs.by_distance[place]] <= gate:
             last[i] += 1  # the nearest pairs come first
-    rows = np.flatnonzero(last - first > 0)
-    rows = rows[np.argsort((last - first)[rows], kind="mergesort")]
-    return rows, first[rows], last[rows]
+    count = 0
+    for i in range(observations):
+        begin, end, place = first[i], last[i], count
+        if begin == end:
+            continue
+        while place > 0 and last[place - 1] - first[place - 1] > end - begin:
+            first[place], last[place] = first[place - 1], last[place - 1]
+            place -= 1
+        first[place], last[place] = begin, end
+        count += 1
+    return first[:count], last[:count]
 
 
 @inner
@@ -157,13 +125,13 @@ def _is_taken(pairs: Pairs, taken: Int, n: int, c: int) -> bool:
 def _extend(cov: Float, covs: Float, pairs: Pairs, joint: Joint, n: int, c: int) -> float:
     """Add pair c to the first n pairs: two columns of U and two rows of y; return the increase of the joint d^2."""
     taken, U, y = joint
-    S, k = np.empty((2, 2)), 2 * n
+    k, column, h = 2 * n, ROBOT + 2 * pairs.slot[c], pairs.jacobian[2 * c : 2 * c + 2]
     for b in range(n):
-        pair_covariance(cov, pairs, taken[b], c, S)
-        _set_block(U, 2 * b, k, S)
-    pair_covariance(cov, pairs, c, c, S)
-    add_noise(covs[pairs.observation[c]], pairs.jacobian[2 * c + 1], S)
-    _set_block(U, k, k, S)
+        other = taken[b]
+        h_other = pairs.jacobian[2 * other : 2 * other + 2]
+        block = cross_covariance(cov, h_other, ROBOT + 2 * pairs.slot[other], h, column)
+        U[2 * b, k], U[2 * b, k + 1], U[2 * b + 1, k], U[2 * b + 1, k + 1] = block
+    U[k, k], U[k, k + 1], U[k + 1, k + 1] = own_covariance(cov, h, column, covs[pairs.observation[c]])
     added = 0.0
     for column in range(k, k + 2):
         value = pairs.innovation[2 * c + column - k]
@@ -180,11 +148,3 @@ def _extend(cov: Float, covs: Float, pairs: Pairs, joint: Joint, n: int, c: int)
         y[column] = value / U[column, column]
         added += y[column] ** 2
     return added
-
-
-@inner
-def _set_block(matrix: Float, row: int, column: int, block: Float) -> None:
-    """Copy `block` (2, 2) into `matrix` at (row, column); an assignment of slices takes half a second to compile."""
-    for i in range(2):
-        for j in range(2):
-            matrix[row + i, column + j] = block[i, j]

@@ -12,7 +12,7 @@ import numpy as np
 
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf.kernels.belief import Belief
-from slamgauge.ekf.kernels.blas import cholesky, combine_rows, solve_factor, subtract_gram
+from slamgauge.ekf.kernels.blas import combine_rows, subtract_gram
 from slamgauge.ekf.kernels.covariance import mirror_robot_block
 from slamgauge.ekf.kernels.update import whiten
 from slamgauge.jit import inner, kernel
@@ -56,10 +56,7 @@ def linear_update(belief: Belief, columns: Int, jacobian: Float, innovation: Flo
             for c in range(len(columns)):
                 S[a, b] += W[a, columns[c]] * jacobian[b, c]
     y = innovation.copy()
-    if not cholesky(S, rows):
-        return LinearUpdate(dx, math.nan)
-    solve_factor(S, W, rows, size)
-    nis = whiten(S, y, rows)
+    nis = whiten(S, W, y, rows, size)
     if math.isfinite(nis):
         combine_rows(W, y, dx, rows, size)
         subtract_gram(cov, W, rows, size)

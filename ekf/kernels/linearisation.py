@@ -7,10 +7,10 @@ import math
 import numpy as np
 
 from slamgauge.arrays import Float, Int
-from slamgauge.ekf.kernels.belief import Belief
-from slamgauge.ekf.kernels.covariance import noise, projected, squared_distance
+from slamgauge.ekf.kernels.belief import ROBOT, Belief
+from slamgauge.ekf.kernels.covariance import own_covariance
 from slamgauge.jit import inner, kernel
-from slamgauge.sensor_kernels import DIM, observe, wrap_innovation
+from slamgauge.sensor_kernels import observe, wrap_innovation
 
 PROJECTED = 1  # form of Jacobians (`Belief.form`): evaluated at the belief's state, then projected
 
@@ -84,10 +84,9 @@ def innovations_of(
     linearise(sensor, belief, slots, observation, innovation, jacobian)
     for i in range(count):
         h = jacobian[2 * i : 2 * i + 2]
-        s00, s01, s11 = projected(belief.cov, h, 3 + 2 * slots[i])
-        r00, r01, r11 = noise(noise_cov[i], h[1])
-        S[i, 0, 0], S[i, 1, 1] = s00 + r00, s11 + r11
-        S[i, 0, 1] = S[i, 1, 0] = s01 + r01
+        s00, s01, s11 = own_covariance(belief.cov, h, ROBOT + 2 * slots[i], noise_cov[i])
+        S[i, 0, 0], S[i, 1, 1] = s00, s11
+        S[i, 0, 1] = S[i, 1, 0] = s01
     return innovation, S
 
 
@@ -98,33 +97,3 @@ def subtract_projection(dx: Float, slots: Int, jacobian: Float, innovation: Floa
         h, landmark = jacobian[k], 3 + 2 * slots[k // 2]
         innovation[k] -= h[0] * dx[0] + h[1] * dx[1] + h[2] * dx[2]
         innovation[k] -= h[3] * dx[landmark] + h[4] * dx[landmark + 1]
-
-
-# --- Student's t distribution ---------------------------------------------------------------------
-#
-# With n degrees of freedom it is a normal distribution whose covariance R / w is drawn for each observation; w has a
-# Gamma distribution with parameters n/2, n/2. Given the squared distance d2 of an observation with d rows, the
-# expectation of w is (n + d) / (n + d2). With this w the update is a Kalman update. The distance uses S = H P H' + R:
-# an observation of an uncertain landmark is not treated as an outlier. The weight is at most 1: an update without
-# outliers is conservative. Sources: Lange, Little and Taylor, Journal of the American Statistical Association 84(408),
-# 1989; Agamennoni, Nieto and Nebot, IEEE Transactions on Signal Processing 60(10), 2012; Chang, Journal of Geodesy
-# 88(4), 2014 (by the Mahalanobis distance of the innovation).
-
-
-@inner
-def inflation(sensor: int, distance: float, freedom: float) -> float:
-    """Return 1 / w of an observation at a squared Mahalanobis distance, for `freedom` degrees of freedom."""
-    return max(1.0, (freedom + distance) / (freedom + DIM[sensor]))
-
-
-@inner
-def inflate_noise(sensor: int, belief: Belief, slots: Int, values: Float, covs: Float, freedom: float) -> None:
-    """R <- R / w in `covs` (m, 2, 2) for observations (m, 2) of the landmarks in `slots` (m,)."""
-    innovation, S = innovations_of(sensor, belief, slots, values, covs)
-    for i in range(len(slots)):
-        v = innovation[2 * i : 2 * i + 2]
-        distance = squared_distance(v[0], v[1], S[i, 0, 0], S[i, 0, 1], S[i, 1, 1])
-        factor = inflation(sensor, distance, freedom)
-        for a in range(2):  # numba compiles loops faster than operations on slices, with their error messages
-            for b in range(2):
-                covs[i, a, b] *= factor

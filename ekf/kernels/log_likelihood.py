@@ -7,30 +7,23 @@ innovation. The first observation of a landmark maps it and has no likelihood.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf.kernels.augmentation import augment
-from slamgauge.ekf.kernels.belief import Belief, Workspace, resized
-from slamgauge.ekf.kernels.blas import combine_rows, solve_factor, subtract_gram
-from slamgauge.ekf.kernels.covariance import innovation_covariance, mirror_robot_block, project_covariance
+from slamgauge.ekf.kernels.belief import NONE, Belief, Pending, Workspace, resized
+from slamgauge.ekf.kernels.blas import combine_rows, solve_factor
+from slamgauge.ekf.kernels.covariance import innovation_covariance, project_covariance
 from slamgauge.ekf.kernels.linearisation import linearise, subtract_projection
-from slamgauge.ekf.kernels.outlier_likelihood import (
-    Rows,
-    Run,
-    Tails,
-    continued,
-    factor_weighing,
-    longest_run,
-    rows_between,
-)
+from slamgauge.ekf.kernels.precision import are_variances_lost
 from slamgauge.ekf.kernels.prediction import predict
-from slamgauge.ekf.kernels.update import Pending, are_variances_lost, retract
+from slamgauge.ekf.kernels.update import apply, retract
 from slamgauge.jit import inner, kernel
 
-WHOLE = -1
+HALF_LOG_TWO_PI = 0.5 * math.log(2.0 * math.pi)
 
 
 class Order(NamedTuple):
@@ -51,26 +44,33 @@ class Measured(NamedTuple):
     observation_cov: Float  # (M, 2, 2)
 
 
+class Rows(NamedTuple):
+    """Results of every row of every observation; rows without information have variance 0 and likelihood 0."""
+
+    innovation: Float  # (2M,) e, conditional on all earlier rows [m or rad]
+    variance: Float  # (2M,) v
+    log_likelihood: Float  # (2M,) of e in N(0, v)
+
+
 @kernel
-def run_log(belief: Belief, order: Order, measured: Measured, tails: Tails, work: Workspace, rows: Rows) -> int:
-    """Filter the log and fill `rows`; return WHOLE, or the step at which no prediction or update exists.
+def run_log(belief: Belief, order: Order, measured: Measured, work: Workspace, rows: Rows) -> int:
+    """Filter the log and fill `rows`; return NONE, or the step at which no prediction or update exists.
 
     The belief contains the prior and has capacity for all landmarks.
     """
-    sensor, run, longest = measured.sensor, Run(0, -1), longest_run(tails)
+    sensor = measured.sensor
     for step in range(len(order.new)):
         if step > 0 and not predict(belief, measured.increment[step - 1], measured.increment_cov[step - 1]):
             return step
         start, new, end = order.first[step], order.new[step], order.first[step + 1]
         if new > start:
             _load(order, measured, start, new, work)
-            if not _update(sensor, belief, tails, run.length >= longest, work, rows_between(rows, start, new)):
+            if not _update(sensor, belief, work, _rows_between(rows, start, new)):
                 return step
-            run = continued(run, order.slots, rows, start, new)
         if end > new:
             augment(sensor, belief, measured.observation[new:end], measured.observation_cov[new:end])
             belief = resized(belief, belief.size + 2 * (end - new))
-    return WHOLE
+    return NONE
 
 
 @inner
@@ -86,12 +86,19 @@ def _load(order: Order, measured: Measured, start: int, end: int, work: Workspac
 
 
 @inner
-def _update(sensor: int, belief: Belief, tails: Tails, is_lost: bool, work: Workspace, rows: Rows) -> bool:
+def _rows_between(rows: Rows, start: int, end: int) -> Rows:
+    """Return the rows of observations start..end, as views."""
+    part = slice(2 * start, 2 * end)
+    return Rows(rows.innovation[part], rows.variance[part], rows.log_likelihood[part])
+
+
+@inner
+def _update(sensor: int, belief: Belief, work: Workspace, rows: Rows) -> bool:
     """Correct with the first observations of `work` and fill their `rows`; return False if no update exists.
 
-    Does the same as `update.update`, with a weight for every row.
+    Does the same as `update.update`, with a likelihood for every row.
     """
-    count = len(rows.weight) // 2
+    count = len(rows.innovation) // 2
     linearise(sensor, belief, work.slots[:count], work.observation, work.innovation, work.jacobian)
     size, block = belief.size, len(work.S) // 2
     dx, block_dx = np.zeros(size), np.empty(size)
@@ -102,15 +109,43 @@ def _update(sensor: int, belief: Belief, tails: Tails, is_lost: bool, work: Work
         subtract_projection(dx, slots, jacobian, y)
         project_covariance(belief.cov, size, slots, jacobian, work.W)
         innovation_covariance(work.W, slots, jacobian, work.observation_cov[first:last], work.S)
-        if not factor_weighing(work.S, y, jacobian, tails, is_lost, rows_between(rows, first, last)):
+        if not _factor(work.S, y, jacobian, _rows_between(rows, first, last)):
             return False
         solve_factor(work.S, work.W, height, size)
-        if are_variances_lost(belief.cov, slots, Pending(height, 0), work):
+        changed = Pending(height, 0)
+        if are_variances_lost(belief.cov, slots, changed, work):
             return False
         combine_rows(work.W, y, block_dx, height, size)
         for j in range(size):
             dx[j] += block_dx[j]
-        subtract_gram(belief.cov, work.W, height, size)
-        mirror_robot_block(belief.cov)
+        apply(belief, changed, work)
     retract(belief, dx, True, work)
+    return True
+
+
+@inner
+def _factor(S: Float, y: Float, jacobian: Float, rows: Rows) -> bool:
+    """Factor S = U'U in place, y <- U'^-1 y, and fill the `rows` of y; return False if S is not positive definite.
+
+    The rows are processed in order, each conditioned on all earlier rows: the elimination computes the conditional
+    innovation e, and its pivot is the conditional variance v of e. Uses the upper triangle of the first len(y) rows.
+    """
+    count = len(y)
+    for a in range(count):
+        for b in range(a):
+            y[a] -= S[b, a] * y[b]
+        variance, e = S[a, a], y[a]
+        if not (variance > 0.0 and math.isfinite(variance + e)):
+            return False
+        if jacobian[a, 3] != 0.0 or jacobian[a, 4] != 0.0:  # has information
+            rows.innovation[a], rows.variance[a] = e, variance
+            rows.log_likelihood[a] = -0.5 * (math.log(variance) + e * e / variance) - HALF_LOG_TWO_PI
+        root = math.sqrt(variance)
+        y[a] = e / root
+        S[a, a] = root
+        for c in range(a + 1, count):
+            S[a, c] /= root
+        for b in range(a + 1, count):
+            for c in range(b, count):
+                S[b, c] -= S[a, b] * S[a, c]
     return True

@@ -13,17 +13,17 @@ import numpy as np
 
 from slamgauge.arrays import Int
 from slamgauge.ekf.kernels.augmentation import append_landmark
-from slamgauge.ekf.kernels.belief import ROBOT, Belief, Workspace, resized
-from slamgauge.ekf.kernels.covariance import noise, projected, squared_distance
-from slamgauge.ekf.kernels.individual_compatibility import NONE, Reach, is_within_reach, reach_of
-from slamgauge.ekf.kernels.linearisation import inflation, linearise
+from slamgauge.ekf.kernels.belief import NONE, ROBOT, Belief, Pending, Workspace, resized
+from slamgauge.ekf.kernels.covariance import own_covariance, squared_distance
+from slamgauge.ekf.kernels.individual_compatibility import Reach, is_within_reach, reach_of
+from slamgauge.ekf.kernels.linearisation import linearise
+from slamgauge.ekf.kernels.soundness import are_sound
+from slamgauge.ekf.kernels.student_t import inflate
 from slamgauge.ekf.kernels.update import (
-    NOTHING,
     Form,
-    Pending,
     apply,
-    are_sound,
     correction,
+    iterate,
     move_additively,
     move_invariantly,
     seen_by,
@@ -64,35 +64,36 @@ def update_nearest(
     slots[:] = NONE
     if not are_sound(sensor, work.observation[:count], work.observation_cov[:count]):
         return SequentialUpdate(slots, math.nan, 0, belief.size)
-    block, nothing = len(work.S) // 2, np.zeros(len(belief.state))
-    nis, informative, pending, dx = 0.0, 0, NOTHING, np.empty(len(belief.state))
+    block, dx = len(work.S) // 2, np.empty(len(belief.state))
+    nis, informative, pending = 0.0, 0, Pending(0, 0)
     for i in range(count):
         if pending.rows == 2 * block:
             apply(belief, pending, work)
-            pending = NOTHING
+            pending = Pending(0, 0)
         slot, distance = nearest(sensor, belief, i, gates, pending, work)
-        work.slots[i] = slot
+        slots[i] = slot
         if slot == NEW:
             append_landmark(sensor, belief, belief.point, work.observation[i], work.observation_cov[i])
             _append_pending(belief, pending, work)
-            work.slots[i] = (belief.size - ROBOT) // 2
+            slots[i] = (belief.size - ROBOT) // 2
             belief = resized(belief, belief.size + 2)
         elif slot != NONE:
             if form.tails < math.inf:
-                scale = inflation(sensor, distance, form.tails)
-                for entry in range(4):
-                    work.observation_cov[i, entry // 2, entry % 2] *= scale
-            added, dof = correction(sensor, belief, (i, i + 1), pending, form, work, nothing, dx)
-            nis, informative = nis + added, informative + dof
+                inflate(sensor, distance, form.tails, work.observation_cov[i])
+            informative += _linearise_one(sensor, belief, slots[i : i + 1], i, work)
+            added = correction(belief, (i, i + 1), pending, work, dx)
+            nis += added
+            if form.iterated and math.isfinite(nis):
+                last, _ = iterate(sensor, belief, (i, i + 1), pending, work, dx)
+                nis = nis if math.isfinite(last) else last
             if not math.isfinite(nis):
                 return SequentialUpdate(slots, nis, informative, belief.size)
-            rows = Pending(pending.rows + 2, pending.pairs)
+            pending = Pending(pending.rows + 2, pending.pairs)
             if form.invariant:
-                move_invariantly(belief, dx, rows, work)
-                pending = Pending(rows.rows, rows.pairs + 1)
+                move_invariantly(belief, dx, pending, work)
+                pending = Pending(pending.rows, pending.pairs + 1)
             else:
                 move_additively(belief, dx)
-                pending = rows
     apply(belief, pending, work)
     return SequentialUpdate(slots, nis, informative, belief.size)
 
@@ -124,11 +125,18 @@ def nearest(sensor: int, belief: Belief, i: int, gates: Gates, pending: Pending,
 
 
 @inner
+def _linearise_one(sensor: int, belief: Belief, one: Int, i: int, work: Workspace) -> int:
+    """Linearise observation i at the landmark in slot `one` (1,); return the number of rows with information."""
+    v, h = work.innovation[2 * i : 2 * i + 2], work.jacobian[2 * i : 2 * i + 2]
+    return linearise(sensor, belief, one, work.observation[i : i + 1], v, h)
+
+
+@inner
 def distance_to(sensor: int, belief: Belief, i: int, one: Int, pending: Pending, work: Workspace) -> float:
     """Return the squared Mahalanobis distance of observation i and the landmark in slot `one` (1,)."""
+    _linearise_one(sensor, belief, one, i, work)
     v, h, landmark = work.innovation[2 * i : 2 * i + 2], work.jacobian[2 * i : 2 * i + 2], ROBOT + 2 * one[0]
-    linearise(sensor, belief, one, work.observation[i : i + 1], v, h)
-    s00, s01, s11 = projected(belief.cov, h, landmark)
+    s00, s01, s11 = own_covariance(belief.cov, h, landmark, work.observation_cov[i])
     for r in range(pending.rows):
         g0, g1 = seen_by(h[0], work.W[r], landmark), seen_by(h[1], work.W[r], landmark)
         s00, s01, s11 = s00 - g0 * g0, s01 - g0 * g1, s11 - g1 * g1
@@ -136,8 +144,7 @@ def distance_to(sensor: int, belief: Belief, i: int, one: Int, pending: Pending,
         u0, u1 = seen_by(h[0], work.u[r], landmark), seen_by(h[1], work.u[r], landmark)
         a0, a1 = seen_by(h[0], work.a[r], landmark), seen_by(h[1], work.a[r], landmark)
         s00, s01, s11 = s00 + 2.0 * u0 * a0, s01 + u0 * a1 + a0 * u1, s11 + 2.0 * u1 * a1
-    r00, r01, r11 = noise(work.observation_cov[i], h[1])
-    return squared_distance(v[0], v[1], s00 + r00, s01 + r01, s11 + r11)
+    return squared_distance(v[0], v[1], s00, s01, s11)
 
 
 @inner

@@ -10,10 +10,10 @@ import math
 
 from slamgauge.arrays import Float
 from slamgauge.ekf.kernels.belief import Belief
-from slamgauge.ekf.kernels.covariance import ROUNDING, is_symmetric, mirror_robot_block
+from slamgauge.ekf.kernels.covariance import mirror_robot_block
+from slamgauge.ekf.kernels.soundness import is_increment_sound
 from slamgauge.jit import inner, kernel
 from slamgauge.se2_kernels import wrap
-from slamgauge.validation import LARGEST
 
 
 @kernel
@@ -24,13 +24,7 @@ def predict(belief: Belief, increment: Float, increment_cov: Float) -> bool:
     predicted pose is then copied to `point`. Returns False, with nothing changed, if a value exceeds its limit (see
     `LARGEST`) or Q is not a covariance.
     """
-    for i in range(3):
-        if not abs(increment[i]) < LARGEST:
-            return False
-        for j in range(3):
-            if not abs(increment_cov[i, j]) < LARGEST * LARGEST:
-                return False
-    if not is_semidefinite(increment_cov):
+    if not is_increment_sound(increment, increment_cov):
         return False
     state, point, cov = belief.state, belief.point, belief.cov
     c, s = math.cos(state[2]), math.sin(state[2])
@@ -51,41 +45,6 @@ def predict(belief: Belief, increment: Float, increment_cov: Float) -> bool:
     cov[1, 1] += lever_x * (cov[2, 1] + cov[1, 2])
     _add_increment_noise(cov, c, s, increment_cov)
     return True
-
-
-@inner
-def is_semidefinite(Q: Float) -> bool:
-    """Return whether Q (3, 3) is symmetric and positive semi-definite up to rounding; zero is valid.
-
-    This is the rule of `slamgauge.validation` with a larger tolerance. Q is scaled to correlations, except for entries
-    whose variance is not positive; its smallest eigenvalue must then be at least -ROUNDING.
-    """
-    largest = 0.0
-    for i in range(3):
-        for j in range(3):
-            largest = max(largest, abs(Q[i, j]))
-    for i in range(3):
-        if not Q[i, i] >= -1e-11 * largest:
-            return False
-        for j in range(i):
-            if not is_symmetric(Q[i, j], Q[j, i], Q[i, i] * Q[j, j], largest):
-                return False
-    sx, sy, st = _unit(Q[0, 0]), _unit(Q[1, 1]), _unit(Q[2, 2])
-    xy, xt, yt = 0.5 * (Q[0, 1] + Q[1, 0]), 0.5 * (Q[0, 2] + Q[2, 0]), 0.5 * (Q[1, 2] + Q[2, 1])
-    xy, xt, yt = xy / (sx * sy), xt / (sx * st), yt / (sy * st)
-    xx, yy, tt = Q[0, 0] / (sx * sx) + ROUNDING, Q[1, 1] / (sy * sy) + ROUNDING, Q[2, 2] / (st * st) + ROUNDING
-    if not xx > 0.0:
-        return False
-    yy -= xy * xy / xx  # eliminate one variable after the other: all pivots must be positive
-    yt -= xy * xt / xx
-    tt -= xt * xt / xx
-    return yy > 0.0 and tt - yt * yt / yy > 0.0
-
-
-@inner
-def _unit(variance: float) -> float:
-    """Return the standard deviation, or 1 if the variance is not positive."""
-    return math.sqrt(variance) if variance > 0.0 else 1.0
 
 
 @inner

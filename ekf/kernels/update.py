@@ -9,7 +9,7 @@ covariance decreases by K S K' = W'W. The filters differ in three places:
   the nearest matrix with H N = 0 (`linearisation.project_on_observable`).
 * **Iteration.** The iterated filter repeats the gain with Jacobians at the result (Gauss-Newton):
   x_{i+1} = x^ + K_i (z - h(x_i) - H_i (x^ - x_i)). After a pass that was longer than the one before, later ones
-  are half as long.
+  are half as long. If `PASSES` of them do not settle, the last one is used, and the caller prints a notice.
 * **Retraction.** The others add dx. The error xi of the right-invariant filter is defined by theta = theta^ + xi_theta
   and p = R(xi_theta) p^ + V(xi_theta) xi_p (the same for landmarks). To first order it is xi = D^-1 (additive error),
   D = [I, J p; 0, 1] with landmark rows [I, J l]. Prediction, Jacobians and augmentation are therefore those of the
@@ -32,31 +32,24 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float, Int
-from slamgauge.ekf.kernels.belief import ROBOT, Belief, Workspace, at_place
-from slamgauge.ekf.kernels.blas import (
-    add_outer_pairs,
-    cholesky,
-    combine_rows,
-    solve_factor,
-    subtract_gram,
+from slamgauge.ekf.kernels.belief import NONE, ROBOT, Belief, Pending, Workspace, at_place
+from slamgauge.ekf.kernels.blas import add_outer_pairs, cholesky, combine_rows, solve_factor, subtract_gram
+from slamgauge.ekf.kernels.covariance import innovation_covariance, mirror_robot_block, project_covariance
+from slamgauge.ekf.kernels.linearisation import linearise, subtract_projection
+from slamgauge.ekf.kernels.precision import (
+    EXHAUSTED,
+    LEAST_SHARE,
+    are_pivots_lost,
+    are_variances_lost,
+    backup,
+    restore,
 )
-from slamgauge.ekf.kernels.covariance import (
-    innovation_covariance,
-    is_symmetric,
-    mirror_robot_block,
-    project_covariance,
-)
-from slamgauge.ekf.kernels.linearisation import inflate_noise, linearise, subtract_projection
+from slamgauge.ekf.kernels.soundness import are_sound
 from slamgauge.jit import inner, kernel
 from slamgauge.se2_kernels import mean_rotation, wrap
-from slamgauge.sensor_kernels import HAS_RANGE
-from slamgauge.validation import LARGEST
 
-LEAST = 1e-13  # smallest difference of two numbers, relative to the larger one, that is more than rounding
-SAFE = 1e-3  # share of the information that would exhaust double precision; below it, no backup of P is needed
-EXHAUSTED = math.inf  # NIS of an update that exhausts double precision
-PASSES = 1000  # most passes of the iterated filter; the result of the last one counts
-ROUNDING = 1e-14  # of a state entry, relative to 1 m or its value
+PASSES = 1000  # most passes of the iterated filter
+STATE_ROUNDING = 1e-14  # of a state entry, relative to 1 m or its value
 SETTLED = 1e-13  # step of its last pass, in standard deviations of the prior
 LAST_DIGITS = 1e-7  # a smaller step that does not shrink is rounding
 
@@ -65,139 +58,146 @@ class Form(NamedTuple):
     """What distinguishes the filters."""
 
     invariant: bool = False  # right-invariant retraction
-    passes: int = 1  # most linearisations of an update; above 1 for the iterated filter
-    tails: float = math.inf  # degrees of freedom of the noise (see `linearisation.inflate_noise`)
-
-
-class Pending(NamedTuple):
-    """Number of pending rows of W, and of pending pairs u, a."""
-
-    rows: int
-    pairs: int
-
-
-NOTHING = Pending(0, 0)
+    iterated: bool = False  # whether an update is repeated with Jacobians at its result
+    tails: float = math.inf  # degrees of freedom of the noise (see `student_t`)
 
 
 @kernel
-def update(sensor: int, belief: Belief, count: int, form: Form, work: Workspace) -> tuple[float, int]:
-    """Correct with the first `count` observations of `work`; return the NIS and its degrees of freedom.
+def find_slots(sorted_ids: Int, sorted_slots: Int, ids: Int, slots: Int) -> int:
+    """Fill `slots` with the slot of each id by bisection, NONE for an unmapped id; return the number of these."""
+    unmapped = 0
+    for i in range(len(ids)):
+        low, high = 0, len(sorted_ids)
+        while low < high:
+            middle = (low + high) // 2
+            if sorted_ids[middle] < ids[i]:
+                low = middle + 1
+            else:
+                high = middle
+        if low < len(sorted_ids) and sorted_ids[low] == ids[i]:
+            slots[i] = sorted_slots[low]
+        else:
+            slots[i] = NONE
+            unmapped += 1
+    return unmapped
+
+
+@kernel
+def update(sensor: int, belief: Belief, count: int, invariant: bool, work: Workspace) -> tuple[float, int, int]:
+    """Correct with the first `count` observations of `work`; return the NIS, its degrees of freedom, and 1 pass.
 
     The observations are processed in blocks of the workspace, all with Jacobians at the same point. The result is that
     of a single block, because observations are independent, but the triangular solve is cheaper: its cost grows with
     the square of the block. If the NIS is not finite, the belief is unchanged.
     """
-    slots, values, covs = work.slots[:count], work.observation[:count], work.observation_cov[:count]
-    if not are_sound(sensor, values, covs):
-        return math.nan, 0
-    if form.tails < math.inf:
-        inflate_noise(sensor, belief, slots, values, covs, form.tails)
-    size, block = belief.size, count if form.passes > 1 else len(work.S) // 2
-    if 2 * block > len(work.S):
-        return math.nan, 0  # the workspace is too small
-    linearise(sensor, belief, slots, values, work.innovation, work.jacobian)
-    before = _backup(belief, count, block, work)
-    dx, found, nis, informative = np.zeros(size), np.zeros(size), 0.0, 0
+    slots, values = work.slots[:count], work.observation[:count]
+    if not are_sound(sensor, values, work.observation_cov[:count]):
+        return math.nan, 0, 1
+    size, block = belief.size, len(work.S) // 2
+    informative = linearise(sensor, belief, slots, values, work.innovation, work.jacobian)
+    before = backup(belief, count, block, work)
+    dx, found, nis = np.zeros(size), np.zeros(size), 0.0
     for first in range(0, count, block):
         last = min(first + block, count)
-        added, dof = correction(sensor, belief, (first, last), NOTHING, form, work, dx, found)
-        nis, informative = nis + added, informative + dof
+        rows = slice(2 * first, 2 * last)
+        subtract_projection(dx, slots[first:last], work.jacobian[rows], work.innovation[rows])
+        nis += correction(belief, (first, last), None, work, found)
         if not math.isfinite(nis):
             if first > 0:
-                _restore(belief.cov, before)
-            return nis, informative
+                restore(belief.cov, before)
+            return nis, informative, 1
         for j in range(size):
             dx[j] += found[j]
         apply(belief, Pending(2 * (last - first), 0), work)
-    retract(belief, dx, form.invariant, work)
-    return nis, informative
+    retract(belief, dx, invariant, work)
+    return nis, informative, 1
+
+
+@kernel
+def update_iterated(
+    sensor: int, belief: Belief, count: int, invariant: bool, work: Workspace
+) -> tuple[float, int, int]:
+    """Do `update` with the iterated filter, which needs a workspace of one block; also return the number of passes."""
+    slots, values = work.slots[:count], work.observation[:count]
+    if not are_sound(sensor, values, work.observation_cov[:count]):
+        return math.nan, 0, 1
+    informative, dx = linearise(sensor, belief, slots, values, work.innovation, work.jacobian), np.zeros(belief.size)
+    nis = correction(belief, (0, count), None, work, dx)
+    last, passes = iterate(sensor, belief, (0, count), None, work, dx) if math.isfinite(nis) else (nis, 1)
+    if not math.isfinite(last):
+        return last, informative, passes
+    apply(belief, Pending(2 * count, 0), work)
+    retract(belief, dx, invariant, work)
+    return nis, informative, passes
 
 
 @inner
-def correction(
-    sensor: int,
-    belief: Belief,
-    rows: tuple[int, int],
-    pending: Pending,
-    form: Form,
-    work: Workspace,
-    done: Float,
-    dx: Float,
-) -> tuple[float, int]:
-    """Compute the correction dx (size,) by observations `rows` (first, last); return the NIS and its dof.
+def correction(belief: Belief, rows: tuple[int, int], pending: Pending | None, work: Workspace, dx: Float) -> float:
+    """Compute the gain of observations `rows` (first, last) and their correction dx (size,); return the NIS.
 
-    The rows of W follow the pending ones. `done` (size,) is the correction by earlier blocks of the same scan. Nothing
-    is changed.
+    `work` contains their innovations v and Jacobians H; W and y replace H P and v, and the rows of W follow the pending
+    ones (None without; numba then compiles less). The NIS y'y is NaN if S is not positive definite, and `EXHAUSTED` if
+    S or P would only be rounding.
     """
-    (first, last), state = rows, belief.state
-    height, nis, shortening = 2 * (last - first), 0.0, 1.0
+    first, last = rows
+    height, S = 2 * (last - first), work.S
     slots, jacobian = work.slots[first:last], work.jacobian[2 * first : 2 * last]
-    y, W = work.innovation[2 * first : 2 * last], work.W[pending.rows : pending.rows + height]
-    there, offset, informative, before = belief, done, 0, math.inf
-    for k in range(form.passes):
-        dof = linearise(sensor, there, slots, work.observation[first:last], y, jacobian)
-        subtract_projection(offset, slots, jacobian, y)
-        found = gain(belief, slots, work.observation_cov[first:last], jacobian, y, W, pending, work)
-        changes = Pending(pending.rows + height, pending.pairs)
-        if math.isfinite(found) and are_variances_lost(belief.cov, slots, changes, work):
-            found = EXHAUSTED
-        if k == 0:
-            nis, informative = found, dof
-        if not math.isfinite(found):
-            return found, informative
-        combine_rows(W, y, dx, height, belief.size)
-        if form.passes == 1:
-            return nis, informative
-        if k == 0:
-            offset, there = np.zeros(belief.size), at_place(belief, state.copy())
+    above, pairs = 0, 0
+    if pending is not None:
+        above, pairs = pending.rows, pending.pairs
+    y, W = work.innovation[2 * first : 2 * last], work.W[above : above + height]
+    project_covariance(belief.cov, belief.size, slots, jacobian, W)
+    if pending is not None:
+        project_pending(W, slots, jacobian, pending, work, belief.size)
+    innovation_covariance(W, slots, jacobian, work.observation_cov[first:last], S)
+    nis = whiten(S, W, y, height, belief.size)
+    if not math.isfinite(nis):
+        return nis
+    changed = Pending(above + height, pairs)
+    if are_pivots_lost(S, belief.cov, slots, jacobian) or are_variances_lost(belief.cov, slots, changed, work):
+        return EXHAUSTED
+    combine_rows(W, y, dx, height, belief.size)
+    return nis
+
+
+@inner
+def iterate(
+    sensor: int, belief: Belief, rows: tuple[int, int], pending: Pending | None, work: Workspace, dx: Float
+) -> tuple[float, int]:
+    """Repeat the correction dx (size,) with Jacobians at its result until it settles; see the head of this file.
+
+    Returns the NIS of the last pass, which is not finite if no update exists, and the number of passes.
+    """
+    first, last = rows
+    slots, values = work.slots[first:last], work.observation[first:last]
+    y, jacobian = work.innovation[2 * first : 2 * last], work.jacobian[2 * first : 2 * last]
+    state, offset, there = belief.state, np.zeros(belief.size), at_place(belief, belief.state.copy())
+    before, shortening = math.inf, 1.0
+    for passes in range(1, PASSES):
         longest = 0.0
         for j in range(belief.size):
             step = shortening * (dx[j] + offset[j])  # offset: minus the correction so far
-            if abs(step) > ROUNDING * (1.0 + abs(state[j])) and belief.cov[j, j] > 0.0:
+            if abs(step) > STATE_ROUNDING * (1.0 + abs(state[j])) and belief.cov[j, j] > 0.0:
                 longest = max(longest, step * step / belief.cov[j, j])
             offset[j] -= step
             there.state[j] = state[j] - offset[j]
         if longest < (shortening * SETTLED) ** 2 or (longest < LAST_DIGITS**2 and longest >= before):
-            return nis, informative
+            return 0.0, passes
         if longest > before:
             shortening *= 0.5
         before = longest
-    return nis, informative
+        linearise(sensor, there, slots, values, y, jacobian)
+        subtract_projection(offset, slots, jacobian, y)
+        nis = correction(belief, rows, pending, work, dx)
+        if not math.isfinite(nis):
+            return nis, passes
+    return 0.0, PASSES
 
 
 @inner
-def gain(
-    belief: Belief,
-    slots: Int,
-    noise_cov: Float,
-    jacobian: Float,
-    y: Float,
-    W: Float,
-    pending: Pending,
-    work: Workspace,
-) -> float:
-    """Compute W and y of observations (m,) with innovations `y` (2m,), and S <- U; return y'y.
-
-    The result is NaN if S is not positive definite, and `EXHAUSTED` if a pivot of S is only rounding.
-    """
-    S, rows = work.S, 2 * len(slots)
-    project(belief, slots, jacobian, W, pending, work)
-    innovation_covariance(W, slots, jacobian, noise_cov, S)
-    if not cholesky(S, rows):
-        return math.nan
-    solve_factor(S, W, rows, belief.size)
-    squared = whiten(S, y, rows)
-    if math.isfinite(squared) and are_pivots_lost(S, belief.cov, slots, jacobian):
-        return EXHAUSTED
-    return squared
-
-
-@inner
-def project(belief: Belief, slots: Int, jacobian: Float, W: Float, pending: Pending, work: Workspace) -> None:
-    """Compute W = H P, with the pending changes of P."""
-    size = belief.size
-    project_covariance(belief.cov, size, slots, jacobian, W)
-    for k in range(W.shape[0] if pending.rows else 0):
+def project_pending(W: Float, slots: Int, jacobian: Float, pending: Pending, work: Workspace, size: int) -> None:
+    """Add the pending changes of P to W = H P."""
+    for k in range(W.shape[0]):
         h, landmark = jacobian[k], ROBOT + 2 * slots[k // 2]
         for r in range(pending.rows):
             w, share = work.W[r], seen_by(h, work.W[r], landmark)
@@ -217,18 +217,24 @@ def seen_by(h: Float, row: Float, landmark: int) -> float:
 
 
 @inner
-def whiten(U: Float, y: Float, rows: int) -> float:
-    """Y <- U'^-1 y; return y'y, or `EXHAUSTED` if a pivot of S = U'U is only rounding of its variance."""
+def whiten(S: Float, W: Float, y: Float, rows: int, size: int) -> float:
+    """S <- U, W <- U'^-1 W and y <- U'^-1 y for S = U'U; return y'y.
+
+    The result is NaN if S is not positive definite, and `EXHAUSTED` if a pivot of S is only rounding of its variance.
+    """
+    if not cholesky(S, rows):
+        return math.nan
+    solve_factor(S, W, rows, size)
     squared = 0.0
     for a in range(rows):
         explained = 0.0
         for b in range(a):
-            y[a] -= U[b, a] * y[b]
-            explained += U[b, a] * U[b, a]
-        pivot = U[a, a] * U[a, a]
-        if pivot <= LEAST * (pivot + explained):
+            y[a] -= S[b, a] * y[b]
+            explained += S[b, a] * S[b, a]
+        pivot = S[a, a] * S[a, a]
+        if pivot <= LEAST_SHARE * (pivot + explained):
             return EXHAUSTED
-        y[a] /= U[a, a]
+        y[a] /= S[a, a]
         squared += y[a] * y[a]
     return squared
 
@@ -247,7 +253,7 @@ def apply(belief: Belief, pending: Pending, work: Workspace) -> None:
 def retract(belief: Belief, dx: Float, invariant: bool, work: Workspace) -> None:
     """Move the state by dx (size,), and for the right-invariant filter transform the covariance: P <- T P T'."""
     if invariant:
-        move_invariantly(belief, dx, NOTHING, work)
+        move_invariantly(belief, dx, None, work)
         apply(belief, Pending(0, 1), work)
     else:
         move_additively(belief, dx)
@@ -262,13 +268,14 @@ def move_additively(belief: Belief, dx: Float) -> None:
 
 
 @inner
-def move_invariantly(belief: Belief, dx: Float, pending: Pending, work: Workspace) -> None:
+def move_invariantly(belief: Belief, dx: Float, pending: Pending | None, work: Workspace) -> None:
     """Move every point by V(dtheta) dx and all other entries by dx; add the pair of P <- T P T' to the pending ones.
 
     T P T' = P + u a' + a u' with a = P e_theta + u P_theta,theta / 2.
     """
     state, size = belief.state, belief.size
-    u, a = work.u[pending.pairs], work.a[pending.pairs]
+    pair = 0 if pending is None else pending.pairs
+    u, a = work.u[pair], work.a[pair]
     v_cos, v_sin = mean_rotation(dx[2])
     _turn(state, dx, u, 0, v_cos, v_sin)
     for k in range(ROBOT, size, 2):
@@ -281,13 +288,14 @@ def move_invariantly(belief: Belief, dx: Float, pending: Pending, work: Workspac
     u[2] = 0.0
     for j in range(size):
         a[j] = belief.cov[min(2, j), max(2, j)]
-    for r in range(pending.rows):
-        w = work.W[r]
-        for j in range(size):
-            a[j] -= w[2] * w[j]
-    for r in range(pending.pairs):
-        for j in range(size):
-            a[j] += work.a[r, 2] * work.u[r, j]
+    if pending is not None:
+        for r in range(pending.rows):
+            w = work.W[r]
+            for j in range(size):
+                a[j] -= w[2] * w[j]
+        for r in range(pending.pairs):
+            for j in range(size):
+                a[j] += work.a[r, 2] * work.u[r, j]
     half = 0.5 * a[2]
     for j in range(size):
         a[j] += half * u[j]
@@ -300,95 +308,3 @@ def _turn(state: Float, dx: Float, u: Float, i: int, v_cos: float, v_sin: float)
     state[i] += move_x
     state[i + 1] += move_y
     u[i], u[i + 1] = -move_y, move_x
-
-
-@inner
-def are_pivots_lost(U: Float, cov: Float, slots: Int, jacobian: Float) -> bool:
-    """Return whether a pivot of S = U'U = H P H' + R is only rounding of H P H'."""
-    for k in range(2 * len(slots)):
-        if not U[k, k] * U[k, k] > LEAST * _entered(cov, jacobian[k], ROBOT + 2 * slots[k // 2]):
-            return True
-    return False
-
-
-@inner
-def _entered(cov: Float, h: Float, landmark: int) -> float:
-    """Return the sum of h^2 P over the five entries of a row of H: a fifth of an upper bound of h P h'."""
-    entered = h[0] * h[0] * cov[0, 0] + h[1] * h[1] * cov[1, 1] + h[2] * h[2] * cov[2, 2]
-    return entered + h[3] * h[3] * cov[landmark, landmark] + h[4] * h[4] * cov[landmark + 1, landmark + 1]
-
-
-@inner
-def are_variances_lost(cov: Float, slots: Int, pending: Pending, work: Workspace) -> bool:
-    """Return whether P with its pending changes is only rounding, for the robot's position or heading or for `slots`.
-
-    A double has 16 digits; three must be left. The two variances of a position are added, because one of them may be
-    zero from the start.
-    """
-    if _is_lost(cov, pending, work, 0, 2) or _is_lost(cov, pending, work, 2, 1):
-        return True
-    for slot in slots:  # noqa: SIM110 numba compiles no generator expressions
-        if _is_lost(cov, pending, work, ROBOT + 2 * slot, 2):
-            return True
-    return False
-
-
-@inner
-def _is_lost(cov: Float, pending: Pending, work: Workspace, first: int, count: int) -> bool:
-    """Return whether the sum of `count` variances from entry `first` on is only rounding."""
-    before, taken = 0.0, 0.0
-    for j in range(first, first + count):
-        before += cov[j, j]
-        for k in range(pending.rows):
-            taken += work.W[k, j] * work.W[k, j]
-        for k in range(pending.pairs):
-            before += 2.0 * work.u[k, j] * work.a[k, j]
-    return taken > 0.0 and not before - taken > LEAST * before
-
-
-@inner
-def _backup(belief: Belief, count: int, block: int, work: Workspace) -> Float:
-    """Return a copy of P if a block after the first might exhaust double precision, else an empty array.
-
-    A scan reduces no variance to less than 1 / (1 + tr(R^-1 H P H')) of its value, no pivot of S is smaller than the
-    same pivot of R, and (H P H')_aa is at most five times the sum of h^2 P. If these bounds are far from exhausting
-    double precision, every block has an update.
-    """
-    information, h = 0.0, work.jacobian
-    for i in range(count if count > block else 0):
-        R, landmark = work.observation_cov[i], ROBOT + 2 * work.slots[i]
-        determinant = R[0, 0] * R[1, 1] - R[0, 1] * R[1, 0]
-        least = determinant / (R[0, 0] + R[1, 1])  # at most the smallest eigenvalue
-        information += R[0, 0] * R[1, 1] / determinant  # a pivot of R is at least this share of its variance
-        for k in (2 * i, 2 * i + 1):
-            information += 5.0 * _entered(belief.cov, h[k], landmark) / least
-    needed = 0 if 0.0 <= information < SAFE / LEAST else belief.size
-    return belief.cov[:needed, :needed].copy()
-
-
-@inner
-def _restore(cov: Float, backup: Float) -> None:
-    """Copy a backup (n, n) of P to its first rows and columns."""
-    for i in range(len(backup)):
-        for j in range(len(backup)):
-            cov[i, j] = backup[i, j]
-
-
-@kernel
-def are_sound(sensor: int, values: Float, covs: Float) -> bool:
-    """Return whether observations (m, 2) and their covariances (m, 2, 2) are valid.
-
-    Values are below `LARGEST`, ranges are not negative, and covariances are positive definite.
-    """
-    for i in range(len(values)):
-        R = covs[i]
-        if not (abs(values[i, 0]) < LARGEST and abs(values[i, 1]) < LARGEST):
-            return False
-        if HAS_RANGE[sensor] and values[i, 0] < 0.0:
-            return False
-        product = R[0, 0] * R[1, 1]
-        if not (R[0, 0] > 0.0 and product - R[0, 1] * R[1, 0] > 0.0 and R[0, 0] + R[1, 1] < LARGEST * LARGEST):
-            return False
-        if not is_symmetric(R[0, 1], R[1, 0], product, max(R[0, 0], R[1, 1])):
-            return False
-    return True

@@ -11,7 +11,7 @@ from typing import Literal, NamedTuple, cast, get_args
 
 from slamgauge.ekf.kernels.belief import AT_POINT
 from slamgauge.ekf.kernels.linearisation import PROJECTED
-from slamgauge.ekf.kernels.update import PASSES, Form
+from slamgauge.ekf.kernels.update import Form
 from slamgauge.errors import UserError
 from slamgauge.suggestions import did_you_mean
 
@@ -43,7 +43,7 @@ RULES: dict[Correction, Rule] = {
     "standard": Rule("ekf"),
     "first-estimates": Rule("fej-ekf", first_estimates=True),
     "observability-constrained": Rule("oc-ekf", first_estimates=True, jacobians=PROJECTED),
-    "iterated": Rule("iekf", Form(passes=PASSES), block=WHOLE_SCAN),
+    "iterated": Rule("iekf", Form(iterated=True), block=WHOLE_SCAN),
     "right-invariant": Rule("riekf", Form(invariant=True)),
 }
 assert {*RULES} == {*get_args(Correction)}

@@ -1,21 +1,20 @@
 """Checks of the online filters' input; an error text is one line with place, value and remedy.
 
 To refuse a value means to raise UserError. At every step this module checks types and shapes only. Kernels check the
-numbers (`update.are_sound`, `prediction.predict`); if a number is invalid, they change nothing. Then
+numbers (`kernels.soundness`); if a number is invalid, they change nothing. Then
 `explain_increment` or `explain_scan` finds the reason.
 """
 
 from __future__ import annotations
 
-import operator
-from typing import cast
+from typing import TypeGuard, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from slamgauge.arrays import Float, Int, chunks
 from slamgauge.covariances import scale_of, without_negative_eigenvalues
-from slamgauge.ekf.kernels.update import EXHAUSTED
+from slamgauge.ekf.kernels.precision import EXHAUSTED
 from slamgauge.ekf.setting_rules import require
 from slamgauge.ekf.settings import Association, Robustness
 from slamgauge.errors import UserError
@@ -29,7 +28,7 @@ TOO_FAR_APART = (
     "raise the smallest, or lower the largest"
 )
 TOO_LARGE = f"a number must be below {LARGEST:g}"
-ROUNDING = 1e-3  # largest rounding error of a correlation after a subtraction; see `kernels.update`
+LARGEST_ROUNDING = 1e-3  # largest rounding error of a correlation after a subtraction; see `kernels.precision`
 TOLERATED = 1e-9  # negative eigenvalue of a correlation that `slamgauge.validation` accepts
 INCREMENT = "give an increment (dx, dy, dtheta) of the body frame in m, m, rad"
 
@@ -52,13 +51,9 @@ def require_sensor(sensor: str, known: tuple[str, ...]) -> None:
 
 def require_room(landmarks: int) -> int:
     """Return a number of landmarks >= 0 as an int; refuse anything else."""
-    try:
-        count = operator.index(landmarks)
-    except TypeError:
-        count = -1
-    if count < 0 or isinstance(landmarks, bool):
+    if isinstance(landmarks, bool) or not isinstance(landmarks, (int, np.integer)) or landmarks < 0:
         raise UserError(f"landmarks: {landmarks!r} is not a number of landmarks; give a whole number, at least 0")
-    return count
+    return int(landmarks)
 
 
 def require_gate(gate: float | None) -> None:
@@ -80,16 +75,8 @@ def load_increment(increment: ArrayLike, cov: ArrayLike, to: Float, cov_to: Floa
     Raises:
         UserError: wrong shapes, or not real numbers.
     """
-    if (
-        isinstance(increment, np.ndarray)
-        and increment.shape == (3,)
-        and increment.dtype.kind in REAL
-        and isinstance(cov, np.ndarray)
-        and cov.shape == (3, 3)
-        and cov.dtype.kind in REAL
-    ):  # almost every step
-        to[:] = increment
-        cov_to[:] = cov
+    if _is_plain(increment, (3,)) and _is_plain(cov, (3, 3)):  # almost every step
+        to[:], cov_to[:] = increment, cov
         return
     given = as_numbers("increment", increment, INCREMENT)
     if given.shape != (3,):
@@ -99,8 +86,12 @@ def load_increment(increment: ArrayLike, cov: ArrayLike, to: Float, cov_to: Floa
     given_cov = as_numbers("increment_cov", cov, remedy)
     if given_cov.shape != (3, 3):
         raise UserError(f"increment_cov: shape {given_cov.shape} does not fit; {remedy}")
-    to[:] = given
-    cov_to[:] = given_cov
+    to[:], cov_to[:] = given, given_cov
+
+
+def _is_plain(value: ArrayLike, shape: tuple[int, ...]) -> TypeGuard[NDArray[np.generic]]:
+    """Return whether a value is an array of real numbers with this shape."""
+    return isinstance(value, np.ndarray) and value.dtype.kind in REAL and value.shape == shape
 
 
 def explain_increment(increment: Float, cov: Float) -> UserError:
@@ -144,30 +135,17 @@ def rows_of(observations: Observations, dim: int) -> tuple[NDArray[np.generic], 
         raise UserError(
             f"observations: a {kind} is not a scan; give slamgauge.Observations(landmark, value, cov)"
         ) from None
-    if (
-        isinstance(values, np.ndarray)
-        and isinstance(covs, np.ndarray)
-        and values.dtype.kind in REAL
-        and covs.dtype.kind in REAL
-        and values.shape[1:] == (dim,)
-        and covs.shape == (len(values), dim, dim)
-    ):  # almost every step
+    count = len(values) if isinstance(values, np.ndarray) and values.ndim else 0
+    if _is_plain(values, (count, dim)) and _is_plain(covs, (count, dim, dim)):  # almost every step
         return values, covs
-    return _rows_of_anything(values, covs, dim)
-
-
-def _rows_of_anything(values: ArrayLike, covs: ArrayLike, dim: int) -> tuple[Float, Float]:
-    """Return the result of `rows_of` for lists and other objects that numpy converts."""
     given = as_numbers("observation", values, f"give shape (any, {dim})")
-    if given.shape == (0,):
-        given = given.reshape(0, dim)
+    given = given.reshape(0, dim) if given.shape == (0,) else given
     count = len(given) if given.ndim else 1
     if given.shape != (count, dim):
         raise UserError(f"observation: shape {given.shape} does not fit this sensor; give shape ({count}, {dim})")
     remedy = f"give shape ({count}, {dim}, {dim})"
     given_covs = as_numbers("observation_cov", covs, remedy)
-    if count == 0 and given_covs.shape == (0,):
-        given_covs = given_covs.reshape(0, dim, dim)
+    given_covs = given_covs.reshape(0, dim, dim) if given_covs.shape == (0,) else given_covs
     if given_covs.shape != (count, dim, dim):
         raise UserError(f"observation_cov: shape {given_covs.shape} does not fit {count} observations; {remedy}")
     return given, given_covs
@@ -229,7 +207,7 @@ def _singular(name: str, covs: Float, first: int) -> Int:
     require_rows(name, sound, covs, f"not finite: {DIVERGED}", first)
     smallest = np.linalg.eigvalsh(correlations)[:, 0]
     largest = variances.max(axis=1, initial=0.0)
-    rounding = (smallest >= -ROUNDING) & (variances >= -ROUNDING * largest[:, None]).all(axis=1)
+    rounding = (smallest >= -LARGEST_ROUNDING) & (variances >= -LARGEST_ROUNDING * largest[:, None]).all(axis=1)
     require_rows(name, rounding, covs, TOO_FAR_APART, first)
     return np.flatnonzero(smallest < -TOLERATED)
 

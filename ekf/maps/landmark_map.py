@@ -1,38 +1,55 @@
-"""A map: its state, and prediction and update by the compiled kernels of a rule."""
+"""The map of a filter: its state, with prediction, update and edits by the compiled kernels of a rule."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from slamgauge.arrays import Float, Int
-from slamgauge.ekf.kernels.belief import Workspace, allocate_workspace
-from slamgauge.ekf.kernels.linear_update import linear_update
+from slamgauge.arrays import Float, Int, Marks
+from slamgauge.ekf.kernels.augmentation import augment
+from slamgauge.ekf.kernels.belief import ROBOT, Workspace, allocate_workspace
+from slamgauge.ekf.kernels.linear_update import append_linear, linear_update
+from slamgauge.ekf.kernels.linearisation import innovations_of
+from slamgauge.ekf.kernels.map_edits import equate_landmarks
 from slamgauge.ekf.kernels.prediction import predict
-from slamgauge.ekf.kernels.slots import find_slots
-from slamgauge.ekf.kernels.update import Form, are_sound, retract, update
+from slamgauge.ekf.kernels.soundness import are_sound
+from slamgauge.ekf.kernels.student_t import inflate_noise
+from slamgauge.ekf.kernels.update import PASSES, find_slots, retract, update, update_iterated
 from slamgauge.ekf.maps.correction_table import Correction, Rule, rule_of
-from slamgauge.ekf.maps.input_checks import explain_increment, explain_scan, load_increment, require_sensor, why_not
+from slamgauge.ekf.maps.input_checks import (
+    DIVERGED,
+    explain_increment,
+    explain_scan,
+    load_increment,
+    require_sensor,
+    why_not,
+)
 from slamgauge.ekf.maps.map_state import MapState
 from slamgauge.errors import UserError
 from slamgauge.jit import direct
+from slamgauge.notices import tell_once
 from slamgauge.sensors import SENSORS
 
-
-class Kernels(NamedTuple):
-    """Machine code of a step; `slamgauge bench` replaces it by timed functions."""
-
-    predict: Callable[..., bool]
-    find_slots: Callable[..., int]
-    update: Callable[..., tuple[float, int]]
+UNSETTLED = "{}: an update did not settle in {} passes, and the last one is used; raise the sensor noise"
 
 
-class LandmarkMap:
-    """Robot and landmarks, with their prediction and update.
+class NewEntries(NamedTuple):
+    """New state entries, two for each landmark: a linear function J x + noise of entries x of the state."""
+
+    values: Float  # (2m,) positions relative to `LandmarkMap.origin`
+    columns: Int  # (c,) entries x
+    jacobian: Float  # (2m, c) J
+    noise_cov: Float  # (2m, 2m)
+    points: Sequence[bool]  # (m,) whether they are positions, which rotate with the map (see `kernels.update`)
+
+
+class LandmarkMap(MapState):
+    """Robot and landmarks, with prediction, update and edits.
 
     Args:
         sensor: `range-bearing`, `position` or `bearing` (see `slamgauge.Recording`).
@@ -40,11 +57,11 @@ class LandmarkMap:
         prior_cov: (3, 3) its covariance; zero is legal.
         correction: name or rule; see `correction_table`.
         landmarks: initial capacity; the map grows as needed.
-        tails: degrees of freedom of the observations' noise (see `kernels.linearisation`).
+        tails: degrees of freedom of the observations' noise (see `kernels.student_t`).
 
     Attributes:
-        state: belief, ids and slots.
-        correction: prediction and update.
+        code: number of the sensor in kernels.
+        dim: columns d of an observation.
 
     Raises:
         UserError: an unknown sensor or correction, an invalid prior, or an invalid number of landmarks.
@@ -56,56 +73,35 @@ class LandmarkMap:
         prior_mean: ArrayLike,
         prior_cov: ArrayLike,
         correction: Correction | Rule,
-        landmarks: int,
+        landmarks: int = 32,
         tails: float = math.inf,
     ) -> None:
         require_sensor(sensor, tuple(SENSORS))
-        rule = rule_of(correction)
-        self.state = MapState(prior_mean, prior_cov, rule, landmarks)
-        self.correction = MapCorrection(self.state, sensor, rule, tails)
-
-
-class MapCorrection:
-    """Prediction and update of a map by a rule.
-
-    Args:
-        state: the map.
-        sensor: `range-bearing`, `position` or `bearing` (see `slamgauge.Recording`).
-        rule: kernels of a step.
-        tails: degrees of freedom of the observations' noise (see `kernels.linearisation`).
-
-    Attributes:
-        code: number of the sensor in kernels.
-        dim: columns d of an observation.
-    """
-
-    def __init__(self, state: MapState, sensor: str, rule: Rule, tails: float) -> None:
-        self.sensor = sensor
+        self.sensor, self.rule = sensor, rule_of(correction)
         self.code, self.dim = SENSORS[sensor].code, SENSORS[sensor].dim
-        self.rule = rule
-        self.form: Form = rule.form._replace(tails=tails)
-        self._state = state
-        self._increment = np.zeros(3)
-        self._increment_cov = np.zeros((3, 3))
-        self._work = allocate_workspace(0, state.capacity, rule.block)
-        self._compile()
+        self.form = self.rule.form._replace(tails=tails)
+        super().__init__(prior_mean, prior_cov, self.rule, landmarks)
+        self._increment, self._increment_cov = np.zeros(3), np.zeros((3, 3))
+        self._work = allocate_workspace(0, len(self.belief.state), self.rule.block)
 
-    def _compile(self) -> None:
-        """Get the machine code of a step for the types of these arrays."""
-        ids, belief = self._state.ids, self._state.belief
-        self.kernels = Kernels(
-            direct(predict, belief, self._increment, self._increment_cov),
-            direct(find_slots, ids, ids, self._work.ids, self._work.slots),
-            direct(update, self.code, belief, 0, self.form, self._work),
+    @cached_property
+    def predict_kernel(self) -> Callable[..., bool]:
+        """Machine code of `prediction.predict`."""
+        return direct(predict, self.belief, self._increment, self._increment_cov)
+
+    @cached_property
+    def update_kernels(self) -> tuple[Callable[..., int], Callable[..., tuple[float, int, int]]]:
+        """Machine code of `update.find_slots` and of the update of the rule."""
+        form, work = self.form, self._work
+        found = update_iterated if form.iterated else update
+        return (
+            direct(find_slots, self.ids, self.ids, work.ids, work.slots),
+            direct(found, self.code, self.belief, 0, form.invariant, work),
         )
 
     def __getstate__(self) -> dict[str, object]:
         """Return all attributes without the machine code, which is valid in this process only."""
-        return {key: value for key, value in vars(self).items() if key != "kernels"}
-
-    def __setstate__(self, state: dict[str, object]) -> None:
-        vars(self).update(state)
-        self._compile()
+        return {key: value for key, value in vars(self).items() if "_kernel" not in key}
 
     def predict(self, increment: ArrayLike, cov: ArrayLike) -> None:
         """Move by a body-frame increment (3,) [m, m, rad] with covariance (3, 3).
@@ -114,49 +110,36 @@ class MapCorrection:
             UserError: wrong shapes, a number that is not finite, or an invalid covariance; nothing has changed.
         """
         load_increment(increment, cov, self._increment, self._increment_cov)
-        if not self.kernels.predict(self._state.belief, self._increment, self._increment_cov):
+        if not self.predict_kernel(self.belief, self._increment, self._increment_cov):
             raise explain_increment(self._increment, self._increment_cov)
 
-    def update_by_ids(
+    def update(
         self, ids: ArrayLike, values: NDArray[np.generic], covs: NDArray[np.generic]
     ) -> tuple[float, int] | None:
         """Correct with observations (m, d), (m, d, d) of the landmarks `ids` (m,).
 
-        Return the result of `update`; or None, with nothing changed, if a landmark is not mapped.
-        """
-        count, state = len(values), self._state
-        work = self._workspace(count)
-        work.ids[:count] = ids
-        if self.kernels.find_slots(state.sorted_ids, state.sorted_slots, work.ids[:count], work.slots):
-            return None
-        return self._update_found(work, values, covs)
-
-    def update(self, slots: Int, values: Float, covs: Float) -> tuple[float, int]:
-        """Correct with observations (m, d), (m, d, d) of the landmarks in `slots` (m,).
-
         Returns:
-            The normalised innovation squared and its degrees of freedom (0, 0 without observations).
+            The normalised innovation squared and its degrees of freedom (0, 0 without observations); or None, with
+            nothing changed, if a landmark is not mapped.
 
         Raises:
             UserError: no update exists; nothing has changed.
         """
-        count = len(slots)
+        count = len(values)
         if count == 0:
             return 0.0, 0
-        work = self._workspace(count)
-        work.slots[:count] = slots
-        return self._update_found(work, values, covs)
-
-    def _update_found(
-        self, work: Workspace, values: NDArray[np.generic], covs: NDArray[np.generic]
-    ) -> tuple[float, int]:
-        """Correct with observations of the landmarks in `work.slots`."""
-        count, state = len(values), self._state
-        fill_rows(values, covs, work.observation, work.observation_cov)
-        belief = state.belief
-        nis, informative = self.kernels.update(self.code, belief, count, self.form, work)
+        find, correct = self.update_kernels
+        work = self.loaded(values, covs)
+        work.ids[:count] = ids
+        if find(self.sorted_ids, self.sorted_slots, work.ids[:count], work.slots):
+            return None
+        if self.form.tails < math.inf:
+            inflate_noise(self.code, self.belief, count, self.form.tails, work)
+        nis, informative, passes = correct(self.code, self.belief, count, self.form.invariant, work)
         if not math.isfinite(nis):
-            raise explain_scan(self.sensor, values, covs, nis, state.variances)
+            raise explain_scan(self.sensor, values, covs, nis, self.variances)
+        if passes == PASSES:
+            tell_once(UNSETTLED.format(self.rule.estimator, PASSES))
         return nis, informative
 
     def update_linear(self, columns: Int, jacobian: Float, innovation: Float, noise_cov: Float) -> float:
@@ -165,22 +148,31 @@ class MapCorrection:
         Raises:
             UserError: no update exists, because a number is not finite or `noise_cov` is not positive definite.
         """
-        state = self._state
-        found = linear_update(state.belief, columns, jacobian, innovation, noise_cov)
+        found = linear_update(self.belief, columns, jacobian, innovation, noise_cov)
         if not np.isfinite(found.nis):
             remedy = "make every value finite and every covariance positive definite"
-            raise UserError(f"observation: no update exists; {remedy}; {why_not(found.nis, state.variances)}")
-        self.retract(found.dx)
+            raise UserError(f"observation: no update exists; {remedy}; {why_not(found.nis, self.variances)}")
+        self._retract(found.dx)
         return found.nis
 
-    def retract(self, dx: Float) -> None:
-        """Move the state by a correction dx (size,), and transform the covariance accordingly."""
-        retract(self._state.belief, dx, self.form.invariant, self._workspace(1))
+    def _retract(self, dx: Float) -> None:
+        retract(self.belief, dx, self.form.invariant, self._workspace(1))
+
+    def innovations(self, ids: Int, values: Float, covs: Float) -> tuple[Float, Float]:
+        """Return innovations (m, d) of observations of the landmarks `ids` (m,), and their covariances (m, d, d)."""
+        count, first = len(values), 2 - self.dim
+        innovation, S = innovations_of(self.code, self.belief, self.slots_of(ids), *two_rows(values, covs))
+        return innovation.reshape(count, 2)[:, first:], S[:, first:, first:]
+
+    def are_within(self, ids: Int, values: Float, covs: Float, gate: float) -> Marks:
+        """Return which observations (m, d) of the landmarks `ids` (m,) have a squared distance up to `gate`."""
+        v, S = self.innovations(ids, values, covs)
+        return np.einsum("mi,mi->m", v, np.linalg.solve(S, v[:, :, None])[:, :, 0]) <= gate
 
     def require_sound(self, values: NDArray[np.generic], covs: NDArray[np.generic]) -> None:
         """Refuse observations (m, d), (m, d, d) that `Recording` refuses."""
         if not are_sound(self.code, *two_rows(values, covs)):
-            raise explain_scan(self.sensor, values, covs, math.nan, self._state.variances)
+            raise explain_scan(self.sensor, values, covs, math.nan, self.variances)
 
     def loaded(self, values: NDArray[np.generic], covs: NDArray[np.generic]) -> Workspace:
         """Return the workspace with observations (m, d), (m, d, d) in its first m rows."""
@@ -190,11 +182,41 @@ class MapCorrection:
 
     def _workspace(self, observations: int) -> Workspace:
         """Return the workspace, with room for that many observations and for the state."""
-        state = self._state
-        if observations > len(self._work.ids) or state.capacity > self._work.W.shape[1]:
-            room = max(observations, len(self._work.ids))
-            self._work = allocate_workspace(room, state.capacity, self.rule.block)
+        capacity = len(self.belief.state)
+        if observations > len(self._work.ids) or capacity > self._work.W.shape[1]:
+            self._work = allocate_workspace(max(observations, len(self._work.ids)), capacity, self.rule.block)
         return self._work
+
+    def add(self, ids: Int, values: Float, covs: Float) -> None:
+        """Map new landmarks (m,) at their first observations (m, 2), with covariances (m, 2, 2).
+
+        For a bearing-only sensor the observations are ranges and bearings; the caller chooses the ranges.
+
+        Raises:
+            UserError: positions or covariances that are not finite; nothing has changed.
+        """
+        first, last = self.size, self.size + 2 * len(ids)
+        self.reserve(last)
+        augment(self.code, self.belief, *two_rows(values, covs))
+        added = (self.belief.state[first:last], np.diagonal(self.belief.cov)[first:last])
+        if not all(np.isfinite(each).all() for each in added):
+            raise UserError(f"observation: the landmarks of this scan are not finite; {DIVERGED}")
+        self.append(ids)
+
+    def add_entries(self, ids: Int, new: NewEntries) -> None:
+        """Append entries for `ids` (m,) to the state."""
+        first, last = self.size, self.size + len(new.values)
+        self.reserve(last)
+        self.belief.state[first:last] = self.belief.point[first:last] = new.values
+        append_linear(self.belief, new.columns, new.jacobian, new.noise_cov)
+        self.belief.points[(first - ROBOT) // 2 : (last - ROBOT) // 2] = new.points
+        self.append(ids)
+
+    def equate(self, one: int, other: int) -> None:
+        """Correct with the noise-free observation that two landmarks are at the same place."""
+        found = equate_landmarks(self.belief, *self.slots_of([one, other]).tolist())
+        if np.isfinite(found.nis):
+            self._retract(found.dx)
 
 
 def two_rows(values: NDArray[np.generic], covs: NDArray[np.generic]) -> tuple[Float, Float]:

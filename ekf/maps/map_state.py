@@ -1,7 +1,7 @@
 """State of a map: the belief of a filter, and the place of each landmark in it.
 
-A slot is the place of a landmark in the state, counted from 0, and its row in `positions`. A landmark keeps its slot
-until `map_edits` removes or merges landmarks. The caller that adds landmarks chooses their ids.
+A slot is the place of a landmark in the state, counted from 0. Callers name landmarks by their ids: their own, or ids
+from `take_ids`. Removal moves the last landmark into the freed slot.
 
 Positions in the belief are relative to `origin`, the robot's prior position, so that they lose no digits far from the
 world's origin. `pose` and `positions` are in the world frame.
@@ -9,18 +9,23 @@ world's origin. `pose` and `positions` are in the world frame.
 
 from __future__ import annotations
 
+from collections.abc import Generator
+from contextlib import contextmanager
+
 import numpy as np
 from numpy.typing import ArrayLike
 
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf.kernels.belief import ROBOT, Belief, allocate_belief, enlarged
+from slamgauge.ekf.kernels.map_edits import remove_landmark
 from slamgauge.ekf.maps.correction_table import Rule
 from slamgauge.ekf.maps.input_checks import require_room, start_of
 from slamgauge.memory import require_memory
+from slamgauge.validation import LARGEST
 
 
 class MapState:
-    """Robot and landmarks.
+    """Robot and landmarks, without prediction and update.
 
     Args:
         prior_mean: (3,) start pose.
@@ -32,6 +37,7 @@ class MapState:
         origin: (2,) origin of the belief's positions [m] in the world frame.
         belief: state and covariance.
         ids: (L,) landmarks in the order of slots.
+        ids_taken: number of ids that `take_ids` has returned.
         sorted_ids: (L,) the same, sorted.
         sorted_slots: (L,) slots in the order of `sorted_ids`.
 
@@ -45,17 +51,13 @@ class MapState:
         self.belief: Belief = allocate_belief(room, first_estimates=rule.first_estimates, form=rule.jacobians)
         self.belief.state[:3] = self.belief.point[:3] = start
         self.belief.cov[:3, :3] = cov
-        self.set_ids(np.zeros(0, dtype=np.int64))
+        self._set_ids(np.zeros(0, dtype=np.int64))
+        self.ids_taken = 0
 
     @property
     def size(self) -> int:
         """Number of state entries: 3 + 2L."""
         return self.belief.size
-
-    @property
-    def capacity(self) -> int:
-        """Number of state entries that the arrays can store."""
-        return len(self.belief.state)
 
     @property
     def pose(self) -> Float:
@@ -97,7 +99,7 @@ class MapState:
         """(3 + 2L,) variances of all entries."""
         return np.diagonal(self.belief.cov)[: self.size]
 
-    def slots_of(self, ids: Int) -> Int:
+    def slots_of(self, ids: ArrayLike) -> Int:
         """Return the slots (m,) of mapped landmarks (m,)."""
         return self.sorted_slots[np.searchsorted(self.sorted_ids, ids)]
 
@@ -114,15 +116,29 @@ class MapState:
         """Return the covariance (c, c) of the state entries `columns` (c,)."""
         return self.belief.cov[np.minimum.outer(columns, columns), np.maximum.outer(columns, columns)]
 
-    def set_ids(self, ids: Int) -> None:
-        """Set the ids (L,) in the order of slots."""
+    def take_ids(self, count: int) -> Int:
+        """Return the next `count` of the ids 0, 1, 2, ...; each is returned once."""
+        self.ids_taken += count
+        return np.arange(self.ids_taken - count, self.ids_taken)
+
+    def append(self, ids: Int) -> None:
+        """Give ids (m,) to the entries behind the state that a kernel has filled."""
+        self.belief = self.belief._replace(size=self.size + 2 * len(ids))
+        self._set_ids(np.concatenate([self.ids, ids]))
+
+    def remove(self, *removed: int) -> None:
+        """Remove landmarks (marginalise them), one after the other."""
+        for each in removed:
+            slot, ids = int(self.slots_of(each)), self.ids.copy()
+            remove_landmark(self.belief, slot)
+            self.belief = self.belief._replace(size=self.size - 2)
+            ids[slot] = ids[-1]
+            self._set_ids(ids[:-1])
+
+    def _set_ids(self, ids: Int) -> None:
         self.ids: Int = np.ascontiguousarray(ids, dtype=np.int64)  # `find_slots` is compiled for this type
         self.sorted_slots: Int = np.argsort(self.ids)
         self.sorted_ids: Int = self.ids[self.sorted_slots]
-
-    def resize(self, size: int) -> None:
-        """Set the number of state entries."""
-        self.belief = self.belief._replace(size=size)
 
     def reserve(self, size: int) -> None:
         """Enlarge the arrays to `size` entries if necessary.
@@ -130,7 +146,30 @@ class MapState:
         Raises:
             UserError: there is not enough memory; nothing has changed.
         """
-        if size > self.capacity:
+        if size > len(self.belief.state):
             what = f"the covariance of {(size - ROBOT) // 2} landmarks or members of rays"
             require_memory(8.0 * size * size, what, "give fewer landmarks, or choose a larger beta of rays")
             self.belief = enlarged(self.belief, size)
+
+    @contextmanager
+    def transaction(self, *, only_addition: bool = False) -> Generator[None]:
+        """Restore the map if the body of the `with` statement raises.
+
+        Args:
+            only_addition: whether nothing is refused after P has changed, except the addition of landmarks. Then P is
+                copied only if an addition may be refused; a copy costs time on large maps.
+        """
+        belief, ids, taken = self.belief, self.ids, self.ids_taken
+        size = belief.size
+        is_certain = only_addition and self.variances.max() < LARGEST**2  # landmarks have finite covariances
+        kept = 0 if is_certain else size
+        entries, point, cov = belief.state[:size].copy(), belief.point[:size].copy(), belief.cov[:kept, :kept].copy()
+        points = belief.points.copy()
+        try:
+            yield
+        except BaseException:
+            belief.state[:size], belief.point[:size], belief.cov[:kept, :kept] = entries, point, cov
+            belief.points[:] = points
+            self.belief, self.ids_taken = belief, taken
+            self._set_ids(ids)
+            raise

@@ -10,9 +10,9 @@ from __future__ import annotations
 import numpy as np
 
 from slamgauge.arrays import Int, Marks
-from slamgauge.ekf.maps.landmark_ids import GONE, Ids, followed
+from slamgauge.ekf.kernels.belief import NONE
+from slamgauge.ekf.kernels.map_edits import find_duplicates
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
-from slamgauge.ekf.maps.map_edits import find_duplicates, merge_landmarks, remove_landmark
 from slamgauge.ekf.settings import MapManagement
 
 
@@ -27,17 +27,11 @@ class Tracks:
     def __init__(self, landmarks: LandmarkMap, management: MapManagement | None) -> None:
         self._map = landmarks
         self._management = management
-        self.new_ids = Ids()
         self._scan = 0
         self._sights: Int = np.zeros(0, dtype=np.int64)  # observations of each slot
         self._birth: Int = self._sights  # scan
         self._apart = np.zeros((0, 0), dtype=bool)  # pairs that one scan has observed together
-        self._fate: Int = self._sights  # for each id ever given: itself, the id that it was merged into, or GONE
-
-    @property
-    def ids(self) -> Int:
-        """(L,) id of the track in each slot."""
-        return self._map.state.ids
+        self._fate: Int = self._sights  # for each id ever given: itself, the id that it was merged into, or NONE
 
     @property
     def confirmed(self) -> Marks:
@@ -47,7 +41,7 @@ class Tracks:
     def close_scan(self, associated: Int) -> None:
         """Store the tracks of a scan, known and new; then delete failed tracks and merge duplicates."""
         self._begin()
-        slots = np.flatnonzero(np.isin(self.ids, associated))
+        slots = np.flatnonzero(np.isin(self._map.ids, associated))
         self._sights[slots] += 1
         self._scan += 1
         if self._management is None:
@@ -55,13 +49,12 @@ class Tracks:
         self._apart[np.ix_(slots, slots)] = True
         overdue = (self._scan - self._birth >= self._management.probation) & ~self.confirmed
         for slot in np.flatnonzero(overdue)[::-1].tolist():  # from the end: removal moves the last slot
-            self._end(slot, GONE)
-            remove_landmark(self._map, slot)
+            self._end(slot, NONE)
         self._join(associated, self._management.merge_gate)
 
     def _begin(self) -> None:
         """Store the tracks that were added to the map since the last scan."""
-        born = np.arange(len(self._fate), self.new_ids.given)
+        born = np.arange(len(self._fate), self._map.ids_taken)
         self._fate = np.concatenate([self._fate, born])
         self._sights = np.concatenate([self._sights, np.zeros(len(born), dtype=np.int64)])
         self._birth = np.concatenate([self._birth, np.full(len(born), self._scan)])
@@ -69,22 +62,22 @@ class Tracks:
             self._apart = np.pad(self._apart, (0, len(born)))
 
     def standing(self, ids: Int) -> Int:
-        """Return the present ids of earlier ids: that of the merged track, or GONE if deleted or unconfirmed."""
-        fate = np.append(self._fate, GONE)  # fate[GONE] is GONE
-        fate[self.ids[~self.confirmed]] = GONE
+        """Return the present ids of earlier ids: that of the merged track, or NONE if deleted or unconfirmed."""
+        fate = np.append(self._fate, NONE)  # fate[NONE] is NONE
+        fate[self._map.ids[~self.confirmed]] = NONE
         return followed(fate)[ids]
 
     def _join(self, associated: Int, gate: float) -> None:
         """Merge the scan's tracks with their duplicates, one pair after the other; the older id remains."""
         while True:
-            seen = np.isin(self.ids, followed(np.append(self._fate, GONE))[associated]) & self.confirmed
+            seen = np.isin(self._map.ids, followed(np.append(self._fate, NONE))[associated]) & self.confirmed
             apart = self._apart[seen] | ~self.confirmed | seen  # not with tracks on probation or of the same scan
-            pairs = find_duplicates(self._map, np.flatnonzero(seen), apart, gate)
-            partners = np.bincount(pairs.ravel(), minlength=len(self.ids))
+            pairs = find_duplicates(self._map.belief, np.flatnonzero(seen), apart, gate)
+            partners = np.bincount(pairs.ravel(), minlength=len(self._map.ids))
             alone = pairs[(partners[pairs] == 1).all(axis=1)]
             if not len(alone):
                 return
-            older_first = alone[0][np.argsort(self.ids[alone[0]])]
+            older_first = alone[0][np.argsort(self._map.ids[alone[0]])]
             self._merge(*older_first.tolist())
 
     def _merge(self, kept: int, gone: int) -> None:
@@ -92,12 +85,15 @@ class Tracks:
         self._sights[kept] += self._sights[gone]
         self._apart[kept] |= self._apart[gone]
         self._apart[:, kept] |= self._apart[:, gone]
-        self._end(gone, int(self.ids[kept]))
-        merge_landmarks(self._map, kept, gone)
+        ids = self._map.ids[[kept, gone]].tolist()
+        self._map.equate(*ids)
+        self._end(gone, ids[0])
 
     def _end(self, slot: int, fate: int) -> None:
-        """End the track in `slot`; the last one moves into its slot, as in `map_edits.remove_landmark`."""
-        self._fate[self.ids[slot]] = fate
+        """Remove the track in `slot`; the last one moves into its slot, as in the map."""
+        name = int(self._map.ids[slot])
+        self._fate[name] = fate
+        self._map.remove(name)
         for array in (self._sights, self._birth):
             array[slot] = array[-1]
         self._sights, self._birth = self._sights[:-1], self._birth[:-1]
@@ -105,3 +101,10 @@ class Tracks:
             self._apart[slot] = self._apart[-1]
             self._apart[:, slot] = self._apart[:, -1]
             self._apart = self._apart[:-1, :-1]
+
+
+def followed(fate: Int) -> Int:
+    """Return the final successor of each id from the next one, `fate`; the last entry is that of NONE."""
+    while ((further := fate[fate]) != fate).any():
+        fate = further
+    return fate

@@ -2,7 +2,7 @@
 %
 %   octave-cli driver.m RECORDING ESTIMATE
 %
-% RECORDING is a folder with start.csv, odometry.csv and observations.csv (`slamgauge export --format csv` writes it, too).
+% RECORDING is a folder with start.csv, odometry.csv and observations.csv (`slamgauge export csv` writes it, too).
 % ESTIMATE is the CSV file of poses and covariances to write; landmarks.csv goes into its folder. Units: m, rad.
 %
 % The two functions are in the folder of this file. They receive

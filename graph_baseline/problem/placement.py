@@ -37,14 +37,6 @@ def triangulate_all(recording: Recording, poses: Float) -> tuple[Int, Float, Flo
     return ids, landmarks, sigmas
 
 
-def do_not_meet(recording: Recording, rows: Int, poses: Float) -> bool:
-    """Return whether the bearings in `rows` from `poses` are inconsistent, though precise enough for a landmark."""
-    seen_from = poses[recording.observation_step[rows]]
-    found = triangulate(seen_from, recording.observation[rows, 0], recording.observation_cov[rows, 0, 0], SURE)
-    distance = float(np.hypot(*(found.landmark - seen_from[:, :2]).T).min())
-    return not found.placed and found.sigma < SURE * distance
-
-
 def triangulate_one(recording: Recording, rows: Int, poses: Float, sure: float = SURE) -> tuple[Float, float]:
     """Return landmark (2,) and sigma [m], as in `triangulate_all`, from the bearings in `rows`."""
     landmark, bearings, variances = np.zeros(2), recording.observation[:, 0], recording.observation_cov[:, 0, 0]
@@ -67,26 +59,6 @@ def are_placed(recording: Problem, path: Float) -> Marks:
         return np.ones(len(recording.observation), dtype=bool)
     ids, _, sigmas = triangulate_all(recording, path)
     return np.isin(recording.landmark, ids[np.isfinite(sigmas)])
-
-
-def are_placed_best(recording: Problem, path: Float, among: Marks) -> Marks:
-    """Return a mask (M,) of the observations of the bearing-only landmarks with the smallest sigmas.
-
-    These are half of the landmarks (rounded down) that have observations in the mask `among` (M,). They are
-    triangulated from these observations and the path (N+1, 3).
-    """
-    ids, _, sigmas = triangulate_all(recording.only(among), path)
-    return np.isin(recording.landmark, ids[np.argsort(sigmas, kind="stable")[: len(ids) // 2]])
-
-
-def are_inconsistent(recording: Problem, path: Float, among: Marks) -> Marks:
-    """Return a mask (M,) of the observations of landmarks whose precise bearings do not meet, given a path (N+1, 3).
-
-    Only landmarks with observations in the mask `among` (M,) are checked.
-    """
-    ids = recording.landmark
-    found = [name for name in np.unique(ids[among]) if do_not_meet(recording, np.flatnonzero(ids == name), path)]
-    return np.isin(ids, found)
 
 
 def are_reobserved(recording: Problem) -> Marks:

@@ -1,10 +1,11 @@
-"""Errors that name an undetermined landmark or pose, and the remedy."""
+"""Errors that name an undetermined landmark or pose, or a missing GTSAM, and the remedy."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
+from typing import NoReturn
 
 from slamgauge.arrays import Float
 from slamgauge.errors import UserError
@@ -45,3 +46,14 @@ def undetermined_variable(kind: str, index: int) -> UndeterminedError:
         f"pose {index}: odometry and observations do not determine it; "
         f"give prior_cov and odometry_cov[{max(index - 1, 0)}] smaller variances"
     )
+
+
+def unavailable(name: str, alternative: str, error: ImportError) -> Callable[..., NoReturn]:
+    """Return a function `name` that raises a UserError with the import `error` and an `alternative` estimator."""
+    reason = str(error).splitlines()[0]
+
+    def missing(*_: object, **__: object) -> NoReturn:
+        raise UserError(f"needs GTSAM, which cannot be imported ({reason}); use {alternative}, which does not need it")
+
+    missing.__name__ = name
+    return missing

@@ -51,12 +51,13 @@ class ActiveLandmarks:
 
     def map_scan(self, newest: int) -> None:
         """Assign slots to the observations of the newest scan; new bearing-only landmarks wait without a slot."""
-        first, last = self._arrays.first[newest : newest + 2]
-        for row in range(first, last):
-            name = int(self._ids[row])
-            if name not in self._slot and SENSORS[self._recording.sensor].places_landmarks:
-                self._map(name, self._recording.positions_seen(np.array([row]), self._state.poses)[0])
-            self._arrays.slot[row] = self._slot.get(name, -1)
+        rows = slice(*self._arrays.first[newest : newest + 2].tolist())
+        names = self._ids[rows].tolist()
+        if SENSORS[self._recording.sensor].places_landmarks:
+            for row, name in enumerate(names, start=rows.start):
+                if name not in self._slot:
+                    self._map(name, self._recording.positions_seen(np.array([row]), self._state.poses)[0])
+        self._arrays.slot[rows] = [self._slot.get(name, -1) for name in names]
 
     def map_waiting(self, newest: int, but: set[int]) -> set[int]:
         """Assign slots to waiting landmarks, except `but`, that their bearings place; return these ids."""

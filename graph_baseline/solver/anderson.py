@@ -17,7 +17,7 @@ from slamgauge.arrays import Float
 
 MEMORY = 10  # stored moves
 FAST = 0.3  # a step below this share of the previous step is not accelerated
-RESOLVED = 1e-10  # singular values below this share of the largest are rounding
+RESOLVED_SHARE = 1e-10  # singular values below this share of the largest are rounding
 
 
 class AndersonAcceleration:
@@ -41,7 +41,7 @@ class AndersonAcceleration:
             return step
         try:
             Q, R = np.linalg.qr(_changes(self._scaled))
-            share = np.linalg.lstsq(R, Q.T @ scaled, rcond=RESOLVED)[0]
+            share = np.linalg.lstsq(R, Q.T @ scaled, rcond=RESOLVED_SHARE)[0]
         except np.linalg.LinAlgError:  # entries are not finite
             return step
         return step - (np.column_stack(self._moves) + _changes(self._steps)) @ share

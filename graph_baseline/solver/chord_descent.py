@@ -20,24 +20,23 @@ from slamgauge.graph_baseline.problem.linearisation import GraphArrays, empty_mo
 from slamgauge.graph_baseline.solver import chord_kernels
 from slamgauge.graph_baseline.solver.active_landmarks import ActiveLandmarks, State
 from slamgauge.graph_baseline.solver.anderson import AndersonAcceleration
-from slamgauge.graph_baseline.solver.elimination import Scans, eliminate_poses, empty_chain, empty_front
-from slamgauge.graph_baseline.solver.multifrontal import EXHAUSTED
-from slamgauge.graph_baseline.solver.smoother import CHUNK, own_blocks
+from slamgauge.graph_baseline.solver.elimination import Scans, eliminate_poses, empty_chain, empty_frontier
+from slamgauge.graph_baseline.solver.multifrontal import LOST_PIVOT
+from slamgauge.graph_baseline.solver.smoother import EXACT, NOT_DAMPED, POSES_TOGETHER, own_blocks
+from slamgauge.jit import direct
 
 factorise, solve_factored, solve_lower = get_lapack_funcs(("potrf", "potrs", "trtrs"), dtype=np.float64)
 
 CONVERGED = 0.003  # largest remaining step, in sigmas of the newest pose and of the predicted observations
 RATE = 0.2  # smallest assumed ratio of consecutive chord steps
 FIRST = 10.0  # largest assumed size of the rest after the first step, relative to this step
-MISFIT = 4.0  # mean squared residual above which the ratio of consecutive chord steps varies
+UNEVEN = 4.0  # mean squared residual above which the ratio of consecutive chord steps varies
 SLOW = 0.6  # relinearise if a step exceeds this share of the previous one (accelerated steps: the one before that)
 STALE = 0.1  # relinearise if the relative change of Jacobians times `_reach` exceeds this
 LARGE = 100  # landmarks; in larger maps a few accelerated steps cost less than a relinearisation
 GROWN = 10.0  # chord steps diverge if a step exceeds the smallest one by this factor
-MAX_STEPS = 20
-PASSES = 2  # Gauss-Newton steps on the newest scan
-EXACT = 1e-9  # a smaller standard deviation is treated as zero [m or rad]
-NOT_DAMPED = np.zeros(3)
+MAX_CHORD_STEPS = 20
+SCAN_PASSES = 2  # Gauss-Newton steps on the newest scan
 
 
 class ChordDescent:
@@ -50,7 +49,6 @@ class ChordDescent:
 
     Attributes:
         newest: number of the newest pose; -1 before the first.
-        sigma: (3,) standard deviations of the newest pose at the last factorisation; infinite for exact ones.
         chi_square: sum of squared residuals at the last chord step.
     """
 
@@ -60,15 +58,27 @@ class ChordDescent:
         self._scans = Scans(arrays.first, arrays.slot)
         self._at = State(np.zeros((poses, 3)), np.zeros((landmarks, 2)))
         self._model, self._now = empty_model(poses, *sizes), empty_model(poses, *sizes)  # at `at`; at the state
-        self._chain, self._front = empty_chain(poses), empty_front(2 * landmarks)
+        self._chain, self._front = empty_chain(poses), empty_frontier(2 * landmarks)
         self._step = chord_kernels.empty_step(poses, landmarks, *sizes)
         self._acceleration: AndersonAcceleration | None = None  # None: steps are not accelerated
         self._sizes: list[float] = []  # sizes of the steps since the last relinearisation
+        self._use_machine_code()
         self._factor: Float = np.zeros((0, 0))  # (2L, 2L) lower triangular factor of the landmarks' information
         self._newest_cov: Float | None = None  # computed on request
         self.newest = -1
-        self.sigma = np.full(3, np.inf)
+        self._sigma: Float | None = None  # computed on request
         self.chi_square = 0.0
+
+    def _use_machine_code(self) -> None:
+        """Store the machine code of the kernels, which are called several times for each scan."""
+        scans, model, step, pose = self._scans, self._model, self._step, (0, 1)
+        self._linearise = direct(linearise, self._arrays, *self._at, pose, model)
+        self._eliminate_poses = direct(
+            eliminate_poses, scans, model, NOT_DAMPED.pose, self._chain, self._front, pose, *np.empty((2, 1, 3, 1))
+        )
+        self._extrapolate = direct(chord_kernels.extrapolate_newest, scans, self._at, self._at, 0, model, model)
+        self._compute_gradient = direct(chord_kernels.compute_gradient, scans, 0, model, model, step)
+        self._solve_step = direct(chord_kernels.solve_step, scans, model, self._chain, np.zeros((1, 1)).T, 0, step)
 
     def newest_cov(self) -> Float:
         """Return the covariance (3, 3) of the newest pose, world frame, from the current matrices."""
@@ -80,6 +90,14 @@ class ChordDescent:
                 cov = cov + spread.T @ spread
             self._newest_cov = 0.5 * (cov + cov.T)
         return self._newest_cov
+
+    @property
+    def sigma(self) -> Float:
+        """(3,) standard deviations of the newest pose at the last factorisation; infinite for exact ones."""
+        if self._sigma is None:
+            sigmas = [math.sqrt(max(variance, 0.0)) for variance in self.newest_cov().diagonal().tolist()]
+            self._sigma = np.array([sigma if sigma > EXACT else math.inf for sigma in sigmas])
+        return self._sigma
 
     def landmark_covs(self) -> Float:
         """Return the covariances (L, 2, 2) [m^2] of the landmarks."""
@@ -95,30 +113,32 @@ class ChordDescent:
 
     def add_newest_pose(self) -> bool:
         """Add the newest pose and its scan at the current state; return False if that is impossible."""
-        linearise(self._arrays, *self._at, (self.newest, self.newest + 1), self._model)
+        self._linearise(self._arrays, *self._at, (self.newest, self.newest + 1), self._model)
         return self._eliminate(self.newest)
 
     def add_newest_scan(self, new: int) -> Float | None:
-        """Add the newest scan with PASSES Gauss-Newton steps on it; the last `new` active landmarks are new.
+        """Add the newest scan with SCAN_PASSES Gauss-Newton steps on it; the last `new` active landmarks are new.
 
         Returns:
             The change (3,) of the newest pose; None if the matrices do not determine all landmarks.
         """
         k, count, state, at, front = self.newest, len(self._mapped), self._state, self._at, self._front
         added, width, step = slice(count - new, count), 1 + 2 * count, np.zeros(3)
-        predicted, mapped = state.poses[k].copy(), state.landmarks[:count].copy()
+        predicted, mapped = state.poses[k : k + 1].copy(), state.landmarks[:count].copy()
         saved = front.M[:, :width].copy(), front.P.copy(), front.information[:width, :width].copy()
-        for again in range(PASSES):
+        for again in range(SCAN_PASSES):
             if again:
                 front.M[:, :width], front.P[:], front.information[:width, :width] = saved
             at.poses[k], at.landmarks[added] = state.poses[k], state.landmarks[added]
-            chord_kernels.linearise_newest(self._arrays, at, state, (predicted, mapped), k, self._now, self._model)
+            self._linearise(self._arrays, *at, (k, k + 1), self._model)
+            self._linearise(self._arrays, *state, (k, k + 1), self._now)
+            self._extrapolate(self._scans, state, State(predicted, mapped), k, self._now, self._model)
             front.M[:, 0], front.information[:width, 0] = 0.0, 0.0  # earlier steps are at their minimum
             if not (self._eliminate(k) and self._factorise()):
                 return None
             moved = self._solve(-front.information[1:width, 0])
             step = front.M[:, 0] + front.M[:, 1:width] @ moved
-            state.poses[k], state.landmarks[:count] = predicted + step, mapped + moved.reshape(-1, 2)
+            state.poses[k], state.landmarks[:count] = predicted[0] + step, mapped + moved.reshape(-1, 2)
         return step
 
     # --- chord steps -----------------------------------------------------------------------------
@@ -127,7 +147,7 @@ class ChordDescent:
         """Take chord steps, with relinearisations where they shrink too slowly; return whether they converged."""
         self._acceleration, self._sizes = AndersonAcceleration() if len(self._mapped) >= LARGE else None, []
         before = smallest = np.inf
-        for _ in range(MAX_STEPS):
+        for _ in range(MAX_CHORD_STEPS):
             size = self._chord_step()
             if not size < GROWN * smallest:
                 return False
@@ -147,7 +167,7 @@ class ChordDescent:
     def _is_ratio_uncertain(self) -> bool:
         """Return whether the ratio of consecutive steps varies: steps are accelerated, or residuals above the noise."""
         measured = self._scans.first[self.newest + 1] * self._model.r.shape[1]
-        return self._acceleration is not None or self.chi_square > MISFIT * measured
+        return self._acceleration is not None or self.chi_square > UNEVEN * measured
 
     def _chord_step(self) -> float:
         """Take one chord step, accelerated if acceleration is in use.
@@ -157,10 +177,11 @@ class ChordDescent:
             predicted observations; NaN if the step is not finite.
         """
         k, state, step = self.newest, self._state, self._step
-        self.chi_square, change = chord_kernels.compute_gradient(self._arrays, state, k, self._model, self._now, step)
+        self._linearise(self._arrays, *state, (0, k + 1), self._now)
+        self.chi_square, change = self._compute_gradient(self._scans, k, self._model, self._now, step)
         if change * self._reach() > STALE and not self.relinearise():
             return np.nan
-        seen = chord_kernels.solve_step(self._scans, self._model, self._chain, self._factor, k, step)
+        seen = self._solve_step(self._scans, self._model, self._chain, self._factor, k, step)
         size = max(seen, float(np.max(np.abs(step.pose[k]) / self.sigma)))
         if not size < np.inf:
             return np.nan
@@ -192,7 +213,7 @@ class ChordDescent:
         self._sizes, self._acceleration = [], None if self._acceleration is None else AndersonAcceleration()
         end, at, front = self.newest + 1, self._at, self._front
         at.poses[:end], at.landmarks[:] = self._state.poses[:end], self._state.landmarks
-        linearise(self._arrays, *at, (0, end), self._model)
+        self._linearise(self._arrays, *at, (0, end), self._model)
         front.M[:], front.P[:], front.information[:] = 0.0, 0.0, 0.0
         return self._eliminate(0) and self._factorise()
 
@@ -203,11 +224,11 @@ class ChordDescent:
         width, end, self._newest_cov = 1 + 2 * len(self._mapped), self.newest + 1, None
         information = self._front.information[:width, :width]
         try:
-            for first in range(since, end, CHUNK):
-                last = min(first + CHUNK, end)
+            for first in range(since, end, POSES_TOGETHER):
+                last = min(first + POSES_TOGETHER, end)
                 maps, rows = np.empty((2, last - first, 3, width))
-                eliminate_poses(
-                    self._scans, self._model, NOT_DAMPED, self._chain, self._front, (first, last), maps, rows
+                self._eliminate_poses(
+                    self._scans, self._model, NOT_DAMPED.pose, self._chain, self._front, (first, last), maps, rows
                 )
                 stacked = rows.reshape(-1, width)
                 information += stacked.T @ stacked
@@ -220,11 +241,10 @@ class ChordDescent:
         width = 1 + 2 * len(self._mapped)
         information = self._front.information[1:width, 1:width]
         upper, indefinite = factorise(information.T) if width > 1 else (information, 0)
-        if indefinite or (np.square(upper.diagonal()) < EXHAUSTED * information.diagonal()).any():
+        if indefinite or (np.square(upper.diagonal()) < LOST_PIVOT * information.diagonal()).any():
             return False
         self._factor = upper.T
-        sigmas = [math.sqrt(max(variance, 0.0)) for variance in self.newest_cov().diagonal().tolist()]
-        self.sigma = np.array([sigma if sigma > EXACT else math.inf for sigma in sigmas])
+        self._sigma = None
         return True
 
     def _solve(self, right: Float) -> Float:

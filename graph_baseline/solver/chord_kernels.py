@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.graph_baseline.problem.linearisation import GraphArrays, LinearModel, Triple, linearise
+from slamgauge.graph_baseline.problem.linearisation import LinearModel, Triple
 from slamgauge.graph_baseline.solver.active_landmarks import State
 from slamgauge.graph_baseline.solver.elimination import Chain, Scans
 from slamgauge.jit import inner, kernel
@@ -44,28 +44,28 @@ def empty_step(poses: int, landmarks: int, observations: int, dim: int) -> Chord
 
 
 @kernel
-def linearise_newest(
-    arrays: GraphArrays,
-    at: State,
-    state: State,
-    predicted: tuple[Float, Float],
-    newest: int,
-    now: LinearModel,
-    model: LinearModel,
+def extrapolate_newest(
+    scans: Scans, state: State, predicted: State, newest: int, now: LinearModel, model: LinearModel
 ) -> None:
-    """Linearise the newest scan at `at`, with residuals of the current state, extrapolated to a predicted state.
+    """Set the residuals of the newest scan in `model` to those of `now`, extrapolated to a predicted pose and map.
 
-    Relative to the predicted pose (3,) and map (l, 2), the motion has no residual.
+    Relative to the prediction, the motion has no residual.
+
+    Args:
+        scans: observations by pose.
+        state: where `now` is linearised.
+        predicted: with the pose in its first row.
+        newest: pose.
+        now: linearised at `state`.
+        model: linearised where the pose is eliminated.
     """
-    (pose, mapped), steps = predicted, (newest, newest + 1)
-    linearise(arrays, at.poses, at.landmarks, steps, model)
-    linearise(arrays, state.poses, state.landmarks, steps, now)
+    pose, mapped = predicted.poses[0], predicted.landmarks
     for i in range(3):
         model.c[newest, i] = 0.0
     x, y = pose[0] - state.poses[newest, 0], pose[1] - state.poses[newest, 1]
     t = pose[2] - state.poses[newest, 2]
-    for row in range(arrays.first[newest], arrays.first[newest + 1]):
-        slot = arrays.slot[row]
+    for row in range(scans.first[newest], scans.first[newest + 1]):
+        slot = scans.slot[row]
         if slot < 0:
             continue
         mx = mapped[slot, 0] - state.landmarks[slot, 0]
@@ -78,28 +78,26 @@ def linearise_newest(
 
 @kernel
 def compute_gradient(
-    arrays: GraphArrays, state: State, newest: int, model: LinearModel, now: LinearModel, step: ChordStep
+    scans: Scans, newest: int, model: LinearModel, now: LinearModel, step: ChordStep
 ) -> tuple[float, float]:
-    """Linearise all poses at the current state, and compute the defects and the negative gradient by the landmarks.
+    """Compute the defects and the negative gradient by the landmarks at the current state.
 
     Args:
-        arrays: the problem.
-        state: current path and map.
+        scans: observations by pose.
         newest: pose.
         model: linearised where the poses were eliminated.
-        now: gets the model at the current state.
+        now: linearised at the current state.
         step: gets defects and gradient.
 
     Returns:
         The sum of squared residuals, and `staleness`. The sum is exact if the defects are zero: the noise of a motion
         is then -W l, and its weighted square l' W l.
     """
-    linearise(arrays, state.poses, state.landmarks, (0, newest + 1), now)
     l0, l1, l2, squares = 0.0, 0.0, 0.0, 0.0
     step.landmark[:] = 0.0
     for k in range(newest, -1, -1):
-        for row in range(arrays.first[k], arrays.first[k + 1]):
-            slot = arrays.slot[row]
+        for row in range(scans.first[k], scans.first[k + 1]):
+            slot = scans.slot[row]
             if slot < 0:
                 continue
             for i in range(now.r.shape[1]):
@@ -114,11 +112,11 @@ def compute_gradient(
         squares += n0 * l0 + n1 * l1 + n2 * l2
         step.defect[k, 0], step.defect[k, 1], step.defect[k, 2] = now.c[k, 0] - n0, now.c[k, 1] - n1, now.c[k, 2] - n2
         l2 += now.lever[k, 0] * l0 + now.lever[k, 1] * l1
-    return squares, staleness(arrays, now, model, newest)
+    return squares, staleness(scans, now, model, newest)
 
 
 @inner
-def staleness(arrays: GraphArrays, now: LinearModel, model: LinearModel, newest: int) -> float:
+def staleness(scans: Scans, now: LinearModel, model: LinearModel, newest: int) -> float:
     """Return the relative change of the Jacobians from `model` to `now`.
 
     It is the larger one of two: observations by landmarks, and the newest pose by earlier headings.
@@ -130,8 +128,8 @@ def staleness(arrays: GraphArrays, now: LinearModel, model: LinearModel, newest:
         after = after[0] + now.lever[k, 0], after[1] + now.lever[k, 1]
         turned += (after[0] - before[0]) ** 2 + (after[1] - before[1]) ** 2
         length += after[0] ** 2 + after[1] ** 2
-    for row in range(arrays.first[newest + 1]):
-        if arrays.slot[row] >= 0:
+    for row in range(scans.first[newest + 1]):
+        if scans.slot[row] >= 0:
             for i in range(now.r.shape[1]):
                 for j in range(2):
                     norm += now.Hm[row, i, j] ** 2

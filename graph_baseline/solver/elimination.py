@@ -45,7 +45,7 @@ class Chain(NamedTuple):
     T: Float  # (N+1, 3, 3), zero without a scan
 
 
-class Front(NamedTuple):
+class Frontier(NamedTuple):
     """The newest eliminated pose, and the information about the unknowns; column 0 is the constant."""
 
     M: Float  # (3, n+1) map of the newest pose, after its scan
@@ -58,10 +58,10 @@ def empty_chain(poses: int) -> Chain:
     return Chain(*np.zeros((2, poses, 3, 3)))
 
 
-def empty_front(unknowns: int) -> Front:
+def empty_frontier(unknowns: int) -> Frontier:
     """Return the front before the first pose."""
     size = unknowns + 1
-    return Front(np.zeros((3, size)), np.zeros((3, 3)), np.zeros((size, size)))
+    return Frontier(np.zeros((3, size)), np.zeros((3, 3)), np.zeros((size, size)))
 
 
 @kernel
@@ -70,7 +70,7 @@ def eliminate_poses(
     model: LinearModel,
     damping: Float,
     chain: Chain,
-    front: Front,
+    front: Frontier,
     steps: tuple[int, int],
     maps: Float,
     rows: Float,
@@ -113,7 +113,7 @@ def eliminate_poses(
 
 
 @inner
-def predict(model: LinearModel, front: Front, width: int, k: int) -> None:
+def predict(model: LinearModel, front: Frontier, width: int, k: int) -> None:
     """Predict pose k: M <- F M + c, P <- F P F' + W."""
     M, P, fx, fy = front.M, front.P, model.lever[k, 0], model.lever[k, 1]
     for j in range(width):
@@ -268,7 +268,7 @@ def dot(a: Triple, b: Triple) -> float:
 
 
 @inner
-def whiten(R: Float, front: Front, T: Float, B: Float, width: int) -> None:
+def whiten(R: Float, front: Frontier, T: Float, B: Float, width: int) -> None:
     """Compute T = L^-1 R and B <- T M + L^-1 B, with S = I + R P R' = L L'."""
     L, P, M = np.zeros((3, 3)), front.P, front.M
     for i in range(3):
@@ -301,7 +301,7 @@ def whiten(R: Float, front: Front, T: Float, B: Float, width: int) -> None:
 
 
 @inner
-def correct(front: Front, T: Float, B: Float, width: int) -> None:
+def correct(front: Frontier, T: Float, B: Float, width: int) -> None:
     """Correct M and P of the newest pose: M <- M - P T' B, P <- P - P T' T P."""
     M, P, V = front.M, front.P, np.zeros((3, 3))
     for i in range(3):
@@ -317,7 +317,7 @@ def correct(front: Front, T: Float, B: Float, width: int) -> None:
 @kernel
 def noise_between(model: LinearModel, cuts: Int) -> Float:
     """Return the covariance (J, 3, 3) that the motions since the previous cut add to the pose at each cut (J,)."""
-    noise, front, k = np.zeros((len(cuts), 3, 3)), Front(np.zeros((3, 1)), np.zeros((3, 3)), np.zeros((1, 1))), 1
+    noise, front, k = np.zeros((len(cuts), 3, 3)), Frontier(np.zeros((3, 1)), np.zeros((3, 3)), np.zeros((1, 1))), 1
     for j in range(len(cuts)):
         front.P[:] = 0.0
         while k <= cuts[j]:

@@ -21,22 +21,21 @@ from slamgauge.graph_baseline.problem.undetermined import UndeterminedError, und
 from slamgauge.graph_baseline.solver.anderson import AndersonAcceleration, largest_entry
 from slamgauge.graph_baseline.solver.elimination import Scans
 from slamgauge.graph_baseline.solver.partition import Plan, plan
-from slamgauge.graph_baseline.solver.smoother import NOT_DAMPED, Damping, Solution, damped_step, solve
+from slamgauge.graph_baseline.solver.smoother import EXACT, NOT_DAMPED, Damping, Solution, damped_step, solve
 from slamgauge.se2 import wrap
 from slamgauge.sensors import SENSORS
 
-MAX_STEPS = 200
+MAX_DAMPED_STEPS = 200
 NEAR = 1e-6  # damped steps stop at this decrease of the cost, relative to the cost and to its expected value
 GENTLE, STRONGER, WEAKER, UNDAMPED = 1e-4, 10.0, 0.1, 1e-8  # damping relative to the mean information of a scan
 
 MAX_NEWTON_STEPS = 60
 NEGLIGIBLE = 1e-8  # size of a step that ends the iteration [standard deviations]
 RESOLVED = 1e-3  # largest last step that counts as rounding, if residuals fit the noise [standard deviations]
-MISFIT = 10.0  # largest factor on RESOLVED for residuals larger than the noise, because rounding grows with them
+LARGEST_MISFIT = 10.0  # largest factor on RESOLVED for residuals above the noise: rounding grows with them
 STALLED = 6  # largest number of steps without a new smallest step
 HOPELESS = 1e6  # size of a step at which the iteration diverges [standard deviations]
 RISEN = 1e-3  # relative increase of the cost that shows that Gauss-Newton converged to another stationary point
-EXACT = 1e-9  # a smaller standard deviation is treated as zero [m or rad]
 TOO_NEAR = 1e-4  # smallest distance of a landmark and a pose that observes it [m]
 
 
@@ -49,7 +48,7 @@ class Minimum(NamedTuple):
     cost: float
 
 
-def damped_descent(objective: Objective, poses: Float, landmarks: Float, most: int = MAX_STEPS) -> Point:
+def damped_descent(objective: Objective, poses: Float, landmarks: Float, most: int = MAX_DAMPED_STEPS) -> Point:
     """Take Levenberg-Marquardt steps until the decrease of the cost is small.
 
     Args:
@@ -153,7 +152,7 @@ def gauss_newton_minimum(objective: Objective, start: Point) -> Minimum:
         acceleration.record(_apart(reached, point[:2]))
         point = objective.at(*reached)
     misfit = np.sqrt(2.0 * start.cost / max(objective.problem.observation.size, 1))
-    if not smallest < RESOLVED * np.clip(misfit, 1.0, MISFIT):
+    if not smallest < RESOLVED * np.clip(misfit, 1.0, LARGEST_MISFIT):
         raise UndeterminedError(_why_no_minimum(objective, best, smallest))
     if best.cost > start.cost + RISEN * (1.0 + start.cost):
         raise UndeterminedError(

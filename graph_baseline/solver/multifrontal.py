@@ -24,7 +24,7 @@ from scipy.linalg import solve_triangular
 
 from slamgauge.arrays import Float, Int
 
-EXHAUSTED = 1e-12  # a pivot below this share of a landmark's information is rounding
+LOST_PIVOT = 1e-12  # a pivot below this share of a landmark's information is rounding
 ASSEMBLY = 300.0  # cost of assembling one number of a front, in multiply-adds
 
 
@@ -127,7 +127,7 @@ def factorise(
     eliminated = front.columns[:count]
     joint[np.arange(count), np.arange(count)] += damping_of[eliminated]
     root = np.asarray(np.linalg.cholesky(joint[:count, :count]), dtype=np.float64)
-    if (np.square(np.diag(root)) < EXHAUSTED * own_information_of[eliminated]).any():
+    if (np.square(np.diag(root)) < LOST_PIVOT * own_information_of[eliminated]).any():
         raise np.linalg.LinAlgError("the remaining information of an unknown is rounding")
     rest = solve_triangular(root, joint[:count, count:], lower=True, check_finite=False)
     return Factor(front, tuple(parts), root, rest), joint[count:, count:] - rest.T @ rest

@@ -18,7 +18,7 @@ from slamgauge.graph_baseline.solver.elimination import Scans, noise_between
 from slamgauge.graph_baseline.solver.multifrontal import Front, multiply_adds, nested_dissection
 
 LANDMARKS = 64  # a piece ends with the scan that exceeds this number
-LEAST = 1e-8  # smallest variance of a piece in any direction, relative to the variance since the start
+LEAST_NOISE = 1e-8  # smallest variance of a piece in any direction, relative to the variance since the start
 OVERHEAD = 1.5e7  # fixed cost of a piece, in multiply-adds
 
 
@@ -79,7 +79,7 @@ def _are_noisy(model: LinearModel, cut: Int) -> Marks:
     variance = np.cumsum(np.diagonal(model.W, axis1=1, axis2=2), axis=0)[cut]
     sigma = np.sqrt(np.where(variance > 0.0, variance, np.inf))
     noise = noise_between(model, cut) / (sigma[:, :, None] * sigma[:, None, :])
-    return np.linalg.eigvalsh(noise)[:, 0] > LEAST
+    return np.linalg.eigvalsh(noise)[:, 0] > LEAST_NOISE
 
 
 def plan_of(scans: Scans, model: LinearModel, landmarks: int, cut: Int) -> Plan:

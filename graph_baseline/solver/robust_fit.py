@@ -16,16 +16,16 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import chdtri
 
-from slamgauge.arrays import Float, Int
+from slamgauge.arrays import Float
 from slamgauge.graph_baseline.problem.objective import Objective
 from slamgauge.graph_baseline.problem.placement import landmarks_at_median
-from slamgauge.graph_baseline.problem.preparation import Problem, in_frame_of_start, prepare
+from slamgauge.graph_baseline.problem.preparation import Problem
 from slamgauge.graph_baseline.solver.levenberg_marquardt import damped_descent
 from slamgauge.recording import Recording
 
 OUTLIER = 1e-3  # probability that a correct observation has a larger residual than the limit of outliers
 DECREASE = 4.0  # factor between successive c
-LARGEST = 1e12  # largest squared residual; larger ones also have no weight
+LARGEST_SQUARE = 1e12  # largest squared residual; larger ones also have no weight
 STEPS = 3  # damped steps for each c
 
 
@@ -59,17 +59,5 @@ def outlier_limit(problem: Recording) -> float:
 
 
 def squared_residuals(objective: Objective, poses: Float, landmarks: Float) -> Float:
-    """Return the squared Mahalanobis residuals (M,) of the observations, LARGEST if they are larger or undefined."""
-    return np.fmin(objective.squared_residuals(objective.at(poses, landmarks)), LARGEST)
-
-
-def rejected_observations(recording: Recording) -> Int:
-    """Return the rows (R,) of the observations that do not fit, the largest residuals first.
-
-    Args:
-        recording: known association, and a sensor that places landmarks.
-    """
-    problem = prepare(in_frame_of_start(recording))
-    squared = robust_fit(problem).squared
-    rows = np.flatnonzero(squared >= outlier_limit(problem))
-    return rows[np.argsort(-squared[rows], kind="stable")]
+    """Return squared Mahalanobis residuals (M,) of the observations; larger or undefined ones are LARGEST_SQUARE."""
+    return np.fmin(objective.squared_residuals(objective.at(poses, landmarks)), LARGEST_SQUARE)

@@ -10,7 +10,7 @@ from scipy.special import chdtr
 
 from slamgauge.arrays import Float, Int, Marks
 from slamgauge.graph_baseline.problem.objective import Objective, Point
-from slamgauge.graph_baseline.problem.placement import are_inconsistent, are_placed, are_placed_best, are_reobserved
+from slamgauge.graph_baseline.problem.placement import are_placed
 from slamgauge.graph_baseline.problem.preparation import Problem
 from slamgauge.graph_baseline.problem.undetermined import UndeterminedError
 from slamgauge.graph_baseline.solver.levenberg_marquardt import (
@@ -23,7 +23,7 @@ from slamgauge.sensors import SENSORS
 
 UNLIKELY = 5e-4  # probability of a cost that counts as too high, under the stated noise
 LONG = 100  # steps; bearings of shorter recordings may have several minima that noise explains
-SAME = 1e-6  # largest relative difference of the costs of two starts that lead to the same minimum
+SAME_COST = 1e-6  # largest relative difference of the costs of two starts that lead to the same minimum
 
 Start = Callable[[], tuple[Float, Float]]  # poses (N+1, 3), and landmarks (L, 2) in increasing id order
 Starts = Callable[[Problem, Float], Iterable[Start]]  # from a problem and a path (N+1, 3)
@@ -32,35 +32,11 @@ Starts = Callable[[Problem, Float], Iterable[Start]]  # from a problem and a pat
 def placed_minimum(problem: Problem, path: Float, starts: Starts) -> tuple[Int, Minimum]:
     """Return the lowest minimum with the landmarks that their bearings place, first from a path (N+1, 3).
 
-    Landmarks with inconsistent bearings at this minimum are added and tried, because a distant minimum with them may
-    fit all bearings. If the minimum places no landmark, all re-observed landmarks are tried, then the most observed
-    one.
+    Landmarks that the minimum places are added, each at most once, until there are no more. Then landmarks that it does
+    not place are removed. If a search fails, landmarks that its last path does not place are removed.
 
     Returns:
         Association (M,), -1 for landmarks that their bearings do not place, and the minimum without these landmarks.
-    """
-    taken, found = _minimum_of_placed(problem, are_placed(problem, path), path, starts)
-    if taken.any():
-        candidates = [are_inconsistent(problem, found.poses, ~taken)]
-    else:
-        reobserved = are_reobserved(problem)
-        candidates = [reobserved, of_most_observed(problem.landmark, reobserved)]
-    for added in candidates:
-        if (added & ~taken).any():
-            with suppress(UndeterminedError):
-                more, other = _minimum_of_placed(problem, taken | added, found.poses, starts)
-                likely = is_low(problem.only(more), other.cost) or not is_low(problem.only(taken), found.cost)
-                if likely and more.sum() > taken.sum():
-                    taken, found = more, other
-    return np.where(taken, problem.landmark, -1), found
-
-
-def _minimum_of_placed(problem: Problem, taken: Marks, path: Float, starts: Starts) -> tuple[Marks, Minimum]:
-    """Return the lowest minimum and its observations (M,), starting with the observations `taken` (M,).
-
-    Landmarks that the minimum places are added, each at most once, until there are no more. Then landmarks that it does
-    not place are removed. If a search fails, landmarks that its last path does not place are removed, or else the worst
-    placed half.
     """
 
     def minimum(taken: Marks, path: Float) -> tuple[Marks, Minimum]:
@@ -71,7 +47,7 @@ def _minimum_of_placed(problem: Problem, taken: Marks, path: Float, starts: Star
             except UndeterminedError as error:
                 taken = _placed_after_failure(error, problem, taken)
 
-    taken, found = minimum(taken, path)
+    taken, found = minimum(are_placed(problem, path), path)
     tried, placed = taken, are_placed(problem, found.poses)
     while (placed & ~tried).any():
         tried = tried | placed
@@ -79,7 +55,7 @@ def _minimum_of_placed(problem: Problem, taken: Marks, path: Float, starts: Star
         placed = are_placed(problem, found.poses)
     if (taken & ~placed).any():
         taken, found = minimum(taken & placed, found.poses)
-    return taken, found
+    return np.where(taken, problem.landmark, -1), found
 
 
 def _placed_after_failure(error: UndeterminedError, problem: Problem, taken: Marks) -> Marks:
@@ -87,17 +63,9 @@ def _placed_after_failure(error: UndeterminedError, problem: Problem, taken: Mar
     if error.path is None:
         raise error
     left = taken & are_placed(problem, error.path)
-    if left.sum() < taken.sum():
-        return left
-    if SENSORS[problem.sensor].places_landmarks or not (left := are_placed_best(problem, error.path, taken)).any():
+    if left.sum() == taken.sum():
         raise error
     return left
-
-
-def of_most_observed(landmark: Int, among: Marks) -> Marks:
-    """Return a mask (M,) of the observations of the landmark that occurs most often in the mask `among` (M,)."""
-    ids, count = np.unique(landmark[among], return_counts=True)
-    return landmark == ids[np.argmax(count)] if len(ids) else among
 
 
 def lowest_minimum(problem: Problem, starts: Iterable[Start]) -> Minimum:
@@ -126,7 +94,7 @@ def lowest_minimum(problem: Problem, starts: Iterable[Start]) -> Minimum:
                 near.append(point)
         except UndeterminedError as error:
             mistakes.append(error)
-        if one_suffices and len(near) == 2 and abs(near[0].cost - near[1].cost) <= SAME * near[0].cost:
+        if one_suffices and len(near) == 2 and abs(near[0].cost - near[1].cost) <= SAME_COST * near[0].cost:
             break
     if explained:
         return min(explained, key=lambda minimum: minimum.cost)
@@ -146,7 +114,7 @@ def lowest_minimum(problem: Problem, starts: Iterable[Start]) -> Minimum:
 def _is_lowest(minima: list[Minimum]) -> bool:
     """Return whether the lowest of the minima is zero or was found twice."""
     first, second = sorted([*(minimum.cost for minimum in minima), np.inf])[:2]
-    return first <= SAME or second - first <= SAME * max(first, 1.0)
+    return first <= SAME_COST or second - first <= SAME_COST * max(first, 1.0)
 
 
 def _minimum_at(objective: Objective, point: Point) -> Minimum:

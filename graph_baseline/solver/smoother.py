@@ -22,7 +22,7 @@ from slamgauge.graph_baseline.solver.elimination import (
     Scans,
     eliminate_poses,
     empty_chain,
-    empty_front,
+    empty_frontier,
     run_adjoints,
     smooth_covariances,
 )
@@ -31,7 +31,8 @@ from slamgauge.graph_baseline.solver.partition import Piece, Plan
 
 (multiply_triangular,) = get_blas_funcs(("trmm",), dtype=np.float64)
 
-CHUNK = 128  # poses that are processed together; their rows take a few megabytes
+POSES_TOGETHER = 128  # poses that are processed together; their rows take a few megabytes
+EXACT = 1e-9  # m or rad; a smaller standard deviation is treated as zero
 
 
 class Damping(NamedTuple):
@@ -119,7 +120,7 @@ def _without_poses(model: LinearModel, scans: Scans, piece: Piece, damping: Floa
     part = LinearModel(*(each[poses] for each in model[:3]), *(each[rows] for each in model[3:]))
     first = np.minimum(scans.first[poses.start : poses.stop + 1], rows.stop) - rows.start
     size, count = len(piece.columns) + 1, len(part.c)
-    front, chain = empty_front(size - 1), empty_chain(count)
+    front, chain = empty_frontier(size - 1), empty_chain(count)
     if piece.begins:  # the motion to the first pose belongs to the piece before
         part = part._replace(lever=part.lever.copy(), c=part.c.copy(), W=part.W.copy())
         part.lever[0], part.c[0], part.W[0] = 0.0, 0.0, 0.0
@@ -155,8 +156,8 @@ def _pose_covs(piece: Eliminated, order: Int, root: Float) -> Float:
     run_adjoints(model, chain, adjoints)
     covs = np.empty((len(maps), 3, 3))
     smooth_covariances(model, chain, covs)
-    for first in range(0, len(maps), CHUNK):
-        part = slice(first, first + CHUNK)
+    for first in range(0, len(maps), POSES_TOGETHER):
+        part = slice(first, first + POSES_TOGETHER)
         A = (maps[part] - chain.P[part] @ adjoints[part])[:, :, 1 + order].reshape(3 * len(maps[part]), len(order))
         spread = multiply_triangular(1.0, root.T, A.T, lower=1, overwrite_b=1).T.reshape(len(maps[part]), 3, len(order))
         covs[part] += spread @ spread.swapaxes(1, 2)

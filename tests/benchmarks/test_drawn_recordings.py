@@ -4,10 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from references.least_squares import Model, placed_only
-from references.optima import grown_once, judge_optima, lowest, of_estimate
-from references.recordings import draw
-from references.verdicts import COST_BAR
 
 from slamgauge.estimate import Estimator
 from slamgauge.graph_baseline import batch, causal
@@ -16,22 +12,12 @@ from slamgauge.graph_baseline.problem.preparation import in_frame_of_start, prep
 from slamgauge.graph_baseline.problem.undetermined import UndeterminedError
 from slamgauge.graph_baseline.solver.levenberg_marquardt import damped_descent, gauss_newton_minimum
 from slamgauge.graph_baseline.solver.search import is_low
+from tests.reference.agreement import COST_BAR
+from tests.reference.drawn_recordings import draw
+from tests.reference.least_squares import Model, placed_only
+from tests.reference.optimum_agreement import grown_once, judge_optima, lowest, of_estimate
 
 pytestmark = pytest.mark.full  # long recordings; tests/graph_baseline has scipy and GTSAM
-
-
-def test_bearings_correct_the_path_from_which_they_place_landmarks():
-    each = draw(2027, 814)
-    assert each.recording.landmark is not None
-    assert set(batch(each.recording).landmark_ids) == set(each.recording.landmark)
-
-
-def test_a_landmark_that_is_placed_only_by_the_minimum_with_it_is_mapped():
-    """Its bearings do not cross from the path of the minimum without it."""
-    each = draw(2032, 5)
-    assert each.recording.landmark is not None
-    for estimator in (batch, causal):
-        assert set(estimator(each.recording).landmark_ids) == set(each.recording.landmark)
 
 
 def test_both_optima_leave_out_a_landmark_without_parallax():
@@ -47,9 +33,8 @@ def test_batch_agrees_where_bearings_place_less_than_the_path_does(number: int):
     assert "batch mapped" not in found or found["batch mapped"].verdict == "agrees"
 
 
-@pytest.mark.parametrize(("number", "landmarks"), [(322, 5), (1198, 2), (1264, 7)])
+@pytest.mark.parametrize(("number", "landmarks"), [(322, 5), (1198, 2)])
 def test_batch_finds_the_minimum_of_bearings_that_a_single_descent_misses(number: int, landmarks: int):
-    """The search begins with larger bearing noise and without landmarks that leave a valley of the cost."""
     each = draw(2030, number)
     estimate = batch(each.recording)
     assert len(estimate.landmark_ids) == landmarks

@@ -21,7 +21,7 @@ for correction in ("standard", "right-invariant", "iterated"):
     for z in ([3.0, 0.1], [2.9, 0.1]):
         slam.predict([0.1, 0.0, 0.0], np.diag([1e-4, 0.0, 1e-6]))
         slam.update(Observations(np.array([4]), np.array([z]), np.diag([1e-2, 1e-3])[None]))
-    print(*slam.pose.round(12), *slam.pose_cov.ravel().round(12), slam.map.state.cov.round(12).sum())
+    print(*slam.pose.round(12), *slam.pose_cov.ravel().round(12), slam.map.cov.round(12).sum())
 """
 KERNEL = """
 from slamgauge.jit import caches, kernel

@@ -15,7 +15,7 @@ from slamgauge.compare.scenarios.simulation import simulate
 from slamgauge.ekf import FilterSettings, ekf_slam, fej_ekf, iekf, oc_ekf, riekf
 from slamgauge.ekf.associating_filter import AssociatingFilter
 from slamgauge.ekf.estimators import drive
-from slamgauge.ekf.kernels.individual_compatibility import NONE
+from slamgauge.ekf.kernels.belief import NONE
 from slamgauge.ekf.maps.correction_table import BLOCK
 from slamgauge.ekf.settings import Association, MapManagement
 from slamgauge.estimate import Estimate

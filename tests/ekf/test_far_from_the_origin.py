@@ -14,7 +14,6 @@ from slamgauge.ekf import (
     FilterSettings,
     MapManagement,
     Rays,
-    SlamFilter,
     dead_reckoning,
     ekf_slam,
     fej_ekf,
@@ -22,7 +21,6 @@ from slamgauge.ekf import (
     oc_ekf,
     riekf,
 )
-from slamgauge.ekf.maps.map_edits import replace_map
 from slamgauge.estimate import Estimate
 from slamgauge.se2 import wrap
 from tests.reference.moved_recording import FAR, TOLERANCE, assert_same_positions, moved
@@ -79,11 +77,3 @@ def test_bearing_only(estimator: Estimator, initialisation: Rays | Delayed) -> N
 def test_dead_reckoning() -> None:
     _, recording = random_recording(33, steps=60)
     assert_same(dead_reckoning(moved(recording)), dead_reckoning(recording))
-
-
-def test_replace_map_takes_positions_in_the_world_frame() -> None:
-    slam = SlamFilter("position", FAR, np.eye(3))
-    landmarks = FAR[:2] + np.array([[1.0, 2.0], [3.0, -4.0]])
-    replace_map(slam.map, np.arange(2), landmarks, np.eye(7))
-    np.testing.assert_array_equal(slam.landmarks, landmarks)
-    np.testing.assert_array_equal(slam.map.state.entries(np.arange(3, 7)), [1.0, 2.0, 3.0, -4.0])

@@ -13,14 +13,15 @@ from slamgauge.ekf import (
     Delayed,
     FilterSettings,
     Rays,
+    SlamFilter,
     ekf_slam,
     riekf,
 )
-from slamgauge.ekf.bearings.initialiser import RayRecorder
+from slamgauge.ekf.bearings.ray_recorder import RayRecorder
 from slamgauge.ekf.bearings.rays import distances_and_sigmas
 from slamgauge.ekf.estimators import drive
 from slamgauge.ekf.history import History
-from slamgauge.ekf.online_filter import POINT
+from slamgauge.ekf.kernels.belief import NONE
 from slamgauge.ekf.settings import Initialisation
 from slamgauge.estimate import Estimate, MapHistory, RayLog
 from slamgauge.recording import Recording
@@ -33,9 +34,10 @@ def ring() -> Recording:
     return simulate(load_scenario("q4-ring", ["start=sampled", "trajectory.duration=25"]), 0)[1]
 
 
-def history_of(estimate: Estimate) -> MapHistory:
-    assert estimate.history is not None
-    return estimate.history
+def history_of(of: Estimate | History) -> MapHistory:
+    found = of.kept() if isinstance(of, History) else of.history
+    assert found is not None
+    return found
 
 
 def rays_of(estimate: Estimate) -> RayLog:
@@ -46,35 +48,27 @@ def rays_of(estimate: Estimate) -> RayLog:
 # --- frames --------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("steps", "frames"), [(40, 5), (40, 2), (40, 41), (40, 1000), (41, 5), (7, 6), (40, 1)])
-def test_frames_are_spread_evenly_from_first_to_last(steps: int, frames: int) -> None:
-    _, recording = random_recording(0, steps=steps)
-    kept = np.unique(history_of(ekf_slam(recording, FilterSettings(frames=frames))).step)
-    assert len(kept) == min(frames, steps + 1)
-    assert kept[0] == 0
-    assert frames == 1 or kept[-1] == steps
-    assert np.ptp(np.diff(kept)) <= 1 if len(kept) > 2 else True
-
-
-@pytest.mark.parametrize("steps", range(12))
-def test_no_frame_is_lost_by_rounding(steps: int) -> None:
-    for frames in range(1, 15):
+@pytest.mark.parametrize("steps", [*range(12), 40, 41])
+def test_frames_are_spread_evenly_from_first_to_last(steps: int) -> None:
+    _, recording = random_recording(0, steps=max(steps, 1))
+    for frames in (1, 2, 3, 5, 6, 12, 14, 41, 1000):
+        slam = SlamFilter(recording.sensor, recording.prior_mean, recording.prior_cov)
         history = History(steps, frames)
-        wanted = history._wanted
-        assert len(wanted) == min(frames, steps + 1)
-        assert wanted <= {*range(steps + 1)}
+        slam.update(next(iter(recording.scans())))
+        for step in range(steps + 1):
+            history.keep(step, slam)
+        kept = np.unique(history_of(history).step)
+        assert len(kept) == min(frames, steps + 1)
+        assert kept[0] == 0
+        assert frames == 1 or kept[-1] == steps
+        assert np.ptp(np.diff(kept)) <= 1 if len(kept) > 2 else True
 
 
 @pytest.mark.parametrize("bearing", [False, True])
-def test_without_frames_there_is_no_history(bearing: bool) -> None:
+def test_without_frames_there_is_no_history_and_frames_change_nothing_else(bearing: bool) -> None:
     recording = ring() if bearing else random_recording(0)[1]
-    assert ekf_slam(recording).history is None
-    assert ekf_slam(recording, FilterSettings(frames=0)).history is None
-
-
-def test_frames_change_nothing_else() -> None:
-    recording = ring()
-    with_frames, without = ekf_slam(recording, FilterSettings(frames=20)), ekf_slam(recording)
+    without, with_frames = ekf_slam(recording), ekf_slam(recording, FilterSettings(frames=20))
+    assert without.history is None
     np.testing.assert_array_equal(with_frames.poses, without.poses)
     np.testing.assert_array_equal(with_frames.landmarks, without.landmarks)
 
@@ -96,7 +90,7 @@ def test_points_are_the_map_at_that_step(known: bool) -> None:
     estimate = ekf_slam(recording, FilterSettings(frames=4))
     history = history_of(estimate)
     assert np.unique(history.step).tolist() == [0, 10, 20, 30]
-    assert (history.member == POINT).all()
+    assert (history.member == NONE).all()
     assert (history.weight == 1.0).all()
     for step in (0, 10, 20, 30):
         rows, then = history.step == step, ekf_slam(recording.first(step))
@@ -124,7 +118,7 @@ def test_members_are_those_of_the_filter_at_that_step(initialisation: Initialisa
                 assert history.weight[mine].sum() == pytest.approx(1.0, abs=1e-12)
                 rays += 1
             else:
-                assert history.member[mine].tolist() == [POINT]
+                assert history.member[mine].tolist() == [NONE]
                 assert history.weight[mine].tolist() == [1.0]
                 points += 1
         assert {*landmark.tolist()} == {*slam.landmark_ids.tolist()}
@@ -158,7 +152,7 @@ def test_the_log_agrees_with_the_maps() -> None:
         np.testing.assert_array_equal(distances, distances_and_sigmas(rays)[0])
         if log.survivor[row] >= 0:
             assert log.survivor[row] in history.member[as_ray & (history.step == last)]
-            assert history.member[alive & (history.step == end)].tolist() == [POINT]
+            assert history.member[alive & (history.step == end)].tolist() == [NONE]
             outcomes["point"] += 1
         else:
             outcomes["ray" if end < 0 else "lost"] += 1
@@ -174,11 +168,16 @@ def test_without_rays_there_is_no_log() -> None:
 
 def test_a_landmark_that_starts_twice_has_two_rows() -> None:
     recorder = RayRecorder()
-    recorder.begin(0, 7, np.array([1.0, 2.0]))
-    recorder.begin(1, 8, np.array([3.0]))
-    recorder.end(2, 7)
-    recorder.begin(2, 7, np.array([1.0, 2.0]))
-    recorder.end(5, 7, survivor=1)
+    recorder.step = 0
+    recorder.begin(7, np.array([1.0, 2.0]))
+    recorder.step = 1
+    recorder.begin(8, np.array([3.0]))
+    recorder.step = 2
+    recorder.end(7)
+    recorder.step = 2
+    recorder.begin(7, np.array([1.0, 2.0]))
+    recorder.step = 5
+    recorder.end(7, survivor=1)
     log = recorder.log(np.arange(6))
     assert log.landmark.tolist() == [7, 8, 7]
     assert log.birth.tolist() == [0, 1, 2]
@@ -186,9 +185,5 @@ def test_a_landmark_that_starts_twice_has_two_rows() -> None:
     assert log.survivor.tolist() == [-1, -1, 1]
     np.testing.assert_array_equal(log.distances, [[1.0, 2.0], [3.0, np.nan], [1.0, 2.0]])
     np.testing.assert_array_equal(log.members, np.arange(6))
-
-
-def test_a_log_without_rays_has_no_rows() -> None:
-    log = RayRecorder().log(np.zeros(3, np.int64))
-    assert len(log.landmark) == 0
-    assert log.distances.shape == (0, 0)
+    empty = RayRecorder().log(np.zeros(3, np.int64))
+    assert (len(empty.landmark), empty.distances.shape) == (0, (0, 0))

@@ -127,28 +127,23 @@ def test_a_refused_later_block_undoes_the_first(name: str):
 
 
 @pytest.mark.parametrize("name", [name for name, (_, has_ids, _) in MAKERS.items() if has_ids])
-def test_a_landmark_may_be_observed_two_hundred_times_in_a_scan(name: str):
+def test_a_landmark_may_be_observed_many_times_in_a_scan(name: str):
+    """More often than Python's recursion is deep, for bearings, which are processed one after the other."""
     dim, _, make = MAKERS[name]
-    slam = make()
-    slam.update(scan([5] * 200, np.tile(SEEN[dim][1], (200, 1)), NOISE[dim]))
+    slam, times = make(), 1100 if dim == 1 else 200
+    slam.update(scan([5] * times, np.tile(SEEN[dim][1], (times, 1)), NOISE[dim]))
     assert np.isfinite(slam.pose_cov).all()
-
-
-def test_1100_bearings_of_a_landmark_need_no_deep_recursion():
-    slam = BearingFilter(*START)
-    slam.update(scan([5] * 1100, np.tile(SEEN[1][1], (1100, 1)), NOISE[1]))
-    assert slam.provisional == {5: 3} or len(slam.landmark_ids) == 1
 
 
 @pytest.mark.parametrize("increment", [[1e308, 0.0, 0.0], [1e60, 0.0, 0.0]])
 def test_huge_increments_are_refused(increment: list[float]):
     slam = driven("standard")
-    before = pickle.dumps(slam.map.state.belief)
+    before = pickle.dumps(slam.map.belief)
     with pytest.raises(UserError, match=r"^increment = .*: a number must be below 1e\+50[^\n]*$"):
         slam.predict(increment, np.eye(3))
     with pytest.raises(UserError, match=r"^increment"):
         slam.predict(np.zeros(3), 1e200 * np.eye(3))
-    assert pickle.dumps(slam.map.state.belief) == before
+    assert pickle.dumps(slam.map.belief) == before
 
 
 def test_a_map_that_needs_too_much_memory_is_refused_and_unchanged(monkeypatch: pytest.MonkeyPatch):

@@ -31,15 +31,12 @@ from slamgauge.ekf import (
     riekf,
 )
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
-from slamgauge.ekf.maps.map_edits import replace_map
-from slamgauge.ekf.maps.matching import innovations
-from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Observations, Recording
 from slamgauge.truth import Truth
 from tests.marks import in_full
 from tests.reference.random_recordings import random_recording
-from tests.reference.textbook import PAIRS
+from tests.reference.textbook import PAIRS, fill_map
 
 pytestmark = pytest.mark.slow
 
@@ -76,16 +73,17 @@ def test_the_weight_of_an_observation_follows_from_its_distance(sensor: str) -> 
     for shift in (0.0, 0.4, 3.0):
         maps = [LandmarkMap(sensor, np.zeros(3), cov[:3, :3], "standard", 4, tails) for tails in (math.inf, 2.0)]
         for each in maps:
-            replace_map(each, np.array([5]), np.array([[2.9, 0.8]]), cov)
+            fill_map(each, np.array([5]), np.array([[2.9, 0.8]]), cov)
         value = np.array([full]) + shift
-        v, S = innovations(maps[0], np.zeros(1, np.int64), value, noise)
+        ids = np.array([5])
+        v, S = maps[0].innovations(ids, value, noise)
         distance = float(v[0] @ np.linalg.inv(S[0]) @ v[0])
         weight = min(1.0, (2.0 + len(full)) / (2.0 + distance))
         assert (weight < 1.0) == (shift == 3.0 or (shift > 0.0 and len(full) == 2))
-        maps[0].correction.update(np.zeros(1, np.int64), value, noise / weight)
-        maps[1].correction.update(np.zeros(1, np.int64), value, noise)
-        np.testing.assert_allclose(maps[1].state.pose, maps[0].state.pose, atol=1e-12)
-        np.testing.assert_allclose(maps[1].state.cov, maps[0].state.cov, atol=1e-12)
+        maps[0].update(ids, value, noise / weight)
+        maps[1].update(ids, value, noise)
+        np.testing.assert_allclose(maps[1].pose, maps[0].pose, atol=1e-12)
+        np.testing.assert_allclose(maps[1].cov, maps[0].cov, atol=1e-12)
 
 
 @pytest.mark.parametrize("correction", ["standard", "iterated", "right-invariant"])
@@ -122,11 +120,6 @@ def test_the_gate_of_the_settings_equals_the_gate_of_update() -> None:
     np.testing.assert_array_equal(chosen.poses[-1], slam.pose)
     assert chosen.association is not None
     assert (chosen.association == -1).sum() > 5
-
-
-def test_other_types_of_settings_are_refused() -> None:
-    with pytest.raises(UserError, match="robust: 'gate' is not a Robustness; give Robustness"):
-        SlamFilter("position", np.zeros(3), np.eye(3), robust="gate")  # pyrefly: ignore[bad-argument-type]
 
 
 # --- accuracy and consistency --------------------------------------------------------------------

@@ -20,47 +20,26 @@ from slamgauge.errors import UserError
         (Association, {"method": "jccb"}, "method: 'jccb' is not known; did you mean jcbb?"),
         (Association, {"method": "x"}, "method: 'x' is not known; use nearest-neighbour, jcbb"),
         (Association, {"gate": -1}, "gate: -1 is out of range; choose it above 0"),
-        (Association, {"gate": float("nan")}, "gate: nan is not a finite number; choose it above 0"),
-        (Association, {"gate": "9"}, "gate: '9' is not a finite number; choose it above 0"),
         (Association, {"gate": True}, "gate: True is not a finite number; choose it above 0"),
-        (Association, {"gate": None}, "gate: None is not a finite number; choose it above 0"),
         (Association, {"method": ["jcbb"]}, "method: ['jcbb'] is not known; did you mean jcbb?"),
         (
             Association,
             {"map_management": True},
             "map_management: True is not MapManagement; give MapManagement() or None",
         ),
-        (Association, {"node_limit": 0}, "node_limit: 0 is out of range; choose it at least 1"),
         (
             MapManagement,
             {"sights": 11, "probation": 10},
             "sights: 11 do not fit into 10 scans of probation; choose at most 10",
         ),
-        (MapManagement, {"sights": 0}, "sights: 0 is out of range; choose it at least 1"),
-        (MapManagement, {"new_gate": -1.0}, "new_gate: -1.0 is out of range; choose it at least 0"),
         (MapManagement, {"merge_gate": -1.0}, "merge_gate: -1.0 is out of range; choose it at least 0"),
         (Rays, {"s_min": 10.0}, "s_max: 10.0 m must be beyond s_min, 10.0 m; choose it larger"),
         (Rays, {"s_max": float("inf")}, "s_max: inf is not a finite number; choose it above 0"),
-        (Rays, {"s_max": -1.0}, "s_max: -1.0 is out of range; choose it above 0"),
-        (Rays, {"lost_after": 2.5}, "lost_after: 2.5 is not a whole number; choose it at least 1"),
-        (Delayed, {"spacing": float("inf")}, "spacing: inf is not a finite number; choose it at least 0"),
-        (Delayed, {"poses": "many"}, "poses: 'many' is not a whole number; choose it at least 3"),
         (Rays, {"alpha": 1.0}, "alpha: 1.0 is out of range; choose it above 0 and below 1"),
-        (Rays, {"alpha": 0.0}, "alpha: 0.0 is out of range; choose it above 0 and below 1"),
-        (Rays, {"beta": 1.0}, "beta: 1.0 is out of range; choose it above 1"),
-        (Rays, {"s_min": 0.0}, "s_min: 0.0 is out of range; choose it above 0"),
-        (Rays, {"s_max": 0.5}, "s_max: 0.5 m must be beyond s_min, 3.0 m; choose it larger"),
-        (Rays, {"threshold": 1.0}, "threshold: 1.0 is out of range; choose it above 0 and below 1"),
-        (Rays, {"gate": 0.0}, "gate: 0.0 is out of range; choose it above 0"),
         (Delayed, {"poses": 2}, "poses: 2 is out of range; choose it at least 3"),
-        (Delayed, {"spacing": -0.1}, "spacing: -0.1 is out of range; choose it at least 0"),
-        (Delayed, {"spacing": float("nan")}, "spacing: nan is not a finite number; choose it at least 0"),
-        (Delayed, {"sure": 0.0}, "sure: 0.0 is out of range; choose it above 0"),
         (Robustness, {"robust": "huber"}, "robust: 'huber' is not known; use none, gate, student-t"),
-        (Robustness, {"gate": 0.0}, "gate: 0.0 is out of range; choose it above 0"),
         (Robustness, {"degrees_of_freedom": -1}, "degrees_of_freedom: -1 is out of range; choose it above 0"),
         (MapManagement, {"sights": 2.5}, "sights: 2.5 is not a whole number; choose it at least 1"),
-        (MapManagement, {"sights": True}, "sights: True is not a whole number; choose it at least 1"),
     ],
 )
 def test_invalid_settings(kind: type, chosen: dict[str, object], message: str):
@@ -68,7 +47,7 @@ def test_invalid_settings(kind: type, chosen: dict[str, object], message: str):
         kind(**chosen)
 
 
-@pytest.mark.parametrize("kind", [Association, MapManagement, Rays, Delayed])
+@pytest.mark.parametrize("kind", [Association, MapManagement, Rays, Delayed, Robustness])
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), -1, "1", True, None, 1j, [1.0]], ids=str)
 def test_every_number_of_a_setting_is_checked(kind: type, value: object):
     numbers = [each.name for each in fields(kind) if isinstance(each.default, (int, float))]
@@ -92,16 +71,13 @@ def test_invalid_reaches(kind: type, reach: object):
         fitted(kind, reach)  # pyrefly: ignore[bad-argument-type]
 
 
-def test_probation_may_equal_the_number_of_observations():
-    assert MapManagement(sights=10, probation=10).sights == 10
-
-
 @pytest.mark.parametrize("kind", [Rays, Delayed])
 def test_the_defaults_are_for_a_reach_of_ten_metres(kind: type):
     assert fitted(kind, 10.0) == kind()
 
 
 def test_chosen_values_are_kept_and_others_fitted():
+    assert MapManagement(sights=10, probation=10).sights == 10
     assert fitted(Rays, 20.0, s_max=15.0, s_min=None) == Rays(s_min=6.0, s_max=15.0)
 
 

@@ -27,6 +27,7 @@ from slamgauge.arrays import Float, Int
 from slamgauge.ekf import ekf_slam, fej_ekf, iekf, oc_ekf, riekf, textbook, textbook_ekf
 from slamgauge.ekf.kernels.belief import AT_POINT, Belief
 from slamgauge.ekf.kernels.linearisation import PROJECTED
+from slamgauge.ekf.maps.landmark_map import LandmarkMap, NewEntries
 from slamgauge.ekf.textbook import J, Linearised
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
@@ -197,6 +198,14 @@ def belief_of(x: Float, P: Float, point: Float | None = None, *, observable: boo
     """State and covariance as the kernels take them; kernels change both in place."""
     form = PROJECTED if observable else AT_POINT
     return Belief(x, x if point is None else point, P, np.ones(len(x) // 2, dtype=np.bool_), len(x), form)
+
+
+def fill_map(landmarks: LandmarkMap, ids: Int, positions: Float, cov: Float) -> None:
+    """Give an empty map landmarks (L,) at positions (L, 2) [m] in the world frame, and the covariance (n, n) of all."""
+    values, nothing = np.ravel(positions - landmarks.origin), np.zeros(0, dtype=np.int64)
+    is_point = [True] * len(ids)
+    landmarks.add_entries(ids, NewEntries(values, nothing, np.zeros((len(values), 0)), cov[3:, 3:], is_point))
+    landmarks.belief.cov[: len(cov), : len(cov)] = cov
 
 
 def additive_from_invariant(x: Float) -> Float:

@@ -22,8 +22,6 @@ from tests.reference.textbook import DenseFilter, Kind, Step, block_diagonal, es
 
 Pair = tuple[int, int]  # observation, slot
 
-NONE = -1
-
 
 def textbook_nearest_neighbour(recording: Recording, gate: float, kind: Kind) -> Estimate:
     """Run a filter with nearest-neighbour association; landmark ids are 0, 1, ... in the order of their addition."""
@@ -124,20 +122,3 @@ def _compatible_assignments(
 def are_compatible_in_every_subset(scan: Scan, pairs: Sequence[Pair], quantiles: Float) -> bool:
     subsets = (subset for size in range(1, len(pairs) + 1) for subset in combinations(pairs, size))
     return all(scan.distance(subset) <= quantiles[len(subset)] for subset in subsets)
-
-
-def brute_force_ambiguous(scan: Scan, gate: float, margin: float, best: Sequence[Pair]) -> set[int]:
-    """Return the observations of `best` with another slot in a neighbouring assignment that is at most `margin` worse.
-
-    In a neighbouring assignment one observation takes a free slot, or two exchange their slots, all within `gate`.
-    """
-    within = scan.distances() <= gate
-    steps: list[tuple[set[int], list[Pair]]] = []
-    for i, slot in best:
-        free = set(np.flatnonzero(within[i]).tolist()) - {taken for _, taken in best}
-        steps += [({i}, [(a, other if a == i else s) for a, s in best]) for other in free]
-        for j, other in best:
-            if j != i and within[i, other] and within[j, slot]:
-                steps.append(({i, j}, [(a, {i: other, j: slot}.get(a, s)) for a, s in best]))
-    bound = scan.distance(best) + margin
-    return set[int]().union(*(changed for changed, pairs in steps if scan.distance(pairs) <= bound))

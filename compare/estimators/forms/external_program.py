@@ -16,6 +16,8 @@ from pathlib import Path
 
 import numpy as np
 
+from slamgauge.compare.estimators.answers import printable
+from slamgauge.compare.estimators.forms.signatures import Form
 from slamgauge.compare.estimators.user_errors import UserCodeError
 from slamgauge.compare.storage.csv_folder import read_estimate_csv, write_recording_csv
 from slamgauge.errors import UserError
@@ -23,11 +25,11 @@ from slamgauge.estimate import Estimate, Kind
 from slamgauge.recording import Recording
 
 RECORDING, ESTIMATE = "{recording}", "{estimate}"
-TAIL = 2000  # bytes at the end of its output in which the last line is searched
+TAIL = 4000  # bytes at the end of output in which the last lines are searched
 
 
 @dataclass(frozen=True)
-class ExternalProgram:
+class ExternalProgram(Form):
     """A program as an estimator; its attributes are the arguments of `external`."""
 
     command: tuple[str, ...]
@@ -75,12 +77,10 @@ class ExternalProgram:
                 remedy = "give a longer timeout, or make it faster"
                 raise UserCodeError(f"{words[0]} was not done after {self.timeout:g} s; {remedy}") from None
             finally:
-                _end(process)
+                end_group(process)
         if status:
-            last = _last_line(printed)
-            raise UserCodeError(
-                f"{words[0]} ended with status {status}{f': {last}' if last else ''}; mend it and run again"
-            )
+            last = "".join(f": {line[:200]}" for line in last_lines(printed, 1))
+            raise UserCodeError(f"{words[0]} ended with status {status}{last}; mend it and run again")
 
 
 def external(command: Sequence[str], timeout: float = 600.0, kind: Kind = "filtered") -> ExternalProgram:
@@ -118,18 +118,19 @@ def external(command: Sequence[str], timeout: float = 600.0, kind: Kind = "filte
     return ExternalProgram(words, timeout, kind)
 
 
-def _end(process: subprocess.Popen[bytes]) -> None:
-    """End the program and all processes that it has started."""
+def end_group(process: subprocess.Popen[bytes]) -> None:
+    """End a process that leads a group, with all processes that it has started."""
     if hasattr(os, "killpg"):
-        with suppress(ProcessLookupError):
-            os.killpg(process.pid, signal.SIGKILL)  # it leads a process group of its own
+        with suppress(ProcessLookupError, PermissionError):  # the group is empty
+            os.killpg(process.pid, signal.SIGKILL)
     else:  # Windows has no process groups
         process.kill()
     process.wait()
 
 
-def _last_line(path: Path) -> str:
+def last_lines(path: Path, most: int) -> list[str]:
+    """Return the last printable lines of a file of output, without empty ones."""
     with path.open("rb") as file:
         file.seek(max(0, path.stat().st_size - TAIL))
-        lines = file.read().decode("utf-8", errors="replace").split("\n")
-    return " ".join(next((line for line in reversed(lines) if line.strip()), "").split())[:200]
+        lines = [printable(line) for line in file.read().decode("utf-8", errors="replace").splitlines()]
+    return [line for line in lines if line][-most:]

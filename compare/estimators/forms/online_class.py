@@ -12,24 +12,19 @@ parameters, ids, values and covariances. Other parts of the protocol are optiona
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from time import perf_counter
 from typing import Any
 
 import numpy as np
 
-from slamgauge.compare.estimators.forms.signatures import parameters, required
+from slamgauge.arrays import Float
+from slamgauge.compare.estimators.forms.signatures import Form, parameters, required, spelt
 from slamgauge.compare.estimators.user_errors import UserCodeError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Observations, Recording
 
 START = ("sensor", "prior_mean", "prior_cov")
 MAP = ("landmark_ids", "landmarks", "landmark_covs")
-
-
-def is_online_class(given: object) -> bool:
-    """Return whether a callable is a class with the methods of an online filter."""
-    return isinstance(given, type) and not lacks(given)
 
 
 def lacks(given: type) -> str:
@@ -47,11 +42,12 @@ def lacks(given: type) -> str:
     return ", ".join(found)
 
 
-@dataclass(frozen=True)
-class OnlineClass:
-    """An online class as an estimator."""
+class OnlineClass(Form):
+    """An online class, `kind`, as an estimator."""
 
-    kind: type
+    def __init__(self, kind: type) -> None:
+        self.kind = kind
+        self.words = f"online {spelt(kind)}"
 
     def __call__(self, recording: Recording) -> Estimate:
         """Run a new object of the class over a recording, and return its estimate.
@@ -75,8 +71,10 @@ class OnlineClass:
                 has_nis = has_nis and isinstance(returned, tuple) and len(returned) == 2
                 nis[step], nis_dof[step] = returned if has_nis else (0.0, 0)
             seconds[step] = perf_counter() - start
-            poses[step], pose_covs[step] = slam.pose, slam.pose_cov
+            poses[step], pose_covs[step] = slam.pose, _symmetric(slam.pose_cov)
         fields: dict[str, Any] = {name: getattr(slam, name) for name in MAP if hasattr(slam, name)}
+        if "landmark_covs" in fields:
+            fields["landmark_covs"] = _symmetric(fields["landmark_covs"])
         slots = np.concatenate(associated)
         if hasattr(slam, "associated") and len(slots) == len(recording.observation):
             fields["association"] = slam.standing(slots) if hasattr(slam, "standing") else slots
@@ -102,6 +100,12 @@ def _made(kind: type, recording: Recording) -> Any:
 
 def _constructed_with(kind: object) -> list[str]:
     return [each.name for each in parameters(kind) if each.name in START]
+
+
+def _symmetric(cov: Any) -> Float:
+    """Return the symmetric part of covariances (..., n, n): `P - K H P` is symmetric except for rounding."""
+    cov = np.array(cov, np.float64)
+    return (cov + np.swapaxes(cov, -1, -2)) / 2
 
 
 def _update(slam: Any, scan: Observations, *, takes_fields: bool) -> Any:

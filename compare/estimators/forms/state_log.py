@@ -10,9 +10,6 @@ from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.validation import REAL
 
-LARGEST_MAP = 100  # landmarks of a state; more are refused if they are also
-DUPLICATES = 5  # times as many as the recording has
-
 
 class StateLog:
     """Poses, covariances and map of a filter with the state (3+2n,): robot, then landmarks as they were mapped.
@@ -51,25 +48,12 @@ class StateLog:
         self._covs.append((self._cov[:3, :3] + self._cov[:3, :3].T) / 2)
         self._seconds.append(seconds)
         count = (len(self._state) - 3) // 2
-        self._require_few_duplicates(number, count)
         if ids is None:
             self._ids = [*range(count)]
             self._is_named = self._recording.landmark is None  # otherwise 0, 1, ... would be read as its ids
         else:
             self._ids += [name for name in dict.fromkeys(ids.tolist()) if name not in self._ids]
             self._is_named = self._is_named and len(self._ids) == count
-
-    def _require_few_duplicates(self, number: int, count: int) -> None:
-        """Refuse a state that grows with nearly every observation, so that each step takes longer than the last."""
-        if count <= LARGEST_MAP or self._recording.landmark is None:
-            return
-        right = len(np.unique(self._recording.landmark))
-        if count > DUPLICATES * right:
-            what = f"step {number}: its state has {count} landmarks, and the recording has {right}"
-            remedy = (
-                "its association takes nearly every observation for a new landmark; look at its innovation and gate"
-            )
-            raise UserCodeError(f"{what}: {remedy}")
 
     def estimate(self) -> Estimate:
         """Return the logged poses with the last map."""

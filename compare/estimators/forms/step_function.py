@@ -11,7 +11,7 @@ return a third value (rays and their weights), and y = [bearing, id], or [range,
 from __future__ import annotations
 
 from copy import deepcopy
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from time import perf_counter
 from typing import Any
 
@@ -20,7 +20,7 @@ import numpy as np
 from slamgauge.arrays import Float
 from slamgauge.compare.estimators.addresses import Noise
 from slamgauge.compare.estimators.forms.columns import column
-from slamgauge.compare.estimators.forms.signatures import Callee, parameters, required
+from slamgauge.compare.estimators.forms.signatures import Callee, Form, parameters, required
 from slamgauge.compare.estimators.forms.state_log import StateLog
 from slamgauge.compare.estimators.forms.step_settings import SETTINGS, STATE_AND_INPUT, StepSettings, step_length
 from slamgauge.compare.estimators.forms.step_source import (
@@ -47,24 +47,24 @@ def lacks(given: Callee) -> str:
     if "DT" in names_read(given) or "DT" in (each.name for each in parameters(given)):
         return ""
     hint = step_length_hint(given)
-    return f"DT, the length of a step [s], which it reads nowhere; {hint or 'two functions need the wrapper'}"
+    return f"DT, the length of a step [s], which it reads nowhere{f'; {hint}' if hint else ''}"
 
 
 @dataclass
-class StepFunction:
+class StepFunction(Form):
     """A step function as an estimator; every run finds the globals of its module as they were before.
 
     Attributes:
         function: the function.
         noise: assumed noise: that of the recording, or that of its file.
-        remarks: sentences on the last run: settings of the file that are replaced or kept.
-        replaces_noise: whether the noise of the recording replaced another one of the file in the last run.
     """
 
     function: Callee
     noise: Noise = "recording"
-    remarks: list[str] = field(default_factory=list, compare=False, repr=False)
-    replaces_noise: bool = field(default=False, init=False, compare=False, repr=False)
+
+    def __post_init__(self) -> None:
+        names = ", ".join(each.name for each in parameters(self.function))
+        self.words = f"step function of the exercise ({names})"
 
     def __call__(self, recording: Recording) -> Estimate:
         """Run the function over a recording; for a scan at step 0, u and Q are zero.

@@ -28,11 +28,11 @@ from slamgauge.recording import Observations, Recording
 from slamgauge.se2 import rotation
 
 STATE_AND_INPUT = 4  # parameters that every variant has
-KNOWN = "KNOWN_DATA_ASSOCIATION"
+KNOWN_IDS = "KNOWN_DATA_ASSOCIATION"
 DISTANCE = "M_DIST_TH"  # squared Mahalanobis distance
 WIDE_DISTANCE = PLAIN.gate  # one correct observation in a thousand has a larger distance
 EXERCISE, POSE = ("Q", "Py"), "Cx"
-SETTINGS = ("DT", *EXERCISE, KNOWN, DISTANCE)
+SETTINGS = ("DT", *EXERCISE, KNOWN_IDS, DISTANCE)
 IDS = "trueLandmarkId"  # list of ids, empty at the start, in files of the exercise
 CLOSE = 1e-3  # largest relative difference of equal settings
 
@@ -63,14 +63,14 @@ class StepSettings:
             others = [name for name, value in covariances.items() if value.shape == (2, 2)]
             self._motion, self._observation = POSE, others[0] if len(others) == 1 else ""
         self._replaced = self._replaced_noise() if noise == "recording" else frozenset[str]()
-        reads_known = KNOWN in {*self._read, *self._parameters}
-        is_known = self._file.get(KNOWN, True) if reads_known else DISTANCE not in self._read
+        reads_known = KNOWN_IDS in {*self._read, *self._parameters}
+        is_known = self._file.get(KNOWN_IDS, True) if reads_known else DISTANCE not in self._read
         self.shows_ids = recording.landmark is not None and bool(is_known)
         if self._replaces_distance:
             self.space[DISTANCE] = WIDE_DISTANCE
         if IDS in self._read:
             self.space.setdefault(IDS, [])
-        known = {"DT", KNOWN, *self._replaced, *self.space}
+        known = {"DT", KNOWN_IDS, *self._replaced, *self.space}
         for name, each in self._parameters.items():
             if name in SETTINGS and name not in known and each.default is each.empty:
                 raise UserCodeError(f"no global has the value of its parameter {name}; give it a default")
@@ -99,8 +99,8 @@ class StepSettings:
     def set(self, step: int, scan: Observations, heading: float) -> None:
         """Set the globals of a step that begins at a heading [rad]; step 0 has no motion."""
         self.space["DT"] = step_length(self._recording, step)
-        if KNOWN in self._used:
-            self.space[KNOWN] = int(self.shows_ids)
+        if KNOWN_IDS in self._used:
+            self.space[KNOWN_IDS] = int(self.shows_ids)
         if self._motion in self._replaced:
             self.space[self._motion] = self._motion_cov(step, heading)
         elif self._motion in self._file and np.shape(self._file[self._motion]) in ((2, 2), (3, 3)):
@@ -163,13 +163,13 @@ class StepSettings:
         return f"DT of the file, {own:g} s, is replaced by the recording's, {given:.4g} s"
 
     def _association_remark(self) -> str:
-        reads_known = KNOWN in {*self._read, *self._parameters}
+        reads_known = KNOWN_IDS in {*self._read, *self._parameters}
         if self._recording.landmark is None:
-            what = f"{KNOWN} of the file, {self._file.get(KNOWN)}, is replaced by 0: the recording has no ids"
-            return what if self._file.get(KNOWN) and reads_known else ""
+            what = f"{KNOWN_IDS} of the file, {self._file.get(KNOWN_IDS)}, is replaced by 0: the recording has no ids"
+            return what if self._file.get(KNOWN_IDS) and reads_known else ""
         if self.shows_ids:
             return ""
-        why = f"{KNOWN} is 0" if reads_known else f"it uses {DISTANCE} and not {KNOWN}"
+        why = f"{KNOWN_IDS} is 0" if reads_known else f"it uses {DISTANCE} and not {KNOWN_IDS}"
         return f"associates on its own and gets no ids, since {why} in the file; its map has no ids and is not graded"
 
     def _remark(self, name: str) -> str:

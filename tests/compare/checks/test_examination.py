@@ -8,7 +8,6 @@ from functools import partial
 from pathlib import Path
 
 import pytest
-from references.seeded_bugs import SEEDED, seeded_ekf
 
 from slamgauge import Estimate, Recording, load_estimators
 from slamgauge.compare.checks.examination import (
@@ -22,6 +21,7 @@ from slamgauge.compare.checks.examination import (
 from slamgauge.compare.cli.main import main
 from slamgauge.estimate import Estimator
 from tests.marks import in_full
+from tests.reference.seeded_bugs import SEEDED, seeded_ekf
 
 pytestmark = pytest.mark.slow
 
@@ -129,7 +129,7 @@ def test_the_command_prints_a_table_and_exits_with_1_if_a_check_fails(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
     (tmp_path / "mine.py").write_text(
-        f"import sys\nsys.path.insert(0, {str(ROOT / 'benchmarks')!r})\nfrom references.seeded_bugs import seeded_ekf\n"
+        f"import sys\nsys.path.insert(0, {str(ROOT)!r})\nfrom tests.reference.seeded_bugs import seeded_ekf\n"
         "def bad(recording): return seeded_ekf(recording, 'wrong sign in F')\n"
     )
     assert main(["check", f"{tmp_path}/mine.py:seeded_ekf"]) == 0

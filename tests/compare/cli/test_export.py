@@ -31,7 +31,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def export(path: Path, form: str, out: Path, *more: str) -> int:
-    return main(["export", str(path), "--format", form, "--out", str(out), *more])
+    return main(["export", form, str(path), "--out", str(out), *more])
 
 
 @pytest.mark.parametrize("place", ["", "recording.npz"])
@@ -69,7 +69,7 @@ def test_a_run_as_mat(run: Path, tmp_path: Path):
 
 def test_an_estimate_as_tum_with_covariances(run: Path, tmp_path: Path):
     recording, estimate = load_recording(run / "recording.npz"), load_estimate(run / "estimates/ekf.npz")
-    assert export(run / "estimates/ekf.npz", "tum-cov", tmp_path / "ekf.tum") == 0
+    assert export(run / "estimates/ekf.npz", "tum", tmp_path / "ekf.tum") == 0
     back = load_stored(tmp_path / "ekf.tum", recording).estimate
     assert_allclose(back.poses, estimate.poses, atol=1e-12)
     assert_array_equal(back.pose_covs, estimate.pose_covs)
@@ -78,12 +78,12 @@ def test_an_estimate_as_tum_with_covariances(run: Path, tmp_path: Path):
 def test_an_estimate_elsewhere_needs_its_recording(run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     elsewhere, out = tmp_path / "mine.npz", tmp_path / "mine.tum"
     save(elsewhere, load_estimate(run / "estimates/ekf.npz"))
-    assert export(elsewhere, "tum-cov", out) == 2
+    assert export(elsewhere, "tum", out) == 2
     assert "mine.npz: its time stamps are in the recording of its run; give that with" in capsys.readouterr().err
-    assert export(elsewhere, "tum-cov", out, "--recording", str(run / "recording.npz")) == 0
+    assert export(elsewhere, "tum", out, "--recording", str(run / "recording.npz")) == 0
     other = tmp_path / "recording.npz"
     save(other, random_recording(1)[1])
-    assert export(elsewhere, "tum-cov", out, "--recording", str(other)) == 2
+    assert export(elsewhere, "tum", out, "--recording", str(other)) == 2
 
 
 def test_an_estimate_as_csv(run: Path, tmp_path: Path):
@@ -100,15 +100,15 @@ def test_an_estimate_without_covariances(run: Path, tmp_path: Path, capsys: pyte
     assert export(bare, "csv", tmp_path / "bare.csv") == 0
     assert (tmp_path / "bare.csv").read_text().startswith("step,x,y,theta\n0,")
     assert not (tmp_path / "landmarks.csv").exists()
-    assert export(bare, "tum-cov", tmp_path / "bare.tum", "--recording", str(run / "recording.npz")) == 2
+    assert export(bare, "tum", tmp_path / "bare.tum", "--recording", str(run / "recording.npz")) == 2
     assert "it has no covariances" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
     ("place", "form", "more", "message"),
     [
-        ("", "tum-cov", (), "run: it has 2 estimates; give one, as FOLDER/estimates/NAME.npz"),
-        ("recording.npz", "tum-cov", (), "recording.npz: it has 0 estimates; give one"),
+        ("", "tum", (), "run: it has 2 estimates; give one, as FOLDER/estimates/NAME.npz"),
+        ("recording.npz", "tum", (), "recording.npz: it has 0 estimates; give one"),
         ("estimates/ekf.npz", "g2o", (), "ekf.npz: it is an estimate, not a recording"),
         ("truth.npz", "csv", (), "truth.npz: not a Recording, it lacks"),
         ("none.npz", "csv", (), "none.npz: cannot be read"),

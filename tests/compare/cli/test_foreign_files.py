@@ -21,20 +21,19 @@ COMMANDS = {
     "evaluate": ("evaluate", "INPUT/recording.npz", "--estimators", "ekf"),
     "import": ("import", "victoria-park", "INPUT/park.txt"),
     "import-csv": ("import", "csv", "INPUT/log"),
-    "export": ("export", "INPUT", "--format", "csv"),
+    "export": ("export", "csv", "INPUT"),
     "budget": ("budget", "q1-long-dense", *SHORT, "--runs", "1", "--jobs", "1"),
     "bench": ("bench", "--landmarks", "5", "--estimators", "dead-reckoning"),
     "study": STUDY,
     "sweep": (*STUDY, "--sweep", "association.gate=4,9"),
-    "grade": ("grade", "INPUT/class", "--scenario", "INPUT/short.toml", "--runs", "2", "--jobs", "1"),
+    "grade": ("grade", "INPUT/class", "--scenario", "INPUT/short.toml", "--runs", "2", "--jobs", "1", "--unconfined"),
     "noise": ("noise", "INPUT/recording.npz"),
     "animate": ("animate", "--seconds", "1", "--fps", "2"),
 }
-WORK = (  # in this order: a module that is imported later would keep the replacement of the last two
-    *("datasets.victoria_park.read_victoria_park", "figures.animation.Scene"),
-    *("studies.budget.error_budget", "bench.step_times.run_bench", "studies.study._run_missing"),
-    *("grading.grading.grade_folder", "datasets.csv_log.read_csv_log", "storage.csv_folder.write_recording_csv"),
-    *("noise.estimation.find_noise", "scoring.comparison.compare_estimators", "scenarios.simulation.simulate_informed"),
+WORK = (
+    *("imports.read_victoria_park", "imports.read_csv_log", "animate.animate", "budget.error_budget"),
+    *("bench.run_bench", "grade.grade_folder", "exports.write_recording_csv", "noise.find_noise"),
+    *("scoring.compare_estimators", "run.simulate_informed"),
 )
 
 
@@ -74,8 +73,9 @@ def test_folders_of_others_are_refused_before_any_work(
     capsys: pytest.CaptureFixture[str],
 ):
     (tmp_path / "thesis.tex").write_text("mine")
+    monkeypatch.setattr("slamgauge.compare.studies.study._run_missing", lambda *_, **__: pytest.fail("work was begun"))
     for work in WORK:
-        monkeypatch.setattr(f"slamgauge.compare.{work}", lambda *_, **__: pytest.fail("work was begun"))
+        monkeypatch.setattr(f"slamgauge.compare.cli.{work}", lambda *_, **__: pytest.fail("work was begun"))
     assert command(name, tmp_path) == 2
     what = f"slamgauge: {tmp_path}: exists already, and slamgauge has not made it (it has no {MARK})"
     assert capsys.readouterr() == ("", f"{what}; move it away or give another --out\n")

@@ -11,23 +11,11 @@ from pathlib import Path
 
 import pytest
 
-from slamgauge.compare.cli.machine import WARM_UPS, run_shortly
+from slamgauge.compare.cli.doctor import WARM_UPS, run_shortly
 from slamgauge.compare.storage.staged_folder import MARK
 from tests.reference.command_line import Refuse, command_after, contents
 
 pytestmark = pytest.mark.slow
-
-
-@pytest.mark.parametrize("place", ["FILE", "FILE/run", "/proc/nowhere/run", "/proc/run", "/sys/run"])
-def test_places_that_cannot_be_written(stored: Path, tmp_path: Path, refuse: Refuse, place: str):
-    if place.startswith("/") and not Path(*Path(place).parts[:2]).exists():
-        pytest.skip(f"no {place} on this system")
-    (tmp_path / "file").write_text("")
-    out = Path(place.replace("FILE", str(tmp_path / "file")))
-    for arguments in (("run", "q1-long-sparse"), ("evaluate", stored / "recording.npz")):
-        line = refuse.line(*arguments, "--estimators", "dead-reckoning", out=out)
-        assert re.fullmatch(f"{out}: cannot be written \\(.+\\); check the path and its permissions", line)
-    assert (tmp_path / "file").read_text() == ""
 
 
 def evaluate_with_room(stored: Path, out: Path, room: int) -> subprocess.CompletedProcess[str]:

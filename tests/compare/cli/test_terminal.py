@@ -6,7 +6,6 @@ import os
 import re
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
@@ -117,22 +116,3 @@ def test_every_command_has_help_with_an_example(capsys: pytest.CaptureFixture[st
         assert done.value.code == 0
         told = capsys.readouterr().out
         assert re.search(rf"^  slamgauge {name} ?", told, re.MULTILINE), name
-
-
-def in_shell(
-    folder: Path, redirection: str, *words: str, environment: dict[str, str] | None = None
-) -> subprocess.CompletedProcess[str]:
-    """Run a command from a shell that redirects its streams."""
-    given = {**os.environ, "PATH": os.defpath, **(environment or {})}
-    command = ["sh", "-c", f'"$@" {redirection}', "sh", sys.executable, "-m", "slamgauge", *words]
-    return subprocess.run(command, cwd=folder, env=given, capture_output=True, text=True, check=False)
-
-
-def test_a_poor_encoding_and_no_home(tmp_path: Path):
-    """A table has signs that ASCII lacks; a progress bar needs a terminal and matplotlib a home folder."""
-    poor = {"PYTHONIOENCODING": "ascii", "LANG": "C", "LC_ALL": "C", "HOME": "/nowhere", "TERM": ""}
-    done = in_shell(tmp_path, "", *STUDY, *ESTIMATORS[:1], "ekf", "--out", "out", environment=poor)
-    assert done.returncode == 0
-    assert "\\xb1" in done.stdout
-    assert "Traceback" not in done.stderr
-    assert {"summary.json", "nees.png"} < {path.name for path in (tmp_path / "out").iterdir()}

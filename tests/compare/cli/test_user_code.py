@@ -78,13 +78,6 @@ def test_run_and_evaluate(folder: Path):
         ]
 
 
-@pytest.mark.usefixtures("empty_pictures")
-def test_without_strict_the_use_of_the_future_is_not_tested(folder: Path):
-    words = ("--estimators", f"ekf,{own('right', 'shifted')}", "--timeout", "60")
-    assert main(["run", "q1-short-dense", *SHORT, *words, "--out", "run"]) == 0
-    assert not reasons(folder / "run", "ekf", "right", "shifted")
-
-
 @pytest.mark.usefixtures("studies_in_a_thread", "empty_pictures")
 def test_study(folder: Path):
     words = ("--runs", "2", "--jobs", "1", "--estimators", f"ekf,{own('right', 'shifted')}", "--out", "study")
@@ -105,15 +98,6 @@ def test_check_ends_at_the_check_that_takes_too_long(capsys: pytest.CaptureFixtu
     assert rows[first]["blame"].startswith("estimator blocked: it was not done after 5 s; make it faster, ")
     assert len(rows) == len(CHECKS)
     assert {(each["passed"], each["blame"]) for each in rows[first + 1 :]} == {(None, f"not judged: {OVERDUE}")}
-
-
-@pytest.mark.usefixtures("folder")
-def test_check_of_a_filter_that_cannot_run_is_one_line(capsys: pytest.CaptureFixture[str]):
-    assert main(["check", own("endless"), "--timeout", "2"]) == 2
-    printed = capsys.readouterr()
-    remedy = "make it faster, or give a longer --timeout"
-    assert printed.err == f"slamgauge: estimator endless: it was not done after 2 s; {remedy}\n"
-    assert printed.out == ""
 
 
 @pytest.mark.usefixtures("folder")
@@ -195,15 +179,6 @@ def test_estimators_that_fail_are_rows_with_their_reasons(
     for name, (_, message) in zip(names, SOURCES, strict=True):
         reason = f"estimator {name}:estimate: {message.replace('OWN', name)}.*"
         assert any(re.fullmatch(reason, line) for line in lines), reason
-
-
-@pytest.mark.parametrize(("source", "message"), [SOURCES[0], SOURCES[-1]], ids=["running", "loading"])
-def test_an_estimator_that_fails_alone_is_a_mistake_in_one_line(
-    stored: Path, refuse: Refuse, module: Module, source: str, message: str
-):
-    own = module(source)
-    line = refuse.line("evaluate", stored / "recording.npz", "--estimators", f"{own}:estimate")
-    assert re.fullmatch(f"estimator {own}:estimate: {message.replace('OWN', own)}.*", line)
 
 
 @pytest.mark.parametrize(

@@ -339,3 +339,16 @@ def test_a_topic_as_an_estimate(tmp_path: Path, capsys: pytest.CaptureFixture[st
     assert "mine" in capsys.readouterr().out
     assert run(*command[:-1], f"mine={bag}:/ekf/odo") == 1
     assert "has no topic /ekf/odo; did you mean /ekf/odom?" in capsys.readouterr().out
+
+
+def test_twists_in_the_frame_of_the_world_contradict_the_poses(tmp_path: Path):
+    recording = simulated()
+    moves = odometry_messages(recording)
+    headings = chain(np.zeros(3), recording.odometry)[:, 2]
+    for (*_, fields), heading in zip(moves, headings, strict=True):
+        linear = fields["twist"]["twist"]["linear"]
+        linear["x"], linear["y"] = (rotation(np.array(heading)) @ [linear["x"], linear["y"]]).tolist()
+    path = Bags("mcap").write(tmp_path / "run", in_order(moves, detections(recording)))
+    with pytest.raises(UserError, match=r"unless they are in the world's frame; give --set odometry.kind=poses"):
+        read_bag(path)
+    assert_same(read_bag(path, overrides=["odometry.kind=poses"]).recording, recording)

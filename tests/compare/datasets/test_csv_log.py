@@ -123,13 +123,6 @@ def test_columns_and_units_of_the_log(log: Log):
     assert_array_equal(recording.landmark, [4, 5])
 
 
-@pytest.mark.parametrize(
-    "text", ["%stamp,v,omega\n0,1,0\n1,1,0\n", "# a robot, mine\n\nstamp;v;omega\n0;1;0\n# a remark\n1;1;0\n"]
-)
-def test_remarks_and_headers_behind_a_sign(log: Log, text: str):
-    assert_array_equal(log(odometry(text), *NOISE).recording.stamps, [0.0, 0.5, 1.0])
-
-
 def test_positions_and_missing_ids(log: Log):
     recording = log(observations("stamp,x,y\n1,3,4\n2,5,6\n"), *NOISE).recording
     assert recording.sensor == "position"
@@ -209,6 +202,13 @@ def test_wrong_logs_are_refused_in_one_line(log: Log, files: dict[str, str], ove
     assert message in str(caught.value)
 
 
+def test_the_folder_may_be_a_relative_path(log: Log, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    whole = log(CSV)
+    monkeypatch.chdir(tmp_path.parent)
+    relative = read_csv_log(Path(tmp_path.name))
+    assert (relative.recording, relative.truth) == (whole.recording, whole.truth)
+
+
 def test_a_single_csv_file_is_no_log(tmp_path: Path):
     (tmp_path / "odometry.csv").write_text("stamp,v,omega\n")
     with pytest.raises(UserError, match=r"odometry.csv: is neither a folder nor a .toml file; give the folder"):
@@ -262,7 +262,7 @@ def test_csv_to_npz_to_csv_keeps_the_cost_of_batch(tmp_path: Path):
     _, recording = random_recording(4)
     save(tmp_path / "recording.npz", recording)
     there, back = tmp_path / "csv", tmp_path / "npz"
-    assert main(["export", str(tmp_path / "recording.npz"), "--format", "csv", "--out", str(there)]) == 0
+    assert main(["export", "csv", str(tmp_path / "recording.npz"), "--out", str(there)]) == 0
     assert main(["import", "csv", str(there), "--out", str(back)]) == 0
     cost, expected = (batch(each).chi_square for each in (load_recording(back / "recording.npz"), recording))
     assert cost == pytest.approx(expected, rel=1e-9)

@@ -244,7 +244,7 @@ def test_recordings_without_a_graph_are_refused_in_one_line(
     tmp_path: Path, recording: Recording, message: str, capsys: pytest.CaptureFixture[str]
 ):
     save(tmp_path / "recording.npz", recording)
-    arguments = ["export", str(tmp_path / "recording.npz"), "--format", "g2o", "--out", str(tmp_path / "graph.g2o")]
+    arguments = ["export", "g2o", str(tmp_path / "recording.npz"), "--out", str(tmp_path / "graph.g2o")]
     assert main(arguments) == 2
     told = capsys.readouterr().err
     assert re.fullmatch(rf"slamgauge: .*{message}.*\n", told)
@@ -265,7 +265,7 @@ def test_g2o_to_npz_to_g2o_keeps_the_cost_of_batch(tmp_path: Path, sensor: str):
     first, again = tmp_path / "first.g2o", tmp_path / "again.g2o"
     write_g2o(first, recording)
     assert main(["import", "g2o", str(first), "--out", str(tmp_path / "npz")]) == 0
-    assert main(["export", str(tmp_path / "npz"), "--format", "g2o", "--out", str(again)]) == 0
+    assert main(["export", "g2o", str(tmp_path / "npz"), "--out", str(again)]) == 0
     costs = [batch(read_g2o(path).recording).chi_square for path in (first, again)]
     assert costs[0] == pytest.approx(costs[1], rel=1e-9)
     assert costs[0] == pytest.approx(batch(recording).chi_square, rel=1e-9)

@@ -260,7 +260,7 @@ LOGS: dict[str, tuple[Callable[[Files], Mapping[str, str | bytes]], str]] = {
     "clockwise bearings": (scaled(SEEN, bearing=-1), "angles in opposite directions"),
     "clockwise odometry": (scaled(ODOMETRY, omega=-1), "angles in opposite directions"),
     "both clockwise": (both(scaled(SEEN, bearing=-1), scaled(ODOMETRY, omega=-1)), "-0.997 times the turns"),
-    "turns in degrees": (scaled(ODOMETRY, omega=DEGREE), "check the units of angles and stamps"),
+    "turns in degrees": (scaled(ODOMETRY, omega=DEGREE), "yaw rates are in deg/s, read as rad/s"),
     "turns in radians, read as degrees": (settings("[odometry]\nangle = 'deg'\n"), "turns are in radians, read as deg"),
     "ranges in mm": (scaled(SEEN, range=1e3), "observed lengths are 1000 times too large"),
     "ranges in m, read as mm": (settings("[observations]\nlength = 'mm'\n"), "lengths are 1000 times too small"),

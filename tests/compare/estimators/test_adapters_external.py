@@ -117,10 +117,10 @@ WRITE = "import sys\nopen(sys.argv[2], 'w').write({!r})\n"
         (WRITE.format("step,x,y\n0,1,2\n"), "estimate.csv: line 1 is not the header"),
         (
             WRITE.format("step,x,y,theta\n0,0,0,0\n1,0,a,0\n"),
-            "estimate.csv, line 3: '1,0,a,0' has a value that is not a number",
+            "estimate.csv, line 3, column 3: 'a' is not a finite number",
         ),
-        (WRITE.format("step,x,y,theta\n0,0,0,nan\n"), "estimate.csv, line 2: '0,0,0,nan'; write 4 finite numbers"),
-        (WRITE.format("step,x,y,theta\n0,0,0\n"), "estimate.csv, line 2: '0,0,0'; write 4 finite numbers"),
+        (WRITE.format("step,x,y,theta\n0,0,0,nan\n"), "estimate.csv, line 2, column 4: 'nan' is not a finite number"),
+        (WRITE.format("step,x,y,theta\n0,0,0\n"), "estimate.csv, line 2: has 3 columns where the header has 4"),
         (
             WRITE.format("step,x,y,theta\n0,0,0,0\n2,0,0,0\n"),
             "estimate.csv, line 3: step 2, expected 1; sort the rows by step",

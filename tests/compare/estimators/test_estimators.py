@@ -134,7 +134,7 @@ def test_every_entry_has_an_estimator_that_is_recognised():
 
 def test_a_graph_with_the_associations_of_a_filter_is_no_optimum():
     entry = entry_of("batch@riekf")
-    assert (entry.name, entry.kind, entry.role, entry.look) == ("batch@riekf", "smoothed", "graph", None)
+    assert (entry.name, entry.kind, entry.role) == ("batch@riekf", "smoothed", "graph")
 
 
 def test_the_help_text_lists_all_names():

@@ -21,6 +21,7 @@ from slamgauge.compare.exercise.judgements import (
     log_ratios,
 )
 from slamgauge.compare.exercise.settings import EKF, QUESTIONS, SETTINGS
+from slamgauge.compare.scoring.catalogue import STORED
 from slamgauge.compare.scoring.runs import SERIES, Runs
 
 
@@ -169,3 +170,12 @@ def test_conclusions_name_settings_of_the_exercise():
         hypotheses["q1-sigma-falls"]
         == "position sigma back at the start (2.2) / position sigma halfway round (2.2) < 1"
     )
+
+
+def test_studies_store_what_conclusions_read():
+    """A metric that left the catalogue ended `slamgauge exercise` in a KeyError after all runs."""
+    figures = {key: np.ones(3) for key in STORED}
+    runs = Runs(np.arange(3), "filtered", figures, {name: np.ones((3, 600)) for name in SERIES})
+    for conclusion in CONCLUSIONS:
+        for measure in (conclusion.above, *conclusion.below):
+            assert measure.read(runs).shape == (3,)

@@ -4,7 +4,6 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
-import matplotlib as mpl
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
@@ -13,7 +12,7 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
 from slamgauge.arrays import Float
-from slamgauge.compare.figures.plot_style import KNOWN, PRINT, USER_STYLES, styles
+from slamgauge.compare.figures.plot_style import STYLES, USER_STYLES, styles
 from slamgauge.compare.figures.run_figures import plot_errors, plot_run, save_figure
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
@@ -98,14 +97,14 @@ def panels_of(
 
 
 def test_colours_and_dashes_are_all_distinct() -> None:
-    everyone = [*KNOWN.values(), *USER_STYLES]
+    everyone = [*STYLES.values(), *USER_STYLES]
     assert len({style.color for style in everyone}) == len(everyone)
     assert len({style.dashes for style in everyone}) == len(everyone)
 
 
 def test_user_estimators_do_not_change_the_style_of_built_in_ones() -> None:
     chosen = styles(["a:b", "ekf", "c:d"])
-    assert chosen["ekf"] == KNOWN["ekf"]
+    assert chosen["ekf"] == STYLES["ekf"]
     assert (chosen["a:b"], chosen["c:d"]) == USER_STYLES[:2]
 
 
@@ -201,7 +200,7 @@ def test_errors_are_drawn_in_metres_and_degrees() -> None:
 def test_only_the_first_band_is_filled() -> None:
     panels = panels_of({name: estimate([0, 0, 0]) for name in ("riekf", "ekf", "causal")})
     (filled,) = (each for each in panels[0].collections if not isinstance(each, LineCollection))
-    assert to_hex(np.asarray(filled.get_facecolor())[0]) == KNOWN["riekf"].color.lower()
+    assert to_hex(np.asarray(filled.get_facecolor())[0]) == STYLES["riekf"].color.lower()
     assert len(panels[0].lines) == 3 * 3 + 1  # error and two bounds each, zero
 
 
@@ -271,21 +270,6 @@ def test_only_some_of_many_loop_closures_are_marked() -> None:
     assert [len(each.get_segments()) for each in ticks] == [50]  # every second one of 99
     assert panels[2].get_xlabel() == "time [s]; ticks: 1 in 2 loop closures"
     assert "1 in 2 loop closures" in labels(map_of({}, recording=recording))
-
-
-@pytest.mark.parametrize("optimum", ["batch", "causal", "ekf"])
-def test_titles_of_a_figure_without_truth_are_not_cropped(
-    optimum: str, tmp_path: Path, drawn: dict[str, Figure]
-) -> None:
-    estimates = {"dead-reckoning": DRIFTING, "riekf": estimate([0, 0, 0]), optimum: estimate([0.1, 0, 0])}
-    save_figure(tmp_path, None, RECORDING, estimates, "a run")
-    figure = drawn["figure"]
-    with mpl.rc_context(PRINT):
-        figure.draw_without_rendering()
-    width = figure.bbox.width
-    for ax in figure.axes:
-        extent = ax.title.get_window_extent()
-        assert 0.0 <= extent.x0 <= extent.x1 <= width, ax.get_title()
 
 
 def test_error_panels_ignore_a_diverged_estimate_and_name_it():

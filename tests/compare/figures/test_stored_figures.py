@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
-from shutil import copytree
 
 import matplotlib as mpl
 import matplotlib.pyplot as plt
@@ -16,67 +14,34 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import to_hex, to_rgba
 from matplotlib.figure import Figure
 
-from slamgauge import compare_estimators, find_noise, load_estimators, load_scenario, simulate
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.figures.axes import robust_limits
 from slamgauge.compare.figures.plot_style import INCHES, Sheet, Width, printed_on
-from slamgauge.compare.figures.publishing import drawings_of, write_study, write_sweep
+from slamgauge.compare.figures.publishing import drawings_of
 from slamgauge.compare.figures.study_figures import study_drawings
-from slamgauge.compare.noise.noise_json import noise_json
-from slamgauge.compare.scoring.comparison import metrics, write_comparison
-from slamgauge.compare.storage.staged_folder import begin_folder
-from slamgauge.compare.studies.budget import RUNGS, summarise_budget
 from slamgauge.compare.studies.stored_study import load_study
-from slamgauge.compare.studies.study import load_runs, run_study
-from slamgauge.compare.studies.sweep import Sweep, read_sweep
+from tests.reference.result_folders import WRITE
 
 pytestmark = pytest.mark.slow
 
-SHORT = ["start=sampled", "trajectory.duration=5"]
 DRAWN = {"run": {"figure", "rays"}, "study": {"nees", "nis", "rmse", "errors", "ratios"}}
-
-
-def undecorated(*_: object) -> bool:
-    return True
+KINDS = ("run", "study", "sweep", "budget", "noise", "bench")
 
 
 @pytest.fixture(scope="module")
 def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Folders of a bearing-only run, a study, a sweep, a budget, noise and step times, without figures."""
-    from slamgauge.compare.figures import publishing
-    from slamgauge.compare.storage.files import write_json
-
+    """Folders of results by their kind, without figures."""
     out = tmp_path_factory.mktemp("results")
-    for name in ("run", "study", "sweep", "budget", "noise", "bench"):
-        begin_folder(out / name)
-    scenario = load_scenario("q4-ring", SHORT)
-    comparison = compare_estimators(
-        *simulate(scenario, 0), load_estimators(["dead-reckoning", "ekf", "causal"], frames=240)
-    )
-    write_comparison(out / "run", comparison, metrics(comparison, "q4-ring", 0))
-    short, chosen = load_scenario("q1-short-dense", SHORT), ["ekf", "causal", "batch"]
-    with ThreadPoolExecutor(1) as executor, pytest.MonkeyPatch.context() as patch:
-        patch.setattr(publishing, "decorate", undecorated)
-        summary = run_study(short, 3, 0, chosen, out / "study", executor)
-        assert write_study(out / "study", summary, load_runs(short, 3, 0, chosen, out / "study"), 0.1)
-        for value in ("1", "2"):
-            copytree(out / "study", out / "sweep" / f"assumed.scale={value}")
-        assert write_sweep(out / "sweep", Sweep("q1", "assumed.scale", 3, 0, ("1", "2"), (summary, summary)))
-    errors = np.random.default_rng(0).uniform(1.0, 2.0, (3, len(RUNGS)))
-    budget = summarise_budget("q1-short-dense", "ekf", errors, np.full(errors.shape, np.nan), np.ones(3))
-    write_json(out / "budget" / "budget.json", budget.to_json())
-    log = simulate(load_scenario("q1-short-dense", [*SHORT, "assumed.scale=4"]), 2)[1]
-    write_json(out / "noise" / "noise.json", noise_json(find_noise(log)))
-    times = {str(size): {"median_s": 1e-6 * size**1.5, "p95_s": 2e-6 * size**1.5} for size in (20, 1000)}
-    write_json(out / "bench" / "bench.json", {"estimators": dict.fromkeys(("ekf", "causal", "iekf"), times)})
+    for kind in KINDS:
+        WRITE[kind](out / kind)
     return out
 
 
 @pytest.mark.parametrize("width", INCHES)
 def test_nothing_is_cropped(results: Path, drawn: dict[str, Figure], width: Width):
     with printed_on(Sheet(width)):
-        for folder in results.iterdir():
-            for draw in drawings_of(folder).values():
+        for kind in KINDS:
+            for draw in drawings_of(results / kind).values():
                 draw(results)
     assert set(drawn) == {*DRAWN["run"], *DRAWN["study"], "sweep", "budget", "noise", "bench"}
     for name, figure in drawn.items():
@@ -93,7 +58,7 @@ def labels(figure: Figure) -> set[str]:
 
 
 def test_export_draws_the_chosen_estimators(results: Path, tmp_path: Path, drawn: dict[str, Figure]):
-    words = ("export", str(results / "run"), "--format", "svg", "--out", str(tmp_path / "out"))
+    words = ("export", "svg", str(results / "run"), "--out", str(tmp_path / "out"))
     assert main([*words, "--estimators", "causal,ekf"]) == 0
     assert set(drawn) == DRAWN["run"]
     panel = drawn["figure"].axes[1]
@@ -146,35 +111,20 @@ def test_refusals(
         place = tmp_path
         (place / f"{folder.split()[1]}.json").write_text("{}")
     out = ("--out", str(tmp_path / "out"))
-    assert main(["export", str(place), "--format", "pdf", *out, *options.split()]) == 2
+    assert main(["export", "pdf", str(place), *out, *options.split()]) == 2
     assert message in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 
 
 def test_files_have_the_requested_format_and_no_date(results: Path, tmp_path: Path):
     for form, begins in (("pdf", b"%PDF"), ("png", b"\x89PNG"), ("svg", b"<?xml")):
-        words = ("export", str(results / "budget"), "--format", form, "--width", "column")
+        words = ("export", form, str(results / "budget"), "--width", "column")
         for folder in ("one", "other"):
             assert main([*words, "--out", str(tmp_path / form / folder)]) == 0
         written = [(tmp_path / form / folder / f"budget.{form}").read_bytes() for folder in ("one", "other")]
         assert written[0].startswith(begins)
         assert written[0] == written[1]
     assert b"/MediaBox [ 0 0 244.8 " in (tmp_path / "pdf/one/budget.pdf").read_bytes()  # 3.4 in, in points
-
-
-def test_export_prints_only_the_written_files(results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    """The figure of ratios needs an optimum."""
-    words = ("export", str(results / "study"), "--format", "svg", "--estimators", "ekf", "--out", str(tmp_path / "out"))
-    assert main([*words]) == 0
-    printed = capsys.readouterr().err.split(": ")[1].strip().split(", ")
-    assert {*printed} == {path.name for path in (tmp_path / "out").glob("*.svg")}
-    assert "ratios.svg" not in printed
-
-
-def test_stored_summaries_are_read_back_unchanged(results: Path):
-    study = load_study(results / "study")
-    for summary in read_sweep(results / "sweep").summaries:
-        assert summary.estimators == study.summary.estimators
 
 
 def test_axis_limits_ignore_a_diverged_estimator_and_name_it():
@@ -209,8 +159,8 @@ def test_a_diverged_filter_does_not_change_the_limits_of_study_figures(
 
 
 def test_logarithmic_axes_have_few_labels_and_plain_ones(results: Path, tmp_path: Path, drawn: dict[str, Figure]):
-    for folder in ("run", "study", "sweep", "noise", "bench"):
-        for draw in drawings_of(results / folder).values():
+    for kind in KINDS:
+        for draw in drawings_of(results / kind).values():
             draw(tmp_path)
     axes = [
         each for figure in drawn.values() for each in figure.axes if "log" in (each.get_xscale(), each.get_yscale())

@@ -97,7 +97,7 @@ ATTACKS = {
         signal.pause()""",
         "it was not done after 5 s",
     ),
-    "closed": ("os.closerange(0, 100)", "before the run was done"),
+    "closed": ("os.closerange(0, 100)", "its process ended with status "),
     "inodes": (  # bwrap limits the size of /tmp and no number of files: the time ends it
         "n = 0\n    while True:\n        Path('/tmp', str(n)).touch()\n        n += 1",
         "it was not done after 5 s",

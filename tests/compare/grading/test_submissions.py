@@ -55,7 +55,7 @@ def test_a_submission_is_its_folder_without_what_lies_above_or_behind_links(tmp_
     }
     assert files == {"bob": ["bob.py"], "eve": ["main.py"], "gus": ["gus.py"], "jon": ["jon.py"]}
     assert found["fay"].reason == "fay: is a link to a file elsewhere; put the file in its place"
-    assert found["ida"].reason == "ida.py: has more than 1 MB; keep data in files of their own"
+    assert found["ida"].reason == "ida.py: has more than 1 MB; keep data in other files"
 
 
 def test_a_missing_folder(tmp_path: Path):

@@ -1,12 +1,10 @@
-"""Browser fixtures (Debian's chromium and its driver, see `programs`) and the page of a run."""
+"""A browser (Debian's chromium and its driver, see `programs`), and a page of each kind with malicious names."""
 
 from __future__ import annotations
 
-import html
 import json
 import os
-import re
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from pathlib import Path
 from typing import Any
 
@@ -20,26 +18,19 @@ from slamgauge.compare.report.publishing import pages_of, write_pages
 from slamgauge.compare.scoring.comparison import metrics, write_comparison
 from slamgauge.compare.storage.staged_folder import begin_folder
 from tests.reference.external_programs import program
+from tests.reference.result_folders import SCRIPT_NAME, WRITE
 
-SCRIPT_NAME = "<script>alert(1)</script>"
 USER_NAME = 'own "<b>&amp;'
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
-
-
-def unexplained(page: Path, *names: str) -> list[str]:
-    """Return the table columns of a page that its glossary does not explain, except the given names."""
-    text = page.read_text(encoding="utf-8")
-    heads, terms = (
-        [html.unescape(found) for found in re.findall(pattern, text)]
-        for pattern in ('<th scope="col"[^>]*>(.*?)</th>', "<dt>(.*?)</dt><dd>")
-    )
-    assert heads
-    return [head for head in heads if head not in {*terms, *names}]
-
-
-def publish(main: Path) -> None:
-    """Write the pages of results next to their main file."""
-    write_pages(main.parent, pages_of(main))
+# main files of the kinds of results; the page of the exercise is written with its results
+KINDS = {
+    "study": "summary.json",
+    "sweep": "sweep.json",
+    "budget": "budget.json",
+    "noise": "noise.json",
+    "grades": "grades.csv",
+    "exercise": "",
+}
 
 
 class Reader:
@@ -91,9 +82,14 @@ def reader() -> Generator[Reader]:
     opened.quit()
 
 
+def publish(main: Path) -> None:
+    """Write the pages of results next to their main file."""
+    write_pages(main.parent, pages_of(main))
+
+
 @pytest.fixture(scope="session")
-def run_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The first run of the README with malicious names, and its page."""
+def run_page(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The page of a run."""
     truth, recording = simulate(load_scenario("q1-long-dense", ["start=mean"]), 0)
     estimators = load_estimators(["dead-reckoning", "ekf", "riekf", "causal", "batch"], frames=240)
     named = {USER_NAME if name == "riekf" else name: each for name, each in estimators.items()}
@@ -103,9 +99,21 @@ def run_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_comparison(folder, comparison, metrics(comparison, SCRIPT_NAME, 0))
     assert draw_stored(folder, "metrics.json")
     publish(folder / "metrics.json")
-    return folder
+    return folder / "report.html"
 
 
 @pytest.fixture(scope="session")
-def run_page(run_folder: Path) -> Path:
-    return run_folder / "report.html"
+def page_of(tmp_path_factory: pytest.TempPathFactory, run_page: Path) -> Callable[[str], Path]:
+    """A function that returns the page of a kind of results, which is made once."""
+    made = {"run": run_page}
+    parent = tmp_path_factory.mktemp("pages")
+
+    def page(kind: str) -> Path:
+        if kind not in made:
+            WRITE[kind](parent / kind)
+            if KINDS[kind]:
+                publish(parent / kind / KINDS[kind])
+            made[kind] = parent / kind / "report.html"
+        return made[kind]
+
+    return page

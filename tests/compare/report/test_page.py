@@ -6,17 +6,25 @@ import base64
 import hashlib
 import json
 import re
+from collections.abc import Callable
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from slamgauge.compare.report.page import ASSETS, MODULES, json_text, pack, plain_page, program, render
+from slamgauge.compare.report.page import ASSETS, MODULES, json_text, pack, program, render
+from slamgauge.compare.report.page_elements import Page, Section
+from slamgauge.compare.report.publishing import pages_of
 from slamgauge.compare.report.run_page import closure_table
+from slamgauge.compare.report.study_page import command_of_run
 from slamgauge.compare.scoring.table import Cell, Head, Table
-
-from .conftest import unexplained
+from slamgauge.compare.storage.best_effort import decorate
+from slamgauge.compare.storage.staged_folder import begin_folder
+from slamgauge.compare.studies.stored_study import load_study
+from slamgauge.compare.studies.summary import Request, Summary
+from slamgauge.errors import UserError
 
 pytestmark = pytest.mark.slow
 
@@ -49,10 +57,6 @@ def text(run_page: Path) -> str:
 
 def test_a_page_of_the_first_run_has_at_most_three_megabytes(run_page: Path) -> None:
     assert run_page.stat().st_size <= 3_000_000
-
-
-def test_the_page_of_a_run_explains_every_column(run_page: Path) -> None:
-    assert unexplained(run_page) == []
 
 
 def test_user_given_names_are_escaped(text: str) -> None:
@@ -96,7 +100,7 @@ def test_encoded_arrays_are_decoded_unchanged() -> None:
 
 
 def test_unprintable_characters_are_replaced_by_escapes() -> None:
-    text = render("base.html", kind="k", title="a\x1bb\udcff", origin=[])
+    text = render(Page("k", "a\x1bb\udcff", [], []))
     assert r"a\x1bb\udcff" in text
     assert text.encode()
 
@@ -105,7 +109,9 @@ def test_columns_are_explained_once_and_only_for_tables_with_rows() -> None:
     found, left = Head("found", help="the likeliest value"), Head("left", help="what is not shown")
     row = [Cell("1")]
     tables = [Table([found], [row], "A"), Table([found], [row], "B"), Table([left], [], "C")]
-    text = plain_page(kind="k", title="t", lead=[], tables=tables, origin=[])
+    text = render(Page("k", "t", [], [], sections=[Section("a section", tables=tables), Section("an empty one")]))
+    assert "<h2>a section</h2>" in text
+    assert "an empty one" not in text
     assert text.count("<dd>the likeliest value</dd>") == 1
     assert "what is not shown" not in text
 
@@ -135,3 +141,39 @@ def test_a_table_of_very_many_loop_closures_is_thinned_out() -> None:
     table = closure_table({"estimators": {"ekf": {"loop_closure": closures}, "batch": {"loop_closure": None}}})
     assert len(table.rows) == 500
     assert "1 in 20 loop closures" in table.caption
+
+
+def test_the_command_of_a_run_has_the_settings_of_the_study() -> None:
+    request = Request("my map.toml", ("a.b=1", "c=[1, 2]"), "ekf,mine.py:f", "association.gate=4")
+    summary = Summary("my map", 9, 0, "", (), {}, request=request)
+    expected = "'my map.toml' --seed 7 --set a.b=1 'c=[1, 2]' association.gate=4 --estimators ekf,mine.py:f"
+    assert command_of_run(summary, 7) == f"slamgauge run {expected}"
+    assert "add the --set options of the study" in command_of_run(replace(summary, request=None), 7)
+
+
+def test_a_page_of_other_results_is_refused_and_the_results_are_kept(
+    page_of: Callable[[str], Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = page_of("study").parent
+    begin_folder(tmp_path)
+    (tmp_path / "study.sqlite").write_bytes((folder / "study.sqlite").read_bytes())
+    summary = json.loads((folder / "summary.json").read_text())
+    (tmp_path / "summary.json").write_text(json.dumps({**summary, "digest": "0" * 64}))
+    (tmp_path / "budget.json").write_text("{}")
+    for file, message in (
+        ("summary.json", "has another study than the summary in this folder"),
+        ("budget.json", "written by another version, or changed by hand"),
+    ):
+        main = tmp_path / file
+        assert not decorate(tmp_path, {"report": lambda _, main=main: pages_of(main)}, ["report.html"])
+        assert message in capsys.readouterr().err
+        assert main.exists()
+
+
+def test_a_value_of_a_sweep_needs_the_stored_optimum(page_of: Callable[[str], Path], tmp_path: Path) -> None:
+    folder = page_of("sweep").parent / "assumed.scale=2"
+    assert [*load_study(folder).runs] == ["ekf", "causal"]
+    for name in ("summary.json", "study.sqlite"):
+        (tmp_path / name).write_bytes((folder / name).read_bytes())
+    with pytest.raises(UserError, match="has no run of causal; give the command of the study again"):
+        load_study(tmp_path)

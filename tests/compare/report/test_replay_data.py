@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from slamgauge import Estimate, Recording, Truth, compare_estimators, load_estimators, load_scenario, simulate
+from slamgauge import Recording, compare_estimators, load_estimators, load_scenario, simulate
 from slamgauge.arrays import Float
 from slamgauge.compare.figures.map_contents import map_at
 from slamgauge.compare.report.page_elements import looks
@@ -43,13 +43,6 @@ def test_the_number_of_wrong_observations_agrees_with_the_scores(results: Result
         assert wrong is not None
         assert wrong.sum() == association_figures(results.truth, results.recording, estimate).wrong_associations
         assert wrong.any()
-
-
-def test_wrong_observations_are_unknown_without_association_or_truth(results: Results):
-    estimate = Estimate("filtered", results.estimates["ekf"].poses)
-    assert results.truth is not None
-    assert wrongly_associated(results.truth, results.recording, estimate) is None
-    assert wrongly_associated(Truth(), results.recording, results.estimates["ekf"]) is None
 
 
 def test_frames_are_evenly_spaced_from_the_first_step_to_the_last():

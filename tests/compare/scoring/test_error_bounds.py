@@ -13,7 +13,6 @@ from slamgauge.compare.scoring.aggregation import FIRST_STEP
 from slamgauge.compare.scoring.consistency import chi2_band
 from slamgauge.compare.scoring.error_bounds import NO_COVS, against_reference, assert_error_bounds
 from slamgauge.compare.scoring.scores import Score, evaluate
-from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.truth import Truth
 
@@ -119,6 +118,9 @@ def test_a_ratio_to_an_optimum_in_doubt_fails() -> None:
     )
 
 
+SCORE = resting_run(0)
+
+
 @pytest.mark.parametrize(
     ("bounds", "message"),
     [
@@ -128,11 +130,13 @@ def test_a_ratio_to_an_optimum_in_doubt_fails() -> None:
         ({"nees_level": 95.0}, "level = 95.0: not a probability"),
         ({"nis_level": 0.0}, "level = 0.0: not a probability"),
         ({"score": [], "max_ate_m": 1}, "score: no score given"),
+        ({"score": [SCORE] * 3, "reference": [SCORE] * 2}, "reference: 2 scores for 3 of other runs"),
+        ({"reference": [SCORE]}, "reference: a single run has no interval"),
     ],
 )
 def test_impossible_bounds_are_refused(bounds: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=f"^{message}"):
-        assert_error_bounds(bounds.pop("score", resting_run(0)), **bounds)
+        assert_error_bounds(bounds.pop("score", SCORE), **bounds)
 
 
 @pytest.mark.full  # a statistic of 300 groups of runs
@@ -147,14 +151,6 @@ def test_right_runs_fail_as_often_as_the_levels_say() -> None:
             except AssertionError:
                 failures += 1
         assert abs(failures - 30) <= 3.29 * math.sqrt(300 * 0.1 * 0.9)
-
-
-@pytest.mark.parametrize(("factor", "side"), [(0.5, "sure"), (2.0, "cautious")])
-def test_wrong_sigmas_fail_in_both_directions(factor: float, side: str) -> None:
-    """Thirty runs whose sigmas are wrong by a factor of two; the test misses this with a probability below 1e-4."""
-    scores = [resting_run(run, claimed=factor, nis_scale=factor**-2) for run in range(30)]
-    message = failure(scores, nees_level=0.99, nis_level=0.99)
-    assert message.count(f"the estimator is too {side}") == 2
 
 
 # --- relative to a reference ---------------------------------------------------------------------
@@ -173,20 +169,6 @@ def scores(
     ]
 
 
-def test_the_reference_keeps_its_own_bounds_and_its_ratios_are_one():
-    found = against_reference(scores(nees=9.0), scores(nees=9.0))
-    assert found.broken == ()
-    for ratio in (found.ate, found.nees, found.sigma_position, found.sigma_heading):
-        assert ratio is not None
-        assert (ratio.mean, ratio.low, ratio.high) == pytest.approx((1.0, 1.0, 1.0))
-
-
-def test_pairing_removes_the_variation_that_runs_share():
-    worse = against_reference(scores(ate=1.1), scores())
-    assert worse.ate is not None and worse.ate.low == pytest.approx(1.1)
-    assert worse.broken == ("ATE is 1.1 ± 0 times the reference's, more than 1.05",)
-
-
 def test_insignificant_differences_pass():
     found = against_reference(scores(ate=1.1, spread=0.5), scores())
     assert found.ate is not None and found.ate.mean > 1.05 > found.ate.low  # pyrefly: ignore[unsupported-operation]
@@ -196,6 +178,7 @@ def test_insignificant_differences_pass():
 @pytest.mark.parametrize(
     ("ours", "reference", "said"),
     [
+        ({"ate": 1.1}, {}, "ATE is 1.1 ± 0 times the reference's, more than 1.05"),
         ({"nees": 9.0}, {"nees": 6.0}, "NEES is 1.5 ± "),
         ({"nees": 2.0}, {"nees": 1.0}, ""),  # at most a consistent estimate's
         (
@@ -231,15 +214,6 @@ def test_the_first_steps_do_not_count():
         each.nees[:FIRST_STEP] = 1e6
         each.sigmas[:FIRST_STEP] = 0.0
     assert against_reference(ours, scores()).broken == ()
-
-
-@pytest.mark.parametrize(
-    ("ours", "reference", "said"),
-    [(3, 2, "2 scores for 3 of other runs"), (1, 1, "a single run has no interval"), (0, 0, "a single run")],
-)
-def test_runs_that_cannot_be_compared(ours: int, reference: int, said: str):
-    with pytest.raises(UserError, match=said):
-        against_reference(scores(runs=ours), scores(runs=reference))
 
 
 def test_the_assertion_has_the_same_lines():

@@ -11,13 +11,12 @@ from scipy import stats
 from slamgauge.arrays import Float
 from slamgauge.compare.scoring.intervals import (
     Interval,
-    Paired,
     bootstrap_interval,
-    compare_paired,
     jackknife_interval,
     mean_interval,
     ratio_interval,
 )
+from slamgauge.compare.scoring.paired import Paired, compare_paired
 
 
 def ends(found: Interval | None) -> tuple[float | None, ...]:
@@ -106,18 +105,3 @@ def p_value(ours: Float, theirs: Float) -> float:
     found = compare_paired(ours, theirs)
     assert found is not None and found.p_value is not None
     return found.p_value
-
-
-def test_pairing_removes_the_variation_that_runs_share() -> None:
-    """The p-value of equal means is uniform: 2000 samples leave these bounds once in 100 (binomial)."""
-    rng = np.random.default_rng(4)
-    hits = 0
-    for _ in range(2000):
-        shared = rng.gamma(3.0, 1.0, 40)
-        hits += p_value(shared + rng.normal(0, 0.1, 40), shared + rng.normal(0, 0.1, 40)) < 0.05
-    low, high = stats.binom.interval(0.99, 2000, 0.05)
-    assert low <= hits <= high
-    shared = rng.gamma(3.0, 1.0, 40)
-    better = shared - 0.1 + rng.normal(0, 0.1, 40)
-    unpaired: float = stats.ttest_ind(better, shared)[1]
-    assert p_value(better, shared) < 1e-3 < unpaired

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slamgauge import batch, compare_estimators, load_estimators, load_scenario, riekf, simulate
+from slamgauge import compare_estimators, load_estimators, load_scenario, riekf, simulate
 from slamgauge.compare.scoring.comparison import Comparison, metrics, optimum_notes, remarks, table
 from slamgauge.compare.scoring.consistency import chi2_band
 from slamgauge.compare.scoring.intervals import Interval, ratio_interval
@@ -18,7 +18,6 @@ from slamgauge.compare.scoring.optimum_figures import CHECK_LIMIT
 from slamgauge.compare.scoring.optimum_notes import (
     MARK,
     beats_the_optimum,
-    contradicting,
     fit_of_the_model,
     is_too_near_the_truth,
     left_out,
@@ -258,36 +257,3 @@ def test_a_run_without_observations_is_told(max_range: float, is_told: bool) -> 
     truth, recording = simulate(scenario, 0)
     text = str(table(compare_estimators(truth, recording, load_estimators(["ekf"]))))
     assert ("no landmark was observed: all estimates are dead reckoning" in text) == is_told
-
-
-# --- misread ids ---------------------------------------------------------------------------------
-
-
-def long_run() -> Recording:
-    truth, recording = simulate(load_scenario("q1-short-dense"), 3)
-    assert truth.association is not None
-    return recording.associated(truth.association).first(120)
-
-
-def test_misread_ids_are_named_worst_first():
-    recording = long_run()
-    assert recording.landmark is not None
-    ids = recording.landmark.copy()
-    often = np.argsort(-np.bincount(ids))[:2]  # the two landmarks with most observations
-    rows = [100, 500, 900]
-    ids[rows] = np.where(ids[rows] == often[0], often[1], often[0])
-    wrong = replace(recording, landmark=ids)
-    note = contradicting(wrong, batch(wrong))
-    assert note is not None and note.startswith("a robust fit rejects ")
-    for row in rows:
-        assert f"step {recording.observation_step[row]} landmark {ids[row]}" in note
-
-
-def test_understated_noise_is_not_blamed_on_observations():
-    recording = long_run()
-    stated = replace(
-        recording, odometry_cov=recording.odometry_cov / 9.0, observation_cov=recording.observation_cov / 9.0
-    )
-    note = contradicting(stated, batch(stated))
-    assert note is not None and note.endswith("of the observations: check the stated noise")
-    assert contradicting(recording, batch(recording)) is None

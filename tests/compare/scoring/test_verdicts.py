@@ -11,13 +11,12 @@ from scipy import stats
 
 from slamgauge.compare.scoring.consistency import chi2_band
 from slamgauge.compare.scoring.intervals import Interval
+from slamgauge.compare.scoring.paired import WORTH, runs_to_resolve
 from slamgauge.compare.scoring.verdicts import (
-    LEVEL,
+    BAND_LEVEL,
     SCATTER,
-    WORTH,
     Evidence,
     faults,
-    runs_to_resolve,
     single_run,
     verdict,
     verdict_lines,
@@ -119,7 +118,7 @@ def test_a_single_run_shows_only_gross_errors():
 
 
 def test_small_deviations_are_not_stated():
-    barely = chi2_band(LEVEL, 3 * 10_000)[1] / 30_000
+    barely = chi2_band(BAND_LEVEL, 3 * 10_000)[1] / 30_000
     assert math.sqrt(barely) < 1 + WORTH  # significant, yet small
     assert "claims" not in str(verdict(replace(RIGHT, runs=10_000, nees_per_dof=barely + 0.001)))
     assert "claims" in str(verdict(replace(RIGHT, runs=10_000, nees_per_dof=(1 + WORTH) ** 2 + 1e-6)))
@@ -142,7 +141,7 @@ def test_the_number_of_runs_for_five_percent():
 @pytest.mark.parametrize("lasting", [0.0, 0.9, 0.99, 1.0])
 @pytest.mark.parametrize("runs", [1, 20])
 def test_a_right_filter_fails_with_at_most_the_stated_probability(lasting: float, runs: int):
-    """Errors of any correlation over time fail with 1 - LEVEL at most, and equal if they last (0.999 bounds)."""
+    """Errors of any correlation over time fail with 1 - BAND_LEVEL at most, and equal if they last (0.999 bounds)."""
     rng = np.random.default_rng(11)
     trials, steps = 4000, 60
     errors = rng.standard_normal((trials * runs, 3))
@@ -151,9 +150,9 @@ def test_a_right_filter_fails_with_at_most_the_stated_probability(lasting: float
         errors = lasting * errors + math.sqrt(1 - lasting**2) * rng.standard_normal(errors.shape)
         nees += np.square(errors).sum(axis=1) / (3 * steps)
     means = nees.reshape(trials, runs).mean(axis=1)
-    low, high = np.array(chi2_band(LEVEL, 3 * runs)) / (3 * runs)
+    low, high = np.array(chi2_band(BAND_LEVEL, 3 * runs)) / (3 * runs)
     accused = int(np.sum((means < low) | (means > high)))
-    fewest, most = stats.binom.interval(0.999, trials, 1 - LEVEL)
+    fewest, most = stats.binom.interval(0.999, trials, 1 - BAND_LEVEL)
     assert accused <= most
     if lasting == 1.0:
         assert accused >= fewest

@@ -69,25 +69,6 @@ def test_wrong_noise_is_charged_to_the_noise() -> None:
         assert errors[3] == errors[2]
 
 
-@pytest.mark.full  # a filter without ids is usual
-def test_wrong_associations_are_charged_to_the_associations(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A filter that takes two landmarks for one and rejects a third, but solves that problem exactly."""
-    causal = load_estimators(["causal"])["causal"]
-
-    def confused(recording: Recording, **_: object) -> Estimate:
-        assert recording.landmark is not None
-        given = np.where(recording.landmark == 1, 0, recording.landmark)
-        kept = given != 2
-        seen = replace(recording.only(kept), landmark=given[kept])
-        return replace(causal(seen), association=np.where(kept, given, -1))
-
-    monkeypatch.setattr("slamgauge.ekf.ekf_slam", confused)
-    errors = rung_errors(short(), 0, "ekf")[0]
-    assert errors[3] != errors[2]
-    assert errors[2] == errors[1]
-    assert errors[4] == errors[3]
-
-
 def test_a_filter_without_ids_pays_only_for_its_associations() -> None:
     """At gate 100, on measurements that the optimum receives with true noise and associations."""
     errors = rung_errors(short("q2-gate-100", duration=6), 2, "ekf")[0]

@@ -8,7 +8,6 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Generator
-from importlib import import_module
 from typing import Any
 
 import pytest
@@ -94,29 +93,18 @@ def test_a_scheduler_that_is_killed_is_one_line_within_seconds(
     assert client_log.isEnabledFor(logging.ERROR)
 
 
-def test_no_scheduler(monkeypatch: pytest.MonkeyPatch):
+@pytest.mark.parametrize(
+    ("address", "line"),
+    [
+        ("tcp://127.0.0.1:1", r"scheduler tcp://127.0.0.1:1: [^\n]*; give a running one"),
+        ("tls://127.0.0.1:1", r"scheduler tls://\S+: tls needs certificates; name them in the environment: [^\n]+"),
+        *(
+            (address, rf"scheduler '{address}' is not an address; give tcp://host:port or tls://host:port")
+            for address in ("nonsense", "ftp://127.0.0.1:1", "tcp://127.0.0.1:x", "127.0.0.1:8786", "")
+        ),
+    ],
+)
+def test_addresses_without_a_scheduler_are_refused_in_a_line(address: str, line: str, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(cluster, "CONNECT", 0.5)
-    with pytest.raises(UserError, match=r"^scheduler tcp://127.0.0.1:1: [^\n]*; give a running one$"):
-        dask_cluster("tcp://127.0.0.1:1").__enter__()
-
-
-@pytest.mark.parametrize("address", ["nonsense", "ftp://127.0.0.1:1", "tcp://127.0.0.1:x", "127.0.0.1:8786", ""])
-def test_bad_addresses(address: str):
-    with pytest.raises(UserError, match=rf"^scheduler '{address}' is not an address; give tcp://host:port or tls://"):
+    with pytest.raises(UserError, match=f"^{line}$"):
         dask_cluster(address).__enter__()
-
-
-def test_tls_without_certificates():
-    with pytest.raises(UserError, match=r"^scheduler tls://\S+: tls needs certificates; name them in the env"):
-        dask_cluster("tls://127.0.0.1:1").__enter__()
-
-
-def test_the_log_of_distributed_is_silent():
-    """Its client has its own level, and logs a traceback when a scheduler is lost."""
-    import_module("distributed")  # sets that level
-
-    client = logging.getLogger("distributed.client")
-    before = client.level
-    with cluster._quiet():
-        assert not client.isEnabledFor(logging.CRITICAL)
-    assert client.level == before

@@ -1,4 +1,4 @@
-"""Worker processes of this machine end with the command, however it ends, and without a word."""
+"""Worker processes of this machine end with the command, however it ends."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -14,14 +13,10 @@ import pytest
 pytestmark = [pytest.mark.skipif(sys.platform == "win32", reason="Windows has no process groups"), pytest.mark.slow]
 
 PROGRAM = """
-import signal, sys, time
+import time
 from slamgauge.compare.studies.executors import local_processes
 
-def leave(number, frame):
-    sys.exit(5)
-
 if __name__ == "__main__":
-    signal.signal(signal.SIGHUP, leave)
     with local_processes(2) as pool:
         pool.submit(abs, 1).result()
         waiting = pool.submit(time.sleep, 1000.0)
@@ -30,16 +25,8 @@ if __name__ == "__main__":
 """
 
 
-def terminal_closed(pid: int) -> None:
-    os.killpg(pid, signal.SIGHUP)
-
-
-def killed(pid: int) -> None:
-    os.kill(pid, signal.SIGKILL)
-
-
-@pytest.mark.parametrize(("end", "status"), [(terminal_closed, 5), (killed, -9)])
-def test_processes_end_without_a_word(end: Callable[[int], None], status: int, tmp_path: Path):
+@pytest.mark.parametrize(("end", "status"), [(signal.SIGINT, -2), (signal.SIGTERM, -15), (signal.SIGKILL, -9)])
+def test_processes_end_with_the_command(end: signal.Signals, status: int, tmp_path: Path):
     program = tmp_path / "program.py"
     program.write_text(PROGRAM)
     process = subprocess.Popen(
@@ -47,7 +34,6 @@ def test_processes_end_without_a_word(end: Callable[[int], None], status: int, t
     )
     assert process.stdout is not None
     assert process.stdout.readline() == "ready\n"
-    end(process.pid)
-    _, errors = process.communicate(timeout=60.0)  # both pipes are closed when the last process has ended
+    os.kill(process.pid, end)
+    process.communicate(timeout=60.0)  # both pipes are closed when the last process has ended
     assert process.returncode == status
-    assert errors == ""

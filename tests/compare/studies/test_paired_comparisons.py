@@ -15,9 +15,9 @@ from slamgauge.compare.cli.main import main
 from slamgauge.compare.estimators.loading import load_estimators
 from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
 from slamgauge.compare.scoring.aggregation import FIRST_STEP
-from slamgauge.compare.scoring.intervals import Interval, compare_paired, ratio_interval
+from slamgauge.compare.scoring.intervals import Interval, ratio_interval
+from slamgauge.compare.scoring.paired import NORMAL, compare_paired, runs_to_resolve
 from slamgauge.compare.scoring.runs import Runs
-from slamgauge.compare.scoring.verdicts import NORMAL, runs_to_resolve
 from slamgauge.compare.studies.summary import Summary, summary_table
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate

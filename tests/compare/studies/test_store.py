@@ -64,17 +64,6 @@ def test_another_schema_is_refused(run: Run, monkeypatch: pytest.MonkeyPatch) ->
     assert "\n" not in str(caught.value)
 
 
-def test_a_store_of_version_0_3_is_refused(run: Run, load: Load, tmp_path: Path) -> None:
-    """It has no schema number."""
-    run(1, ("ekf",))
-    with opened(tmp_path) as connection:
-        connection.execute("DELETE FROM study WHERE key = 'schema'")
-        connection.execute("UPDATE study SET value = '0.3.0' WHERE key = 'version'")
-    for again in (run, load):
-        with pytest.raises(UserError, match=r"^[^\n]+has schema of old .begun by slamgauge 0.3.0.[^\n]+$"):
-            again(2, ("ekf",))
-
-
 def test_figures_that_old_rows_lack_are_unknown(run: Run, load: Load, tmp_path: Path) -> None:
     """A study from before these figures existed continues, and its old runs are not repeated."""
     run(2, ("causal",))

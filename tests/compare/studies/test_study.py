@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import json
 import sqlite3
-import sys
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -139,8 +137,10 @@ def test_a_store_of_another_study_is_refused(run: Run, overrides: list[str], see
 def test_a_text_file_is_refused_as_store(run: Run, tmp_path: Path) -> None:
     begin_folder(tmp_path)
     (tmp_path / "study.sqlite").write_text("not a database, but long enough to be read as one " * 50)
-    with pytest.raises(UserError, match=r"cannot be used as a study's store \(file is not a database\); "):
+    with pytest.raises(UserError) as caught:
         run(1, ("ekf",))
+    line = "cannot be used as a study's store (file is not a database); give another --out"
+    assert str(caught.value) == f"{tmp_path / 'study.sqlite'}: {line}"
 
 
 @pytest.mark.parametrize("table", ["patients (name TEXT)", "study (key TEXT, value TEXT)"])
@@ -197,7 +197,7 @@ def test_processes_and_a_dask_cluster_give_the_same_figures_bit_for_bit(run: Run
     here = run(4, NAMES, "here")
     with local_processes(2) as executor:
         there = run(4, NAMES, "there", executor=executor)
-    cluster: Any = LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=":0")
+    cluster: Any = LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0")
     with cluster, dask_cluster(cluster.scheduler_address) as executor:
         far = run(4, NAMES, "far", executor=executor)
     assert figures_of(here) == figures_of(there) == figures_of(far)
@@ -249,13 +249,6 @@ def test_figures_of_a_study_in_which_everything_failed(
     content = json.loads((tmp_path / "summary.json").read_text())
     assert content["estimators"]["ekf"]["ate_m"] is None
     assert len(content["failures"]) == 2
-
-
-def test_several_threads_do_not_change_standard_output(run: Run) -> None:
-    before = sys.stdout
-    with ThreadPoolExecutor(3) as executor:
-        run(6, ("ekf", "riekf"), executor=executor)
-    assert sys.stdout is before
 
 
 def test_loading_from_a_folder_without_study_is_refused(load: Load, tmp_path: Path) -> None:

@@ -74,7 +74,7 @@ def test_missing_columns_and_estimators_are_refused(study: Path, keys: list[str]
 
 
 def test_the_command_prints_or_writes_it(study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    arguments = ["export", str(study), "--format", "markdown", "--columns", "ate_m", "--means-only"]
+    arguments = ["export", "markdown", str(study), "--columns", "ate_m", "--means-only"]
     assert main(arguments) == 0
     printed = capsys.readouterr().out
     assert printed.splitlines()[2] == "| ekf | 7 | 1.000 |"
@@ -82,9 +82,9 @@ def test_the_command_prints_or_writes_it(study: Path, tmp_path: Path, capsys: py
     assert capsys.readouterr().out == printed
     assert main([*arguments, "--out", str(tmp_path / "tables" / "ate.md")]) == 0
     assert (tmp_path / "tables" / "ate.md").read_text(encoding="utf-8") == printed
-    assert main(["export", str(study), "--format", "pdf", "--out", "-"]) == 2
+    assert main(["export", "pdf", str(study), "--out", "-"]) == 2
     assert "out: - is standard output, which takes a study's table alone" in capsys.readouterr().err
-    assert main(["export", str(study), "--format", "g2o"]) == 2
+    assert main(["export", "g2o", str(study)]) == 2
     (study / "summary.json").write_text("[]", encoding="utf-8")
     assert main(arguments) == 2
     assert capsys.readouterr().err.count("\n") == 2

@@ -269,12 +269,12 @@ def test_ids_of_clones_and_points_are_used_once() -> None:
     for k in range(150):
         if k:
             pose = moved(pose, np.array([0.1, 0.0, 0.0]))
-            inner.correction.predict([0.1, 0.0, 0.0], 1e-2 * Q)
+            inner.predict([0.1, 0.0, 0.0], 1e-2 * Q)
         near = np.flatnonzero(np.hypot(*(landmarks - pose[:2]).T) < 4.0).tolist()
         names = [name for name in near if name not in points]
         scan = sights(pose, landmarks, names, rng)
-        points |= waiting.observe(k, names, scan.value, scan.cov)
-        ids = inner.state.ids.tolist()
+        points |= waiting.observe(names, scan.value, scan.cov)
+        ids = inner.ids.tolist()
         assert len({*ids}) == len(ids)
         retired |= before - {*ids}
         assert not retired & {*ids}
@@ -282,5 +282,5 @@ def test_ids_of_clones_and_points_are_used_once() -> None:
         before = {*ids}
     assert len(points) > 20
     assert len(retired) > 50
-    places = inner.state.positions[inner.state.slots_of(np.array([*points.values()]))]
+    places = inner.positions[inner.slots_of(np.array([*points.values()]))]
     assert np.hypot(*(places - landmarks[[*points]]).T).max() < 1.0

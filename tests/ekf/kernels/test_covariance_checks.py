@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.ekf.kernels.prediction import is_semidefinite
-from slamgauge.ekf.kernels.update import are_sound
+from slamgauge.ekf.kernels.soundness import are_sound, is_semidefinite
 from slamgauge.errors import UserError
 from slamgauge.sensors import SENSORS
 from slamgauge.validation import as_covariances

@@ -11,27 +11,17 @@ from scipy.stats import chi2
 
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf.associating_filter import AssociatingFilter
-from slamgauge.ekf.kernels.individual_compatibility import (
-    NONE,
-    Pairs,
-    allocate_pairs,
-    find_compatible,
-    first_pairs,
-)
+from slamgauge.ekf.kernels.belief import NONE
+from slamgauge.ekf.kernels.individual_compatibility import Pairs, find_compatible
 from slamgauge.ekf.kernels.joint_compatibility import search_jointly
-from slamgauge.ekf.kernels.nearest_neighbour import Gates
 from slamgauge.ekf.maps.correction_table import Correction
-from slamgauge.ekf.maps.landmark_ids import Ids
-from slamgauge.ekf.maps.map_edits import replace_map
-from slamgauge.ekf.maps.matching import update_nearest
 from slamgauge.ekf.settings import Association
-from slamgauge.ekf.slam_filter import SlamFilter
 from slamgauge.recording import Observations
 from slamgauge.se2 import rotation
 from slamgauge.sensors import SENSORS as MODELS
 from slamgauge.sensors import predict
 from tests.reference.random_recordings import random_covariances
-from tests.reference.textbook import DenseFilter, additive_from_invariant, belief_of
+from tests.reference.textbook import DenseFilter, additive_from_invariant, belief_of, fill_map
 from tests.reference.textbook_association import (
     Pair,
     Scan,
@@ -66,12 +56,6 @@ def at_the_gate(rng: np.random.Generator, scan: Scan, towards: Float, slots: Int
     return v * (np.sqrt(gate * rng.uniform(0.7, 1.3, len(v)) / np.einsum("mi,mi->m", v, towards)))[:, None]
 
 
-def ids_from(first: int) -> Ids:
-    ids = Ids()
-    ids.take(first)
-    return ids
-
-
 def predicted(sensor: str, x: Float, slots: Int) -> Float:
     return predict(sensor, (x[3:].reshape(-1, 2)[slots] - x[:2]) @ rotation(x[2]))
 
@@ -84,9 +68,7 @@ def upper(P: Float) -> Float:
 
 
 def found(sensor: str, x: Float, point: Float, P: Float, z: Float, R: Float, gate: float) -> Pairs:
-    pairs = allocate_pairs(len(z) * len(x))
-    count = find_compatible(MODELS[sensor].code, belief_of(x, upper(P), point), z, R, gate, pairs)
-    return first_pairs(pairs, count)
+    return find_compatible(MODELS[sensor].code, belief_of(x, upper(P), point), z, R, gate)
 
 
 @SENSORS
@@ -129,21 +111,23 @@ def test_the_nearest_landmark_is_never_skipped(sensor: str, correction: Correcti
         x, P = random_belief(rng, 4)
         gate, slots = 10 ** rng.uniform(0, 2), rng.integers(0, 4, 2)
         R = random_covariances(rng, 2, np.array([0.1, 0.1 if sensor == "position" else 0.03]))
-        slam, lone = (SlamFilter(sensor, x[:3], P[:3, :3], correction) for _ in range(2))
+        association = Association(gate=gate)
+        slam, lone = (AssociatingFilter(sensor, x[:3], P[:3, :3], correction, association) for _ in range(2))
         for each in (slam, lone):
-            replace_map(each.map, np.arange(4), x[3:].reshape(-1, 2), P)
+            fill_map(each.map, each.map.take_ids(4), x[3:].reshape(-1, 2), P)
         at = predicted(sensor, x, slots)
         sight = at / np.linalg.norm(at, axis=1)[:, None] if sensor == "position" else np.tile([1.0, 0.0], (2, 1))
         z = at + at_the_gate(rng, dense_scan(sensor, x, x, P, at, R), sight, slots, 0.5 * gate)
         if sensor == "range-bearing":
             z[:, 0] = np.abs(z[:, 0])
-        first = update_nearest(lone.map, ids_from(4), z[:1], R[:1], Gates(gate, gate))[0]
-        x, P = np.concatenate([lone.pose, lone.landmarks.ravel()]), lone.cov
+        lone.update(Observations(None, z[:1], R[:1]))
+        x, P = np.concatenate([lone.pose, lone.map.positions.ravel()]), lone.cov
         at = predicted(sensor, x, slots)
         z[1:] = at[1:] + at_the_gate(rng, dense_scan(sensor, x, x, P, at, R), sight, slots, gate)[1:]
         distances = DenseFilter(sensor, x, P, "standard").squared_distances(z[1], R[1])
         nearest = int(np.argmin(distances)) if distances.min() <= gate else len(distances)
-        assert update_nearest(slam.map, ids_from(4), z, R, Gates(gate, gate))[0].tolist() == [first[0], nearest]
+        slam.update(Observations(None, z, R))
+        assert slam.associated.tolist() == [lone.associated[0], nearest]
         outcomes[int(distances.min() <= gate)] += 1
     assert outcomes.min() > 50
 
@@ -158,18 +142,6 @@ def test_a_landmark_anticorrelated_with_the_robot_is_found_up_to_the_gate() -> N
         for distance, count in ((5.0 + 0.9999 * reach, 1), (5.0 - 0.9999 * reach, 1), (5.0 + 1.0001 * reach, 0)):
             z = np.array([[distance, 0.0]])
             assert len(found(sensor, x, x, np.outer(spread, spread), z, R, 9.0).slot) == count
-
-
-def test_the_room_for_pairs_grows() -> None:
-    slam = AssociatingFilter("position", np.zeros(3), np.diag([1.0, 1.0, 0.1]), association=Association("jcbb"))
-    grid = np.stack(np.meshgrid(np.arange(6.0), np.arange(6.0)), axis=-1).reshape(-1, 2) * 0.1
-    x, P = np.concatenate([np.zeros(3), grid.ravel()]), np.eye(75)
-    z, R = grid[:4].copy(), np.tile(np.eye(2), (4, 1, 1))
-    assert find_compatible(1, belief_of(x, P), z, R, 9.0, allocate_pairs(143)) == -144
-    assert find_compatible(1, belief_of(x, P), z, R, 9.0, allocate_pairs(144)) == 144
-    for scan in (10 * grid, 10 * grid):  # at first without room
-        slam.update(Observations(None, scan, np.tile(1e-3 * np.eye(2), (36, 1, 1))))
-    np.testing.assert_array_equal(slam.associated, np.arange(36))
 
 
 # --- joint compatibility -------------------------------------------------------------------------

@@ -7,107 +7,19 @@ import pytest
 
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf import SlamFilter, textbook
-from slamgauge.ekf.kernels.linear_update import append_linear, linear_update, project_columns
 from slamgauge.ekf.maps.correction_table import RULES, Correction
-from slamgauge.ekf.maps.map_edits import NewEntries, add_entries, remove_landmark, replace_map
+from slamgauge.ekf.maps.landmark_map import NewEntries
 from slamgauge.recording import Observations
 from slamgauge.se2 import wrap
 from tests.reference.random_recordings import random_covariances
-from tests.reference.textbook import J, belief_of, exp_action
+from tests.reference.textbook import J, exp_action
 
 CORRECTIONS = pytest.mark.parametrize("correction", RULES)
-SIZES = pytest.mark.parametrize(("columns", "rows"), [(1, 1), (3, 2), (7, 4), (11, 9)])
 
 
 def random_cov(rng: np.random.Generator, size: int, scale: float = 0.1) -> Float:
     root = scale * rng.normal(size=(size, size))
     return root @ root.T
-
-
-def upper(P: Float, room: int = 0) -> Float:
-    """Return P as kernels store it: upper triangle and robot's block, other entries invalid."""
-    seen = np.full((len(P) + room, len(P) + room), 1e3)
-    seen[: len(P), : len(P)] = np.where(np.tri(len(P), k=-1, dtype=bool), 1e3, P)
-    seen[:3, :3] = P[:3, :3]
-    return seen
-
-
-def mirrored(P: Float) -> Float:
-    return np.triu(P) + np.triu(P, 1).T
-
-
-# --- kernels -------------------------------------------------------------------------------------
-
-
-@SIZES
-def test_a_projection_equals_that_of_the_whole_matrix(columns: int, rows: int) -> None:
-    rng = np.random.default_rng(columns)
-    P, chosen = random_cov(rng, 13), rng.permutation(13)[:columns]
-    jacobian, W = rng.normal(size=(rows, columns)), np.full((rows, 13), np.nan)
-    project_columns(upper(P), 13, chosen, jacobian, W)
-    H = np.zeros((rows, 13))
-    H[:, chosen] = jacobian
-    np.testing.assert_allclose(W, H @ P, rtol=0, atol=1e-14)
-
-
-@SIZES
-def test_a_linear_update_equals_the_textbook(columns: int, rows: int) -> None:
-    rng = np.random.default_rng(columns + 10)
-    P, chosen = random_cov(rng, 13), rng.permutation(13)[:columns]
-    H, v, R = np.zeros((rows, 13)), rng.normal(size=rows), random_covariances(rng, 1, np.full(rows, 0.2))[0]
-    H[:, chosen] = rng.normal(size=(rows, columns))
-    cov = upper(P)
-    dx, nis = linear_update(belief_of(np.zeros(13), cov), chosen, H[:, chosen], v, R)
-    S = H @ P @ H.T + R
-    K = P @ H.T @ np.linalg.inv(S)
-    assert nis == pytest.approx(v @ np.linalg.inv(S) @ v, rel=1e-12)
-    np.testing.assert_allclose(dx, K @ v, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(mirrored(cov), P - K @ S @ K.T, rtol=0, atol=1e-13)
-    np.testing.assert_array_equal(cov[:3, :3], cov[:3, :3].T)
-
-
-def test_a_column_given_twice_counts_twice() -> None:
-    rng = np.random.default_rng(20)
-    P, twice, once = random_cov(rng, 7), np.array([2, 4, 2]), np.array([2, 4])
-    H, v, R = rng.normal(size=(2, 3)), rng.normal(size=2), np.eye(2)
-    found: list[Float] = []
-    for columns, jacobian in ((twice, H), (once, np.column_stack([H[:, 0] + H[:, 2], H[:, 1]]))):
-        cov = upper(P)
-        dx, _ = linear_update(belief_of(np.zeros(7), cov), columns, jacobian, v, R)
-        found.append(np.concatenate([mirrored(cov).ravel(), dx]))
-    np.testing.assert_allclose(found[0], found[1], rtol=0, atol=1e-13)
-
-
-@pytest.mark.parametrize("mistake", ["innovation", "noise", "jacobian"])
-def test_an_update_without_solution_changes_nothing(mistake: str) -> None:
-    rng = np.random.default_rng(21)
-    cov = upper(random_cov(rng, 7))
-    before = cov.copy()
-    given = {"innovation": np.ones(2), "noise": np.eye(2), "jacobian": np.ones((2, 3))}
-    given[mistake].flat[0] = -1e6 if mistake == "noise" else np.nan
-    columns = np.array([0, 3, 4])
-    belief = belief_of(np.zeros(7), cov)
-    update = linear_update(belief, columns, given["jacobian"], given["innovation"], given["noise"])
-    assert not np.isfinite(update.nis)
-    np.testing.assert_array_equal(cov, before)
-
-
-@SIZES
-def test_appended_entries_equal_the_textbook(columns: int, rows: int) -> None:
-    rng = np.random.default_rng(columns + 30)
-    P, chosen = random_cov(rng, 13), rng.permutation(13)[:columns]
-    jacobian, own = rng.normal(size=(rows, columns)), random_cov(rng, rows)
-    cov = upper(P, room=rows)
-    append_linear(belief_of(np.zeros(13 + rows), cov)._replace(size=13), chosen, jacobian, own)
-    T = np.vstack([np.eye(13), np.zeros((rows, 13))])
-    T[13:, chosen] = jacobian
-    expected = T @ P @ T.T
-    expected[13:, 13:] += own
-    np.testing.assert_allclose(mirrored(cov), expected, rtol=0, atol=1e-13)
-    np.testing.assert_array_equal(np.triu(cov[:13, :13]), np.triu(P))
-
-
-# --- the filter's methods ------------------------------------------------------------------------
 
 
 class Twin:
@@ -128,7 +40,7 @@ class Twin:
         columns = self.rng.permutation(len(self.x))[:3]
         H, own = self.rng.normal(size=(2 * count, 3)), random_cov(self.rng, 2 * count)
         values = self.rng.uniform(-3, 3, 2 * count)
-        add_entries(self.slam.map, np.array(ids), NewEntries(values, columns, H, own, points))
+        self.slam.map.add_entries(np.array(ids), NewEntries(values, columns, H, own, points))
         T = np.vstack([np.eye(len(self.x)), np.zeros((2 * count, len(self.x)))])
         T[len(self.x) :, columns] = H
         self.P = T @ self.P @ T.T
@@ -138,17 +50,15 @@ class Twin:
     def correct(self) -> None:
         """Update with a measurement of entries of the robot and of two slots."""
         named = self.rng.permutation(self.ids)[:2]
-        columns = np.concatenate([[0, 1, 2], self.slam.map.state.columns_of(named)])
+        columns = np.concatenate([[0, 1, 2], self.slam.map.columns_of(named)])
         mine = [3 + 2 * self.ids.index(name) + k for name in named.tolist() for k in range(2)]
         assert columns[3:].tolist() == mine
-        np.testing.assert_allclose(self.slam.map.state.entries(columns), self.x[columns], rtol=0, atol=1e-10)
-        np.testing.assert_allclose(
-            self.slam.map.state.block(columns), self.P[np.ix_(columns, columns)], rtol=0, atol=1e-10
-        )
+        np.testing.assert_allclose(self.slam.map.entries(columns), self.x[columns], rtol=0, atol=1e-10)
+        np.testing.assert_allclose(self.slam.map.block(columns), self.P[np.ix_(columns, columns)], rtol=0, atol=1e-10)
         H, v = np.zeros((3, len(self.x))), self.rng.normal(size=3)
         H[:, columns] = self.rng.normal(size=(3, 7))
         R = random_covariances(self.rng, 1, np.full(3, 0.5))[0]
-        nis = self.slam.map.correction.update_linear(columns, H[:, columns], v, R)
+        nis = self.slam.map.update_linear(columns, H[:, columns], v, R)
         S = H @ self.P @ H.T + R
         assert nis == pytest.approx(v @ np.linalg.solve(S, v), rel=1e-9)
         D = self.to_additive()
@@ -181,7 +91,7 @@ class Twin:
 
     def remove(self, slot: int) -> None:
         """Remove a slot; the last one moves into it."""
-        remove_landmark(self.slam.map, slot)
+        self.slam.map.remove(self.ids[slot])
         order = [*range(len(self.ids) - 1)]
         if slot < len(order):
             order[slot] = len(self.ids) - 1
@@ -231,8 +141,8 @@ def test_a_landmark_in_a_freed_slot_is_a_point() -> None:
     """The earlier slot was not a point."""
     slam = SlamFilter("position", np.zeros(3), 0.1 * np.eye(3), "right-invariant", landmarks=1)
     new = NewEntries(np.zeros(2), np.arange(3), np.eye(3)[1:], np.zeros((2, 2)), [False])
-    add_entries(slam.map, np.array([5]), new)
-    remove_landmark(slam.map, 0)
+    slam.map.add_entries(np.array([5]), new)
+    slam.map.remove(5)
     fresh = SlamFilter("position", np.zeros(3), 0.1 * np.eye(3), "right-invariant", landmarks=1)
     for each in (slam, fresh):
         each.update(Observations(np.array([1]), np.array([[3.0, 1.0]]), 0.01 * np.eye(2)[None]))
@@ -242,29 +152,12 @@ def test_a_landmark_in_a_freed_slot_is_a_point() -> None:
     np.testing.assert_array_equal(slam.cov, fresh.cov)
 
 
-def test_a_replaced_map_has_points_only() -> None:
-    """The old map had slots that were not points."""
-    rng, found = np.random.default_rng(11), list[Float]()
-    landmarks, cov = rng.normal(size=(3, 2)), random_cov(rng, 9)
-    for others in (0, 3):
-        slam = SlamFilter("position", np.zeros(3), 0.1 * np.eye(3), "right-invariant")
-        ids = np.arange(others)
-        jacobian, noise_cov = np.zeros((2 * others, others)), np.eye(2 * others)
-        add_entries(slam.map, ids, NewEntries(np.zeros(2 * others), ids, jacobian, noise_cov, [False] * others))
-        replace_map(slam.map, np.arange(3), landmarks, cov)
-        slam.map.correction.update_linear(np.arange(3), np.eye(3), np.ones(3), 0.1 * np.eye(3))
-        found.append(slam.landmarks)
-    np.testing.assert_array_equal(found[0], found[1])
-
-
 @CORRECTIONS
 def test_a_linear_correction_without_solution_is_refused_and_changes_nothing(correction: Correction) -> None:
     twin = Twin(np.random.default_rng(9), correction)
     twin.add([True, False])
     columns: Int = np.arange(3)
-    for innovation, noise in ((np.nan, 1.0), (1.0, -1e3), (1.0, np.nan)):
+    for innovation, noise, slope in ((np.nan, 1.0, 1.0), (1.0, -1e3, 1.0), (1.0, np.nan, 1.0), (1.0, 1.0, np.nan)):
         with pytest.raises(ValueError, match=r"^observation: no update exists; make every value finite[^\n]*$"):
-            twin.slam.map.correction.update_linear(
-                columns, np.ones((1, 3)), np.array([innovation]), np.array([[noise]])
-            )
+            twin.slam.map.update_linear(columns, np.full((1, 3), slope), np.array([innovation]), np.array([[noise]]))
         twin.check()

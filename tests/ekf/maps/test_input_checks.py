@@ -261,12 +261,16 @@ def test_invalid_ids(kind: str, ids: list[float] | None, match: str) -> None:
 
 
 @IDS
-def test_lists_and_whole_numbers_of_any_type_are_accepted(kind: str) -> None:
-    arrays, lists = started(kind), started(kind)
+@pytest.mark.parametrize("kind_of_ids", [list, np.uint8, np.uint64, np.int32, np.float64])
+def test_lists_and_whole_numbers_of_any_type_are_accepted(kind: str, kind_of_ids: type) -> None:
+    arrays, others = started(kind), started(kind)
     ids, (_, values, covs) = np.arange(3), scan(kind)
     arrays.update(Observations(ids, values, covs))
-    lists.update(Observations(ids.astype(float).tolist(), values.tolist(), covs.tolist()))  # pyrefly: ignore[bad-argument-type]
-    for one, other in zip(belief_of(arrays), belief_of(lists), strict=True):
+    if kind_of_ids is list:
+        others.update(Observations(ids.astype(float).tolist(), values.tolist(), covs.tolist()))  # pyrefly: ignore[bad-argument-type]
+    else:
+        others.update(Observations(ids.astype(kind_of_ids), values, covs))
+    for one, other in zip(belief_of(arrays), belief_of(others), strict=True):
         np.testing.assert_array_equal(one, other)
 
 
@@ -275,7 +279,7 @@ def test_lists_and_whole_numbers_of_any_type_are_accepted(kind: str) -> None:
 
 def test_observations_beyond_the_gate_are_rejected() -> None:
     """The result equals that without them; `associated` has -1 for them."""
-    gated, told = started("SlamFilter"), started("SlamFilter")
+    wide, gated, told = started("SlamFilter"), started("SlamFilter"), started("SlamFilter")
     assert isinstance(gated, SlamFilter)
     ids, (_, values, covs) = np.arange(5), scan("SlamFilter", count=5)  # two are new
     values[:3] += [[0.0, 0.0], [2.0, 0.0], [0.0, 0.01]]
@@ -283,6 +287,8 @@ def test_observations_beyond_the_gate_are_rejected() -> None:
     result = gated.update(Observations(ids, values, covs), gate=20.0)
     assert result == told.update(Observations(ids[kept], values[kept], covs[kept]))
     assert gated.associated.tolist() == [0, -1, 2, 3, 4]
+    assert isinstance(wide, SlamFilter)
+    assert wide.update(scan("SlamFilter"), gate=1e50) == started("SlamFilter").update(scan("SlamFilter"))
     for one, other in zip(belief_of(gated)[:-1], belief_of(told)[:-1], strict=True):
         np.testing.assert_array_equal(one, other)
 
@@ -320,11 +326,3 @@ def test_invalid_gates(kind: str, gate: object) -> None:
     with pytest.raises(UserError) as refusal:
         Association(gate=gate)  # pyrefly: ignore[bad-argument-type]
     assert_refused(kind, act, f"^{re.escape(str(refusal.value))}$")  # the same rule
-
-
-def test_a_wide_gate_changes_nothing() -> None:
-    gated, free = started("SlamFilter"), started("SlamFilter")
-    assert isinstance(gated, SlamFilter)
-    assert gated.update(scan("SlamFilter"), gate=1e50) == free.update(scan("SlamFilter"))
-    for one, other in zip(belief_of(gated), belief_of(free), strict=True):
-        np.testing.assert_array_equal(one, other)

@@ -1,4 +1,4 @@
-"""Maps of filters: copies in other processes, types of ids."""
+"""Copies of filters in other processes."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import pickle
 import numpy as np
 import pytest
 
-from slamgauge.arrays import Int
 from slamgauge.ekf import SlamFilter
 from slamgauge.ekf.maps.correction_table import Correction
 from slamgauge.recording import Observations
@@ -28,13 +27,3 @@ def test_a_pickled_filter_continues_with_the_same_results(correction: Correction
         step(each)
     np.testing.assert_array_equal(other.pose, slam.pose)
     np.testing.assert_array_equal(other.cov, slam.cov)
-
-
-@pytest.mark.parametrize("kind", [np.uint8, np.uint64, np.int32])
-def test_ids_may_be_whole_numbers_of_any_kind(kind: type[np.generic]) -> None:
-    slam = SlamFilter("range-bearing", np.zeros(3), np.eye(3) / 100)
-    ids: Int = np.array([4, 2], dtype=kind)  # pyrefly: ignore[bad-assignment]
-    for values in (VALUES, VALUES, VALUES + 5.0):
-        slam.update(Observations(ids, values, COVS), gate=9.0)
-    assert slam.landmark_ids.tolist() == [4, 2]
-    assert slam.associated.tolist() == [-1, -1]

@@ -9,13 +9,12 @@ import pytest
 
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf import SlamFilter
-from slamgauge.ekf.kernels.map_edits import equate_landmarks, find_duplicates
+from slamgauge.ekf.kernels.map_edits import find_duplicates
 from slamgauge.ekf.maps.correction_table import RULES, Correction
-from slamgauge.ekf.maps.map_edits import merge_landmarks, remove_landmark, replace_map
 from slamgauge.recording import Observations
 from slamgauge.se2 import wrap
 from tests.reference.random_recordings import random_covariances, random_recording
-from tests.reference.textbook import DenseFilter, Kind, additive_from_invariant, belief_of, exp_action
+from tests.reference.textbook import DenseFilter, Kind, additive_from_invariant, belief_of, exp_action, fill_map
 
 CORRECTIONS = pytest.mark.parametrize("correction", RULES)
 KINDS: dict[Correction, Kind] = {
@@ -42,8 +41,15 @@ def random_filter(seed: int, correction: Correction, sensor: str = "position", l
     P[:, 2] *= 0.3
     slam = SlamFilter(sensor, [0.5, -0.4, 3.0], P[:3, :3], correction, landmarks=landmarks)
     positions = rng.uniform(2, 4, (landmarks, 2)) * rng.choice([-1, 1], (landmarks, 2))
-    replace_map(slam.map, np.arange(landmarks) * 10, positions, P)
+    fill_map(slam.map, np.arange(landmarks) * 10, positions, P)
     return slam
+
+
+def merge(slam: SlamFilter, kept: int, gone: int) -> None:
+    """Merge the landmarks in two slots, as `Tracks` does."""
+    one, other = slam.landmark_ids[[kept, gone]].tolist()
+    slam.map.equate(one, other)
+    slam.map.remove(other)
 
 
 def entries(slots: list[int]) -> Int:
@@ -52,18 +58,6 @@ def entries(slots: list[int]) -> Int:
 
 
 # --- removal -------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("slot", [0, 2, 3, 4])
-def test_removal_keeps_mean_and_covariance_of_the_rest(slot: int) -> None:
-    slam = random_filter(0, "standard")
-    x, P = state_of(slam), slam.cov
-    remove_landmark(slam.map, slot)
-    kept = [s if s != slot else 4 for s in range(4)]  # the last one moves into the gap
-    np.testing.assert_array_equal(slam.landmark_ids, np.array(kept) * 10)
-    np.testing.assert_array_equal(state_of(slam), x[entries(kept)])
-    np.testing.assert_array_equal(slam.cov, P[np.ix_(entries(kept), entries(kept))])
-    np.testing.assert_array_equal(slam.landmark_covs[0], slam.cov[3:5, 3:5])
 
 
 @CORRECTIONS
@@ -80,7 +74,7 @@ def test_removal_equals_never_observing_the_landmark_again(correction: Correctio
         if k == 15:
             removed = int(keeps.landmark_ids[slot])
             removes = deepcopy(keeps)
-            remove_landmark(removes.map, slot)
+            removes.map.remove(int(removes.landmark_ids[slot]))
         if k >= 15:
             rest = scan.landmark != removed
             scan = Observations(scan.landmark[rest], scan.value[rest], scan.cov[rest])
@@ -121,7 +115,7 @@ def test_merging_is_the_exact_observation_of_a_zero_difference(correction: Corre
     slam = random_filter(1, correction)
     before = slam.pose
     x, P = dense_merge(correction, state_of(slam), slam.cov, kept, gone)
-    merge_landmarks(slam.map, kept, gone)
+    merge(slam, kept, gone)
     rest = [s if s != gone else 4 for s in range(4)]
     np.testing.assert_array_equal(slam.landmark_ids, np.array(rest) * 10)
     np.testing.assert_allclose(state_of(slam), x[entries(rest)], rtol=0, atol=1e-11)
@@ -132,37 +126,6 @@ def test_merging_is_the_exact_observation_of_a_zero_difference(correction: Corre
     assert abs(slam.pose[2]) <= np.pi
 
 
-def test_merged_landmarks_have_the_same_position_and_covariance() -> None:
-    slam = random_filter(2, "standard")
-    x, P = state_of(slam), slam.cov
-    before = x.copy()
-    dx, nis = equate_landmarks(belief_of(x, P), 3, 1)
-    assert np.isfinite(nis)
-    np.testing.assert_array_equal(x, before)  # the caller moves the state
-    x += dx
-    P = np.triu(P) + np.triu(P, 1).T
-    np.testing.assert_allclose(x[9:11], x[5:7], rtol=0, atol=1e-12)
-    np.testing.assert_allclose(P[9:11], P[5:7], rtol=0, atol=1e-12)
-    eigenvalues = np.linalg.eigvalsh(P)
-    assert eigenvalues[0] > -1e-14 * eigenvalues[-1]
-    assert (np.abs(eigenvalues[:2]) < 1e-12).all()
-    assert eigenvalues[2] > 1e-9
-
-
-@CORRECTIONS
-def test_which_of_two_landmarks_is_kept_does_not_matter_for_the_rest(correction: Correction) -> None:
-    one, other = random_filter(3, correction), random_filter(3, correction)
-    merge_landmarks(one.map, 1, 3)
-    merge_landmarks(other.map, 3, 1)
-    one_slots, other_slots = [0, 2, 3], [0, 2, 1]  # ids 0, 20, 40
-    np.testing.assert_array_equal(one.landmark_ids[one_slots], other.landmark_ids[other_slots])
-    a, b = entries(one_slots), entries(other_slots)
-    np.testing.assert_allclose(state_of(one)[a], state_of(other)[b], rtol=0, atol=1e-12)
-    np.testing.assert_allclose(one.cov[np.ix_(a, a)], other.cov[np.ix_(b, b)], rtol=0, atol=1e-12)
-    if correction != "right-invariant":  # its positions agree only to second order
-        np.testing.assert_allclose(one.landmarks[1], other.landmarks[3], rtol=0, atol=1e-12)
-
-
 @CORRECTIONS
 @pytest.mark.parametrize(("kept", "gone"), [(1, 4), (4, 1), (0, 2)])
 def test_merging_a_landmark_with_its_exact_copy_changes_nothing(correction: Correction, kept: int, gone: int) -> None:
@@ -170,9 +133,9 @@ def test_merging_a_landmark_with_its_exact_copy_changes_nothing(correction: Corr
     copied = entries([gone if s == kept else s for s in range(5)])
     slam = SlamFilter("position", original.pose, original.pose_cov, correction)
     landmarks = state_of(original)[copied][3:].reshape(-1, 2)
-    replace_map(slam.map, original.landmark_ids, landmarks, original.cov[np.ix_(copied, copied)])
+    fill_map(slam.map, original.landmark_ids, landmarks, original.cov[np.ix_(copied, copied)])
     x, P = state_of(slam), slam.cov
-    merge_landmarks(slam.map, kept, gone)
+    merge(slam, kept, gone)
     rest = entries([s if s != gone else 4 for s in range(4)])
     np.testing.assert_array_equal(state_of(slam), x[rest])
     np.testing.assert_array_equal(slam.cov, P[np.ix_(rest, rest)])
@@ -197,7 +160,7 @@ def test_a_filter_after_a_merge_equals_the_textbook(correction: Correction, sens
             kept = entries([0, 4, 2, 3])
             twin.x, twin.first = x[kept], twin.first[kept]
             twin.cov = P[np.ix_(kept, kept)]
-            merge_landmarks(slam.map, 2, 1)
+            merge(slam, 2, 1)
     np.testing.assert_allclose(state_of(slam), twin.x, rtol=0, atol=1e-10)
     np.testing.assert_allclose(slam.cov, twin.cov, rtol=0, atol=1e-10)
 

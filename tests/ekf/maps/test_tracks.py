@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from slamgauge.ekf import SlamFilter
-from slamgauge.ekf.maps.landmark_ids import GONE
-from slamgauge.ekf.maps.map_edits import add_landmarks
+from slamgauge.ekf.kernels.belief import NONE
 from slamgauge.ekf.maps.tracks import Tracks
 from slamgauge.ekf.settings import MapManagement
 
@@ -21,8 +20,8 @@ class World:
 
     def scan(self, *seen: int, new: tuple[tuple[float, float], ...] = ()) -> list[int]:
         """Close a scan that observes the ids `seen` and maps landmarks `new`; return the new ids."""
-        born = self.tracks.new_ids.take(len(new))
-        add_landmarks(self.slam.map, born, np.array(new).reshape(-1, 2), np.tile(1e-4 * np.eye(2), (len(new), 1, 1)))
+        born = self.slam.map.take_ids(len(new))
+        self.slam.map.add(born, np.array(new).reshape(-1, 2), np.tile(1e-4 * np.eye(2), (len(new), 1, 1)))
         self.places.update(zip(born.tolist(), new, strict=True))
         self.tracks.close_scan(np.array([*seen, *born.tolist()], dtype=np.int64))
         self.check()
@@ -30,7 +29,7 @@ class World:
 
     def check(self) -> None:
         """Check that ids and slots agree."""
-        ids = self.tracks.ids.tolist()
+        ids = self.slam.landmark_ids.tolist()
         assert ids == self.slam.landmark_ids.tolist()
         assert len(set(ids)) == len(ids) == len(self.tracks.confirmed)
         places = np.array([self.places[i] for i in ids]).reshape(-1, 2)
@@ -38,12 +37,12 @@ class World:
         known = np.arange(len(self.places))
         standing = self.tracks.standing(known)
         np.testing.assert_array_equal(self.tracks.standing(standing), standing)
-        assert set(standing.tolist()) - {GONE} <= set(self.confirmed)
+        assert set(standing.tolist()) - {NONE} <= set(self.confirmed)
         np.testing.assert_array_equal(standing[self.confirmed], self.confirmed)
 
     @property
     def confirmed(self) -> list[int]:
-        return self.tracks.ids[self.tracks.confirmed].tolist()
+        return self.slam.landmark_ids[self.tracks.confirmed].tolist()
 
     def standing(self, *ids: int) -> list[int]:
         return self.tracks.standing(np.array(ids, dtype=np.int64)).tolist()
@@ -55,7 +54,7 @@ def test_without_map_management_every_track_is_a_landmark() -> None:
     for _ in range(20):
         world.scan()
     assert world.confirmed == [0, 1]
-    assert world.standing(1, GONE, 0) == [1, GONE, 0]
+    assert world.standing(1, NONE, 0) == [1, NONE, 0]
 
 
 def test_a_track_is_confirmed_by_its_last_observation_in_probation_and_deleted_without_it() -> None:
@@ -63,15 +62,15 @@ def test_a_track_is_confirmed_by_its_last_observation_in_probation_and_deleted_w
     early, late, never = world.scan(new=((1.0, 0.0), (2.0, 0.0), (3.0, 0.0)))
     world.scan(early)
     assert world.confirmed == []
-    assert world.standing(early, late, never) == [GONE, GONE, GONE]
+    assert world.standing(early, late, never) == [NONE, NONE, NONE]
     world.scan(early, late, never)
     assert world.confirmed == [early]
     world.scan()
-    assert sorted(world.tracks.ids.tolist()) == [early, late, never]  # after four scans they are on probation
+    assert sorted(world.slam.landmark_ids.tolist()) == [early, late, never]  # after four scans they are on probation
     world.scan(late)
     assert sorted(world.confirmed) == [early, late]
-    assert sorted(world.tracks.ids.tolist()) == [early, late]
-    assert world.standing(never, late, GONE, early) == [GONE, late, GONE, early]
+    assert sorted(world.slam.landmark_ids.tolist()) == [early, late]
+    assert world.standing(never, late, NONE, early) == [NONE, late, NONE, early]
     for _ in range(10):
         world.scan()
     assert sorted(world.confirmed) == [early, late]  # confirmed tracks remain
@@ -82,21 +81,21 @@ def test_ids_are_never_used_again_and_probation_counts_from_each_tracks_own_birt
     assert world.scan(new=((1.0, 0.0), (2.0, 0.0))) == [0, 1]
     assert world.scan(new=((3.0, 0.0),)) == [2]
     world.scan()
-    assert world.tracks.ids.tolist() == [2]
+    assert world.slam.landmark_ids.tolist() == [2]
     world.scan()
-    assert world.tracks.ids.tolist() == []
+    assert world.slam.landmark_ids.tolist() == []
     assert world.scan(new=((1.0, 0.0),)) == [3]
-    assert world.standing(0, 1, 2, 3) == [GONE] * 4
+    assert world.standing(0, 1, 2, 3) == [NONE] * 4
     world.scan(3)
-    assert world.standing(0, 1, 2, 3) == [GONE, GONE, GONE, 3]
+    assert world.standing(0, 1, 2, 3) == [NONE, NONE, NONE, 3]
 
 
 def test_tracks_that_fail_together_are_deleted_and_others_remain() -> None:
     world = World(MapManagement(sights=2, probation=2))
     world.scan(new=((1.0, 0.0), (2.0, 0.0), (3.0, 0.0), (4.0, 0.0)))
     world.scan(1)  # slots 0, 2 and 3 fail, including the last one
-    assert world.tracks.ids.tolist() == [1]
-    assert world.standing(0, 1, 2, 3) == [GONE, 1, GONE, GONE]
+    assert world.slam.landmark_ids.tolist() == [1]
+    assert world.standing(0, 1, 2, 3) == [NONE, 1, NONE, NONE]
 
 
 def test_merged_ids_become_the_oldest_id_also_in_chains() -> None:
@@ -105,12 +104,12 @@ def test_merged_ids_become_the_oldest_id_also_in_chains() -> None:
     world.scan(1, new=((1.0, 0.0),))
     world.scan(new=((1.0, 0.0),))
     world.scan(2)
-    assert world.standing(0, 1, 2, 3) == [GONE, 1, 2, GONE]
+    assert world.standing(0, 1, 2, 3) == [NONE, 1, 2, NONE]
     world.scan(3)
-    assert world.standing(0, 1, 2, 3) == [GONE, 1, 2, 2]  # the younger id was removed
+    assert world.standing(0, 1, 2, 3) == [NONE, 1, 2, 2]  # the younger id was removed
     world.scan(0)
     assert world.standing(0, 1, 2, 3) == [0, 1, 0, 0]
-    assert sorted(world.tracks.ids.tolist()) == [0, 1]
+    assert sorted(world.slam.landmark_ids.tolist()) == [0, 1]
     assert world.scan(new=((9.0, 0.0),)) == [4]
 
 
@@ -129,7 +128,7 @@ def test_landmarks_of_one_scan_are_never_merged_also_not_after_merges_with_other
     apart.scan(0)
     apart.scan(1)
     apart.scan(1)
-    assert apart.standing(0, 1, 2) == [0, 0, GONE]
+    assert apart.standing(0, 1, 2) == [0, 0, NONE]
     for _ in range(3):
         apart.scan(2)
         apart.scan(0)
@@ -146,19 +145,19 @@ def test_ids_stay_with_their_landmarks_when_slots_change() -> None:
         survivors: dict[int, int] = {}
         for _ in range(40):
             places = tuple((float(rng.integers(0, 6)), 0.0) for _ in range(int(rng.integers(0, 3))))
-            alive = world.tracks.ids
+            alive = world.slam.landmark_ids
             world.scan(*alive[rng.random(len(alive)) < 0.4].tolist(), new=places)
-            now = set(world.tracks.ids.tolist())
+            now = set(world.slam.landmark_ids.tolist())
             ended = set(world.places) - now
             assert gone <= ended
             for i in ended - gone:
                 survivors[i] = world.standing(i)[0]
             for i, survivor in survivors.items():
                 standing = world.standing(i)[0]
-                assert standing in ({GONE} if survivor == GONE else {survivor, *world.standing(survivor)})
-                assert standing == GONE or (standing < i and world.places[standing] == world.places[i])
+                assert standing in ({NONE} if survivor == NONE else {survivor, *world.standing(survivor)})
+                assert standing == NONE or (standing < i and world.places[standing] == world.places[i])
             gone = ended
-        deleted += list(survivors.values()).count(GONE)
-        merged += len(survivors) - list(survivors.values()).count(GONE)
+        deleted += list(survivors.values()).count(NONE)
+        merged += len(survivors) - list(survivors.values()).count(NONE)
     assert merged > 20
     assert deleted > 20

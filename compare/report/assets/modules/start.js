@@ -2,7 +2,6 @@
 /** Start the scripts of a page. */
 
 import { startReplay } from "./replay.js";
-import { startStudy } from "./study.js";
 import { sortable, tableAsCsv } from "./tables.js";
 import { unpackAll } from "./unpack.js";
 
@@ -14,4 +13,3 @@ for (const each of document.querySelectorAll("[data-csv]")) {
   each.addEventListener("click", () => tableAsCsv(/** @type {HTMLTableElement} */ (table)));
 }
 if (data.run) startReplay(unpackAll(data.run));
-if (data.study) startStudy(unpackAll(data.study));

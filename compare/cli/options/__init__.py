@@ -1,0 +1,1 @@
+"""What each command accepts on the command line, without slow imports."""

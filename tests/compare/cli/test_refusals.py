@@ -1,0 +1,199 @@
+"""Mistakes of users, defects and refusals of the machine: one line on standard error, an exit status, no results."""
+
+from __future__ import annotations
+
+import errno
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+from unittest.mock import Mock
+
+import numpy as np
+import pytest
+
+import slamgauge
+from slamgauge import load_scenario, simulate
+from slamgauge.compare.cli.main import REFUSED
+from slamgauge.compare.estimators.memory_check import require_room_for_runs
+from slamgauge.errors import refused_by_the_machine
+from tests.reference.command_line import arrays, command_after, contents, run
+
+pytestmark = pytest.mark.slow
+
+MANY = "100000000"
+Mistake = Callable[..., str]
+
+
+@pytest.fixture
+def mistake(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Mistake:
+    """Runs a command that ends with a status and writes nothing, and returns its lines on standard error."""
+    monkeypatch.chdir(tmp_path)
+
+    def lines(*arguments: object, status: int = 2) -> str:
+        before = contents(tmp_path)
+        assert run(*arguments) == status
+        printed = capsys.readouterr()
+        assert printed.out == ""
+        assert printed.err.startswith("slamgauge: ")
+        assert contents(tmp_path) == before
+        return printed.err.removeprefix("slamgauge: ").removesuffix("\n")
+
+    return lines
+
+
+POINTS = 'trajectory={kind="waypoints",points=[[0,0],[0,0]],speed=1,yaw_rate=1,step=0.1}'
+COMMANDS = {  # words of a command, without blanks inside, and the begin of its line
+    "rnu": "rnu: no such command; did you mean run?",
+    "": "no command is given; use one of exercise, scenarios, run, ",
+    "run": "Missing from slamgauge run: ",
+    "run q1-long-dense --sead 1": "--sead: no option of `slamgauge run`; did you mean --seed?",
+    "run q1-long-dense -seed 1": "-seed: no option of `slamgauge run`; did you mean --seed?",
+    "twin log.npz --run 3": "--run: no option of `slamgauge twin`; `slamgauge twin --help` lists",
+    "import csv log --set=a.b=1 --ouut x": "--ouut: no option of `slamgauge import`; did you mean",
+    "run q1-long-dense --seed x": "Error parsing --seed: ",
+    "run q1-long-dense more": "Unrecognized options: more; see `slamgauge run --help`",
+    "animate . --out x": "--out: no option of `slamgauge animate`; `slamgauge animate --help` lists",
+    "--versoin": "--versoin: no option of `slamgauge`; did you mean --version?",
+    "run q1-long-dens": "q1-long-dens: no such scenario; did you mean q1-long-dense",
+    "run none.toml": "none.toml: cannot be read (No such file or directory); check the path",
+    "run q1-long-dense --set sensor.max_rnge=5": "q1-long-dense: sensor.max_rnge: unknown key; did you mean",
+    "run q1-long-dense --set start": "start: not an override; write dotted.key=value",
+    "run q1-long-dense --seed -1": "seed: -1 is negative; use a whole number >= 0",
+    "run q1-long-dense --estimators ekf,isam": "estimator 'isam' is not known; did you mean isam2?",
+    "run q1-long-dense --estimators ,": "estimators: none given; ",
+    "run tp4-handout --estimators fixed-lag-1000000000": "estimator 'fixed-lag-1000000000' is not known; ",
+    "run tp4-handout --timeout 2147484": "timeout: 2.14748e+06 s leaves no time, or sets no limit",
+    f"run tp4-handout --set {POINTS}": "trajectory.points: all are at the start",
+    "run tp4-handout --set prior.mean=[1e15,0,0]": "tp4-handout: prior.mean[0]: must be from 0 to 1e+09 m",
+    "run tp4-handout --set sensor.sigma_range=1e-300": "tp4-handout: sensor.sigma_range: must be from 1e-12",
+    "run tp4-handout --set motion.sigma_speed=1e3": "tp4-handout: motion.sigma_speed: a step of 0.1 s has",
+    "import victoria-park none.txt": "none.txt: cannot be read (No such file or directory); check the path",
+    "import lost-in-the-woods none.mat": "none.mat: cannot be read (No such file or directory); check the path",
+    "evaluate a\u2028b\x1b.npz": "a\\u2028b\\x1b.npz: cannot be read",
+    f"evaluate {'x' * 5000}": f"{'x' * 60}",
+    f"bench --landmarks {'1' * 5000}": "landmarks '111",
+    f"bench --landmarks {MANY}": "landmarks: the covariance of 100000000 needs",
+    f"study q1-short-dense --runs {MANY}": "runs: to sum up 100000000 of",
+    f"grade . --scenario q1-short-dense --runs {MANY} --unconfined --out o": "runs: to sum up",
+    "budget q1-short-dense --runs 100000000000 --out o": "runs: a budget of 100000000000",
+    "study q1-short-dense --runs 1 --jobs 1025": "jobs: 1025 is out of range; give 1 to 1024",
+}
+
+
+@pytest.mark.parametrize("words", COMMANDS)
+def test_a_command_is_refused_in_one_line(words: str, tmp_path: Path, mistake: Mistake):
+    (tmp_path / "mine.py").write_text("def estimate(recording): ...\n")  # a submission
+    line = mistake(*words.split(" ")) if words else mistake()
+    assert "\n" not in line
+    assert line.startswith(COMMANDS[words])
+    assert "helptext" not in line
+
+
+def test_each_mistake_in_a_scenario_is_a_line(mistake: Mistake, tmp_path: Path):
+    wrong = ("sensor.max_range=-5", "motion.sigma_sped=1", "start=somewhere")
+    lines = mistake("run", "q1-long-dense", "--set", *wrong).splitlines()
+    assert [line.split(": ")[1] for line in lines] == ["start", "motion.sigma_sped", "sensor.max_range"]
+    (tmp_path / "mark.toml").write_bytes(b"\xef\xbb\xbfextends = 'tp4-handout'\nmark = 1\n")
+    assert mistake("run", "mark.toml").startswith("mark.toml: mark: unknown key")
+
+
+@pytest.mark.parametrize(
+    ("field", "at", "value", "message"),
+    [
+        ("odometry", (7, 1), np.nan, "odometry[7] = "),
+        ("odometry_cov", (5, 2, 2), -1e-4, "odometry_cov[5]"),
+        ("landmark", 2, -1, "landmark[2] = -1: an id must be >= 0"),
+        (
+            "observation_cov",
+            4,
+            [[0.01, 0.02], [0.02, 0.01]],
+            "observation_cov[4] = [[0.01, 0.02], [0.02, ",
+        ),
+    ],
+)
+def test_impossible_values_are_refused(
+    stored: Path, tmp_path: Path, mistake: Mistake, field: str, at: Any, value: Any, message: str
+):
+    changed = arrays(stored / "recording.npz")
+    changed[field][at] = value
+    np.savez(tmp_path / "recording.npz", **changed)
+    assert mistake("evaluate", "recording.npz").startswith(f"recording.npz: {message}")
+
+
+def test_the_truth_of_another_recording_is_refused(stored: Path, tmp_path: Path, mistake: Mistake):
+    shutil.copy(stored / "recording.npz", tmp_path)
+    truth = arrays(stored / "truth.npz")
+    np.savez(tmp_path / "truth.npz", **(truth | {"poses": truth["poses"][:-1]}))
+    line = "truth.poses: 150 rows, but the recording needs 151; give its own truth"
+    assert mistake("evaluate", "recording.npz") == line
+    assert mistake("evaluate", "recording.npz", "--truth", "none.npz").startswith("none.npz: cannot be read")
+
+
+# --- memory ------------------------------------------------------------------------------------
+
+
+def test_a_graph_that_does_not_fit_is_refused_before_any_estimator_runs(
+    mistake: Mistake, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr("slamgauge.compare.cli.scoring.compare_estimators", pytest.fail)
+    monkeypatch.setattr("slamgauge.memory.free_memory", lambda: 2e9)
+    many = "landmarks={random={count=9000,box=[-5.0,-5.0,5.0,5.0]}}"
+    words = ("run", "q1-short-dense", "--set", many, "trajectory.duration=0.2", "--estimators", "dead-reckoning,causal")
+    what = "causal of 9000 landmarks in 3 poses"
+    assert re.fullmatch(rf"{what} needs [\d.]+ GB of memory, and 2.0 GB are free; .*", mistake(*words))
+
+
+def test_a_run_that_does_not_fit_is_refused_by_its_steps_or_observations(monkeypatch: pytest.MonkeyPatch):
+    for free, start in ((1e4, "a run of 628 steps among"), (4e5, r"a run of \d{4} observations")):
+        monkeypatch.setattr("slamgauge.memory.free_memory", lambda free=free: free)
+        with pytest.raises(ValueError, match=rf"^{start} [^\n]*needs 0.0 GB of memory.*; shorten trajectory.duration"):
+            simulate("q1-short-dense", 0)
+
+
+def test_a_usual_study_is_not_refused():
+    require_room_for_runs(1000, load_scenario("q1-long-dense"), 3)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems do not limit the address space")
+def test_too_little_memory_for_the_libraries_is_one_line_that_names_the_limit():
+    limit = "import resource; resource.setrlimit(resource.RLIMIT_AS, (300_000_000, 300_000_000))"
+    words = command_after(limit, "run", "q1-short-dense", "--estimators", "dead-reckoning", "--out", "nowhere")
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert done.returncode == REFUSED
+    assert re.fullmatch(r"slamgauge: the machine refused: [^\n]*`ulimit -v`[^\n]*make room[^\n]*\n", done.stderr)
+
+
+@pytest.mark.parametrize("text", ["x.so: failed to map segment from shared object", "no module named x"])
+def test_a_library_that_does_not_fit_into_memory_is_no_defect(text: str):
+    assert refused_by_the_machine(ImportError(text)) == ("map segment" in text)
+
+
+# --- exit status -------------------------------------------------------------------------------
+
+
+def test_other_errors_are_defects_with_a_traceback_and_where_to_report_them(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    monkeypatch.setattr("slamgauge.compare.cli.scenarios.shipped_scenarios", Mock(side_effect=ValueError("broadcast")))
+    assert run("scenarios") == 70
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    lines = printed.err.splitlines()
+    assert lines[0] == "Traceback (most recent call last):"
+    assert lines[-2] == "ValueError: broadcast"
+    assert lines[-1].startswith("slamgauge: this is a defect of slamgauge, not a mistake of yours; please report it")
+    assert f"slamgauge {slamgauge.__version__}" in lines[-1]
+
+
+@pytest.mark.parametrize(
+    "error", [MemoryError("Unable to allocate 8 TiB"), OSError(errno.ENOSPC, "No space left on device")]
+)
+def test_refusals_of_the_machine_are_one_line(error: Exception, monkeypatch: pytest.MonkeyPatch, mistake: Mistake):
+    monkeypatch.setattr("slamgauge.compare.cli.scenarios.shipped_scenarios", Mock(side_effect=error))
+    line = mistake("scenarios", status=71)
+    assert str(error) in line
+    assert line.endswith("; make room and give the same command again")

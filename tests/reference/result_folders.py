@@ -1,0 +1,109 @@
+"""Small folders of each kind of results, some with malicious names, without figures and pages."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from slamgauge import compare_estimators, find_noise, load_estimators, load_scenario, simulate
+from slamgauge.compare.cli.main import main
+from slamgauge.compare.exercise import running
+from slamgauge.compare.exercise.running import run_exercise
+from slamgauge.compare.figures.publishing import write_study
+from slamgauge.compare.noise.noise_json import noise_json
+from slamgauge.compare.report.exercise_page import publish_exercise
+from slamgauge.compare.report.exercise_runs import publish_first_runs
+from slamgauge.compare.report.grade_page import FIGURES
+from slamgauge.compare.scoring.comparison import metrics, write_comparison
+from slamgauge.compare.storage.files import write_json
+from slamgauge.compare.storage.staged_folder import begin_folder
+from slamgauge.compare.studies.budget import RUNGS, summarise_budget
+from slamgauge.compare.studies.study import load_runs, run_study
+from tests.reference import fast_commands
+
+SCRIPT_NAME = "<script>alert(1)</script>"
+SHORT = ["start=sampled", "trajectory.duration=5"]
+
+
+def run(folder: Path) -> None:
+    """Write a bearing-only run, with rays."""
+    begin_folder(folder)
+    truth, recording = simulate(load_scenario("q4-ring", SHORT), 0)
+    estimators = load_estimators(["dead-reckoning", "ekf", "causal"], frames=240)
+    comparison = compare_estimators(truth, recording, estimators)
+    write_comparison(folder, comparison, metrics(comparison, "q4-ring", 0))
+
+
+def study(folder: Path) -> None:
+    """Write a study of four short runs."""
+    begin_folder(folder)
+    scenario, chosen = load_scenario("q1-short-dense", SHORT), ["ekf", "causal", "batch"]
+    with ThreadPoolExecutor(1) as executor, fast_commands.empty_pictures():
+        summary = run_study(scenario, 4, 0, chosen, folder, executor, against=["ekf"])
+        runs = load_runs(scenario, 4, 0, chosen, folder)
+        assert write_study(folder, summary, runs, scenario.trajectory.step)
+
+
+def sweep(folder: Path) -> None:
+    """Write a sweep with two short runs at each of two scales."""
+    words = ["study", "q1-short-dense", "--runs", "2", "--jobs", "1", "--set", "trajectory.duration=3"]
+    words += ["--estimators", "ekf,causal", "--sweep", "assumed.scale=1,2", "--out", str(folder)]
+    with fast_commands.studies_in_a_thread(), fast_commands.empty_pictures():
+        assert main(words) == 0
+
+
+def budget(folder: Path) -> None:
+    """Write an error budget."""
+    begin_folder(folder)
+    errors = np.random.default_rng(0).uniform(1.0, 2.0, (5, len(RUNGS)))
+    found = summarise_budget(SCRIPT_NAME, "ekf", errors, np.full(errors.shape, np.nan), np.ones(len(errors)))
+    write_json(folder / "budget.json", found.to_json())
+
+
+def noise(folder: Path) -> None:
+    """Write the noise of a log whose assumed noise is too large."""
+    begin_folder(folder)
+    log = simulate(load_scenario("q1-short-dense", [*SHORT, "assumed.scale=4"]), 2)[1]
+    write_json(folder / "noise.json", noise_json(find_noise(log)))
+
+
+def bench(folder: Path) -> None:
+    """Write step times."""
+    begin_folder(folder)
+    times = {str(size): {"median_s": 1e-6 * size**1.5, "p95_s": 2e-6 * size**1.5} for size in (20, 1000)}
+    write_json(folder / "bench.json", {"estimators": dict.fromkeys(("ekf", "causal", "plain-numpy"), times)})
+
+
+def grades(folder: Path) -> None:
+    """Write the grade of a submission."""
+    begin_folder(folder)
+    (folder / "submissions").mkdir()
+    row = {"submission": 'a "<b>', "passed": "false", "graded": "true", "reason": f"{SCRIPT_NAME}; two"}
+    row |= {"points": "47", "max_points": "100", "remarks": 'same "<i>" figures', "settings": "Q of the file <b>"}
+    row |= {"failed_checks": "heading-wrap", "seconds_per_run": "0.5", "seed": "7", "digest": "of q1-long-dense"}
+    row |= {key: "" for key, *_ in FIGURES} | {"ate_m": "0.3"}
+    with (folder / "grades.csv").open("w", encoding="utf-8", newline="") as file:
+        table = csv.DictWriter(file, row)
+        table.writeheader()
+        table.writerow(row)
+    (folder / "submissions" / f"{row['submission']}.md").write_text(f"# {SCRIPT_NAME}\n")
+
+
+def exercise(folder: Path) -> None:
+    """Write question 3 with two short runs, with its pages."""
+    begin_folder(folder)
+    with ThreadPoolExecutor(1) as pool, pytest.MonkeyPatch.context() as patched, fast_commands.empty_pictures():
+        patched.setattr(running, "load_scenario", lambda name: load_scenario(name, ["trajectory.duration=4"]))
+        ran = run_exercise(["q3"], 2, 0, folder, pool)
+        publish_first_runs(ran.settings, 0, folder, pool)
+        assert publish_exercise(folder, ran)
+
+
+WRITE: dict[str, Callable[[Path], None]] = {
+    each.__name__: each for each in (run, study, sweep, budget, noise, bench, grades, exercise)
+}
