@@ -15,8 +15,11 @@ intersphinx_mapping = {
     "scipy": ("https://docs.scipy.org/doc/scipy", None),
     "matplotlib": ("https://matplotlib.org/stable", None),
 }
+highlight_language = "none"  # blocks without a language are outputs, not Python
 html_theme = "furo"
 html_title = f"slamgauge {release}"
+html_static_path = ["static"]
+html_css_files = ["narrow.css"]
 html_copy_source = False
 html_show_search_summary = False  # it fetches the pages, which browsers refuse of files
 html_show_copyright = False
