@@ -13,7 +13,7 @@ _REFUSALS = frozenset(
         *("ECONNRESET", "ECONNREFUSED", "ECONNABORTED", "ENETDOWN", "ENETUNREACH", "EHOSTUNREACH", "ETIMEDOUT"),
     )
 )
-_NO_LIBRARY = ("failed to map segment", "Could not find/load shared object")  # of a library, for lack of memory
+_NO_LIBRARY = ("failed to map segment", "Could not find/load shared object")  # a library lacks memory
 
 
 class UserError(ValueError):
@@ -24,7 +24,7 @@ class UserError(ValueError):
 
 
 class CovarianceError(UserError):
-    """Matrices that are no covariances."""
+    """Matrices that are not covariances."""
 
 
 def refused_by_the_machine(error: BaseException) -> bool:

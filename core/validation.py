@@ -115,7 +115,7 @@ def as_covariances(name: str, value: object, shape: tuple[int | None, ...], *, d
     If all rows are equal, one is stored, and the result is a view of it.
 
     Raises:
-        CovarianceError: a matrix is no covariance.
+        CovarianceError: a matrix is not a covariance.
     """
     try:
         return _covariances(name, value, shape, definite=definite)

@@ -11,7 +11,7 @@ from slamgauge.errors import UserError
 
 Method = Literal["nearest-neighbour", "jcbb"]
 
-MOST_MEMBERS = 1000  # of a ray; a ray of the exercise has three
+MOST_MEMBERS = 1000  # members of a ray; a ray of the exercise has three
 FEWEST = 3  # bearings that place a landmark by delayed initialisation
 
 

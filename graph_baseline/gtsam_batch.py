@@ -26,7 +26,7 @@ from slamgauge.recording import Recording
 # converge well with constraints. With 1/400 `Marginals` reports an undetermined landmark on q3-scale-0.1.
 REGULARISING_NOISE = 1.0 / 300.0
 START_NOISE = 0.1  # the same for the initial values; iSAM2's fast factorisation (Cholesky) needs more
-SMALLEST_DECREASE = 1e-6  # of the cost; a step with a smaller decrease moves a pose by less than 0.0015 sigma
+SMALLEST_DECREASE = 1e-6  # relative, of the cost; a smaller decrease moves a pose by less than 0.0015 sigma
 
 
 def gtsam_batch(recording: Recording, association: Int | None = None, initial: Estimate | None = None) -> Estimate:

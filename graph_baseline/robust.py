@@ -18,7 +18,7 @@ from slamgauge.graph_baseline.problem.preparation import Problem, prepare, relat
 from slamgauge.graph_baseline.solver.robust_fit import outlier_limit, robust_fit, squared_residuals
 from slamgauge.recording import Recording
 
-MOST_ROUNDS = 10  # of optimum and selection; observations near the limit may be selected in turn
+MOST_ROUNDS = 10  # rounds of optimum and selection; observations near the limit may be selected in turn
 
 
 @relative_to_start

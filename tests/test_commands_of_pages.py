@@ -69,7 +69,7 @@ def small(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         (work / folder).symlink_to(ROOT / folder)
     (work / "my_filter.py").symlink_to(ROOT / "examples/own_estimator.py")
     monkeypatch.chdir(work)
-    monkeypatch.setenv("HOME", str(tmp_path))  # where completion goes
+    monkeypatch.setenv("HOME", str(tmp_path))  # completion goes there
     monkeypatch.setattr(webbrowser, "open", bool)
     monkeypatch.setenv("SHELL", "/bin/bash")  # a terminal has one, a machine for checks may not
     return work

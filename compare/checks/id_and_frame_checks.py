@@ -15,7 +15,7 @@ from slamgauge.se2 import compose, rotation
 
 NAMES = (7, 2, 40)  # unordered ids with gaps
 UNOBSERVED = 40  # steps
-LOST = 0.01  # share of the correction after two steps; a smaller one is none
+LOST = 0.01  # share of the correction after two steps; a smaller one does not count
 SAME = 0.05  # sigmas
 
 

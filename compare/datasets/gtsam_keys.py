@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from slamgauge.compare.storage.text_lines import Line
 
-BITS = 56  # of the number behind the letter
+BITS = 56  # bits of the number behind the letter
 PLAIN = "\0"  # letter of a key that is a number only
 Place = tuple[Line, int]  # a word of a line that is an id
 

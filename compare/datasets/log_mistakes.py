@@ -94,7 +94,7 @@ class Fit(NamedTuple):
     share: float  # share of the observations that agree
     nis: float  # median of NIS / dof of the steps
     mean: float  # mean of NIS / dof; 1 with the right noise
-    deviation: float  # of the mean from 1, in its standard deviations
+    deviation: float  # deviation of the mean from 1, in its standard deviations
 
 
 def quick_fit(recording: Recording) -> tuple[Fit, Estimate | None]:

@@ -10,7 +10,7 @@ from slamgauge.compare.estimators.code_folder import CodeFolder, installed_diges
 from slamgauge.compare.storage.safe_names import LONGEST
 from slamgauge.errors import UserError
 
-Noise = Literal["recording", "file"]  # that user code assumes
+Noise = Literal["recording", "file"]  # the noise that user code assumes
 EXAMPLE = "write FILE.py:callable or module:callable, for example my_filter.py:estimate"
 
 

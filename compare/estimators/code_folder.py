@@ -21,7 +21,7 @@ from slamgauge.errors import UserError
 
 LARGEST_FILE = 1_000_000  # bytes of a file
 MOST_FILES = 1000
-MOST_BYTES = 20_000_000  # of all files together; those that would exceed it are left out
+MOST_BYTES = 20_000_000  # total of all files; files that would exceed it are left out
 TRUTH = "truth.npz"
 
 

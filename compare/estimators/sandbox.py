@@ -22,7 +22,7 @@ from slamgauge.errors import UserError
 HOME, CODE = "/slamgauge", "/slamgauge-code"  # behind the wall: home and temporary folder, and the folder of the code
 WRITABLE = ("/tmp", "/dev/shm", HOME)
 ROOM = 500_000_000  # bytes of each writable folder
-LIMITS = {  # of each process
+LIMITS = {  # limits of each process
     "FSIZE": 500_000_000,  # bytes of a file
     "DATA": 4_000_000_000,  # bytes: ten times what all libraries, filters and optima of slamgauge need together
     "NPROC": 256,
@@ -76,7 +76,7 @@ def walled(command: list[str], code: Path | None) -> list[str]:
 
 
 def environment(ours: Mapping[str, str]) -> dict[str, str]:
-    """Return the environment behind the wall: the places of libraries, and folders of its own."""
+    """Return the environment behind the wall: the places of libraries, and private folders."""
     kept = {name: value for name, value in ours.items() if name in KEPT or name.startswith(KEPT_BEGINNINGS)}
     own = {"HOME": HOME, "TMPDIR": HOME, "PWD": HOME, "XDG_CACHE_HOME": f"{HOME}/.cache", "MPLBACKEND": "agg"}
     caches = _caches()

@@ -32,7 +32,7 @@ class FormError(UserCodeError):
 
 
 class WrongCovarianceError(UserCodeError, CovarianceError):
-    """User code returned an estimate with a covariance that is none."""
+    """User code returned an estimate with an invalid covariance."""
 
 
 def reason_of(error: BaseException, folder: str = "") -> str:

@@ -28,7 +28,7 @@ from slamgauge.compare.scoring.runs import Runs, paired
 Verdict = Literal["holds", "does not hold", "undecided"]
 ERROR = 0.05  # largest probability that any of the intervals misses its ratio
 POWER = 0.9  # probability with which the stated number of runs decides
-LIMIT = math.log(100.0)  # of the logarithm of a ratio of a run: a diverged filter counts as a hundred times the error
+LIMIT = math.log(100.0)  # largest logarithm of a ratio of a run: a diverged filter counts as a hundred times the error
 STRENGTH: tuple[Verdict, ...] = ("does not hold", "undecided", "holds")  # verdicts from against to in favour
 UNSEEN = np.log([0.5, 2.0])  # logarithms, relative to the mean, of two runs that are added to those of a ratio
 RATIOS = sum(len(each.below) for each in CONCLUSIONS)

@@ -24,7 +24,7 @@ from slamgauge.compare.storage.provenance import origin
 from slamgauge.compare.studies.summary import EstimatorSummary, summarise
 
 AT_CLOSURES = (EKF, CAUSAL, GTSAM)  # estimators whose errors at loop closures are shown
-SMALL_FALL = 0.9  # of the error at a loop closure: a correction by less than a tenth is no correction
+SMALL_FALL = 0.9  # error after a loop closure over that before: a correction by less than a tenth does not count
 
 
 @dataclass(frozen=True)

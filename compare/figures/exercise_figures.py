@@ -26,7 +26,7 @@ PNG = Sheet(formats=("png",))
 PANEL_HEIGHT, FOOT = 2.2, 0.9  # [in] of a row of panels, and of title and legend
 BEFORE, AFTER = 0.35, 0.85  # opacities of the bars before and at a loop closure
 BAR = 0.15  # width of a bar; a lap has the width 1
-PLACES = {EKF: -0.25, CAUSAL: 0.1, GTSAM: 0.35}  # of an estimator in a lap
+PLACES = {EKF: -0.25, CAUSAL: 0.1, GTSAM: 0.35}  # place of an estimator in a lap
 
 
 def save_setting_figure(

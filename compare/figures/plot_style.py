@@ -20,7 +20,7 @@ Format = Literal["pdf", "png", "svg"]
 Width = Literal["column", "page"]
 INCHES: dict[Width, float] = {"column": 3.4, "page": 7.0}  # widths in a paper with two columns
 ENTRY = 1.1  # [in] width of a legend entry
-CHARACTERS = 13  # of a title, per inch
+CHARACTERS = 13  # characters of a title, per inch
 LineStyle = str | tuple[int, tuple[float, ...]]
 
 TRUTH_COLOR = "#000000"

@@ -22,8 +22,8 @@ from slamgauge.ekf.innovations import Innovations, Log
 from slamgauge.recording import Recording
 
 SYSTEMATIC_UNIT = 0.01  # a coordinate of 1 is large, as for sigmas
-LIMIT = 100.0  # of coordinates; the log does not determine an end beyond it
-FIRST_STEP = 0.1  # of the search
+LIMIT = 100.0  # largest coordinate; the log does not determine an end beyond it
+FIRST_STEP = 0.1  # first step of the search
 IMPOSSIBLE = 1e12  # cost of noise with which the filter cannot compute an update
 
 

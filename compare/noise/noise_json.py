@@ -14,7 +14,7 @@ from slamgauge.compare.storage.provenance import origin
 
 
 def noise_json(noise: Noise) -> dict[str, Any]:
-    """Return the content of noise.json. Ends of intervals that the log does not determine are None."""
+    """Return the content of noise.json. An undetermined end of an interval is null."""
     before, after = noise.before, noise.after
     return {
         **origin(None),

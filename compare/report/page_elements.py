@@ -48,11 +48,11 @@ class Section:
     id: str = ""  # name for links
     texts: Sequence[str] = ()  # paragraphs
     lines: Sequence[Line] = ()
-    tables: Sequence[Table] = ()  # those without rows are not shown
+    tables: Sequence[Table] = ()  # tables without rows are not shown
     pictures: Sequence[Picture] = ()
     verbatim: str = ""  # text that a program printed
     link: str = ""  # address of a replay, shown after the last paragraph
-    level: int = 2  # of the heading
+    level: int = 2  # level of the heading
     is_folded: bool = False  # a click opens the section
     include: str = ""  # template of an interactive part
 
@@ -66,7 +66,7 @@ class Section:
 class Page:
     """What a page shows."""
 
-    kind: str  # of the results, shown above the title
+    kind: str  # kind of the results, shown above the title
     title: str
     lead: Sequence[Line]  # first sentences, each with the name of its estimator
     origin: Sequence[tuple[str, str, bool]]  # provenance, see `origin`
@@ -74,7 +74,7 @@ class Page:
     picture: Picture | None = None  # next to the first sentences
     sections: Sequence[Section] = ()  # empty ones are not shown
     looks: Sequence[Look] = ()
-    terms: Sequence[tuple[str, str]] = ()  # of the glossary, besides the columns of the tables
+    terms: Sequence[tuple[str, str]] = ()  # terms of the glossary, besides the columns of the tables
     back: str = ""  # link to the page above
     legend: str = ""  # explanation of the replay
     data: dict[str, Any] = field(default_factory=dict)  # JSON for the scripts

@@ -210,7 +210,7 @@ def _line(place: Place, detail: ErrorDetails, kind: str) -> str:
     return f"{where}: {what}" if where else what  # a mistake of several sections names its keys in the message
 
 
-WANTED = {  # by the type of pydantic's error, with its values
+WANTED = {  # texts by the type of pydantic's error, with its values
     "float_type": "a valid number",
     "int_type": "a valid integer",
     "string_type": "a text",

@@ -54,6 +54,7 @@ class Score(FiguresByKey):
     `kind` is a key, too: "filtered" (compared with `causal`) or "smoothed" (compared with `batch`).
 
     Attributes:
+        figures: the figures by key (see the glossary).
         nees: (N+1,) pose NEES of each step, NaN where undefined.
         sigmas: (N+1, 3) standard deviations of x, y [m] and heading [rad], NaN where undefined.
     """

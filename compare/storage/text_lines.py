@@ -21,7 +21,7 @@ from slamgauge.suggestions import did_you_mean
 from slamgauge.validation import LARGEST
 
 LARGEST_ID = 2**53  # not every larger whole number is a float64
-SEPARATORS = ";\t"  # of CSV files, if the header has one of them; else a comma
+SEPARATORS = ";\t"  # separators of CSV files, if the header has one of them; else a comma
 NOTHING: Mapping[str, str] = {}
 
 

@@ -49,7 +49,7 @@ from slamgauge.jit import inner, kernel
 from slamgauge.se2_kernels import mean_rotation, wrap
 
 PASSES = 1000  # most passes of the iterated filter
-STATE_ROUNDING = 1e-14  # of a state entry, relative to 1 m or its value
+STATE_ROUNDING = 1e-14  # rounding of a state entry, relative to 1 m or its value
 SETTLED = 1e-13  # step of its last pass, in standard deviations of the prior
 LAST_DIGITS = 1e-7  # a smaller step that does not shrink is rounding
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-MOTION_NOISE = np.diag([0.03, 0.03, 0.005]) ** 2  # of a step, world frame [m^2, rad^2]
-SENSOR_NOISE = np.diag([0.1, 0.09]) ** 2  # of range and bearing [m^2, rad^2]
+MOTION_NOISE = np.diag([0.03, 0.03, 0.005]) ** 2  # covariance of a step, world frame [m^2, rad^2]
+SENSOR_NOISE = np.diag([0.1, 0.09]) ** 2  # covariance of range and bearing [m^2, rad^2]
 
 
 def prediction_step(mu, sigma, u):

@@ -1,4 +1,4 @@
-"""EKF-SLAM as many write it: a class with methods of its own, speed and yaw rate over dt, and ids in a dict."""
+"""EKF-SLAM as many write it: a class with other method names, speed and yaw rate over dt, and ids in a dict."""
 
 import numpy as np
 

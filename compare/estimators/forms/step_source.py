@@ -84,7 +84,7 @@ def starts_where_called(function: Callee, number: int) -> list[Any]:
                 if found is not None:
                     try:
                         return [eval(ast.unparse(found), dict(vars(module)))]  # it is the user's own code
-                    except NameError:  # of a local variable
+                    except NameError:  # a local variable has another value
                         continue
     return []
 

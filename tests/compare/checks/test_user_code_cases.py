@@ -102,7 +102,7 @@ def estimated(file: Path, scenario: str) -> Estimate:
 def test_a_right_filter_fails_no_check_and_a_wrong_prediction_its_own(
     tmp_path: Path, source: str, changes: tuple[tuple[str, str], ...], failed: list[str]
 ):
-    """Noise of its own, and covariances that are symmetric except for rounding, are no mistakes."""
+    """Own noise, and covariances that are symmetric except for rounding, are not mistakes."""
     file = written(tmp_path, source, *changes)
     for seed in range(3):
         verdicts = verdicts_of(file, seed)

@@ -251,7 +251,7 @@ def test_a_cut_file_is_one_line_or_has_all_messages(kind: str, tmp_path: Path):
         except UserError as error:
             assert "\n" not in str(error)
         else:
-            assert length > 0.9 * len(whole)  # what follows is not needed
+            assert length > 0.9 * len(whole)  # the rest is not needed
             assert_same(found.recording, recording)
 
 

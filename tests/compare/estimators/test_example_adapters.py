@@ -18,7 +18,7 @@ from .conftest import EXAMPLES
 pytestmark = pytest.mark.slow
 
 ADAPTERS = {"octave_course": "estimate", "ntnu_class": "Ntnu", "own_class": "Wrapper"}
-LIMIT = "standing-robot-in-noise"  # of the textbook method
+LIMIT = "standing-robot-in-noise"  # a limit of the textbook method
 
 
 @pytest.mark.parametrize("name", ADAPTERS)

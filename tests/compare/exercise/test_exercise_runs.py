@@ -28,7 +28,7 @@ from slamgauge.compare.studies import study
 from slamgauge.compare.studies.study_run import run_once, run_seed
 from slamgauge.errors import UserError
 
-SECONDS = 25  # of every setting here
+SECONDS = 25  # duration of every setting here
 
 
 @pytest.fixture(autouse=True)

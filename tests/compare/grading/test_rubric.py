@@ -57,7 +57,7 @@ def test_accuracy_has_partial_credit(ate: float, points: float):
         (9.3, 3.0, 12.5),
         (3.1, 0.9, 12.5),  # the reference is consistent
         (1 / 3.1, 1.0, 12.5),  # too cautious
-        (0.3, 0.3, 25.0),  # as cautious as the reference
+        (0.3, 0.3, 25.0),  # just as cautious as the reference
         (float("inf"), 1.0, 0.0),
         (None, 1.0, 0.0),
     ],

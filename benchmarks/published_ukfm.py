@@ -1,0 +1,52 @@
+"""Do the filters have the figures that UKF-M's 2D SLAM example publishes (docs/consistency.md)?
+
+    python benchmarks/published_ukfm.py [--runs 100] [--seed 0] [--jobs 2] [--out results/ukfm-slam2d]
+
+The study in the folder is continued. The published figures are means of 100 other runs.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from pathlib import Path
+
+import tyro
+
+from slamgauge.compare.scoring.intervals import Interval
+from slamgauge.compare.studies.executors import local_processes
+from slamgauge.compare.studies.study import run_study
+
+FILTERS = ("ekf", "fej-ekf", "iekf", "riekf", "causal")
+FIGURES = {  # key of the summary, and its unit's factor
+    "heading RMSE [deg]": ("heading_rmse_rad", math.degrees(1.0)),
+    "position RMSE [m]": ("position_rmse_m", 1.0),
+    "NEES heading": ("nees_heading", 1.0),
+    "NEES position": ("nees_position_per_dof", 1.0),
+}
+PUBLISHED = {
+    "EKF, published": (3.02, 0.67, 2.88, 2.56),
+    "right-UKF, published": (2.51, 0.55, 1.01, 1.09),
+    "IEKF, published": (2.51, 0.55, 1.01, 1.17),
+}
+
+
+def main(runs: int = 100, seed: int = 0, jobs: int = 2, out: Path = Path("results/ukfm-slam2d")) -> int:
+    with local_processes(jobs) as executor:
+        summary = run_study("ukfm-slam2d", runs, seed, FILTERS, out, executor)
+    print(f"{'':22}" + "".join(f"{title:>20}" for title in FIGURES))
+    for name, figures in PUBLISHED.items():
+        print(f"{name:22}" + "".join(f"{figure:20.2f}" for figure in figures))
+    for name in FILTERS:
+        found = [(summary.estimators[name][key], factor) for key, factor in FIGURES.values()]
+        print(f"{name:22}" + "".join(f"{_text(interval, factor):>20}" for interval, factor in found))
+    return 0
+
+
+def _text(interval: Interval, factor: float) -> str:
+    """Return a mean with half of its 95 % interval."""
+    return f"{factor * interval.mean:.3f} ± {factor * (interval.high - interval.low) / 2:.3f}"
+
+
+if __name__ == "__main__":
+    sys.exit(tyro.cli(main, description=__doc__))
