@@ -41,6 +41,10 @@ def moved(pose: Float, increment: Float) -> Float:
     return np.array([*(pose[:2] + rotation(pose[2]) @ increment[:2]), pose[2] + increment[2]])
 
 
+def started(settings: Delayed, correction: Correction = "standard") -> BearingFilter:
+    return BearingFilter(np.zeros(3), np.zeros((3, 3)), correction, settings)
+
+
 # --- Jacobians -----------------------------------------------------------------------------------
 
 
@@ -163,9 +167,8 @@ def test_a_placement_is_exact_conditioning(correction: Correction, seed: int) ->
 def test_bearings_of_two_landmarks_with_one_id_are_never_placed() -> None:
     """A third landmark is placed as if they did not exist."""
     rng = np.random.default_rng(3)
-    slam, pose = BearingFilter(np.zeros(3), np.zeros((3, 3)), initialisation=Delayed(poses=12)), np.zeros(3)
+    slam, sound, pose = started(Delayed(poses=12)), started(Delayed(poses=12)), np.zeros(3)
     landmarks = np.array([[3.0, 3.0], [2.0, 4.5], [4.0, -2.0]])
-    sound = BearingFilter(np.zeros(3), np.zeros((3, 3)), initialisation=Delayed(poses=12))
     for k in range(30):
         if k:
             pose = moved(pose, np.array([0.25, 0.0, 0.0]))
@@ -195,8 +198,7 @@ def test_covariances_stay_semidefinite_and_the_window_bounded(correction: Correc
     rng = np.random.default_rng(5)
     angles = rng.uniform(-np.pi, np.pi, 25)
     landmarks = rng.uniform(6.5, 9.0, (25, 1)) * np.column_stack([np.cos(angles), np.sin(angles)]) + [0.0, 5.0]
-    settings = Delayed(poses=10, spacing=0.2)
-    slam, pose = BearingFilter(np.zeros(3), np.zeros((3, 3)), correction, settings), np.zeros(3)
+    slam, pose = started(Delayed(poses=10, spacing=0.2), correction), np.zeros(3)
     largest, steps = 0, 220
     for k in range(steps):
         if k:
@@ -226,8 +228,7 @@ def test_a_long_path_is_mapped_to_its_end() -> None:
     """
     rng = np.random.default_rng(7)
     landmarks = np.column_stack([rng.uniform(0.0, 200.0, 200), rng.uniform(1.0, 10.0, 200) * rng.choice([-1, 1], 200)])
-    settings = Delayed(poses=15, spacing=0.4)
-    slam, pose = BearingFilter(np.zeros(3), np.zeros((3, 3)), initialisation=settings), np.zeros(3)
+    slam, pose = started(Delayed(poses=15, spacing=0.4)), np.zeros(3)
     seen: set[int] = set()
     for k in range(900):
         if k:
@@ -245,7 +246,7 @@ def test_a_long_path_is_mapped_to_its_end() -> None:
 
 def test_a_standing_robot_adds_no_poses() -> None:
     rng = np.random.default_rng(8)
-    slam = BearingFilter(np.zeros(3), np.zeros((3, 3)), initialisation=Delayed(spacing=0.2))
+    slam = started(Delayed(spacing=0.2))
     landmarks = np.array([[3.0, 3.0], [2.0, 4.5]])
     for k in range(20):
         slam.update(sights(np.zeros(3), landmarks, [0, 1] if k else [0], rng))
