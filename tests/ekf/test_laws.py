@@ -32,7 +32,7 @@ from tests.reference.circles import (
     outside,
     run_all,
 )
-from tests.reference.random_recordings import random_recording
+from tests.reference.random_recordings import random_recording, with_rows
 
 FAMILY = [ekf_slam, fej_ekf, oc_ekf, iekf, riekf]
 FILTERS = pytest.mark.parametrize("estimator", FAMILY)
@@ -90,12 +90,7 @@ def test_the_order_of_a_steps_observations_does_not_matter(estimator: Estimator,
     rng = np.random.default_rng(1)
     order = np.lexsort([rng.random(len(recording.observation)), recording.observation_step])
     assert not np.array_equal(order, np.arange(len(order)))
-    shuffled = replace(
-        recording,
-        observation=recording.observation[order],
-        observation_cov=recording.observation_cov[order],
-        landmark=ids_of(recording)[order],
-    )
+    shuffled = with_rows(recording, order)
     before, after = estimator(recording), estimator(shuffled)
     for found, expected in zip(results_of(after), results_of(before), strict=True):
         assert_close(found, expected)

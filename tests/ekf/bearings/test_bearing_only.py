@@ -138,21 +138,6 @@ def test_inputs_are_only_read(initialisation: Initialisation) -> None:
     assert_sound(slam)
 
 
-@INITIALISATIONS
-def test_member_counts_agree(initialisation: Initialisation) -> None:
-    slam = BearingFilter(np.zeros(3), 1e-4 * np.eye(3), initialisation=initialisation)
-    counts: list[int] = []
-    rng, pose = np.random.default_rng(1), np.zeros(3)
-    for _ in range(60):
-        slam.update(scan(pose, world(), np.arange(8), rng))
-        rows = slam.whole_map()
-        assert slam.member_count == sum(slam.provisional.values()) == (rows.number >= 0).sum()
-        counts.append(slam.member_count)
-        pose = moved(pose)
-        slam.predict(STEP, Q)
-    assert counts[0] == {Rays: 8 * 3, Delayed: 0}[type(initialisation)]
-
-
 @pytest.mark.parametrize("gate", [1e-12, 1e50])
 def test_tiny_and_huge_gates(gate: float) -> None:
     slam = BearingFilter(np.zeros(3), 1e-4 * np.eye(3), initialisation=Rays(gate=gate))
