@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from slamgauge.arrays import Float, Int
-from slamgauge.recording import Recording
+from slamgauge.recording import Observations, Recording
 from slamgauge.se2 import between, chain, rotation, wrap
 from slamgauge.truth import Truth
 
@@ -30,6 +30,13 @@ def with_rows(recording: Recording, rows: Int) -> Recording:
         observation_cov=recording.observation_cov[rows],
         landmark=recording.landmark[rows],
     )
+
+
+def noisy_bearings(pose: Float, landmarks: Float, ids: Int, rng: np.random.Generator, sigma: float) -> Observations:
+    """Return one bearing of each of the landmarks (n, 2)."""
+    offset = landmarks - pose[:2]
+    bearings = wrap(np.arctan2(offset[:, 1], offset[:, 0]) - pose[2] + sigma * rng.normal(size=len(landmarks)))
+    return Observations(ids, bearings[:, None], np.full((len(ids), 1, 1), sigma**2))
 
 
 def bearing_only(recording: Recording) -> Recording:

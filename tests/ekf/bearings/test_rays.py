@@ -25,7 +25,8 @@ from slamgauge.ekf.estimators import drive
 from slamgauge.ekf.maps.correction_table import Correction
 from slamgauge.ekf.settings import Rays
 from slamgauge.recording import Observations
-from slamgauge.se2 import rotation, wrap
+from slamgauge.se2 import compose, wrap
+from tests.reference.random_recordings import noisy_bearings
 
 pytestmark = pytest.mark.slow
 
@@ -156,19 +157,18 @@ def test_a_ray_equals_the_dense_reference_until_it_is_a_point():
     rng = np.random.default_rng(4)
     mean, cov = np.array([0.3, -0.2, 0.5]), np.diag([0.01, 0.02, 0.001])
     slam, twin = BearingFilter(mean, cov, initialisation=FOUR), Twin(mean, cov, FOUR)
-    truth, landmark, R = mean.copy(), np.array([4.0, 3.5]), np.deg2rad(5.0) ** 2
+    truth, landmark, R = mean, np.array([4.0, 3.5]), np.deg2rad(5.0) ** 2
     Q = np.diag([0.03, 0.0, 0.005]) ** 2
     members = [0]
     for k in range(120):
         if k > 0:
             increment = np.array([0.1, 0.0, 0.01])
-            truth[:2] += rotation(truth[2]) @ increment[:2]
-            truth[2] += increment[2]
+            truth = compose(truth, increment)
             slam.predict(increment, Q)
             twin.predict(increment, Q)
-        offset = landmark - truth[:2]
-        z = float(wrap(np.arctan2(offset[1], offset[0]) - truth[2] + np.sqrt(R) * rng.normal()))
-        slam.update(Observations(np.array([7]), np.array([[z]]), np.array([[[R]]])))
+        scan = noisy_bearings(truth, landmark[None], np.array([7]), rng, np.sqrt(R))
+        slam.update(scan)
+        z, R = float(scan.value[0, 0]), float(scan.cov[0, 0, 0])
         if k == 0:
             twin.begin(z, R)
         else:
