@@ -160,7 +160,8 @@ def _require_poses(trajectory: Trajectory, steps: Float, max_gap: float) -> None
         return
     step = int(np.argmax(missing))
     span = f", the poses are from {stamps[0]:.6f} to {stamps[-1]:.6f} s" if len(stamps) else ""
-    size = f"; --max-gap {gap[step] + 0.05:.1f} accepts it" if np.isfinite(gap[step]) else ""
+    is_outside = not np.isfinite(before[step] + behind[step])
+    size = "; --time-offset S shifts them" if is_outside else f"; --max-gap {gap[step] + 0.05:.1f} accepts it"
     raise UserError(
         f"{trajectory.where}: no pose within {max_gap:g} s of step {step} at t = {steps[step]:.6f} s{span}; "
         f"give poses from the first step to the last, at most {max_gap:g} s apart{size}"

@@ -26,9 +26,8 @@ from slamgauge.compare.storage.result_files import STORE, STUDIES
 from slamgauge.compare.storage.staged_folder import begin_folder, require_ours
 from slamgauge.compare.studies.store import digest
 from slamgauge.compare.studies.study import load_runs, run_study
-from slamgauge.compare.studies.study_run import run_once, run_seed
+from slamgauge.compare.studies.study_run import require_numbers, run_once, run_seed
 from slamgauge.compare.studies.summary import failure_lines
-from slamgauge.errors import UserError
 
 
 class Part(NamedTuple):
@@ -53,8 +52,7 @@ def run_exercise(names: Sequence[str], runs: int, seed: int, out: str | Path, ex
         UserError: an unknown question, a bad number, a store of another study, or a foreign file in the place of one.
     """
     questions, out = require_questions(tuple(names)), Path(out)
-    if runs < 1:
-        raise UserError(f"runs: {runs} is too few; give at least 1")
+    require_numbers(runs, seed)
     begin_folder(out)
     chosen = [each for name in questions for each in QUESTIONS[name].settings]
     compared = [

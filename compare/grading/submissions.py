@@ -14,6 +14,8 @@ from slamgauge.compare.estimators.code_folder import read_folder
 from slamgauge.compare.storage.files import explained
 from slamgauge.errors import UserError
 
+NOTEBOOK = ".ipynb"
+NOT_A_NOTEBOOK = "notebooks are not run; hand in its code as a .py file (jupyter nbconvert --to script)"
 LONGEST_NAME = 100  # bytes, so that it can name a page
 MAIN = ("submission.py", "main.py")  # main file of a folder with several files, the first of them that exists
 
@@ -46,12 +48,17 @@ def submissions_in(folder: Path) -> list[Submission]:
     """
     with explained(folder, "read"):
         entries = sorted(each for each in folder.iterdir() if each.name[0] not in "._")
-    given = [each for each in entries if _is_python(each) or any(each.glob("*.py")) or _folders_with_python(each)]
+    given = [each for each in entries if _is_given(each)]
     if not given:
         raise UserError(f"{folder}: contains no submission; give a folder of Python files, or of folders with them")
     stems = [each.stem if _is_python(each) else each.name for each in given]
     names = _distinct(stems, [each.name for each in given])
     return [_submission(path, name) for path, name in zip(given, names, strict=True)]
+
+
+def _is_given(path: Path) -> bool:
+    """Return whether a path is a submission; a notebook is one, which is not graded."""
+    return _is_python(path) or path.suffix == NOTEBOOK or any(path.glob("*.py")) or bool(_folders_with_python(path))
 
 
 def _distinct(stems: Sequence[str], files: Sequence[str]) -> list[str]:
@@ -66,6 +73,8 @@ def _distinct(stems: Sequence[str], files: Sequence[str]) -> list[str]:
 def _submission(path: Path, name: str) -> Submission:
     """Return the submission at a path: a file alone, or a folder with all that it contains."""
     try:
+        if path.suffix == NOTEBOOK:
+            return Submission(name, None, f"{path.name}: {NOT_A_NOTEBOOK}")
         if not path.is_file() and not _folders_with_python(path):
             return Submission(
                 name, None, f"{path.name}: is or has no Python file (pipes and broken links are none); hand in a file"

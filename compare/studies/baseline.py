@@ -15,21 +15,20 @@ from pathlib import Path
 from statistics import NormalDist
 from typing import NamedTuple
 
-import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from slamgauge.compare.estimators.registry import BOUNDS, is_optimum
-from slamgauge.compare.scoring.intervals import Interval, ratio_interval
+from slamgauge.compare.scoring.intervals import Interval
 from slamgauge.compare.scoring.paired import is_above, is_below
 from slamgauge.compare.storage.files import read_json
-from slamgauge.compare.studies.summary import RunFigures, Summary
+from slamgauge.compare.studies.paired_comparisons import FIGURES, RunFigures
+from slamgauge.compare.studies.summary import Summary
 from slamgauge.display import counted
 from slamgauge.errors import UserError
 from slamgauge.version import __version__
 
 FALSE_ALARMS = 0.05  # largest probability that a gate fails although no true ratio exceeds 1 + tolerance
 POWER = 0.9  # probability of finding a ratio of 1 + 2 tolerance, for the number of runs that it needs
-FIGURES = {"ate_m": "ATE", "nees_pose_per_dof": "NEES"}
 AGAIN = "make the baseline again with this version and this scenario"
 
 
@@ -60,16 +59,12 @@ class Gate(NamedTuple):
         lines = [*filter(None, (self._lost(name, study) for name in dict.fromkeys(name for name, _ in self.compared)))]
         worse = [*lines]
         for name, figure in self.compared:
-            first, second = study.per_run[name], self.baseline.per_run[name]
-            _, at, there = np.intersect1d(first.run, second.run, assume_unique=True, return_indices=True)
-            ours = np.array(getattr(first, figure), dtype=np.float64)[at]  # None becomes NaN
-            theirs = np.array(getattr(second, figure), dtype=np.float64)[there]
-            ratio = ratio_interval(ours, theirs, self.level)
-            if ratio is not None:
-                runs = int(np.sum(~np.isnan(ours) & ~np.isnan(theirs)))
-                lines.append(f"{name}: {FIGURES[figure]} is {self._sentence(ratio, runs)}")
-                worse += lines[-1:] if is_above(ratio, 1.0 + self.tolerance) else []
-            elif len(ours) and np.isnan(ours).all():
+            ours = study.per_run[name]
+            found = ours.against(self.baseline.per_run[name], self.level).get(figure)
+            if found is not None and found.ratio is not None:
+                lines.append(f"{name}: {FIGURES[figure]} is {self._sentence(found.ratio, found.runs)}")
+                worse += lines[-1:] if is_above(found.ratio, 1.0 + self.tolerance) else []
+            elif ours.run and not _has(ours, figure):
                 lines.append(f"{name}: has no {FIGURES[figure]}, as the baseline has")
                 worse.append(lines[-1])
         return lines, worse
@@ -98,6 +93,10 @@ class Gate(NamedTuple):
         return f"{text}; {sought:g} would be found in {max(needed, 2)} runs"
 
 
+def _has(study: RunFigures, figure: str) -> bool:
+    return any(value is not None for value in getattr(study, figure))
+
+
 def open_gate(baseline: StudyFigures, names: Iterable[str], digest: str, tolerance: float, where: str) -> Gate:
     """Return the gate of a study with that digest and these estimators; `where` is the path of the baseline.
 
@@ -113,7 +112,7 @@ def open_gate(baseline: StudyFigures, names: Iterable[str], digest: str, toleran
         for name in names
         if name in baseline.per_run and not is_optimum(name) and name not in BOUNDS
         for figure in FIGURES
-        if any(value is not None for value in getattr(baseline.per_run[name], figure))
+        if _has(baseline.per_run[name], figure)
     ]
     if not compared:
         raise UserError(f"{where}: has figures of none of these estimators; it has {', '.join(baseline.per_run)}")

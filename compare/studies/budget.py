@@ -7,9 +7,9 @@ those at the end of the run, after deletion and merging.
 
 from __future__ import annotations
 
-from collections import deque
-from concurrent.futures import Executor, Future
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
+from itertools import repeat
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -37,8 +37,7 @@ from slamgauge.compare.storage.progress import tracked
 from slamgauge.compare.storage.provenance import origin
 from slamgauge.compare.storage.result_files import BUDGET
 from slamgauge.compare.studies.store import digest
-from slamgauge.compare.studies.study import IN_FLIGHT
-from slamgauge.compare.studies.study_run import run_seed
+from slamgauge.compare.studies.study_run import require_numbers, run_seed
 from slamgauge.display import counted
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
@@ -172,22 +171,11 @@ def error_budget(
         raise UserError(
             f"filter: {filter_name!r} is not a filter whose error can be split; use {', '.join(FILTERS)}, or your own"
         )
-    if runs < 1:
-        raise UserError(f"runs: {runs} is too few; give at least 1")
-    if seed < 0:
-        raise UserError(f"seed: {seed} is negative; use a whole number >= 0")
+    require_numbers(runs, seed)
     require_memory(1.0 * BYTES * runs, f"runs: a budget of {runs}", "give fewer")
-    results: list[RungErrors] = []
-    pending: deque[Future[RungErrors]] = deque()
-    try:
-        for run in tracked(range(runs), runs, "run", scenario.name, leave=True):
-            for ahead in range(run + len(pending), min(run + IN_FLIGHT, runs)):
-                pending.append(executor.submit(rung_errors, scenario, run_seed(seed, ahead), asked, lag))
-            results.append(pending.popleft().result())
-    finally:
-        for future in pending:
-            future.cancel()
-    errors, checks, fits, rays = zip(*results, strict=True)
+    seeds = [run_seed(seed, run) for run in range(runs)]
+    results = executor.map(rung_errors, repeat(scenario), seeds, repeat(asked), repeat(lag))
+    errors, checks, fits, rays = zip(*tracked(results, runs, "run", scenario.name, leave=True), strict=True)
     budget = summarise_budget(scenario.name, asked.label, np.array(errors), np.array(checks), np.array(fits))
     found = {"scenario_text": scenario_text(scenario), "seed": seed, "digest": digest(scenario, seed)}
     return replace(budget, rays=mean_figures(rays), **found)

@@ -3,28 +3,65 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
-from slamgauge.arrays import Float
+import numpy as np
+
 from slamgauge.compare.estimators.registry import BOUNDS, DEAD_RECKONING, is_optimum
 from slamgauge.compare.estimators.requests import Asked, BuiltIn
 from slamgauge.compare.scoring.aggregation import late_means
-from slamgauge.compare.scoring.intervals import Interval
+from slamgauge.compare.scoring.intervals import LEVEL, Interval
+from slamgauge.compare.scoring.nan_stats import number
 from slamgauge.compare.scoring.paired import Paired, compare_paired, needed_runs
-from slamgauge.compare.scoring.runs import Runs, paired
+from slamgauge.compare.scoring.runs import Runs
 from slamgauge.compare.scoring.table import NO_FIGURE, RUNS, Cell, Head, Table, figure, interval_cell
 from slamgauge.display import counted
 
 SMALLEST_P = 1e-6  # smaller ones are printed as `<1e-06`
+FIGURES = {"ate_m": "ATE", "nees_pose_per_dof": "NEES"}  # titles of the compared figures
 
 Against = Mapping[str, Mapping[str, Mapping[str, Paired]]]  # keys: reference estimator, estimator, figure
 
 
+@dataclass(frozen=True)
+class RunFigures:
+    """Figures of one estimator in each run without failure, which other estimators and studies are compared with.
+
+    Attributes:
+        run: (R,) numbers of the runs, increasing.
+        ate_m: (R,) ATE [m]; None where undefined.
+        nees_pose_per_dof: (R,) mean pose NEES over 3 from the 11th step on; None where undefined.
+    """
+
+    run: list[int]
+    ate_m: list[float | None]
+    nees_pose_per_dof: list[float | None]
+
+    def against(self, other: RunFigures, level: float = LEVEL) -> dict[str, Paired]:
+        """Compare both figures with those of another estimator on the common runs; without figures that none has."""
+        _, rows, others = np.intersect1d(self.run, other.run, assume_unique=True, return_indices=True)
+        found: dict[str, Paired] = {}
+        for key in FIGURES:
+            ours, theirs = (np.array(getattr(each, key), dtype=np.float64) for each in (self, other))  # None: NaN
+            compared = compare_paired(ours[rows], theirs[others], level)
+            if compared is not None:
+                found[key] = compared
+        return found
+
+
+def run_figures(runs: Runs) -> RunFigures:
+    """Return the figures of each run of an estimator."""
+    ate, nees = runs.figures["ate_m"], late_means(runs.series["nees_pose"]) / 3
+    return RunFigures(runs.run.tolist(), *([number(each) for each in column] for column in (ate, nees)))
+
+
 def compare_against(loaded: Mapping[str, Runs], names: Sequence[str]) -> dict[str, dict[str, dict[str, Paired]]]:
     """Return paired comparisons of ATE and NEES/3 of each estimator with each reference in `names`."""
+    figures = {label: run_figures(runs) for label, runs in loaded.items()}
     return {
         name: {
-            label: _compared(runs, loaded[name])
-            for label, runs in loaded.items()
+            label: each.against(figures[name])
+            for label, each in figures.items()
             if label != name and label not in BOUNDS
         }
         for name in names
@@ -42,7 +79,7 @@ def compare_user_code(asked: Sequence[Asked], loaded: Mapping[str, Runs]) -> tup
     sentences: list[tuple[str, str]] = []
     for mine in (each.label for each in asked if not isinstance(each, BuiltIn)):
         for other in (each.label for each in built_in if loaded[each.label].kind == loaded[mine].kind):
-            found = _compared(loaded[mine], loaded[other]).get("ate_m")
+            found = run_figures(loaded[mine]).against(run_figures(loaded[other])).get("ate_m")
             if found is None or found.ratio is None:
                 continue
             opening = f"the ATE of {mine} is {interval_cell(found.ratio, '{:.3f}')} times that of {other} "
@@ -63,20 +100,6 @@ def _excludes_1(ratio: Interval) -> bool:
     """Return whether the interval of a ratio excludes 1 to the printed digits."""
     low, high = ratio.low, ratio.high
     return low is not None and high is not None and (round(low, 3) > 1 or round(high, 3) < 1)
-
-
-def _compared(runs: Runs, other: Runs) -> dict[str, Paired]:
-    ours, theirs = paired(runs, other)
-    figures = {
-        "ate_m": (runs.figures["ate_m"][ours], other.figures["ate_m"][theirs]),
-        "nees_pose_per_dof": (_nees(runs)[ours], _nees(other)[theirs]),
-    }
-    found = {key: compare_paired(*both) for key, both in figures.items()}
-    return {key: each for key, each in found.items() if each is not None}
-
-
-def _nees(runs: Runs) -> Float:
-    return late_means(runs.series["nees_pose"]) / 3
 
 
 def against_tables(against: Against) -> list[Table]:

@@ -21,11 +21,11 @@ from slamgauge.compare.storage.progress import counted
 from slamgauge.compare.storage.result_files import STORE
 from slamgauge.compare.storage.staged_folder import begin_folder
 from slamgauge.compare.studies.executors import lost_worker
-from slamgauge.compare.studies.paired_comparisons import compare_against, compare_user_code
+from slamgauge.compare.studies.paired_comparisons import compare_against, compare_user_code, run_figures
 from slamgauge.compare.studies.store import StudyStore, begin_store, digest, open_store
 from slamgauge.compare.studies.store_file import sole_use
-from slamgauge.compare.studies.study_run import Outcome, run_once, run_seed
-from slamgauge.compare.studies.summary import Failure, Summary, run_figures, summarise
+from slamgauge.compare.studies.study_run import Outcome, require_numbers, run_once, run_seed
+from slamgauge.compare.studies.summary import Failure, Summary, summarise
 from slamgauge.errors import UserError
 
 IN_FLIGHT = 256  # runs submitted to the executor at a time, which limits the memory of waiting results
@@ -81,10 +81,7 @@ def run_study(
     asked = ask(estimators)  # misspelt names are refused before anything is written
     if not asked:
         raise UserError("estimators: none given; name at least one, for example --estimators ekf,causal")
-    if runs < 1:
-        raise UserError(f"runs: {runs} is too few; give at least 1")
-    if seed < 0:
-        raise UserError(f"seed: {seed} is negative; use a whole number >= 0")
+    require_numbers(runs, seed)
     against = labels_among(against, [each.label for each in asked], "is not among --estimators")
     require_room_for_runs(runs, scenario, len(asked))
     begin_folder(out)

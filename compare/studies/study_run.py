@@ -20,7 +20,7 @@ from slamgauge.compare.scoring.measured import Measured
 from slamgauge.compare.scoring.ray_figures import RAY_FIGURES, ray_figures
 from slamgauge.compare.scoring.runs import SERIES
 from slamgauge.compare.storage.safe_names import shown
-from slamgauge.errors import failure_text, refused_by_the_machine
+from slamgauge.errors import UserError, failure_text, refused_by_the_machine
 from slamgauge.recording import Recording
 from slamgauge.truth import Truth
 
@@ -36,6 +36,14 @@ class Outcome:
     error: str | None = None
     transient: bool = False  # a failure of the machine, not of the input: the same run may succeed later
     remarks: tuple[str, ...] = ()
+
+
+def require_numbers(runs: int, seed: int) -> None:
+    """Raise a `UserError` if a number of runs or a root seed is too small."""
+    if runs < 1:
+        raise UserError(f"runs: {runs} is too few; give at least 1")
+    if seed < 0:
+        raise UserError(f"seed: {seed} is negative; use a whole number >= 0")
 
 
 def run_seed(seed: int, run: int) -> int:

@@ -9,11 +9,10 @@ from typing import Any
 from pydantic_core import to_jsonable_python
 
 from slamgauge.compare.estimators.registry import BOUND_OF, BOUNDS, CAUSAL, HINDSIGHT, REGISTRY, is_ours
-from slamgauge.compare.scoring.aggregation import BAND_LEVEL, late_means
+from slamgauge.compare.scoring.aggregation import BAND_LEVEL
 from slamgauge.compare.scoring.catalogue import BY_KEY, empty_columns, figure_cells, heads
 from slamgauge.compare.scoring.intervals import Interval
 from slamgauge.compare.scoring.metric import TableName
-from slamgauge.compare.scoring.nan_stats import number
 from slamgauge.compare.scoring.optimum_figures import is_misfit_in_runs
 from slamgauge.compare.scoring.optimum_notes import beats_the_optimum, doubt_in_runs, mean_fit, misfits
 from slamgauge.compare.scoring.ray_figures import describe
@@ -23,7 +22,7 @@ from slamgauge.compare.scoring.table import ESTIMATOR, RUNS, Cell, Table
 from slamgauge.compare.scoring.text_page import Page
 from slamgauge.compare.scoring.verdicts import verdict_lines
 from slamgauge.compare.storage.provenance import origin
-from slamgauge.compare.studies.paired_comparisons import Against, against_parts
+from slamgauge.compare.studies.paired_comparisons import Against, RunFigures, against_parts
 from slamgauge.display import data_frame
 
 
@@ -49,27 +48,6 @@ class Failure:
     run: int
     estimator: str
     error: str
-
-
-@dataclass(frozen=True)
-class RunFigures:
-    """Figures of one estimator in each run without failure, which later studies are compared with.
-
-    Attributes:
-        run: (R,) numbers of the runs, increasing.
-        ate_m: (R,) ATE [m]; None where undefined.
-        nees_pose_per_dof: (R,) mean pose NEES over 3 from the 11th step on; None where undefined.
-    """
-
-    run: list[int]
-    ate_m: list[float | None]
-    nees_pose_per_dof: list[float | None]
-
-
-def run_figures(runs: Runs) -> RunFigures:
-    """Return the figures of each run of an estimator."""
-    ate, nees = runs.figures["ate_m"], late_means(runs.series["nees_pose"]) / 3
-    return RunFigures(runs.run.tolist(), *([number(each) for each in column] for column in (ate, nees)))
 
 
 @dataclass(frozen=True)

@@ -60,6 +60,14 @@ class Sweep:
         )
         return replace(self, summaries=tuple(summaries))
 
+    def by_value(self) -> Iterable[tuple[str, Summary]]:
+        """Return each value with its summary."""
+        return zip(self.values, self.summaries, strict=True)
+
+    def by_place(self) -> dict[str, Summary]:
+        """Return the summaries by `key=value`."""
+        return {f"{self.key}={value}": summary for value, summary in self.by_value()}
+
     def to_json(self) -> dict[str, Any]:
         """Return the content of sweep.json."""
         points = [
@@ -68,7 +76,7 @@ class Sweep:
                 "in_doubt": [name for name in (CAUSAL, HINDSIGHT) if is_marked_against(summary, name)],
                 "summary": summary.to_json(),
             }
-            for value, summary in zip(self.values, self.summaries, strict=True)
+            for value, summary in self.by_value()
         ]
         return {
             **origin(self.summaries[0].scenario_text),
@@ -131,17 +139,22 @@ def run_sweep(
     `finished` is called after the study of each value with its folder, summary, runs and time step [s].
 
     Raises:
-        UserError: as `load_scenario` and `run_study`; before any run if a foreign file would be replaced.
+        UserError: as `load_scenario` and `run_study`; two values make the same scenario, such as 1 and 1.0; before
+            any run if a foreign file would be replaced.
     """
     out = Path(out)
     key, values = split_sweep(sweep)
-    scenarios = scenarios_of(name_or_path, overrides, sweep)
+    folders = [f"{key}={value}" for value in values]
+    scenarios = [load_scenario(name_or_path, [*overrides, folder]) for folder in folders]
+    for value, scenario in zip(values, scenarios, strict=True):
+        first = values[scenarios.index(scenario)]
+        if first != value:
+            raise UserError(f"sweep {sweep!r}: {first} and {value} are the same value; name each once")
     asked = ask(estimators)
     optima = [each for each in asked if each.is_told]
     others = [each for each in asked if not each.is_told]
     if not others:
         raise UserError("estimators: a sweep needs an estimator beside the optima; add a filter, for example ekf")
-    folders = [f"{key}={value}" for value in values]
     besides = [optima_beside(out, scenario, seed)[0].parent for scenario in scenarios]
     require_ours(*map(out.joinpath, folders), *(besides if optima else []))
     begin_folder(out)
@@ -153,21 +166,6 @@ def run_sweep(
             finished(folder, summary, loaded, scenario.trajectory.step)
         summaries.append(summary)
     return Sweep(scenarios[0].name, key, runs, seed, values, tuple(summaries))
-
-
-def scenarios_of(name_or_path: str, overrides: Sequence[str], sweep: str) -> list[Scenario]:
-    """Return the scenario at every value of `key=v1,v2,...`.
-
-    Raises:
-        UserError: as `load_scenario`, or two values make the same scenario, such as 1 and 1.0.
-    """
-    key, values = split_sweep(sweep)
-    scenarios = [load_scenario(name_or_path, [*overrides, f"{key}={value}"]) for value in values]
-    for value, scenario in zip(values, scenarios, strict=True):
-        first = values[scenarios.index(scenario)]
-        if first != value:
-            raise UserError(f"sweep {sweep!r}: {first} and {value} are the same value; name each once")
-    return scenarios
 
 
 def _run_parts(
@@ -188,9 +186,9 @@ def sweep_table(sweep: Sweep) -> Page:
     """Return a table with a row for each value and estimator: means with 95 % intervals; below it notes and faults."""
     below = [*notes(sweep), *(f"{name}: {text}" for name, text in faults(sweep).items())]
     unchanged = unaffected(sweep)
-    for value, summary in zip(sweep.values, sweep.summaries, strict=True):
+    for place, summary in sweep.by_place().items():
         compared = [text for name, text in summary.comparisons if name not in unchanged]
-        below += [f"{sweep.key}={value}, {line}" for line in (*failure_lines(summary), *compared)]
+        below += [f"{place}, {line}" for line in (*failure_lines(summary), *compared)]
     return Page((value_table(sweep), *below))
 
 
@@ -203,7 +201,7 @@ def value_table(sweep: Sweep, links: Mapping[str, str] = MappingProxyType({})) -
             *(Cell(value, link=links.get(value, "")), Cell(name)),
             *figure_cells(entry, found, is_marked_against(summary, CAUSAL) if any_doubt else None),
         ]
-        for value, summary in zip(sweep.values, sweep.summaries, strict=True)
+        for value, summary in sweep.by_value()
         for name, entry in summary.estimators.items()
     ]
     swept = Head(sweep.key, help="value of this key of the scenario", words=True)
@@ -214,13 +212,10 @@ def value_table(sweep: Sweep, links: Mapping[str, str] = MappingProxyType({})) -
 
 def notes(sweep: Sweep) -> list[str]:
     """Return notes on the optima, the empty columns, and a key without effect."""
-    return [*doubts(sweep), *empty_column_lines(sweep.summaries, "sweep"), *no_effect(sweep)]
-
-
-def no_effect(sweep: Sweep) -> list[str]:
-    """Return a line on the estimators with the same figures at all values of the key."""
+    fits = {place: misfits(misfit_optima(summary)) for place, summary in sweep.by_place().items()}
+    lines = [*at_places(CAUSAL, shares_in_doubt(sweep)), *placed(fits), *empty_column_lines(sweep.summaries, "sweep")]
     found = ", ".join(unaffected(sweep))
-    return [f"{sweep.key} has no effect on {found}: the same figures at every value"] if found else []
+    return [*lines, f"{sweep.key} has no effect on {found}: the same figures at every value"] if found else lines
 
 
 def unaffected(sweep: Sweep) -> list[str]:
@@ -257,18 +252,6 @@ def faults(sweep: Sweep) -> dict[str, str]:
     return lines
 
 
-def doubts(sweep: Sweep) -> list[str]:
-    """Return lines on the optima in doubt, and at which values."""
-    return [*at_places(CAUSAL, shares_in_doubt(sweep)), *placed(misfits_at(sweep))]
-
-
-def misfits_at(sweep: Sweep) -> dict[str, str | None]:
-    """Return the line on residuals that do not fit the stated noise, by `key=value`."""
-    points = zip(sweep.values, sweep.summaries, strict=True)
-    return {f"{sweep.key}={value}": misfits(misfit_optima(summary)) for value, summary in points}
-
-
 def shares_in_doubt(sweep: Sweep) -> dict[str, float]:
     """Return the share of the runs in which the causal optimum is in doubt, by `key=value`."""
-    points = zip(sweep.values, sweep.summaries, strict=True)
-    return {f"{sweep.key}={value}": share_in_doubt(summary) for value, summary in points}
+    return {place: share_in_doubt(summary) for place, summary in sweep.by_place().items()}

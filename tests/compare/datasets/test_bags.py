@@ -33,6 +33,7 @@ from tests.reference.bags import (
     scan_messages,
     six,
     xyz,
+    yaw,
 )
 from tests.reference.command_line import run
 from tests.reference.random_recordings import random_recording
@@ -48,13 +49,23 @@ OWN = (
 )
 
 
-def simulated(sensor: str = "position", start: float = 1000.0) -> Recording:
-    _, recording = random_recording(4, sensor=sensor)
+def simulated(sensor: str = "position", start: float = 1000.0, **more: int) -> Recording:
+    _, recording = random_recording(4, sensor=sensor, **more)
     return replace(recording, stamps=start + recording.stamps, prior_mean=np.zeros(3), prior_cov=np.zeros((3, 3)))
 
 
 def detections(recording: Recording, topic: str = "/detections"):
     return scan_messages(recording, topic, "vision_msgs/msg/Detection3DArray", detection, "detections")
+
+
+def bag_of(recording: Recording, folder: Path, kind: str = "mcap", **options: bool) -> Path:
+    """Write a bag of the odometry and of detections."""
+    return Bags(kind, **options).write(folder / "run", in_order(odometry_messages(recording), detections(recording)))
+
+
+def with_noise(recording: Recording) -> Recording:
+    """Return a recording with the noise of `noise.position=0.3`."""
+    return replace(recording, observation_cov=np.tile(np.eye(2) * 0.3**2, (len(recording.observation), 1, 1)))
 
 
 def assert_same(found: Recording, written: Recording) -> None:
@@ -67,11 +78,10 @@ def assert_same(found: Recording, written: Recording) -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("start", [0.0, 1000.0, 1.7e9])
-def test_detections_with_twists(kind: str, start: float, tmp_path: Path):
+@pytest.mark.parametrize(("start", "compressed"), [(0.0, False), (1000.0, False), (1.7e9, False), (1000.0, True)])
+def test_detections_with_twists(kind: str, start: float, compressed: bool, tmp_path: Path):
     recording = simulated(start=start)
-    path = Bags(kind).write(tmp_path / "run", in_order(odometry_messages(recording), detections(recording)))
-    found = read_bag(path)
+    found = read_bag(bag_of(recording, tmp_path, kind, compressed=compressed))
     assert_same(found.recording, recording)
     assert found.notes == ()
 
@@ -123,8 +133,7 @@ def cone(_number: int, value: Float, cov: Float) -> dict[str, Any]:
 def test_known_types(kind: str, array: str, element: Element, states_noise: bool, tmp_path: Path):
     recording = simulated()
     if states_noise:
-        covs = np.tile(np.eye(2) * 0.3**2, (len(recording.observation), 1, 1))
-        recording = replace(recording, observation_cov=covs)
+        recording = with_noise(recording)
     if "Cone" in kind:
         recording = replace(recording, landmark=None)
     scans = scan_messages(recording, "/seen", kind, element, array)
@@ -146,9 +155,7 @@ def test_markers_that_are_deleted_are_no_observations(tmp_path: Path):
         gone = own | {"id": 99, "action": 2}
         messages.append((topic, received, "visualization_msgs/msg/MarkerArray", {"markers": [*there, gone]}))
     path = Bags("mcap").write(tmp_path / "run", in_order(odometry_messages(recording), messages))
-    found = read_bag(path, overrides=["noise.position=0.3"]).recording
-    covs = np.tile(np.eye(2) * 0.3**2, (len(recording.observation), 1, 1))
-    assert_same(found, replace(recording, observation_cov=covs))
+    assert_same(read_bag(path, overrides=["noise.position=0.3"]).recording, with_noise(recording))
 
 
 def test_tags_of_apriltag_ros_on_tf(tmp_path: Path):
@@ -174,8 +181,7 @@ def test_tags_of_apriltag_ros_on_tf(tmp_path: Path):
         messages.append(("/tf", received, "tf2_msgs/msg/TFMessage", {"transforms": there}))
     path = Bags("sqlite3").write(tmp_path / "run", [static, *in_order(odometry_messages(recording), messages)])
     found = read_bag(path, overrides=["noise.position=0.3", "observations.topic=/tf"]).recording
-    covs = np.tile(np.eye(2) * 0.3**2, (len(recording.observation), 1, 1))
-    assert_same(found, replace(recording, observation_cov=covs))
+    assert_same(found, with_noise(recording))
 
 
 def test_ranges_and_bearings_of_a_mounted_laser(tmp_path: Path):
@@ -241,7 +247,7 @@ def test_a_clock_that_jumps(tmp_path: Path):
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_cut_file_is_one_line_or_has_all_messages(kind: str, tmp_path: Path):
     recording = simulated()
-    path = Bags(kind).write(tmp_path / "run", in_order(odometry_messages(recording), detections(recording)))
+    path = bag_of(recording, tmp_path, kind)
     file = path if path.is_file() else next(each for each in path.iterdir() if each.name != "metadata.yaml")
     whole = file.read_bytes()
     for length in np.linspace(0, len(whole) - 1, 40).astype(int).tolist():
@@ -271,7 +277,7 @@ def test_a_cut_file_is_one_line_or_has_all_messages(kind: str, tmp_path: Path):
 )
 def test_refusals(overrides: list[str], refusal: str, tmp_path: Path):
     recording = simulated()
-    path = Bags("mcap").write(tmp_path / "run", in_order(odometry_messages(recording), detections(recording)))
+    path = bag_of(recording, tmp_path)
     with pytest.raises(UserError, match=re.escape(refusal)):
         read_bag(path, overrides=overrides)
 
@@ -352,3 +358,90 @@ def test_twists_in_the_frame_of_the_world_contradict_the_poses(tmp_path: Path):
     with pytest.raises(UserError, match=r"unless they are in the world's frame; give --set odometry.kind=poses"):
         read_bag(path)
     assert_same(read_bag(path, overrides=["odometry.kind=poses"]).recording, recording)
+
+
+# --- bags as robots write them -------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_bag_without_messages_is_one_line(kind: str, tmp_path: Path):
+    path = Bags(kind).write(tmp_path / "run", [])
+    with pytest.raises(UserError, match=r"run.*topic") as caught:
+        read_bag(path)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("kind", ["sqlite3", "mcap"])
+def test_a_folder_without_metadata_is_one_line(kind: str, tmp_path: Path):
+    recording = simulated()
+    path = bag_of(recording, tmp_path, kind)
+    (path / "metadata.yaml").unlink()
+    with pytest.raises(UserError, match=r"run: has no metadata\.yaml, so it is no ROS 2 bag; give its \.mcap"):
+        read_bag(path)
+    (file,) = path.iterdir()
+    assert_same(read_bag(file).recording, recording)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_without_stamps_in_headers_the_times_of_recording_are_used(kind: str, tmp_path: Path):
+    recording = simulated()
+    messages = in_order(odometry_messages(recording), detections(recording))
+    for *_, fields in messages:
+        fields["header"] = header(0.0, fields["header"]["frame_id"])
+    found = read_bag(Bags(kind).write(tmp_path / "run", messages))
+    assert "/odom: no stamps in its headers; times of recording are used" in " ".join(found.notes)
+    assert_same(found.recording, recording)
+
+
+def test_odometry_at_100_hz_and_detections_at_5_hz(tmp_path: Path):
+    """Each detection is between two odometry messages, which then has another step."""
+    drawn = simulated(steps=400)
+    recording = replace(drawn, stamps=np.linspace(1000.0, 1004.0, 401)).only(drawn.observation_step % 20 == 10)
+    seen = detections(recording)
+    for *_, fields in seen:
+        stamp = fields["header"]["stamp"]
+        stamp["nanosec"] += 3_000_000  # 3 ms after the step
+    found = read_bag(Bags("mcap").write(tmp_path / "run", in_order(odometry_messages(recording), seen))).recording
+    assert found.steps == 400 + len(seen)
+    seconds = found.stamps[found.observation_step] - recording.stamps[recording.observation_step]
+    assert_allclose(seconds, 0.003, atol=1e-6)
+    ends = (chain(np.zeros(3), each.odometry)[-1] for each in (found, recording))
+    assert_allclose(*ends, atol=1e-9)
+
+
+def ordered(recording: Recording) -> Recording:
+    """Return a recording with the observations of each step in the order of their ids."""
+    assert recording.landmark is not None
+    rows = np.lexsort((recording.landmark, recording.observation_step))
+    fields = ("observation_step", "observation", "observation_cov", "landmark")
+    return replace(recording, **{name: getattr(recording, name)[rows] for name in fields})
+
+
+def test_two_cameras_with_static_transforms(tmp_path: Path):
+    """Detections of two cameras, each in its own frame, are those of one sensor at the base."""
+    recording = simulated()
+    mounts = {"left": (0.2, 0.1, 0.5), "right": (0.2, -0.1, -0.5)}
+    is_left = recording.observation[:, 1] > 0.0
+    messages = [odometry_messages(recording)]
+    for (frame, (x, y, heading)), rows in zip(mounts.items(), (is_left, ~is_left), strict=True):
+        part = recording.only(rows)
+        turn = rotation(np.array(heading))
+        mounted = replace(
+            part,
+            observation=(part.observation - [x, y]) @ turn,
+            observation_cov=turn.T @ part.observation_cov @ turn,
+        )
+        messages.append(detections(mounted))
+        for *_, fields in messages[-1]:
+            fields["header"]["frame_id"] = frame
+    transforms = [
+        {
+            "header": header(1000.0, "base_link"),
+            "child_frame_id": frame,
+            "transform": {"translation": xyz(x, y), "rotation": yaw(heading)},
+        }
+        for frame, (x, y, heading) in mounts.items()
+    ]
+    static = ("/tf_static", 1_000_000_000_000, "tf2_msgs/msg/TFMessage", {"transforms": transforms})
+    found = read_bag(Bags("mcap").write(tmp_path / "run", in_order([static], *messages))).recording
+    assert_same(ordered(found), ordered(recording))

@@ -17,7 +17,6 @@ from slamgauge.compare.cli.main import main
 from slamgauge.compare.datasets.g2o_writer import write_g2o
 from slamgauge.compare.storage.files import load_recording
 from tests.reference.log_changes import (
-    LANDMARKS,
     MAPPING,
     ODOMETRY,
     SEEN,
@@ -123,26 +122,6 @@ def test_folders_whose_names_are_not_utf_8_have_no_traceback(tmp_path: Path):
         (folder / file).write_text(content)
     assert main(["import", "csv", str(folder), "--out", str(out)]) == 0
     assert "udcff" in (out / MAPPING).read_text()
-
-
-def test_positions_without_headings_are_scored(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    """Position errors and coverage are those of the same truth with headings; what needs headings has no figure."""
-    figures = list[dict[str, float | None]]()
-    for columns in (4, 3):
-        for file, content in cells(TRUTH, lambda line, n=columns: line[:n])(good_log()).items():
-            (tmp_path / file).write_text(content)
-        out = tmp_path / f"out-{columns}"
-        assert main(["import", "csv", str(tmp_path), "--out", str(out)]) == 0
-        capsys.readouterr()
-        assert main(["evaluate", str(out / "recording.npz"), "--estimators", "riekf", "--json"]) == 0
-        figures.append(json.loads(capsys.readouterr().out)["estimators"]["riekf"])
-    full, positions = figures
-    for key in ("ate_m", "coverage_95", "final_position_error_m"):
-        assert positions[key] == pytest.approx(full[key], rel=1e-9)
-    assert full["heading_rmse_rad"] is not None
-    assert positions["heading_rmse_rad"] is None
-    assert positions["nees_pose"] is None
-    assert len(LANDMARKS) == full["landmarks_mapped"]
 
 
 # --- the files themselves --------------------------------------------------------------------------

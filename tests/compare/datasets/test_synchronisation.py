@@ -75,14 +75,6 @@ def test_observations_outside_the_odometry_are_dropped():
     )
 
 
-def test_headings_take_the_shorter_arc():
-    stamps, poses = np.array([0.0, 1.0]), np.array([[0.0, 0, 3.0], [2.0, 4.0, -3.0]])
-    found = interpolated(stamps, poses, np.array([0.0, 0.25, 0.5, 1.0]), max_gap=1.0)
-    arc = 2 * np.pi - 6.0
-    assert_allclose(found[:, :2], [[0, 0], [0.5, 1], [1, 2], [2, 4]])
-    assert_allclose(wrap(found[:, 2] - 3.0), arc * np.array([0, 0.25, 0.5, 1.0]), atol=1e-15)
-
-
 def test_truth_is_not_interpolated_outside_it_or_in_gaps():
     stamps = np.array([0.0, 1.0, 5.0, 6.0])
     poses = np.column_stack([stamps, stamps, np.zeros(4)])

@@ -47,6 +47,7 @@ def test_a_submission_is_its_folder_without_what_lies_above_or_behind_links(tmp_
     (tmp_path / "class/gus.py").write_text(code.replace("bob, ", ""))
     (tmp_path / "class/ida.py").write_text("import bob\n" + "#" * 1_000_000)
     (tmp_path / "class/jon.py").write_text("import bob\n")
+    (tmp_path / "class/kim.ipynb").write_text("{}")
     found = {each.name: each for each in submissions_in(tmp_path / "class")}
     files = {
         name: [path for path, _ in each.where.code.files]
@@ -55,6 +56,7 @@ def test_a_submission_is_its_folder_without_what_lies_above_or_behind_links(tmp_
     }
     assert files == {"bob": ["bob.py"], "eve": ["main.py"], "gus": ["gus.py"], "jon": ["jon.py"]}
     assert found["fay"].reason == "fay: is a link to a file elsewhere; put the file in its place"
+    assert (found["kim.ipynb"].reason or "").startswith("kim.ipynb: notebooks are not run; hand in its code")
     assert found["ida"].reason == "ida.py: has more than 1 MB; keep data in other files"
 
 

@@ -117,6 +117,8 @@ def test_a_gap_of_more_than_a_second_has_no_pose(tmp_path: Path) -> None:
     write_rows(tmp_path / "mine.csv", ("stamp", *POSE), rows)
     with pytest.raises(UserError, match=r"no pose within 1 s of step 3 at t = 0.300000 s, .* --max-gap 1.2 accepts it"):
         load_stored(tmp_path / "mine.csv", RECORDING)
+    with pytest.raises(UserError, match=r"no pose within 1 s of step 0 .* --time-offset S shifts them$"):
+        load_stored(tmp_path / "mine.csv", RECORDING, time_offset=100.0)
     found = load_stored(tmp_path / "mine.csv", RECORDING, max_gap=1.2)
     assert found.own is not None
     assert found.own.compared.nonzero()[0].tolist() == [0, 2]
