@@ -52,16 +52,6 @@ def test_full_covariance_stays_positive_semi_definite_over_many_updates(updates:
     assert np.array_equal(slam.cov, slam.cov.T)
 
 
-def test_a_new_landmark_observed_twice_is_mapped_and_then_corrected() -> None:
-    twice = SlamFilter("position", np.zeros(3), np.eye(3) * 0.01)
-    covs = np.tile(np.eye(2) * 0.04, (2, 1, 1))
-    nis, dof = twice.update(Observations(np.array([7, 7]), np.array([[2.0, 1.0], [2.2, 1.0]]), covs))
-    assert dof == 2
-    assert nis == pytest.approx(0.2**2 / 0.08)
-    np.testing.assert_allclose(twice.landmarks, [[2.1, 1.0]], atol=1e-12)
-    assert twice.landmark_ids.tolist() == [7]
-
-
 def test_a_landmark_at_the_robot_gives_no_information() -> None:
     slam = SlamFilter("range-bearing", np.zeros(3), np.zeros((3, 3)))
     sight = Observations(np.array([1]), np.array([[0.0, 0.3]]), np.diag([0.01, 0.01])[None])
