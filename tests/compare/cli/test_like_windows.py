@@ -29,29 +29,8 @@ COMMANDS = [
 MINE = "import slamgauge\n\n\ndef estimate(recording):\n    return slamgauge.ekf_slam(recording)\n"
 
 
-def python(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    """Run Python in `folder` with the modules blocked."""
-    return subprocess.run(
-        [sys.executable, *arguments],
-        cwd=folder,
-        env={**os.environ, "PYTHONPATH": str(BLOCKED), "PYTHONWARNINGS": "ignore"},  # filelock warns on Linux alone
-        check=False,
-        capture_output=True,
-        text=True,
-        timeout=300,
-    )
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with a user file."""
-    folder = tmp_path_factory.mktemp("windows")
-    (folder / "mine.py").write_text(MINE)
-    return folder
-
-
 @pytest.mark.full  # most commands, one after the other, without fcntl
-def test_the_main_commands_run(folder: Path):
+def test_the_main_commands_run(tmp_path: Path):
     """In one process, one after the other."""
     program = (
         "import sys\n"
@@ -60,6 +39,15 @@ def test_the_main_commands_run(folder: Path):
         f"for words in {COMMANDS}:\n"
         "    assert main(words) == 0, words\n"
     )
-    (folder / "commands.py").write_text(f"if __name__ == '__main__':\n{indent(program, '    ')}")  # for `study`
-    done = python(folder, "commands.py")
+    (tmp_path / "mine.py").write_text(MINE)
+    (tmp_path / "commands.py").write_text(f"if __name__ == '__main__':\n{indent(program, '    ')}")  # for `study`
+    done = subprocess.run(
+        [sys.executable, "commands.py"],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(BLOCKED), "PYTHONWARNINGS": "ignore"},  # filelock warns on Linux alone
+        check=False,
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
     assert done.returncode == 0, done.stderr

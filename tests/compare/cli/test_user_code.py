@@ -100,13 +100,6 @@ def test_check_ends_at_the_check_that_takes_too_long(capsys: pytest.CaptureFixtu
     assert {(each["passed"], each["blame"]) for each in rows[first + 1 :]} == {(None, f"not judged: {OVERDUE}")}
 
 
-@pytest.mark.usefixtures("folder")
-def test_check_finds_the_future(capsys: pytest.CaptureFixture[str]):
-    assert main(["check", own("shifted"), "--json"]) == 1
-    verdicts = {each["name"]: each["passed"] for each in json.loads(capsys.readouterr().out)}
-    assert verdicts["no-future"] is False
-
-
 def test_a_check_after_one_that_took_too_long_is_not_run():
     runs: list[int] = []
 

@@ -24,6 +24,7 @@ from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.se2 import compose, rotation
 from slamgauge.truth import Truth
+from tests.reference.given import given as there
 
 from .builders import path, straight
 
@@ -137,8 +138,7 @@ def test_without_observations_there_are_no_rays() -> None:
     far = ["trajectory.duration=1", "landmarks.positions=[[100.0, 100.0]]"]
     truth, recording = simulate(load_scenario("q4-ring", far), 0)
     assert not len(recording.observation)
-    rays = evaluate(truth, recording, ekf_slam(recording))["rays"]
-    assert rays is not None
+    rays = there(evaluate(truth, recording, ekf_slam(recording))["rays"])
     assert {*asdict(rays).values()} == {0.0}
 
 
@@ -179,9 +179,7 @@ def test_a_loop_closes_after_ten_seconds_without_observation() -> None:
     seen = [(0, 1), (0, 2), (50, 2), (99, 1), (149, 2), (150, 2), (199, 1), (199, 2)]
     recording = straight(200, seen, dt=0.1)
     # 1 is not observed for 9.9 s, then for 10 s (rounding included); 2 for 5, 9.9, 0.1 and 4.9 s
-    steps = closure_steps(None, recording)
-    assert steps is not None
-    assert steps.tolist() == [199]
+    assert there(closure_steps(None, recording)).tolist() == [199]
 
 
 def test_loop_closure_entries_by_hand() -> None:
@@ -199,8 +197,7 @@ def test_loop_closures_need_ids_and_their_errors_the_truth() -> None:
     estimate = filtered(path(recording))
     assert evaluate(None, recording, estimate)["loop_closure"] == (LoopClosure(2, None, None, None, None),)
     assert evaluate(None, nameless, estimate)["loop_closure"] is None
-    closures = evaluate(true(association=[1, 1]), nameless, estimate)["loop_closure"]
-    assert closures is not None
+    closures = there(evaluate(true(association=[1, 1]), nameless, estimate)["loop_closure"])
     assert [closure.step for closure in closures] == [2]
 
 
