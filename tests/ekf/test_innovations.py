@@ -13,7 +13,7 @@ from scipy.stats import norm
 from slamgauge import Recording, UserError, load_scenario, riekf, simulate
 from slamgauge.ekf.innovations import Log
 from slamgauge.ekf.kernels.log_likelihood import run_log
-from tests.reference.random_recordings import bearing_only
+from tests.reference.random_recordings import bearing_only, with_rows
 
 
 def recording_of(*overrides: str, seed: int = 3) -> Recording:
@@ -50,15 +50,7 @@ def test_all_observations_of_the_first_step_of_a_landmark_carry_no_likelihood():
     first = np.flatnonzero(recording.observation_step == recording.observation_step[0])
     ids = recording.landmark
     assert ids is not None
-    doubled = np.sort(np.concatenate([np.arange(len(ids)), first[:1]]))
-    twice = replace(recording.only(np.ones(len(ids), dtype=bool)), landmark=ids)
-    twice = replace(
-        twice,
-        observation_step=twice.observation_step[doubled],
-        observation=twice.observation[doubled],
-        observation_cov=twice.observation_cov[doubled],
-        landmark=ids[doubled],
-    )
+    twice = with_rows(recording, np.sort(np.concatenate([np.arange(len(ids)), first[:1]])))
     found = innovations_of(twice)
     assert np.isnan(found.value[:2]).all()
     assert (found.log_likelihood[:2] == 0.0).all()
@@ -76,13 +68,9 @@ def test_unsuitable_recordings_are_refused():
 
 def test_the_result_is_none_if_no_update_exists():
     recording = recording_of()
-    far = (
-        recording.odometry,
-        recording.odometry_cov,
-        recording.observation,
-        np.full_like(recording.observation_cov, np.nan),
-    )
-    assert Log(recording).innovations(*far) is None
+    none = np.full_like(recording.observation_cov, np.nan)
+    given = (recording.odometry, recording.odometry_cov, recording.observation, none)
+    assert Log(recording).innovations(*given) is None
 
 
 def test_kernels_are_compiled_once_for_all_layouts_of_arrays():

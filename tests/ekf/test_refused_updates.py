@@ -66,6 +66,11 @@ def believed(slam: Any) -> dict[str, Any]:
     return {name: np.array(getattr(slam, name)) for name in (*names, *(["cov"] if hasattr(slam, "cov") else []))}
 
 
+def assert_believes(slam: Any, expected: dict[str, Any], what: str = "") -> None:
+    for key, value in believed(slam).items():
+        np.testing.assert_array_equal(value, expected[key], err_msg=f"{what}: {key}")
+
+
 def beyond(name: str) -> dict[str, Observations]:
     """Return scans that every filter refuses, by their fault."""
     dim, has_ids, _ = MAKERS[name]
@@ -96,14 +101,12 @@ def test_refused_scans_change_nothing(name: str):
         before = believed(slam)
         with pytest.raises(UserError, match=r"^[^\n]+$"):
             slam.update(given)
-        for key, value in believed(slam).items():
-            np.testing.assert_array_equal(value, before[key], err_msg=f"{what}: {key}")
+        assert_believes(slam, before, what)
         for _ in range(8):  # later results are the same
             for each in (slam, other):
                 each.predict([0.3, 0.0, 0.2], np.diag([1e-5, 1e-5, 1e-6]))
                 each.update(scan([2, 7, 7] if has_ids else None, SEEN[dim], NOISE[dim]))
-        for key, value in believed(slam).items():
-            np.testing.assert_array_equal(value, believed(other)[key], err_msg=f"{what}: {key}, later")
+        assert_believes(slam, believed(other), f"{what}, later")
 
 
 @pytest.mark.parametrize("name", RULES)
@@ -122,8 +125,7 @@ def test_a_refused_later_block_undoes_the_first(name: str):
     covs[-2:] *= 1e-20
     with pytest.raises(UserError, match=r"^observation: no update exists for this scan; [^\n]+$"):
         slam.update(Observations(ids[again], values[again], covs))
-    for key, value in believed(slam).items():
-        np.testing.assert_array_equal(value, before[key], err_msg=key)
+    assert_believes(slam, before)
 
 
 @pytest.mark.parametrize("name", [name for name, (_, has_ids, _) in MAKERS.items() if has_ids])
@@ -153,5 +155,4 @@ def test_a_map_that_needs_too_much_memory_is_refused_and_unchanged(monkeypatch: 
     values = np.column_stack([np.full(200, 5.0), np.linspace(-3.0, 3.0, 200)])
     with pytest.raises(UserError, match=r"^the covariance of 203 landmarks or members of rays needs 0.0 GB of memory"):
         slam.update(scan([*range(200, 400)], values, NOISE[2]))
-    for key, value in believed(slam).items():
-        np.testing.assert_array_equal(value, before[key], err_msg=key)
+    assert_believes(slam, before)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -41,7 +40,7 @@ from slamgauge.ekf.textbook import (
 )
 from slamgauge.se2 import wrap
 from tests.reference.jacobians import assert_jacobian
-from tests.reference.random_recordings import random_recording, recording_of
+from tests.reference.random_recordings import random_recording, recording_of, with_rows
 
 SENSORS = pytest.mark.parametrize("sensor", ["range-bearing", "position"])
 X = np.array([0.3, -0.2, 2.9, 1.5, 2.0, -0.6, -3.0])  # a robot that faces backwards, and two landmarks
@@ -87,13 +86,6 @@ def test_augmentation_jacobians(sensor: str) -> None:
 def random_covariance(size: int) -> Float:
     root = np.random.default_rng(size).normal(size=(size, size))
     return root @ root.T
-
-
-def test_prediction_on_full_matrices() -> None:
-    P, Q, u = random_covariance(7), random_covariance(3), np.array([0.5, 0.1, 0.6])
-    F, G = np.eye(7), np.eye(7, 3)
-    F[:3, :3], G[:3] = motion_jacobians(X, u)
-    np.testing.assert_allclose(predict(Belief(X, P, (4, 2)), u, Q).P, F @ P @ F.T + G @ Q @ G.T, rtol=0, atol=1e-12)
 
 
 def test_augmentation_on_full_matrices() -> None:
@@ -156,15 +148,7 @@ def test_ekf_is_the_textbook_ekf_on_questions_1_and_2(name: str) -> None:
 
 def test_a_new_landmark_that_is_observed_twice_in_a_scan() -> None:
     _, recording = random_recording(2, steps=10)
-    twice = np.repeat(np.arange(len(recording.observation)), 2)
-    assert recording.landmark is not None
-    repeated = replace(
-        recording,
-        observation_step=recording.observation_step[twice],
-        observation=recording.observation[twice],
-        observation_cov=recording.observation_cov[twice],
-        landmark=recording.landmark[twice],
-    )
+    repeated = with_rows(recording, np.repeat(np.arange(len(recording.observation)), 2))
     assert_equal(ekf_slam(repeated), textbook_ekf(repeated))
 
 

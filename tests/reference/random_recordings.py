@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from slamgauge.arrays import Float
-from slamgauge.recording import Recording
+from slamgauge.arrays import Float, Int
+from slamgauge.recording import Observations, Recording
 from slamgauge.se2 import between, chain, rotation, wrap
 from slamgauge.truth import Truth
 
@@ -18,6 +18,25 @@ def random_covariances(rng: np.random.Generator, count: int, sigmas: Float) -> F
     A = np.eye(dim) + 0.3 * rng.normal(size=(count, dim, dim))
     A = A * np.asarray(sigmas)[:, None]
     return A @ A.swapaxes(1, 2)
+
+
+def with_rows(recording: Recording, rows: Int) -> Recording:
+    """Return the recording with these rows of its observations, in this order; a row may occur twice."""
+    assert recording.landmark is not None
+    return replace(
+        recording,
+        observation_step=recording.observation_step[rows],
+        observation=recording.observation[rows],
+        observation_cov=recording.observation_cov[rows],
+        landmark=recording.landmark[rows],
+    )
+
+
+def noisy_bearings(pose: Float, landmarks: Float, ids: Int, rng: np.random.Generator, sigma: float) -> Observations:
+    """Return one bearing of each of the landmarks (n, 2)."""
+    offset = landmarks - pose[:2]
+    bearings = wrap(np.arctan2(offset[:, 1], offset[:, 0]) - pose[2] + sigma * rng.normal(size=len(landmarks)))
+    return Observations(ids, bearings[:, None], np.full((len(ids), 1, 1), sigma**2))
 
 
 def bearing_only(recording: Recording) -> Recording:

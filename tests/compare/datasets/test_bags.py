@@ -49,7 +49,7 @@ OWN = (
 )
 
 
-def simulated(sensor: str = "position", start: float = 1000.0, **more: int) -> Recording:
+def simulated(sensor: str = "position", start: float = 1000.0, **more: Any) -> Recording:
     _, recording = random_recording(4, sensor=sensor, **more)
     return replace(recording, stamps=start + recording.stamps, prior_mean=np.zeros(3), prior_cov=np.zeros((3, 3)))
 

@@ -16,6 +16,7 @@ from slamgauge.compare.storage.csv_folder import write_recording_csv
 from slamgauge.compare.storage.files import load_recording, load_truth
 from slamgauge.errors import UserError
 from slamgauge.se2 import chain
+from tests.reference.given import given
 from tests.reference.random_recordings import random_recording, recording_of
 from tests.reference.robot_logs import CSV
 
@@ -257,8 +258,7 @@ def test_texts_are_ids_and_their_numbers_can_be_stated(log: Log):
     files["landmarks.csv"] = "id,x,y\nelm,0,1\noak,1,0\n7,2,0\n"
     found = log(files, *NOISE)
     assert_array_equal(found.recording.landmark, [9, 7, 8])
-    assert found.truth is not None
-    assert_array_equal(found.truth.landmark_ids, [8, 9, 7])
+    assert_array_equal(given(found.truth).landmark_ids, [8, 9, 7])
     assert found.notes == ("ids are texts, numbered from 8: elm, oak",)
     assert_array_equal(log(files, *NOISE, "ids.elm=1", "ids.oak=2").recording.landmark, [2, 7, 1])
     with pytest.raises(UserError, match=r"the id 'oak' has no number; add it to \[ids\]"):
@@ -268,9 +268,8 @@ def test_texts_are_ids_and_their_numbers_can_be_stated(log: Log):
 def test_a_truth_without_headings_has_positions(log: Log):
     files = odometry("stamp,v,omega\n0,1,0\n1,1,0\n2,1,0\n") | {"truth.csv": "stamp,x,y\n0,3,0\n1,3,1\n2,3,2\n"}
     found = log(files, *NOISE)
-    assert found.truth is not None
-    assert found.truth.poses is not None
-    assert_allclose(found.truth.poses[[0, -1], :2], [[3, 0], [3, 2]])
-    assert np.isnan(found.truth.poses[:, 2]).all()
+    poses = given(given(found.truth).poses)
+    assert_allclose(poses[[0, -1], :2], [[3, 0], [3, 2]])
+    assert np.isnan(poses[:, 2]).all()
     assert_array_equal(found.recording.prior_mean, [3, 0, 0])
     assert "suggest 1.57 rad (--set start.pose=[3,0,1.57])" in found.notes[-1]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,6 +18,7 @@ from slamgauge.compare.datasets.victoria_park import read_victoria_park
 from slamgauge.recording import Recording
 from slamgauge.se2 import between, compose, rotation, wrap
 from slamgauge.truth import Truth
+from tests.reference.given import given
 
 DATA = Path(__file__).parents[3] / "../shared/data"
 VICTORIA_PARK = DATA / "victoria_park/victoria_park.txt"
@@ -25,7 +26,6 @@ LOST_IN_THE_WOODS = DATA / "lost_in_the_woods/dataset2.mat"
 needs_victoria_park = pytest.mark.skipif(not VICTORIA_PARK.exists(), reason=f"{VICTORIA_PARK} is not there")
 needs_lost_in_the_woods = pytest.mark.skipif(not LOST_IN_THE_WOODS.exists(), reason=f"{LOST_IN_THE_WOODS} is not there")
 
-T = TypeVar("T")
 Write = Callable[[str], Path]
 
 PARK = """\
@@ -36,11 +36,6 @@ LANDMARK 3 2 3 4 0.4 0.1 0.5
 LANDMARK 0 2 6 8 0.4 0 0.4
 """
 NO_IDS = (str(10**20), str(2**53), "1" * 5000)
-
-
-def given(field: T | None) -> T:
-    assert field is not None
-    return field
 
 
 # --- Victoria Park -----------------------------------------------------------------------------

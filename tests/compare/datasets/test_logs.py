@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from slamgauge.compare.datasets.imported_log import Imported
 from slamgauge.compare.datasets.mrclam import read_mrclam
 from slamgauge.errors import UserError
+from tests.reference.given import given
 from tests.reference.robot_logs import MRCLAM
 
 Read = Callable[..., Imported]
@@ -21,23 +23,23 @@ Read = Callable[..., Imported]
 def read(tmp_path: Path) -> Read:
     """Write files, and read them."""
 
-    def written(reader: Read, files: dict[str, str], name: str = "", **options: object) -> Imported:
+    def written(files: dict[str, str], **options: Any) -> Imported:
         for file, text in files.items():
             (tmp_path / file).write_text(text)
-        return reader(tmp_path / name, **options)
+        return read_mrclam(tmp_path, **options)
 
     return written
 
 
 def test_the_log_begins_with_the_ground_truth(read: Read):
-    recording, truth, notes, _, _ = read(read_mrclam, MRCLAM)
+    recording, truth, notes, _, _ = read(MRCLAM)
     assert_array_equal(recording.stamps, [10.5, 11.0, 11.5, 12.0])
-    assert truth is not None
-    assert truth.poses is not None
-    assert_array_equal(recording.prior_mean, truth.poses[0])
+    truth = given(truth)
+    poses = given(truth.poses)
+    assert_array_equal(recording.prior_mean, poses[0])
     arc = 2 * np.pi - 6.2  # the shorter way from 3.1 to -3.1 rad
-    assert_allclose(truth.poses[0], [1 + 3 / 7, 2, 3.1 + arc * 3 / 7])
-    assert_allclose(truth.poses[3], [3, 2, -3.0])
+    assert_allclose(poses[0], [1 + 3 / 7, 2, 3.1 + arc * 3 / 7])
+    assert_allclose(poses[3], [3, 2, -3.0])
     assert_array_equal(truth.landmark_ids, [6, 7])
     assert_array_equal(truth.association, [7])
     assert notes == (
@@ -49,7 +51,7 @@ def test_the_log_begins_with_the_ground_truth(read: Read):
 
 
 def test_velocities_are_valid_until_the_next_line_and_steps_are_split_at_observations(read: Read):
-    recording = read(read_mrclam, MRCLAM).recording
+    recording = read(MRCLAM).recording
     chord = 0.15 * np.sinc(0.025 / np.pi)
     assert_allclose(recording.odometry[0], [chord * np.cos(0.025), chord * np.sin(0.025), 0.05])  # the second at 10.5 s
     assert_allclose(recording.odometry[1:, 2], [-0.1, -0.1])
@@ -61,7 +63,7 @@ def test_velocities_are_valid_until_the_next_line_and_steps_are_split_at_observa
 
 def test_without_ground_truth_the_start_is_the_origin(read: Read):
     files = {name: text for name, text in MRCLAM.items() if name != "Robot2_Groundtruth.dat"}
-    recording, truth, _, _, _ = read(read_mrclam, files, range_sigma=0.3, forward=0.2)
+    recording, truth, _, _, _ = read(files, range_sigma=0.3, forward=0.2)
     assert truth is None
     assert_array_equal(recording.prior_mean, 0.0)
     assert_array_equal(recording.stamps, [10.0, 10.25, 10.5, 11.0, 11.5, 12.0])
@@ -71,22 +73,22 @@ def test_without_ground_truth_the_start_is_the_origin(read: Read):
 
 
 def test_names_without_the_robot(read: Read, tmp_path: Path):
-    expected = read(read_mrclam, MRCLAM)
+    expected = read(MRCLAM)
     for path in tmp_path.glob("Robot2_*"):
         path.rename(path.with_name(path.name.removeprefix("Robot2_")))
     assert read_mrclam(tmp_path).recording == expected.recording
 
 
 def test_the_robot_must_be_given_if_there_are_several(read: Read):
-    expected, files = read(read_mrclam, MRCLAM), MRCLAM | {"Robot3_Odometry.dat": "0 0 0\n"}
+    expected, files = read(MRCLAM), MRCLAM | {"Robot3_Odometry.dat": "0 0 0\n"}
     with pytest.raises(UserError, match=r": logs of several robots; choose one of 2, 3 with --robot$"):
-        read(read_mrclam, files)
-    assert read(read_mrclam, files, robot=2).recording == expected.recording
+        read(files)
+    assert read(files, robot=2).recording == expected.recording
 
 
 def test_noise_that_is_zero_is_refused(read: Read):
     with pytest.raises(UserError, match=r"^range: 0 is not a standard deviation; give a number > 0$"):
-        read(read_mrclam, MRCLAM, range_sigma=0.0)
+        read(MRCLAM, range_sigma=0.0)
 
 
 # --- mistakes ----------------------------------------------------------------------------------
@@ -95,22 +97,21 @@ ODOMETRY, MEASUREMENT, LANDMARKS = "Robot2_Odometry.dat", "Robot2_Measurement.da
 
 
 @pytest.mark.parametrize(
-    ("name", "old", "new", "message"),  # an empty `old` is the whole file
+    ("name", "text", "message"),
     [
-        (ODOMETRY, "", "1 0 0\n0 0 0\n", "Odometry.dat, line 2: stamp 0.000000000 comes after 1.0"),
-        (ODOMETRY, "", "1 0\n", "Odometry.dat, line 1: has 2 words, not 3; write time velocity yaw-rate"),
-        (ODOMETRY, "", "10.5 0 0\n", "Odometry.dat: fewer than two stamps"),
-        (ODOMETRY, "", "90 0 0\n91 0 0\n", "Odometry.dat: no ground truth for any time in it"),
-        (ODOMETRY, "", "10.5 0 9\n11 0 0\n", "line 1: the robot turns by 4.5 rad in one row"),
-        (MEASUREMENT, "", "11 63 -1 0\n", "Measurement.dat, line 1: the range is negative"),
-        (MEASUREMENT, "", "# none\n", "Measurement.dat: no line in it"),
-        ("Barcodes.dat", "", "6 6.5\n", "Barcodes.dat, line 1, column 2: '6.5' is not an id"),
-        (LANDMARKS, "", "6 0 0 0 0\n6 0 0 0 0\n", "Landmark_Groundtruth.dat: landmark_ids[1] = 6"),
-        (LANDMARKS, "", "6 0 0 0 0\n", "Landmark_Groundtruth.dat: association[0] = 7"),
+        (ODOMETRY, "1 0 0\n0 0 0\n", "Odometry.dat, line 2: stamp 0.000000000 comes after 1.0"),
+        (ODOMETRY, "1 0\n", "Odometry.dat, line 1: has 2 words, not 3; write time velocity yaw-rate"),
+        (ODOMETRY, "10.5 0 0\n", "Odometry.dat: fewer than two stamps"),
+        (ODOMETRY, "90 0 0\n91 0 0\n", "Odometry.dat: no ground truth for any time in it"),
+        (ODOMETRY, "10.5 0 9\n11 0 0\n", "line 1: the robot turns by 4.5 rad in one row"),
+        (MEASUREMENT, "11 63 -1 0\n", "Measurement.dat, line 1: the range is negative"),
+        (MEASUREMENT, "# none\n", "Measurement.dat: no line in it"),
+        ("Barcodes.dat", "6 6.5\n", "Barcodes.dat, line 1, column 2: '6.5' is not an id"),
+        (LANDMARKS, "6 0 0 0 0\n6 0 0 0 0\n", "Landmark_Groundtruth.dat: landmark_ids[1] = 6"),
+        (LANDMARKS, "6 0 0 0 0\n", "Landmark_Groundtruth.dat: association[0] = 7"),
     ],
 )
-def test_wrong_logs_are_refused_in_one_line(read: Read, name: str, old: str, new: str, message: str):
-    text = MRCLAM[name].replace(old, new) if old else new
+def test_wrong_logs_are_refused_in_one_line(read: Read, name: str, text: str, message: str):
     with pytest.raises(UserError, match=r"^[^\n]+$") as caught:
-        read(read_mrclam, MRCLAM | {name: text})
+        read(MRCLAM | {name: text})
     assert message in str(caught.value)

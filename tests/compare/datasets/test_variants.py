@@ -24,6 +24,7 @@ from slamgauge.compare.datasets.g2o_writer import write_g2o
 from slamgauge.compare.datasets.imported_log import Imported
 from slamgauge.compare.datasets.plausibility import examine
 from slamgauge.errors import UserError
+from tests.reference.given import given
 from tests.reference.log_changes import (
     ALL,
     LANDMARKS,
@@ -316,21 +317,21 @@ def written(folder: Path, files: Mapping[str, str | bytes]) -> Path:
     return folder
 
 
-def said_of(read: Read, path: Path) -> tuple[Imported | None, str]:
-    """Return the log, None if it is refused, and everything that the import prints except facts."""
+def read_as(outcome: str, read: Read, path: Path) -> Imported | None:
+    """Assert an outcome of the tables; return the log if it must be read without a word, except facts."""
+    log = None
     try:
         with redirect_stderr(io.StringIO()) as printed:
             log = read(path)
-        return log, "\n".join([*printed.getvalue().splitlines(), *log.notes, *examine(log, path).warnings])
+        said = "\n".join([*printed.getvalue().splitlines(), *log.notes, *examine(log, path).warnings])
     except UserError as error:
-        assert len(str(error).splitlines()) == 1
-        return None, str(error)
-
-
-def true_path(log: Imported) -> Float:
-    assert log.truth is not None
-    assert log.truth.poses is not None
-    return log.truth.poses
+        said = str(error)
+        assert len(said.splitlines()) == 1
+    if outcome != READ:
+        assert outcome in said
+        return None
+    assert said == ""
+    return given(log)
 
 
 @pytest.fixture(scope="module")
@@ -341,18 +342,15 @@ def good(tmp_path_factory: pytest.TempPathFactory) -> Imported:
 @pytest.mark.parametrize("name", LOGS)
 def test_a_variant_of_the_log(name: str, good: Imported, tmp_path: Path):
     change, outcome = LOGS[name]
-    log, said = said_of(read_csv_log, written(tmp_path, change(GOOD)))
-    if outcome != READ:
-        assert outcome in said
+    log = read_as(outcome, read_csv_log, written(tmp_path, change(GOOD)))
+    if log is None:
         return
-    assert said == ""
-    assert log is not None
     assert_allclose(*(each.recording.stamps - each.recording.stamps[0] for each in (log, good)), atol=1e-6)
     for field in ("odometry", "observation", "odometry_cov", "observation_cov"):
         assert_allclose(getattr(log.recording, field), getattr(good.recording, field), rtol=1e-5, atol=1e-6)
     assert_array_equal(log.recording.landmark, good.recording.landmark)
     if "truth.csv" in change(GOOD):
-        assert_allclose(true_path(log), true_path(good), atol=1e-4)
+        assert_allclose(given(given(log.truth).poses), given(given(good.truth).poses), atol=1e-4)
 
 
 def test_a_unit_that_makes_lengths_smaller_than_their_noise_is_not_suggested(tmp_path: Path) -> None:
@@ -429,12 +427,9 @@ def good_graph(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Imported]
 def test_a_variant_of_the_graph(name: str, good_graph: tuple[str, Imported], tmp_path: Path):
     (change, outcome), (graph, expected) = GRAPHS[name], good_graph
     (tmp_path / "graph.g2o").write_bytes(change(graph).encode())
-    log, said = said_of(read_g2o, tmp_path / "graph.g2o")
-    if outcome != READ:
-        assert outcome in said
+    log = read_as(outcome, read_g2o, tmp_path / "graph.g2o")
+    if log is None:
         return
-    assert said == ""
-    assert log is not None
     recordings = [each.recording for each in (log, expected)]
     order = [np.lexsort(np.array([each.landmark, each.observation_step])) for each in recordings]
     assert_allclose(log.recording.odometry, expected.recording.odometry)

@@ -5,8 +5,6 @@ Statistical tests use fixed seeds and two-sided bounds that a right simulator ex
 
 from __future__ import annotations
 
-from typing import TypeVar
-
 import numpy as np
 import pytest
 from scipy.stats import chi2
@@ -18,21 +16,15 @@ from slamgauge.compare.scenarios.trajectory import Segments
 from slamgauge.recording import Recording
 from slamgauge.se2 import between, chain, rotation, wrap
 from slamgauge.truth import Truth
+from tests.reference.given import given
 
 from .conftest import FALSE_ALARM_RATE
-
-T = TypeVar("T")
 
 POSITION = "sensor={kind='position', max_range=10, sigma_position=0.2}"
 
 
 def scenario(*overrides: str) -> Scenario:
     return load_scenario("q1-long-dense", ["start=mean", *overrides])
-
-
-def given(field: T | None) -> T:
-    assert field is not None
-    return field
 
 
 def assert_chi_square(normalised: Float) -> None:

@@ -17,6 +17,7 @@ from slamgauge.ekf import Delayed, FilterSettings, ekf_slam, riekf
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.truth import Truth
+from tests.reference.given import given
 
 FAR = np.array([500_000.0, 4_600_000.0, 0.0])  # [m]: UTM coordinates of southern Europe
 SAME = 1e-6
@@ -31,9 +32,7 @@ def far_estimate(estimate: Estimate) -> Estimate:
 
 
 def far_run(truth: Truth, recording: Recording) -> tuple[Truth, Recording]:
-    assert truth.poses is not None
-    assert truth.landmarks is not None
-    moved = replace(truth, poses=truth.poses + FAR, landmarks=truth.landmarks + FAR[:2])
+    moved = replace(truth, poses=given(truth.poses) + FAR, landmarks=given(truth.landmarks) + FAR[:2])
     return moved, replace(recording, prior_mean=recording.prior_mean + FAR)
 
 
@@ -57,8 +56,7 @@ def assert_same(far: Any, near: Any, name: str = "") -> None:
 @pytest.mark.parametrize("name", ["q1-short-dense", "q2-short-dense", "q4-three-landmarks"])
 def test_a_run_far_away_has_the_same_scores(name: str) -> None:
     truth, recording = simulate(load_scenario(name, ["start=sampled"]), 0)
-    assert truth.association is not None
-    with_ids = recording.associated(truth.association)
+    with_ids = recording.associated(given(truth.association))
     estimate, optimum = ekf_slam(with_ids), riekf(with_ids)  # any estimate serves as optimum here
     smoothed = replace(optimum, kind="smoothed", nis=None, nis_dof=None)
     near = evaluate(truth, recording, estimate, optimum, smoothed)

@@ -17,6 +17,7 @@ from slamgauge.compare.scoring.intervals import (
     ratio_interval,
 )
 from slamgauge.compare.scoring.paired import Paired, compare_paired
+from tests.reference.given import given
 
 
 def ends(found: Interval | None) -> tuple[float | None, ...]:
@@ -95,13 +96,10 @@ def test_a_paired_comparison_of_few_or_equal_pairs() -> None:
     assert compare_paired(np.array([np.nan, 1.0]), np.array([1.0, np.nan])) is None
     single = compare_paired(np.array([2.0]), np.array([1.0]))
     assert single == Paired(1, Interval(1.0, None, None), Interval(2.0, None, None), None)
-    assert single is not None
-    assert asdict(single)["difference"] == {"mean": 1.0, "low": None, "high": None}
+    assert asdict(given(single))["difference"] == {"mean": 1.0, "low": None, "high": None}
     assert p_value(np.array([2.0, 3.0]), np.array([2.0, 3.0])) == 1.0
     assert p_value(np.array([2.0, 3.0]), np.array([1.0, 2.0])) == 0.0
 
 
 def p_value(ours: Float, theirs: Float) -> float:
-    found = compare_paired(ours, theirs)
-    assert found is not None and found.p_value is not None
-    return found.p_value
+    return given(given(compare_paired(ours, theirs)).p_value)

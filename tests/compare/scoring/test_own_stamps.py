@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -19,15 +20,18 @@ from slamgauge.compare.storage.csv_folder import POSE, POSE_COV, write_rows
 from slamgauge.compare.storage.files import save, write_tum
 from slamgauge.compare.storage.trajectories import Trajectory
 from slamgauge.ekf import ekf_slam
+from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline import causal
 from slamgauge.recording import Recording
 from slamgauge.se2 import between, chain, compose, pose_rotation
 from slamgauge.truth import Truth
+from tests.reference.given import given
 from tests.reference.random_recordings import random_recording
 
 TRUTH, RECORDING = random_recording(3, steps=40)
 STAMPS = RECORDING.stamps
 UPPER = np.triu_indices(3)
+PATH = given(TRUTH.poses)
 
 
 def arc(times: Float) -> Float:
@@ -39,6 +43,13 @@ def on_the_arc() -> tuple[Truth, Recording]:
     poses = arc(STAMPS)
     motions = between(poses[:-1], poses[1:])
     return replace(TRUTH, poses=poses), replace(RECORDING, odometry=motions)
+
+
+@cache
+def filtered() -> tuple[Estimate, Float]:
+    """Return a filter's estimate and its covariances (steps + 1, 3, 3)."""
+    estimate = ekf_slam(RECORDING)
+    return estimate, given(estimate.pose_covs)
 
 
 @pytest.fixture
@@ -59,25 +70,21 @@ def test_a_perfect_trajectory_on_an_arc_has_no_error_at_stamps_between_the_steps
     """Straight lines between its poses, or between those of the truth, would be wrong by up to 0.3 mm."""
     truth, recording = on_the_arc()
     found = stored_estimate(Trajectory("mine", STAMPS + shift, arc(STAMPS + shift)), recording)
-    assert found.own is not None
-    reference = truth_at(found.own.stamps, truth, recording)
-    assert reference is not None
-    assert reference.poses is not None
+    own = given(found.own)
+    reference = given(truth_at(own.stamps, truth, recording))
     inside = slice(1, -1)  # beyond the ends the truth is not known
-    assert_allclose(found.own.estimate.poses[inside], reference.poses[inside], atol=1e-12)
-    assert_allclose(found.estimate.poses[inside], truth.poses[inside], atol=1e-12)  # pyrefly: ignore
+    assert_allclose(own.estimate.poses[inside], given(reference.poses)[inside], atol=1e-12)
+    assert_allclose(found.estimate.poses[inside], given(truth.poses)[inside], atol=1e-12)
 
 
 @pytest.mark.parametrize("every", [7, 20])
 def test_keyframes_have_the_scores_of_their_poses(every: int) -> None:
     truth, recording = on_the_arc()
     found = stored_estimate(Trajectory("mine", STAMPS[::every], arc(STAMPS[::every]) + 0.1), recording, max_gap=5.0)
-    assert found.own is not None
-    assert found.own.compared.nonzero()[0].tolist() == list(range(0, 41, every))
-    reference = truth_at(found.own.stamps, truth, recording)
-    assert reference is not None
-    assert reference.poses is not None
-    assert np.isnan(reference.poses).all(axis=1).sum() == 41 - len(range(0, 41, every))
+    own = given(found.own)
+    assert own.compared.nonzero()[0].tolist() == list(range(0, 41, every))
+    reference = given(truth_at(own.stamps, truth, recording))
+    assert np.isnan(given(reference.poses)).all(axis=1).sum() == 41 - len(range(0, 41, every))
 
 
 def test_a_filtered_optimum_between_steps_follows_the_odometry() -> None:
@@ -93,25 +100,21 @@ def test_a_filtered_optimum_between_steps_follows_the_odometry() -> None:
 
 def test_formats_thinned_offset_and_turned(run_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A filter's poses as TUM and CSV, late by a second, and every third one, have the scores of the filter."""
-    estimate = ekf_slam(RECORDING)
-    assert estimate.pose_covs is not None
-    upper = estimate.pose_covs[:, *UPPER]
-    rows = np.column_stack([STAMPS, estimate.poses, upper])
+    estimate, covs = filtered()
+    rows = np.column_stack([STAMPS, estimate.poses, covs[:, *UPPER]])
     header = ("time", *POSE[:2], "yaw", *POSE_COV)
-    write_tum(run_folder / "tum.tum", STAMPS, estimate.poses, estimate.pose_covs)
+    write_tum(run_folder / "tum.tum", STAMPS, estimate.poses, covs)
     write_rows(run_folder / "csv.csv", header, rows.tolist())
     write_rows(run_folder / "third.csv", header, rows[::3].tolist())
     save(run_folder / "whole.npz", estimate)
-    files = [
-        f"{name.partition('.')[0]}={run_folder / name}" for name in ("whole.npz", "tum.tum", "csv.csv", "third.csv")
-    ]
+    names = ("whole.npz", "tum.tum", "csv.csv", "third.csv")
+    files = [f"{name.partition('.')[0]}={run_folder / name}" for name in names]
     found = scores(run_folder, capsys, "--estimates", *files)
     for key in ("ate_m", "nees_pose", "ratio_to_optimum", "mahalanobis_to_optimum", "final_position_error_m"):
         assert_allclose([found["tum"][key], found["csv"][key]], found["whole"][key], rtol=1e-9)
     third = slice(None, None, 3)
-    assert TRUTH.poses is not None
-    off = np.hypot(*(estimate.poses - TRUTH.poses)[third, :2].T)
-    best = np.hypot(*(causal(RECORDING).poses - TRUTH.poses)[third, :2].T)
+    off = np.hypot(*(estimate.poses - PATH)[third, :2].T)
+    best = np.hypot(*(causal(RECORDING).poses - PATH)[third, :2].T)
     assert found["third"]["ate_m"] == pytest.approx(np.sqrt(np.mean(off**2)), rel=1e-12)
     assert found["third"]["ratio_to_optimum"] == pytest.approx(np.sqrt(np.mean(off**2) / np.mean(best**2)), rel=1e-9)
     assert found["third"]["final_position_error_m"] == pytest.approx(off[-1], rel=1e-12)
@@ -122,10 +125,9 @@ def test_formats_thinned_offset_and_turned(run_folder: Path, capsys: pytest.Capt
 
 
 def test_body_frame_and_alignment(run_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    estimate = ekf_slam(RECORDING)
-    assert estimate.pose_covs is not None
+    estimate, covs = filtered()
     turns = pose_rotation(estimate.poses[:, 2])
-    body = np.einsum("nji,njk,nkl->nil", turns, estimate.pose_covs, turns)
+    body = np.einsum("nji,njk,nkl->nil", turns, covs, turns)
     write_tum(run_folder / "body.tum", STAMPS, estimate.poses, body)
     save(run_folder / "whole.npz", estimate)
     words = ("--estimates", f"body={run_folder / 'body.tum'}", "--covariance-frame", "body")
@@ -133,7 +135,7 @@ def test_body_frame_and_alignment(run_folder: Path, capsys: pytest.CaptureFixtur
     assert scores(run_folder, capsys, *words)["body"]["nees_pose"] == pytest.approx(whole["nees_pose"], rel=1e-9)
     transform = np.array([5.0, -3.0, 0.7])
     turn = pose_rotation(transform[2])
-    moved = replace(estimate, poses=compose(transform, estimate.poses), pose_covs=turn @ estimate.pose_covs @ turn.T)
+    moved = replace(estimate, poses=compose(transform, estimate.poses), pose_covs=turn @ covs @ turn.T)
     write_tum(run_folder / "moved.tum", STAMPS, moved.poses, moved.pose_covs)
     found = scores(run_folder, capsys, "--estimates", f"m={run_folder / 'moved.tum'}", "--align", "se2")
     assert found["m"]["ate_m"] > 3.0
@@ -146,10 +148,9 @@ def test_body_frame_and_alignment(run_folder: Path, capsys: pytest.CaptureFixtur
 def test_covariances_of_another_frame_are_warned_of(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A narrow ellipse along the heading, as the sampled errors of a robot on a circle are."""
     truth, recording = on_the_arc()
-    assert truth.poses is not None
     rng = np.random.default_rng(0)
     errors = rng.normal(0.0, [0.5, 0.02, 0.02], (41, 3))
-    poses = compose(truth.poses, errors)
+    poses = compose(given(truth.poses), errors)
     write_tum(tmp_path / "body.tum", STAMPS, poses, np.tile(np.diag([0.25, 4e-4, 4e-4]), (41, 1, 1)))
     save(tmp_path / "recording.npz", recording)
     save(tmp_path / "truth.npz", truth)
@@ -172,9 +173,8 @@ def test_the_rigid_transform_is_that_of_evo() -> None:
 
 def test_twins_are_compared_at_the_same_steps(run_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A consistent filter is consistent, too, if every fifth pose is given; on straight lines it was overconfident."""
-    estimate = ekf_slam(RECORDING)
-    assert estimate.pose_covs is not None
-    write_tum(run_folder / "m.tum", STAMPS[::5], estimate.poses[::5], estimate.pose_covs[::5])
+    estimate, covs = filtered()
+    write_tum(run_folder / "m.tum", STAMPS[::5], estimate.poses[::5], covs[::5])
     words = ["evaluate", str(run_folder / "recording.npz"), "--estimators", "batch", "--twins", "19", "--json"]
     capsys.readouterr()
     assert main([*words, "--estimates", f"m={run_folder / 'm.tum'}"]) == 0
@@ -185,8 +185,7 @@ def test_a_truth_without_headings_gives_position_errors_and_position_nees(
     run_folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     whole = scores(run_folder, capsys)["causal"]
-    assert TRUTH.poses is not None
-    save(run_folder / "truth.npz", replace(TRUTH, poses=TRUTH.poses * [1.0, 1.0, np.nan]))
+    save(run_folder / "truth.npz", replace(TRUTH, poses=PATH * [1.0, 1.0, np.nan]))
     found = scores(run_folder, capsys)["causal"]
     for key in ("ate_m", "nees_position", "coverage_95", "ratio_to_optimum", "final_position_error_m"):
         assert found[key] == whole[key]
@@ -196,22 +195,15 @@ def test_a_truth_without_headings_gives_position_errors_and_position_nees(
     printed = " ".join(capsys.readouterr().out.split())
     assert "the truth has no headings: heading errors, relative errors and pose NEES are left out" in printed
     assert "NEES xy" in printed
-    estimate = ekf_slam(RECORDING)
-    write_tum(run_folder / "between.tum", STAMPS + 0.02, estimate.poses)
+    write_tum(run_folder / "between.tum", STAMPS + 0.02, filtered()[0].poses)
     moved = scores(run_folder, capsys, "--estimates", f"m={run_folder / 'between.tum'}")["m"]
     assert moved["ate_m"] == pytest.approx(whole["ate_m"], rel=0.5)
 
 
 def test_options_that_do_not_fit(run_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    save(run_folder / "e.npz", ekf_slam(RECORDING))
-    words = [
-        "evaluate",
-        str(run_folder / "recording.npz"),
-        "--estimators",
-        "ekf",
-        "--estimates",
-        f"e={run_folder / 'e.npz'}",
-    ]
+    save(run_folder / "e.npz", filtered()[0])
+    words = ["evaluate", str(run_folder / "recording.npz"), "--estimators", "ekf", "--estimates"]
+    words.append(f"e={run_folder / 'e.npz'}")
     for more, message in (
         (["--max-gap", "0"], "max-gap: 0 s is no time"),
         (["--time-offset", "nan"], "time-offset: nan is not a time"),

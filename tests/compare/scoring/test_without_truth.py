@@ -24,6 +24,7 @@ from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline import batch
 from slamgauge.sensors import innovation
 from tests.reference.command_line import run
+from tests.reference.given import given
 from tests.reference.random_recordings import random_covariances, random_recording
 
 pytestmark = pytest.mark.slow
@@ -67,17 +68,15 @@ def test_means_of_a_linear_filter():
 
 def test_a_filter_that_halves_its_sigmas_is_overconfident():
     filtered, smoothed = linear_filter_and_smoother(0)
-    assert filtered.pose_covs is not None
     expected, _ = step_statistics(filtered, smoothed)
-    halved, claims_more = step_statistics(replace(filtered, pose_covs=filtered.pose_covs / 4.0), smoothed)
+    halved, claims_more = step_statistics(replace(filtered, pose_covs=given(filtered.pose_covs) / 4.0), smoothed)
     assert_allclose(halved, 4.0 * expected)
     assert claims_more.any()
 
 
 def test_singular_covariances_are_left_out():
     filtered, smoothed = linear_filter_and_smoother(0)
-    assert filtered.pose_covs is not None
-    covs = filtered.pose_covs.copy()
+    covs = given(filtered.pose_covs).copy()
     covs[:2] = 0.0
     expected, _ = step_statistics(replace(filtered, pose_covs=covs), smoothed)
     assert_array_equal(np.isnan(expected), np.arange(40) < 2)
@@ -138,16 +137,14 @@ def test_level_of_three_exchangeable_figures():
 def test_a_wrong_filter_and_wrong_noise_on_a_recording():
     _, recording = random_recording(5, steps=60)
     optimum, estimate = batch(recording), riekf(recording)
-    assert estimate.pose_covs is not None
     twins = twin_figures(recording, optimum, 19, {"riekf": (riekf, None)})["riekf"]
     assert consistency_test(recording, estimate, optimum, twins).verdict == "consistent"
-    wrong = replace(estimate, pose_covs=estimate.pose_covs / 4.0)
+    wrong = replace(estimate, pose_covs=given(estimate.pose_covs) / 4.0)
     assert consistency_test(recording, wrong, optimum, twins).verdict == "overconfident"
     small = replace(recording, odometry_cov=recording.odometry_cov / 25.0)
     optimum = batch(small)
-    found = consistency_test(
-        small, riekf(small), optimum, twin_figures(small, optimum, 19, {"riekf": (riekf, None)})["riekf"]
-    )
+    twins = twin_figures(small, optimum, 19, {"riekf": (riekf, None)})["riekf"]
+    found = consistency_test(small, riekf(small), optimum, twins)
     assert found.verdict == "overconfident"
     assert "Q is too small" in found.text()
 

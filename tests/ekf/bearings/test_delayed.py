@@ -19,6 +19,7 @@ from slamgauge.recording import Observations
 from slamgauge.se2 import compose, rotation, wrap
 from slamgauge.triangulation import triangulate
 from tests.reference.jacobians import assert_jacobian
+from tests.reference.random_recordings import noisy_bearings
 
 pytestmark = pytest.mark.slow
 
@@ -31,14 +32,11 @@ Q = np.diag([1e-2, 1e-3, 2e-3]) ** 2
 def sights(
     pose: Float, landmarks: Float, names: list[int], rng: np.random.Generator, sigma: float = SIGMA
 ) -> Observations:
-    offset = landmarks[names] - pose[:2]
-    exact = np.arctan2(offset[:, 1], offset[:, 0]) - pose[2]
-    values = wrap(exact + sigma * rng.normal(size=len(names)))[:, None]
-    return Observations(np.array(names, dtype=np.int64), values, np.full((len(names), 1, 1), sigma**2))
+    return noisy_bearings(pose, landmarks[names], np.array(names, dtype=np.int64), rng, sigma)
 
 
-def moved(pose: Float, increment: Float) -> Float:
-    return np.array([*(pose[:2] + rotation(pose[2]) @ increment[:2]), pose[2] + increment[2]])
+def started(settings: Delayed, correction: Correction = "standard") -> BearingFilter:
+    return BearingFilter(np.zeros(3), np.zeros((3, 3)), correction, settings)
 
 
 # --- Jacobians -----------------------------------------------------------------------------------
@@ -136,7 +134,7 @@ def test_a_placement_is_exact_conditioning(correction: Correction, seed: int) ->
     while steps < 60 and not len(slam.landmark_ids):
         if steps:
             increment = np.array([0.15, 0.0, 0.03])
-            truth = moved(truth, increment)
+            truth = compose(truth, increment)
             measured = increment + np.sqrt(np.diag(Q)) * rng.normal(size=3)
             slam.predict(measured, Q)
             twin.predict(measured)
@@ -163,12 +161,11 @@ def test_a_placement_is_exact_conditioning(correction: Correction, seed: int) ->
 def test_bearings_of_two_landmarks_with_one_id_are_never_placed() -> None:
     """A third landmark is placed as if they did not exist."""
     rng = np.random.default_rng(3)
-    slam, pose = BearingFilter(np.zeros(3), np.zeros((3, 3)), initialisation=Delayed(poses=12)), np.zeros(3)
+    slam, sound, pose = started(Delayed(poses=12)), started(Delayed(poses=12)), np.zeros(3)
     landmarks = np.array([[3.0, 3.0], [2.0, 4.5], [4.0, -2.0]])
-    sound = BearingFilter(np.zeros(3), np.zeros((3, 3)), initialisation=Delayed(poses=12))
     for k in range(30):
         if k:
-            pose = moved(pose, np.array([0.25, 0.0, 0.0]))
+            pose = compose(pose, [0.25, 0.0, 0.0])
             for each in (slam, sound):
                 each.predict([0.25, 0.0, 0.0], Q)
         seen = sights(pose, landmarks, [k % 2, 2], rng)
@@ -195,13 +192,12 @@ def test_covariances_stay_semidefinite_and_the_window_bounded(correction: Correc
     rng = np.random.default_rng(5)
     angles = rng.uniform(-np.pi, np.pi, 25)
     landmarks = rng.uniform(6.5, 9.0, (25, 1)) * np.column_stack([np.cos(angles), np.sin(angles)]) + [0.0, 5.0]
-    settings = Delayed(poses=10, spacing=0.2)
-    slam, pose = BearingFilter(np.zeros(3), np.zeros((3, 3)), correction, settings), np.zeros(3)
+    slam, pose = started(Delayed(poses=10, spacing=0.2), correction), np.zeros(3)
     largest, steps = 0, 220
     for k in range(steps):
         if k:
             increment = np.array([0.3, 0.0, 0.06])
-            pose = moved(pose, increment)
+            pose = compose(pose, increment)
             slam.predict(increment + np.sqrt(np.diag(Q)) * rng.normal(size=3), Q)
         near = np.hypot(*(landmarks - pose[:2]).T) < 6.0
         slam.update(sights(pose, landmarks, np.flatnonzero(near & (rng.random(25) < 0.7)).tolist(), rng))
@@ -226,12 +222,11 @@ def test_a_long_path_is_mapped_to_its_end() -> None:
     """
     rng = np.random.default_rng(7)
     landmarks = np.column_stack([rng.uniform(0.0, 200.0, 200), rng.uniform(1.0, 10.0, 200) * rng.choice([-1, 1], 200)])
-    settings = Delayed(poses=15, spacing=0.4)
-    slam, pose = BearingFilter(np.zeros(3), np.zeros((3, 3)), initialisation=settings), np.zeros(3)
+    slam, pose = started(Delayed(poses=15, spacing=0.4)), np.zeros(3)
     seen: set[int] = set()
     for k in range(900):
         if k:
-            pose = moved(pose, np.array([0.2, 0.0, 0.0]))
+            pose = compose(pose, [0.2, 0.0, 0.0])
             slam.predict([0.2, 0.0, 0.0], np.diag([1e-4, 1e-4, 1e-5]) ** 2)
         names = np.flatnonzero(np.hypot(*(landmarks - pose[:2]).T) < 10.0).tolist()
         seen |= {*names}
@@ -245,7 +240,7 @@ def test_a_long_path_is_mapped_to_its_end() -> None:
 
 def test_a_standing_robot_adds_no_poses() -> None:
     rng = np.random.default_rng(8)
-    slam = BearingFilter(np.zeros(3), np.zeros((3, 3)), initialisation=Delayed(spacing=0.2))
+    slam = started(Delayed(spacing=0.2))
     landmarks = np.array([[3.0, 3.0], [2.0, 4.5]])
     for k in range(20):
         slam.update(sights(np.zeros(3), landmarks, [0, 1] if k else [0], rng))
@@ -268,7 +263,7 @@ def test_ids_of_clones_and_points_are_used_once() -> None:
     before: set[int] = set()
     for k in range(150):
         if k:
-            pose = moved(pose, np.array([0.1, 0.0, 0.0]))
+            pose = compose(pose, [0.1, 0.0, 0.0])
             inner.predict([0.1, 0.0, 0.0], 1e-2 * Q)
         near = np.flatnonzero(np.hypot(*(landmarks - pose[:2]).T) < 4.0).tolist()
         names = [name for name in near if name not in points]

@@ -163,13 +163,6 @@ def test_projected_jacobians_are_the_nearest_without_translation_and_rotation(se
     assert changed > 0.01
 
 
-@pytest.mark.parametrize("sensor", SENSORS)
-def test_projection_at_the_state_changes_nothing(sensor: int) -> None:
-    state, z = np.array([3.0, -4.0, 0.4, 5.0, 1.0]), np.array([[5.0, 0.3]])
-    _, H, _ = linearised(sensor, state, [0], z, state.copy(), observable=True)
-    np.testing.assert_allclose(H, linearised(sensor, state, [0], z)[1], rtol=0, atol=1e-15)
-
-
 # --- prediction ----------------------------------------------------------------------------------
 
 INCREMENTS = [[0.3, 0.0, 0.02], [0.0, 0.0, 0.0], [0.0, 0.0, PI], [-0.2, 0.7, -2.0], [40.0, 0.0, 1e-9]]
@@ -260,18 +253,3 @@ def test_augmentation(sensor: int, heading: float, bearing: float, distance: flo
     own = augmented(sensor, pose, np.zeros((3, 3)), z, R)[1][3:]
     expected = np.triu(J_z @ R @ J_z.T)
     np.testing.assert_allclose(np.triu(own), expected, rtol=0, atol=1e-10 * np.abs(expected).max())
-
-
-@pytest.mark.parametrize("sensor", SENSORS)
-def test_augmentation_on_a_correlated_state(sensor: int) -> None:
-    """P_l. = J_r P_r. and P_ll = J_r P_rr J_r' + J_z R J_z' together."""
-    rng = np.random.default_rng(1)
-    pose, z = np.array([3.0, -4.0, 2.9]), np.array([5.0, 0.8])
-    root = rng.normal(size=(7, 7))
-    P, R = root @ root.T, np.array([[0.04, 0.01], [0.01, 0.09]])
-    J_r = differentiate(lambda at: placed(sensor, at, z), pose)
-    J_z = differentiate(lambda at: placed(sensor, pose, at), z)
-    columns = augmented(sensor, pose, np.triu(P) + np.tril(P[:7, :7], -1) * (np.arange(7)[:, None] < 3), z, R)[1]
-    np.testing.assert_allclose(columns[:7], P[:, :3] @ J_r.T, rtol=0, atol=1e-9)
-    expected = np.triu(J_r @ P[:3, :3] @ J_r.T + J_z @ R @ J_z.T)
-    np.testing.assert_allclose(np.triu(columns[7:]), expected, rtol=0, atol=1e-8)
