@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from slamgauge.compare.exercise.conclusions import Conclusion
 from slamgauge.compare.exercise.judgements import Judgement
-from slamgauge.compare.exercise.results import AtClosure, Exercise, SettingResult
+from slamgauge.compare.exercise.results import AtClosure, Exercise, QuestionResult, SettingResult
 from slamgauge.compare.exercise.settings import CAUSAL, EKF, GTSAM, QUESTIONS
 from slamgauge.compare.scoring.intervals import Interval
 from slamgauge.compare.scoring.optimum_notes import MARK
@@ -61,18 +61,19 @@ def exercise_page(exercise: Exercise) -> Page:
     parts: list[Table | str] = []
     for each in exercise.questions:
         parts += [f"Question {each.name[1:]}. {QUESTIONS[each.name].title}: {exercise.runs} runs of each setting", ""]
-        tables = (
-            scores(each.settings),
-            closures(each.settings),
-            landmarks(each.settings),
-            conclusions(each.judgements),
-        )
-        for table in tables:
+        for table in tables_of(each):
             if table.rows:
                 parts += [table, ""]
         notes = [each.largest_correction(), *(setting.doubt for setting in each.settings)]
         parts += [_sentence(each.answer()), *filter(None, notes), ""]
     return Page((*parts[:-1], *exercise.failures))
+
+
+def tables_of(question: QuestionResult, *, with_ratio: bool = False) -> tuple[Table, ...]:
+    """Return the tables of a question, some without rows; see `conclusions`."""
+    settings = question.settings
+    judged = conclusions(question.judgements, with_ratio=with_ratio)
+    return scores(settings), closures(settings), landmarks(settings), judged
 
 
 def scores(settings: Sequence[SettingResult]) -> Table:

@@ -87,12 +87,7 @@ def _sections(figures: Path, run_0: Path, found: QuestionResult) -> list[Section
             "The first loop closure of each lap: RMS position error (dots) and 3σ (bars), before and at the closure.",
         ),
     }
-    shown = (
-        tables.scores(found.settings),
-        tables.closures(found.settings),
-        tables.landmarks(found.settings),
-        tables.conclusions(found.judgements, with_ratio=True),
-    )
+    shown = tables.tables_of(found, with_ratio=True)
     section = Section(
         f"Question {name[1:]}: {question.title}",
         name,

@@ -166,7 +166,8 @@ def error_budget(
     """
     scenario = as_scenario(scenario)
     (asked,) = ask([filter_name])
-    _smoother(lag)  # a bad lag is refused before any run
+    if lag is not None:
+        require_lag(lag)
     if isinstance(asked, BuiltIn) and asked.name not in FILTERS:
         raise UserError(
             f"filter: {filter_name!r} is not a filter whose error can be split; use {', '.join(FILTERS)}, or your own"
@@ -196,11 +197,6 @@ def summarise_budget(scenario: str, filter_name: str, table: Float, checks: Floa
     return ErrorBudget(scenario, filter_name, len(table), rungs, costliest, mean_interval(fits))
 
 
-def _smoother(lag: int | None) -> list[str]:
-    """Return the name of the fixed-lag smoother, in a list; an empty list without lag."""
-    return [] if lag is None else [f"{FIXED_LAG}-{require_lag(lag)}"]
-
-
 def rung_errors(scenario: Scenario, seed: int, chosen: str | Asked, lag: int | None = None) -> RungErrors:
     """Run all rungs on one run; equal rungs are run once."""
     (asked,) = ask([chosen])
@@ -218,7 +214,7 @@ def rung_errors(scenario: Scenario, seed: int, chosen: str | Asked, lag: int | N
         estimate = run_estimator(asked.label, slam, recording)[0]
         own = known if estimate.association is None else estimate.association
         associating = assuming if np.array_equal(own, known) else _run(CAUSAL, recording.associated(own))
-        windows = [_run(name, recording.associated(own)) for name in _smoother(lag)]
+        windows = [] if lag is None else [_run(f"{FIXED_LAG}-{lag}", recording.associated(own))]
     except UserError as error:
         raise UserError(f"run with seed {seed}: {error}") from error
     rungs = (hindsight, causal, assuming, associating, *windows, estimate)

@@ -38,7 +38,7 @@ class RunFigures:
     nees_pose_per_dof: list[float | None]
 
     def against(self, other: RunFigures, level: float = LEVEL) -> dict[str, Paired]:
-        """Compare both figures with those of another estimator on the common runs; without figures that none has."""
+        """Compare each figure with that of another estimator on the common runs; left out if no run has both."""
         _, rows, others = np.intersect1d(self.run, other.run, assume_unique=True, return_indices=True)
         found: dict[str, Paired] = {}
         for key in FIGURES:
@@ -55,9 +55,8 @@ def run_figures(runs: Runs) -> RunFigures:
     return RunFigures(runs.run.tolist(), *([number(each) for each in column] for column in (ate, nees)))
 
 
-def compare_against(loaded: Mapping[str, Runs], names: Sequence[str]) -> dict[str, dict[str, dict[str, Paired]]]:
+def compare_against(figures: Mapping[str, RunFigures], names: Sequence[str]) -> dict[str, dict[str, dict[str, Paired]]]:
     """Return paired comparisons of ATE and NEES/3 of each estimator with each reference in `names`."""
-    figures = {label: run_figures(runs) for label, runs in loaded.items()}
     return {
         name: {
             label: each.against(figures[name])

@@ -151,7 +151,12 @@ def open_store(path: Path, scenario: Scenario, seed: int) -> Generator[StudyStor
     with connected(path) as connection:
         connection.execute("PRAGMA synchronous = NORMAL")
         connection.execute(f"PRAGMA busy_timeout = {1000 * BUSY}")
-        _require_same(connection, path, scenario, seed)
+        found = dict(connection.execute("SELECT key, value FROM study"))
+        _require_schema(found, path)
+        other = _difference(found, scenario, seed)
+        if other is not None:
+            digest = found["digest"][:12]
+            raise UserError(f"{path}: has a study of another {other} (digest {digest}); give another --out")
         yield StudyStore(connection)
 
 
@@ -179,14 +184,6 @@ def read_store(path: Path, digest: str, labels: Sequence[str], runs: int) -> tup
 def _label_of(key: str, labels: Sequence[str]) -> str:
     """Return the longest label with which a key begins (`Asked.key`): labels may contain spaces."""
     return max((label for label in labels if f"{key} ".startswith(f"{label} ")), key=len, default="")
-
-
-def _require_same(connection: sqlite3.Connection, path: Path, scenario: Scenario, seed: int) -> None:
-    found = dict(connection.execute("SELECT key, value FROM study"))
-    _require_schema(found, path)
-    other = _difference(found, scenario, seed)
-    if other is not None:
-        raise UserError(f"{path}: has a study of another {other} (digest {found['digest'][:12]}); give another --out")
 
 
 def _require_schema(found: dict[str, str], path: Path) -> None:

@@ -74,19 +74,11 @@ def connected(path: Path) -> Generator[sqlite3.Connection]:
         with closing(sqlite3.connect(uri, uri=True, timeout=PATIENCE)) as connection:
             yield connection
     except sqlite3.Error as error:
-        code = _primary_code(error)
+        code = getattr(error, "sqlite_errorcode", 0) & 0xFF  # the low byte is the primary code
         if code in _IN_USE:
             reason, remedy = "another program is using it", "close that, and give the same command again"
         elif code in _REFUSALS:
             reason, remedy = "cannot be written", "make room, and give the same command again"
         else:
             reason, remedy = "cannot be used as a study's store", "give another --out"
-        raise UserError(f"{path}: {reason} ({_in_a_line(str(error))}); {remedy}") from None
-
-
-def _primary_code(error: sqlite3.Error) -> int:
-    return getattr(error, "sqlite_errorcode", 0) & 0xFF  # the low byte
-
-
-def _in_a_line(text: str) -> str:
-    return shown(" ".join(text.split()))
+        raise UserError(f"{path}: {reason} ({shown(' '.join(str(error).split()))}); {remedy}") from None

@@ -94,6 +94,7 @@ def run_study(
     labels = {each.key: each.label for each in asked}
     failures = [replace(each, estimator=labels[each.estimator]) for each in found if each.estimator in labels]
     failures.sort(key=lambda failure: (failure.run, failure.estimator))
+    per_run = {label: run_figures(each) for label, each in loaded.items()}
     return Summary(
         scenario=scenario.name,
         runs=runs,
@@ -101,10 +102,10 @@ def run_study(
         digest=digest(scenario, seed),
         failures=tuple(failures),
         estimators=summarise(loaded),
-        against=compare_against(loaded, against),
+        against=compare_against(per_run, against),
         scenario_text=scenario_text(scenario),
         comparisons=compare_user_code(asked, loaded),
-        per_run={label: run_figures(each) for label, each in loaded.items()},
+        per_run=per_run,
     )
 
 

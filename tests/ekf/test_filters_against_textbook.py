@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -23,17 +24,17 @@ Estimator = Callable[[Recording], Estimate]
 
 
 @pytest.mark.parametrize("sensor", ["range-bearing", "position"])
-@pytest.mark.parametrize("slip", [True, False], ids=["slip", "no-slip"])
+@pytest.mark.parametrize(
+    "options",
+    [{"slip": True}, {"slip": False}, {"slip": False, "prior_sigmas": (0.0, 0.0, 0.0)}],
+    ids=["slip", "no-slip", "fixed-start"],
+)
 @pytest.mark.parametrize("seed", [0, *in_full(range(1, 5))])
 @pytest.mark.parametrize(("ours", "textbook"), PAIRS)
-def test_equals_the_textbook(ours: Estimator, textbook: Estimator, seed: int, slip: bool, sensor: str) -> None:
-    _, recording = random_recording(seed, sensor=sensor, slip=slip, steps=80, landmarks=9)
-    assert_same(ours(recording), textbook(recording))
-
-
-@pytest.mark.parametrize(("ours", "textbook"), PAIRS)
-def test_equals_the_textbook_from_a_fixed_start(ours: Estimator, textbook: Estimator) -> None:
-    _, recording = random_recording(11, prior_sigmas=(0.0, 0.0, 0.0), slip=False)
+def test_equals_the_textbook(
+    ours: Estimator, textbook: Estimator, seed: int, options: dict[str, Any], sensor: str
+) -> None:
+    _, recording = random_recording(seed, sensor=sensor, steps=80, landmarks=9, **options)
     assert_same(ours(recording), textbook(recording))
 
 

@@ -68,13 +68,9 @@ def test_unsuitable_recordings_are_refused():
 
 def test_the_result_is_none_if_no_update_exists():
     recording = recording_of()
-    far = (
-        recording.odometry,
-        recording.odometry_cov,
-        recording.observation,
-        np.full_like(recording.observation_cov, np.nan),
-    )
-    assert Log(recording).innovations(*far) is None
+    none = np.full_like(recording.observation_cov, np.nan)
+    given = (recording.odometry, recording.odometry_cov, recording.observation, none)
+    assert Log(recording).innovations(*given) is None
 
 
 def test_kernels_are_compiled_once_for_all_layouts_of_arrays():

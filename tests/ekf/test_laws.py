@@ -34,8 +34,7 @@ from tests.reference.circles import (
 )
 from tests.reference.random_recordings import random_recording, with_rows
 
-FAMILY = [ekf_slam, fej_ekf, oc_ekf, iekf, riekf]
-FILTERS = pytest.mark.parametrize("estimator", FAMILY)
+FILTERS = pytest.mark.parametrize("estimator", [ekf_slam, fej_ekf, oc_ekf, iekf, riekf])
 SENSORS = pytest.mark.parametrize("sensor", ["range-bearing", "position"])
 
 

@@ -17,8 +17,7 @@ from slamgauge.recording import Recording
 from slamgauge.se2 import wrap
 from tests.reference.random_recordings import random_recording
 
-FAMILY = [ekf_slam, fej_ekf, oc_ekf, iekf, riekf]
-FILTERS = pytest.mark.parametrize("estimator", FAMILY)
+FILTERS = pytest.mark.parametrize("estimator", [ekf_slam, fej_ekf, oc_ekf, iekf, riekf])
 SENSORS = pytest.mark.parametrize("sensor", ["range-bearing", "position"])
 Estimator = Callable[..., Estimate]
 FAR_APART = r"^(observation|pose_covs)[^\n]*too far apart for double precision[^\n]*$"

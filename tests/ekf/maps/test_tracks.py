@@ -30,7 +30,6 @@ class World:
     def check(self) -> None:
         """Check that ids and slots agree."""
         ids = self.slam.landmark_ids.tolist()
-        assert ids == self.slam.landmark_ids.tolist()
         assert len(set(ids)) == len(ids) == len(self.tracks.confirmed)
         places = np.array([self.places[i] for i in ids]).reshape(-1, 2)
         np.testing.assert_allclose(self.slam.landmarks, places, rtol=0, atol=1e-9)
