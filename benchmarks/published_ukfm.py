@@ -45,6 +45,7 @@ def main(runs: int = 100, seed: int = 0, jobs: int = 2, out: Path = Path("result
 
 def _text(interval: Interval, factor: float) -> str:
     """Return a mean with half of its 95 % interval."""
+    assert interval.low is not None and interval.high is not None  # there are several runs
     return f"{factor * interval.mean:.3f} ± {factor * (interval.high - interval.low) / 2:.3f}"
 
 

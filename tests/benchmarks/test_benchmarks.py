@@ -56,6 +56,12 @@ SMALLEST = {
         "zhang2017: Zhang, Wu,",
     ),
     "misfits": ("", "log chi2/dof batch causal", "1% ids swapped ", "noise 3 times too small "),  # 30 s
+    "published_ukfm": (
+        "--runs 2 --jobs 1",
+        "heading RMSE [deg] position RMSE [m]",
+        "EKF, published 3.02 ",
+        "causal ",
+    ),  # 8 s
     "seeded_bugs": (  # 20 s
         "--seeds 1",
         "bug named check caught other checks that fail",
