@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -24,6 +25,7 @@ def test_the_search_works_from_disk_without_console_errors(reader: Reader, tmp_p
     source, site = tmp_path / "docs", tmp_path / "site"
     source.mkdir()
     (source / "conf.py").write_bytes(CONF.read_bytes())
+    shutil.copytree(CONF.parent / "static", source / "static")
     (source / "index.md").write_text("# Start\n\n```{toctree}\nother\n```\n")
     (source / "other.md").write_text("# A page of figures\n\nOf the hindsight optimum.\n")
     made = [sys.executable, "-m", "sphinx", "-q", "-W", str(source), str(site)]
