@@ -68,7 +68,7 @@ class Grade:
         return [verdict.name for verdict in self.trial.verdicts if verdict.is_failure]
 
     def to_json(self) -> dict[str, Any]:
-        """Return the row of grades.csv; values that are missing or not finite are None."""
+        """Return the row of grades.csv; missing values and values that are not finite become None."""
         found, own = self.reference, self.own_noise
         figures = {
             "ate_m": self.ate_m,

@@ -159,14 +159,14 @@ def load_rubric(path: Path | None = None) -> Rubric:
     for section, keys in CONTENT.items():
         table = given.get(section, {})
         if not isinstance(table, dict):
-            raise UserError(f"{path}: {section} is no section; write [{section}] above its keys")
+            raise UserError(f"{path}: {section} is not a section; write [{section}] above its keys")
         _require_keys(path, f"{section}.", table, keys)
     merged = default | {"total": given.get("total", default["total"])}
     merged |= {section: default[section] | given.get(section, {}) for section in CONTENT}
     for section in (merged, *(merged[name] for name in CONTENT)):
         for key, value in section.items():
             if not isinstance(value, dict) and not (is_number(value) and 0 <= value < math.inf):
-                raise UserError(f"{path}: {key} = {value!r} is no weight; give a number >= 0")
+                raise UserError(f"{path}: {key} = {value!r} is not a weight; give a number >= 0")
     rubric = _rubric(merged, path.read_text(encoding="utf-8-sig"))
     for name, scale in ((ACCURACY, rubric.accuracy), (CONSISTENCY, rubric.consistency)):
         if not 1.0 <= scale.full < scale.zero:

@@ -77,7 +77,7 @@ def _submission(path: Path, name: str) -> Submission:
             return Submission(name, None, f"{path.name}: {NOT_A_NOTEBOOK}")
         if not path.is_file() and not _folders_with_python(path):
             return Submission(
-                name, None, f"{path.name}: is or has no Python file (pipes and broken links are none); hand in a file"
+                name, None, f"{path.name}: is or has no Python file (no pipe, no broken link); hand in a file"
             )
         file = path if path.is_file() else _main_file(path)
         if file is not None and "." in file.stem:
@@ -88,7 +88,7 @@ def _submission(path: Path, name: str) -> Submission:
         else:
             code = read_folder(file.parent, file.stem, file if file == path else None)
         if not code.files or not Path(place).resolve().is_relative_to(path.parent.resolve()):
-            return Submission(name, None, f"{path.name}: is a link to a file elsewhere; put the file in its place")
+            return Submission(name, None, f"{path.name}: is a link to a file elsewhere; put the file itself there")
         return Submission(name, Address(place, name, place, "", code))
     except UserError as error:
         return Submission(name, None, str(error))

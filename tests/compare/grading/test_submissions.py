@@ -55,7 +55,7 @@ def test_a_submission_is_its_folder_without_what_lies_above_or_behind_links(tmp_
         if each.where and each.where.code
     }
     assert files == {"bob": ["bob.py"], "eve": ["main.py"], "gus": ["gus.py"], "jon": ["jon.py"]}
-    assert found["fay"].reason == "fay: is a link to a file elsewhere; put the file in its place"
+    assert found["fay"].reason == "fay: is a link to a file elsewhere; put the file itself there"
     assert (found["kim.ipynb"].reason or "").startswith("kim.ipynb: notebooks are not run; hand in its code")
     assert found["ida"].reason == "ida.py: has more than 1 MB; keep data in other files"
 
@@ -74,7 +74,7 @@ def test_a_submission_that_is_no_file_has_a_row_and_hides_nothing_from_others(tm
     (tmp_path / "carl.py").symlink_to("carl.py")
     (tmp_path / "fred").symlink_to(Path(__file__).parent)
     reasons = {each.name: each.reason for each in submissions_in(tmp_path)}
-    no_file = "is or has no Python file (pipes and broken links are none); hand in a file"
+    no_file = "is or has no Python file (no pipe, no broken link); hand in a file"
     for name, place in (("bob", "bob.py"), ("carl", "carl.py"), ("eve", "eve")):
         assert reasons[name] == f"{place}: {no_file}"
     assert reasons["dora"] == "" and "fred" in reasons
