@@ -15,6 +15,7 @@ from pathlib import Path
 from statistics import NormalDist
 from typing import NamedTuple
 
+import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from slamgauge.compare.estimators.registry import BOUNDS, is_optimum
@@ -34,12 +35,12 @@ AGAIN = "make the baseline again with this version and this scenario"
 
 @dataclass(frozen=True)
 class StudyFigures:
-    """Digest of a study's measurements, number of its runs, and figures of each run by estimator."""
+    """Digest of a study's measurements, number of its runs, figures of each run by estimator, and its version."""
 
     digest: str
     runs: int
     per_run: Mapping[str, RunFigures]
-    version: str = __version__
+    version: str
 
 
 class Gate(NamedTuple):
@@ -59,12 +60,12 @@ class Gate(NamedTuple):
         lines = [*filter(None, (self._lost(name, study) for name in dict.fromkeys(name for name, _ in self.compared)))]
         worse = [*lines]
         for name, figure in self.compared:
-            ours = study.per_run[name]
-            found = ours.against(self.baseline.per_run[name], self.level).get(figure)
+            ours, theirs = study.per_run[name], self.baseline.per_run[name]
+            found = ours.against(theirs, self.level).get(figure)
             if found is not None and found.ratio is not None:
                 lines.append(f"{name}: {FIGURES[figure]} is {self._sentence(found.ratio, found.runs)}")
                 worse += lines[-1:] if is_above(found.ratio, 1.0 + self.tolerance) else []
-            elif ours.run and not _has(ours, figure):
+            elif (common := ours.in_runs_of(theirs, figure)).size and np.isnan(common).all():
                 lines.append(f"{name}: has no {FIGURES[figure]}, as the baseline has")
                 worse.append(lines[-1])
         return lines, worse
@@ -93,10 +94,6 @@ class Gate(NamedTuple):
         return f"{text}; {sought:g} would be found in {max(needed, 2)} runs"
 
 
-def _has(study: RunFigures, figure: str) -> bool:
-    return any(value is not None for value in getattr(study, figure))
-
-
 def open_gate(baseline: StudyFigures, names: Iterable[str], digest: str, tolerance: float, where: str) -> Gate:
     """Return the gate of a study with that digest and these estimators; `where` is the path of the baseline.
 
@@ -112,7 +109,7 @@ def open_gate(baseline: StudyFigures, names: Iterable[str], digest: str, toleran
         for name in names
         if name in baseline.per_run and not is_optimum(name) and name not in BOUNDS
         for figure in FIGURES
-        if _has(baseline.per_run[name], figure)
+        if any(value is not None for value in getattr(baseline.per_run[name], figure))
     ]
     if not compared:
         raise UserError(f"{where}: has figures of none of these estimators; it has {', '.join(baseline.per_run)}")
@@ -126,14 +123,14 @@ def figures_of(study: Summary | str | Path) -> StudyFigures:
         UserError: the file is not what `study` writes, or of another version.
     """
     if isinstance(study, Summary):
-        return StudyFigures(study.digest, study.runs, study.per_run)
+        return StudyFigures(study.digest, study.runs, study.per_run, __version__)
+    content = read_json(Path(study), "study")
     try:
-        found = TypeAdapter(StudyFigures).validate_python(read_json(Path(study), "study"))
-    except ValidationError:
+        if content["version"] != __version__:
+            raise UserError(f"{study}: of slamgauge {content['version']}, this is {__version__}; {AGAIN}")
+        return TypeAdapter(StudyFigures).validate_python(content)
+    except (TypeError, KeyError, ValidationError):
         raise UserError(f"{study}: not what `slamgauge study` writes; {AGAIN}") from None
-    if found.version != __version__:
-        raise UserError(f"{study}: of slamgauge {found.version}, this is {__version__}; {AGAIN}")
-    return found
 
 
 def false_alarms(tolerance: float) -> str:

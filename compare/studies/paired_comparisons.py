@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from slamgauge.arrays import Float
 from slamgauge.compare.estimators.registry import BOUNDS, DEAD_RECKONING, is_optimum
 from slamgauge.compare.estimators.requests import Asked, BuiltIn
 from slamgauge.compare.scoring.aggregation import late_means
@@ -37,13 +38,16 @@ class RunFigures:
     ate_m: list[float | None]
     nees_pose_per_dof: list[float | None]
 
+    def in_runs_of(self, other: RunFigures, figure: str) -> Float:
+        """Return a figure (C,) in the runs that another estimator has, too; NaN where undefined."""
+        rows = np.isin(self.run, other.run)
+        return np.array(getattr(self, figure), dtype=np.float64)[rows]  # None becomes NaN
+
     def against(self, other: RunFigures, level: float = LEVEL) -> dict[str, Paired]:
         """Compare each figure with that of another estimator on the common runs; left out if no run has both."""
-        _, rows, others = np.intersect1d(self.run, other.run, assume_unique=True, return_indices=True)
         found: dict[str, Paired] = {}
         for key in FIGURES:
-            ours, theirs = (np.array(getattr(each, key), dtype=np.float64) for each in (self, other))  # None: NaN
-            compared = compare_paired(ours[rows], theirs[others], level)
+            compared = compare_paired(self.in_runs_of(other, key), other.in_runs_of(self, key), level)
             if compared is not None:
                 found[key] = compared
         return found
@@ -67,7 +71,9 @@ def compare_against(figures: Mapping[str, RunFigures], names: Sequence[str]) -> 
     }
 
 
-def compare_user_code(asked: Sequence[Asked], loaded: Mapping[str, Runs]) -> tuple[tuple[str, str], ...]:
+def compare_user_code(
+    asked: Sequence[Asked], loaded: Mapping[str, Runs], figures: Mapping[str, RunFigures]
+) -> tuple[tuple[str, str], ...]:
     """Return pairs of a user estimator and a sentence with the ratio of its ATE and that of a built-in filter.
 
     Each user estimator is compared with each built-in filter of the same kind, filtered or smoothed.
@@ -78,7 +84,7 @@ def compare_user_code(asked: Sequence[Asked], loaded: Mapping[str, Runs]) -> tup
     sentences: list[tuple[str, str]] = []
     for mine in (each.label for each in asked if not isinstance(each, BuiltIn)):
         for other in (each.label for each in built_in if loaded[each.label].kind == loaded[mine].kind):
-            found = run_figures(loaded[mine]).against(run_figures(loaded[other])).get("ate_m")
+            found = figures[mine].against(figures[other]).get("ate_m")
             if found is None or found.ratio is None:
                 continue
             opening = f"the ATE of {mine} is {interval_cell(found.ratio, '{:.3f}')} times that of {other} "

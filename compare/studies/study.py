@@ -104,7 +104,7 @@ def run_study(
         estimators=summarise(loaded),
         against=compare_against(per_run, against),
         scenario_text=scenario_text(scenario),
-        comparisons=compare_user_code(asked, loaded),
+        comparisons=compare_user_code(asked, loaded, per_run),
         per_run=per_run,
     )
 

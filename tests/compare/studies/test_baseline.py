@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -79,6 +80,14 @@ def test_studies_with_different_numbers_of_runs_are_compared_on_the_common_ones(
     assert_not_worse(few, many)
 
 
+def test_a_figure_that_only_runs_beyond_the_baseline_have_is_missing():
+    ate = np.random.default_rng(0).uniform(0.9, 1.1, 8)
+    baseline = study(ate[:4].tolist(), [1.0] * 4)
+    late = RunFigures([*range(8)], ate.tolist(), [None] * 4 + [1.0] * 4)
+    _, worse = gate_of(baseline).judge(figures_of(replace(baseline, runs=8, per_run={"mine": late})))
+    assert worse == ["mine: has no NEES, as the baseline has"]
+
+
 def test_assert_not_worse():
     rng = np.random.default_rng(0)
     ate, nees = rng.uniform(0.9, 1.1, 20), rng.uniform(0.9, 1.1, 20)
@@ -138,7 +147,7 @@ def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     baseline.write_text(json.dumps(content | {"version": "0.1.0"}))
     assert run(*command, *gate, "--out", tmp_path / "other") == 2
     assert "summary.json: of slamgauge 0.1.0, this is" in capsys.readouterr().err
-    del content["per_run"]
-    baseline.write_text(json.dumps(content))
-    assert run(*command, *gate, "--out", tmp_path / "other") == 2
-    assert "not what `slamgauge study` writes" in capsys.readouterr().err
+    for missing in ("per_run", "version"):
+        baseline.write_text(json.dumps({key: each for key, each in content.items() if key != missing}))
+        assert run(*command, *gate, "--out", tmp_path / "other") == 2
+        assert "not what `slamgauge study` writes" in capsys.readouterr().err
