@@ -37,6 +37,7 @@ from slamgauge.compare.storage.progress import tracked
 from slamgauge.compare.storage.provenance import origin
 from slamgauge.compare.storage.result_files import BUDGET
 from slamgauge.compare.studies.store import digest
+from slamgauge.compare.studies.study import IN_FLIGHT
 from slamgauge.compare.studies.study_run import require_numbers, run_seed
 from slamgauge.display import counted
 from slamgauge.errors import UserError
@@ -175,7 +176,10 @@ def error_budget(
     require_numbers(runs, seed)
     require_memory(1.0 * BYTES * runs, f"runs: a budget of {runs}", "give fewer")
     seeds = [run_seed(seed, run) for run in range(runs)]
-    results = executor.map(rung_errors, repeat(scenario), seeds, repeat(asked), repeat(lag))
+    parts = [seeds[begin : begin + IN_FLIGHT] for begin in range(0, runs, IN_FLIGHT)]
+    results = (
+        each for part in parts for each in executor.map(rung_errors, repeat(scenario), part, repeat(asked), repeat(lag))
+    )
     errors, checks, fits, rays = zip(*tracked(results, runs, "run", scenario.name, leave=True), strict=True)
     budget = summarise_budget(scenario.name, asked.label, np.array(errors), np.array(checks), np.array(fits))
     found = {"scenario_text": scenario_text(scenario), "seed": seed, "digest": digest(scenario, seed)}

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterator
+from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -61,12 +63,46 @@ def test_equal_rungs_cost_nothing_and_increments_add_up(thread: ThreadPoolExecut
     assert budget.rungs[-1].mse_m2 == pytest.approx(np.mean(errors), rel=1e-12)
 
 
+def test_at_most_so_many_runs_wait_for_the_executor(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An executor that computes a run when its result is read."""
+    monkeypatch.setattr("slamgauge.compare.studies.budget.IN_FLIGHT", 2)
+    waiting: list[int] = []
+
+    class Lazy(Executor):
+        def map(self, fn: Any, *iterables: Any, **_: Any) -> Iterator[Any]:
+            tasks = [*zip(*iterables, strict=False)]
+            waiting.append(len(tasks))
+            return (fn(*task) for task in tasks)
+
+    found = error_budget(short(duration=1), "ekf", 5, 0, Lazy())
+    assert (found.runs, waiting) == (5, [2, 2, 1])
+
+
 def test_wrong_noise_is_charged_to_the_noise() -> None:
     for seed in range(2):
         errors = rung_errors(short("q1-long-dense", "assumed.sensor_scale=0.01"), seed, "riekf")[0]
         np.testing.assert_array_equal(errors[:2], rung_errors(short(), seed, "riekf")[0][:2])
         assert errors[2] != errors[1]
         assert errors[3] == errors[2]
+
+
+@pytest.mark.full  # a filter without ids is usual
+def test_wrong_associations_are_charged_to_the_associations(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A filter that takes two landmarks for one and rejects a third, but solves that problem exactly."""
+    causal = load_estimators(["causal"])["causal"]
+
+    def confused(recording: Recording, **_: object) -> Estimate:
+        assert recording.landmark is not None
+        given = np.where(recording.landmark == 1, 0, recording.landmark)
+        kept = given != 2
+        seen = replace(recording.only(kept), landmark=given[kept])
+        return replace(causal(seen), association=np.where(kept, given, -1))
+
+    monkeypatch.setattr("slamgauge.ekf.ekf_slam", confused)
+    errors = rung_errors(short(), 0, "ekf")[0]
+    assert errors[3] != errors[2]
+    assert errors[2] == errors[1]
+    assert errors[4] == errors[3]
 
 
 def test_a_filter_without_ids_pays_only_for_its_associations() -> None:
