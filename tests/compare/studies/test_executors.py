@@ -1,4 +1,4 @@
-"""Worker processes of this machine end with the command, however it ends."""
+"""Worker processes of this machine end with the command, however it ends, and without a word."""
 
 from __future__ import annotations
 
@@ -13,10 +13,14 @@ import pytest
 pytestmark = [pytest.mark.skipif(sys.platform == "win32", reason="Windows has no process groups"), pytest.mark.slow]
 
 PROGRAM = """
-import time
+import signal, sys, time
 from slamgauge.compare.studies.executors import local_processes
 
+def leave(number, frame):
+    sys.exit(5)
+
 if __name__ == "__main__":
+    signal.signal(signal.SIGHUP, leave)
     with local_processes(2) as pool:
         pool.submit(abs, 1).result()
         waiting = pool.submit(time.sleep, 1000.0)
@@ -25,8 +29,8 @@ if __name__ == "__main__":
 """
 
 
-@pytest.mark.parametrize(("end", "status"), [(signal.SIGINT, -2), (signal.SIGTERM, -15), (signal.SIGKILL, -9)])
-def test_processes_end_with_the_command(end: signal.Signals, status: int, tmp_path: Path):
+@pytest.mark.parametrize(("end", "status"), [("SIGINT", -2), ("SIGTERM", -15), ("SIGKILL", -9), ("SIGHUP", 5)])
+def test_processes_end_with_the_command(end: str, status: int, tmp_path: Path):
     program = tmp_path / "program.py"
     program.write_text(PROGRAM)
     process = subprocess.Popen(
@@ -34,6 +38,8 @@ def test_processes_end_with_the_command(end: signal.Signals, status: int, tmp_pa
     )
     assert process.stdout is not None
     assert process.stdout.readline() == "ready\n"
-    os.kill(process.pid, end)
-    process.communicate(timeout=60.0)  # both pipes are closed when the last process has ended
+    send = os.killpg if end == "SIGHUP" else os.kill  # a closed terminal ends the whole group
+    send(process.pid, getattr(signal, end))
+    _, errors = process.communicate(timeout=60.0)  # both pipes are closed when the last process has ended
     assert process.returncode == status
+    assert not errors or end == "SIGINT"  # then Python prints the line that it interrupted
