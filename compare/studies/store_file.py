@@ -73,7 +73,10 @@ def connected(path: Path) -> Generator[sqlite3.Connection]:
         uri = f"{path.absolute().as_uri()}?mode=rw"
         with closing(sqlite3.connect(uri, uri=True, timeout=PATIENCE)) as connection:
             yield connection
-    except sqlite3.Error as error:
+    except (sqlite3.Error, UnicodeDecodeError) as error:
+        text = str(error)
+        if isinstance(error, UnicodeDecodeError):  # SQLite's message quotes bytes of the file
+            text = error.object.decode(errors="backslashreplace")
         code = getattr(error, "sqlite_errorcode", 0) & 0xFF  # the low byte is the primary code
         if code in _IN_USE:
             reason, remedy = "another program is using it", "close that, and give the same command again"
@@ -81,4 +84,4 @@ def connected(path: Path) -> Generator[sqlite3.Connection]:
             reason, remedy = "cannot be written", "make room, and give the same command again"
         else:
             reason, remedy = "cannot be used as a study's store", "give another --out"
-        raise UserError(f"{path}: {reason} ({shown(' '.join(str(error).split()))}); {remedy}") from None
+        raise UserError(f"{path}: {reason} ({shown(' '.join(text.split()))}); {remedy}") from None

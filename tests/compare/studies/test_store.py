@@ -64,6 +64,16 @@ def test_another_schema_is_refused(run: Run, monkeypatch: pytest.MonkeyPatch) ->
     assert "\n" not in str(caught.value)
 
 
+def test_a_store_without_a_schema_number_is_refused(run: Run, load: Load, tmp_path: Path) -> None:
+    """Version 0.3 and older wrote none."""
+    run(1, ("ekf",))
+    with opened(tmp_path) as connection:
+        connection.execute("DELETE FROM study WHERE key = 'schema'")
+    for again in (run, load):
+        with pytest.raises(UserError, match=r"^[^\n]+study.sqlite: has no study; give another --out$"):
+            again(2, ("ekf",))
+
+
 def test_figures_that_old_rows_lack_are_unknown(run: Run, load: Load, tmp_path: Path) -> None:
     """A study from before these figures existed continues, and its old runs are not repeated."""
     run(2, ("causal",))
@@ -134,13 +144,15 @@ def refusals(run: Run, load: Load) -> Callable[[], list[str]]:
     return refusals
 
 
-@pytest.mark.parametrize("damage", ["cut", "zeros", "rows"])
+@pytest.mark.parametrize("damage", ["cut", "zeros", "names", "rows"])
 def test_a_damaged_store_is_refused_in_a_line(whole: Path, refusals: Callable[[], list[str]], damage: str) -> None:
     good = whole.read_bytes()
     if damage == "cut":
         whole.write_bytes(good[: len(good) // 2])
     elif damage == "zeros":
         whole.write_bytes(bytes(4096) + good[4096:])
+    elif damage == "names":  # bytes that are no text, in a message of SQLite
+        whole.write_bytes(good.replace(b"study", b"stud\xff").replace(b"CREATE TABLE", b"CREATE TABLX"))
     else:
         with opened(whole.parent) as connection:
             connection.execute("UPDATE outcome SET series = substr(series, 2) WHERE run = 3")
