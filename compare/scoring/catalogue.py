@@ -6,7 +6,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
 from typing import Any
 
 from slamgauge.compare.estimators.registry import CAUSAL
@@ -30,10 +29,9 @@ from slamgauge.compare.scoring.consistency import is_inside
 from slamgauge.compare.scoring.intervals import mean_interval
 from slamgauge.compare.scoring.loop_closures import loop_closures
 from slamgauge.compare.scoring.measured import Measured
-from slamgauge.compare.scoring.metric import Column, Measure, Metric, TableName
+from slamgauge.compare.scoring.metric import Column, Measure, Metric
 from slamgauge.compare.scoring.nan_stats import lengths, mean, number, rms
 from slamgauge.compare.scoring.ray_figures import RAY_FIGURES, ray_figures
-from slamgauge.compare.scoring.table import MARK, Cell, Head, figure, marked
 from slamgauge.compare.scoring.trajectory_error import step_errors
 
 
@@ -271,44 +269,6 @@ CATALOGUE = (
 )
 BY_KEY = {each.key: each for each in CATALOGUE}
 STORED = (*(each.key for each in CATALOGUE if each.stored), *(f"rays_{name}" for name in RAY_FIGURES))
-
-
-def heads(table: TableName, *, bounded: bool = False) -> list[Head]:
-    """Return the columns of metrics in a table, from the left; with those of bounds if `bounded`."""
-    found: list[tuple[int, Head]] = []
-    for each in CATALOGUE:
-        column = each.column
-        place = None if column is None else getattr(column, table)
-        if column is not None and place is not None and (bounded or not column.of_bounds):
-            form = column.form if table == "run" else column.mean_form or column.form
-            found.append((place, Head(column.title, column.name, each.help, key=each.key, form=form)))
-    return [head for _, head in sorted(found, key=lambda pair: pair[0])]
-
-
-def is_relative(key: str) -> bool:
-    """Return whether a metric compares with the optimum of the same kind."""
-    column = BY_KEY[key].column
-    return column is not None and column.relative
-
-
-def figure_cells(entry: Mapping[str, Any], columns: list[Head], is_marked: bool | None) -> list[Cell]:
-    """Return the cells of an estimator in columns of metrics; None leaves no room for marks.
-
-    Figures relative to an optimum are marked if it is in doubt.
-    """
-    cells = [figure(entry[head.key], head.form) for head in columns]
-    if is_marked is None:
-        return cells
-    return [
-        marked(each, MARK, is_marked=is_marked) if is_relative(head.key) else each
-        for each, head in zip(cells, columns, strict=True)
-    ]
-
-
-def empty_columns(columns: list[Head], is_empty: Callable[[str], bool]) -> list[str]:
-    """Return a line that names the columns without any figure; no line if every column has one."""
-    names = [head.full for head in columns if is_empty(head.key)]
-    return [f"Empty columns: {', '.join(names)} (docs/your_filter.md lists what each needs)"] if names else []
 
 
 def measured(found: Measured, *, in_study: bool = False) -> dict[str, Any]:

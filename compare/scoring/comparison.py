@@ -14,7 +14,7 @@ from slamgauge.arrays import chunks
 from slamgauge.compare.estimators.registry import OPTIMA, REGISTRY
 from slamgauge.compare.estimators.running import own_poses_of, run_side_by_side
 from slamgauge.compare.estimators.stored_trajectory import OwnPoses
-from slamgauge.compare.scoring.catalogue import empty_columns, figure_cells, heads
+from slamgauge.compare.scoring.columns import empty_columns, figure_cells, heads
 from slamgauge.compare.scoring.optimum_figures import is_in_doubt, is_misfit
 from slamgauge.compare.scoring.optimum_notes import (
     beats_the_optimum_in_a_run,

@@ -7,7 +7,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
-from slamgauge.compare.scoring.catalogue import BY_KEY, heads
+from slamgauge.compare.scoring.catalogue import BY_KEY
+from slamgauge.compare.scoring.columns import heads
 from slamgauge.compare.scoring.intervals import Interval
 from slamgauge.compare.scoring.table import ESTIMATOR, RUNS, Cell, Head, Table, figure
 from slamgauge.compare.scoring.table_files import csv_text, latex_text, markdown_text

@@ -10,7 +10,8 @@ from pydantic_core import to_jsonable_python
 
 from slamgauge.compare.estimators.registry import BOUND_OF, BOUNDS, CAUSAL, HINDSIGHT, REGISTRY, is_ours
 from slamgauge.compare.scoring.aggregation import BAND_LEVEL
-from slamgauge.compare.scoring.catalogue import BY_KEY, empty_columns, figure_cells, heads
+from slamgauge.compare.scoring.catalogue import BY_KEY
+from slamgauge.compare.scoring.columns import empty_columns, figure_cells, heads
 from slamgauge.compare.scoring.intervals import Interval
 from slamgauge.compare.scoring.metric import TableName
 from slamgauge.compare.scoring.optimum_figures import is_misfit_in_runs

@@ -13,8 +13,9 @@ from slamgauge.compare.scenarios.scenario import load_scenario
 from slamgauge.compare.scenarios.simulation import simulate, simulate_informed
 from slamgauge.compare.scoring import catalogue
 from slamgauge.compare.scoring.aggregation import mean_of
+from slamgauge.compare.scoring.columns import heads
 from slamgauge.compare.scoring.comparison import compare_estimators, metrics, table
-from slamgauge.compare.scoring.metric import Column, Metric
+from slamgauge.compare.scoring.metric import Column, Metric, TableName
 from slamgauge.compare.scoring.runs import SERIES, Runs
 from slamgauge.compare.studies.study_run import run_once
 from slamgauge.compare.studies.summary import Summary, summarise, summary_table
@@ -29,6 +30,26 @@ def test_every_metric_is_in_the_catalogue_once():
     assert all(each.help and each.help[-1] != "." for each in catalogue.CATALOGUE)
     for suffix, unit in (("_m", "m"), ("_rad", "rad")):
         assert all(each.unit == unit for each in catalogue.CATALOGUE if each.key.endswith(suffix))
+
+
+@pytest.mark.parametrize(
+    ("where", "titles"),
+    [
+        (
+            "run",
+            "ATE [m],x optimum,NEES,NEES xy,in 95% ellipse,NIS/dof,heading [rad],end [m],wrong,map [m],mapped,of,"
+            "d to optimum,end to batch [m],time [s]",
+        ),
+        (
+            "study",
+            "ATE [m],x causal,NEES/3,in 95% ellipse,NIS/dof,heading [rad],end [m],map NEES/2,wrong,mapped,"
+            "NEES in 99.9% band",
+        ),
+        ("sweep", "ATE [m],x causal,NEES/3,sigma [m],mapped,wrong"),
+    ],
+)
+def test_columns_are_in_their_places(where: TableName, titles: str):
+    assert ",".join(head.title for head in heads(where)) == titles
 
 
 def test_a_new_metric_needs_only_its_entry(monkeypatch: pytest.MonkeyPatch):
