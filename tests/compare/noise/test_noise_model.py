@@ -99,6 +99,8 @@ def test_a_position_is_corrected_like_range_and_bearing():
     np.testing.assert_allclose(np.sin(np.arctan2(*cartesian.T[::-1]) - polar[:, 1]), 0.0, atol=1e-9)
 
 
-def test_a_recording_without_steps_is_refused():
-    with pytest.raises(UserError, match=r"no steps or no observations.*give a longer one"):
-        NoiseParameters(recording_of().first(0))
+def test_a_recording_without_steps_or_observations_is_refused():
+    recording = recording_of()
+    for empty in (recording.only(np.zeros(len(recording.observation), dtype=bool)), recording.first(0)):
+        with pytest.raises(UserError, match=r"no steps or no observations.*give a longer one"):
+            NoiseParameters(empty)

@@ -13,6 +13,7 @@ from slamgauge.compare.scoring.aggregation import FIRST_STEP
 from slamgauge.compare.scoring.consistency import chi2_band
 from slamgauge.compare.scoring.error_bounds import NO_COVS, against_reference, assert_error_bounds
 from slamgauge.compare.scoring.scores import Score, evaluate
+from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.truth import Truth
 
@@ -153,6 +154,14 @@ def test_right_runs_fail_as_often_as_the_levels_say() -> None:
         assert abs(failures - 30) <= 3.29 * math.sqrt(300 * 0.1 * 0.9)
 
 
+@pytest.mark.parametrize(("factor", "side"), [(0.5, "sure"), (2.0, "cautious")])
+def test_wrong_sigmas_fail_in_both_directions(factor: float, side: str) -> None:
+    """Thirty runs whose sigmas are wrong by a factor of two; the test misses this with a probability below 1e-4."""
+    scores = [resting_run(run, claimed=factor, nis_scale=factor**-2) for run in range(30)]
+    message = failure(scores, nees_level=0.99, nis_level=0.99)
+    assert message.count(f"the estimator is too {side}") == 2
+
+
 # --- relative to a reference ---------------------------------------------------------------------
 
 
@@ -167,6 +176,14 @@ def scores(
         with_figures(ate_m=ate * factor, nees=np.full(STEPS + 1, nees * factor), sigmas=sigmas.copy())
         for factor in factors
     ]
+
+
+def test_the_reference_keeps_its_own_bounds_and_its_ratios_are_one():
+    found = against_reference(scores(nees=9.0), scores(nees=9.0))
+    assert found.broken == ()
+    for ratio in (found.ate, found.nees, found.sigma_position, found.sigma_heading):
+        assert ratio is not None
+        assert (ratio.mean, ratio.low, ratio.high) == pytest.approx((1.0, 1.0, 1.0))
 
 
 def test_insignificant_differences_pass():
@@ -214,6 +231,11 @@ def test_the_first_steps_do_not_count():
         each.nees[:FIRST_STEP] = 1e6
         each.sigmas[:FIRST_STEP] = 0.0
     assert against_reference(ours, scores()).broken == ()
+
+
+def test_no_runs_cannot_be_compared():
+    with pytest.raises(UserError, match=r"^reference: a single run has no interval"):
+        against_reference([], [])
 
 
 def test_the_assertion_has_the_same_lines():

@@ -138,6 +138,10 @@ def test_landmarks_and_observations_left_out_are_counted():
     )
 
 
+def test_an_optimum_that_uses_all_has_no_note():
+    assert notes(compared()) == []
+
+
 # --- an optimum in doubt -------------------------------------------------------------------------
 
 

@@ -204,6 +204,12 @@ def test_loop_closures_need_ids_and_their_errors_the_truth() -> None:
 # --- laws --------------------------------------------------------------------------------------
 
 
+def test_the_truth_has_no_error() -> None:
+    recording = straight(30)
+    score = evaluate(true(path(recording)), recording, smoothed(path(recording)))
+    assert (score["ate_m"], score["heading_rmse_rad"], score["rpe_m"]) == (0, 0, 0)
+
+
 @given(lengths, lengths, angles, st.integers(0, 2**32 - 1))
 def test_nees_does_not_change_with_a_rigid_motion_of_the_world(x: float, y: float, turn: float, seed: int) -> None:
     rng = np.random.default_rng(seed)

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
+from textwrap import fill
 
 import numpy as np
 import pytest
@@ -106,6 +107,7 @@ def test_a_single_run_has_no_bound(capsys: pytest.CaptureFixture[str], tmp_path:
     assert "bound: is a bound, which estimates nothing" in capsys.readouterr().out
 
 
+WIDTH = 91  # characters of a line in a figure of 7 in
 NOTE = (
     "causal is more than 0.05 sigma from the optimum at a checked step in 50.0% of the runs: "
     "figures relative to it are marked ?"
@@ -168,8 +170,8 @@ def test_figures_have_the_same_marks_and_notes(
     labels = [[tick.get_text() for tick in drawn[name].axes[0].get_yticklabels()] for name in ("sure", "doubtful")]
     assert labels == [["ekf / causal"], ["ekf / causal?"]]
     notes = [drawn[name].get_suptitle().partition("\n")[2] for name in ("sure", "doubtful", "nees")]
-    assert [note.replace("\n", " ") for note in notes] == ["", NOTE, ""]
+    assert notes == ["", fill(NOTE, WIDTH), ""]
     for values, places in (((0, 0), ""), ((0, 1), "a.b=2: "), ((1, 1), "a.b=1, a.b=2: ")):
         save_sweep_figure(tmp_path, Sweep("x", "a.b", 2, 0, ("1", "2"), tuple(summaries[value] for value in values)))
         line = places and places + NOTE.rpartition(": ")[0]
-        assert drawn["sweep"].get_suptitle().partition("\n")[2].replace("\n", " ") == line
+        assert drawn["sweep"].get_suptitle().partition("\n")[2] == fill(line, WIDTH)
