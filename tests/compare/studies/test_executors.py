@@ -13,10 +13,12 @@ import pytest
 pytestmark = [pytest.mark.skipif(sys.platform == "win32", reason="Windows has no process groups"), pytest.mark.slow]
 
 PROGRAM = """
+import signal
 import time
 from slamgauge.compare.studies.executors import local_processes
 
 if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs inherit that it is ignored
     with local_processes(2) as pool:
         pool.submit(abs, 1).result()
         waiting = pool.submit(time.sleep, 1000.0)
