@@ -130,12 +130,10 @@ def read_observations(mapping: LogMapping, notes: list[str]) -> Seen:
         raise table.rows[ids.index(-1)].refused("only some ids are -1", "write -1 in all rows, or ids from 0")
     covs = table.covariances(OBSERVED[sensor][model.dim :])
     if covs is None:
-        sigmas = [table.sigmas(name) for name in model.columns]
-        stated = zip(sigmas, model.sigmas, strict=True)
-        found = [
-            np.full(len(times), mapping.sigma(name, section.file)) if each is None else each for each, name in stated
-        ]
-        covs = diagonal_covariances(np.column_stack(found))
+        stated = zip(map(table.sigmas, model.columns), model.sigmas, strict=True)
+        of_all = np.ones(len(times))
+        sigmas = [mapping.sigma(name, section.file) * of_all if each is None else each for each, name in stated]
+        covs = diagonal_covariances(np.column_stack(sigmas))
     note_unused(table, notes)
     seen = Seen(sensor, times, has_steps, has_times, np.where(model.is_angle, wrap(values), values), covs, ids)
     if not (section.drop_zero_ranges and model.has_range):
