@@ -76,8 +76,8 @@ OVERRIDES = {  # by scenario: override, and its line, or the begin of a long one
     "q1-short-dense": {
         "trajectory={kind='spiral', step=1}": "trajectory: kind is not known; use one of segments, waypoints, ",
         "trajectory.radius=3": "trajectory.radius: a trajectory of the kind segments has none; remove it or change",
-        "trajectory={kind='waypoints', step=1, points=[], speed=1, yaw_rate=1}": "trajectory.points: must have at least",
-        "trajectory={kind='figure-eight', step=1, radius=-1, speed=1}": "trajectory.radius: must be greater than 0, not",
+        "trajectory={kind='waypoints', step=1, points=[], speed=1, yaw_rate=1}": "trajectory.points: must have at",
+        "trajectory={kind='figure-eight', step=1, radius=-1, speed=1}": "trajectory.radius: must be greater than 0",
         "trajectory={kind='csv', file='none.csv'}": "trajectory.file: none.csv: cannot be read (No such file",
         "trajectory.speed=1e60": "trajectory.speed: must be at most 1e+50 in size, not 1e+60",
         "trajectory.step=fast": "trajectory.step: must be a valid number, not 'fast'",
