@@ -59,6 +59,24 @@ def own_table(folder: Path) -> dict[str, dict[str, str]]:
     return rows(printed)
 
 
+@pytest.mark.gtsam
+def test_exercise(folder: Path):
+    """On these ten runs GTSAM batch, which also uses later measurements, has the smaller error."""
+    printed, errors = run(folder, "exercise.py", "q1-short-dense")
+    assert errors == ""
+    rms = dict(re.findall(r"^(ekf|gtsam-batch) +RMS position error (\S+) m, NEES/3 \S+ ", printed, re.MULTILINE))
+    assert 0.1 < float(rms["gtsam-batch"]) < float(rms["ekf"]) < 0.3
+    assert (folder / "exercise.png").stat().st_size > 0
+
+
+def test_fej2_ekf(folder: Path):
+    run(folder, "fej2_ekf.py", "0.1", "close.toml")
+    estimators = "ekf,projected=fej2_ekf.py:projected,inflated=fej2_ekf.py:inflated"
+    words = ("run", "close.toml", "--set", "trajectory.duration=2", "--estimators", estimators, "--out", "close")
+    printed, _ = run(folder, "-m", "slamgauge", *words)
+    assert list(rows(printed)) == ["ekf", "projected", "inflated"]
+
+
 @pytest.mark.full  # the README's commands run it
 def test_own_estimator(own_table: dict[str, dict[str, str]]):
     """On one fixed run the naive filter is worse than the optimum and very overconfident."""

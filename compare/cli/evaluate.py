@@ -79,7 +79,7 @@ def _stored_estimators(
     if not math.isfinite(options.time_offset):
         raise UserError(f"time-offset: {options.time_offset:g} is not a time; give seconds")
     if not options.max_gap > 0.0:
-        raise UserError(f"max-gap: {options.max_gap:g} s is no time; give seconds > 0")
+        raise UserError(f"max-gap: {options.max_gap:g} s is not above 0; give seconds > 0")
     if options.align == "se2" and (truth is None or truth.poses is None):
         raise UserError("align: se2 needs true positions; give --truth, or leave this option out")
     found: dict[str, Estimator] = {}

@@ -67,8 +67,9 @@ def read_bag(
             odometry, steps, inside, outside = joined(odometry, seen.stamps[kept])
         landmark = None if landmark is None else landmark[inside]
         truth, of_truth = _truth(bag, settings, odometry.stamps, landmark)
-        start, of_start = start_pose(settings.start.pose, None if truth is None else truth.poses, odometry.increments)
+        true_poses = None if truth is None else truth.poses
         with of_file(path):
+            start, of_start = start_pose(settings.start.pose, true_poses, odometry.increments)
             recording = Recording(
                 stamps=odometry.stamps,
                 prior_mean=start,

@@ -169,19 +169,27 @@ class CsvTable:
         return at
 
     def _factor(self, name: str, at: int | None) -> float:
-        """Return the factor from a column to our unit; the header's unit is used, else that of the settings."""
+        """Return the factor from a column to our unit: that of the header, else that of the settings.
+
+        Raises:
+            UserError: the header's unit is none of the quantity, or the settings state another unit.
+        """
         dimension = QUANTITIES.get(name)
         if dimension is None or at is None:
             return 1.0
-        given = self.columns[at].unit
+        given, stated = self.columns[at].unit, getattr(self.section, dimension)
         if not given:
-            return UNITS[getattr(self.section, dimension)]
+            return UNITS[stated]
         known, end = DIMENSIONS[dimension][1], "/s" if name in RATES else ""
         unit = _spelt(given)
         if not unit.endswith(end) or unit.removesuffix(end) not in known:
             units = ", ".join(f"{each}{end}" for each in known)
             raise self.header.refused(f"{given[:20]!r} is not a unit of {name}", f"convert it to one of {units}")
-        return UNITS[unit.removesuffix(end)]
+        unit = unit.removesuffix(end)
+        if stated not in (known[0], unit):
+            what = f"{name} is in {unit} by the header, and in {stated} by the setting {dimension}"
+            raise self.header.refused(what, "correct one of them")
+        return UNITS[unit]
 
 
 def _column(text: str) -> Column:

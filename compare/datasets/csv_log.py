@@ -63,8 +63,8 @@ def read_csv_log(path: Path, overrides: Sequence[str] = ()) -> Imported:
         with of_file(mapping.truth.landmarks or mapping.truth.file or ""):
             true_ids = None if places is None else numbers[len(seen.ids) :]
             truth = Truth(poses=poses, landmark_ids=true_ids, landmarks=places, association=landmark)
-    start, of_start = start_pose(mapping.start.pose, poses, odometry.increments)
     with of_file(path):
+        start, of_start = start_pose(mapping.start.pose, poses, odometry.increments)
         recording = Recording(
             stamps=odometry.stamps,
             prior_mean=start,

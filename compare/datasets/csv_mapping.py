@@ -117,11 +117,12 @@ class LogMapping(Section):
                 tables[section][key] = shown(str(Path(tables[section][key]).absolute()))
         return tables
 
-    def sigma(self, name: str) -> float:
-        """Return a standard deviation of [noise]; raise `UserError` if it is missing."""
+    def sigma(self, name: str, file: str) -> float:
+        """Return a standard deviation of [noise]; raise `UserError` if it is missing, and in the rows of the file."""
         value = getattr(self.noise, name)
         if value is None:
-            raise UserError(f"noise.{name}: missing; give --set noise.{name}=SIGMA, or add it to {MAPPING}")
+            remedy = f"give --set noise.{name}=SIGMA, or add it to {MAPPING}"
+            raise UserError(f"{file}: its rows have no noise, and noise.{name} is missing; {remedy}")
         return value
 
 

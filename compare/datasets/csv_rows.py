@@ -85,7 +85,7 @@ def read_odometry(mapping: LogMapping, notes: list[str]) -> Driven:
     note_unused(table, notes)
     looks_back = kind == "increments" or (kind == "velocities" and section.holds == "since-last")
     if start is not None and not looks_back:
-        raise UserError(f"start.stamp: the log starts at the first row of {kind}; remove it")
+        raise UserError(f"{section.file}: start.stamp: the log starts at the first row of {kind}; remove it")
     if start is not None and len(stamps) and not start < stamps[0]:
         raise table.rows[0].refused(f"is not after the start at {start:.9g} s", "correct start.stamp")
     stamps = stamps if start is None else np.concatenate([[start], stamps])
@@ -126,12 +126,14 @@ def read_observations(mapping: LogMapping, notes: list[str]) -> Seen:
         notes += _zero_ranges(table.rows, values[:, 0], dropped=section.drop_zero_ranges)
     if model.has_bearing:
         require_bearings(table.rows, values[:, -1])
+    if has_steps and 0 < ids.count(-1) < len(ids):
+        raise table.rows[ids.index(-1)].refused("only some ids are -1", "write -1 in all rows, or ids from 0")
     covs = table.covariances(OBSERVED[sensor][model.dim :])
     if covs is None:
-        sigmas = [table.sigmas(name) for name in model.columns]
-        stated = zip(sigmas, model.sigmas, strict=True)
-        found = [np.full(len(times), mapping.sigma(name)) if each is None else each for each, name in stated]
-        covs = diagonal_covariances(np.column_stack(found))
+        stated = zip(map(table.sigmas, model.columns), model.sigmas, strict=True)
+        of_all = np.ones(len(times))
+        sigmas = [mapping.sigma(name, section.file) * of_all if each is None else each for each, name in stated]
+        covs = diagonal_covariances(np.column_stack(sigmas))
     note_unused(table, notes)
     seen = Seen(sensor, times, has_steps, has_times, np.where(model.is_angle, wrap(values), values), covs, ids)
     if not (section.drop_zero_ranges and model.has_range):
@@ -174,7 +176,8 @@ def _noise(mapping: LogMapping, kind: str, of_rows: Sequence[Float | None], seco
     of_row = growth["speed" if kind == "velocities" else "step"]
     stated = zip(of_rows, ("forward", "lateral", "turn"), strict=True)
     sigmas = [
-        mapping.sigma(name) * growth[mapping.noise.per] if each is None else each * of_row for each, name in stated
+        mapping.sigma(name, mapping.odometry.file) * growth[mapping.noise.per] if each is None else each * of_row
+        for each, name in stated
     ]
     return diagonal_covariances(np.column_stack(sigmas))
 

@@ -105,10 +105,14 @@ def _read_fields(path: str | Path) -> Fields:
         content = Path(path).read_bytes()
     try:
         raw = loadmat(BytesIO(content), variable_names=names)
-        fields = {name: np.asarray(raw[name], dtype=np.float64) for name in names}
+        fields = {name: np.asarray(raw[name]) for name in names}
     except (MatReadError, *DAMAGED) as error:
         what = " ".join(str(error).split())[:200]
         raise UserError(f"{path}: not a whole dataset2.mat of Lost in the Woods ({what}); copy it again") from None
+    for name, values in fields.items():
+        if values.dtype.kind not in "biuf":
+            raise UserError(f"{path}: field {name} is not a matrix of real numbers; correct it")
+        fields[name] = values.astype(np.float64)
     steps, landmarks = len(fields["t"]), len(fields["l"])
     shapes = dict.fromkeys(_COLUMNS, (steps, 1)) | dict.fromkeys(_SCALARS, (1, 1))
     shapes |= dict.fromkeys(("r", "b"), (steps, landmarks)) | {"l": (landmarks, 2)}

@@ -9,6 +9,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+from slamgauge.compare.estimators.memory_check import require_room_for_runs
 from slamgauge.compare.estimators.registry import BOUNDS, CAUSAL, HINDSIGHT, INFORMED
 from slamgauge.compare.estimators.requests import Asked, Chosen, ask
 from slamgauge.compare.scenarios.scenario import Scenario, load_scenario, scenario_text
@@ -25,6 +26,7 @@ from slamgauge.compare.storage.staged_folder import begin_folder, require_ours
 from slamgauge.compare.studies.store import digest
 from slamgauge.compare.studies.stored_study import load_study, optima_beside
 from slamgauge.compare.studies.study import load_runs, run_study
+from slamgauge.compare.studies.study_run import require_numbers
 from slamgauge.compare.studies.summary import (
     Failure,
     Summary,
@@ -156,6 +158,9 @@ def run_sweep(
     if not others:
         raise UserError("estimators: a sweep needs an estimator beside the optima; add a filter, for example ekf")
     besides = [optima_beside(out, scenario, seed)[0].parent for scenario in scenarios]
+    require_numbers(runs, seed)
+    for scenario in scenarios:
+        require_room_for_runs(runs, scenario, len(asked))
     require_ours(*map(out.joinpath, folders), *(besides if optima else []))
     begin_folder(out)
     summaries: list[Summary] = []

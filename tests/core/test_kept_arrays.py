@@ -150,7 +150,7 @@ def _traced(work: Callable[[], Any]) -> tuple[Any, int, int]:
     try:
         result = work()
         _, peak = tracemalloc.get_traced_memory()
-        gc.collect()  # records in cycles are no longer in use
+        gc.collect()  # freed tuples, which Python keeps for later use, are not part of the result
         kept, _ = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal
+from typing import ClassVar, Literal
 
 import tyro
 
@@ -133,14 +133,4 @@ class Export(Options):
       slamgauge export pdf first-run --width column --estimators ekf,causal
     """
 
-    format: (
-        Annotated[Csv, tyro.conf.subcommand(name="csv")]
-        | Annotated[G2o, tyro.conf.subcommand(name="g2o")]
-        | Annotated[Mat, tyro.conf.subcommand(name="mat")]
-        | Annotated[Tum, tyro.conf.subcommand(name="tum")]
-        | Annotated[Latex, tyro.conf.subcommand(name="latex")]
-        | Annotated[Markdown, tyro.conf.subcommand(name="markdown")]
-        | Annotated[Pdf, tyro.conf.subcommand(name="pdf")]
-        | Annotated[Png, tyro.conf.subcommand(name="png")]
-        | Annotated[Svg, tyro.conf.subcommand(name="svg")]
-    )
+    format: Csv | G2o | Mat | Tum | Latex | Markdown | Pdf | Png | Svg

@@ -142,11 +142,4 @@ class Import(Options):
       slamgauge evaluate results/import-my-log/recording.npz
     """
 
-    format: (
-        Annotated[Csv, tyro.conf.subcommand(name="csv")]
-        | Annotated[G2o, tyro.conf.subcommand(name="g2o")]
-        | Annotated[Bag, tyro.conf.subcommand(name="bag")]
-        | Annotated[Mrclam, tyro.conf.subcommand(name="mrclam")]
-        | Annotated[VictoriaPark, tyro.conf.subcommand(name="victoria-park")]
-        | Annotated[LostInTheWoods, tyro.conf.subcommand(name="lost-in-the-woods")]
-    )
+    format: Csv | G2o | Bag | Mrclam | VictoriaPark | LostInTheWoods

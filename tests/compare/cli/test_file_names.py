@@ -95,6 +95,16 @@ def test_an_estimator_with_any_name_among_files_with_any_name(
     assert not list(mine.rglob("__pycache__"))
 
 
+@COMMANDS
+def test_files_on_the_search_path_with_names_of_our_folders(
+    command: list[str], folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    for name in ("ekf", "compare", "graph_baseline", "slamgauge_test"):
+        (tmp_path / f"{name}.py").write_text("NAME = 1 / 0\n")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    assert rows(command, folder, "evaluate", "recording.npz", "--estimators", "ekf")["ekf"]
+
+
 ODD = (r"cost $\frac$", "bad\udcff", "red\x1b[31m", "<b onclick=alert(1)>&amp;", "n" * 240)
 SHORT = 'extends = "q1-long-dense"\n[trajectory]\nduration = 1.0\n'
 WRITTEN = {

@@ -19,6 +19,7 @@ import slamgauge
 from slamgauge import load_scenario, simulate
 from slamgauge.compare.cli.main import REFUSED
 from slamgauge.compare.estimators.memory_check import require_room_for_runs
+from slamgauge.compare.storage.files import save
 from slamgauge.errors import refused_by_the_machine
 from tests.reference.command_line import arrays, command_after, contents, run
 
@@ -74,6 +75,13 @@ COMMANDS = {  # words of a command, without blanks inside, and the begin of its 
     "run tp4-handout --set prior.mean=[1e15,0,0]": "tp4-handout: prior.mean[0]: must be from 0 to 1e+09 m",
     "run tp4-handout --set sensor.sigma_range=1e-300": "tp4-handout: sensor.sigma_range: must be from 1e-12",
     "run tp4-handout --set motion.sigma_speed=1e3": "tp4-handout: motion.sigma_speed: a step of 0.1 s has",
+    "run tp4-handout --set motion.sigma_speed=1e10": "tp4-handout: motion.sigma_speed: must be from 1e-12",
+    "run tp4-handout --set motion.sigma_lateral=101": "tp4-handout: motion.sigma_lateral: a step of 0.1 s has",
+    "import csv ": "'' is an empty path",
+    "import csv none": "none: cannot be read (No such file or directory); check the path",
+    "import g2o none": "none: cannot be read (No such file or directory); check the path",
+    "import mrclam none": "none: no Odometry.dat in it; give the folder of an MRCLAM data set",
+    "import bag none": "none: not found, or not a bag (",
     "import victoria-park none.txt": "none.txt: cannot be read (No such file or directory); check the path",
     "import lost-in-the-woods none.mat": "none.mat: cannot be read (No such file or directory); check the path",
     "evaluate a\u2028b\x1b.npz": "a\\u2028b\\x1b.npz: cannot be read",
@@ -82,8 +90,12 @@ COMMANDS = {  # words of a command, without blanks inside, and the begin of its 
     f"bench --landmarks {MANY}": "landmarks: the covariance of 100000000 needs",
     f"study q1-short-dense --runs {MANY}": "runs: to sum up 100000000 of",
     f"grade . --scenario q1-short-dense --runs {MANY} --unconfined --out o": "runs: to sum up",
+    f"study q1-short-dense --runs {MANY} --sweep association.gate=1,9 --out o": "runs: to sum up",
+    "study q1-short-dense --runs 0 --sweep association.gate=1,9 --out o": "runs: 0 is too few; give at least 1",
     "budget q1-short-dense --runs 100000000000 --out o": "runs: a budget of 100000000000",
     "study q1-short-dense --runs 1 --jobs 1025": "jobs: 1025 is out of range; give 1 to 1024",
+    "study q1-short-dense --runs 1 --jobs 0": "jobs: 0 is out of range; give 1 to 1024",
+    f"export csv {'[' * 3000}": f"{'[' * 60}",
 }
 
 
@@ -94,6 +106,7 @@ def test_a_command_is_refused_in_one_line(words: str, tmp_path: Path, mistake: M
     assert "\n" not in line
     assert line.startswith(COMMANDS[words])
     assert "helptext" not in line
+    assert (f"s {MANY}" in words) == (" GB are free; " in line)
 
 
 def test_each_mistake_in_a_scenario_is_a_line(mistake: Mistake, tmp_path: Path):
@@ -139,14 +152,23 @@ def test_the_truth_of_another_recording_is_refused(stored: Path, tmp_path: Path,
 # --- memory ------------------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize("graph", ["causal", "fixed-lag-5"])
 def test_a_graph_that_does_not_fit_is_refused_before_any_estimator_runs(
-    mistake: Mistake, monkeypatch: pytest.MonkeyPatch
+    graph: str, mistake: Mistake, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setattr("slamgauge.compare.cli.scoring.compare_estimators", pytest.fail)
     monkeypatch.setattr("slamgauge.memory.free_memory", lambda: 2e9)
     many = "landmarks={random={count=9000,box=[-5.0,-5.0,5.0,5.0]}}"
-    words = ("run", "q1-short-dense", "--set", many, "trajectory.duration=0.2", "--estimators", "dead-reckoning,causal")
-    what = "causal of 9000 landmarks in 3 poses"
+    words = (
+        "run",
+        "q1-short-dense",
+        "--set",
+        many,
+        "trajectory.duration=0.2",
+        "--estimators",
+        f"dead-reckoning,{graph}",
+    )
+    what = f"{graph} of 9000 landmarks in 3 poses"
     assert re.fullmatch(rf"{what} needs [\d.]+ GB of memory, and 2.0 GB are free; .*", mistake(*words))
 
 
@@ -155,6 +177,17 @@ def test_a_run_that_does_not_fit_is_refused_by_its_steps_or_observations(monkeyp
         monkeypatch.setattr("slamgauge.memory.free_memory", lambda free=free: free)
         with pytest.raises(ValueError, match=rf"^{start} [^\n]*needs 0.0 GB of memory.*; shorten trajectory.duration"):
             simulate("q1-short-dense", 0)
+
+
+def test_estimates_that_do_not_fit_are_refused_before_the_first(
+    tmp_path: Path, mistake: Mistake, monkeypatch: pytest.MonkeyPatch
+):
+    """A recording of 628 steps, with memory for the estimates of one filter, but not for those of three."""
+    save(tmp_path / "r.npz", simulate("q1-short-dense", 0)[1])
+    monkeypatch.setattr("slamgauge.memory.free_memory", lambda: 2e5)
+    what = "estimators: 3 of 628 steps: what they estimate needs 0.0 GB of memory, "
+    assert mistake("evaluate", "r.npz", "--estimators", "ekf,riekf,fej-ekf").startswith(what)
+    assert run("evaluate", "r.npz", "--estimators", "dead-reckoning") == 0
 
 
 def test_a_usual_study_is_not_refused():

@@ -6,6 +6,7 @@ import os
 import re
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -98,6 +99,17 @@ def test_colours(
     capsys.readouterr()
     monkeypatch.setattr(terminal.sys.stdout, "isatty", lambda: is_terminal, raising=False)
     assert printed(capsys, *study, "--color", color)[0].startswith("\x1b[1mestimator") == coloured
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1", "cp1252"])
+def test_a_poor_encoding_and_no_home(encoding: str, study: list[str]):
+    """A table has signs that ASCII lacks; matplotlib needs a home folder, and a progress bar a terminal."""
+    poor = {"PYTHONIOENCODING": encoding, "LANG": "C", "LC_ALL": "C", "HOME": "/nowhere", "TERM": ""}
+    ended = subprocess.run([*COMMAND, *study], env=os.environ | poor, capture_output=True, check=False)
+    assert ended.returncode == 0
+    assert b"Traceback" not in ended.stderr
+    assert (b"\\xb1" if encoding == "ascii" else "±".encode(encoding)) in ended.stdout
+    assert (Path(study[-1]) / "nees.png").exists()
 
 
 @pytest.mark.parametrize("words", [["--help"], ["study", "--help"], ["scenarios"]])

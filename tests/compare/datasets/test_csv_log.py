@@ -168,7 +168,7 @@ DRIVE = "stamp,v,omega\n0,1,0\n1,1,0\n"
         ),
         (odometry("stamp,x,y,theta,v,omega\n0,1,0,0,0,0\n"), "", "could be velocities or poses; give the kind with"),
         (odometry("stamp,v,omega,v_std\n0,1,0,-1\n1,1,0,1\n"), "", "line 2: v_std is negative"),
-        (odometry(DRIVE), "start.stamp=0", "start.stamp: the log starts at the first row of velocities"),
+        (odometry(DRIVE), "start.stamp=0", "odometry.csv: start.stamp: the log starts at the first row of velocities"),
         (odometry(DRIVE), "noise.forward=-1", "noise.forward: input should be greater than or equal to 0, not '-1'"),
         (odometry(DRIVE), "noise.fwd=1", "noise.fwd: unknown key; did you mean forward?"),
         (odometry(DRIVE), "nose.forward=1", "nose: unknown section; did you mean noise?"),
@@ -183,8 +183,15 @@ def test_wrong_logs_are_refused_in_one_line(log: Log, files: dict[str, str], ove
 
 
 def test_noise_must_be_stated(log: Log):
-    with pytest.raises(UserError, match=r"noise.forward: missing; give --set noise.forward=SIGMA, or add it to "):
+    missing = (
+        r"odometry\.csv: its rows have no noise, and noise\.forward is missing; give --set noise\.forward=SIGMA, or"
+    )
+    with pytest.raises(UserError, match=missing):
         log(odometry(DRIVE))
+    with pytest.raises(
+        UserError, match=r"observations\.csv: its rows have no noise, and noise\.range is missing; give"
+    ):
+        log(odometry(DRIVE), *NOISE[:2])
 
 
 def test_the_folder_may_be_a_relative_path(log: Log, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
@@ -223,6 +230,7 @@ def test_csv_folders_are_read_back_bit_for_bit(sensor: str, tmp_path: Path):
         ("start.csv", "\n", "\n0,0,0,0,0,0,0,0,0,0\n", "start.csv: has 2 rows; write one, the prior"),
         ("odometry.csv", "\n2,", "\n3,", "odometry.csv, line 1: the steps are not 1, 2, 3, ..."),
         ("observations.csv", "\n0,", "\n0.5,", "observations.csv, line 2, column 1: '0.5' is not an id"),
+        ("observations.csv", "\n0,2,", "\n0,-1,", "observations.csv, line 2: only some ids are -1; write -1 in all"),
     ],
 )
 def test_damaged_csv_folders_are_refused(tmp_path: Path, name: str, old: str, new: str, message: str):

@@ -130,7 +130,7 @@ def woods(**changes: Any) -> dict[str, Any]:
     return {name: value for name, value in (fields | changes).items() if value is not None}
 
 
-DAMAGED = "not a whole dataset2.mat of Lost in the Woods"
+DAMAGED, NOT_REAL = "not a whole dataset2.mat of Lost in the Woods", "is not a matrix of real numbers; correct it"
 EMPTY = ("v", "om", "x_true", "y_true", "th_true", "true_valid", "r", "b")  # columns of the steps, except t
 
 
@@ -178,12 +178,13 @@ def test_woods_observations(tmp_path: Path):
     ("changes", "message"),
     [
         ({"v": None}, f"{DAMAGED} ('v')"),
-        ({"v": np.ones((3, 1))}, "field v has shape (3, 1), not (4, 1)"),
-        ({"r": np.ones((4, 2))}, "field r has shape (4, 2), not (4, 1)"),
+        ({"v": np.ones((3, 1))}, "field v has shape (3, 1), not (4, 1) with steps; correct it"),
+        ({"r": np.ones((4, 2))}, "field r has shape (4, 2), not (4, 1) with steps; correct it"),
         ({"om": np.full((4, 1), np.nan)}, "field om must have finite numbers; correct it"),
-        ({"d": "half"}, DAMAGED),
-        ({"r": csc_matrix(np.eye(4)[:, :1])}, DAMAGED),
-        ({"t": {"a": 1}}, DAMAGED),
+        ({"d": "half"}, f"field d {NOT_REAL}"),
+        ({"r": csc_matrix(np.eye(4)[:, :1])}, f"field r {NOT_REAL}"),
+        ({"om": np.full((4, 1), 1 + 1e-9j)}, f"field om {NOT_REAL}"),
+        ({"t": {"a": 1}}, f"field t {NOT_REAL}"),
         ({"t": np.ones((4, 1, 2))}, "field t has shape (4, 1, 2), not (4, 1)"),
         (
             {"t": np.zeros((0, 1))} | dict.fromkeys(EMPTY, np.zeros((0, 1))),

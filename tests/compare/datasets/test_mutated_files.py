@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
@@ -115,6 +116,7 @@ def attempts(name: str, data: st.DataObject) -> str:
                 read(folder)
         except UserError as error:
             assert len(str(error).splitlines()) == 1
+            assert str(error).startswith(where)
             return str(error)
         finally:
             assert content_of(folder) == before
@@ -145,6 +147,23 @@ def test_whole_files_are_read_and_cut_ones_are_refused(name: str, tmp_path: Path
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 5])
     with pytest.raises(UserError):
         read(tmp_path)
+
+
+@pytest.mark.parametrize("name", [name for name in FORMATS if name != "npz"])
+def test_byte_order_marks_and_line_ends_make_no_difference_and_files_without_text_are_named(name: str, tmp_path: Path):
+    """Each text file of a format is changed in turn."""
+    write, read = FORMATS[name]
+    write(tmp_path)
+    for path in sorted(tmp_path.iterdir()):
+        whole = path.read_bytes()
+        for same in (whole.replace(b"\n", b"\r\n"), b"\xef\xbb\xbf" + whole):
+            path.write_bytes(same)
+            read(tmp_path)
+        for other in (b"\x00\x01\x02\xff" * 100, "café\n".encode("latin-1"), "stamp,v\n".encode("utf-16")):
+            path.write_bytes(other)
+            with pytest.raises(UserError, match=rf"^{re.escape(str(path))}[^\n]+$"):
+                read(tmp_path)
+        path.write_bytes(whole)
 
 
 CSV_LINES = {

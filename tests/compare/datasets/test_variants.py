@@ -59,6 +59,7 @@ MAP_DIFFERS = "with the true path and map are"
 DEG = settings("[observations]\nangle = 'deg'\n")
 ODOMETRY_NOISE = "forward = 0.05\nlateral = 0.01\nturn = 0.02"
 SENSOR_NOISE = "range = 0.05\nbearing = 0.02"
+EPOCHS = {"times of ISO 8601": 1_714_563_800.0, "stamps of today in ns": 1.7e9}  # s before the log's second 0
 Read = Callable[[Path], Imported]
 
 
@@ -119,6 +120,11 @@ def in_quotes(content: str) -> str:
     return "\n".join(",".join(f'"{word}"' for word in line.split(",")) for line in content.splitlines()) + "\n"
 
 
+def epoch(columns: dict[str, Float]) -> dict[str, Float]:
+    """Return stamps of today in ns, which a float64 rounds to 256 ns."""
+    return columns | {"stamp": np.round((columns["stamp"] + 1.7e9) * 1e9)}
+
+
 def without(columns: dict[str, Float], begin: float, end: float) -> dict[str, Float]:
     keeps = (columns["stamp"] < begin) | (columns["stamp"] >= end)
     return {name: values[keeps] for name, values in columns.items()}
@@ -160,6 +166,7 @@ LOGS: dict[str, tuple[Callable[[Files], Mapping[str, str | bytes]], str]] = {
     "a line cut short": (text(SEEN, lambda t: t[:-12]), "columns where the header has"),
     "a remark": (text(SEEN, lambda t: "# laser\n" + t), READ),
     "header behind #": (text(ODOMETRY, lambda t: "# " + t), READ),
+    "header behind %": (text(ODOMETRY, lambda t: "%" + t), READ),
     "capital letters": (header(SEEN, "stamp,landmark,range", "Stamp,LANDMARK,Range"), READ),
     "all cells in quotes": (every(*ALL, change=in_quotes), READ),
     "half a quote": (rows(SEEN, lambda lines: [f'"{lines[0]}', *lines[1:]]), "line 2: has 1 columns"),
@@ -169,6 +176,10 @@ LOGS: dict[str, tuple[Callable[[Files], Mapping[str, str | bytes]], str]] = {
     "other order": (cells(SEEN, lambda line: line[::-1]), READ),
     "exponents": (rows(SEEN, lambda lines: [f"{line}e0" for line in lines]), READ),
     "no header": (text(SEEN, lambda t: t.split("\n", 1)[1]), "no header; write a line"),
+    "Latin-1": (
+        lambda files: encoded("latin-1", SEEN)(files | {SEEN: f"# Größe\n{files[SEEN]}"}),
+        "observations.csv, line 1: not a text in UTF-8",
+    ),
     "UTF-16": (encoded("utf-16", *ALL), "odometry.csv, line 1: not a text in UTF-8"),
     "NUL at the end": (text(SEEN, lambda t: f"{t}\0"), "line 385: not a text in UTF-8"),
     "end of file of DOS": (text(SEEN, lambda t: f"{t}\x1a"), "line 385: has 1 columns"),
@@ -206,9 +217,19 @@ LOGS: dict[str, tuple[Callable[[Files], Mapping[str, str | bytes]], str]] = {
     "deg/s by the header": (both(scaled(ODOMETRY, omega=DEGREE), header(ODOMETRY, "omega", "omega (deg/s)")), READ),
     "cm by the header": (both(scaled(SEEN, range=1e2), header(SEEN, "range", "range[cm]")), READ),
     "mm by the settings": (both(scaled(SEEN, range=1e3), settings("[observations]\nlength = 'mm'\n")), READ),
+    "mm/s by the header": (both(scaled(ODOMETRY, v=1e3), header(ODOMETRY, "v", "v [mm/s]")), READ),
+    "a row of units": (text(SEEN, lambda t: t.replace("\n", "\ns,-,m,rad\n", 1)), "line 2, column "),
+    "a number of a column": (settings("[observations]\ncolumns = {range = 4}\n"), "columns.range: input should be a"),
     "ms by the header": (stamps_in("ms", 1e3), READ),
+    "us by the header": (stamps_in("us", 1e6), READ),
     "ns by the header": (stamps_in("ns", 1e9), READ),
+    "two units": (
+        both(header(SEEN, "bearing", "bearing [rad]"), DEG),
+        "in rad by the header, and in deg by the setting",
+    ),
     "feet": (header(SEEN, "range", "range [ft]"), "'ft' is not a unit of range"),
+    "km/h": (header(ODOMETRY, "v", "v [km/h]"), "'km/h' is not a unit of v"),
+    "bearing in metres": (header(SEEN, "bearing", "bearing [m]"), "'m' is not a unit of bearing"),
     "speed in m": (header(ODOMETRY, "v", "v [m]"), "'m' is not a unit of v"),
     "unknown unit in the settings": (settings("[observations]\nangle = 'gon'\n"), "input should be 'rad' or 'deg'"),
     "unknown name": (header(SEEN, "bearing", "azimuth"), "range-only landmarks are not supported"),
@@ -237,6 +258,11 @@ LOGS: dict[str, tuple[Callable[[Files], Mapping[str, str | bytes]], str]] = {
     "one id for all": (column(SEEN, "landmark", np.zeros_like), NOT_AGREE),
     "two ids exchanged at half time": (table(SEEN, swapped_ids), NOT_AGREE),
     "dates of another form": (words(SEEN, 0, lambda word: f"2024-01-01T00:{word}"), "is not a time"),
+    "stamps of today in ns": (
+        both(*(both(table(file, epoch), header(file, "stamp", "stamp [ns]")) for file in ALL)),
+        READ,
+    ),
+    "stamps of today in ns, without the unit": (both(*(table(file, epoch) for file in ALL)), "check the units"),
     "stamps in whole seconds": (column(SEEN, "stamp", np.round), NOT_AGREE),
     "doubled observations": (rows(SEEN, twice), "count twice"),
     "doubled odometry": (rows(ODOMETRY, twice), "is that of the line above"),
@@ -245,6 +271,7 @@ LOGS: dict[str, tuple[Callable[[Files], Mapping[str, str | bytes]], str]] = {
         "line 53: stamp 1003.000000000 comes after 1003.300000000",
     ),
     "observations in ms": (scaled(SEEN, stamp=1e3), "give each file the unit of its stamps"),
+    "odometry in ms": (scaled(ODOMETRY, stamp=1e3), "check the units of angles and stamps"),
     "all stamps in ms": (both(*(scaled(file, stamp=1e3) for file in ALL)), "check the units of angles and stamps"),
     "observations an hour late": (moved(SEEN, "stamp", 3600.0), "both the same clock"),
     "observations 10 s late": (moved(SEEN, "stamp", 10.0), NOT_AGREE),
@@ -264,6 +291,12 @@ LOGS: dict[str, tuple[Callable[[Files], Mapping[str, str | bytes]], str]] = {
     "turns in degrees": (scaled(ODOMETRY, omega=DEGREE), "yaw rates are in deg/s, read as rad/s"),
     "turns in radians, read as degrees": (settings("[odometry]\nangle = 'deg'\n"), "turns are in radians, read as deg"),
     "ranges in mm": (scaled(SEEN, range=1e3), "observed lengths are 1000 times too large"),
+    "ranges in cm": (scaled(SEEN, range=1e2), "observed lengths are 100 times too large"),
+    "speeds in m, read as mm": (
+        settings("[odometry]\nlength = 'mm'\n"),
+        "distances of the odometry are 1000 times too small",
+    ),
+    "range and bearing exchanged": (header(SEEN, "range,bearing", "bearing,range"), "the range is negative"),
     "ranges in m, read as mm": (settings("[observations]\nlength = 'mm'\n"), "lengths are 1000 times too small"),
     "speeds in mm": (scaled(ODOMETRY, v=1e3), "1000 times too large"),
     "all lengths in mm": (both(scaled(SEEN, range=1e3), scaled(ODOMETRY, v=1e3)), "all lengths are 1000 times too"),
@@ -271,14 +304,22 @@ LOGS: dict[str, tuple[Callable[[Files], Mapping[str, str | bytes]], str]] = {
     "speeds in km/h": (scaled(ODOMETRY, v=3.6), NOT_AGREE),
     "wheels that do not count": (scaled(ODOMETRY, v=0), NOT_AGREE),
     "bearings of 0 to 2 pi": (column(SEEN, "bearing", lambda values: values % (2 * np.pi)), READ),
+    "bearings of a compass": (column(SEEN, "bearing", lambda values: np.pi / 2 - values), NOT_AGREE),
+    "backwards": (scaled(ODOMETRY, v=-1), NOT_AGREE),
     "bearings from the left": (column(SEEN, "bearing", lambda values: values - np.pi / 2), NOT_AGREE),
     "positions, y to the right": (as_positions("x", "y", -1.0), "angles in opposite directions"),
     "positions, x and y exchanged": (as_positions("y", "x"), NOT_AGREE),
     "poses, headings in degrees": (as_poses(lambda poses: poses * [1, 1, DEGREE]), NOT_AGREE),
+    "poses, x and y exchanged": (as_poses(lambda poses: poses[:, [1, 0, 2]]), NOT_AGREE),
+    "poses at a lower rate, repeated": (as_poses(lambda poses: np.repeat(poses[::5], 5, axis=0)[:301]), NOT_AGREE),
     "poses, y downwards": (as_poses(lambda poses: poses * [1, -1, 1]), NOT_AGREE),
     "a start far away": (settings("[start]\npose = [1e15, 0.0, 0.0]\n"), "where centimetres are rounded"),
     # noise
     "sensor noise too small": (header(MAPPING, SENSOR_NOISE, "range = 5e-4\nbearing = 2e-4"), "`slamgauge noise`"),
+    "standard deviations as variances": (
+        header(MAPPING, SENSOR_NOISE, "range = 0.2236\nbearing = 0.1414"),
+        "do not fit their stated noise",
+    ),
     "sensor noise too large": (
         header(MAPPING, SENSOR_NOISE, "range = 5\nbearing = 2"),
         "do not fit their stated noise",
@@ -290,7 +331,7 @@ LOGS: dict[str, tuple[Callable[[Files], Mapping[str, str | bytes]], str]] = {
     # truth
     "truth in mm": (scaled(TRUTH, x=1e3, y=1e3), "the true path has 996 times the distances"),
     "truth in degrees": (scaled(TRUTH, theta=DEGREE), "the true path has"),
-    "truth of another clock": (moved(TRUTH, "stamp", 1e6), "no pose at the start"),
+    "truth of another clock": (moved(TRUTH, "stamp", 1e6), ": start.pose: the ground truth has no pose at the start"),
     "truth a second early": (
         both(moved(TRUTH, "stamp", -1.0), settings("[start]\npose = [0.0, 0.0, 0.0]\n")),
         "turns 1 s before the odometry",
@@ -299,9 +340,16 @@ LOGS: dict[str, tuple[Callable[[Files], Mapping[str, str | bytes]], str]] = {
         cells(TRUTH, lambda line: line[:3]),
         "the start has the heading 0; the first 5 m suggest",
     ),
+    "truth with headings of a compass": (column(TRUTH, "theta", lambda values: np.pi / 2 - values), "true path has"),
+    "truth that does not move": (
+        rows(TRUTH, lambda lines: [f"{999 + n},0,0,0" for n in range(len(lines))]),
+        "has 0 times",
+    ),
     "truth at one step": (rows(TRUTH, lambda lines: lines[:1]), "the true path has poses at 1 of 301 steps"),
     "a true map": (with_map(), READ),
     "true x and y exchanged": (with_map(lambda places: places[:, ::-1]), MAP_DIFFERS),
+    "true map in mm": (with_map(lambda places: 1e3 * places), MAP_DIFFERS),
+    "true map mirrored": (with_map(lambda places: places * [1, -1]), MAP_DIFFERS),
     "true map with other ids": (with_map(lambda places: np.roll(places, 1, axis=0)), MAP_DIFFERS),
     "true map in another frame": (with_map(lambda places: places + np.array([10, 5])), MAP_DIFFERS),
     "true map, an id twice": (
@@ -345,7 +393,8 @@ def test_a_variant_of_the_log(name: str, good: Imported, tmp_path: Path):
     log = read_as(outcome, read_csv_log, written(tmp_path, change(GOOD)))
     if log is None:
         return
-    assert_allclose(*(each.recording.stamps - each.recording.stamps[0] for each in (log, good)), atol=1e-6)
+    since = good.recording.stamps + EPOCHS.get(name, 0.0)
+    assert_allclose(log.recording.stamps, since, rtol=0, atol=2e-6)
     for field in ("odometry", "observation", "odometry_cov", "observation_cov"):
         assert_allclose(getattr(log.recording, field), getattr(good.recording, field), rtol=1e-5, atol=1e-6)
     assert_array_equal(log.recording.landmark, good.recording.landmark)
@@ -398,11 +447,19 @@ GRAPHS: dict[str, tuple[ChangedGraph, str]] = {
     "remarks and blank lines": (lambda graph: "# a graph\n\n" + graph.replace("FIX", "\nFIX") + "\n\n", READ),
     "lines from the last to the first": (lambda graph: "\n".join([*graph.splitlines()[::-1], ""]), READ),
     "landmarks without vertices": (each("VERTEX_XY", lambda _: []), READ),
+    "tabs": (lambda graph: graph.replace(" ", "\t"), READ),
+    "byte order mark": (lambda graph: "\ufeff" + graph, READ),
     "keys of GTSAM": (with_keys, "l1 has the id 1001"),
     "bearings in degrees": (times("BR", 3, DEGREE), "more than a full turn"),
     "clockwise bearings": (times("BR", 3, -1.0), "angles in opposite directions"),
     "bearing and range exchanged": (each("BR", lambda line: [*line[:3], line[4], line[3], *line[5:]]), "a range < 0"),
     "ranges in mm": (times("BR", 4, 1e3), "observed lengths are 1000 times too large"),
+    "clockwise turns": (times("EDGE_SE2", 5, -1.0), "angles in opposite directions"),
+    "poses instead of motions": (
+        each("EDGE_SE2", lambda line: [*line[:3], repr(0.05 * int(line[2])), *line[4:]]),
+        NOT_AGREE,
+    ),
+    "decimal commas": (lambda graph: graph.replace(".", ","), NUMBER),
     "motions in mm": (times("EDGE_SE2", 3, 1e3), "distances of the odometry are 1000 times too large"),
     "turns in degrees": (times("EDGE_SE2", 5, DEGREE), "turns are in degrees, read as radians"),
     "variances instead of information": (times("EDGE_SE2", 6, 1e-10), "standard deviation of a step"),

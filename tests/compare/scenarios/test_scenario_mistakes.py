@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from slamgauge.compare.scenarios.scenario import ScenarioError, load_scenario
+from slamgauge.compare.scenarios.scenario import ScenarioError, load_scenario, shipped_scenarios
 
 from .conftest import GOOD, Write, mistakes
 
@@ -71,70 +71,79 @@ def test_each_mistake_has_its_line(write: Write, old: str, new: str, mistake: st
     assert line.startswith(mistake)
 
 
-OVERRIDES = [  # scenario, override, and the begin of its line
-    ("q1-short-dense", "trajectory={kind='spiral', step=1}", "trajectory: kind is not known; use one of segments, way"),
-    ("q1-short-dense", "trajectory.radius=3", "trajectory.radius: a trajectory of the kind segments has none; remove"),
-    (
-        "q1-short-dense",
-        "trajectory={kind='waypoints', step=1, points=[], speed=1, yaw_rate=1}",
-        "trajectory.points: must have at",
-    ),
-    (
-        "q1-short-dense",
-        "trajectory={kind='figure-eight', step=1, radius=-1, speed=1}",
-        "trajectory.radius: must be gre",
-    ),
-    (
-        "q1-short-dense",
-        "trajectory={kind='csv', file='none.csv'}",
-        "trajectory.file: none.csv: cannot be read (No such",
-    ),
-    ("q1-short-dense", "trajectory.speed=1e60", "trajectory.speed: must be at most 1e+50 in size, not 1e+60"),
-    ("q1-short-dense", "trajectory.step=fast", "trajectory.step: must be a valid number, not 'fast'"),
-    ("q1-short-dense", "trajectory.sped=2", "trajectory.sped: unknown key; did you mean speed?"),
-    ("q1-short-dense", "sensor.field_of_view_deg=0", "sensor.field_of_view_deg: must be greater than 0, not 0"),
-    ("q1-short-dense", "sensor.outlier_rate=1.2", "sensor.outlier_rate: must be less than or equal to 1, not 1.2"),
-    ("q1-short-dense", "sensor.outlier=cauchy", "sensor.outlier: must be 'uniform' or 'wide', not 'cauchy'"),
-    ("q1-short-dense", f"sensor.{'a' * 5000}=1", "sensor.aaa"),
-    ("q1-short-dense", f"sensor.max_range={'1' * 5000}", "sensor.max_range: "),
-    ("q1-short-dense", f"sensor.max_range={'[' * 3000 + ']' * 3000}", "sensor.max_range: "),
-    ("q1-short-dense", "motion.slip_rat=1", "motion.slip_rat: unknown key; did you mean slip_rate?"),
-    ("q1-short-dense", "prior.covariance=[[1,0,0],[0,-1,0],[0,0,1]]", "prior.covariance: covariance[0] = "),
-    ("q1-short-dense", "landmarks={positions=[[1, 2]], random={count=3, box=[0,0,1,1]}}", "landmarks: has both forms;"),
-    ("q1-short-dense", "landmarks={}", "landmarks: has no landmarks; give positions ([] for none), or random"),
-    (
-        "q1-short-dense",
-        "landmarks={random={count=9, box=[0,0,1,0]}}",
-        "landmarks.random: box is empty; give [x from, y",
-    ),
-    (
-        "q1-short-dense",
-        "landmarks={random={count=9, box=[0,0,1,1], min_distance=1}}",
-        "landmarks.random: only 1 of 9 landmarks fit at min_distance = 1.0; lower it or enlarge the box",
-    ),
-    (
-        "q2-long-dense",
-        "association.method=nearest",
-        "association.method: must be 'known', 'nearest-neighbour' or 'jcbb'",
-    ),
-    ("q2-long-dense", "association.gate=0", "association.gate: 0.0 is out of range; choose it above 0"),
-    ("q4-ring", "fis.s_max=5", "fis.s_max = 5.0 m is shorter than sensor.max_range = 10.0 m; farther landmarks would"),
-    ("q4-ring", "fis.s_min=10", "fis.s_max: 10.0 m must be beyond s_min, 10.0 m; choose it larger"),
-    ("q4-ring", "fis.alpha=1", "fis.alpha: 1.0 is out of range; choose it above 0 and below 1"),
-    ("q4-ring", "fis.beta=1", "fis.beta: 1.0 is out of range; choose it above 1"),
-    ("q4-ring", "fis.beta=1.000001", "fis.beta: 1.000001 gives 693149 members from s_min to s_max; choose it larger"),
-    ("q4-ring", "initialisation=ekf", "initialisation: must be 'fis' or 'delayed', not 'ekf'"),
-    ("q4-ring", "delayed.poses=2", "delayed.poses: 2 is out of range; choose it at least 3"),
-    ("q4-ring", "sensor.sigma_range=1", "sensor.sigma_range: a bearing sensor has none; remove it or change kind"),
-]
+TOO_MANY = "members from s_min to s_max; choose it larger, for 1000 members at most"
+OVERRIDES = {  # by scenario: override, and its line, or the begin of a long one
+    "q1-short-dense": {
+        "trajectory={kind='spiral', step=1}": "trajectory: kind is not known; use one of segments, waypoints, ",
+        "trajectory.radius=3": "trajectory.radius: a trajectory of the kind segments has none; remove it or change",
+        "trajectory={kind='waypoints', step=1, points=[], speed=1, yaw_rate=1}": "trajectory.points: must have at",
+        "trajectory={kind='figure-eight', step=1, radius=-1, speed=1}": "trajectory.radius: must be greater than 0",
+        "trajectory={kind='csv', file='none.csv'}": "trajectory.file: none.csv: cannot be read (No such file",
+        "trajectory.speed=1e60": "trajectory.speed: must be at most 1e+50 in size, not 1e+60",
+        "trajectory.step=fast": "trajectory.step: must be a valid number, not 'fast'",
+        "trajectory.sped=2": "trajectory.sped: unknown key; did you mean speed?",
+        "sensor.field_of_view_deg=0": "sensor.field_of_view_deg: must be greater than 0, not 0",
+        "sensor.outlier_rate=1.2": "sensor.outlier_rate: must be less than or equal to 1, not 1.2",
+        "sensor.outlier=cauchy": "sensor.outlier: must be 'uniform' or 'wide', not 'cauchy'",
+        f"sensor.{'a' * 5000}=1": f"sensor.{'a' * 80}",
+        f"sensor.max_range={'1' * 5000}": "sensor.max_range: must be a valid number, not '1111",
+        f"sensor.max_range={'[' * 3000 + ']' * 3000}": "sensor.max_range: must be a valid number, not '[[[[",
+        "motion.slip_rat=1": "motion.slip_rat: unknown key; did you mean slip_rate?",
+        "prior.covariance=[[1,0,0],[0,-1,0],[0,0,1]]": "prior.covariance: covariance[0] = ",
+        "landmarks={positions=[[1, 2]], random={count=3, box=[0,0,1,1]}}": "landmarks: has both forms; give positions",
+        "landmarks={}": "landmarks: has no landmarks; give positions ([] for none), or random",
+        "landmarks={random={count=9, box=[0,0,1,0]}}": "landmarks.random: box is empty; give [x from, y from, ",
+        "landmarks={random={count=9, box=[0,0,1,1], min_distance=1}}": "landmarks.random: only 1 of 9 landmarks fit at "
+        "min_distance = 1.0; lower it or enlarge the box",
+    },
+    "q2-long-dense": {
+        "association.method=nearest": "association.method: must be 'known', 'nearest-neighbour' or 'jcbb', not 'n",
+        "association.gate=0": "association.gate: 0.0 is out of range; choose it above 0",
+        "association.gat=9": "association.gat: unknown key; did you mean gate?",
+    },
+    "q4-ring": {
+        "fis.s_max=5": "fis.s_max = 5.0 m is shorter than sensor.max_range = 10.0 m; farther landmarks would be lost",
+        "fis.s_min=10": "fis.s_max: 10.0 m must be beyond s_min, 10.0 m; choose it larger",
+        "fis.s_min=1e-307": f"fis.beta: 1.7 gives 1337 {TOO_MANY}",
+        "fis.alpha=1": "fis.alpha: 1.0 is out of range; choose it above 0 and below 1",
+        "fis.beta=1": "fis.beta: 1.0 is out of range; choose it above 1",
+        "fis.beta=1.000001": f"fis.beta: 1.000001 gives 693149 {TOO_MANY}",
+        "initialisation=ekf": "initialisation: must be 'fis' or 'delayed', not 'ekf'",
+        "delayed.poses=2": "delayed.poses: 2 is out of range; choose it at least 3",
+        "sensor.sigma_range=1": "sensor.sigma_range: a bearing sensor has none; remove it or change kind",
+    },
+}
+ROWS = [(scenario, *row) for scenario, rows in OVERRIDES.items() for row in rows.items()]
 
 
-@pytest.mark.parametrize(("scenario", "override", "line"), OVERRIDES)
+@pytest.mark.parametrize(("scenario", "override", "line"), ROWS)
 def test_a_mistake_is_one_short_line(scenario: str, override: str, line: str) -> None:
     with pytest.raises(ScenarioError, match=r"^[^\n]{1,400}$") as caught:
         load_scenario(scenario, [override])
-    assert line in str(caught.value)
-    assert str(caught.value).startswith(f"{scenario}: ")
+    assert str(caught.value).startswith(f"{scenario}: {line}")
+
+
+def test_joint_compatibility_needs_rays() -> None:
+    line = 'association.method = "jcbb" needs rays; set initialisation = "fis", or the method "known"'
+    assert mistakes("q4-ring", "association.method=jcbb", "initialisation=delayed") == [line]
+
+
+@pytest.mark.parametrize("value", ["[" * 3000 + "]" * 3000, "1" * 5000])
+def test_values_beyond_the_limits_of_python_are_a_line(write: Write, value: str) -> None:
+    path = write(f'extends = "q1-short-dense"\n[sensor]\nmax_range = {value}\n')
+    with pytest.raises(ScenarioError, match=r"^[^\n]{1,299}$"):
+        load_scenario(path)
+
+
+def test_unknown_names_list_near_misses_or_all() -> None:
+    assert "did you mean q1-long-dense" in mistakes("q1-long-dens")[0]
+    assert all(name in mistakes("zzz")[0] for name, _ in shipped_scenarios())
+
+
+@pytest.mark.parametrize("override", ["start", "=1"])
+def test_an_override_without_key_and_value(override: str) -> None:
+    with pytest.raises(ScenarioError, match=rf"^{override}: not an override; write dotted\.key=value$"):
+        load_scenario("q1-long-sparse", [override])
 
 
 @pytest.mark.parametrize(("text", "line"), [("a = 1\nb = = 2\n", 2), ("a = 1\n\n[motion", 3)])

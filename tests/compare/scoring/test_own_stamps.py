@@ -205,7 +205,7 @@ def test_options_that_do_not_fit(run_folder: Path, capsys: pytest.CaptureFixture
     words = ["evaluate", str(run_folder / "recording.npz"), "--estimators", "ekf", "--estimates"]
     words.append(f"e={run_folder / 'e.npz'}")
     for more, message in (
-        (["--max-gap", "0"], "max-gap: 0 s is no time"),
+        (["--max-gap", "0"], "max-gap: 0 s is not above 0; give seconds > 0"),
         (["--time-offset", "nan"], "time-offset: nan is not a time"),
     ):
         assert main([*words, *more]) == 2

@@ -13,7 +13,9 @@ import pytest
 pytestmark = [pytest.mark.skipif(sys.platform == "win32", reason="Windows has no process groups"), pytest.mark.slow]
 
 PROGRAM = """
-import signal, sys, time
+import signal
+import sys
+import time
 from slamgauge.compare.studies.executors import local_processes
 
 def leave(number, frame):
@@ -21,6 +23,7 @@ def leave(number, frame):
 
 if __name__ == "__main__":
     signal.signal(signal.SIGHUP, leave)
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs inherit that it is ignored
     with local_processes(2) as pool:
         pool.submit(abs, 1).result()
         waiting = pool.submit(time.sleep, 1000.0)

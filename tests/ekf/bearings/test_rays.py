@@ -62,6 +62,13 @@ def test_weights_are_multiplied_by_likelihoods_and_normalised():
     np.testing.assert_allclose(found, products / products.sum(), rtol=1e-14)
 
 
+def test_every_bearing_of_a_member_at_the_robot_is_equally_likely():
+    """The variance of its innovation is R, whose square root would be the most likely standard deviation."""
+    found = np.exp(weigh(np.log([0.5, 0.5]), np.array([0.0, 0.1]), np.array([0.01, 0.02]), 0.01))
+    likelihoods = np.array([1.0 / (2.0 * np.pi), np.exp(-0.25) / np.sqrt(2.0 * np.pi * 0.02)])
+    np.testing.assert_allclose(found, likelihoods / likelihoods.sum(), rtol=1e-14)
+
+
 def test_weights_of_a_bearing_that_no_member_explains_stay_finite():
     found = np.exp(weigh(np.log([0.5, 0.5]), np.array([3.0, 3.1]), np.array([1e-4, 1e-4]), 1e-5))
     assert found[0] == 1.0  # its likelihood is exp(-45 000): below the smallest double
