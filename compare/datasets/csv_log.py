@@ -22,7 +22,7 @@ from slamgauge.compare.datasets.imported_log import Imported, identified, number
 from slamgauge.compare.datasets.row_checks import require_order, require_turns
 from slamgauge.compare.datasets.synchronisation import joined
 from slamgauge.compare.storage.csv_folder import POSE_COV
-from slamgauge.compare.storage.interpolation import interpolated
+from slamgauge.compare.storage.trajectories import interpolated
 from slamgauge.errors import UserError
 from slamgauge.recording import Recording
 from slamgauge.truth import Truth
