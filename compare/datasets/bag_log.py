@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from functools import cache
@@ -17,9 +18,8 @@ from slamgauge.compare.datasets.bag_observations import read_observations
 from slamgauge.compare.datasets.imported_log import Imported, Log, TruePath, with_sigmas
 from slamgauge.compare.datasets.log_settings import BagMapping, ObservationsTopic, load_settings
 from slamgauge.compare.datasets.synchronisation import Odometry, constant_twist
-from slamgauge.compare.storage.spatial_poses import planar_covariances, planar_poses
-from slamgauge.compare.storage.toml_tables import Table, parse_toml, toml_text
-from slamgauge.compare.storage.trajectories import Trajectory
+from slamgauge.compare.storage.toml_tables import Table, toml_text
+from slamgauge.compare.storage.trajectories import Trajectory, planar_covariances, planar_poses
 from slamgauge.errors import UserError
 from slamgauge.se2 import between, rotation
 
@@ -103,7 +103,7 @@ def topics_text(path: Path, msgs: Sequence[Path] = ()) -> str:
 @cache
 def _shipped() -> dict[str, Table]:
     """Return the section [observations] of each known type of message."""
-    return parse_toml((files("slamgauge.compare.datasets") / "bag_mappings.toml").read_text(encoding="utf-8"))
+    return tomllib.loads((files("slamgauge.compare.datasets") / "bag_mappings.toml").read_text(encoding="utf-8"))
 
 
 def _completed(bag: Bag, section: ObservationsTopic) -> ObservationsTopic:

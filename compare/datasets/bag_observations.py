@@ -13,7 +13,7 @@ from slamgauge.arrays import Float
 from slamgauge.compare.datasets.bag_file import Bag, frame_of, header_stamp, seconds_of
 from slamgauge.compare.datasets.imported_log import Observed, with_sigmas
 from slamgauge.compare.datasets.log_settings import BagMapping, ObservationsTopic, Paths
-from slamgauge.compare.storage.spatial_poses import rotations
+from slamgauge.compare.storage.trajectories import rotations
 from slamgauge.errors import UserError
 from slamgauge.se2 import pose_rotation, wrap
 from slamgauge.sensors import SENSORS, Sensor, inverse, inverse_jacobian, jacobian, predict

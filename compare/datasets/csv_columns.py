@@ -17,9 +17,9 @@ import numpy as np
 from slamgauge.arrays import Float
 from slamgauge.compare.datasets.imported_log import require_rows
 from slamgauge.compare.datasets.log_settings import FileTable
-from slamgauge.compare.storage.covariance_columns import from_triangles
-from slamgauge.compare.storage.spatial_poses import planar_poses
+from slamgauge.compare.storage.csv_folder import from_triangles
 from slamgauge.compare.storage.text_lines import Line, csv_lines, number_of, read_whole, require_width
+from slamgauge.compare.storage.trajectories import planar_poses
 from slamgauge.errors import UserError
 from slamgauge.suggestions import did_you_mean
 

@@ -33,7 +33,7 @@ from slamgauge.compare.datasets.imported_log import (
     require_rows,
 )
 from slamgauge.compare.datasets.pose_chain import path_along, reversed_where
-from slamgauge.compare.storage.covariance_columns import from_triangles
+from slamgauge.compare.storage.csv_folder import from_triangles
 from slamgauge.compare.storage.text_lines import Line, read_tagged
 from slamgauge.covariances import inverted, scale_of
 from slamgauge.errors import UserError

@@ -12,9 +12,9 @@ import numpy as np
 
 from slamgauge.arrays import Float, Int, Marks
 from slamgauge.compare.datasets.log_settings import BagMapping, CsvMapping
-from slamgauge.compare.datasets.synchronisation import Odometry, joined
-from slamgauge.compare.storage.interpolation import interpolated
-from slamgauge.compare.storage.text_lines import Line, shown_stamp
+from slamgauge.compare.datasets.synchronisation import Odometry, joined, shown_stamp
+from slamgauge.compare.storage.text_lines import Line
+from slamgauge.compare.storage.trajectories import interpolated
 from slamgauge.errors import UserError
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain, wrap

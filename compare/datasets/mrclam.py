@@ -30,8 +30,8 @@ from slamgauge.compare.datasets.imported_log import (
     require_sigmas,
 )
 from slamgauge.compare.datasets.synchronisation import Odometry, constant_twist
-from slamgauge.compare.storage.interpolation import interpolated
 from slamgauge.compare.storage.text_lines import Line, read_table
+from slamgauge.compare.storage.trajectories import interpolated
 from slamgauge.errors import UserError
 
 ROBOTS = 5

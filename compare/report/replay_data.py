@@ -19,7 +19,7 @@ from slamgauge.compare.scoring.landmark_identity import wrongly_associated
 from slamgauge.compare.scoring.loop_closures import closure_steps
 from slamgauge.compare.scoring.measured import pose_covs_of
 from slamgauge.compare.scoring.trajectory_error import distances, pose_errors
-from slamgauge.compare.storage.stored_results import Results
+from slamgauge.compare.storage.files import Results
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.se2 import compose

@@ -9,7 +9,7 @@ import numpy as np
 from slamgauge.arrays import Float
 from slamgauge.compare.estimators.stored_trajectory import OwnPoses
 from slamgauge.compare.scoring.scores import Score, evaluate
-from slamgauge.compare.storage.interpolation import interpolated_covs
+from slamgauge.compare.storage.trajectories import interpolated_covs
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.se2 import between, compose, exp, log, wrap

@@ -7,7 +7,7 @@ from io import StringIO
 
 from slamgauge.compare.scoring.intervals import Interval
 from slamgauge.compare.scoring.table import Table
-from slamgauge.compare.storage.csv_cells import write_csv
+from slamgauge.compare.storage.files import write_csv
 
 ENDS = ("mean", "low", "high")
 LATEX = {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"} | {

@@ -14,7 +14,7 @@ from slamgauge.arrays import Float
 from slamgauge.compare.estimators.stored_trajectory import load_stored
 from slamgauge.compare.scoring.nan_stats import rms
 from slamgauge.compare.scoring.trajectory_error import distances, pose_errors, step_errors
-from slamgauge.compare.storage.files import write_tum
+from slamgauge.compare.storage.trajectories import write_tum
 from slamgauge.se2 import chain
 from tests.reference.random_recordings import random_recording
 
