@@ -8,6 +8,7 @@ from time import perf_counter
 import numpy as np
 
 from slamgauge.arrays import distinct, freeze
+from slamgauge.blas_threads import one_blas_thread
 from slamgauge.ekf.associating_filter import AssociatingFilter
 from slamgauge.ekf.bearings.bearing_filter import BearingFilter
 from slamgauge.ekf.history import Associations, History
@@ -99,7 +100,8 @@ def drive(slam: OnlineFilter, recording: Recording) -> Iterator[tuple[float, int
 def _run(recording: Recording, estimator: str, settings: FilterSettings) -> Estimate:
     require_type("recording", recording, Recording)
     require_type("settings", settings, FilterSettings)
-    return _driven(online_filter(recording, CORRECTIONS[estimator], settings), recording, settings.frames)
+    with one_blas_thread():
+        return _driven(online_filter(recording, CORRECTIONS[estimator], settings), recording, settings.frames)
 
 
 def _driven(slam: OnlineFilter, recording: Recording, frames: int) -> Estimate:

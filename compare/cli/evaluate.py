@@ -39,7 +39,7 @@ def _score(command: Evaluate) -> int:
     recording = load_recording(command.recording)
     beside = command.recording.with_name("truth.npz")
     path = command.truth or (beside if beside.exists() else None)
-    truth = None if path is None else load_truth(path, recording)
+    truth = None if path is None else load_truth(path)
     settings = FilterSettings(
         stored_association(flattened(command.set)),
         fitted(INITIALISATIONS[command.initialisation], command.reach),

@@ -19,8 +19,6 @@ from slamgauge.compare.storage.result_files import MAPPING, RECORDING, TRUTH
 from slamgauge.compare.storage.staged_folder import require_ours, staged_folder
 from slamgauge.compare.storage.toml_tables import write_toml
 
-IMPORTED = (RECORDING, TRUTH, MAPPING)
-
 
 def run(command: Import) -> None:
     """Print the topics of a bag, or import a log and write its files."""
@@ -35,7 +33,7 @@ def run(command: Import) -> None:
     from slamgauge.compare.datasets.plausibility import examine  # loads kernels, which a refusal need not wait for
 
     examination = examine(log, given.path)
-    with staged_folder(out, IMPORTED, last=RECORDING) as folder:
+    with staged_folder(out, RECORDING) as folder:
         save(folder / RECORDING, recording)
         if truth is not None:
             save(folder / TRUTH, truth)

@@ -22,10 +22,8 @@ from slamgauge.compare.datasets.bag_mapping import (
 from slamgauge.compare.datasets.bag_observations import read_observations
 from slamgauge.compare.datasets.imported_log import Imported, identified, of_file, start_pose, with_sigmas
 from slamgauge.compare.datasets.synchronisation import Odometry, constant_twist, joined
-from slamgauge.compare.storage.interpolation import interpolated
-from slamgauge.compare.storage.spatial_poses import planar_covariances, planar_poses
 from slamgauge.compare.storage.toml_tables import toml_text
-from slamgauge.compare.storage.trajectories import Trajectory
+from slamgauge.compare.storage.trajectories import Trajectory, interpolated, planar_covariances, planar_poses
 from slamgauge.errors import UserError
 from slamgauge.recording import Recording
 from slamgauge.se2 import between, rotation

@@ -15,6 +15,7 @@ their paths in `bag_mappings.toml`. A stated standard deviation replaces the var
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cache
@@ -27,7 +28,7 @@ from pydantic import Field
 from slamgauge.compare.datasets.bag_file import Bag
 from slamgauge.compare.datasets.csv_mapping import Noise, StartPose
 from slamgauge.compare.datasets.settings import Id, Pose, Section, Sigma, Text, load_settings
-from slamgauge.compare.storage.toml_tables import Table, parse_toml
+from slamgauge.compare.storage.toml_tables import Table
 from slamgauge.errors import UserError
 from slamgauge.suggestions import did_you_mean
 
@@ -121,7 +122,7 @@ class BagMapping(Section):
 @cache
 def shipped() -> dict[str, Table]:
     """Return the section [observations] of each known type of message."""
-    return parse_toml((files("slamgauge.compare.datasets") / "bag_mappings.toml").read_text(encoding="utf-8"))
+    return tomllib.loads((files("slamgauge.compare.datasets") / "bag_mappings.toml").read_text(encoding="utf-8"))
 
 
 def load_bag_mapping(bag: Bag, file: Path | None, overrides: Sequence[str]) -> BagMapping:

@@ -16,9 +16,9 @@ import numpy as np
 
 from slamgauge.arrays import Float
 from slamgauge.compare.datasets.csv_mapping import UNITS, FileTable
-from slamgauge.compare.storage.covariance_columns import from_triangles
-from slamgauge.compare.storage.spatial_poses import planar_poses
+from slamgauge.compare.storage.csv_folder import from_triangles
 from slamgauge.compare.storage.text_lines import Line, csv_lines, number_of, read_whole, require_width
+from slamgauge.compare.storage.trajectories import planar_poses
 from slamgauge.errors import UserError
 from slamgauge.suggestions import did_you_mean
 

@@ -22,7 +22,7 @@ from slamgauge.compare.datasets.imported_log import Imported, identified, number
 from slamgauge.compare.datasets.row_checks import require_order, require_turns
 from slamgauge.compare.datasets.synchronisation import joined
 from slamgauge.compare.storage.csv_folder import POSE_COV
-from slamgauge.compare.storage.interpolation import interpolated
+from slamgauge.compare.storage.trajectories import interpolated
 from slamgauge.errors import UserError
 from slamgauge.recording import Recording
 from slamgauge.truth import Truth
@@ -49,8 +49,9 @@ def read_csv_log(path: Path, overrides: Sequence[str] = ()) -> Imported:
         notes.append(f"ids are texts, numbered from {min(texts.values())}: {', '.join(texts)}"[:200])
     landmark, kept, more = identified(numbers[: len(seen.ids)])
     odometry, times = driven.odometry, seen.times[kept]
-    steps, inside = times.astype(np.int64), np.ones(len(times), dtype=bool)
-    if not seen.has_steps:
+    if seen.has_steps:
+        steps, inside = times.astype(np.int64), np.ones(len(times), dtype=bool)
+    else:
         require_turns(driven.lines, odometry.increments)
         with of_file(mapping.observations.file):
             times = _on_clock(mapping.observations.file, times, seen.has_times, driven, notes)

@@ -36,7 +36,7 @@ from slamgauge.compare.datasets.gtsam_keys import renumber
 from slamgauge.compare.datasets.imported_log import Imported, diagonal_covariances, of_file, require_covariances
 from slamgauge.compare.datasets.pose_chain import Edges, chained
 from slamgauge.compare.datasets.row_checks import require_bearings
-from slamgauge.compare.storage.covariance_columns import from_triangles
+from slamgauge.compare.storage.csv_folder import from_triangles
 from slamgauge.compare.storage.text_lines import Line, read_tagged
 from slamgauge.covariances import inverted
 from slamgauge.errors import UserError

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from slamgauge.arrays import Float, Int, Marks
-from slamgauge.compare.storage.covariance_columns import upper_triangles
+from slamgauge.compare.storage.csv_folder import upper_triangles
 from slamgauge.compare.storage.files import explained
 from slamgauge.covariances import inverted, scale_of
 from slamgauge.errors import UserError

@@ -21,8 +21,8 @@ from slamgauge.arrays import Float, Int, Marks
 from slamgauge.compare.datasets.imported_log import Imported, diagonal_covariances, of_file, require_sigmas
 from slamgauge.compare.datasets.row_checks import require_bearings, require_order, require_ranges, require_turns
 from slamgauge.compare.datasets.synchronisation import Odometry, constant_twist, joined
-from slamgauge.compare.storage.interpolation import interpolated
 from slamgauge.compare.storage.text_lines import Line, read_table
+from slamgauge.compare.storage.trajectories import interpolated
 from slamgauge.errors import UserError
 from slamgauge.recording import Recording
 from slamgauge.se2 import wrap

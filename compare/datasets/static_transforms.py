@@ -9,7 +9,7 @@ import numpy as np
 
 from slamgauge.arrays import Float
 from slamgauge.compare.datasets.bag_file import Bag, frame_of
-from slamgauge.compare.storage.spatial_poses import rotations
+from slamgauge.compare.storage.trajectories import rotations
 from slamgauge.errors import UserError
 from slamgauge.se2 import rotation
 

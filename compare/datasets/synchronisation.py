@@ -12,8 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float, Int, Marks
-from slamgauge.compare.storage.interpolation import SAME
-from slamgauge.compare.storage.text_lines import shown_stamp
+from slamgauge.compare.storage.trajectories import SAME
 from slamgauge.errors import UserError
 from slamgauge.se2 import exp, log
 
@@ -55,12 +54,16 @@ def joined(odometry: Odometry, times: Float) -> tuple[Odometry, Int, Marks, tupl
     outside, many = int(np.sum(~inside)), len(times) > FEW
     too_short = many and np.ptp(times) < SHORTEST * (last - first)
     if too_short or outside > len(times) * (0.5 if many else 0.99):
-        begin, end, first, last = map(shown_stamp, (times.min(), times.max(), first, last))
+        begin, end, first, last = map(_shown, (times.min(), times.max(), first, last))
         spans = f"observations from {begin} to {end} s, odometry from {first} to {last} s"
         raise UserError(f"{spans}; give each file the unit of its stamps, and both the same clock")
     share = f", {outside / len(times):.0%}: check units and clocks of the files" if outside > 0.1 * len(times) else ""
     notes = (f"{outside} observations outside the odometry's time are dropped{share}",) if outside else ()
     return *split_at(odometry, times[inside]), inside, (*notes, *_gap(odometry.stamps))
+
+
+def _shown(seconds: float) -> str:
+    return np.format_float_positional(seconds, precision=9, trim="-")
 
 
 def _gap(stamps: Float) -> tuple[str, ...]:
@@ -69,7 +72,7 @@ def _gap(stamps: Float) -> tuple[str, ...]:
     longest = int(np.argmax(seconds))
     if seconds[longest] < max(GAP, MANY_ROWS * float(np.median(seconds))):
         return ()
-    where = f"{seconds[longest]:.3g} s from {shown_stamp(stamps[longest])} s on"
+    where = f"{seconds[longest]:.3g} s from {_shown(stamps[longest])} s on"
     return (f"the odometry has no row for {where}: constant speeds are assumed there",)
 
 

@@ -17,7 +17,7 @@ from slamgauge.compare.report.page_elements import Look
 from slamgauge.compare.scoring.consistency import chi2_band, distances, pose_errors, squared_mahalanobis
 from slamgauge.compare.scoring.landmark_identity import closure_steps, wrongly_associated
 from slamgauge.compare.scoring.measured import pose_covs_of
-from slamgauge.compare.storage.stored_results import Results
+from slamgauge.compare.storage.files import Results
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.se2 import compose

@@ -13,9 +13,8 @@ from slamgauge.compare.report.page_elements import Line, Page, Section, looks, o
 from slamgauge.compare.report.replay_data import replay_data
 from slamgauge.compare.scoring.comparison import doubtful_kinds, run_table
 from slamgauge.compare.scoring.table import ESTIMATOR, Cell, Head, Table, cell, figure
-from slamgauge.compare.storage.files import read_json
+from slamgauge.compare.storage.files import Results, load_results, read_json
 from slamgauge.compare.storage.result_files import METRICS, REPORT
-from slamgauge.compare.storage.stored_results import Results, load_results
 from slamgauge.estimate import Kind
 
 LARGEST = 2_950_000  # bytes of a page: 3 MB minus what a browser may add when it saves the page

@@ -31,9 +31,9 @@ from slamgauge.compare.scoring.scores import Score
 from slamgauge.compare.scoring.table import ESTIMATOR, KIND, NO_FIGURE, Cell, Table
 from slamgauge.compare.scoring.text_page import Page
 from slamgauge.compare.scoring.verdicts import single_run, verdict_lines
-from slamgauge.compare.storage.files import save, write_json, write_tum
-from slamgauge.compare.storage.provenance import origin
-from slamgauge.compare.storage.result_files import METRICS, RECORDING, TRUTH
+from slamgauge.compare.storage.files import save, write_json
+from slamgauge.compare.storage.result_files import METRICS, RECORDING, TRUTH, origin
+from slamgauge.compare.storage.trajectories import write_tum
 from slamgauge.display import data_frame
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, Estimator, Kind

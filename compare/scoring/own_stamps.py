@@ -14,7 +14,7 @@ from slamgauge.compare.estimators.stored_trajectory import OwnPoses, StoredEstim
 from slamgauge.compare.scoring.consistency import pose_errors, squared_mahalanobis
 from slamgauge.compare.scoring.intervals import defined_mean
 from slamgauge.compare.scoring.scores import Score, evaluate
-from slamgauge.compare.storage.interpolation import interpolated_covs
+from slamgauge.compare.storage.trajectories import interpolated_covs
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.notices import tell_once

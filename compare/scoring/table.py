@@ -9,7 +9,7 @@ from io import StringIO
 from typing import NamedTuple
 
 from slamgauge.compare.scoring.intervals import Interval
-from slamgauge.compare.storage.csv_cells import write_csv
+from slamgauge.compare.storage.files import write_csv
 
 VAST = 1e9  # figures from here on are written with an exponent, to keep columns narrow
 NO_FIGURE = "-"  # text of None

@@ -20,8 +20,7 @@ from slamgauge.compare.scoring.runs import Runs
 from slamgauge.compare.scoring.table import ESTIMATOR, Cell, Head, Table
 from slamgauge.compare.scoring.text_page import Page
 from slamgauge.compare.storage.files import of_this_version, read_json
-from slamgauge.compare.storage.provenance import origin
-from slamgauge.compare.storage.result_files import SWEEP
+from slamgauge.compare.storage.result_files import SWEEP, origin
 from slamgauge.compare.storage.staged_folder import begin_folder, require_ours
 from slamgauge.compare.studies.store import digest
 from slamgauge.compare.studies.stored_study import load_study, optima_beside

@@ -17,7 +17,7 @@ from slamgauge.compare.datasets.g2o import read_g2o
 from slamgauge.compare.datasets.g2o_writer import write_g2o
 from slamgauge.compare.datasets.imported_log import Imported
 from slamgauge.compare.datasets.pose_chain import adjoints
-from slamgauge.compare.storage.covariance_columns import from_triangles, upper_triangles
+from slamgauge.compare.storage.csv_folder import from_triangles, upper_triangles
 from slamgauge.compare.storage.files import save
 from slamgauge.errors import UserError
 from slamgauge.graph_baseline import batch

@@ -274,6 +274,10 @@ LOGS: dict[str, tuple[Callable[[Files], Mapping[str, str | bytes]], str]] = {
     "odometry in ms": (scaled(ODOMETRY, stamp=1e3), "check the units of angles and stamps"),
     "all stamps in ms": (both(*(scaled(file, stamp=1e3) for file in ALL)), "check the units of angles and stamps"),
     "observations an hour late": (moved(SEEN, "stamp", 3600.0), "both the same clock"),
+    "a stamp long ago": (
+        rows(SEEN, lambda lines: ["-1e49" + lines[0][lines[0].index(",") :], *lines[1:]]),
+        "1 observations outside the odometry's time are dropped",
+    ),
     "observations 10 s late": (moved(SEEN, "stamp", 10.0), NOT_AGREE),
     "observations 2 s late": (moved(SEEN, "stamp", 2.0), "if their stamps are 2 s late"),
     "observations 1 s early": (moved(SEEN, "stamp", -1.0), "if their stamps are 1 s early"),

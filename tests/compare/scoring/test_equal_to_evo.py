@@ -14,7 +14,7 @@ from slamgauge.arrays import Float
 from slamgauge.compare.estimators.stored_trajectory import load_stored
 from slamgauge.compare.scoring.consistency import distances, pose_errors, step_errors
 from slamgauge.compare.scoring.intervals import rms
-from slamgauge.compare.storage.files import write_tum
+from slamgauge.compare.storage.trajectories import write_tum
 from slamgauge.se2 import chain
 from tests.reference.random_recordings import random_recording
 
