@@ -12,11 +12,11 @@ import numpy as np
 
 from slamgauge.arrays import Marks
 from slamgauge.compare.estimators.loading import LoadedEstimator, entry_behind, load, remarks_of, seconds_of, without
-from slamgauge.compare.estimators.registry import INFORMED, OPTIMA, UNDER, Entry
+from slamgauge.compare.estimators.registry import OPTIMA, UNDER, Entry
 from slamgauge.compare.estimators.requests import Asked, UserCode
 from slamgauge.compare.estimators.stored_trajectory import OwnPoses, StoredEstimate
 from slamgauge.compare.estimators.user_errors import UserCodeError, reason_of
-from slamgauge.compare.storage.progress import counted, refreshed
+from slamgauge.compare.storage.progress import counted
 from slamgauge.errors import CovarianceError, UserError, failure_text
 from slamgauge.estimate import Estimate, Estimator, Kind
 from slamgauge.notices import tell_first
@@ -147,8 +147,7 @@ def run_side_by_side(
     told = {name: entry for name, entry in entries.items() if entry is not None and entry.is_informed}
     waiting = told if informed.landmark is None else {}
     ran = SideBySide()
-    name = ""
-    with counted(len(estimators), "estimator", alike=False) as progress, refreshed(progress, lambda: name):
+    with counted(len(estimators), "estimator") as progress:
         for name, estimator in estimators.items():
             progress.set_description(name)
             if name in told and name not in waiting:
@@ -161,12 +160,6 @@ def run_side_by_side(
         graphs = {name: entry for name, entry in entries.items() if entry is not None and entry.takes_associations}
         _run_stand_ins(ran, waiting, graphs, estimators, recording)
     return ran
-
-
-def with_stand_ins(names: Iterable[str]) -> set[str]:
-    """Return all names that estimates of these estimators may have."""
-    requested = {*names}
-    return requested | {f"{graph}{UNDER}{name}" for graph in requested.intersection(INFORMED) for name in requested}
 
 
 def _run_stand_ins(

@@ -8,7 +8,7 @@ import pytest
 import slamgauge
 from slamgauge.compare.estimators.adapters import adapt
 from slamgauge.compare.scenarios.scenario import load_scenario
-from slamgauge.ekf import ekf_slam
+from slamgauge.ekf import SlamFilter, ekf_slam
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
@@ -53,6 +53,18 @@ def test_an_online_class_without_arguments_and_map(own: Own):
     estimate = own(source, recording, "Mine")
     assert np.allclose(estimate.poses[-1], recording.odometry.sum(axis=0))
     assert (estimate.nis, estimate.association, len(estimate.landmarks)) == (None, None, 0)
+
+
+@pytest.mark.parametrize(("asymmetry", "is_refused"), [(1e-9, False), (1e-4, True)])
+def test_only_asymmetry_of_rounding_is_removed_from_covariances(asymmetry: float, is_refused: bool):
+    class Mine(SlamFilter):
+        pose_cov = property(lambda _: np.diag([1.0, 1.0, 0.1]) + asymmetry * np.eye(3, k=1))
+
+    if is_refused:
+        with pytest.raises(UserError, match="a covariance must be symmetric"):
+            adapt(Mine, "mine")(short())
+    else:
+        assert adapt(Mine, "mine")(short()).pose_covs is not None
 
 
 def test_a_callable_on_recordings_is_not_wrapped(capsys: pytest.CaptureFixture[str]):
