@@ -14,7 +14,7 @@ from typing import Any, Literal
 
 from slamgauge.compare.estimators.registry import CAUSAL
 from slamgauge.compare.scoring import optimum_notes, verdicts
-from slamgauge.compare.scoring.consistency import distances, is_inside, squared_mahalanobis, step_errors
+from slamgauge.compare.scoring.consistency import distances, is_inside, step_errors
 from slamgauge.compare.scoring.intervals import mean, mean_interval, number, rms
 from slamgauge.compare.scoring.measured import Measured
 from slamgauge.compare.scoring.ray_figures import RAY_FIGURES, mean_rays, ray_figures
@@ -189,7 +189,7 @@ CATALOGUE = (
     _averaged(
         "landmark_nees_per_dof",
         "mean NEES of the mapped landmarks over its 2 degrees of freedom",
-        lambda found: mean(squared_mahalanobis(found.map_errors, found.map_covs) / 2),
+        lambda found: mean(found.map_nees / 2),
         Column("map NEES/2", "landmark NEES/2", form="{:.2f}", study=10),
     ),
     _stored(
@@ -215,30 +215,30 @@ CATALOGUE = (
     _averaged(
         "landmarks_mapped",
         "number of landmarks in the map",
-        lambda found: len(found.landmarks[0]),
+        lambda found: len(found.estimate.landmark_ids),
         Column("mapped", "mapped landmarks", form="{:.1f}", run=10, study=12, sweep=7),
     ),
     _stored(
         "landmarks_true",
         "number of distinct landmarks that were observed",
-        lambda found: found.associations.landmarks_true,
+        lambda found: None if found.observed is None else len(found.observed),
         Column("of", "true landmarks", run=11),
     ),
     _averaged(
         "landmarks_missed",
         "number of observed landmarks without a counterpart in the map",
-        lambda found: found.associations.landmarks_missed,
+        lambda found: found.missed,
     ),
     _averaged(
         "wrong_associations",
         "number of observations that are assigned to another landmark than their own",
-        lambda found: found.associations.wrong_associations,
+        lambda found: None if found.wrong is None else int(found.wrong.sum()),
         Column("wrong", "wrong associations", form="{:.1f}", run=8, study=11, sweep=8),
     ),
     Metric(
         "rays",
         "result of the rays of a bearing-only estimate (`ray_figures.RayFigures`)",
-        lambda found: ray_figures(found.truth, found.recording, found.estimate),
+        ray_figures,
         mean_rays,
     ),
     Metric(
@@ -328,7 +328,7 @@ def measured(found: Measured, *, in_study: bool = False) -> dict[str, Any]:
     }
     if not in_study:
         return figures
-    rays = ray_figures(found.truth, found.recording, found.estimate)
+    rays = ray_figures(found)
     return figures | {f"rays_{name}": getattr(rays, name, None) for name in RAY_FIGURES}
 
 

@@ -17,7 +17,6 @@ from slamgauge.compare.estimators.stored_trajectory import OwnPoses
 from slamgauge.compare.scoring.catalogue import empty_columns, figure_cells, heads
 from slamgauge.compare.scoring.optimum_notes import (
     MARKED,
-    beats_the_optimum_in_a_run,
     doubt,
     fit_of_the_model,
     is_in_doubt,
@@ -244,9 +243,6 @@ def notes(comparison: Comparison) -> list[str]:
     found += [doubt(name, estimates[name].optimum_check, MARKED) for name in optima]
     others = {name: each for name, each in estimates.items() if name not in optima}
     found += [doubt(name, each.optimum_check) for name, each in others.items()]
-    causal = comparison.optima.get("filtered")
-    if causal is not None and truth is not None and not comparison.stand_ins:
-        found += [beats_the_optimum_in_a_run(name, truth, each, estimates[causal]) for name, each in others.items()]
     return [line for line in found if line]
 
 

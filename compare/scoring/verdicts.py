@@ -180,7 +180,7 @@ def verdict_on_run(found: Measured) -> str | None:
         coverage_95=mean(is_inside(found.nees_position, 0.95)),
         nis_per_dof=found.nis_per_dof,
         nis_dof=found.nis_dof_total,
-        wrong_associations=found.associations.wrong_associations,
+        wrong_associations=None if found.wrong is None else found.wrong.sum(),
     )
     return verdict(evidence)
 
