@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from operator import attrgetter
 from typing import Any, Literal
 
@@ -53,23 +54,14 @@ class Column(Head):
 
 @dataclass(frozen=True)
 class Metric:
-    """A figure of an estimate, or of an estimator over many runs.
+    """A figure of an estimate, or of an estimator over many runs."""
 
-    Attributes:
-        key: name in metrics.json, summary.json and the store of a study.
-        help: meaning, in a sentence.
-        measure: function that computes it for a run; None: single runs do not have it.
-        over_runs: function that aggregates it over runs; None: not in summary.json.
-        stored: whether studies store it for every run.
-        column: column in tables; None: in no table.
-    """
-
-    key: str
-    help: str
-    measure: Measure | None = None
-    over_runs: OverRuns | None = None
-    stored: bool = False
-    column: Column | None = None
+    key: str  # in metrics.json, summary.json and the store of a study
+    help: str  # a sentence
+    measure: Measure | None = None  # None: not in metrics.json
+    over_runs: OverRuns | None = None  # None: not in summary.json
+    stored: bool = False  # by studies, for every run
+    column: Column | None = None  # in tables
 
     @property
     def unit(self) -> str:
@@ -99,6 +91,11 @@ def _final_distance_to_batch(found: Measured) -> float | None:
     if found.batch is None:
         return None
     return number(math.dist(found.estimate.poses[found.last, :2], found.batch.poses[found.last, :2]))
+
+
+def _half_map(found: Measured, *, what: str, half: str) -> float | None:
+    values = found.map_sigmas if what == "sigma" else distances(found.map_errors)
+    return rms(values[found.halves[half == "far"]])
 
 
 CATALOGUE = (
@@ -192,25 +189,14 @@ CATALOGUE = (
         lambda found: mean(found.map_nees / 2),
         Column("map NEES/2", "landmark NEES/2", form="{:.2f}", study=10),
     ),
-    _stored(
-        "landmark_sigma_near_m",
-        "RMS sigma of the half of the map that is nearer to the start (`exercise` compares the halves)",
-        lambda found: rms(found.map_sigmas[found.halves[0]]),
-    ),
-    _stored(
-        "landmark_sigma_far_m",
-        "RMS sigma of the farther half of the map",
-        lambda found: rms(found.map_sigmas[found.halves[1]]),
-    ),
-    _stored(
-        "landmark_error_near_m",
-        "RMS error of the nearer half of the map",
-        lambda found: rms(distances(found.map_errors[found.halves[0]])),
-    ),
-    _stored(
-        "landmark_error_far_m",
-        "RMS error of the farther half of the map",
-        lambda found: rms(distances(found.map_errors[found.halves[1]])),
+    *(
+        _stored(
+            f"landmark_{what}_{half}_m",
+            f"RMS {what} of the half of the map that is {place} the start",
+            partial(_half_map, what=what, half=half),
+        )
+        for what in ("sigma", "error")
+        for half, place in (("near", "nearer to"), ("far", "farther from"))
     ),
     _averaged(
         "landmarks_mapped",

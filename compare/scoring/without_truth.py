@@ -142,7 +142,11 @@ class ConsistencyTest:
 
 
 def tested_filters(
-    recording: Recording, estimates: Mapping[str, Estimate], optimum: Estimate, twins: int, own: Mapping[str, OwnPoses]
+    recording: Recording,
+    estimates: Mapping[str, Estimate],
+    optimum: Estimate,
+    twins: int,
+    own: Mapping[str, OwnPoses | None],
 ) -> dict[str, ConsistencyTest]:
     """Test all filtered estimates with covariances, by name.
 
@@ -164,9 +168,9 @@ def tested_filters(
     for name, estimate in estimates.items():
         if estimate.kind == "filtered" and estimate.pose_covs is not None:
             compared, best = None, optimum
-            if name in own:
-                estimate, compared = own[name].estimate, own[name].compared
-                best = optimum_at(own[name].stamps, optimum, log)
+            stored = own.get(name)
+            if stored is not None:
+                estimate, compared, best = stored.estimate, stored.compared, optimum_at(stored.stamps, optimum, log)
             found[name] = figures(log, optimum, *step_statistics(estimate, best), compared)
             filters[name] = consistent_filter(name, log), compared
     drawn = tqdm(simulated_twins(log, optimum, twins), "twins", twins, delay=2.0, disable=None, leave=False)
