@@ -95,7 +95,6 @@ def test_the_handout_scenario_has_the_numbers_of_the_handout():
     [
         ("def ekf_slam(x, P, z): ...", "the file has ekf_slam(x, P, z)"),
         ("def ekf_slam(x, P, u, z): ...", "DT, the length of a step [s], which it reads nowhere"),
-        ("dt = 0.1\ndef ekf_slam(x, P, u, z): return dt", "its dt = 0.1 is a global of another name: call it DT"),
         (
             "class ekf_slam:\n    def predict(self, v, w, dt): ...",
             "predict(increment, cov), update(observations), pose",
