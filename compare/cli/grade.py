@@ -14,7 +14,7 @@ from slamgauge.compare.grading.grade_output import grade_table, write_grades, wr
 from slamgauge.compare.grading.grading import GradeSettings, grade_folder
 from slamgauge.compare.grading.rubric import load_rubric
 from slamgauge.compare.grading.submissions import submissions_in
-from slamgauge.compare.storage.result_files import GRADES, GRADESCOPE, PAGES, RESULTS, grade_files
+from slamgauge.compare.storage.result_files import GRADES
 from slamgauge.compare.storage.safe_names import file_name
 from slamgauge.errors import UserError
 
@@ -27,9 +27,7 @@ def run(command: Grade) -> int:
     scenario, (reference,) = overridden_scenario(command.scenario, command.set), ask([command.reference])
     submissions = submissions_in(command.folder)
     limits, rubric = Limits(require_timeout(command.timeout), not command.unconfined), load_rubric(command.rubric)
-    writes = grade_files(each.name for each in submissions)
-    outdated = [f"{PAGES}/*.md", f"{PAGES}/*.html", f"{GRADESCOPE}/*/{RESULTS}", RESULTS]
-    with results_folder(out, writes, GRADES, outdated) as staged:
+    with results_folder(out, GRADES) as staged:
         with executor_of(command.work) as executor:
             seed = secrets.randbits(32) if command.seed is None else command.seed
             settings = GradeSettings(scenario, command.runs, seed, reference, limits, rubric)

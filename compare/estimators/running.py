@@ -15,12 +15,12 @@ import numpy as np
 
 from slamgauge.arrays import Marks, distinct
 from slamgauge.compare.estimators.loading import HostedEstimator, LoadedEstimator, entry_behind, load, without
-from slamgauge.compare.estimators.registry import FILTERS, GRAPHS, INFORMED, OPTIMA, UNDER
+from slamgauge.compare.estimators.registry import FILTERS, GRAPHS, OPTIMA, UNDER
 from slamgauge.compare.estimators.requests import Asked, BuiltIn, UserCode
 from slamgauge.compare.estimators.stored_trajectory import OwnPoses, StoredEstimate
 from slamgauge.compare.estimators.user_errors import UserCodeError, reason_of
 from slamgauge.compare.scenarios.scenario import Scenario
-from slamgauge.compare.storage.progress import counted, refreshed
+from slamgauge.compare.storage.progress import counted
 from slamgauge.errors import CovarianceError, UserError, failure_text
 from slamgauge.estimate import Estimate, Estimator, Kind
 from slamgauge.memory import require_memory
@@ -162,8 +162,8 @@ def run_side_by_side(
     graphs = {name: entry for name, entry in entries.items() if entry is not None and entry.takes_associations}
     told = {name: entry for name, entry in graphs.items() if entry.is_informed}
     has_ids = informed.landmark is not None
-    ran, label = SideBySide(), ""
-    with counted(len(estimators), "estimator", alike=False) as progress, refreshed(progress, lambda: label):
+    ran = SideBySide()
+    with counted(len(estimators), "estimator") as progress:
         for label in sorted(estimators, key=lambda name: name in told and not has_ids):
             progress.set_description(label)
             estimator, is_optimum = estimators[label], label in told and told[label].role == "optimum"
@@ -187,12 +187,6 @@ def run_side_by_side(
                 ran.optima.setdefault(kind, name)
         ran.stand_ins.extend(ran.optima.values())
     return ran
-
-
-def with_stand_ins(names: Iterable[str]) -> set[str]:
-    """Return all names that estimates of these estimators may have."""
-    requested = {*names}
-    return requested | {f"{graph}{UNDER}{name}" for graph in requested.intersection(INFORMED) for name in requested}
 
 
 def require_room_for_runs(runs: int, scenario: Scenario, estimators: int) -> None:

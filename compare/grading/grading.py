@@ -16,7 +16,7 @@ from slamgauge.compare.grading.submissions import Submission
 from slamgauge.compare.grading.trial import Run, Trial, reference_run, run_trial
 from slamgauge.compare.scenarios.scenario import Scenario, scenario_text
 from slamgauge.compare.storage.progress import counted
-from slamgauge.compare.storage.provenance import origin
+from slamgauge.compare.storage.result_files import origin
 from slamgauge.compare.studies.executors import lost_worker
 from slamgauge.compare.studies.store import digest
 from slamgauge.compare.studies.study_run import run_seed

@@ -99,6 +99,15 @@ def test_the_handout_scenario_has_the_numbers_of_the_handout():
             "class ekf_slam:\n    def predict(self, v, w, dt): ...",
             "predict(increment, cov), update(observations), pose",
         ),
+        (
+            "class ekf_slam:\n    pose = (0, 0, 0)\n    def predict(self, u, Q): ...\n    def update(self, scan): ...",
+            "it lacks pose_cov, properties or set by its constructor",
+        ),
+        (
+            "class ekf_slam:\n    def __init__(self, Q, prior_mean): ...\n    def predict(self, u, Q): ...\n"
+            "    def update(self, scan): ...",
+            "it lacks a constructor without Q: it may have sensor, prior_mean, prior_cov",
+        ),
     ],
 )
 def test_another_form_is_refused_with_what_it_lacks_and_the_wrapper(own: Own, source: str, lacks: str):
