@@ -8,8 +8,7 @@ from pathlib import Path
 
 from slamgauge.compare.cli.options.user_filters import Grade
 from slamgauge.compare.cli.steps import executor_of, finish, overridden_scenario, require_timeout, results_folder
-from slamgauge.compare.estimators.child import Limits
-from slamgauge.compare.estimators.requests import ask
+from slamgauge.compare.estimators.requests import Limits, ask
 from slamgauge.compare.estimators.sandbox import require_wall
 from slamgauge.compare.grading.grade_output import grade_table, write_grades, write_pages
 from slamgauge.compare.grading.grading import GradeSettings, grade_folder

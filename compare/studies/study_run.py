@@ -8,10 +8,10 @@ from time import perf_counter
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.compare.estimators.loading import load, remarks_of, without
+from slamgauge.compare.estimators.loading import load, without
 from slamgauge.compare.estimators.registry import entry_of
 from slamgauge.compare.estimators.requests import Asked, BuiltIn, Chosen, ask
-from slamgauge.compare.estimators.running import run_estimator
+from slamgauge.compare.estimators.running import remarks_of, run_estimator
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.scenarios.simulation import simulate_informed
 from slamgauge.compare.scoring.catalogue import STORED, measured

@@ -9,9 +9,9 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from slamgauge.compare.estimators.memory_check import require_room_for_runs
 from slamgauge.compare.estimators.registry import BOUNDS, CAUSAL, HINDSIGHT, INFORMED
 from slamgauge.compare.estimators.requests import Asked, Chosen, ask
+from slamgauge.compare.estimators.running import require_room_for_runs
 from slamgauge.compare.scenarios.scenario import Scenario, load_scenario, scenario_text
 from slamgauge.compare.scenarios.simulation import informed
 from slamgauge.compare.scoring.catalogue import figure_cells, heads
