@@ -1,44 +1,134 @@
-"""One simulated run of a scenario: `slamgauge run`."""
+"""One simulated run of a scenario: `slamgauge run`; and the part that `run` and `evaluate` share."""
 
 from __future__ import annotations
 
 import shlex
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from slamgauge.compare.cli.options.run import DEFAULT_ESTIMATORS, Run
-from slamgauge.compare.cli.options.shared import flattened, split_names
-from slamgauge.compare.cli.scoring import Data, FilterSettings, Source, score
-from slamgauge.compare.cli.steps import isolated, overridden_scenario, write_page
-from slamgauge.compare.estimators.memory_check import require_room_for_estimates
-from slamgauge.compare.estimators.requests import Asked, ask
-from slamgauge.compare.scenarios.scenario import Scenario, scenario_text
-from slamgauge.compare.scenarios.simulation import simulate_informed
+from slamgauge import memory
+from slamgauge.compare.cli.common import Estimators, OfScenario, OwnCode, WithPage, flattened, staged
+from slamgauge.compare.estimators import loading, memory_check, requests
+from slamgauge.compare.figures import publishing
+from slamgauge.compare.scenarios import scenario as scenarios
+from slamgauge.compare.scenarios import simulation
+from slamgauge.compare.scoring import comparison
+from slamgauge.compare.storage import files, staged_folder
 from slamgauge.compare.storage.result_files import METRICS
 from slamgauge.compare.storage.safe_names import file_name, shown
-from slamgauge.compare.storage.staged_folder import require_ours
+from slamgauge.errors import UserError
+
+if TYPE_CHECKING:
+    from slamgauge.ekf.settings import Association, Initialisation, Robustness
+    from slamgauge.recording import Recording
+    from slamgauge.truth import Truth
+
+DEFAULT_ESTIMATORS = "ekf,riekf,causal,batch"
+FRAMES = 240  # maps that filters store for pictures
 
 
-def run(command: Run) -> int:
-    """Run the command; return the exit status."""
-    asked = isolated(ask(split_names(command.estimators)), command.own_code)
-    scenario = overridden_scenario(command.scenario, command.set)
-    out = command.out or Path("results") / f"{file_name(scenario.name)}-seed-{command.seed}"
-    status = _score(command, scenario, asked, out)  # its memory is free again before the page is written
-    return status if write_page(out, METRICS, command.page) else 1
+@dataclass
+class Command(OfScenario, WithPage):
+    """Simulate one run of a scenario and score estimators on it.
+
+    For example:
+      slamgauge run q1-long-dense --estimators ekf,riekf,causal,batch
+      slamgauge run q2-long-dense --seed 3 --set association.gate=25 start=mean
+
+    Attributes:
+        seed: Seed of all noise.
+        out: Folder of the results. If not given: results/SCENARIO-seed-SEED.
+    """
+
+    seed: int = 0
+    estimators: Estimators = DEFAULT_ESTIMATORS
+    own_code: OwnCode = field(default_factory=OwnCode)
+    out: Path | None = None
+
+    def run(self) -> int:
+        scenario, asked = self.load(), self.own_code.ask(self.estimators)
+        out = self.out or Path("results") / f"{file_name(scenario.name)}-seed-{self.seed}"
+        staged_folder.require_ours(out)
+        truth, recording, informed = simulation.simulate_informed(scenario, self.seed)
+
+        def described(found: comparison.Comparison) -> tuple[comparison.Comparison, dict[str, Any]]:
+            text = scenarios.scenario_text(scenario)
+            found = replace(found, study=self._study_command())
+            return found, comparison.metrics(found, scenario.name, self.seed, text)
+
+        settings = Settings(scenario.association, scenario.initialisation_settings, scenario.robustness)
+        return score(self, out, Data(truth, recording, informed), asked, settings, described)
+
+    def _study_command(self) -> str:
+        """Return the command of many runs with the same scenario, settings and estimators."""
+        words = ["slamgauge", "study", self.scenario, "--runs", "100"]
+        words += ["--estimators", self.estimators] if self.estimators != DEFAULT_ESTIMATORS else []
+        words += ["--set", *flattened(self.set)] if self.set else []
+        return shown(shlex.join(words))
 
 
-def _score(command: Run, scenario: Scenario, asked: list[Asked], out: Path) -> int:
-    require_ours(out)
-    truth, recording, informed = simulate_informed(scenario, command.seed)
-    require_room_for_estimates(informed, asked)
-    settings = FilterSettings(scenario.association, scenario.initialisation_settings, scenario.robustness)
-    source = Source(scenario.name, command.seed, scenario_text(scenario), _study_command(command))
-    return score(Data(truth, recording, informed), asked, settings, out, command.output, source)
+@dataclass(frozen=True)
+class Data:
+    """What is scored: truth and recording, and the recording that the optima receive."""
+
+    truth: Truth | None
+    recording: Recording
+    informed: Recording | None = None
 
 
-def _study_command(command: Run) -> str:
-    """Return the command of many runs with the same scenario, settings and estimators."""
-    words = ["slamgauge", "study", command.scenario, "--runs", "100"]
-    words += ["--estimators", command.estimators] if command.estimators != DEFAULT_ESTIMATORS else []
-    words += ["--set", *flattened(command.set)] if command.set else []
-    return shown(shlex.join(words))
+@dataclass(frozen=True)
+class Settings:
+    """Settings of the filters."""
+
+    association: Association
+    initialisation: Initialisation | None
+    robust: Robustness
+
+
+def score(
+    command: WithPage,
+    out: Path | None,
+    data: Data,
+    asked: Sequence[requests.Asked],
+    settings: Settings,
+    described: Callable[[comparison.Comparison], tuple[comparison.Comparison, dict[str, Any]]],
+) -> int:
+    """Run the estimators, print the table, and write folder, figures and page.
+
+    Args:
+        command: options of output and page.
+        out: folder of the results; None writes none.
+        data: what is scored.
+        asked: requested estimators.
+        settings: of the filters.
+        described: returns the comparison with further results, and its JSON.
+
+    Returns:
+        The exit status: 1 if an estimator, a figure or the page failed, else 0.
+    """
+    if not asked:
+        raise UserError("estimators: none given; name at least one, for example --estimators ekf,batch")
+    memory_check.require_room_for_estimates(data.informed or data.recording, asked)
+    estimators, failures = loading.load_each(
+        asked, settings.association, settings.initialisation, FRAMES, settings.robust
+    )
+    if not estimators:
+        raise UserError(next(iter(failures.values())))
+    with staged(out, METRICS) as folder:
+        found = comparison.compare_estimators(data.truth, data.recording, estimators, data.informed)
+        memory.give_back()
+        found, content = described(replace(found, failures=failures | found.failures))
+        command.output.show(content, comparison.table(found))
+        done = not found.failures
+        if folder is not None and out is not None:
+            with files.explained(out, "written"):
+                comparison.write_comparison(folder, found, content)
+    if out is None:
+        return 0 if done else 1
+    del found, estimators  # figures and page are made from the folder
+    done = publishing.draw_stored(out, METRICS) and done
+    print(f"written to {out}", file=sys.stderr)
+    return 0 if command.page.write(out, METRICS) and done else 1

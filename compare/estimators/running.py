@@ -149,7 +149,7 @@ def run_side_by_side(
     ran = SideBySide()
     with counted(len(estimators), "estimator") as progress:
         for name, estimator in estimators.items():
-            progress.set_description(name)
+            progress.set_description(name, refresh=not progress.delay)
             if name in told and name not in waiting:
                 is_optimum = told[name].role == "optimum"
                 ran.run(name, without(estimator, informed, misleading), informed, is_optimum=is_optimum)
