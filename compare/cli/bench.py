@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from slamgauge.compare.bench import step_times
-from slamgauge.compare.cli.common import Estimators, deliver, split_names
+from slamgauge.compare.cli.common import Estimators, split_names, staged
 from slamgauge.compare.cli.terminal import Output
 from slamgauge.compare.estimators.registry import BENCHED
-from slamgauge.compare.scoring import text_page
+from slamgauge.compare.figures import publishing
 from slamgauge.compare.storage.result_files import BENCH
 from slamgauge.errors import UserError
 
@@ -40,9 +39,7 @@ class Command:
             raise UserError(f"landmarks {self.landmarks!r:.60}: give map sizes > 0, for example 20,100")
         sizes = [int(word) for word in words]
         step_times.require_room_for_bench(sizes)
-
-        def measure() -> tuple[dict[str, Any], text_page.Page]:
+        with staged(self.out, BENCH) as folder:
             result = step_times.run_bench(sizes, split_names(self.estimators))
-            return result, step_times.bench_table(result)
-
-        return 0 if deliver(self.output, self.out, BENCH, measure) else 1
+            self.output.show(result, step_times.bench_table(result), folder and folder / BENCH)
+        return 0 if self.out is None or publishing.draw_stored(self.out, BENCH) else 1

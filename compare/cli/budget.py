@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import tyro
 
-from slamgauge.compare.cli.common import USER_CODE, OfScenario, RootSeed, WithPage, Work, deliver, results_of
+from slamgauge.compare.cli.common import USER_CODE, OfScenario, RootSeed, WithPage, Work, results_of, staged
 from slamgauge.compare.estimators.registry import FILTERS
-from slamgauge.compare.scoring import text_page
 from slamgauge.compare.storage.result_files import BUDGET
 from slamgauge.compare.studies import budget as budgets
 
@@ -39,11 +38,7 @@ class Command(OfScenario, WithPage):
 
     def run(self) -> int:
         scenario, out = self.load(), self.out or results_of("budget", self.scenario)
-
-        def measure() -> tuple[dict[str, Any], text_page.Page]:
-            with self.work.executor() as executor:
-                found = budgets.error_budget(scenario, self.filter, self.runs, self.seed, executor, self.lag)
-            return found.to_json(), budgets.budget_table(found)
-
-        done = deliver(self.output, out, BUDGET, measure)
-        return 0 if self.page.write(out, BUDGET) and done else 1
+        with staged(out, BUDGET) as folder, self.work.executor() as executor:
+            found = budgets.error_budget(scenario, self.filter, self.runs, self.seed, executor, self.lag)
+            self.output.show(found.to_json(), budgets.budget_table(found), folder and folder / BUDGET)
+        return self.finish(out, BUDGET)

@@ -5,12 +5,12 @@ from __future__ import annotations
 import os
 import sys
 import webbrowser
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import Executor
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import tyro
 
@@ -21,8 +21,7 @@ from slamgauge.compare.figures import publishing as figures
 from slamgauge.compare.report import publishing as pages
 from slamgauge.compare.scenarios import scenario as scenarios
 from slamgauge.compare.scenarios.scenario_files import locate
-from slamgauge.compare.scoring import text_page
-from slamgauge.compare.storage import files, staged_folder
+from slamgauge.compare.storage import staged_folder
 from slamgauge.compare.storage.result_files import REPORT
 from slamgauge.compare.storage.safe_names import file_name
 from slamgauge.compare.studies import executors
@@ -38,7 +37,6 @@ Sampled = Annotated[
 RootSeed = Annotated[int, tyro.conf.arg(help="Root seed. The seed of each run is spawned from it.")]
 Repeated = Annotated[list[tuple[str, ...]], tyro.conf.UseAppendAction]
 Overrides = Annotated[Repeated, tyro.conf.arg(help="Override keys of the scenario: dotted.key=value ...")]
-Open = Annotated[bool, tyro.conf.arg(help=f"Open {REPORT} in the browser.")]
 Unconfined = Annotated[
     bool, tyro.conf.arg(help="No wall around your own code: for containers, which are walls (docs/your_filter.md).")
 ]
@@ -105,10 +103,11 @@ class PageOptions:
 
     Attributes:
         no_report: Do not write report.html next to the results.
+        open: Open report.html in the browser.
     """
 
     no_report: bool = False
-    open: Open = False
+    open: bool = False
 
     def write(self, out: Path | None, main: str) -> bool:
         """Write the page of the results that `main` marks in `out`; return False if that fails. Results are kept."""
@@ -132,6 +131,13 @@ class WithPage:
 
     page: PageOptions = field(default_factory=PageOptions)
     output: Output = field(default_factory=Output)
+
+    def finish(self, out: Path | None, main: str, *, done: bool = True) -> int:
+        """Draw the results that `main` marks in `out`, and write their page; return the exit status."""
+        if out is not None:
+            done = figures.draw_stored(out, main) and done
+            print(f"written to {out}", file=sys.stderr)
+        return 0 if self.page.write(out, main) and done else 1
 
 
 def split_names(comma_separated: str) -> list[str]:
@@ -160,21 +166,3 @@ def require_timeout(seconds: float) -> float:
 def staged(out: Path | None, main: str) -> AbstractContextManager[Path | None]:
     """Return the staged folder of the results, or a context of None without `out`."""
     return nullcontext() if out is None else staged_folder.staged_folder(out, main)
-
-
-def deliver(output: Output, out: Path | None, main: str, measure: Callable[[], tuple[Any, text_page.Page]]) -> bool:
-    """Print the JSON or page that `measure` returns, and write JSON and figures into `out`.
-
-    Returns:
-        False if a figure could not be drawn.
-    """
-    with staged(out, main) as folder:
-        content, page = measure()
-        output.show(content, page)
-        if folder is not None:
-            files.write_json(folder / main, content)
-    if out is None:
-        return True
-    done = figures.draw_stored(out, main)
-    print(f"written to {out}", file=sys.stderr)
-    return done

@@ -5,12 +5,12 @@ from __future__ import annotations
 import importlib
 import os
 import platform
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from sys import executable
 from time import perf_counter
 
 from slamgauge import jit, memory
@@ -20,10 +20,10 @@ from slamgauge.compare.scenarios import scenario, simulation
 from slamgauge.compare.scoring import text_page
 from slamgauge.version import __version__
 
-LIBRARIES = ("numpy", "scipy", "numba", "llvmlite", "matplotlib", "pydantic", "tyro", "tqdm")
+MISSING, BROKEN = "missing", "broken: "
+LIBRARIES = dict.fromkeys(("numpy", "scipy", "numba", "llvmlite", "matplotlib", "pydantic", "tyro", "tqdm"), MISSING)
 OPTIONAL = {"gtsam": "not installed (gtsam-batch, isam2 and fixed-lag need it)", "distributed": "not installed"}
 WARM_UPS = {"filter": ("slamgauge.ekf", "ekf_slam"), "graph": ("slamgauge.graph_baseline", "causal")}  # estimators
-MISSING, BROKEN = "missing", "broken: "
 
 
 @dataclass
@@ -42,26 +42,21 @@ class Command:
     json: bool = False
 
     def run(self) -> int:
-        system = f"{platform.system()} {platform.release()}, {platform.machine()}, {os.cpu_count()} cores"
         found = {"slamgauge": f"{__version__}, {Path(__file__).parents[2]}"}
-        found |= {"Python": f"{platform.python_version()}, {executable}", "system": system}
-        found |= {name: _version(name, MISSING) for name in LIBRARIES}
-        found |= {name: _version(name, otherwise) for name, otherwise in OPTIONAL.items()}
+        found["Python"] = f"{platform.python_version()}, {sys.executable}"
+        found["system"] = f"{platform.system()} {platform.release()}, {platform.machine()}, {os.cpu_count()} cores"
+        for name, otherwise in (LIBRARIES | OPTIONAL).items():
+            try:
+                found[name] = version(name)
+            except PackageNotFoundError:
+                found[name] = otherwise
         found["BLAS"] = _attempt(_blas)
         found["threads"] = ", ".join(f"{name}={os.environ[name]}" for name in VARIABLES if name in os.environ)
         found |= {f"{kernels} kernels": _attempt(partial(run_shortly, *each)) for kernels, each in WARM_UPS.items()}
         found["machine code"] = _attempt(lambda: f"{len(jit.stored_files())} files, {jit.caches()}")
         found["free memory"] = _attempt(lambda: f"{memory.free_memory() / memory.GIGABYTE:.1f} GB")
-        lines = tuple(f"{name:14}  {text}" for name, text in found.items())
-        Output(self.json).show(found, text_page.Page(lines))
+        Output(self.json).show(found, text_page.Page(tuple(f"{name:14}  {text}" for name, text in found.items())))
         return 1 if any(text == MISSING or text.startswith(BROKEN) for text in found.values()) else 0
-
-
-def _version(name: str, otherwise: str) -> str:
-    try:
-        return version(name)
-    except PackageNotFoundError:
-        return otherwise
 
 
 def _attempt(look: Callable[[], str]) -> str:

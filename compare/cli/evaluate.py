@@ -11,7 +11,7 @@ import tyro
 
 from slamgauge import notices
 from slamgauge.compare.cli.common import Estimators, OwnCode, Repeated, WithPage, flattened
-from slamgauge.compare.cli.run import DEFAULT_ESTIMATORS, Data, Settings, score
+from slamgauge.compare.cli.run import DEFAULT_ESTIMATORS, Data, score
 from slamgauge.compare.estimators import requests, stored_trajectory, user_errors
 from slamgauge.compare.scenarios import scenario as scenarios
 from slamgauge.compare.scenarios import schema
@@ -122,7 +122,7 @@ class Command(WithPage):
         beside = self.recording.with_name(TRUTH)
         path = self.truth or (beside if beside.exists() else None)
         truth = None if path is None else files.load_truth(path)
-        settings = Settings(
+        settings = (
             scenarios.stored_association(flattened(self.set)),
             setting_rules.fitted(schema.INITIALISATIONS[self.initialisation], self.reach),
             filters.Robustness(self.robust),

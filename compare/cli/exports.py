@@ -58,7 +58,7 @@ class StudyTable(Format):
         means_only: Leave out the intervals.
     """
 
-    form: ClassVar[Literal["csv", "latex", "markdown"]]
+    form: ClassVar[Literal["csv", "latex", "markdown"]] = "csv"
     columns: str = ""
     estimators: str = ""
     means_only: bool = False
@@ -80,8 +80,6 @@ class Csv(StudyTable):
     folder of a run stands for its recording. docs/your_filter.md describes the files.
     """
 
-    form = "csv"
-
     def run(self) -> int:
         if (self.path / SUMMARY).exists() or self.columns or self.estimators or self.means_only:
             return super().run()
@@ -96,20 +94,6 @@ class Csv(StudyTable):
             csv_folder.write_recording_csv(folder, recording)
         print(f"written to {out}", file=sys.stderr)
         return 0
-
-
-@dataclass
-class Latex(StudyTable):
-    """The table of a study for LaTeX, with booktabs and a caption. Without --out it is printed on standard output."""
-
-    form = "latex"
-
-
-@dataclass
-class Markdown(StudyTable):
-    """The table of a study for Markdown. Without --out it is printed on standard output."""
-
-    form = "markdown"
 
 
 @dataclass
@@ -144,7 +128,7 @@ class Mat(Format):
 
 @dataclass
 class Tum(Format):
-    """Poses and covariances of an estimate: lines `t x y z qx qy qz qw`, then the upper triangle of the covariance.
+    """Poses of an estimate: lines `t x y z qx qy qz qw`, then the upper triangle of the covariance, if it has one.
 
     Attributes:
         recording: The recording with the time stamps. If not given: the recording of its run.
@@ -158,18 +142,12 @@ class Tum(Format):
             what = f"{self.path}: it has {len(estimates)} estimates"
             raise UserError(f"{what}; give one, as FOLDER/estimates/NAME.npz")
         (estimate,) = estimates.values()
-        if estimate.pose_covs is None:
-            what = f"{self.path}: it has no covariances"
-            raise UserError(f"{what}; its run's folder has trajectories/NAME.tum without them")
         folder = self.path if self.path.is_dir() else self.path.parent.parent
         path = self.recording or folder / RECORDING
-        if self.recording is None and not path.exists():
-            what = f"{self.path}: its time stamps are in the recording of its run"
-            raise UserError(f"{what}; give that with --recording")
         stamps, poses = files.load_recording(path).stamps, estimate.poses
         if len(stamps) != len(poses):
             what = f"{self.path}: it has {len(poses)} poses, but {path} has {len(stamps)}"
-            raise UserError(f"{what}; give its own with --recording")
+            raise UserError(f"{what}; give the recording of its run with --recording")
         return self.write_file(".tum", lambda out: trajectories.write_tum(out, stamps, poses, estimate.pose_covs))
 
 
@@ -183,7 +161,7 @@ class Figures(Format):
             filled.
     """
 
-    form: ClassVar[Literal["pdf", "png", "svg"]]
+    form: ClassVar[Literal["pdf", "png", "svg"]] = "pdf"
     width: Literal["column", "page"] = "page"
     estimators: str = ""
 
@@ -200,10 +178,22 @@ class Figures(Format):
 
 
 @dataclass
+class Latex(StudyTable):
+    """The table of a study for LaTeX, with booktabs and a caption. Without --out it is printed on standard output."""
+
+    form = "latex"
+
+
+@dataclass
+class Markdown(StudyTable):
+    """The table of a study for Markdown. Without --out it is printed on standard output."""
+
+    form = "markdown"
+
+
+@dataclass
 class Pdf(Figures):
     """The figures of a run, a study, a sweep, an error budget, noise or bench as PDF, redrawn for a paper."""
-
-    form = "pdf"
 
 
 @dataclass

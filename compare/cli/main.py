@@ -126,10 +126,8 @@ def _interrupting_signals() -> Generator[list[int]]:
 
     before: dict[int, Any] = {}
     if threading.current_thread() is threading.main_thread():  # Python handles signals there only
-        before = {number: signal.getsignal(number) for number in ENDS}
-    for number, handler in before.items():
-        if handler is not signal.SIG_IGN:  # `nohup` ignores SIGHUP, the shell SIGINT in the background
-            signal.signal(number, interrupt)
+        heeded = (number for number in ENDS if signal.getsignal(number) is not signal.SIG_IGN)  # as `nohup` does
+        before = {number: signal.signal(number, interrupt) for number in heeded}
     try:
         yield received
     finally:
@@ -216,11 +214,12 @@ def _parsed(kind: Any, program: str, words: Sequence[str]) -> Any:
 
 def _mistake(kind: Any, program: str, words: Sequence[str]) -> str:
     """Return a line about a wrong format, about the first option with a value of the wrong type, or missing words."""
-    hints, options = get_type_hints(kind), _options(kind)
-    classes = [each.__name__ for each in get_args(hints.get("format")) if dataclasses.is_dataclass(each)]
-    formats = [re.sub(r"(?<=[a-z])(?=[A-Z])", "-", name).lower() for name in classes]
+    options, union = _options(kind), get_args(get_type_hints(kind).get("format"))
+    formats = [re.sub(r"(?<=[a-z])(?=[A-Z])", "-", each.__name__).lower() for each in union]
     if formats and words and words[0] not in formats:
         return f"{words[0]}: no such format; {did_you_mean(words[0], formats)}"
+    if formats and words:
+        kind, program = union[formats.index(words[0])], f"{program} {words[0]}"
     for word, following in zip(words, [*words, ""][1:], strict=True):
         option, equals, value = word.partition("=")
         form = options.get(option.removeprefix("--").replace("_", "-")) if option.startswith("--") else None
@@ -234,7 +233,8 @@ def _mistake(kind: Any, program: str, words: Sequence[str]) -> str:
                 what = "a whole number" if number is int else "a number"
                 return f"{option}: {value!r} is not {what}; see `{program} --help`"
     needed = [each.name for each in dataclasses.fields(kind) if each.default is each.default_factory]
-    return f"words are missing: `{program}` needs {' and '.join(needed)}; see `{program} --help`"
+    needs = " and ".join([*needed, "a value behind each option"])
+    return f"words are missing: `{program}` needs {needs}; see `{program} --help`"
 
 
 def _options(kind: Any) -> dict[str, Any]:

@@ -6,13 +6,13 @@ import sys
 from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import tyro
 
-from slamgauge.compare.cli.common import WithPage, deliver
+from slamgauge.compare.cli.common import WithPage, staged
 from slamgauge.compare.noise import estimation, noise_json, tables
-from slamgauge.compare.scoring import comparison, text_page
+from slamgauge.compare.scoring import comparison
 from slamgauge.compare.storage import files, staged_folder
 from slamgauge.compare.storage.result_files import NOISE
 from slamgauge.errors import UserError
@@ -45,16 +45,13 @@ class Command(WithPage):
         recording, write = files.load_recording(self.recording), self.write
         if write is not None and write.resolve() == self.recording.resolve():
             raise UserError(f"{write}: is the recording itself; give another --write")
-        with nullcontext() if write is None else staged_folder.staged_files(write.parent, [write.name]) as parent:
-
-            def measure() -> tuple[dict[str, Any], text_page.Page]:
-                noise = estimation.find_noise(recording, systematic=self.systematic, heading=self.heading)
-                content = noise_json.noise_json(noise) | {"digest": comparison.digest(recording)}
-                if write is not None and parent is not None:
-                    files.save(parent / write.name, noise.tuned)
-                return content, tables.noise_page(content)
-
-            done = deliver(self.output, self.out, NOISE, measure)
+        beside = nullcontext() if write is None else staged_folder.staged_files(write.parent, [write.name])
+        with beside as parent, staged(self.out, NOISE) as folder:
+            noise = estimation.find_noise(recording, systematic=self.systematic, heading=self.heading)
+            content = noise_json.noise_json(noise) | {"digest": comparison.digest(recording)}
+            self.output.show(content, tables.noise_page(content), folder and folder / NOISE)
+            if write is not None and parent is not None:
+                files.save(parent / write.name, noise.tuned)
         if write is not None:
             print(f"written to {write}", file=sys.stderr)
-        return 0 if self.page.write(self.out, NOISE) and done else 1
+        return self.finish(self.out, NOISE)

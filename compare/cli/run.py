@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import shlex
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from slamgauge import memory
 from slamgauge.compare.cli.common import Estimators, OfScenario, OwnCode, WithPage, flattened, staged
 from slamgauge.compare.estimators import loading, memory_check, requests
-from slamgauge.compare.figures import publishing
 from slamgauge.compare.scenarios import scenario as scenarios
 from slamgauge.compare.scenarios import simulation
 from slamgauge.compare.scoring import comparison
@@ -22,9 +20,13 @@ from slamgauge.compare.storage.safe_names import file_name, shown
 from slamgauge.errors import UserError
 
 if TYPE_CHECKING:
-    from slamgauge.ekf.settings import Association, Initialisation, Robustness
+    from slamgauge.compare.scenarios.schema import Association
+    from slamgauge.ekf.settings import Initialisation, Robustness
     from slamgauge.recording import Recording
     from slamgauge.truth import Truth
+
+    Settings = tuple[Association, Initialisation | None, Robustness]
+    Described = Callable[[comparison.Comparison], tuple[comparison.Comparison, dict[str, Any]]]
 
 DEFAULT_ESTIMATORS = "ekf,riekf,causal,batch"
 FRAMES = 240  # maps that filters store for pictures
@@ -52,15 +54,15 @@ class Command(OfScenario, WithPage):
         scenario, asked = self.load(), self.own_code.ask(self.estimators)
         out = self.out or Path("results") / f"{file_name(scenario.name)}-seed-{self.seed}"
         staged_folder.require_ours(out)
-        truth, recording, informed = simulation.simulate_informed(scenario, self.seed)
+        data = Data(*simulation.simulate_informed(scenario, self.seed))
 
         def described(found: comparison.Comparison) -> tuple[comparison.Comparison, dict[str, Any]]:
             text = scenarios.scenario_text(scenario)
             found = replace(found, study=self._study_command())
             return found, comparison.metrics(found, scenario.name, self.seed, text)
 
-        settings = Settings(scenario.association, scenario.initialisation_settings, scenario.robustness)
-        return score(self, out, Data(truth, recording, informed), asked, settings, described)
+        settings = (scenario.association, scenario.initialisation_settings, scenario.robustness)
+        return score(self, out, data, asked, settings, described)
 
     def _study_command(self) -> str:
         """Return the command of many runs with the same scenario, settings and estimators."""
@@ -70,22 +72,12 @@ class Command(OfScenario, WithPage):
         return shown(shlex.join(words))
 
 
-@dataclass(frozen=True)
-class Data:
+class Data(NamedTuple):
     """What is scored: truth and recording, and the recording that the optima receive."""
 
     truth: Truth | None
     recording: Recording
     informed: Recording | None = None
-
-
-@dataclass(frozen=True)
-class Settings:
-    """Settings of the filters."""
-
-    association: Association
-    initialisation: Initialisation | None
-    robust: Robustness
 
 
 def score(
@@ -94,9 +86,9 @@ def score(
     data: Data,
     asked: Sequence[requests.Asked],
     settings: Settings,
-    described: Callable[[comparison.Comparison], tuple[comparison.Comparison, dict[str, Any]]],
+    described: Described,
 ) -> int:
-    """Run the estimators, print the table, and write folder, figures and page.
+    """Run the estimators, print the table, and write folder, figures and page; return the exit status.
 
     Args:
         command: options of output and page.
@@ -105,16 +97,12 @@ def score(
         asked: requested estimators.
         settings: of the filters.
         described: returns the comparison with further results, and its JSON.
-
-    Returns:
-        The exit status: 1 if an estimator, a figure or the page failed, else 0.
     """
     if not asked:
         raise UserError("estimators: none given; name at least one, for example --estimators ekf,batch")
     memory_check.require_room_for_estimates(data.informed or data.recording, asked)
-    estimators, failures = loading.load_each(
-        asked, settings.association, settings.initialisation, FRAMES, settings.robust
-    )
+    association, initialisation, robust = settings
+    estimators, failures = loading.load_each(asked, association, initialisation, FRAMES, robust)
     if not estimators:
         raise UserError(next(iter(failures.values())))
     with staged(out, METRICS) as folder:
@@ -122,13 +110,9 @@ def score(
         memory.give_back()
         found, content = described(replace(found, failures=failures | found.failures))
         command.output.show(content, comparison.table(found))
-        done = not found.failures
-        if folder is not None and out is not None:
-            with files.explained(out, "written"):
+        if folder is not None:
+            with files.explained(out or folder, "written"):
                 comparison.write_comparison(folder, found, content)
-    if out is None:
-        return 0 if done else 1
+    done = not found.failures
     del found, estimators  # figures and page are made from the folder
-    done = publishing.draw_stored(out, METRICS) and done
-    print(f"written to {out}", file=sys.stderr)
-    return 0 if command.page.write(out, METRICS) and done else 1
+    return command.finish(out, METRICS, done=done)

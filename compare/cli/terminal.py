@@ -8,6 +8,7 @@ import os
 import shutil
 import sys
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
@@ -33,9 +34,12 @@ class Output:
     wide: bool = False
     color: Literal["auto", "always", "never"] = "auto"
 
-    def show(self, content: object, page: Page) -> None:
-        """Print `content` as JSON, or the page."""
-        put(json.dumps(content, indent=2, allow_nan=False) if self.json else self.laid_out(page))
+    def show(self, content: object, page: Page, file: Path | None = None) -> None:
+        """Print `content` as JSON, or the page; write the JSON to a file, if one is given."""
+        text = json.dumps(content, indent=2, allow_nan=False)
+        put(text if self.json else self.laid_out(page))
+        if file is not None:
+            file.write_text(f"{text}\n", encoding="utf-8")
 
     def laid_out(self, page: Page) -> str:
         """Return the text of a page for this terminal or pipe."""

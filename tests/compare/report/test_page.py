@@ -164,7 +164,7 @@ def test_a_page_of_other_results_is_refused_and_the_results_are_kept(
         ("budget.json", "written by another version, or changed by hand"),
     ):
         main = tmp_path / file
-        assert not decorate(tmp_path, {"report": lambda _, main=main: pages_of(main)}, ["report.html"])
+        assert not decorate(tmp_path, {"report": lambda _, main=main: pages_of(main)}, main.name)
         assert message in capsys.readouterr().err
         assert main.exists()
 
