@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import tyro
 
@@ -15,7 +15,7 @@ from slamgauge.compare.cli.run import DEFAULT_ESTIMATORS, Data, score
 from slamgauge.compare.estimators import requests, stored_trajectory, user_errors
 from slamgauge.compare.scenarios import scenario as scenarios
 from slamgauge.compare.scenarios import schema
-from slamgauge.compare.scoring import alignment, comparison, covariance_frame
+from slamgauge.compare.scoring import own_stamps
 from slamgauge.compare.storage import files
 from slamgauge.compare.storage.result_files import TRUTH
 from slamgauge.ekf import setting_rules
@@ -60,13 +60,13 @@ class Stored:
             try:
                 stored = stored_trajectory.load_stored(path, recording, self.time_offset, self.max_gap)
                 if self.covariance_frame == "body":
-                    stored = covariance_frame.in_world_frame(stored)
-                elif doubt := covariance_frame.frame_doubt(label, stored, truth, recording):
+                    stored = own_stamps.in_world_frame(stored)
+                elif doubt := own_stamps.frame_doubt(label, stored, truth, recording):
                     notices.tell_once(doubt)
                 found[label] = stored
                 if self.align == "se2" and truth is not None:
                     name = f"{label}-aligned"
-                    found[name] = alignment.aligned(name, stored, truth, recording)
+                    found[name] = own_stamps.aligned(name, stored, truth, recording)
             except UserError as error:
                 found[label] = _unreadable(str(error))
         return found
@@ -136,9 +136,4 @@ class Command(WithPage):
         asked = requests.ask([*named, *requests.ask(self.stored.estimators(paths, recording, truth))])
         if not 0 <= self.twins <= MOST_TWINS:
             raise UserError(f"twins: {self.twins} is out of range; give 0 to {MOST_TWINS}")
-
-        def described(found: comparison.Comparison) -> tuple[comparison.Comparison, dict[str, Any]]:
-            found = comparison.tested_without_truth(found, self.twins) if self.twins else found
-            return found, comparison.metrics(found, None, None, None)
-
-        return score(self, self.out, Data(truth, recording), asked, settings, described)
+        return score(self, self.out, Data(truth, recording, twins=self.twins), asked, settings)

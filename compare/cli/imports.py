@@ -19,7 +19,6 @@ from slamgauge.compare.datasets import (
     lost_in_the_woods,
     mrclam,
     plausibility,
-    victoria_park,
 )
 from slamgauge.compare.storage import files, staged_folder, toml_tables
 from slamgauge.compare.storage.result_files import MAPPING, RECORDING, TRUTH
@@ -150,7 +149,7 @@ class VictoriaPark(Format):
     max_range: float = math.inf
 
     def read(self) -> imported_log.Imported:
-        return imported_log.Imported(victoria_park.read_victoria_park(self.path, **self.options()))
+        return imported_log.Imported(g2o.read_victoria_park(self.path, **self.options()))
 
 
 @dataclass

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from slamgauge import memory
 from slamgauge.compare.cli.common import Estimators, OfScenario, OwnCode, WithPage, flattened, staged
-from slamgauge.compare.estimators import loading, memory_check, requests
+from slamgauge.compare.estimators import loading, requests, running
 from slamgauge.compare.scenarios import scenario as scenarios
 from slamgauge.compare.scenarios import simulation
 from slamgauge.compare.scoring import comparison
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from slamgauge.truth import Truth
 
     Settings = tuple[Association, Initialisation | None, Robustness]
-    Described = Callable[[comparison.Comparison], tuple[comparison.Comparison, dict[str, Any]]]
 
 DEFAULT_ESTIMATORS = "ekf,riekf,causal,batch"
 FRAMES = 240  # maps that filters store for pictures
@@ -54,15 +53,10 @@ class Command(OfScenario, WithPage):
         scenario, asked = self.load(), self.own_code.ask(self.estimators)
         out = self.out or Path("results") / f"{file_name(scenario.name)}-seed-{self.seed}"
         staged_folder.require_ours(out)
-        data = Data(*simulation.simulate_informed(scenario, self.seed))
-
-        def described(found: comparison.Comparison) -> tuple[comparison.Comparison, dict[str, Any]]:
-            text = scenarios.scenario_text(scenario)
-            found = replace(found, study=self._study_command())
-            return found, comparison.metrics(found, scenario.name, self.seed, text)
-
+        simulated = (scenario.name, self.seed, scenarios.scenario_text(scenario))
+        data = Data(*simulation.simulate_informed(scenario, self.seed), simulated, self._study_command())
         settings = (scenario.association, scenario.initialisation_settings, scenario.robustness)
-        return score(self, out, data, asked, settings, described)
+        return score(self, out, data, asked, settings)
 
     def _study_command(self) -> str:
         """Return the command of many runs with the same scenario, settings and estimators."""
@@ -73,42 +67,39 @@ class Command(OfScenario, WithPage):
 
 
 class Data(NamedTuple):
-    """What is scored: truth and recording, and the recording that the optima receive."""
+    """What is scored.
+
+    Attributes:
+        truth: if it is known.
+        recording: input of the estimators.
+        informed: the recording that the optima receive, if that is another one.
+        simulated: name of the scenario, seed, and the scenario as TOML.
+        study: command of many runs.
+        twins: number of simulated twins of the test without ground truth.
+    """
 
     truth: Truth | None
     recording: Recording
     informed: Recording | None = None
+    simulated: tuple[str | None, int | None, str | None] = (None, None, None)
+    study: str = ""
+    twins: int = 0
 
 
-def score(
-    command: WithPage,
-    out: Path | None,
-    data: Data,
-    asked: Sequence[requests.Asked],
-    settings: Settings,
-    described: Described,
-) -> int:
-    """Run the estimators, print the table, and write folder, figures and page; return the exit status.
-
-    Args:
-        command: options of output and page.
-        out: folder of the results; None writes none.
-        data: what is scored.
-        asked: requested estimators.
-        settings: of the filters.
-        described: returns the comparison with further results, and its JSON.
-    """
+def score(command: WithPage, out: Path | None, data: Data, asked: Sequence[requests.Asked], settings: Settings) -> int:
+    """Run the estimators, print the table, and write folder, figures and page; return the exit status."""
     if not asked:
         raise UserError("estimators: none given; name at least one, for example --estimators ekf,batch")
-    memory_check.require_room_for_estimates(data.informed or data.recording, asked)
+    running.require_room_for_estimates(data.informed or data.recording, asked)
     association, initialisation, robust = settings
     estimators, failures = loading.load_each(asked, association, initialisation, FRAMES, robust)
     if not estimators:
         raise UserError(next(iter(failures.values())))
     with staged(out, METRICS) as folder:
-        found = comparison.compare_estimators(data.truth, data.recording, estimators, data.informed)
+        found = comparison.compare_estimators(data.truth, data.recording, estimators, data.informed, twins=data.twins)
         memory.give_back()
-        found, content = described(replace(found, failures=failures | found.failures))
+        found = replace(found, failures=failures | found.failures, study=data.study)
+        content = comparison.metrics(found, *data.simulated)
         command.output.show(content, comparison.table(found))
         if folder is not None:
             with files.explained(out or folder, "written"):

@@ -54,7 +54,7 @@ def joined(odometry: Odometry, times: Float) -> tuple[Odometry, Int, Marks, tupl
     outside, many = int(np.sum(~inside)), len(times) > FEW
     too_short = many and np.ptp(times) < SHORTEST * (last - first)
     if too_short or outside > len(times) * (0.5 if many else 0.99):
-        begin, end, first, last = map(_shown, (times.min(), times.max(), first, last))
+        begin, end, first, last = map(shown_stamp, (times.min(), times.max(), first, last))
         spans = f"observations from {begin} to {end} s, odometry from {first} to {last} s"
         raise UserError(f"{spans}; give each file the unit of its stamps, and both the same clock")
     share = f", {outside / len(times):.0%}: check units and clocks of the files" if outside > 0.1 * len(times) else ""
@@ -62,7 +62,8 @@ def joined(odometry: Odometry, times: Float) -> tuple[Odometry, Int, Marks, tupl
     return *split_at(odometry, times[inside]), inside, (*notes, *_gap(odometry.stamps))
 
 
-def _shown(seconds: float) -> str:
+def shown_stamp(seconds: float) -> str:
+    """Return a stamp [s] with all its digits, at most nine behind the point."""
     return np.format_float_positional(seconds, precision=9, trim="-")
 
 
@@ -72,7 +73,7 @@ def _gap(stamps: Float) -> tuple[str, ...]:
     longest = int(np.argmax(seconds))
     if seconds[longest] < max(GAP, MANY_ROWS * float(np.median(seconds))):
         return ()
-    where = f"{seconds[longest]:.3g} s from {_shown(stamps[longest])} s on"
+    where = f"{seconds[longest]:.3g} s from {shown_stamp(stamps[longest])} s on"
     return (f"the odometry has no row for {where}: constant speeds are assumed there",)
 
 

@@ -8,9 +8,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
-from slamgauge.compare.estimators.child import Limits
-from slamgauge.compare.estimators.memory_check import require_room_for_runs
-from slamgauge.compare.estimators.requests import Asked
+from slamgauge.compare.estimators.requests import Asked, Limits
+from slamgauge.compare.estimators.running import require_room_for_runs
 from slamgauge.compare.grading.grades import Grade, figure_remarks, grade
 from slamgauge.compare.grading.rubric import Rubric
 from slamgauge.compare.grading.submissions import Submission

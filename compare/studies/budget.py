@@ -25,13 +25,20 @@ from slamgauge.compare.estimators.running import run_estimator
 from slamgauge.compare.scenarios.scenario import Scenario, as_scenario, scenario_text
 from slamgauge.compare.scenarios.schema import Assumed
 from slamgauge.compare.scenarios.simulation import simulate_informed
+from slamgauge.compare.scoring.consistency import pose_errors, squared_distances
 from slamgauge.compare.scoring.intervals import Interval, bootstrap_interval, mean_interval
-from slamgauge.compare.scoring.optimum_figures import chi_square_per_dof, is_misfit_in_runs, share_of_doubt
-from slamgauge.compare.scoring.optimum_notes import MARK, at_places, misfits
+from slamgauge.compare.scoring.measured import Measured
+from slamgauge.compare.scoring.optimum_notes import (
+    MARK,
+    at_places,
+    chi_square_per_dof,
+    is_misfit_in_runs,
+    misfits,
+    share_of_doubt,
+)
 from slamgauge.compare.scoring.ray_figures import RayFigures, describe, mean_figures, ray_figures
 from slamgauge.compare.scoring.table import Cell, Head, Table, from_to, marked
 from slamgauge.compare.scoring.text_page import Page
-from slamgauge.compare.scoring.trajectory_error import pose_errors, squared_distances
 from slamgauge.compare.storage import progress
 from slamgauge.compare.storage.files import of_this_version, read_json
 from slamgauge.compare.storage.result_files import BUDGET, origin
@@ -226,7 +233,7 @@ def rung_errors(scenario: Scenario, seed: int, chosen: str | Asked, lag: int | N
     errors = np.array([squared_distances(pose_errors(truth.poses, each.poses)).mean() for each in rungs])
     checks = np.array([each.optimum_check for each in rungs], dtype=np.float64)
     fit = chi_square_per_dof(hindsight)
-    return RungErrors(errors, checks, np.nan if fit is None else fit, ray_figures(truth, recording, estimate))
+    return RungErrors(errors, checks, np.nan if fit is None else fit, ray_figures(Measured(truth, recording, estimate)))
 
 
 def _run(name: str, recording: Recording) -> Estimate:
