@@ -135,7 +135,7 @@ def test_an_interrupted_animation_leaves_nothing(
 
     monkeypatch.setattr(Scene, "show", interrupted)
     assert animate(folder, *SHORT) == 130
-    assert capsys.readouterr().err == "slamgauge: interrupted; nothing was written\n"
+    assert capsys.readouterr().err.startswith("slamgauge: interrupted; ")
     assert contents(folder) == before
 
 
