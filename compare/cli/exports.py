@@ -29,7 +29,7 @@ from slamgauge.compare.storage.mat_file import write_mat
 from slamgauge.compare.storage.result_files import METRICS, RECORDING, SUMMARY, TRUTH
 from slamgauge.compare.storage.staged_folder import staged_files, staged_folder
 from slamgauge.compare.storage.stored_results import load_results
-from slamgauge.compare.studies.study_table import study_table
+from slamgauge.compare.studies.stored_study import study_table
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
