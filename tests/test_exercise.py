@@ -23,8 +23,7 @@ import pytest
 from slamgauge.arrays import Float
 from slamgauge.compare.exercise.results import run_setting
 from slamgauge.compare.exercise.settings import CAUSAL, EKF, SETTINGS
-from slamgauge.compare.scoring.aggregation import reported_sigma
-from slamgauge.compare.scoring.runs import paired
+from slamgauge.compare.scoring.runs import paired, reported_sigma
 from slamgauge.compare.studies.executors import local_processes
 from tests.marks import in_full
 

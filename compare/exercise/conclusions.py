@@ -23,9 +23,8 @@ import numpy as np
 
 from slamgauge.arrays import Float
 from slamgauge.compare.exercise.settings import CAUSAL, EKF
-from slamgauge.compare.scoring.aggregation import reported_sigma
 from slamgauge.compare.scoring.intervals import Interval, mean_interval
-from slamgauge.compare.scoring.runs import Runs, paired
+from slamgauge.compare.scoring.runs import Runs, paired, reported_sigma
 
 Verdict = Literal["holds", "does not hold", "undecided"]
 MISSED = 0.05  # largest probability that any of the intervals misses its ratio

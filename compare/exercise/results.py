@@ -23,13 +23,12 @@ from slamgauge.compare.exercise.conclusions import CONCLUSIONS, Conclusion, Judg
 from slamgauge.compare.exercise.settings import CAUSAL, EKF, FILTERS, GTSAM, OPTIMA, QUESTIONS, SETTINGS, Setting
 from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
 from slamgauge.compare.scenarios.simulation import informed, simulate
-from slamgauge.compare.scoring.loop_closures import closure_steps
-from slamgauge.compare.scoring.nan_stats import mean, rms
+from slamgauge.compare.scoring.intervals import mean, rms
+from slamgauge.compare.scoring.landmark_identity import closure_steps
 from slamgauge.compare.scoring.optimum_notes import doubt_in_runs
 from slamgauge.compare.scoring.runs import Runs
 from slamgauge.compare.scoring.table import interval_cell
-from slamgauge.compare.storage.provenance import origin
-from slamgauge.compare.storage.result_files import STUDIES
+from slamgauge.compare.storage.result_files import STUDIES, origin
 from slamgauge.compare.storage.staged_folder import begin_folder, require_ours
 from slamgauge.compare.studies.stored_study import optima_beside
 from slamgauge.compare.studies.study import run_beside_optima

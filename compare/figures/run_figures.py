@@ -34,8 +34,7 @@ from slamgauge.compare.figures.plot_style import (
     styles,
 )
 from slamgauge.compare.scoring.landmark_identity import true_landmarks
-from slamgauge.compare.scoring.optimum_figures import is_misfit
-from slamgauge.compare.scoring.optimum_notes import distance_from_optimum, misfits
+from slamgauge.compare.scoring.optimum_notes import doubt, is_misfit, misfits
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain
@@ -70,7 +69,7 @@ def save_figure(
     The title names an optimum whose check or residuals put it in doubt.
     """
     doubts = [misfits([name for name in OPTIMA.values() if name in estimates and is_misfit(estimates[name])])]
-    doubts += [distance_from_optimum(name, estimate.optimum_check) for name, estimate in estimates.items()]
+    doubts += [doubt(name, estimate.optimum_check) for name, estimate in estimates.items()]
     title = "\n".join([title, *filter(None, doubts)])
     with printed(Path(folder) / "figure", HEIGHTS[sheet().width], title) as figure:
         draw_map_and_errors(figure, truth, recording, estimates)

@@ -18,7 +18,7 @@ from slamgauge.compare.noise.parameters import UNITS
 from slamgauge.compare.noise.tables import SIGNIFICANT, systematic_verdict
 from slamgauge.compare.scoring.consistency import chi2_band
 from slamgauge.compare.scoring.intervals import LEVEL
-from slamgauge.compare.storage.provenance import origin
+from slamgauge.compare.storage.result_files import origin
 
 MANY = 5  # largest number of named landmarks or outliers
 NEGLIGIBLE = 0.05  # a smaller correlation changes no interval by more than 5 %

@@ -14,12 +14,10 @@ from slamgauge.compare.figures.map_contents import MapRows, first_seen, map_at, 
 from slamgauge.compare.figures.plot_style import DEAD_RECKONING
 from slamgauge.compare.report.page import pack
 from slamgauge.compare.report.page_elements import Look
-from slamgauge.compare.scoring.consistency import chi2_band, squared_mahalanobis
-from slamgauge.compare.scoring.landmark_identity import wrongly_associated
-from slamgauge.compare.scoring.loop_closures import closure_steps
+from slamgauge.compare.scoring.consistency import chi2_band, distances, pose_errors, squared_mahalanobis
+from slamgauge.compare.scoring.landmark_identity import closure_steps, wrongly_associated
 from slamgauge.compare.scoring.measured import pose_covs_of
-from slamgauge.compare.scoring.trajectory_error import distances, pose_errors
-from slamgauge.compare.storage.stored_results import Results
+from slamgauge.compare.storage.files import Results
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.se2 import compose

@@ -16,7 +16,7 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Fie
 from pydantic_core import PydanticCustomError
 
 from slamgauge.arrays import Float
-from slamgauge.compare.storage.covariance_columns import from_triangles
+from slamgauge.compare.storage.csv_folder import from_triangles
 from slamgauge.compare.storage.text_lines import csv_lines, read_whole, rows_below
 from slamgauge.ekf.setting_rules import is_fitted, mistake_of
 from slamgauge.errors import UserError

@@ -17,13 +17,17 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float, Marks
-from slamgauge.compare.scoring.aggregation import FIRST_STEP
 from slamgauge.compare.scoring.consistency import chi2_band
-from slamgauge.compare.scoring.intervals import Interval, mean_interval, ratio_interval
-from slamgauge.compare.scoring.nan_stats import defined_mean
-from slamgauge.compare.scoring.optimum_figures import share_of_doubt
-from slamgauge.compare.scoring.optimum_notes import distance_from_optimum, distance_in_runs
-from slamgauge.compare.scoring.paired import is_above, is_below
+from slamgauge.compare.scoring.intervals import (
+    Interval,
+    defined_mean,
+    is_above,
+    is_below,
+    mean_interval,
+    ratio_interval,
+)
+from slamgauge.compare.scoring.optimum_notes import doubt, doubt_in_runs, share_of_doubt
+from slamgauge.compare.scoring.runs import FIRST_STEP
 from slamgauge.compare.scoring.scores import Score
 from slamgauge.errors import UserError
 
@@ -98,12 +102,12 @@ def _ratio_below(scores: list[Score], bound: float | None) -> str:
     verdict = _mean_below("ratio_to_optimum", "evaluate with a Truth and an optimum", scores, bound)
     checks = [score["yardstick_check_sigma"] for score in scores]
     if len(checks) == 1:
-        doubt = distance_from_optimum("the optimum", checks[0])
+        reason = doubt("the optimum", checks[0])
     else:
-        doubt = distance_in_runs("the optimum", share_of_doubt(np.array(checks, dtype=np.float64)))
-    if bound is None or doubt is None:
+        reason = doubt_in_runs("the optimum", share_of_doubt(np.array(checks, dtype=np.float64)), "")
+    if bound is None or reason is None:
         return verdict
-    return f"ratio_to_optimum cannot be evaluated, as {doubt}: give max_ate_m instead"
+    return f"ratio_to_optimum cannot be evaluated, as {reason}: give max_ate_m instead"
 
 
 def _nees_inside(scores: list[Score], level: float) -> str:

@@ -8,17 +8,33 @@ from functools import cached_property
 import numpy as np
 
 from slamgauge.arrays import Float, Int, Marks
-from slamgauge.compare.scoring.consistency import squared_mahalanobis
+from slamgauge.compare.scoring.consistency import distances, pose_errors, squared_mahalanobis
+from slamgauge.compare.scoring.intervals import number
 from slamgauge.compare.scoring.landmark_identity import (
     AssociationFigures,
     association_figures,
+    closure_steps,
     landmark_errors,
     true_landmarks,
 )
-from slamgauge.compare.scoring.trajectory_error import distances, pose_errors
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.truth import Truth
+
+
+@dataclass(frozen=True)
+class LoopClosure:
+    """Position error and uncertainty at a loop closure; None if unknown.
+
+    `error_before_m` and `sigma_before_m` are those of the pose before `step`, the others those of the pose at `step`.
+    A sigma is the root of the trace of the position covariance.
+    """
+
+    step: int
+    error_before_m: float | None
+    error_after_m: float | None
+    sigma_before_m: float | None
+    sigma_after_m: float | None
 
 
 @dataclass(frozen=True)
@@ -94,6 +110,11 @@ class Measured:
         """Degrees of freedom of the NIS of all steps."""
         return 0 if self.estimate.nis_dof is None else int(self.estimate.nis_dof.sum())
 
+    @property
+    def nis_per_dof(self) -> float | None:
+        """NIS over its degrees of freedom; None without any."""
+        return self.nis_total / self.nis_dof_total if self.nis_dof_total > 0 else None
+
     @cached_property
     def landmarks(self) -> tuple[Int, Float]:
         """True ids (L,), -1 if unknown, and positions (L, 2) [m] of the mapped landmarks."""
@@ -105,33 +126,39 @@ class Measured:
         return landmark_errors(*self.landmarks, self.truth.landmark_ids, self.truth.landmarks)
 
     @cached_property
-    def map_nees(self) -> Float:
-        """NEES (L,) of the mapped landmarks; NaN without covariances."""
+    def map_covs(self) -> Float:
+        """Covariances (L, 2, 2) of the mapped landmarks, all NaN if the estimator returns none."""
         covs = self.estimate.landmark_covs
-        return np.full(len(self.map_errors), np.nan) if covs is None else squared_mahalanobis(self.map_errors, covs)
+        return np.full((len(self.map_errors), 2, 2), np.nan) if covs is None else covs
+
+    @property
+    def map_sigmas(self) -> Float:
+        """Position sigmas (L,) of the mapped landmarks [m]."""
+        return np.sqrt(np.trace(self.map_covs, axis1=1, axis2=2).clip(min=0))
 
     @cached_property
-    def halves(self) -> tuple[Int, Int]:
-        """Indices of the half of the mapped landmarks that is nearer to the true start, and of the farther half."""
+    def halves(self) -> tuple[Marks, Marks]:
+        """Which mapped landmarks (L,) are in the half nearer to the true start, and which in the farther half."""
         ids, known = self.landmarks[0], self.truth.landmark_ids
         start = np.tile(self.reference[0, :2], (len(ids), 1))
-        far = np.linalg.norm(landmark_errors(ids, start, known, self.truth.landmarks), axis=1)
-        defined = ~np.isnan(far)
-        near = far <= np.median(far[defined]) if defined.any() else defined
-        return np.flatnonzero(near), np.flatnonzero(~near & defined)
-
-    @cached_property
-    def map_sigmas(self) -> Float:
-        """Position sigmas (L,) of the mapped landmarks [m]; NaN without covariances."""
-        covs = self.estimate.landmark_covs
-        if covs is None:
-            return np.full(len(self.landmarks[0]), np.nan)
-        return np.sqrt(np.trace(covs, axis1=1, axis2=2).clip(min=0))
+        far = distances(landmark_errors(ids, start, known, self.truth.landmarks))
+        middle = np.median(far[~np.isnan(far)]) if not np.isnan(far).all() else np.nan
+        return far <= middle, far > middle
 
     @cached_property
     def associations(self) -> AssociationFigures:
         """Figures of the data association."""
         return association_figures(self.truth, self.recording, self.estimate)
+
+    @property
+    def loop_closures(self) -> tuple[LoopClosure, ...] | None:
+        """Errors and sigmas at the loop closures; None without ids."""
+        steps = closure_steps(self.truth, self.recording)
+        if steps is None:
+            return None
+        sigmas = np.sqrt((self.covs[:, 0, 0] + self.covs[:, 1, 1]).clip(min=0))
+        rows = np.column_stack([self.off[steps - 1], self.off[steps], sigmas[steps - 1], sigmas[steps]])
+        return tuple(LoopClosure(step, *map(number, row)) for step, row in zip(steps.tolist(), rows, strict=True))
 
 
 def pose_covs_of(estimate: Estimate) -> Float:

@@ -17,14 +17,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from slamgauge.compare.estimators.registry import OPTIMA, REGISTRY
-from slamgauge.compare.scoring.aggregation import late_coverage, late_means, total_nis
 from slamgauge.compare.scoring.consistency import chi2_band, is_inside
-from slamgauge.compare.scoring.intervals import Interval, mean_interval, ratio_interval
+from slamgauge.compare.scoring.intervals import WORTH, Interval, mean, mean_interval, needed_runs, ratio_interval
 from slamgauge.compare.scoring.measured import Measured
-from slamgauge.compare.scoring.nan_stats import mean
-from slamgauge.compare.scoring.optimum_figures import is_misfit_in_runs, share_of_doubt
-from slamgauge.compare.scoring.paired import WORTH, needed_runs
-from slamgauge.compare.scoring.runs import Runs, paired_figures
+from slamgauge.compare.scoring.optimum_notes import is_misfit_in_runs, share_of_doubt
+from slamgauge.compare.scoring.runs import Runs, late_coverage, late_means, paired_figures, total_nis
 
 BAND_LEVEL = 0.99  # probability of the two-sided chi-square bands of NEES and NIS
 
@@ -200,7 +197,7 @@ def _evidence(runs: Runs, others: Mapping[str, Runs]) -> Evidence:
     name = OPTIMA[runs.kind]
     nees = late_means(runs.series["nees_pose"])
     ratio, common = _over_optimum(runs, others.get(name))
-    figures = mean_interval(nees / 3), late_coverage(0.95)(runs, others), total_nis(runs, others)
+    figures = mean_interval(nees / 3), late_coverage(runs, others), total_nis(runs, others)
     nees_per_dof, coverage, nis_per_dof = (None if each is None else each.mean for each in figures)
     return Evidence(
         runs=int(np.sum(~np.isnan(nees))),

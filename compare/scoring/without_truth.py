@@ -39,10 +39,9 @@ from tqdm import tqdm
 from slamgauge.arrays import Float, Marks
 from slamgauge.compare.estimators.registry import CAUSAL
 from slamgauge.compare.estimators.stored_trajectory import OwnPoses
-from slamgauge.compare.scoring.consistency import squared_mahalanobis
-from slamgauge.compare.scoring.nan_stats import defined_mean, number
+from slamgauge.compare.scoring.consistency import pose_errors, squared_mahalanobis
+from slamgauge.compare.scoring.intervals import defined_mean, number
 from slamgauge.compare.scoring.own_stamps import optimum_at
-from slamgauge.compare.scoring.trajectory_error import pose_errors
 from slamgauge.covariances import square_roots
 from slamgauge.ekf import riekf
 from slamgauge.errors import UserError

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgauge.compare.estimators.registry import BOUNDS, is_optimum
-from slamgauge.compare.scoring.paired import is_above, is_below, needed_runs
+from slamgauge.compare.scoring.intervals import is_above, is_below, needed_runs
 from slamgauge.compare.studies.paired_comparisons import FIGURES
 from slamgauge.compare.studies.stored_study import read_summary
 from slamgauge.compare.studies.summary import Summary

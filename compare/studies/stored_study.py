@@ -12,12 +12,20 @@ from pydantic import TypeAdapter
 
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.scenarios.simulation import informed
-from slamgauge.compare.scoring.catalogue import BY_KEY
-from slamgauge.compare.scoring.columns import heads
+from slamgauge.compare.scoring.catalogue import BY_KEY, heads
 from slamgauge.compare.scoring.intervals import Interval
 from slamgauge.compare.scoring.runs import Runs
-from slamgauge.compare.scoring.table import ESTIMATOR, RUNS, Cell, Head, Table, figure
-from slamgauge.compare.scoring.table_files import csv_text, latex_text, markdown_text
+from slamgauge.compare.scoring.table import (
+    ESTIMATOR,
+    RUNS,
+    Cell,
+    Head,
+    Table,
+    csv_text,
+    figure,
+    latex_text,
+    markdown_text,
+)
 from slamgauge.compare.storage.files import read_json
 from slamgauge.compare.storage.result_files import OPTIMA, STORE, SUMMARY
 from slamgauge.compare.storage.safe_names import shown

@@ -15,7 +15,7 @@ from slamgauge.compare.figures.map_contents import map_at
 from slamgauge.compare.report.page_elements import looks
 from slamgauge.compare.report.replay_data import frame_steps, replay_data, shown_observations
 from slamgauge.compare.scoring.landmark_identity import association_figures, wrongly_associated
-from slamgauge.compare.storage.stored_results import Results
+from slamgauge.compare.storage.files import Results
 
 pytestmark = pytest.mark.slow
 

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from slamgauge.compare.scoring.aggregation import FIRST_STEP
 from slamgauge.compare.scoring.consistency import chi2_band
 from slamgauge.compare.scoring.error_bounds import NO_COVS, against_reference, assert_error_bounds
+from slamgauge.compare.scoring.runs import FIRST_STEP
 from slamgauge.compare.scoring.scores import Score, evaluate
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate

@@ -15,9 +15,8 @@ from slamgauge.compare.scenarios.schema import Association
 from slamgauge.compare.scenarios.simulation import simulate, simulate_informed
 from slamgauge.compare.scoring.comparison import compare_estimators, metrics, table
 from slamgauge.compare.scoring.intervals import Interval
-from slamgauge.compare.scoring.landmark_identity import association_figures
-from slamgauge.compare.scoring.loop_closures import closure_steps
-from slamgauge.compare.scoring.optimum_figures import is_misfit, is_misfit_in_runs
+from slamgauge.compare.scoring.landmark_identity import association_figures, closure_steps
+from slamgauge.compare.scoring.optimum_notes import is_misfit, is_misfit_in_runs
 from slamgauge.compare.studies.budget import rung_errors
 from slamgauge.compare.studies.study import run_study
 from slamgauge.compare.studies.summary import misfit_optima, summary_table
