@@ -115,7 +115,7 @@ def _parse(source: Traversable, where: str) -> Table:
         raise UserError(f"{where}: not a UTF-8 text; save it as UTF-8") from None
     try:
         return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:  # TOMLDecodeError, and values beyond the limits of Python
         message = str(error).replace("at end of document", f"at line {len(text.splitlines())}, the end")
         raise UserError(f"{where}: not valid TOML: {message}; correct that line") from None
 
