@@ -24,7 +24,7 @@ from slamgauge.compare.exercise.settings import CAUSAL, EKF, FILTERS, GTSAM, OPT
 from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
 from slamgauge.compare.scenarios.simulation import informed, simulate
 from slamgauge.compare.scoring.intervals import mean, rms
-from slamgauge.compare.scoring.landmark_identity import closure_steps
+from slamgauge.compare.scoring.measured import closure_steps
 from slamgauge.compare.scoring.optimum_notes import doubt_in_runs
 from slamgauge.compare.scoring.runs import Runs
 from slamgauge.compare.scoring.table import interval_cell

@@ -33,7 +33,6 @@ from slamgauge.compare.figures.plot_style import (
     sheet,
     styles,
 )
-from slamgauge.compare.scoring.landmark_identity import true_landmarks
 from slamgauge.compare.scoring.optimum_notes import doubt, is_misfit, misfits
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
@@ -106,7 +105,7 @@ def _draw_run(ax: Axes, truth: Truth | None, recording: Recording, estimates: Ma
         ax.plot(*path[closures, :2].T, "d", label=label, zorder=4, **DIAMOND)
     ax.plot(*recording.prior_mean[:2, None], "o", color=TRUTH_COLOR, markersize=4, label="start", zorder=4)
     explain(ax, ellipses=bool(ax.collections))
-    mapped = [true_landmarks(truth, recording, estimate)[1] for estimate in estimates.values()]
+    mapped = [estimate.landmarks for estimate in estimates.values()]
     _frame(ax, paths, [each for each in (truth.poses, truth.landmarks) if each is not None] or mapped)
 
 
@@ -125,10 +124,9 @@ def _draw_maps(
     some = np.linspace(0, recording.steps, POSE_ELLIPSES + 1).astype(int)[1:]
     for name, estimate in estimates.items():
         color = chosen[name].color
-        _, landmarks = true_landmarks(truth, recording, estimate)
-        ax.plot(*landmarks.T, color=color, zorder=3, **POINT)
+        ax.plot(*estimate.landmarks.T, color=color, zorder=3, **POINT)
         if name in landmark_covs:
-            draw_ellipses(ax, landmarks, landmark_covs[name], color)
+            draw_ellipses(ax, estimate.landmarks, landmark_covs[name], color)
         if estimate.pose_covs is not None and name != DEAD_RECKONING:
             draw_ellipses(ax, estimate.poses[some, :2], estimate.pose_covs[some, :2, :2], color)
 

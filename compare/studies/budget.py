@@ -27,6 +27,7 @@ from slamgauge.compare.scenarios.schema import Assumed
 from slamgauge.compare.scenarios.simulation import simulate_informed
 from slamgauge.compare.scoring.consistency import pose_errors, squared_distances
 from slamgauge.compare.scoring.intervals import Interval, bootstrap_interval, mean_interval
+from slamgauge.compare.scoring.measured import Measured
 from slamgauge.compare.scoring.optimum_notes import (
     MARK,
     at_places,
@@ -215,7 +216,7 @@ def rung_errors(scenario: Scenario, seed: int, chosen: str | Asked, lag: int | N
     errors = np.array([squared_distances(pose_errors(truth.poses, each.poses)).mean() for each in rungs])
     checks = np.array([each.optimum_check for each in rungs], dtype=np.float64)
     fit = chi_square_per_dof(hindsight)
-    return RungErrors(errors, checks, np.nan if fit is None else fit, ray_figures(truth, recording, estimate))
+    return RungErrors(errors, checks, np.nan if fit is None else fit, ray_figures(Measured(truth, recording, estimate)))
 
 
 def _run(name: str, recording: Recording) -> Estimate:
