@@ -7,8 +7,7 @@ from concurrent.futures import Executor
 
 from slamgauge.compare.cli.options.exercise import ExerciseCommand
 from slamgauge.compare.cli.steps import continued_later, executor_of, open_page
-from slamgauge.compare.exercise.results import Exercise
-from slamgauge.compare.exercise.running import run_exercise
+from slamgauge.compare.exercise.results import Exercise, run_exercise
 from slamgauge.compare.exercise.tables import exercise_page
 from slamgauge.compare.report.exercise_page import publish_exercise
 from slamgauge.compare.report.exercise_runs import publish_first_runs
@@ -23,7 +22,7 @@ def run(command: ExerciseCommand) -> int:
         exercise = run_exercise(command.questions, command.runs, command.seed, command.out, executor)
         content = exercise.to_json()
         command.output.show(content, exercise_page(exercise))
-        with staged_folder(command.out, [EXERCISE], last=EXERCISE) as stage:
+        with staged_folder(command.out, EXERCISE) as stage:
             write_json(stage / EXERCISE, content)
         done = command.page.no_report or _publish(command, exercise, executor)
     print(f"written to {command.out}", file=sys.stderr)

@@ -16,10 +16,10 @@ from matplotlib.figure import Figure
 from slamgauge.compare.estimators.requests import labels_among
 from slamgauge.compare.figures.plot_style import DEAD_RECKONING, PRINT, legend_below
 from slamgauge.compare.figures.scene import Scene, limits
-from slamgauge.compare.storage.files import explained
+from slamgauge.compare.storage.files import explained, load_results
 from slamgauge.compare.storage.progress import counted
+from slamgauge.compare.storage.result_files import METRICS
 from slamgauge.compare.storage.staged_folder import staged_folder
-from slamgauge.compare.storage.stored_results import load_results
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 
@@ -53,7 +53,7 @@ def animate(folder: Path, names: Sequence[str], seconds: float, fps: int) -> Non
     rate: Any = frames / seconds  # typed as int by the writer, but floats work
     low, high = limits(results, shown, mapped)
     height = WIDTH * float(np.clip((high - low)[1] / (high - low)[0], *SHAPES)) + EDGES
-    with staged_folder(folder, [GIF], last=GIF) as stage, mpl.rc_context(PRINT):
+    with staged_folder(folder, METRICS, adds=True) as stage, mpl.rc_context(PRINT):
         figure = Figure(figsize=(WIDTH, height), dpi=DOTS, layout="constrained")
         ax = figure.subplots()
         ax.set_title(results.title, loc="left")

@@ -17,7 +17,7 @@ from slamgauge.compare.figures.axes import band, curve, logarithmic
 from slamgauge.compare.figures.plot_style import Sheet, legend_below, printed, printed_on, styles
 from slamgauge.compare.figures.ray_strip import RayStrip, has_rays
 from slamgauge.compare.figures.run_figures import HEIGHTS, draw_map_and_errors
-from slamgauge.compare.scoring.aggregation import BAND_LEVEL, nees_per_step
+from slamgauge.compare.scoring.runs import BAND_LEVEL, nees_per_step
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.truth import Truth

@@ -11,7 +11,7 @@ from matplotlib.figure import FigureBase
 from slamgauge.compare.figures.map_contents import map_at
 from slamgauge.compare.figures.plot_style import legend_below, printed, sheet
 from slamgauge.compare.figures.scene import Scene, limits
-from slamgauge.compare.storage.stored_results import Results
+from slamgauge.compare.storage.files import Results
 from slamgauge.display import counted
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording

@@ -33,9 +33,7 @@ from slamgauge.compare.figures.plot_style import (
     sheet,
     styles,
 )
-from slamgauge.compare.scoring.landmark_identity import true_landmarks
-from slamgauge.compare.scoring.optimum_figures import is_misfit
-from slamgauge.compare.scoring.optimum_notes import distance_from_optimum, misfits
+from slamgauge.compare.scoring.optimum_notes import doubt, is_misfit, misfits
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain
@@ -70,7 +68,7 @@ def save_figure(
     The title names an optimum whose check or residuals put it in doubt.
     """
     doubts = [misfits([name for name in OPTIMA.values() if name in estimates and is_misfit(estimates[name])])]
-    doubts += [distance_from_optimum(name, estimate.optimum_check) for name, estimate in estimates.items()]
+    doubts += [doubt(name, estimate.optimum_check) for name, estimate in estimates.items()]
     title = "\n".join([title, *filter(None, doubts)])
     with printed(Path(folder) / "figure", HEIGHTS[sheet().width], title) as figure:
         draw_map_and_errors(figure, truth, recording, estimates)
@@ -107,7 +105,7 @@ def _draw_run(ax: Axes, truth: Truth | None, recording: Recording, estimates: Ma
         ax.plot(*path[closures, :2].T, "d", label=label, zorder=4, **DIAMOND)
     ax.plot(*recording.prior_mean[:2, None], "o", color=TRUTH_COLOR, markersize=4, label="start", zorder=4)
     explain(ax, ellipses=bool(ax.collections))
-    mapped = [true_landmarks(truth, recording, estimate)[1] for estimate in estimates.values()]
+    mapped = [estimate.landmarks for estimate in estimates.values()]
     _frame(ax, paths, [each for each in (truth.poses, truth.landmarks) if each is not None] or mapped)
 
 
@@ -126,10 +124,9 @@ def _draw_maps(
     some = np.linspace(0, recording.steps, POSE_ELLIPSES + 1).astype(int)[1:]
     for name, estimate in estimates.items():
         color = chosen[name].color
-        _, landmarks = true_landmarks(truth, recording, estimate)
-        ax.plot(*landmarks.T, color=color, zorder=3, **POINT)
+        ax.plot(*estimate.landmarks.T, color=color, zorder=3, **POINT)
         if name in landmark_covs:
-            draw_ellipses(ax, landmarks, landmark_covs[name], color)
+            draw_ellipses(ax, estimate.landmarks, landmark_covs[name], color)
         if estimate.pose_covs is not None and name != DEAD_RECKONING:
             draw_ellipses(ax, estimate.poses[some, :2], estimate.pose_covs[some, :2, :2], color)
 

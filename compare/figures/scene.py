@@ -20,7 +20,7 @@ from slamgauge.compare.figures.map_layers import (
     explain,
 )
 from slamgauge.compare.figures.plot_style import MARK_COLOR, styles
-from slamgauge.compare.storage.stored_results import Results
+from slamgauge.compare.storage.files import Results
 from slamgauge.estimate import Estimate
 from slamgauge.truth import Truth
 

@@ -12,7 +12,7 @@ from slamgauge.compare.estimators.registry import BOUNDS, CAUSAL, REGISTRY, is_o
 from slamgauge.compare.figures.axes import logarithmic
 from slamgauge.compare.figures.plot_style import MARK_COLOR, TRUTH_COLOR, Style, legend_below, printed, sheet, styles
 from slamgauge.compare.scoring.intervals import Interval
-from slamgauge.compare.scoring.optimum_notes import at_places, distance_in_runs
+from slamgauge.compare.scoring.optimum_notes import at_places
 from slamgauge.compare.studies.sweep import Sweep, shares_in_doubt
 
 PANELS = (
@@ -28,7 +28,7 @@ def save_sweep_figure(out: Path, sweep: Sweep) -> None:
     """Write sweep.png and sweep.svg into `out`."""
     rows, columns, height = (4, 1, 8.0) if sheet().is_narrow else (2, 2, 5.0)
     title = f"{sweep.scenario}, {sweep.runs} runs at each value (bars: 95 % intervals)"
-    title = "\n".join([title, *at_places(CAUSAL, shares_in_doubt(sweep), distance_in_runs)])
+    title = "\n".join([title, *at_places(CAUSAL, shares_in_doubt(sweep), then="")])
     places = _places(sweep.values)
     with printed(out / "sweep", height, title) as figure:
         for axes, (key, label) in zip(figure.subplots(rows, columns, sharex=True).flat, PANELS, strict=True):

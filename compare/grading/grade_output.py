@@ -13,10 +13,9 @@ from slamgauge.compare.grading.grading import Grades
 from slamgauge.compare.grading.rubric import Mark
 from slamgauge.compare.scoring.table import Head, Table, cell, interval_cell
 from slamgauge.compare.scoring.text_page import Page
-from slamgauge.compare.storage.best_effort import Drawing, decorate
-from slamgauge.compare.storage.csv_cells import write_csv
-from slamgauge.compare.storage.files import explained
+from slamgauge.compare.storage.files import explained, write_csv
 from slamgauge.compare.storage.result_files import GRADES, GRADESCOPE, PAGES, RESULTS, RUBRIC
+from slamgauge.compare.storage.staged_folder import Drawing, decorate
 
 HEAD = ("ATE [m]", "x", "NEES/3", "x", "sigma x", "heading sigma x", "x causal", "checks failed", "time [s]")
 
@@ -88,7 +87,7 @@ def write_pages(out: Path, grades: Grades) -> bool:
         return write
 
     pages = {f"{PAGES}/{each.submission}": writes(each) for each in grades.grades}
-    return decorate(out, pages, [f"{name}.md" for name in pages])
+    return decorate(out, pages, GRADES)
 
 
 def _page(grade: Grade, grades: Grades) -> str:

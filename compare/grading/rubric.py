@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.resources import files
@@ -12,7 +13,7 @@ from typing import Any
 from slamgauge.compare.checks.check import Check
 from slamgauge.compare.checks.examination import CHECKS, Verdict, presupposed
 from slamgauge.compare.scoring.intervals import Interval
-from slamgauge.compare.storage.toml_tables import parse_toml, read_toml
+from slamgauge.compare.storage.toml_tables import read_toml
 from slamgauge.ekf.setting_rules import is_number
 from slamgauge.errors import UserError
 from slamgauge.suggestions import did_you_mean
@@ -151,7 +152,7 @@ def load_rubric(path: Path | None = None) -> Rubric:
     Raises:
         UserError: the file cannot be read, or has an unknown key or an impossible value.
     """
-    default = parse_toml(DEFAULT_TEXT)
+    default = tomllib.loads(DEFAULT_TEXT)
     if path is None:
         return _rubric(default, DEFAULT_TEXT)
     given = read_toml(path)

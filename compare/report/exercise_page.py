@@ -17,16 +17,15 @@ from slamgauge.compare.figures.exercise_figures import save_closure_figure, save
 from slamgauge.compare.report.page import TERMS, render
 from slamgauge.compare.report.page_elements import Line, Page, Section, origin, pictures, said
 from slamgauge.compare.scoring.runs import Runs
-from slamgauge.compare.storage.best_effort import decorate
 from slamgauge.compare.storage.files import read_json
-from slamgauge.compare.storage.provenance import origin as provenance
-from slamgauge.compare.storage.result_files import EXERCISE, METRICS, REPORT, RUN_0, exercise_files
+from slamgauge.compare.storage.result_files import EXERCISE, METRICS, REPORT, RUN_0
+from slamgauge.compare.storage.result_files import origin as provenance
+from slamgauge.compare.storage.staged_folder import decorate
 
 
 def publish_exercise(out: Path, exercise: Exercise) -> bool:
     """Write the figures and the page next to exercise.json and run 0 of the settings; return whether all succeeded."""
     figures = [each.setting.figure for each in exercise.settings]
-    files = exercise_files([each.name for each in exercise.questions], figures)
 
     def draw(stage: Path) -> None:
         for each in exercise.questions:
@@ -39,7 +38,7 @@ def publish_exercise(out: Path, exercise: Exercise) -> bool:
     def write(stage: Path) -> None:
         (stage / REPORT).write_text(exercise_page(stage, out / RUN_0, exercise), encoding="utf-8", newline="\n")
 
-    return decorate(out, {"figures": draw, "report": write}, [name for name in files if name != EXERCISE])
+    return decorate(out, {"figures": draw, "report": write}, EXERCISE)
 
 
 def exercise_page(figures: Path, run_0: Path, exercise: Exercise) -> str:

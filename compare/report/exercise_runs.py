@@ -15,7 +15,7 @@ from slamgauge.compare.scenarios.simulation import simulate, simulate_informed
 from slamgauge.compare.scoring.comparison import compare_estimators, digest, metrics, write_comparison
 from slamgauge.compare.storage.files import read_json
 from slamgauge.compare.storage.progress import counted
-from slamgauge.compare.storage.result_files import METRICS, RUN_0, comparison_files
+from slamgauge.compare.storage.result_files import METRICS, RUN_0
 from slamgauge.compare.storage.staged_folder import staged_folder
 from slamgauge.compare.studies.study_run import run_seed
 from slamgauge.version import __version__
@@ -47,7 +47,7 @@ def publish_first_run(setting: Setting, scenario: Scenario, seed: int, folder: P
     comparison = compare_estimators(truth, recording, estimators, exact)
     content = metrics(comparison, scenario.name, seed, scenario_text(scenario))
     title = f"Figure {setting.figure}, {setting.title} ({setting.scenario}), run 0"
-    with staged_folder(folder, comparison_files(names), last=METRICS) as stage:
+    with staged_folder(folder, METRICS) as stage:
         write_comparison(stage, comparison, content)
         drawn = {name: comparison.estimates[name] for name in DRAWN if name in comparison.estimates}
         save_setting_figure(stage / "figure", truth, recording, drawn, title)

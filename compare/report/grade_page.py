@@ -10,7 +10,7 @@ from slamgauge.compare.checks.examination import CHECKS as ALL_CHECKS
 from slamgauge.compare.report.page import render
 from slamgauge.compare.report.page_elements import Line, Page, Section, origin, said
 from slamgauge.compare.scoring.table import Cell, Head, Table, figure
-from slamgauge.compare.storage.csv_cells import read_csv
+from slamgauge.compare.storage.files import read_csv
 from slamgauge.compare.storage.result_files import GRADES, PAGES, REPORT
 
 FIGURES = (

@@ -14,12 +14,9 @@ from slamgauge.compare.figures.map_contents import MapRows, first_seen, map_at, 
 from slamgauge.compare.figures.plot_style import DEAD_RECKONING
 from slamgauge.compare.report.page import pack
 from slamgauge.compare.report.page_elements import Look
-from slamgauge.compare.scoring.consistency import chi2_band, squared_mahalanobis
-from slamgauge.compare.scoring.landmark_identity import wrongly_associated
-from slamgauge.compare.scoring.loop_closures import closure_steps
-from slamgauge.compare.scoring.measured import pose_covs_of
-from slamgauge.compare.scoring.trajectory_error import distances, pose_errors
-from slamgauge.compare.storage.stored_results import Results
+from slamgauge.compare.scoring.consistency import chi2_band, distances, pose_errors, squared_mahalanobis
+from slamgauge.compare.scoring.measured import Measured, closure_steps, pose_covs_of
+from slamgauge.compare.storage.files import Results
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.se2 import compose
@@ -95,7 +92,7 @@ def _estimate(estimate: Estimate, look: Look, run: _Run) -> dict[str, Any]:
     recording, truth, reference, observations, shown = run
     errors, covs = pose_errors(reference[shown], estimate.poses[shown]), pose_covs_of(estimate)[shown]
     nees = squared_mahalanobis(errors, covs) if truth.poses is not None else errors[:, 0] * np.nan
-    wrong = wrongly_associated(truth, recording, estimate)
+    wrong = Measured(truth, recording, estimate).wrong
     wrong_frames = [] if wrong is None else distinct(np.searchsorted(shown, recording.observation_step[wrong]))
     given = recording.landmark if estimate.association is None else estimate.association
     return {

@@ -11,11 +11,10 @@ from slamgauge.compare.figures.plot_style import DEAD_RECKONING
 from slamgauge.compare.report.page import TERMS, render
 from slamgauge.compare.report.page_elements import Line, Page, Section, looks, origin, pictures, said
 from slamgauge.compare.report.replay_data import replay_data
-from slamgauge.compare.scoring.comparison import Comparison, doubtful_kinds, optimum_notes, run_table
+from slamgauge.compare.scoring.comparison import doubtful_kinds, run_table
 from slamgauge.compare.scoring.table import ESTIMATOR, Cell, Head, Table, cell, figure
-from slamgauge.compare.storage.files import read_json
+from slamgauge.compare.storage.files import Results, load_results, read_json
 from slamgauge.compare.storage.result_files import METRICS, REPORT
-from slamgauge.compare.storage.stored_results import Results, load_results
 from slamgauge.estimate import Kind
 
 LARGEST = 2_950_000  # bytes of a page: 3 MB minus what a browser may add when it saves the page
@@ -45,10 +44,9 @@ def run_page(folder: Path) -> dict[str, str]:
         UserError: If the folder has no results, or its files belong to different runs.
     """
     results, path = load_results(folder), folder / METRICS
-    title, truth, recording, estimates = results
+    title, _, recording, estimates = results
     metrics = read_json(path, "run")
     optima: dict[Kind, str] = {each.kind: name for name, each in estimates.items() if OPTIMA.get(each.kind) == name}
-    comparison = Comparison(truth, recording, estimates, {}, optima)
     doubtful = doubtful_kinds({kind: estimates[name] for kind, name in optima.items()})
     failures = [f"{each['estimator']} failed: {each['error']}" for each in metrics.get("failures", ())]
     first, *others = [*pictures(folder, PICTURES), None]
@@ -56,7 +54,7 @@ def run_page(folder: Path) -> dict[str, str]:
         kind="one run",
         title=title,
         lead=lead(metrics),
-        notes=said([*metrics.get("notes", ()), *optimum_notes(comparison), *failures]),
+        notes=said([*metrics.get("notes", ()), *failures]),
         picture=first,
         sections=[
             Section("Metrics of each estimator", "figures", tables=[run_table(metrics["estimators"], doubtful)]),

@@ -18,7 +18,7 @@ from slamgauge.compare.figures.map_contents import NEVER, first_seen, map_at, si
 from slamgauge.compare.figures.map_layers import FAINTEST, MapLayer
 from slamgauge.compare.figures.ray_strip import has_rays, ray_frames, save_ray_strip
 from slamgauge.compare.figures.scene import Scene
-from slamgauge.compare.storage.stored_results import Results
+from slamgauge.compare.storage.files import Results
 from slamgauge.estimate import Estimate, MapHistory, RayLog
 from tests.reference.example_rays import AGES, BIRTHS, LANDMARKS, NOTED, STEPS, Fate, estimate_with_rays, half_loop
 

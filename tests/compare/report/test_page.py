@@ -20,8 +20,7 @@ from slamgauge.compare.report.publishing import pages_of
 from slamgauge.compare.report.run_page import closure_table
 from slamgauge.compare.report.study_page import command_of_run
 from slamgauge.compare.scoring.table import Cell, Head, Table
-from slamgauge.compare.storage.best_effort import decorate
-from slamgauge.compare.storage.staged_folder import begin_folder
+from slamgauge.compare.storage.staged_folder import begin_folder, decorate
 from slamgauge.compare.studies.stored_study import load_study
 from slamgauge.compare.studies.summary import Request, Summary
 from slamgauge.errors import UserError

@@ -12,11 +12,9 @@ from slamgauge.compare.estimators.loading import load_estimators
 from slamgauge.compare.scenarios.scenario import load_scenario
 from slamgauge.compare.scenarios.simulation import simulate, simulate_informed
 from slamgauge.compare.scoring import catalogue
-from slamgauge.compare.scoring.aggregation import mean_of
-from slamgauge.compare.scoring.columns import heads
+from slamgauge.compare.scoring.catalogue import Column, Metric, TableName, heads
 from slamgauge.compare.scoring.comparison import compare_estimators, metrics, table
-from slamgauge.compare.scoring.metric import Column, Metric, TableName
-from slamgauge.compare.scoring.runs import SERIES, Runs
+from slamgauge.compare.scoring.runs import SERIES, Runs, mean_of
 from slamgauge.compare.studies.study_run import run_once
 from slamgauge.compare.studies.summary import Summary, summarise, summary_table
 from slamgauge.estimate import Estimate
@@ -75,7 +73,7 @@ def test_a_new_metric_needs_only_its_entry(monkeypatch: pytest.MonkeyPatch):
     ways = [each.figures["way_m"] for each in outcomes]
     assert ways[0] == way
     figures = {
-        key: np.array([each.figures[key] for each in outcomes], dtype=float) for key in (*catalogue.STORED, "way_m")
+        key: np.array([each.figures.get(key) for each in outcomes], dtype=float) for key in (*catalogue.STORED, "way_m")
     }
     series = np.array([np.frombuffer(each.series, dtype=np.float32) for each in outcomes], dtype=float)
     rows = np.moveaxis(series.reshape(2, len(SERIES), -1), 1, 0)

@@ -18,9 +18,8 @@ from slamgauge.compare.estimators.requests import Asked
 from slamgauge.compare.figures.publishing import write_study
 from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
 from slamgauge.compare.scenarios.simulation import simulate
-from slamgauge.compare.scoring.aggregation import FIRST_STEP
 from slamgauge.compare.scoring.consistency import chi2_band
-from slamgauge.compare.scoring.runs import Runs
+from slamgauge.compare.scoring.runs import FIRST_STEP, Runs
 from slamgauge.compare.scoring.scores import evaluate
 from slamgauge.compare.storage.staged_folder import MARK, begin_folder
 from slamgauge.compare.studies import study_run as study_run
@@ -165,12 +164,12 @@ def test_a_store_in_a_folder_without_mark_is_read_but_not_written(run: Run, load
         run(2, ("ekf",))
 
 
-@pytest.mark.parametrize("step", ["begin_folder", "begin_store"])
+@pytest.mark.parametrize("step", ["begin_folder", "open_store"])
 def test_a_study_killed_while_it_makes_its_store_continues(
     run: Run, monkeypatch: pytest.MonkeyPatch, step: str
 ) -> None:
 
-    def killed(*_: Any) -> None:
+    def killed(*_: Any, **__: Any) -> None:
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
