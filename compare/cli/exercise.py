@@ -9,7 +9,7 @@ from pathlib import Path
 import tyro
 
 from slamgauge.compare.cli.common import RootSeed, WithPage, Work
-from slamgauge.compare.exercise import running, tables
+from slamgauge.compare.exercise import results, tables
 from slamgauge.compare.report import exercise_page, exercise_runs
 from slamgauge.compare.storage import files, staged_folder
 from slamgauge.compare.storage.result_files import EXERCISE
@@ -39,7 +39,7 @@ class Command(WithPage):
 
     def run(self) -> int:
         with self.work.executor() as executor:
-            exercise = running.run_exercise(self.questions, self.runs, self.seed, self.out, executor)
+            exercise = results.run_exercise(self.questions, self.runs, self.seed, self.out, executor)
             content, done = exercise.to_json(), True
             self.output.show(content, tables.exercise_page(exercise))
             with staged_folder.staged_folder(self.out, EXERCISE) as stage:

@@ -16,7 +16,7 @@ from slamgauge.compare.datasets import g2o_writer, imported_log
 from slamgauge.compare.figures import plot_style, publishing
 from slamgauge.compare.storage import csv_folder, files, staged_folder, trajectories
 from slamgauge.compare.storage.result_files import METRICS, RECORDING, SUMMARY, TRUTH
-from slamgauge.compare.studies import study_table
+from slamgauge.compare.studies import stored_study
 from slamgauge.errors import UserError
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ class StudyTable(Format):
 
     def run(self) -> int:
         columns, names = split_names(self.columns), split_names(self.estimators)
-        text = study_table.study_table(self.path, self.form, columns, names, intervals=not self.means_only)
+        text = stored_study.study_table(self.path, self.form, columns, names, intervals=not self.means_only)
         if self.out is not None:
             return self.write_file("", lambda out: out.write_text(text, encoding="utf-8"))
         put(text.rstrip("\n"))

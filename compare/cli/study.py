@@ -74,7 +74,7 @@ class Gate:
         except ValueError:
             what = f"fail-if-worse: {self.fail_if_worse} is not a share"
             raise UserError(f"{what}; give for example 5% or 0.05") from None
-        earlier = baselines.figures_of(self.baseline)
+        earlier = baselines.as_study(self.baseline)
         return baselines.open_gate(earlier, names, digest, tolerance, str(self.baseline))
 
 
@@ -126,7 +126,7 @@ class Command(OfScenario, WithPage):
         found = replace(found, request=self._request())
         worse = list[str]()
         if gate is not None:
-            lines, worse = gate.judge(baselines.figures_of(found))
+            lines, worse = gate.judge(found)
             print(*lines, baselines.false_alarms(gate.tolerance), sep="\n", file=sys.stderr)
         self.output.show(found.to_json(), summary.summary_table(found))
         runs = study.load_runs(scenario, found.runs, self.seed, asked, out)
