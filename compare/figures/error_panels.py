@@ -13,8 +13,8 @@ from slamgauge.compare.estimators.registry import CAUSAL, HINDSIGHT
 from slamgauge.compare.figures.axes import curve, exceeding, robust_limits, three_sigma
 from slamgauge.compare.figures.plot_style import DEAD_RECKONING, MARK_COLOR, TRUTH_COLOR, styles
 from slamgauge.compare.scoring.consistency import pose_errors
-from slamgauge.compare.scoring.measured import closure_steps
 from slamgauge.compare.scoring.optimum_notes import MARK, is_in_doubt
+from slamgauge.compare.scoring.run_arrays import closure_steps
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.truth import Truth

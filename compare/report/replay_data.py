@@ -15,7 +15,8 @@ from slamgauge.compare.figures.plot_style import DEAD_RECKONING
 from slamgauge.compare.report.page import pack
 from slamgauge.compare.report.page_elements import Look
 from slamgauge.compare.scoring.consistency import chi2_band, distances, pose_errors, squared_mahalanobis
-from slamgauge.compare.scoring.measured import Measured, closure_steps, pose_covs_of
+from slamgauge.compare.scoring.measured import Measured
+from slamgauge.compare.scoring.run_arrays import closure_steps, pose_covs_of
 from slamgauge.compare.storage.files import Results
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
