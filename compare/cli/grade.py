@@ -11,10 +11,11 @@ from slamgauge.compare.cli.steps import executor_of, finish, overridden_scenario
 from slamgauge.compare.estimators.child import Limits
 from slamgauge.compare.estimators.requests import ask
 from slamgauge.compare.estimators.sandbox import require_wall
-from slamgauge.compare.grading.grade_output import grade_table, write_grades, write_pages
-from slamgauge.compare.grading.grading import GradeSettings, grade_folder
+from slamgauge.compare.grading.grade_output import grades_page, write_grades
+from slamgauge.compare.grading.grading import grade_folder
 from slamgauge.compare.grading.rubric import load_rubric
 from slamgauge.compare.grading.submissions import submissions_in
+from slamgauge.compare.grading.trial import GradeSettings
 from slamgauge.compare.storage.result_files import GRADES, GRADESCOPE, PAGES, RESULTS, grade_files
 from slamgauge.compare.storage.safe_names import file_name
 from slamgauge.errors import UserError
@@ -29,19 +30,19 @@ def run(command: Grade) -> int:
     submissions = submissions_in(command.folder)
     limits, rubric = Limits(require_timeout(command.timeout), not command.unconfined), load_rubric(command.rubric)
     writes = grade_files(each.name for each in submissions)
-    outdated = [f"{PAGES}/*.md", f"{PAGES}/*.html", f"{GRADESCOPE}/*/{RESULTS}", RESULTS]
+    outdated = [f"{PAGES}/*.html", f"{GRADESCOPE}/*/{RESULTS}", RESULTS]
     with results_folder(out, writes, GRADES, outdated) as staged:
         with executor_of(command.work) as executor:
             seed = secrets.randbits(32) if command.seed is None else command.seed
             settings = GradeSettings(scenario, command.runs, seed, reference, limits, rubric)
-            grades = grade_folder(command.folder, submissions, settings, executor)
+            grades = grade_folder(submissions, settings, executor)
         if not any(each.is_graded for each in grades.grades):
             first = grades.grades[0]
             raise UserError(f"{command.folder}: nothing could be graded; {first.submission}: {first.reasons[0]}")
         if command.seed is None:
             print(f"slamgauge: root seed {seed} (random; --seed {seed} grades on the same runs)", file=sys.stderr)
-        command.output.show(grades.to_json(), grade_table(grades))
+        command.output.show(grades.to_json(), grades_page(grades))
         if staged is not None:
             write_grades(staged, grades)
-    done = write_pages(out, grades) and all(each.is_graded for each in grades.grades)
+    done = all(each.is_graded for each in grades.grades)
     return finish(command, out, GRADES, done=done)

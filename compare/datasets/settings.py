@@ -48,10 +48,10 @@ def load_settings(kind: type[Settings], file: Path | None, overrides: Sequence[s
     try:
         return TypeAdapter(kind).validate_json(json.dumps(table, default=str), strict=True)
     except ValidationError as error:
-        raise UserError(f"{file or '--set'}: {_mistake(error, kind)}") from None
+        raise UserError(f"{file or '--set'}: {mistake(error, kind)}") from None
 
 
-def _mistake(error: ValidationError, kind: type) -> str:
+def mistake(error: ValidationError, kind: type) -> str:
     """Return the first mistake in a line: the key, the rule and the value."""
     first = error.errors(include_url=False)[0]
     *sections, key = map(str, first["loc"])

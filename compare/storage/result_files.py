@@ -52,7 +52,7 @@ def exercise_files(questions: Iterable[str], figures: Iterable[str]) -> list[str
 def grade_files(submissions: Iterable[str]) -> list[str]:
     """Return every file that grading submissions of these names writes."""
     names = [*submissions]
-    pages = [f"{PAGES}/{name}.{kind}" for name in names for kind in ("md", "html")]
+    pages = [f"{PAGES}/{name}.html" for name in names]
     results = [f"{GRADESCOPE}/{name}/{RESULTS}" for name in names] + [RESULTS] * (len(names) == 1)
     return [GRADES, RUBRIC, REPORT, *pages, *results]
 

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from slamgauge import Estimate, Recording, arrays, evaluate, load_scenario, simulate
-from slamgauge.compare.figures.map_contents import map_limits
+from slamgauge.compare.figures.maps import map_limits
 from slamgauge.compare.scenarios.simulation import informed, simulate_informed
 from slamgauge.compare.storage.files import save
 from slamgauge.compare.storage.stored_results import load_results

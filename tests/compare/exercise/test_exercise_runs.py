@@ -20,7 +20,6 @@ from slamgauge.compare.exercise.results import Exercise
 from slamgauge.compare.exercise.running import run_exercise
 from slamgauge.compare.exercise.settings import CAUSAL, EKF, FILTERS, GTSAM, OPTIMA, QUESTIONS
 from slamgauge.compare.exercise.tables import exercise_page
-from slamgauge.compare.report import exercise_runs
 from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
 from slamgauge.compare.scenarios.simulation import informed, simulate
 from slamgauge.compare.scoring.loop_closures import closure_steps
@@ -203,7 +202,7 @@ def test_the_command_writes_results_figures_and_pages_and_continues(
             *FILTERS,
             *OPTIMA,
         }
-    monkeypatch.setattr(exercise_runs, "publish_first_run", _fails)
+    monkeypatch.setattr(page, "publish_first_run", _fails)
     monkeypatch.setattr(study, "run_once", _fails)
     assert main(words) == 0
     assert json.loads(capsys.readouterr().out) == printed

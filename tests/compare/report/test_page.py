@@ -14,9 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from slamgauge.compare.report.page import ASSETS, MODULES, json_text, pack, program, render
-from slamgauge.compare.report.page_elements import Page, Section
-from slamgauge.compare.report.publishing import pages_of
+from slamgauge.compare.report.page import ASSETS, MODULES, Page, Section, json_text, pack, pages_of, program, render
 from slamgauge.compare.report.run_page import closure_table
 from slamgauge.compare.report.study_page import command_of_run
 from slamgauge.compare.scoring.table import Cell, Head, Table
