@@ -202,7 +202,7 @@ def test_the_command_writes_results_figures_and_pages_and_continues(
             *FILTERS,
             *OPTIMA,
         }
-    monkeypatch.setattr(page, "publish_first_run", _fails)
+    monkeypatch.setattr(exercise_pages, "publish_first_run", _fails)
     monkeypatch.setattr(study, "run_once", _fails)
     assert main(words) == 0
     assert json.loads(capsys.readouterr().out) == printed
