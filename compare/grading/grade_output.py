@@ -54,15 +54,15 @@ def grade_table(rows: Sequence[Row], *, linked: bool = False) -> Table:
                 Cell(row["submission"], link=f"{PAGES}/{quote(row['submission'])}.html" if linked else ""),
                 Cell(row.get("verdict") or verdict(row)),
                 figure(_number(row["points"]), "{:g}"),
+                figure(None if failed is None else len(failed.split()), "{}"),
                 *(
                     figure(None if mean is None else Interval(mean, low, high), head.form)
                     for head, (mean, low, high) in zip(figures, intervals, strict=True)
                 ),
-                figure(None if failed is None else len(failed.split()), "{}"),
                 figure(_number(row["seconds_per_run"]), "{:.2f}"),
             ]
         )
-    return Table([SUBMISSION, VERDICT, points, *figures, FAILED, SECONDS], cells, id="grades")
+    return Table([SUBMISSION, VERDICT, points, FAILED, *figures, SECONDS], cells, id="grades")
 
 
 def verdict(row: Row) -> str:

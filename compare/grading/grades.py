@@ -20,26 +20,19 @@ from slamgauge.compare.scoring.optimum_notes import beats_the_optimum
 from slamgauge.compare.scoring.scores import Score
 from slamgauge.compare.scoring.table import Head
 
+TWO = "{:.2f}"
 FIGURES = (
     Head("ATE [m]", help="RMS position error, mean over runs", key="ate_m"),
-    Head("ATE x", "ATE x reference", "ATE divided by that of the reference on the same runs", key="ate_ratio"),
+    Head("ATE x", "ATE x reference", "ATE over the reference's on the same runs", key="ate_ratio"),
     Head(
-        "NEES/3",
-        help="mean pose NEES divided by 3, from the 11th step on: 1 if the covariance is right",
-        key="nees_per_dof",
-        form="{:.2f}",
+        "NEES/3", help="pose NEES / 3 from the 11th step on: 1 if the covariance is right", key="nees_per_dof", form=TWO
     ),
-    Head("NEES x", "NEES x reference", "NEES divided by that of the reference", key="nees_ratio", form="{:.2f}"),
-    Head("sigma x", "sigma x reference", "position sigma divided by the reference's", key="sigma_position_ratio"),
-    Head("heading x", "heading sigma x reference", "the same for the heading", key="sigma_heading_ratio"),
-    Head("x causal", "ATE x causal optimum", "ATE divided by that of the causal optimum", key="ratio_to_optimum"),
+    Head("NEES x", "NEES x reference", "NEES over the reference's", key="nees_ratio", form=TWO),
+    Head("sigma x", "sigma x reference", "position sigma over the reference's", key="sigma_position_ratio", form=TWO),
+    Head("heading x", "heading sigma x reference", "the same for the heading", key="sigma_heading_ratio", form=TWO),
+    Head("x causal", "ATE x causal", "ATE over that of the causal optimum", key="ratio_to_optimum", form=TWO),
     Head("ATE x, own noise", help="ATE x reference with the noise of the file", key="own_noise_ate_ratio"),
-    Head(
-        "NEES x, own noise",
-        help="NEES x reference with the noise of the file",
-        key="own_noise_nees_ratio",
-        form="{:.2f}",
-    ),
+    Head("NEES x, own noise", help="NEES x reference with that noise", key="own_noise_nees_ratio", form=TWO),
 )
 
 

@@ -20,6 +20,7 @@ from slamgauge.compare.exercise.results import Exercise
 from slamgauge.compare.exercise.running import run_exercise
 from slamgauge.compare.exercise.settings import CAUSAL, EKF, FILTERS, GTSAM, OPTIMA, QUESTIONS
 from slamgauge.compare.exercise.tables import exercise_page
+from slamgauge.compare.report import exercise_page as exercise_pages
 from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
 from slamgauge.compare.scenarios.simulation import informed, simulate
 from slamgauge.compare.scoring.loop_closures import closure_steps
