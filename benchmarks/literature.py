@@ -23,9 +23,8 @@ import tyro
 
 from slamgauge import load_runs, load_scenario, local_processes, run_study
 from slamgauge.arrays import Float
-from slamgauge.compare.scoring.aggregation import late_means
 from slamgauge.compare.scoring.intervals import mean_interval
-from slamgauge.compare.scoring.runs import Runs, paired
+from slamgauge.compare.scoring.runs import Runs, late_means, paired
 from slamgauge.compare.studies.summary import failure_lines
 from slamgauge.errors import UserError
 

@@ -1,6 +1,10 @@
 """The number of BLAS threads: two are slower than one on matrices of these sizes, and twice the processor time."""
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from threadpoolctl import threadpool_limits
 
 VARIABLES = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 
@@ -12,3 +16,13 @@ def pin_blas_threads() -> None:
     """
     for variable in VARIABLES:
         os.environ.setdefault(variable, "1")
+
+
+@contextmanager
+def one_blas_thread() -> Iterator[None]:
+    """Limit BLAS to one thread inside the block, where numpy was imported before slamgauge and no number is set."""
+    if any(variable in os.environ for variable in VARIABLES):
+        yield
+        return
+    with threadpool_limits(limits=1, user_api="blas"):
+        yield

@@ -23,8 +23,7 @@ import pytest
 from slamgauge.arrays import Float
 from slamgauge.compare.exercise.running import parts
 from slamgauge.compare.exercise.settings import CAUSAL, EKF, SETTINGS
-from slamgauge.compare.scoring.aggregation import reported_sigma
-from slamgauge.compare.scoring.runs import Runs, paired
+from slamgauge.compare.scoring.runs import Runs, paired, reported_sigma
 from slamgauge.compare.studies.executors import local_processes
 from slamgauge.compare.studies.study import load_runs, run_study
 from tests.marks import in_full

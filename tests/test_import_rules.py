@@ -57,6 +57,7 @@ LEVELS = (
 # beyond the standard library and slamgauge itself, for all modules whose names begin so
 LIBRARIES = {
     "slamgauge": {"numpy"},
+    "slamgauge.blas_threads": {"threadpoolctl"},
     "slamgauge.jit": {"numba"},
     "slamgauge.display": {"pandas"},
     "slamgauge.ekf": {"scipy"},

@@ -21,7 +21,7 @@ from slamgauge.compare.scenarios.simulation import simulate
 from slamgauge.compare.scoring.table import ESTIMATOR, Head, Table, cell
 from slamgauge.compare.scoring.text_page import Page
 from slamgauge.compare.storage.progress import counted
-from slamgauge.compare.storage.provenance import origin
+from slamgauge.compare.storage.result_files import origin
 from slamgauge.estimate import Estimate
 from slamgauge.memory import require_memory
 from slamgauge.recording import Recording
@@ -75,7 +75,7 @@ def run_bench(sizes: Sequence[int], chosen: Chosen, seed: int = 0) -> dict[str, 
     """
     contestants = load_estimators(chosen)
     results: dict[str, dict[str, dict[str, float]]] = {name: {} for name in contestants}
-    with counted(len(sizes) * len(contestants), "run", alike=False) as progress:
+    with counted(len(sizes) * len(contestants), "run") as progress:
         for size in sizes:
             _, recording = simulate(workload(size, seed), seed)
             for name, estimator in contestants.items():

@@ -7,7 +7,7 @@ from slamgauge.compare.cli.options.machine import Bench
 from slamgauge.compare.cli.options.shared import split_names
 from slamgauge.compare.cli.steps import draw, results_folder
 from slamgauge.compare.storage.files import write_json
-from slamgauge.compare.storage.result_files import BENCH, BENCH_FILES
+from slamgauge.compare.storage.result_files import BENCH
 from slamgauge.errors import UserError
 
 LONGEST = 12  # digits of a map size: Python parses some thousands
@@ -20,7 +20,7 @@ def run(command: Bench) -> int:
         raise UserError(f"landmarks {command.landmarks!r:.60}: give map sizes > 0, for example 20,100")
     sizes = [int(word) for word in words]
     require_room_for_bench(sizes)
-    with results_folder(command.out, BENCH_FILES, last=BENCH) as folder:
+    with results_folder(command.out, BENCH) as folder:
         result = run_bench(sizes, split_names(command.estimators))
         command.output.show(result, bench_table(result))
         if folder is not None:

@@ -9,14 +9,13 @@ from slamgauge.compare.cli.options.run import Evaluate, StoredOptions
 from slamgauge.compare.cli.options.shared import flattened, split_names
 from slamgauge.compare.cli.scoring import Data, FilterSettings, Source, score
 from slamgauge.compare.cli.steps import isolated, write_page
-from slamgauge.compare.estimators.memory_check import require_room_for_estimates
 from slamgauge.compare.estimators.requests import ask
+from slamgauge.compare.estimators.running import require_room_for_estimates
 from slamgauge.compare.estimators.stored_trajectory import load_stored
 from slamgauge.compare.estimators.user_errors import UserCodeError
 from slamgauge.compare.scenarios.scenario import stored_association
 from slamgauge.compare.scenarios.schema import INITIALISATIONS
-from slamgauge.compare.scoring.alignment import aligned
-from slamgauge.compare.scoring.covariance_frame import frame_doubt, in_world_frame
+from slamgauge.compare.scoring.own_stamps import aligned, frame_doubt, in_world_frame
 from slamgauge.compare.storage.files import load_recording, load_truth
 from slamgauge.compare.storage.result_files import METRICS
 from slamgauge.ekf.setting_rules import fitted
@@ -40,7 +39,7 @@ def _score(command: Evaluate) -> int:
     recording = load_recording(command.recording)
     beside = command.recording.with_name("truth.npz")
     path = command.truth or (beside if beside.exists() else None)
-    truth = None if path is None else load_truth(path, recording)
+    truth = None if path is None else load_truth(path)
     settings = FilterSettings(
         stored_association(flattened(command.set)),
         fitted(INITIALISATIONS[command.initialisation], command.reach),

@@ -22,7 +22,7 @@ def run(command: ExerciseCommand) -> int:
         exercise = run_exercise(command.questions, command.runs, command.seed, command.out, executor)
         content = exercise.to_json()
         command.output.show(content, exercise_page(exercise))
-        with staged_folder(command.out, [EXERCISE], last=EXERCISE) as stage:
+        with staged_folder(command.out, EXERCISE) as stage:
             write_json(stage / EXERCISE, content)
         done = command.page.no_report or _publish(command, exercise, executor)
     print(f"written to {command.out}", file=sys.stderr)

@@ -23,12 +23,17 @@ from slamgauge.compare.cli.options.shared import named_after, split_names
 from slamgauge.compare.cli.terminal import put
 from slamgauge.compare.datasets.g2o_writer import write_g2o
 from slamgauge.compare.datasets.imported_log import of_file
-from slamgauge.compare.storage.csv_folder import LANDMARKS, RECORDING_FILES, write_estimate_csv, write_recording_csv
-from slamgauge.compare.storage.files import load_recording, load_recording_or_estimate, load_truth, write_tum
-from slamgauge.compare.storage.mat_file import write_mat
+from slamgauge.compare.storage.csv_folder import LANDMARKS, START, write_estimate_csv, write_recording_csv
+from slamgauge.compare.storage.files import (
+    load_recording,
+    load_recording_or_estimate,
+    load_results,
+    load_truth,
+    write_mat,
+)
 from slamgauge.compare.storage.result_files import METRICS, RECORDING, SUMMARY, TRUTH
 from slamgauge.compare.storage.staged_folder import staged_files, staged_folder
-from slamgauge.compare.storage.stored_results import load_results
+from slamgauge.compare.storage.trajectories import write_tum
 from slamgauge.compare.studies.study_table import study_table
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
@@ -68,7 +73,7 @@ def _write_figures(given: Figures) -> None:
     drawings = drawings_of(given.path, split_names(given.estimators))
     out = named_after(OUT, given.path) if given.out == OUT else given.out
     files = [f"{name}.{given.form}" for name in drawings]
-    with staged_folder(out, files, files[0]) as folder, printed_on(Sheet(given.width, (given.form,))):
+    with staged_folder(out, files[0]) as folder, printed_on(Sheet(given.width, (given.form,))):
         for draw in drawings.values():
             draw(folder)
         written = [name for name in files if (folder / name).exists()]  # a drawing without data writes no file
@@ -94,7 +99,7 @@ def _write_records(given: ExportFormat) -> None:
     out = given.out
     if isinstance(given, Csv) and exported.recording is not None:
         out = named_after(OUT, given.path) if out == OUT else out
-        with staged_folder(out, RECORDING_FILES, last=RECORDING_FILES[0]) as folder, of_file(given.path):
+        with staged_folder(out, START) as folder, of_file(given.path):
             write_recording_csv(folder, exported.recording)
     else:
         out = Path(f"{named_after(OUT, given.path)}{ENDINGS[type(given)]}") if out == OUT else out

@@ -8,15 +8,14 @@ from pathlib import Path
 
 from slamgauge.compare.cli.options.user_filters import Grade
 from slamgauge.compare.cli.steps import executor_of, finish, overridden_scenario, require_timeout, results_folder
-from slamgauge.compare.estimators.child import Limits
-from slamgauge.compare.estimators.requests import ask
+from slamgauge.compare.estimators.requests import Limits, ask
 from slamgauge.compare.estimators.sandbox import require_wall
 from slamgauge.compare.grading.grade_output import grades_page, write_grades
 from slamgauge.compare.grading.grading import grade_folder
 from slamgauge.compare.grading.rubric import load_rubric
 from slamgauge.compare.grading.submissions import submissions_in
 from slamgauge.compare.grading.trial import GradeSettings
-from slamgauge.compare.storage.result_files import GRADES, GRADESCOPE, PAGES, RESULTS, grade_files
+from slamgauge.compare.storage.result_files import GRADES
 from slamgauge.compare.storage.safe_names import file_name
 from slamgauge.errors import UserError
 
@@ -29,9 +28,7 @@ def run(command: Grade) -> int:
     scenario, (reference,) = overridden_scenario(command.scenario, command.set), ask([command.reference])
     submissions = submissions_in(command.folder)
     limits, rubric = Limits(require_timeout(command.timeout), not command.unconfined), load_rubric(command.rubric)
-    writes = grade_files(each.name for each in submissions)
-    outdated = [f"{PAGES}/*.html", f"{GRADESCOPE}/*/{RESULTS}", RESULTS]
-    with results_folder(out, writes, GRADES, outdated) as staged:
+    with results_folder(out, GRADES) as staged:
         with executor_of(command.work) as executor:
             seed = secrets.randbits(32) if command.seed is None else command.seed
             settings = GradeSettings(scenario, command.runs, seed, reference, limits, rubric)

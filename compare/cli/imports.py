@@ -9,17 +9,14 @@ from slamgauge.compare.cli.options.imports import Bag, Csv, Format, G2o, Import,
 from slamgauge.compare.cli.options.shared import flattened, named_after
 from slamgauge.compare.datasets.bag_log import read_bag, topics_text
 from slamgauge.compare.datasets.csv_log import read_csv_log
-from slamgauge.compare.datasets.g2o import read_g2o
+from slamgauge.compare.datasets.g2o import read_g2o, read_victoria_park
 from slamgauge.compare.datasets.imported_log import Imported
 from slamgauge.compare.datasets.lost_in_the_woods import read_lost_in_the_woods
 from slamgauge.compare.datasets.mrclam import read_mrclam
-from slamgauge.compare.datasets.victoria_park import read_victoria_park
 from slamgauge.compare.storage.files import save
 from slamgauge.compare.storage.result_files import MAPPING, RECORDING, TRUTH
 from slamgauge.compare.storage.staged_folder import require_ours, staged_folder
 from slamgauge.compare.storage.toml_tables import write_toml
-
-IMPORTED = (RECORDING, TRUTH, MAPPING)
 
 
 def run(command: Import) -> None:
@@ -35,7 +32,7 @@ def run(command: Import) -> None:
     from slamgauge.compare.datasets.plausibility import examine  # loads kernels, which a refusal need not wait for
 
     examination = examine(log, given.path)
-    with staged_folder(out, IMPORTED, last=RECORDING) as folder:
+    with staged_folder(out, RECORDING) as folder:
         save(folder / RECORDING, recording)
         if truth is not None:
             save(folder / TRUTH, truth)

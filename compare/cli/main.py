@@ -14,7 +14,7 @@ from typing import Any
 from slamgauge.compare.cli.options.shared import EmptyPathError
 from slamgauge.compare.cli.parsing import Listed, parse
 from slamgauge.compare.cli.terminal import drop_output, prepare_streams, put
-from slamgauge.compare.storage.provenance import commanded
+from slamgauge.compare.storage.result_files import commanded
 from slamgauge.compare.storage.safe_names import shown
 from slamgauge.errors import UserError, no_room_for_library, refused_by_the_machine
 from slamgauge.version import __version__

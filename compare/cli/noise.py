@@ -12,7 +12,7 @@ from slamgauge.compare.noise.noise_json import noise_json
 from slamgauge.compare.noise.tables import noise_page
 from slamgauge.compare.scoring.comparison import digest
 from slamgauge.compare.storage.files import load_recording, save, write_json
-from slamgauge.compare.storage.result_files import NOISE, NOISE_FILES
+from slamgauge.compare.storage.result_files import NOISE
 from slamgauge.compare.storage.staged_folder import staged_files
 from slamgauge.errors import UserError
 
@@ -23,7 +23,7 @@ def run(command: Noise) -> int:
     if command.write is not None and command.write.resolve() == command.recording.resolve():
         raise UserError(f"{command.write}: is the recording itself; give another --write")
     staged = nullcontext() if command.write is None else staged_files(command.write.parent, [command.write.name])
-    with staged as parent, results_folder(command.out, NOISE_FILES, last=NOISE) as folder:
+    with staged as parent, results_folder(command.out, NOISE) as folder:
         noise = find_noise(recording, systematic=command.systematic, heading=command.heading)
         content = noise_json(noise) | {"digest": digest(recording)}
         command.output.show(content, noise_page(content))

@@ -12,17 +12,15 @@ from slamgauge.compare.cli.steps import draw, results_folder
 from slamgauge.compare.cli.terminal import Output
 from slamgauge.compare.estimators.loading import load_each
 from slamgauge.compare.estimators.requests import Asked
-from slamgauge.compare.estimators.running import with_stand_ins
 from slamgauge.compare.scenarios.schema import Association
 from slamgauge.compare.scoring.comparison import (
     compare_estimators,
     metrics,
     table,
-    tested_without_truth,
     write_comparison,
 )
 from slamgauge.compare.storage.files import explained
-from slamgauge.compare.storage.result_files import METRICS, OUTDATED, comparison_files
+from slamgauge.compare.storage.result_files import METRICS
 from slamgauge.ekf.settings import Initialisation, Robustness
 from slamgauge.errors import UserError
 from slamgauge.memory import give_back
@@ -72,13 +70,10 @@ def score(
     estimators, failures = load_each(asked, settings.association, settings.initialisation, FRAMES, settings.robust)
     if not estimators:
         raise UserError(next(iter(failures.values())))
-    files = comparison_files(estimators if data.recording.landmark is not None else with_stand_ins(estimators))
-    with results_folder(out, files, METRICS, OUTDATED) as folder:
-        comparison = compare_estimators(data.truth, data.recording, estimators, data.informed)
+    with results_folder(out, METRICS) as folder:
+        comparison = compare_estimators(data.truth, data.recording, estimators, data.informed, twins=source.twins)
         give_back()
         comparison = replace(comparison, failures=failures | comparison.failures, study=source.study)
-        if source.twins:
-            comparison = tested_without_truth(comparison, source.twins)
         content = metrics(comparison, source.scenario, source.seed, source.text)
         output.show(content, table(comparison))
         done = not comparison.failures

@@ -12,9 +12,8 @@ from pathlib import Path
 from slamgauge.compare.cli.options.shared import OwnCode, PageOptions, WithPage, Work, flattened
 from slamgauge.compare.estimators.requests import Asked, Limits, with_limits, with_noise
 from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
-from slamgauge.compare.storage.best_effort import decorate
 from slamgauge.compare.storage.result_files import REPORT
-from slamgauge.compare.storage.staged_folder import staged_folder
+from slamgauge.compare.storage.staged_folder import decorate, staged_folder
 from slamgauge.compare.studies.executors import local_processes
 from slamgauge.errors import UserError
 
@@ -47,11 +46,9 @@ def require_timeout(seconds: float) -> float:
     return seconds
 
 
-def results_folder(
-    out: Path | None, writes: Sequence[str], last: str, outdated: Sequence[str] = ()
-) -> AbstractContextManager[Path | None]:
+def results_folder(out: Path | None, main: str) -> AbstractContextManager[Path | None]:
     """Return the staged folder of the results, or a context of None without `out`."""
-    return nullcontext() if out is None else staged_folder(out, writes, last, outdated)
+    return nullcontext() if out is None else staged_folder(out, main)
 
 
 def draw(out: Path, beside: str) -> bool:
@@ -76,7 +73,7 @@ def write_page(out: Path | None, beside: str, page: PageOptions) -> bool:
         return True
     from slamgauge.compare.report.page import pages_of, write_pages  # here: matplotlib is slow to start
 
-    drawn = decorate(out, {"report": lambda stage: write_pages(stage, pages_of(out / beside))}, [REPORT])
+    drawn = decorate(out, {"report": lambda stage: write_pages(stage, pages_of(out / beside))}, beside)
     if drawn and page.open:
         open_page(out)
     return drawn

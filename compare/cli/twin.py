@@ -10,7 +10,7 @@ from slamgauge.compare.estimators.registry import HINDSIGHT, REGISTRY
 from slamgauge.compare.scoring.optimum_notes import fit_of_the_model
 from slamgauge.compare.scoring.text_page import Page
 from slamgauge.compare.storage.files import load_recording
-from slamgauge.compare.storage.result_files import TWIN, TWIN_FILES
+from slamgauge.compare.storage.result_files import TWIN
 from slamgauge.compare.storage.safe_names import shown
 from slamgauge.compare.storage.staged_folder import require_ours, staged_folder
 from slamgauge.compare.studies.twin import ASSOCIATES, make_twin, write_twin
@@ -21,7 +21,7 @@ def run(command: Twin) -> None:
     recording = load_recording(command.recording)
     require_ours(command.out)
     twin = make_twin(recording)
-    with staged_folder(command.out, TWIN_FILES, last=TWIN) as folder:
+    with staged_folder(command.out, TWIN) as folder:
         write_twin(folder, twin, shown(f"{command.recording.parent.resolve().name}/{command.recording.name}"))
     notes: list[str] = []
     if not twin.has_ids:

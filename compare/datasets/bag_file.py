@@ -11,7 +11,7 @@ from collections.abc import Generator, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -24,35 +24,52 @@ if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
 
 JUMP = 10.0  # s: largest difference between the time of stamps and the time of recording, from message to message
-
-
-class Topic(NamedTuple):
-    """Type of a topic in the form `package/msg/Name`, and its number of messages."""
-
-    type: str
-    messages: int
+SAME = 1000  # ns: nearer stamps are the same
+TREES = ("/tf", "/tf_static")  # topics that are read as observations only if they are named
 
 
 @dataclass(frozen=True)
 class Bag:
-    """An open bag."""
+    """An open bag; `clock` is the source of stamps, header or recording."""
 
     path: Path
     reader: AnyReader
+    clock: str = "header"
 
-    def topics(self) -> dict[str, Topic]:
-        """Return the topics by name; a topic with several types has the type `several`."""
-        return {
-            name: Topic(info.msgtype or "several", info.msgcount) for name, info in sorted(self.reader.topics.items())
-        }
+    def topics(self) -> dict[str, tuple[str, int]]:
+        """Return type and number of messages of each topic; a topic with several types has the type `several`."""
+        return {name: (info.msgtype or "several", info.msgcount) for name, info in sorted(self.reader.topics.items())}
 
-    def require(self, topic: str) -> Topic:
-        """Return a topic; raise UserError if the bag does not have it."""
+    def of_types(self, types: Sequence[str]) -> list[str]:
+        """Return the topics that have one of the types and at least one message."""
+        topics = self.topics().items()
+        return [name for name, (kind, messages) in topics if kind in types and messages and name not in TREES]
+
+    def topic_of(self, types: Sequence[str], key: str, stated: str | None = None) -> str:
+        """Return a stated topic, or the only one with one of the types.
+
+        Raises:
+            UserError: the stated topic has another type, or without one several topics fit, or none.
+        """
+        found = self.of_types(types)
+        if stated is None and len(found) == 1:
+            return found[0]
+        if stated is None:
+            fits = ", ".join(found)
+            reason = f"several topics fit ({fits})" if found else f"no topic has a known type ({', '.join(types)})"
+            raise UserError(f"{self.path}: {reason}; give --set {key}=TOPIC, `--list` lists all topics")
+        kind = self.type_of(stated)
+        if kind not in types:
+            raise UserError(f"{self.path}: {key}: {stated} has the type {kind}; {did_you_mean(kind, types)}")
+        return stated
+
+    def type_of(self, topic: str) -> str:
+        """Return the type of a topic; raise UserError if the bag does not have it."""
         topics = self.topics()
         if topic not in topics:
             remedy = did_you_mean(topic, topics, "`slamgauge import bag PATH --list` lists all topics")
             raise UserError(f"{self.path}: has no topic {topic}; {remedy}")
-        return topics[topic]
+        return topics[topic][0]
 
     def messages(self, topic: str) -> Iterator[tuple[int, Any]]:
         """Yield time of recording [ns] and content of the messages of a topic, in the order of recording.
@@ -60,10 +77,10 @@ class Bag:
         A message that repeats an earlier one byte by byte is dropped if it has a stamp: bags contain latched messages
         once for each part of a recording.
         """
-        found = self.require(topic)
+        kind, count = self.type_of(topic), self.topics()[topic][1]
         connections = [each for each in self.reader.connections if each.topic == topic]
-        if found.messages and found.type not in self.reader.typestore.fielddefs:
-            what = f"{topic}: the bag has no definition of {found.type}"
+        if count and kind not in self.reader.typestore.fielddefs:
+            what = f"{topic}: the bag has no definition of {kind}"
             raise UserError(f"{self.path}: {what}; give the folder of its .msg files: --msgs FOLDER")
         earlier, read = set[bytes](), 0
         for connection, received, raw in self.reader.messages(connections):
@@ -73,9 +90,40 @@ class Bag:
                 continue
             earlier.add(bytes(raw))
             yield received, content
-        if read != found.messages:
-            what = f"{read} of {found.messages} messages of {topic} are in it: it is cut"
+        if read != count:
+            what = f"{read} of {count} messages of {topic} are in it: it is cut"
             raise UserError(f"{self.path}: {what}; copy it again, or repair its metadata with `ros2 bag reindex`")
+
+    def in_order(self, topic: str, times: Sequence[tuple[int, int]]) -> tuple[Int, Int, list[str]]:
+        """Return the sorted stamps (n,) [ns] of a topic, the order (n,) that sorts it, and notes.
+
+        Topics without stamps have their time of recording.
+
+        Args:
+            topic: for messages.
+            times: n stamps in headers, 0 without one, and times of recording [ns].
+
+        Raises:
+            UserError: the clock of the stamps jumps by more than `JUMP` between two messages, in either direction.
+        """
+        stamps, received = np.array(times, dtype=np.int64).reshape(-1, 2).T
+        notes = list[str]()
+        jumps = 1e-9 * (np.diff(stamps) - np.diff(received))
+        if self.clock == "recording" or not stamps.any():
+            if self.clock == "header" and len(stamps):
+                notes.append(f"{self.path}: {topic}: no stamps in its headers; times of recording are used")
+            stamps = received
+        elif np.abs(jumps).max(initial=0.0) > JUMP:
+            at = int(np.argmax(np.abs(jumps)))
+            what = f"the clock of the stamps jumps by {jumps[at]:+.6g} s at stamp {1e-9 * stamps[at + 1]:.9f} s"
+            remedy = "cut the bag there, or use times of recording: --set frames.clock=recording"
+            raise UserError(f"{self.path}: {topic}: {what}; {remedy}")
+        late = int(np.sum(np.diff(stamps) < -SAME))
+        if late:
+            what = "messages have a stamp before that of the message before them"
+            notes.append(f"{topic}: {late} {what}; sorted by stamps")
+        order = np.argsort(stamps, kind="stable")
+        return stamps[order], order, notes
 
 
 def header_stamp(content: Any) -> int:
@@ -92,30 +140,6 @@ def seconds_of(nanoseconds: Int) -> Float:
 def frame_of(content: Any) -> str:
     """Return the frame in the header of a message, "" without one. ROS 1 permits a slash in front, which is dropped."""
     return getattr(getattr(content, "header", None), "frame_id", "").removeprefix("/")
-
-
-def clock_checked(where: str, stamps: Int, received: Int) -> tuple[Int, tuple[str, ...]]:
-    """Return stamps (n,) [ns] of a topic in the order of recording, and notes.
-
-    Topics without stamps have their time of recording. Smaller disorder is left: readers sort by stamps.
-
-    Args:
-        where: bag and topic, for messages.
-        stamps: (n,) stamps in headers [ns]; 0 without one.
-        received: (n,) times of recording [ns].
-
-    Raises:
-        UserError: the clock of the stamps jumps by more than `JUMP` between two messages, in either direction.
-    """
-    if not stamps.any():
-        notes = (f"{where}: no stamps in its headers; times of recording are used",) if len(stamps) else ()
-        return received, notes
-    jumps = 1e-9 * (np.diff(stamps) - np.diff(received))
-    if len(jumps) and np.abs(jumps).max() > JUMP:
-        at = int(np.argmax(np.abs(jumps))) + 1
-        what = f"the clock of the stamps jumps by {jumps[at - 1]:+.6g} s at stamp {1e-9 * stamps[at]:.9f} s"
-        raise UserError(f"{where}: {what}; cut the bag there, or use times of recording: --set frames.clock=recording")
-    return stamps, ()
 
 
 @contextmanager

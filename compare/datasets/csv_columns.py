@@ -7,22 +7,23 @@ its heading, and a stamp may be a time of ISO 8601, or seconds and nanoseconds i
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
+from math import isnan, pi
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.compare.datasets.csv_mapping import UNITS, FileTable
-from slamgauge.compare.storage.covariance_columns import from_triangles
-from slamgauge.compare.storage.spatial_poses import planar_poses
+from slamgauge.compare.datasets.imported_log import require_rows
+from slamgauge.compare.datasets.log_settings import FileTable
+from slamgauge.compare.storage.csv_folder import from_triangles
 from slamgauge.compare.storage.text_lines import Line, csv_lines, number_of, read_whole, require_width
+from slamgauge.compare.storage.trajectories import planar_poses
 from slamgauge.errors import UserError
 from slamgauge.suggestions import did_you_mean
 
-SYNONYMS = {
+WORDS: dict[str, tuple[str, ...]] = {  # our columns, and other words for them
     "stamp": ("time", "timestamp", "t"),
     "sec": ("secs",),
     "nsec": ("nsecs", "nanosec"),
@@ -31,62 +32,57 @@ SYNONYMS = {
     "theta": ("heading", "yaw"),
     "landmark": ("id", "landmark_id"),
     "range": ("distance",),
+    **dict.fromkeys(("step", "dx", "dy", "dtheta", "vy", "x", "y", "bearing", "qx", "qy", "qz", "qw"), ()),
 }
-STAMP = ("stamp", "sec", "nsec")
 QUATERNION = ("qx", "qy", "qz", "qw")
-DIMENSIONS = {
-    "time": (("stamp",), ("s", "ms", "us", "ns")),
-    "length": (("dx", "dy", "v", "vy", "x", "y", "range"), ("m", "cm", "mm")),
-    "angle": (("dtheta", "omega", "theta", "bearing"), ("rad", "deg")),
-}
-QUANTITIES = {name: key for key, (names, _) in DIMENSIONS.items() for name in names}
-WORDS = {word: name for name in (*QUANTITIES, *SYNONYMS) for word in (name, *SYNONYMS.get(name, ()))}
 RATES = ("v", "vy", "omega")  # their units are per second
-SPELLINGS = {"°": "deg", "degrees": "deg", "radians": "rad", "sec": "s", "seconds": "s", "µs": "us", "metres": "m"}
-NAME_AND_UNIT = re.compile(r"(.*?)\s*[\[(]([^\])]*)[\])]")
-
-
-class Column(NamedTuple):
-    """A column: its text in the header, its name without the unit, and its unit, "" without one."""
-
-    text: str
-    name: str
-    unit: str
+QUANTITIES = {
+    **dict.fromkeys(("dx", "dy", "v", "vy", "x", "y", "range"), "length"),
+    **dict.fromkeys(("dtheta", "omega", "theta", "bearing"), "angle"),
+    "stamp": "time",
+}
+UNITS = {
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "µs": 1e-6, "sec": 1.0, "seconds": 1.0},
+    "length": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "metres": 1.0},
+    "angle": {"rad": 1.0, "deg": pi / 180, "°": pi / 180, "degrees": pi / 180, "radians": 1.0},
+}
+NAME_AND_UNIT = re.compile(r"(.*?)\s*[\[(]\s*([^\])]*?)\s*[\])]")
 
 
 class CsvTable:
-    """A CSV file with its rows; `unused` has the columns that nothing has read."""
+    """A CSV file with its rows; `has_times` is whether stamps that were read are times of ISO 8601."""
 
-    def __init__(self, path: Path, section: FileTable, names: dict[str, str], known: Sequence[str]) -> None:
+    def __init__(self, path: str, section: FileTable, names: Mapping[str, str]) -> None:
         """Read a file.
 
         Args:
             path: The file.
             section: Units where the header has none.
             names: The file's own names of our columns.
-            known: Our columns, to which `names` may refer.
 
         Raises:
             UserError: the file cannot be read or has no header, or a name is unknown.
         """
-        lines = csv_lines(path, read_whole(path))
+        lines = csv_lines(Path(path), read_whole(Path(path)))
         if not lines:
             raise UserError(f"{path}: no line in it; write a header and rows")
         self.header, self.rows = lines[0], lines[1:]
-        if all(is_number_or_time(word) for word in self.header.words):
+        if all(_is_time(word) or not isnan(number_of(word)) for word in self.header.words):
             raise self.header.refused("no header", "write a line with the names of the columns")
         require_width(lines)
         for name in names:
-            if name not in known:
-                raise UserError(f"{path}: columns.{name}: unknown column; {did_you_mean(name, known)}")
+            if name not in WORDS:
+                raise UserError(f"{path}: columns.{name}: unknown column; {did_you_mean(name, WORDS)}")
         self.section, self.names = section, names
-        self.columns = [_column(text) for text in self.header.words]
+        self.columns = [_name_and_unit(text) for text in self.header.words]
         self.used: dict[int, str] = {}
+        self.has_times = False
 
-    @property
     def unused(self) -> list[str]:
-        """Names of the columns that were not used."""
-        return [each.text for at, each in enumerate(self.columns) if at not in self.used and each.text]
+        """Return a note about the columns that nothing has read, if there are any."""
+        texts = [text for at, text in enumerate(self.header.words) if at not in self.used and text]
+        name = Path(self.header.path).name
+        return [f"{name}: columns that are not used: {', '.join(texts)}"] if texts else []
 
     def has(self, *names: str) -> bool:
         """Return whether the file has all of these columns; headings may be quaternions."""
@@ -108,10 +104,8 @@ class CsvTable:
         """Return the standard deviations (n,) of a column in each row, from `range_std` or `range_sigma`."""
         for own in (f"{name}_std", f"{name}_sigma"):
             if self.has(own):
-                at = self._used(own)
-                found = np.array([line.number_at(at) for line in self.rows])
-                if (found < 0.0).any():
-                    raise self.rows[int(np.argmax(found < 0.0))].refused(f"{own} is negative", "correct it")
+                found = self.numbers(own)
+                require_rows(self.rows, found < 0.0, f"{own} is negative", "correct it")
                 return self._factor(name, self._place(name)) * found
         return None
 
@@ -119,40 +113,41 @@ class CsvTable:
         """Return covariances (n, d, d) of each row; `names` are the columns of their upper triangles, or nothing."""
         if not self.has(*names):
             return None
-        dim = int((2 * len(names)) ** 0.5)
-        return from_triangles(np.column_stack([self.numbers(name) for name in names]), dim)
+        return from_triangles(np.column_stack([self.numbers(name) for name in names]), int((2 * len(names)) ** 0.5))
 
     def poses(self) -> Float:
         """Return poses (n, 3) x, y, theta; headings are NaN if the file has none."""
-        position = [self.numbers("x"), self.numbers("y")]
-        if self._place("theta") is not None:
-            return np.column_stack([*position, self.numbers("theta")])
-        if not self.has(*QUATERNION):
-            return np.column_stack([*position, np.full(len(self.rows), np.nan)])
-        turns = [self.numbers(name) for name in QUATERNION]
-        return planar_poses(np.column_stack([*position, np.zeros(len(self.rows)), *turns]))
+        position, nothing = [self.numbers("x"), self.numbers("y")], np.zeros(len(self.rows))
+        if self._place("theta") is None and self.has(*QUATERNION):
+            return planar_poses(np.column_stack([*position, nothing, *map(self.numbers, QUATERNION)]))
+        return np.column_stack([*position, self.numbers("theta", np.nan)])
 
-    def stamps(self) -> tuple[Float, bool]:
-        """Return the stamps (n,) [s], and whether they are times of ISO 8601, in seconds since 1970."""
+    def stamps(self) -> Float:
+        """Return the stamps (n,) [s]; times of ISO 8601 are seconds since 1970."""
         if not self.has("stamp") and self.has("sec", "nsec"):
-            return self.numbers("sec") + 1e-9 * self.numbers("nsec"), False
+            return self.numbers("sec") + 1e-9 * self.numbers("nsec")
         at = self._used("stamp")
-        if not any(_is_time(line.words[at]) for line in self.rows[:1]):
-            return self.numbers("stamp"), False
-        return np.array([_seconds(line, at) for line in self.rows]), True
+        self.has_times = any(_is_time(line.words[at]) for line in self.rows[:1])
+        return np.array([_seconds(line, at) for line in self.rows]) if self.has_times else self.numbers("stamp")
 
     def ids(self) -> list[int | str]:
-        """Return the ids of landmarks: whole numbers or texts, -1 in all rows without the column."""
+        """Return the ids of landmarks: whole numbers from -1, or texts; -1 in all rows without the column."""
         if not self.has("landmark"):
             return [-1] * len(self.rows)
         at = self._used("landmark")
-        return [_id(line, at) for line in self.rows]
+        words = [line.words[at] for line in self.rows]
+        are_texts = [word != "" and isnan(number_of(word)) and word.lower() != "nan" for word in words]
+        return [
+            word if is_text else line.id_at(at, least=-1)
+            for word, is_text, line in zip(words, are_texts, self.rows, strict=True)
+        ]
 
     def _place(self, name: str) -> int | None:
         """Return the place of a column of ours: with the file's own name for it, else ours or another word for it."""
-        words = [self.names[name].lower()] if name in self.names else [name, *SYNONYMS.get(name, ())]
+        words = [self.names[name].lower()] if name in self.names else [name, *WORDS.get(name, ())]
         for word in words:
-            found = [at for at, each in enumerate(self.columns) if word in (each.text.lower(), each.name.lower())]
+            names = zip(self.header.words, self.columns, strict=True)
+            found = [at for at, (text, (plain, _)) in enumerate(names) if word in (text.lower(), plain.lower())]
             if len(found) > 1:
                 raise self.header.refused(f"two columns are called {word!r}", "rename the one that is not used")
             if found:
@@ -177,50 +172,32 @@ class CsvTable:
         dimension = QUANTITIES.get(name)
         if dimension is None or at is None:
             return 1.0
-        given, stated = self.columns[at].unit, getattr(self.section, dimension)
+        stated, known = getattr(self.section, dimension), UNITS[dimension]
+        given = self.columns[at][1]
         if not given:
-            return UNITS[stated]
-        known, end = DIMENSIONS[dimension][1], "/s" if name in RATES else ""
-        unit = _spelt(given)
-        if not unit.endswith(end) or unit.removesuffix(end) not in known:
-            units = ", ".join(f"{each}{end}" for each in known)
+            return known[stated]
+        unit, slash, time = given.partition("/")
+        if unit not in known or bool(slash) != (name in RATES) or (slash and UNITS["time"].get(time) != 1.0):
+            units = ", ".join(f"{each}/s" if name in RATES else each for each in known)
             raise self.header.refused(f"{given[:20]!r} is not a unit of {name}", f"convert it to one of {units}")
-        unit = unit.removesuffix(end)
-        if stated not in (known[0], unit):
+        if known[stated] not in (1.0, known[unit]):
             what = f"{name} is in {unit} by the header, and in {stated} by the setting {dimension}"
             raise self.header.refused(what, "correct one of them")
-        return UNITS[unit]
+        return known[unit]
 
 
-def _column(text: str) -> Column:
+def _name_and_unit(text: str) -> tuple[str, str]:
+    """Return the name of a column without its unit, and the unit, "" without one."""
     found = NAME_AND_UNIT.fullmatch(text)
     if found:
-        return Column(text, *found.groups())
+        return found[1], found[2]
     name, _, unit = text.rpartition("_")  # range_mm
-    has_unit = WORDS.get(name.lower()) in QUANTITIES and _spelt(unit) in UNITS
-    return Column(text, name, unit) if has_unit else Column(text, text, "")
-
-
-def _spelt(unit: str) -> str:
-    """Return a unit in our spelling."""
-    word, slash, second = unit.strip().partition("/")
-    return SPELLINGS.get(word, word) + slash + SPELLINGS.get(second, second)
-
-
-def _id(line: Line, at: int) -> int | str:
-    """Return an id: a whole number from -1, or a text that is not a number."""
-    word = line.words[at]
-    is_text = word != "" and np.isnan(number_of(word)) and word.lower() != "nan"
-    return word if is_text else line.id_at(at, least=-1)
+    is_ours = any(name.lower() in (ours, *WORDS[ours]) for ours in QUANTITIES)
+    return (name, unit) if is_ours and any(unit in units for units in UNITS.values()) else (text, "")
 
 
 def _is_time(word: str) -> bool:
     return len(word) >= len("2024-05-01T12:00") and word[:4].isdecimal() and word[4] == "-"
-
-
-def is_number_or_time(word: str) -> bool:
-    """Return whether a word of a line cannot be the name of a column."""
-    return _is_time(word) or not np.isnan(number_of(word))
 
 
 def _seconds(line: Line, at: int) -> float:

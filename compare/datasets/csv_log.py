@@ -1,33 +1,65 @@
 """A robot's log in CSV files: odometry, observations and, if there is one, ground truth, each with its own stamps.
 
-`csv_mapping` has the settings for reading the files. Noise is stated there or in each row, by standard deviations
-(range_std) or by covariances, as in a folder that slamgauge exported (`csv_folder`). Observations have stamps, or steps
-of the odometry. The robot drives arcs: it keeps its speed and yaw rate between two rows. `synchronisation` splits steps
-at observations.
+Noise is stated in the settings (`log_settings`) or in each row, by standard deviations (range_std) or by covariances,
+as in a folder that slamgauge exported (`csv_folder`). Observations have stamps, or steps of the odometry. The robot
+drives arcs: it keeps its speed and yaw rate between two rows.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.compare.datasets.csv_columns import QUATERNION, STAMP, CsvTable
-from slamgauge.compare.datasets.csv_mapping import LogMapping, load_mapping
-from slamgauge.compare.datasets.csv_rows import Driven, note_unused, read_observations, read_odometry
-from slamgauge.compare.datasets.imported_log import Imported, identified, numbered, of_file, start_pose
-from slamgauge.compare.datasets.row_checks import require_order, require_turns
-from slamgauge.compare.datasets.synchronisation import joined
-from slamgauge.compare.storage.csv_folder import POSE_COV
-from slamgauge.compare.storage.interpolation import interpolated
+from slamgauge.compare.datasets.csv_columns import CsvTable
+from slamgauge.compare.datasets.imported_log import (
+    Imported,
+    Log,
+    Observed,
+    TrueMap,
+    TruePath,
+    checked,
+    require_order,
+    with_sigmas,
+)
+from slamgauge.compare.datasets.log_settings import CsvMapping, Motion, load_settings
+from slamgauge.compare.datasets.synchronisation import Odometry, constant_twist
+from slamgauge.compare.storage.csv_folder import OBSERVED, POSE_COV
+from slamgauge.compare.storage.result_files import MAPPING
+from slamgauge.compare.storage.safe_names import shown
+from slamgauge.compare.storage.text_lines import Line
 from slamgauge.errors import UserError
-from slamgauge.recording import Recording
-from slamgauge.truth import Truth
+from slamgauge.se2 import between
+from slamgauge.sensors import SENSORS, Sensor
 
-POSE = ("x", "y", "theta", *QUATERNION)
+MOTIONS: dict[Motion, tuple[str, ...]] = {
+    "increments": ("dx", "dy", "dtheta"),
+    "velocities": ("v", "vy", "omega"),
+    "poses": ("x", "y", "theta"),
+}
+SENSED: dict[Sensor, tuple[str, ...]] = {model.name: model.columns for model in SENSORS.values()}
+OPTIONAL = ("dy", "vy")  # 0 if they are missing
+FILES = (  # sections and keys of files, and names that are read if they exist
+    ("odometry", "file", "odometry.csv"),
+    ("observations", "file", "observations.csv"),
+    ("start", "file", "start.csv"),
+    ("truth", "file", "truth.csv"),
+    ("truth", "landmarks", "landmarks.csv"),
+)
+Kind = TypeVar("Kind", Motion, Sensor)
+
+
+class Driven(NamedTuple):
+    """Odometry, the lines (N,) of its increments, its kind, and its file."""
+
+    odometry: Odometry
+    lines: Sequence[Line]
+    kind: Motion
+    table: CsvTable
 
 
 def read_csv_log(path: Path, overrides: Sequence[str] = ()) -> Imported:
@@ -41,96 +73,195 @@ def read_csv_log(path: Path, overrides: Sequence[str] = ()) -> Imported:
         UserError: With the file, the line and the remedy.
     """
     notes: list[str] = []
-    mapping, prior_cov = _with_start(load_mapping(path, overrides))
-    driven, seen = read_odometry(mapping, notes), read_observations(mapping, notes)
-    names, places = _true_map(mapping, notes)
-    numbers, texts = numbered([*seen.ids, *names], mapping.ids, mapping.observations.file)
-    if texts:
-        notes.append(f"ids are texts, numbered from {min(texts.values())}: {', '.join(texts)}"[:200])
-    landmark, kept, more = identified(numbers[: len(seen.ids)])
-    odometry, times = driven.odometry, seen.times[kept]
-    steps, inside = times.astype(np.int64), np.ones(len(times), dtype=bool)
-    if not seen.has_steps:
-        require_turns(driven.lines, odometry.increments)
-        with of_file(mapping.observations.file):
-            times = _on_clock(mapping.observations.file, times, seen.has_times, driven, notes)
-            odometry, steps, inside, outside = joined(odometry, times)
-        more = (*more, *outside)
-    landmark = None if landmark is None else landmark[inside]
-    poses = _true_path(mapping, driven, odometry.stamps, notes)
-    truth = None
-    if poses is not None or places is not None:
-        with of_file(mapping.truth.landmarks or mapping.truth.file or ""):
-            true_ids = None if places is None else numbers[len(seen.ids) :]
-            truth = Truth(poses=poses, landmark_ids=true_ids, landmarks=places, association=landmark)
-    with of_file(path):
-        start, of_start = start_pose(mapping.start.pose, poses, odometry.increments)
-        recording = Recording(
-            stamps=odometry.stamps,
-            prior_mean=start,
-            prior_cov=prior_cov,
-            odometry=odometry.increments,
-            odometry_cov=odometry.covs,
-            sensor=seen.sensor,
-            observation_step=steps,
-            observation=seen.values[kept][inside],
-            observation_cov=seen.covs[kept][inside],
-            landmark=landmark,
-        )
+    mapping, prior_cov = _with_start(_load(path, overrides))
+    driven = _read_odometry(mapping, notes)
+    seen, table = _read_observations(mapping, notes)
+    has_steps = table.has("step") and not table.has("stamp")
+    log = Log(
+        where=path,
+        odometry=driven.odometry,
+        lines=driven.lines,
+        seen=seen if has_steps else seen._replace(times=_on_clock(table, seen.times, driven, notes)),
+        has_steps=has_steps,
+        start=mapping.start.pose,
+        prior_cov=prior_cov,
+        path=_true_path(mapping, driven, notes),
+        map=_true_map(mapping, notes),
+        notes=notes,
+    )
     in_force = replace(
         mapping,
         odometry=replace(mapping.odometry, kind=driven.kind),
         observations=replace(mapping.observations, kind=seen.sensor),
-        ids=texts,
     )
-    return Imported(recording, truth, (*notes, *more, *of_start), in_force.sections(), int(np.sum(~inside)))
+    found = log.imported(in_force)
+    for section, key, _ in FILES:
+        tables = found.mapping or {}
+        if tables[section][key] is not None:
+            tables[section][key] = shown(str(Path(tables[section][key]).absolute()))
+    return found
 
 
-def _with_start(mapping: LogMapping) -> tuple[LogMapping, Float]:
+def _load(path: Path, overrides: Sequence[str]) -> CsvMapping:
+    """Load the settings of a folder or of a TOML file, with the paths of all files that exist or are stated."""
+    if path.is_file() and path.suffix != ".toml":
+        raise UserError(f"{path}: is neither a folder nor a .toml file; give the folder of the log's files")
+    where = path / MAPPING if path.is_dir() else path
+    mapping = load_settings(CsvMapping, where if where.exists() or not path.is_dir() else None, overrides)
+    for section, key, usual in FILES:
+        table = getattr(mapping, section)
+        name = getattr(table, key) or (usual if (where.parent / usual).exists() else None)
+        if name is not None:
+            mapping = replace(mapping, **{section: replace(table, **{key: str(where.parent / name)})})
+    return mapping
+
+
+def _with_start(mapping: CsvMapping) -> tuple[CsvMapping, Float]:
     """Return the mapping with the time and pose of the start file where it states none, and the covariance (3, 3)."""
     start, cov = mapping.start, np.diag(mapping.start.sigmas) ** 2
     if start.file is None:
         return mapping, cov
-    table = CsvTable(Path(start.file), mapping.odometry, {}, ())
+    table = CsvTable(start.file, mapping.odometry, {})
     if len(table.rows) != 1:
         raise UserError(f"{start.file}: has {len(table.rows)} rows; write one, the prior of the start pose")
     covs, (x, y, heading) = table.covariances(POSE_COV), table.poses()[0].tolist()
-    stamp = float(table.stamps()[0][0]) if start.stamp is None else start.stamp
+    stamp = float(table.stamps()[0]) if start.stamp is None else start.stamp
     stated = replace(start, pose=start.pose or (x, y, heading), stamp=stamp)
     return replace(mapping, start=stated), cov if covs is None or cov.any() else covs[0]
 
 
-def _on_clock(file: str, times: Float, has_times: bool, driven: Driven, notes: list[str]) -> Float:
+def _read_odometry(mapping: CsvMapping, notes: list[str]) -> Driven:
+    """Read the odometry, and add notes.
+
+    Rows of increments describe the time before their stamp, and begin at `start.stamp` if that is stated.
+    """
+    section, start = mapping.odometry, mapping.start.stamp
+    table = CsvTable(section.file, section, section.columns)
+    kind = _kind(table, MOTIONS, section.kind, "odometry")
+    stamps = table.stamps()
+    require_order(table.rows, stamps, strict=True)
+    values = table.poses() if kind == "poses" else _columns(table, MOTIONS[kind])
+    of_rows = [None if kind == "poses" else table.sigmas(name) for name in MOTIONS[kind]]
+    covs = table.covariances(POSE_COV) if kind == "increments" else None
+    if table.has("step") and (table.steps() != np.arange(1, len(stamps) + 1)).any():
+        raise table.header.refused("the steps are not 1, 2, 3, ...", "sort the rows, and number them from 1")
+    notes += table.unused()
+    looks_back = kind == "increments" or (kind == "velocities" and section.holds == "since-last")
+    if start is not None and not looks_back:
+        raise UserError(f"{section.file}: start.stamp: the log starts at the first row of {kind}; remove it")
+    if start is not None and len(stamps) and not start < stamps[0]:
+        raise table.rows[0].refused(f"is not after the start at {start:.9g} s", "correct start.stamp")
+    stamps = stamps if start is None else np.concatenate([[start], stamps])
+    if len(stamps) < 2:
+        raise UserError(f"{section.file}: fewer than two stamps; give the whole log")
+    steps, seconds = len(stamps) - 1, np.diff(stamps)
+    rows = slice(steps) if kind == "velocities" and not looks_back else slice(len(values) - steps, None)
+    if kind == "poses":
+        increments = between(values[:-1], values[1:])
+    else:
+        increments = values[rows] if kind == "increments" else constant_twist(values[rows], seconds)
+    if covs is None:
+        growth, of_row = mapping.noise.growth(seconds), seconds if kind == "velocities" else 1.0
+        covs = with_sigmas(
+            np.zeros((steps, 3, 3)),
+            [
+                _stated(mapping, name, section.file) * growth if sigmas is None else sigmas[rows] * of_row
+                for name, sigmas in zip(("forward", "lateral", "turn"), of_rows, strict=True)
+            ],
+        )
+    else:
+        covs = covs[rows]
+    return Driven(Odometry(stamps, increments, covs), table.rows[rows], kind, table)
+
+
+def _read_observations(mapping: CsvMapping, notes: list[str]) -> tuple[Observed, CsvTable]:
+    """Read the observations, without those of range 0 on request, and add notes."""
+    section = mapping.observations
+    table = CsvTable(section.file, section, section.columns)
+    sensor = _kind(table, SENSED, section.kind, "observations")
+    model = SENSORS[sensor]
+    has_steps = table.has("step") and not table.has("stamp")
+    times = table.steps() if has_steps else table.stamps()
+    require_order(table.rows, times, strict=False)
+    values, ids = checked(sensor, table.rows, _columns(table, model.columns)), table.ids()
+    if has_steps and 0 < ids.count(-1) < len(ids):
+        raise table.rows[ids.index(-1)].refused("only some ids are -1", "write -1 in all rows, or ids from 0")
+    covs = table.covariances(OBSERVED[sensor][model.dim :])
+    if covs is None:
+        of_rows = zip(map(table.sigmas, model.columns), model.sigmas, strict=True)
+        sigmas = [_stated(mapping, name, section.file) if each is None else each for each, name in of_rows]
+        covs = with_sigmas(np.zeros((len(times), model.dim, model.dim)), sigmas)
+    notes += table.unused()
+    seen = Observed(sensor, times, ids, values, covs)
+    zero = np.flatnonzero(values[:, 0] == 0.0) if model.has_range else []
+    if not len(zero):
+        return seen, table
+    what = f"{len(zero)} observations have range 0 m (no detection?), the first in line {table.rows[zero[0]].number}"
+    if not section.drop_zero_ranges:
+        notes.append(f"warning: {what}; leave them out with --set observations.drop_zero_ranges=true")
+        return seen, table
+    notes.append(f"{what}; they are left out")
+    kept = np.flatnonzero(values[:, 0])
+    return Observed(sensor, times[kept], [ids[at] for at in kept.tolist()], values[kept], covs[kept]), table
+
+
+def _on_clock(table: CsvTable, times: Float, driven: Driven, notes: list[str]) -> Float:
     """Return stamps (n,) on the odometry's clock: seconds count from its first row if that has a time of day."""
     first = driven.odometry.stamps[0]
-    if not driven.has_times or has_times or not len(times) or times.max() >= first:
+    if not driven.table.has_times or table.has_times or not len(times) or times.max() >= first:
         return times
-    notes.append(f"{Path(file).name}: stamps are seconds, those of the odometry times: they count from its first row")
+    name = Path(table.header.path).name
+    notes.append(f"{name}: stamps are seconds, those of the odometry times: they count from its first row")
     return times + first
 
 
-def _true_path(mapping: LogMapping, driven: Driven, stamps: Float, notes: list[str]) -> Float | None:
-    """Return the true poses (N+1, 3) at stamps; headings are NaN if the file has none."""
+def _true_path(mapping: CsvMapping, driven: Driven, notes: list[str]) -> TruePath | None:
     section = mapping.truth
     if section.file is None:
         return None
-    table = CsvTable(Path(section.file), section, section.columns, (*STAMP, *POSE))
-    times, has_times = table.stamps()
+    table = CsvTable(section.file, section, section.columns)
+    times, poses = table.stamps(), table.poses()
     require_order(table.rows, times, strict=True)
-    poses = table.poses()
-    note_unused(table, notes)
+    notes += table.unused()
     if not len(poses):
         raise UserError(f"{section.file}: has no rows; write some, or remove the file")
-    return interpolated(_on_clock(section.file, times, has_times, driven, notes), poses, stamps, section.max_gap)
+    return TruePath(_on_clock(table, times, driven, notes), poses, section.max_gap)
 
 
-def _true_map(mapping: LogMapping, notes: list[str]) -> tuple[list[int | str], Float | None]:
-    """Return the ids of the true landmarks, and their places (L, 2); None without a file."""
+def _true_map(mapping: CsvMapping, notes: list[str]) -> TrueMap | None:
     section = mapping.truth
     if section.landmarks is None:
-        return [], None
-    table = CsvTable(Path(section.landmarks), section, section.landmark_columns, ("landmark", "x", "y"))
-    places = np.column_stack([table.numbers("x"), table.numbers("y")])
-    ids = table.ids()
-    note_unused(table, notes)
-    return ids, places
+        return None
+    table = CsvTable(section.landmarks, section, section.landmark_columns)
+    found = TrueMap(Path(section.landmarks), table.ids(), _columns(table, ("x", "y")))
+    notes += table.unused()
+    return found
+
+
+def _kind(table: CsvTable, kinds: Mapping[Kind, Sequence[str]], stated: Kind | None, section: str) -> Kind:
+    """Return the kind of a file: the stated one, or the one whose columns it has."""
+    needed = {kind: {name for name in names if name not in OPTIONAL} for kind, names in kinds.items()}
+    found = [kind for kind, names in needed.items() if stated in (None, kind) and table.has(*names)]
+    found = [kind for kind in found if not any(needed[kind] < needed[other] for other in found)]
+    if len(found) == 1:
+        return found[0]
+    if found:
+        raise table.header.refused(f"could be {' or '.join(found)}", f"give the kind with {section}.kind")
+    if section == "observations" and table.has("range"):
+        raise table.header.refused("ranges without bearings", "range-only landmarks are not supported; add bearings")
+    forms = " or ".join(",".join(kinds[kind]) for kind in kinds if stated in (None, kind))
+    raise table.header.refused(f"does not have the columns {forms}", f"name its own in {section}.columns")
+
+
+def _columns(table: CsvTable, names: Sequence[str]) -> Float:
+    """Return the values (n, k) of columns."""
+    return np.column_stack([table.numbers(name, 0.0 if name in OPTIONAL else None) for name in names])
+
+
+def _stated(mapping: CsvMapping, name: str, file: str) -> float:
+    """Return a standard deviation of [noise]; raise `UserError` if it is missing there and in the rows of a file."""
+    value = getattr(mapping.noise, name)
+    if value is None:
+        remedy = f"give --set noise.{name}=SIGMA, or add it to {MAPPING}"
+        raise UserError(f"{file}: its rows have no noise, and noise.{name} is missing; {remedy}")
+    return value

@@ -14,12 +14,12 @@ from pathlib import Path
 import numpy as np
 
 from slamgauge.arrays import Float, Int, Marks
-from slamgauge.compare.storage.covariance_columns import upper_triangles
+from slamgauge.compare.storage.csv_folder import upper_triangles
 from slamgauge.compare.storage.files import explained
 from slamgauge.covariances import inverted, scale_of
 from slamgauge.errors import UserError
 from slamgauge.recording import Recording
-from slamgauge.se2 import chain, rotation
+from slamgauge.se2 import chain, pose_rotation
 
 EDGES = {"position": "EDGE_SE2_XY", "bearing": "EDGE_BEARING_SE2_XY"}  # tags; range and bearing are BR
 
@@ -43,59 +43,50 @@ def write_g2o(path: Path, recording: Recording, *, lend: float | None = None) ->
     first_pose = last + 1 if ids.min(initial=last + 1) <= recording.steps else 0
     poses = np.arange(first_pose, first_pose + recording.steps + 1)
     path_guess = chain(recording.prior_mean, recording.odometry)
+    information = upper_triangles(inverted(_regular(recording.odometry_cov, "odometry_cov", lend)))
+    seen = np.column_stack([poses[recording.observation_step], recording.landmark])
     lines = [
         *_written("VERTEX_SE2", poses[:, None], path_guess),
         *_written("VERTEX_XY", ids[:, None], recording.positions_seen(first, path_guess)),
-        *_motions(recording, poses, lend),
-        *_observations(recording, poses, recording.landmark),
-        *_start(recording, int(poses[0]), lend),
+        *_written(
+            "EDGE_SE2",
+            np.column_stack([poses[:-1], poses[1:]]),
+            np.column_stack([recording.odometry, information]),
+        ),
+        *_written(EDGES.get(recording.sensor, "BR"), seen, _observations(recording)),
     ]
+    if recording.prior_cov.any():
+        prior, turn = _regular(recording.prior_cov[None], "prior_cov", lend), pose_rotation(recording.prior_mean[2])
+        triangle = upper_triangles(inverted(turn.T @ prior @ turn))
+        lines += _written("EDGE_PRIOR_SE2", poses[:1, None], np.column_stack([recording.prior_mean[None], triangle]))
+    else:
+        lines.append(f"FIX {first_pose}")
     with explained(path, "written"):
         path.write_text("".join(f"{line}\n" for line in lines), encoding="ascii")
 
 
-def _start(recording: Recording, first_pose: int, lend: float | None) -> Iterator[str]:
-    """Return the line of the first pose, fixed or with its prior."""
-    if not recording.prior_cov.any():
-        return iter([f"FIX {first_pose}"])
-    prior = _regular(recording.prior_cov[None], "prior_cov", lend)
-    turn = np.eye(3)
-    turn[:2, :2] = rotation(recording.prior_mean[2])
-    information = upper_triangles(inverted(turn.T @ prior @ turn))
-    numbers = np.column_stack([recording.prior_mean[None], information])
-    return _written("EDGE_PRIOR_SE2", np.array([[first_pose]]), numbers)
-
-
-def _motions(recording: Recording, poses: Int, lend: float | None) -> Iterator[str]:
-    information = inverted(_regular(recording.odometry_cov, "odometry_cov", lend))
-    numbers = np.column_stack([recording.odometry, upper_triangles(information)])
-    return _written("EDGE_SE2", np.column_stack([poses[:-1], poses[1:]]), numbers)
-
-
-def _observations(recording: Recording, poses: Int, landmark: Int) -> Iterator[str]:
-    ids = np.column_stack([poses[recording.observation_step], landmark])
+def _observations(recording: Recording) -> Float:
+    """Return the numbers (M, k) that end the lines of observations."""
     values, covs = recording.observation, recording.observation_cov
     if recording.sensor in EDGES:
-        return _written(EDGES[recording.sensor], ids, np.column_stack([values, upper_triangles(inverted(covs))]))
+        return np.column_stack([values, upper_triangles(inverted(covs))])
     if covs[:, 0, 1].any():
         row = int(np.argmax(covs[:, 0, 1] != 0.0))
         what = f"observation_cov[{row}]: range and bearing are correlated, and graphs have no edge for that"
         raise UserError(f"{what}; export the recording as csv or mat")
-    sigmas = np.sqrt(np.diagonal(covs, axis1=1, axis2=2))
-    return _written("BR", ids, np.column_stack([values[:, ::-1], sigmas[:, ::-1]]))
+    return np.column_stack([values[:, ::-1], np.sqrt(np.diagonal(covs, axis1=1, axis2=2))[:, ::-1]])
 
 
 def _regular(covs: Float, name: str, lend: float | None) -> Float:
     """Return covariances (n, 3, 3) that have inverses, with regularising noise `lend` where that is needed."""
     singular = _are_singular(covs)
-    if not singular.any():
-        return covs
-    if lend is None:
+    if singular.any() and lend is not None:
+        covs = covs + lend**2 * singular[:, None, None] * np.eye(3)
+        singular = _are_singular(covs)
+    if singular.any():
         what = f"{name}[{int(np.argmax(singular))}]: is singular, but a graph needs its inverse"
-        raise UserError(f"{what}; add regularising noise, for example --lend 1e-4, or export as csv or mat")
-    covs = covs + lend**2 * singular[:, None, None] * np.eye(3)
-    if (still := _are_singular(covs)).any():
-        raise UserError(f"{name}[{int(np.argmax(still))}]: is singular even with --lend {lend:g}; give a larger one")
+        remedy = "add regularising noise, for example --lend 1e-4, or a larger one, or export as csv or mat"
+        raise UserError(f"{what}; {remedy}")
     return covs
 
 

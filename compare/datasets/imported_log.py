@@ -1,23 +1,29 @@
-"""The result of a reader of robots' logs, and functions that several readers use."""
+"""A robot's log with stamps of its own, and the recording and truth that it becomes; checks that readers share."""
 
 from __future__ import annotations
 
 from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from slamgauge.arrays import Float, Int, Marks
+from slamgauge.compare.datasets.log_settings import BagMapping, CsvMapping
+from slamgauge.compare.datasets.synchronisation import Odometry, joined, shown_stamp
 from slamgauge.compare.storage.text_lines import Line
-from slamgauge.covariances import scale_of
+from slamgauge.compare.storage.trajectories import interpolated
 from slamgauge.errors import UserError
 from slamgauge.recording import Recording
-from slamgauge.se2 import chain
+from slamgauge.se2 import chain, wrap
+from slamgauge.sensors import SENSORS, Sensor
 from slamgauge.truth import Truth
 
 BEGINNING = 5.0  # m of a path, whose direction suggests the heading of the start
+UNWRAPPED = 0.5  # rad: largest turn in a row whose difference of headings jumps by a whole turn
+Id = int | str | None
 
 
 class Imported(NamedTuple):
@@ -27,7 +33,7 @@ class Imported(NamedTuple):
         recording: measurements.
         truth: true path and map; None if the log has no truth.
         notes: sentences about dropped content.
-        mapping: settings with which CSV files were read (`csv_mapping`); None for other files.
+        mapping: settings with which CSV files or a bag were read (`log_settings`); None for other files.
         unmatched: number of observations that were dropped because they are outside the odometry's time.
     """
 
@@ -38,54 +44,129 @@ class Imported(NamedTuple):
     unmatched: int = 0
 
 
-@contextmanager
-def of_file(path: Path | str) -> Generator[None]:
-    """Return a context that adds the path of a file to the text of each UserError."""
-    try:
-        yield
-    except UserError as error:
-        raise UserError(f"{path}: {error}") from None
+class Observed(NamedTuple):
+    """Observations of one sensor: times (M,) [s], M ids (-1 or None without one), values (M, d), covs (M, d, d)."""
+
+    sensor: Sensor
+    times: Float
+    ids: Sequence[Id]
+    values: Float
+    covs: Float
 
 
-def require_covariances(
-    lines: Sequence[Line], matrices: Float, what: str, remedy: str, *, definite: bool = True
-) -> None:
-    """Raise UserError at the first line whose matrix is not a covariance.
+class TruePath(NamedTuple):
+    """True poses (n, 3) at stamps (n,) [s], headings NaN if unknown; the longest time [s] for interpolation."""
 
-    Args:
-        lines: (n,) lines of the file.
-        matrices: (n, d, d) matrix of each line. Its correlation matrix is tested.
-        what: name of the matrix in the error.
-        remedy: end of the error text.
-        definite: whether the matrix must be positive definite; otherwise semi-definite is sufficient.
+    stamps: Float
+    poses: Float
+    max_gap: float
+
+
+class TrueMap(NamedTuple):
+    """Ids and places (L, 2) [m] of landmarks, and their file."""
+
+    file: Path
+    ids: Sequence[Id]
+    places: Float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Log:
+    """A robot's log.
+
+    Attributes:
+        where: file or folder, for messages.
+        odometry: increments with stamps.
+        seen: observations, sorted by their times.
+        lines: (N,) lines of the increments, for messages, if the odometry is a text.
+        has_steps: whether the times of observations are steps of the odometry.
+        start: x, y [m] and heading [rad] of the start, if they are stated.
+        prior_cov: (3, 3) of the start.
+        path: true poses.
+        map: true landmarks.
+        notes: sentences about dropped content.
     """
-    variances = np.diagonal(matrices, axis1=1, axis2=2)
-    smallest = np.linalg.eigvalsh(matrices / scale_of(matrices))[:, 0]
-    good = (variances > 0.0).all(axis=1) & (smallest > 1e-12) if definite else smallest >= -1e-9
-    if not good.all():
-        named = "positive definite" if definite else "positive semi-definite"
-        raise lines[int(np.argmin(good))].refused(f"{what} is not {named}", remedy)
+
+    where: Path
+    odometry: Odometry
+    seen: Observed
+    lines: Sequence[Line] = ()
+    has_steps: bool = False
+    start: Sequence[float] | None = None
+    prior_cov: Float = field(default_factory=lambda: np.zeros((3, 3)))
+    path: TruePath | None = None
+    map: TrueMap | None = None
+    notes: Sequence[str] = ()
+
+    def imported(self, mapping: CsvMapping | BagMapping | None = None) -> Imported:
+        """Return the recording, with steps split at observations, and the truth at its stamps.
+
+        Observations without an id are dropped if others have one.
+
+        Raises:
+            UserError: the files do not fit each other.
+        """
+        where, seen, true_map, notes = self.where, self.seen, self.map, [*self.notes]
+        ids = [*seen.ids, *(true_map.ids if true_map else ())]
+        numbers, texts = _numbered(ids, mapping.ids if mapping else {}, where)
+        if texts:
+            notes.append(f"ids are texts, numbered from {min(texts.values())}: {', '.join(texts)}"[:200])
+        landmark, true_ids = np.split(numbers, [len(seen.ids)])
+        has_ids = bool((landmark >= 0).any())
+        kept = np.flatnonzero(landmark >= 0) if has_ids else np.arange(len(landmark))
+        if len(kept) < len(landmark):
+            notes.append(f"{len(landmark) - len(kept)} of {len(landmark)} observations have no id and are dropped")
+        odometry, unmatched = self.odometry, 0
+        if self.has_steps:
+            steps = seen.times[kept].astype(np.int64)
+        else:
+            self._require_turns()
+            with of_file(where):
+                odometry, steps, inside, more = joined(odometry, seen.times[kept])
+            kept, unmatched = kept[inside], int(np.sum(~inside))
+            notes += more
+        truth, poses, association = None, None, landmark[kept] if has_ids else None
+        if self.path:
+            poses = interpolated(self.path.stamps, self.path.poses, odometry.stamps, self.path.max_gap)
+        if true_map:
+            with of_file(true_map.file):
+                truth = Truth(poses=poses, landmark_ids=true_ids, landmarks=true_map.places, association=association)
+        elif poses is not None:
+            truth = Truth(poses=poses, association=association)
+        with of_file(where):
+            start, more = _start_pose(self.start, poses, odometry.increments)
+            recording = Recording(
+                stamps=odometry.stamps,
+                prior_mean=start,
+                prior_cov=self.prior_cov,
+                odometry=odometry.increments,
+                odometry_cov=odometry.covs,
+                sensor=seen.sensor,
+                observation_step=steps,
+                observation=seen.values[kept],
+                observation_cov=seen.covs[kept],
+                landmark=association,
+            )
+        in_force = replace(mapping, ids=texts).sections() if mapping else None
+        return Imported(recording, truth, (*notes, *more), in_force, unmatched)
+
+    def _require_turns(self) -> None:
+        """Refuse the first increment that turns by more than half a circle: odometry cannot resolve that."""
+        turns = self.odometry.increments[:, 2]
+        wild = np.abs(turns) > np.pi
+        if not wild.any():
+            return
+        at = int(np.argmax(wild))
+        what = f"the robot turns by {turns[at]:.3g} rad in one row"
+        remedy = "check the units of angles and stamps, or write lines in between"
+        if (np.abs(np.abs(turns[wild]) - 2.0 * np.pi) < UNWRAPPED).all():
+            remedy = "these look like differences of headings from -pi to pi: wrap the differences into (-pi, pi]"
+        if self.lines:
+            raise self.lines[at].refused(what, remedy)
+        raise UserError(f"{self.where}: {what}, before stamp {shown_stamp(self.odometry.stamps[at + 1])} s; {remedy}")
 
 
-def identified(landmark: Int) -> tuple[Int | None, Marks, tuple[str, ...]]:
-    """Drop observations without an id from a log in which other observations have one.
-
-    Args:
-        landmark: (M,) id of each observation, -1 without one.
-
-    Returns:
-        The ids of the kept observations, None if no observation has an id; a mask (M,) of the kept observations; and a
-        note about the dropped observations. Without any id, all observations are kept.
-    """
-    known = landmark >= 0
-    if not known.any():
-        return None, np.ones(len(landmark), dtype=bool), ()
-    lost = int(np.sum(~known))
-    notes = (f"{lost} of {len(landmark)} observations have no id and are dropped",) if lost else ()
-    return landmark[known], known, notes
-
-
-def numbered(ids: Sequence[int | str | None], stated: Mapping[str, int], where: str) -> tuple[Int, dict[str, int]]:
+def _numbered(ids: Sequence[Id], stated: Mapping[str, int], where: Path) -> tuple[Int, dict[str, int]]:
     """Return ids (M,) as numbers, -1 for None, and the numbers of texts.
 
     Texts of digits are numbers. Another text has the number that is stated. If no number is stated, texts are numbered
@@ -93,27 +174,21 @@ def numbered(ids: Sequence[int | str | None], stated: Mapping[str, int], where: 
     """
     ids = [int(each) if isinstance(each, str) and each.isdecimal() else each for each in ids]
     texts = sorted({each for each in ids if isinstance(each, str)})
-    if not texts:
-        return np.array([-1 if each is None else each for each in ids], dtype=np.int64), dict(stated)
     first = 1 + max((each for each in ids if isinstance(each, int)), default=-1)
     table = dict(stated) or {text: number for number, text in enumerate(texts, max(first, 0))}
     missing = [text for text in texts if text not in table]
     if missing:
         raise UserError(f"{where}: the id {missing[0]!r} has no number; add it to [ids], or leave [ids] out")
     numbers = [-1 if each is None else table[each] if isinstance(each, str) else each for each in ids]
+    if min(numbers, default=0) < -1:
+        raise UserError(f"{where}: the id {min(numbers)} is negative; ids start at 0, and -1 stands for a missing id")
     return np.array(numbers, dtype=np.int64), table
 
 
-def start_pose(stated: Sequence[float] | None, truth: Float | None, odometry: Float) -> tuple[Float, tuple[str, ...]]:
+def _start_pose(stated: Sequence[float] | None, truth: Float | None, odometry: Float) -> tuple[Float, tuple[str, ...]]:
     """Return the start pose (3,), as stated, else the true one, else the origin, and notes.
 
-    Args:
-        stated: x, y [m] and heading [rad], if they are stated.
-        truth: (N+1, 3) true poses; headings may be NaN.
-        odometry: (N, 3) increments, which suggest a heading.
-
-    Raises:
-        UserError: the truth does not begin at the start.
+    If the true poses (N+1, 3) have no headings, the increments (N, 3) suggest one.
     """
     if stated is not None:
         return np.array(stated, dtype=np.float64), ()
@@ -133,6 +208,18 @@ def start_pose(stated: Sequence[float] | None, truth: Float | None, odometry: Fl
     return start, (f"the ground truth has no headings: the start has the heading 0; {fit}",)
 
 
+# --- parts of readers -------------------------------------------------------------------------------
+
+
+@contextmanager
+def of_file(path: Path | str) -> Generator[None]:
+    """Return a context that adds the path of a file to the text of each UserError."""
+    try:
+        yield
+    except UserError as error:
+        raise UserError(f"{path}: {error}") from None
+
+
 def diagonal_covariances(sigmas: Float) -> Float:
     """Return diagonal covariances (n, d, d) with standard deviations (n, d)."""
     return sigmas[:, :, None] ** 2 * np.eye(sigmas.shape[1])
@@ -146,6 +233,35 @@ def with_sigmas(covs: Float, sigmas: Sequence[Float | float | None]) -> Float:
             covs[:, axis, :], covs[:, :, axis] = 0.0, 0.0
             covs[:, axis, axis] = np.square(sigma)
     return covs
+
+
+def require_rows(lines: Sequence[Line], wrong: Marks, what: str, remedy: str, values: Float | None = None) -> None:
+    """Refuse the first of the lines (n,) that are marked as wrong; {} in `what` is its value."""
+    if wrong.any():
+        at = int(np.argmax(wrong))
+        raise lines[at].refused(what if values is None else what.format(values[at]), remedy)
+
+
+def require_order(lines: Sequence[Line], stamps: Float, *, strict: bool) -> None:
+    """Refuse the first line whose stamp [s] is before that of the line above, or equal to it if `strict`."""
+    seconds = np.diff(stamps, prepend=-np.inf)
+    if strict:
+        what = "stamp {:.9f} is not after that of the line above"
+        require_rows(lines, seconds <= 0.0, what, "sort the lines by time, one for each stamp", stamps)
+    what = "stamp {:.9f} is before that of the line above"
+    require_rows(lines, seconds < 0.0, what, "sort the lines by time", stamps)
+
+
+def checked(sensor: str, lines: Sequence[Line], values: Float) -> Float:
+    """Return observations (M, d) with wrapped bearings; refuse negative ranges, and bearings beyond a full turn."""
+    model = SENSORS[sensor]
+    if model.has_range:
+        require_rows(lines, values[:, 0] < 0.0, "the range is negative", "remove the line")
+    if model.has_bearing:
+        what = "the bearing {:.6g} rad is more than a full turn"
+        remedy = "correct the unit (in csv: bearing [deg] in the header, or observations.angle), or wrap it"
+        require_rows(lines, np.abs(values[:, -1]) > 2.0 * np.pi, what, remedy, values[:, -1])
+    return np.where(model.is_angle, wrap(values), values)
 
 
 def require_sigmas(**sigmas: float) -> None:

@@ -12,8 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float, Int, Marks
-from slamgauge.compare.storage.interpolation import SAME
-from slamgauge.compare.storage.text_lines import shown_stamp
+from slamgauge.compare.storage.trajectories import SAME
 from slamgauge.errors import UserError
 from slamgauge.se2 import exp, log
 
@@ -61,6 +60,11 @@ def joined(odometry: Odometry, times: Float) -> tuple[Odometry, Int, Marks, tupl
     share = f", {outside / len(times):.0%}: check units and clocks of the files" if outside > 0.1 * len(times) else ""
     notes = (f"{outside} observations outside the odometry's time are dropped{share}",) if outside else ()
     return *split_at(odometry, times[inside]), inside, (*notes, *_gap(odometry.stamps))
+
+
+def shown_stamp(seconds: float) -> str:
+    """Return a stamp [s] with all its digits, at most nine behind the point."""
+    return np.format_float_positional(seconds, precision=9, trim="-")
 
 
 def _gap(stamps: Float) -> tuple[str, ...]:

@@ -17,8 +17,7 @@ from slamgauge.arrays import Float, Int, Marks
 from slamgauge.compare.datasets.path_doubts import path_doubts
 from slamgauge.compare.storage.csv_folder import read_estimate_csv
 from slamgauge.compare.storage.files import load_estimate
-from slamgauge.compare.storage.interpolation import interpolated_covs
-from slamgauge.compare.storage.trajectories import Trajectory, has_stamps, read_trajectory
+from slamgauge.compare.storage.trajectories import Trajectory, has_stamps, interpolated_covs, read_trajectory
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.notices import tell_once

@@ -11,6 +11,7 @@ from slamgauge import errors
 from slamgauge.errors import CovarianceError, UserError
 
 MOST = 1000  # characters of an error's text
+PYTHON_2 = ("Missing parentheses in call", "multiple exception types", "'xrange'", "'raw_input'", "'unicode'")
 LIBRARIES = tuple({sysconfig.get_path(name) for name in ("stdlib", "purelib", "platlib")})
 SILENT = (Path(errors.__file__).parent, Path(__file__).parent, Path(__file__).parent / "forms")  # they run user code
 
@@ -24,11 +25,7 @@ class OverdueError(UserCodeError):
 
 
 class FormError(UserCodeError):
-    """User code has none of the forms: what it has, what it lacks, and the `wrapper` to copy."""
-
-    def __init__(self, reason: str, wrapper: str = "") -> None:
-        super().__init__(reason)
-        self.wrapper = wrapper
+    """User code has none of the forms: three lines and a wrapper to copy (`forms.signatures.no_form`)."""
 
 
 class WrongCovarianceError(UserCodeError, CovarianceError):
@@ -48,13 +45,22 @@ def where_it_broke(error: BaseException, folder: str = "") -> str:
         frames = [each for each in frames if not each.filename.startswith(LIBRARIES)] or frames
         frames = [each for each in frames if folder and each.filename.startswith(folder)] or frames
         what += "".join(f" ({Path(frame.filename).name}, line {frame.lineno})" for frame in frames[-1:])
-    remedy = "mend it and run again"
-    if isinstance(error, ModuleNotFoundError):
-        remedy = f"install {error.name} beside slamgauge, or write the filter in a file that does not import it"
+    return f"{what}; {_remedy(error)}"
+
+
+def _remedy(error: BaseException) -> str:
     if isinstance(error, FileNotFoundError) and isinstance(error.filename, str):
         name = Path(error.filename).name
-        remedy = f"read {name} below `if __name__ == '__main__':`, or open Path(__file__).parent / {name!r}"
-    return f"{what}; {remedy}"
+        return f"read {name} below `if __name__ == '__main__':`, or open Path(__file__).parent / {name!r}"
+    if isinstance(error, ModuleNotFoundError):
+        return f"install {error.name} beside slamgauge, or write the filter in a file that does not import it"
+    if isinstance(error, SyntaxError | NameError):
+        line, text = (getattr(error, "text", None) or "").strip(), _message_of(error)
+        if line.startswith(("%", "!")) or "'get_ipython'" in text:
+            return "remove the lines that only a notebook can run (get_ipython, %, !)"
+        if any(part in text for part in PYTHON_2):
+            return "this is code of Python 2; convert it to Python 3"
+    return "mend it and run again"
 
 
 def _message_of(error: BaseException) -> str:

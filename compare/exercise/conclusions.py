@@ -11,8 +11,7 @@ import numpy as np
 
 from slamgauge.arrays import Float
 from slamgauge.compare.exercise.settings import CAUSAL, EKF
-from slamgauge.compare.scoring.aggregation import reported_sigma
-from slamgauge.compare.scoring.runs import Runs
+from slamgauge.compare.scoring.runs import Runs, reported_sigma
 
 MORE, LESS = (1.0, math.inf), (0.0, 1.0)  # ranges of ratios
 SAME = (1.0 / 1.1, 1.1)  # "like", "similar"

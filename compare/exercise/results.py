@@ -16,11 +16,11 @@ from slamgauge.compare.exercise.judgements import Judgement
 from slamgauge.compare.exercise.judgements import to_json as conclusion_json
 from slamgauge.compare.exercise.settings import CAUSAL, EKF, GTSAM, QUESTIONS, Setting
 from slamgauge.compare.scenarios.scenario import Scenario
-from slamgauge.compare.scoring.nan_stats import mean, rms
+from slamgauge.compare.scoring.intervals import mean, rms
 from slamgauge.compare.scoring.optimum_notes import doubt_in_runs
 from slamgauge.compare.scoring.runs import Runs
 from slamgauge.compare.scoring.table import interval_cell
-from slamgauge.compare.storage.provenance import origin
+from slamgauge.compare.storage.result_files import origin
 from slamgauge.compare.studies.summary import EstimatorSummary, summarise
 
 AT_CLOSURES = (EKF, CAUSAL, GTSAM)  # estimators whose errors at loop closures are shown

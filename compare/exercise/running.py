@@ -20,7 +20,7 @@ from slamgauge.compare.exercise.results import Exercise, QuestionResult, Setting
 from slamgauge.compare.exercise.settings import EKF, FILTERS, OPTIMA, QUESTIONS, SETTINGS, Setting, require_questions
 from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
 from slamgauge.compare.scenarios.simulation import informed, simulate
-from slamgauge.compare.scoring.loop_closures import closure_steps
+from slamgauge.compare.scoring.measured import closure_steps
 from slamgauge.compare.scoring.runs import Runs
 from slamgauge.compare.storage.result_files import STORE, STUDIES
 from slamgauge.compare.storage.staged_folder import begin_folder, require_ours

@@ -16,10 +16,10 @@ from matplotlib.figure import Figure
 from slamgauge.compare.estimators.requests import labels_among
 from slamgauge.compare.figures.maps import Scene
 from slamgauge.compare.figures.plot_style import DEAD_RECKONING, PRINT, legend_below
-from slamgauge.compare.storage.files import explained
+from slamgauge.compare.storage.files import explained, load_results
 from slamgauge.compare.storage.progress import counted
+from slamgauge.compare.storage.result_files import METRICS
 from slamgauge.compare.storage.staged_folder import staged_folder
-from slamgauge.compare.storage.stored_results import load_results
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 
@@ -54,7 +54,7 @@ def animate(folder: Path, names: Sequence[str], seconds: float, fps: int) -> Non
     scene, stamps = Scene(results, shown, mapped), results.recording.stamps
     width, height = (scene.high - scene.low).tolist()
     size = (WIDTH, WIDTH * float(np.clip(height / width, *SHAPES)) + EDGES)
-    with staged_folder(folder, [GIF], last=GIF) as stage, mpl.rc_context(PRINT):
+    with staged_folder(folder, METRICS, adds=True) as stage, mpl.rc_context(PRINT):
         figure = Figure(figsize=size, dpi=DOTS, layout="constrained")
         ax, writer = figure.subplots(), PillowWriter(rate)
         saving = writer.saving(figure, str(stage / GIF), DOTS)

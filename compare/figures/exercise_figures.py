@@ -25,8 +25,8 @@ from slamgauge.compare.figures.plot_style import (
 )
 from slamgauge.compare.figures.ray_strip import RayStrip, has_rays
 from slamgauge.compare.figures.run_figures import HEIGHTS, draw_map_and_errors
-from slamgauge.compare.scoring.aggregation import BAND_LEVEL, nees_per_step
-from slamgauge.compare.storage.stored_results import Results
+from slamgauge.compare.scoring.runs import BAND_LEVEL, nees_per_step
+from slamgauge.compare.storage.files import Results
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.truth import Truth

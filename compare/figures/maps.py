@@ -13,7 +13,7 @@ from matplotlib.patches import Polygon
 
 from slamgauge.arrays import Float, Int, Marks, chunks
 from slamgauge.compare.figures.plot_style import LONG, MARK_COLOR, TRUTH_COLOR, Style, styles
-from slamgauge.compare.storage.stored_results import Results
+from slamgauge.compare.storage.files import Results
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.se2 import rotation

@@ -17,23 +17,9 @@ from slamgauge.compare.figures.result_figures import (
 from slamgauge.compare.figures.run_figures import save_figure
 from slamgauge.compare.figures.study_figures import study_drawings
 from slamgauge.compare.scoring.runs import Runs
-from slamgauge.compare.storage.best_effort import Drawing, decorate
-from slamgauge.compare.storage.files import of_this_version, read_json, write_json
-from slamgauge.compare.storage.result_files import (
-    BENCH,
-    BUDGET,
-    METRICS,
-    NOISE,
-    REPORT,
-    RUN_PICTURES,
-    STUDY_PICTURES,
-    SUMMARY,
-    SWEEP,
-    SWEEP_FILES,
-    pictures,
-)
-from slamgauge.compare.storage.staged_folder import staged_folder
-from slamgauge.compare.storage.stored_results import load_results
+from slamgauge.compare.storage.files import load_results, of_this_version, read_json, write_json
+from slamgauge.compare.storage.result_files import BENCH, BUDGET, METRICS, NOISE, SUMMARY, SWEEP
+from slamgauge.compare.storage.staged_folder import Drawing, decorate, staged_folder
 from slamgauge.compare.studies.budget import read_budget
 from slamgauge.compare.studies.stored_study import load_study
 from slamgauge.compare.studies.summary import Summary
@@ -49,22 +35,21 @@ def write_study(out: str | Path, summary: Summary, runs: dict[str, Runs], step: 
 
     `step` is the time step [s].
     """
-    with staged_folder(out, (SUMMARY, *STUDY_PICTURES, REPORT), last=SUMMARY) as stage:
+    with staged_folder(out, SUMMARY) as stage:
         write_json(stage / SUMMARY, summary.to_json())
-    return decorate(Path(out), study_drawings(summary, runs, step), STUDY_PICTURES)
+    return decorate(Path(out), study_drawings(summary, runs, step), SUMMARY)
 
 
 def write_sweep(out: Path, sweep: Sweep) -> bool:
     """Write sweep.json, then the figure, into `out`; return whether the figure was written."""
-    with staged_folder(out, SWEEP_FILES, last=SWEEP) as stage:
+    with staged_folder(out, SWEEP) as stage:
         write_json(stage / SWEEP, sweep.to_json())
     return draw_stored(out, SWEEP)
 
 
 def draw_stored(out: Path, file: str) -> bool:
     """Draw the figures of the stored results of the main `file` in `out`; return whether all were written."""
-    drawings = KINDS[file](out, ())
-    return decorate(out, drawings, RUN_PICTURES if file == METRICS else pictures(*drawings))
+    return decorate(out, KINDS[file](out, ()), file)
 
 
 def drawings_of(folder: Path, names: Sequence[str] = ()) -> Drawings:

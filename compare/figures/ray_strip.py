@@ -10,7 +10,7 @@ from matplotlib.figure import FigureBase
 
 from slamgauge.compare.figures.maps import Scene, map_at
 from slamgauge.compare.figures.plot_style import legend_below, printed, sheet
-from slamgauge.compare.storage.stored_results import Results
+from slamgauge.compare.storage.files import Results
 from slamgauge.display import counted
 from slamgauge.estimate import Estimate
 

@@ -26,7 +26,7 @@ from slamgauge.compare.figures.plot_style import (
 )
 from slamgauge.compare.noise.tables import verdict as verdict_on_noise
 from slamgauge.compare.scoring.intervals import Interval
-from slamgauge.compare.scoring.optimum_notes import MARK, at_places, distance_in_runs
+from slamgauge.compare.scoring.optimum_notes import MARK, at_places
 from slamgauge.compare.studies.budget import ErrorBudget, doubts, verdict
 from slamgauge.compare.studies.sweep import Sweep, shares_in_doubt
 
@@ -86,7 +86,7 @@ def save_sweep_figure(out: Path, sweep: Sweep) -> None:
     """Write the figure `sweep`: error, consistency, reported sigma and map size against the value of the key."""
     rows, columns, height = (4, 1, 8.0) if sheet().is_narrow else (2, 2, 5.0)
     title = f"{sweep.scenario}, {sweep.runs} runs at each value (bars: 95 % intervals)"
-    title = "\n".join([title, *at_places(CAUSAL, shares_in_doubt(sweep), distance_in_runs)])
+    title = "\n".join([title, *at_places(CAUSAL, shares_in_doubt(sweep), then="")])
     try:
         places = np.array([float(value) for value in sweep.values])
     except ValueError:

@@ -35,11 +35,9 @@ from slamgauge.compare.figures.plot_style import (
     styles,
     three_sigma,
 )
-from slamgauge.compare.scoring.loop_closures import closure_steps
-from slamgauge.compare.scoring.measured import pose_covs_of
-from slamgauge.compare.scoring.optimum_figures import is_in_doubt, is_misfit
-from slamgauge.compare.scoring.optimum_notes import MARK, distance_from_optimum, misfits
-from slamgauge.compare.scoring.trajectory_error import pose_errors
+from slamgauge.compare.scoring.consistency import pose_errors
+from slamgauge.compare.scoring.measured import closure_steps, pose_covs_of
+from slamgauge.compare.scoring.optimum_notes import MARK, doubt, is_in_doubt, is_misfit, misfits
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain
@@ -84,7 +82,7 @@ def save_figure(
     The title names an optimum whose check or residuals put it in doubt.
     """
     doubts = [misfits([name for name in OPTIMA.values() if name in estimates and is_misfit(estimates[name])])]
-    doubts += [distance_from_optimum(name, estimate.optimum_check) for name, estimate in estimates.items()]
+    doubts += [doubt(name, estimate.optimum_check) for name, estimate in estimates.items()]
     title = "\n".join([title, *filter(None, doubts)])
     with printed(Path(folder) / "figure", HEIGHTS[sheet().width], title) as figure:
         draw_map_and_errors(figure, truth, recording, estimates)

@@ -26,10 +26,9 @@ from slamgauge.compare.figures.plot_style import (
     styles,
     three_sigma,
 )
-from slamgauge.compare.scoring.aggregation import BAND_LEVEL, PerStep, nees_per_step, nis_per_step, rmse_per_step
 from slamgauge.compare.scoring.optimum_notes import MARK, doubt_in_runs, misfits
-from slamgauge.compare.scoring.runs import Runs, paired
-from slamgauge.compare.storage.best_effort import Drawing
+from slamgauge.compare.scoring.runs import BAND_LEVEL, PerStep, Runs, nees_per_step, nis_per_step, paired, rmse_per_step
+from slamgauge.compare.storage.staged_folder import Drawing
 from slamgauge.compare.studies.summary import Summary, is_marked_against, misfit_optima, share_in_doubt
 
 USUAL = 0.99  # share of the errors inside the limits; a diverged run may exceed them

@@ -12,8 +12,7 @@ from slamgauge.compare.grading.grading import Grades
 from slamgauge.compare.scoring.intervals import Interval
 from slamgauge.compare.scoring.table import Cell, Head, Table, figure
 from slamgauge.compare.scoring.text_page import Page
-from slamgauge.compare.storage.csv_cells import write_csv
-from slamgauge.compare.storage.files import explained, write_json
+from slamgauge.compare.storage.files import explained, write_csv, write_json
 from slamgauge.compare.storage.result_files import GRADES, GRADESCOPE, PAGES, RESULTS, RUBRIC
 
 Row = Mapping[str, Any]  # of `Grade.to_json` or of grades.csv

@@ -7,13 +7,13 @@ from concurrent.futures import Executor, Future, as_completed, wait
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
-from slamgauge.compare.estimators.memory_check import require_room_for_runs
+from slamgauge.compare.estimators.running import require_room_for_runs
 from slamgauge.compare.grading.grades import Grade, figure_remarks, grade
 from slamgauge.compare.grading.submissions import Submission
 from slamgauge.compare.grading.trial import GradeSettings, Run, Trial, reference_run, run_trial
 from slamgauge.compare.scenarios.scenario import scenario_text
 from slamgauge.compare.storage.progress import counted
-from slamgauge.compare.storage.provenance import origin
+from slamgauge.compare.storage.result_files import origin
 from slamgauge.compare.studies.executors import lost_worker
 from slamgauge.compare.studies.store import digest
 from slamgauge.compare.studies.study_run import run_seed

@@ -2,24 +2,25 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from importlib.resources import files
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import Field, TypeAdapter, ValidationError
+from pydantic import Field
 
 from slamgauge.compare.checks.check import Check
 from slamgauge.compare.checks.examination import CHECKS, Verdict, presupposed
-from slamgauge.compare.datasets.settings import Section, mistake
+from slamgauge.compare.datasets.log_settings import Section, validated
 from slamgauge.compare.scoring.intervals import Interval
-from slamgauge.compare.storage.toml_tables import parse_toml, read_toml, toml_text
+from slamgauge.compare.storage.toml_tables import read_toml, toml_text
 from slamgauge.errors import UserError
 from slamgauge.suggestions import did_you_mean
 
 DEFAULT_TEXT = (files("slamgauge.compare.grading") / "rubric.toml").read_text(encoding="utf-8")
-Weight = Annotated[float, Field(ge=0.0, allow_inf_nan=False, strict=True)]
+Weight = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
 
 
 @dataclass(frozen=True)
@@ -132,14 +133,11 @@ def load_rubric(path: Path | None = None) -> Rubric:
     Raises:
         UserError: the file cannot be read, or has an unknown key or an impossible value.
     """
-    table = parse_toml(DEFAULT_TEXT)
+    table = tomllib.loads(DEFAULT_TEXT)
     for key, value in ({} if path is None else read_toml(path)).items():
         is_section = isinstance(value, dict) and isinstance(table.get(key), dict)
         table[key] = table[key] | value if is_section else value
-    try:
-        rubric = TypeAdapter(Rubric).validate_python(table)
-    except ValidationError as error:
-        raise UserError(f"{path}: {mistake(error, Rubric)}") from None
+    rubric = validated(Rubric, table, path or "the default rubric")
     for name in rubric.checks:
         if name not in (known := [each.name for each in CHECKS]):
             raise UserError(f"{path}: checks.{name}: unknown key; {did_you_mean(name, known)}")

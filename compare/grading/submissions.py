@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from slamgauge.compare.estimators.adapters import NAMES
-from slamgauge.compare.estimators.addresses import Address
 from slamgauge.compare.estimators.answers import printable
 from slamgauge.compare.estimators.code_folder import read_folder
+from slamgauge.compare.estimators.requests import Address
 from slamgauge.compare.storage.files import explained
 from slamgauge.errors import UserError
 

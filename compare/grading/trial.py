@@ -15,13 +15,12 @@ import numpy as np
 
 from slamgauge.arrays import Float
 from slamgauge.compare.checks.examination import Verdict, check_estimator
-from slamgauge.compare.estimators.addresses import Address
 from slamgauge.compare.estimators.causality_check import require_causal
-from slamgauge.compare.estimators.child import Host, Limits
+from slamgauge.compare.estimators.child import Host
 from slamgauge.compare.estimators.forms.signatures import shortened
 from slamgauge.compare.estimators.loading import HostedEstimator, load, without
 from slamgauge.compare.estimators.registry import CAUSAL
-from slamgauge.compare.estimators.requests import Asked, ask
+from slamgauge.compare.estimators.requests import Address, Asked, Limits, ask
 from slamgauge.compare.estimators.running import run_estimator
 from slamgauge.compare.grading.rubric import Rubric
 from slamgauge.compare.scenarios.scenario import Scenario

@@ -10,7 +10,7 @@ from slamgauge.compare.noise.diagnosis import Nis
 from slamgauge.compare.noise.estimation import Noise
 from slamgauge.compare.noise.notes import notes
 from slamgauge.compare.noise.parameters import UNITS
-from slamgauge.compare.storage.provenance import origin
+from slamgauge.compare.storage.result_files import origin
 
 
 def noise_json(noise: Noise) -> dict[str, Any]:

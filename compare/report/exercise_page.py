@@ -31,12 +31,11 @@ from slamgauge.compare.report.run_page import TERMS
 from slamgauge.compare.scenarios.scenario import Scenario, scenario_text
 from slamgauge.compare.scenarios.simulation import simulate, simulate_informed
 from slamgauge.compare.scoring.comparison import compare_estimators, digest, metrics, write_comparison
-from slamgauge.compare.storage.best_effort import decorate
 from slamgauge.compare.storage.files import read_json
 from slamgauge.compare.storage.progress import counted
-from slamgauge.compare.storage.provenance import origin as provenance
-from slamgauge.compare.storage.result_files import EXERCISE, METRICS, REPORT, RUN_0, comparison_files, exercise_files
-from slamgauge.compare.storage.staged_folder import staged_folder
+from slamgauge.compare.storage.result_files import EXERCISE, METRICS, REPORT, RUN_0
+from slamgauge.compare.storage.result_files import origin as provenance
+from slamgauge.compare.storage.staged_folder import decorate, staged_folder
 from slamgauge.compare.studies.study_run import run_seed
 from slamgauge.version import __version__
 
@@ -71,7 +70,7 @@ def publish_first_run(setting: Setting, scenario: Scenario, seed: int, folder: P
     comparison = compare_estimators(truth, recording, estimators, exact)
     content = metrics(comparison, scenario.name, seed, scenario_text(scenario))
     title = f"Figure {setting.figure}, {setting.title} ({setting.scenario}), run 0"
-    with staged_folder(folder, comparison_files(names), last=METRICS) as stage:
+    with staged_folder(folder, METRICS) as stage:
         write_comparison(stage, comparison, content)
         drawn = {name: comparison.estimates[name] for name in DRAWN if name in comparison.estimates}
         save_setting_figure(stage / "figure", truth, recording, drawn, title)
@@ -96,7 +95,6 @@ def _is_complete(setting: Setting, scenario: Scenario, seed: int, folder: Path) 
 def publish_exercise(out: Path, exercise: Exercise) -> bool:
     """Write the figures and the page next to exercise.json and run 0 of the settings; return whether all succeeded."""
     figures = [each.setting.figure for each in exercise.settings]
-    files = exercise_files([each.name for each in exercise.questions], figures)
 
     def draw(stage: Path) -> None:
         for each in exercise.questions:
@@ -109,7 +107,7 @@ def publish_exercise(out: Path, exercise: Exercise) -> bool:
     def write(stage: Path) -> None:
         write_pages(stage, {REPORT: render(exercise_page(stage, out / RUN_0, exercise))})
 
-    return decorate(out, {"figures": draw, "report": write}, [name for name in files if name != EXERCISE])
+    return decorate(out, {"figures": draw, "report": write}, EXERCISE)
 
 
 def exercise_page(figures: Path, run_0: Path, exercise: Exercise) -> Page:

@@ -9,8 +9,7 @@ from slamgauge.compare.checks.examination import CHECKS
 from slamgauge.compare.grading.grade_output import Row, grade_table, verdict
 from slamgauge.compare.report.page import Line, Page, Section, origin, said
 from slamgauge.compare.scoring.table import Cell, Head, Table, figure
-from slamgauge.compare.storage.csv_cells import read_csv
-from slamgauge.compare.storage.files import read_json
+from slamgauge.compare.storage.files import read_csv, read_json
 from slamgauge.compare.storage.result_files import GRADES, GRADESCOPE, PAGES, REPORT, RESULTS
 
 CHECK_HEADS = (

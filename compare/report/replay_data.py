@@ -12,12 +12,9 @@ from slamgauge.arrays import Float, Int, distinct
 from slamgauge.compare.figures.maps import MapRows, first_seen, map_at
 from slamgauge.compare.figures.run_figures import Reference, reference_of, run_limits
 from slamgauge.compare.report.page import Look, pack
-from slamgauge.compare.scoring.consistency import chi2_band, squared_mahalanobis
-from slamgauge.compare.scoring.landmark_identity import wrongly_associated
-from slamgauge.compare.scoring.loop_closures import closure_steps
-from slamgauge.compare.scoring.measured import pose_covs_of
-from slamgauge.compare.scoring.trajectory_error import distances, pose_errors
-from slamgauge.compare.storage.stored_results import Results
+from slamgauge.compare.scoring.consistency import chi2_band, distances, pose_errors, squared_mahalanobis
+from slamgauge.compare.scoring.measured import Measured, closure_steps, pose_covs_of
+from slamgauge.compare.storage.files import Results
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.se2 import compose
@@ -83,7 +80,7 @@ def _estimate(
 ) -> dict[str, Any]:
     recording, estimate = results.recording, results.estimates[look.name]
     errors, covs = pose_errors(reference.poses[shown], estimate.poses[shown]), pose_covs_of(estimate)[shown]
-    wrong = wrongly_associated(results.truth or Truth(), recording, estimate)
+    wrong = Measured(results.truth or Truth(), recording, estimate).wrong
     wrong_frames = [] if wrong is None else distinct(np.searchsorted(shown, recording.observation_step[wrong]))
     given = recording.landmark if estimate.association is None else estimate.association
     nis = np.full(len(estimate.poses), np.nan)

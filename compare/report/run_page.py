@@ -10,11 +10,10 @@ from slamgauge.compare.estimators.registry import OPTIMA, REGISTRY
 from slamgauge.compare.figures.plot_style import DEAD_RECKONING
 from slamgauge.compare.report.page import Line, Page, Section, looks, origin, pictures, render, said
 from slamgauge.compare.report.replay_data import replay_data
-from slamgauge.compare.scoring.comparison import Comparison, doubtful_kinds, optimum_notes, run_table
+from slamgauge.compare.scoring.comparison import doubtful_kinds, run_table
 from slamgauge.compare.scoring.table import ESTIMATOR, Cell, Head, Table, cell, figure
-from slamgauge.compare.storage.files import read_json
+from slamgauge.compare.storage.files import Results, load_results, read_json
 from slamgauge.compare.storage.result_files import METRICS
-from slamgauge.compare.storage.stored_results import Results, load_results
 from slamgauge.estimate import Kind
 
 LARGEST = 2_950_000  # bytes of a page: 3 MB minus what a browser may add when it saves the page
@@ -34,17 +33,16 @@ TERMS = (
 def run_page(folder: Path) -> Page:
     """Return the page of the results of `run` or `evaluate --out` in a folder."""
     results, metrics = load_results(folder), read_json(folder / METRICS, "run")
-    title, truth, recording, estimates = results
+    title, _, recording, estimates = results
     optima: dict[Kind, str] = {each.kind: name for name, each in estimates.items() if OPTIMA.get(each.kind) == name}
     doubtful = doubtful_kinds({kind: estimates[name] for kind, name in optima.items()})
-    notes = optimum_notes(Comparison(truth, recording, estimates, {}, optima))
     failures = [f"{each['estimator']} failed: {each['error']}" for each in metrics.get("failures", ())]
     first, *others = [*pictures(folder, PICTURES), None]
     page = Page(
         kind="one run",
         title=title,
         lead=lead(metrics),
-        notes=said([*metrics.get("notes", ()), *notes, *failures]),
+        notes=said([*metrics.get("notes", ()), *failures]),
         picture=first,
         sections=[
             Section("Metrics of each estimator", "figures", tables=[run_table(metrics["estimators"], doubtful)]),

@@ -14,7 +14,7 @@ from pydantic import BeforeValidator, ValidationInfo
 
 from slamgauge.arrays import Float
 from slamgauge.compare.scenarios.section import Section, invalid
-from slamgauge.compare.storage.covariance_columns import from_triangles
+from slamgauge.compare.storage.csv_folder import from_triangles
 from slamgauge.compare.storage.text_lines import csv_lines, read_whole, rows_below
 from slamgauge.errors import UserError
 from slamgauge.validation import as_covariances

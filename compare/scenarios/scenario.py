@@ -23,7 +23,7 @@ from slamgauge.compare.scenarios.schema import Association, Scenario
 from slamgauge.compare.scenarios.section import Section
 from slamgauge.compare.scenarios.trajectory import KINDS, Segment, kind_of
 from slamgauge.compare.storage.safe_names import shown
-from slamgauge.compare.storage.toml_tables import Table, parse_toml, toml_text
+from slamgauge.compare.storage.toml_tables import Table, toml_text
 from slamgauge.compare.storage.toml_tables import override as set_key
 from slamgauge.ekf.settings import Method
 from slamgauge.errors import UserError
@@ -138,7 +138,7 @@ def _parse(source: Traversable, where: str) -> Table:
     except UnicodeDecodeError:
         raise ScenarioError(f"{where}: not a UTF-8 text; save it as UTF-8") from None
     try:
-        return parse_toml(text)
+        return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         message = str(error).replace("at end of document", f"at line {len(text.splitlines())}, the end")
         raise ScenarioError(f"{where}: not valid TOML: {message}; correct that line") from None

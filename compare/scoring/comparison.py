@@ -10,31 +10,27 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from slamgauge.arrays import chunks
 from slamgauge.compare.estimators.registry import OPTIMA, REGISTRY
 from slamgauge.compare.estimators.running import own_poses_of, run_side_by_side
-from slamgauge.compare.estimators.stored_trajectory import OwnPoses
-from slamgauge.compare.scoring.columns import empty_columns, figure_cells, heads
-from slamgauge.compare.scoring.optimum_figures import is_in_doubt, is_misfit
+from slamgauge.compare.scoring.catalogue import empty_columns, figure_cells, heads
 from slamgauge.compare.scoring.optimum_notes import (
-    beats_the_optimum_in_a_run,
-    distance_from_optimum,
+    MARKED,
     doubt,
     fit_of_the_model,
+    is_in_doubt,
+    is_misfit,
     left_out,
     misfits,
-    under_associations,
-    without_headings,
     without_misleading,
 )
 from slamgauge.compare.scoring.own_stamps import score_at_own_stamps
 from slamgauge.compare.scoring.scores import Score
-from slamgauge.compare.scoring.table import ESTIMATOR, KIND, NO_FIGURE, Cell, Head, Table
+from slamgauge.compare.scoring.table import ESTIMATOR, KIND, NO_FIGURE, Cell, Table
 from slamgauge.compare.scoring.text_page import Page
 from slamgauge.compare.scoring.verdicts import single_run, verdict_lines
-from slamgauge.compare.storage.files import save, write_json, write_tum
-from slamgauge.compare.storage.provenance import origin
-from slamgauge.compare.storage.result_files import METRICS, RECORDING, TRUTH
+from slamgauge.compare.storage.files import save, write_json
+from slamgauge.compare.storage.result_files import METRICS, RECORDING, TRUTH, origin
+from slamgauge.compare.storage.trajectories import write_tum
 from slamgauge.display import data_frame
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, Estimator, Kind
@@ -54,8 +50,7 @@ class Comparison:
     of the estimator, `optima` are the names of the optima by kind. `failures` has the reason, in a line, for each
     estimator without a score. `stand_ins` are optima with the associations of an estimator, if the true ones are
     unknown. `study` is a command of many runs, if the recording is simulated. `remarks` are those on user code, for
-    example replaced settings. `without_truth` has the tests of `scoring.without_truth` on filters. `own` has
-    the poses of stored trajectories at their own stamps.
+    example replaced settings. `without_truth` has the tests of `scoring.without_truth` on filters.
     """
 
     truth: Truth | None
@@ -68,7 +63,6 @@ class Comparison:
     remarks: tuple[str, ...] = ()
     without_truth: Mapping[str, ConsistencyTest] = field(default_factory=dict[str, "ConsistencyTest"])
     study: str = ""
-    own: Mapping[str, OwnPoses] = field(default_factory=dict[str, OwnPoses])
 
     def __repr__(self) -> str:
         failed = f"; failed: {', '.join(self.failures)}" if self.failures else ""
@@ -89,6 +83,8 @@ def compare_estimators(
     recording: Recording,
     estimators: Mapping[str, Estimator],
     informed: Recording | None = None,
+    *,
+    twins: int = 0,
 ) -> Comparison:
     """Run every estimator, then score each relative to truth and optimum.
 
@@ -101,9 +97,10 @@ def compare_estimators(
         estimators: by name.
         informed: the same measurements with true noise and associations, as input of the optima; by default the
             recording, with the truth's associations if it has no ids.
+        twins: number of simulated twins of the test that needs no ground truth; 0: no test.
 
     Raises:
-        UserError: the truth is of another recording, or no estimator returned a valid estimate.
+        UserError: the truth is of another recording, no estimator returned a valid estimate, or the test lacks `batch`.
     """
     require_type("recording", recording, Recording)
     require_type("estimators", estimators, Mapping)
@@ -113,31 +110,44 @@ def compare_estimators(
         if recording.landmark is None and truth is not None and truth.association is not None:
             informed = replace(recording, landmark=truth.association.clip(min=0))  # `misleading` marks clutter anyway
     ran = run_side_by_side(estimators, recording, informed, None if truth is None else truth.misleading)
-    failures = ran.failures
     scores: dict[str, Score] = {}
-    own = {name: found for name in ran.estimates if (found := own_poses_of(estimators.get(name))) is not None}
+    own = {name: own_poses_of(estimators.get(name)) for name in ran.estimates}
     best = {kind: ran.estimates[name] for kind, name in ran.optima.items()}
     for name, estimate in ran.estimates.items():
+        optima = best.get(estimate.kind), best.get("smoothed")
         try:
-            score = score_at_own_stamps(
-                own.get(name), truth, recording, estimate, best.get(estimate.kind), best.get("smoothed")
-            )
+            score = score_at_own_stamps(own[name], truth, recording, estimate, *optima)
         except UserError as error:
-            failures[name] = f"estimator {name}: {error}"
+            ran.failures[name] = f"estimator {name}: {error}"
             continue
         scores[name] = score if estimate.seconds is not None else score.timed(ran.seconds.get(name))
-    if not scores and failures:
-        raise UserError(next(iter(failures.values())))
-    estimates = {name: ran.estimates[name] for name in scores}
-    found = tuple(f"{name}: {remark}" for name in scores for remark in ran.remarks.get(name, ()))
-    stand_ins = tuple(ran.stand_ins)
-    return Comparison(truth, recording, estimates, scores, ran.optima, failures, stand_ins, found, own=own)
+    if not scores and ran.failures:
+        raise UserError(next(iter(ran.failures.values())))
+    tests: Mapping[str, ConsistencyTest] = {}
+    if twins:
+        from slamgauge.compare.scoring.without_truth import tested_filters  # loads the optima
+
+        if "smoothed" not in best:
+            raise UserError("twins: the test needs the optimum of all measurements; add batch to --estimators")
+        tests = tested_filters(recording, ran.estimates, best["smoothed"], twins, own)
+    return Comparison(
+        truth,
+        recording,
+        estimates={name: ran.estimates[name] for name in scores},
+        scores=scores,
+        optima=ran.optima,
+        failures=ran.failures,
+        stand_ins=tuple(ran.stand_ins),
+        remarks=tuple(f"{name}: {remark}" for name in scores for remark in ran.remarks.get(name, ())),
+        without_truth=tests,
+    )
 
 
 def metrics(
     comparison: Comparison, scenario: str | None, seed: int | None, scenario_text: str | None = None
 ) -> dict[str, Any]:
     """Return the content of metrics.json; a stored recording has no scenario, text and seed (None)."""
+    tests = {name: test.to_json(comparison.recording.stamps) for name, test in comparison.without_truth.items()}
     return {
         **origin(scenario_text),
         "scenario": scenario,
@@ -146,18 +156,9 @@ def metrics(
         "truth": comparison.truth is not None and comparison.truth.poses is not None,
         "estimators": {name: score.to_json() for name, score in comparison.scores.items()},
         "failures": [{"estimator": name, "error": error} for name, error in comparison.failures.items()],
-        "notes": [*remarks(comparison), *comparison.remarks, *_verdicts_without_truth(comparison)],
-        **({"without_truth": without_truth_entries(comparison)} if comparison.without_truth else {}),
+        "notes": [*notes(comparison), *comparison.remarks],
+        **({"without_truth": tests} if tests else {}),
     }
-
-
-def without_truth_entries(comparison: Comparison) -> dict[str, Any]:
-    """Return the entries of the tests without ground truth in metrics.json, by filter."""
-    return {name: test.to_json(comparison.recording.stamps) for name, test in comparison.without_truth.items()}
-
-
-def _verdicts_without_truth(comparison: Comparison) -> list[str]:
-    return verdict_lines({name: test.text() for name, test in comparison.without_truth.items()})
 
 
 def digest(recording: Recording) -> str:
@@ -166,8 +167,7 @@ def digest(recording: Recording) -> str:
     for each in fields(recording):
         value = getattr(recording, each.name)
         total.update(each.name.encode())
-        for part in [value] if not np.ndim(value) else (value[rows] for rows in chunks(len(value))):
-            total.update(part.tobytes() if isinstance(part, np.ndarray) else str(part).encode())
+        total.update(value.tobytes() if isinstance(value, np.ndarray) else str(value).encode())
     return total.hexdigest()
 
 
@@ -179,20 +179,15 @@ def run_table(
     Columns without any figure are left out, and the position NEES if there is a pose NEES. Figures relative to an
     optimum in doubt are marked, and estimators without a score follow.
     """
-    found = _shown_heads(scores)
+    found = [head for head in heads("run") if any(score[head.key] is not None for score in scores.values())]
+    if any(head.key == "nees_pose" for head in found):
+        found = [head for head in found if head.key != "nees_position"]
     rows: list[list[Cell | str]] = []
     for name, score in sorted(scores.items(), key=lambda item: item[1]["kind"]):
         cells = figure_cells(score, found, score["kind"] in doubtful if doubtful else None)
         rows.append([name, score["kind"], *cells])
     rows += [[name, "failed", *(NO_FIGURE for _ in found)] for name in failed]
     return Table.of([ESTIMATOR, KIND, *found], rows, "Metrics of the whole run; click a column title to sort", "scores")
-
-
-def _shown_heads(scores: Mapping[str, Mapping[str, Any]]) -> list[Head]:
-    """Return the columns in which an estimator has a figure."""
-    found = [head for head in heads("run") if any(score[head.key] is not None for score in scores.values())]
-    keys = {head.key for head in found}
-    return [head for head in found if head.key != "nees_position" or "nees_pose" not in keys]
 
 
 def doubtful_kinds(optima: Mapping[Kind, Estimate]) -> set[Kind]:
@@ -204,76 +199,59 @@ def table(comparison: Comparison) -> Page:
     """Return the scores as a table, with notes below."""
     optima = {kind: comparison.estimates[name] for kind, name in comparison.optima.items()}
     scores = run_table(comparison.scores, doubtful_kinds(optima), comparison.failures)
-    notes = [*remarks(comparison), *optimum_notes(comparison)]
     verdicts = verdict_lines({name: score["verdict"] for name, score in comparison.scores.items()})
-    verdicts += _verdicts_without_truth(comparison)
-    return Page((scores, *notes, *verdicts, *comparison.failures.values()))
+    return Page((scores, *notes(comparison), *verdicts, *comparison.failures.values()))
 
 
-def tested_without_truth(comparison: Comparison, twins: int) -> Comparison:
-    """Return the comparison with verdicts on its filters that need no ground truth.
-
-    Raises:
-        UserError: the hindsight optimum is not among the estimates.
-    """
-    from slamgauge.compare.scoring.without_truth import tested_filters  # loads the optima
-
-    if "smoothed" not in comparison.optima:
-        raise UserError("twins: the test needs the optimum of all measurements; add batch to --estimators")
-    optimum = comparison.estimates[comparison.optima["smoothed"]]
-    found = tested_filters(comparison.recording, comparison.estimates, optimum, twins, comparison.own)
-    return replace(comparison, without_truth=found)
-
-
-def remarks(comparison: Comparison) -> list[str]:
-    """Return notes on the run: first that it is one run, then the optima's associations and empty columns."""
-    scores = comparison.scores.values()
+def notes(comparison: Comparison) -> list[str]:
+    """Return notes on the run, on empty columns, and on the optima: their model, associations, doubts and betters."""
+    scores, estimates, truth = comparison.scores.values(), comparison.estimates, comparison.truth
     optima = sorted(comparison.optima.values())
     is_scored = any(score["ate_m"] is not None for score in scores)
     found = [single_run(comparison.study) if is_scored else None]
-    found.append(misfits([name for name in optima if is_misfit(comparison.estimates[name])]))
+    found.append(misfits([name for name in optima if is_misfit(estimates[name])]))
     if not len(comparison.recording.observation):
         found.append("no landmark was observed: all estimates are dead reckoning")
     if comparison.stand_ins:
-        found.append(under_associations(comparison.stand_ins))
+        names = " and ".join(comparison.stand_ins)
+        found.append(f"no ids, and no true associations: compared with {names}, with associations right or wrong")
     else:
-        found.append(without_misleading(optima, comparison.truth))
-    found.append(without_headings(comparison.truth))
+        found.append(without_misleading(optima, truth))
+    found.append(_without_headings(truth))
     columns = [head for head in heads("run") if head.key != "nees_position"]
     found += empty_columns(columns, lambda key: all(score[key] is None for score in scores))
+    if optima:
+        kind = "smoothed" if "smoothed" in comparison.optima else "filtered"
+        found.append(fit_of_the_model(REGISTRY[OPTIMA[kind]].title, estimates[comparison.optima[kind]]))
+    found += [left_out(name, truth, comparison.recording, estimates[name]) for name in optima]
+    found += [doubt(name, estimates[name].optimum_check, MARKED) for name in optima]
+    found += [doubt(name, each.optimum_check) for name, each in estimates.items() if name not in optima]
+    found += verdict_lines({name: test.text() for name, test in comparison.without_truth.items()})
     return [line for line in found if line]
 
 
-def optimum_notes(comparison: Comparison) -> list[str]:
-    """Return notes on the optima: fit of the model, observations left out, doubts, and estimators that beat them."""
-    notes: list[str | None] = []
-    estimates = comparison.estimates
-    optima = [(kind, comparison.optima[kind]) for kind in ("smoothed", "filtered") if kind in comparison.optima]
-    for kind, name in optima[:1]:
-        notes.append(fit_of_the_model(REGISTRY[OPTIMA[kind]].title, estimates[name]))
-    notes += [left_out(name, comparison.truth, comparison.recording, estimates[name]) for _, name in optima]
-    notes += [doubt(distance_from_optimum(name, estimates[name].optimum_check)) for _, name in optima]
-    others = {name: each for name, each in estimates.items() if name not in comparison.optima.values()}
-    notes += [distance_from_optimum(name, each.optimum_check) for name, each in others.items()]
-    causal = comparison.optima.get("filtered")
-    if causal is not None and comparison.truth is not None and not comparison.stand_ins:
-        notes += [
-            beats_the_optimum_in_a_run(name, comparison.truth, each, estimates[causal]) for name, each in others.items()
-        ]
-    return [note for note in notes if note]
+def _without_headings(truth: Truth | None) -> str | None:
+    """Return what a truth without headings leaves undefined, or None."""
+    if truth is None or truth.poses is None:
+        return None
+    headless = np.isfinite(truth.poses[:, :2]).all(axis=1) & np.isnan(truth.poses[:, 2])
+    if not headless.any():
+        return None
+    count = "no headings" if headless.all() else f"no headings at {headless.sum()} of {len(headless)} steps"
+    return f"the truth has {count}: heading errors, relative errors and pose NEES are left out there"
 
 
 def write_comparison(folder: Path, comparison: Comparison, content: dict[str, Any]) -> None:
     """Write recording, truth, estimates, TUM trajectories and metrics into an existing, empty folder."""
     recording, truth = comparison.recording, comparison.truth
     save(folder / RECORDING, recording)
-    if truth is not None:
-        save(folder / TRUTH, truth)
     (folder / "estimates").mkdir()
     (folder / "trajectories").mkdir()
     for name, estimate in comparison.estimates.items():
         save(folder / "estimates" / f"{name}.npz", estimate)
         write_tum(folder / "trajectories" / f"{name}.tum", recording.stamps, estimate.poses)
+    if truth is not None:
+        save(folder / TRUTH, truth)
     if truth is not None and truth.poses is not None:
         write_tum(folder / "trajectories" / "truth.tum", recording.stamps, truth.poses)
     write_json(folder / METRICS, content)

@@ -1,4 +1,7 @@
-"""Whether errors are as large as the covariance says: Mahalanobis distances, chi-square bands, coverage of ellipses."""
+"""Errors of a path relative to a reference, without alignment, and whether they are as large as covariances say.
+
+Rows of the reference that are NaN give NaN.
+"""
 
 from __future__ import annotations
 
@@ -6,11 +9,34 @@ import math
 
 import numpy as np
 
-from slamgauge.arrays import Float, chunks
+from slamgauge.arrays import Float
 from slamgauge.errors import UserError
+from slamgauge.se2 import between, wrap
 
 SINGULAR = 1e-9  # largest smallest eigenvalue of a correlation matrix that may be rounding (as in `validation`)
 FARTHEST = 1e100  # limit of distances, so that sums of their squares are finite, as result files require
+
+
+def pose_errors(reference: Float, poses: Float) -> Float:
+    """Return additive errors (n, 3) of `poses` (n, 3) in the world frame, [m, m, rad], heading wrapped."""
+    errors = poses - reference
+    errors[:, 2] = wrap(errors[:, 2])
+    return errors
+
+
+def squared_distances(errors: Float) -> Float:
+    """Return squared position errors (n,) [m^2] of additive errors (n, 2 or 3)."""
+    return np.square(errors[:, :2]).sum(axis=1)
+
+
+def distances(errors: Float) -> Float:
+    """Return position errors (n,) [m] of additive errors (n, 2 or 3)."""
+    return np.sqrt(squared_distances(errors))
+
+
+def step_errors(reference: Float, poses: Float) -> Float:
+    """Return translations (n-1,) [m] by which consecutive body-frame steps differ (evo's RPE at a delta of one)."""
+    return distances(between(poses[:-1], poses[1:]) - between(reference[:-1], reference[1:]))
 
 
 def squared_mahalanobis(errors: Float, covs: Float) -> Float:
@@ -19,39 +45,18 @@ def squared_mahalanobis(errors: Float, covs: Float) -> Float:
     NaN where the covariance is singular (a fixed start, P0 = 0) or either is NaN. Variances may have different units:
     the correlation matrix is checked and solved, not the covariance.
     """
-    values = np.empty(len(errors))
-    for rows in chunks(len(errors)):
-        values[rows] = _distances(errors[rows], covs[rows])
-    return values
-
-
-def _distances(errors: Float, covs: Float) -> Float:
+    found = np.full(len(errors), np.nan)
     sigmas = np.sqrt(np.diagonal(covs, axis1=1, axis2=2).clip(min=0))
     defined = np.isfinite(errors).all(axis=1) & np.isfinite(covs).all(axis=(1, 2)) & (sigmas > 0).all(axis=1)
-    correlations = covs[defined] / (sigmas[defined, :, None] * sigmas[defined, None, :])
-    found, determinant = _eliminate(correlations.copy(), errors[defined] / sigmas[defined])
-    # no eigenvalue exceeds d, so the smallest is at least the determinant over d^(d-1): few are computed
-    size = errors.shape[1]
-    regular = determinant > SINGULAR * size ** (size - 1)
-    doubtful = ~regular
-    regular[doubtful] = np.linalg.eigvalsh(correlations[doubtful])[:, 0] > SINGULAR
-    distances = np.full(len(errors), np.nan)
-    distances[np.flatnonzero(defined)[regular]] = np.minimum(found[regular], FARTHEST)
-    return distances
-
-
-def _eliminate(C: Float, e: Float) -> tuple[Float, Float]:
-    """Return e' C^-1 e and determinants of C (n,) by Gaussian elimination without pivoting; overwrites both."""
-    total, determinant = np.zeros(len(e)), np.ones(len(e))
-    with np.errstate(all="ignore"):  # the caller leaves singular matrices out
-        for i in range(e.shape[1]):
-            pivot = C[:, i, i]
-            total += e[:, i] ** 2 / pivot
-            determinant *= np.maximum(pivot, 0.0)  # 0 for an indefinite matrix
-            factor = C[:, i + 1 :, i] / pivot[:, None]
-            e[:, i + 1 :] -= factor * e[:, i, None]
-            C[:, i + 1 :, i + 1 :] -= factor[:, :, None] * C[:, None, i, i + 1 :]
-    return total, determinant
+    rows = np.flatnonzero(defined)
+    correlations = covs[rows] / (sigmas[rows, :, None] * sigmas[rows, None, :])
+    regular = np.linalg.eigvalsh(correlations)[:, 0] > SINGULAR
+    rows, correlations = rows[regular], correlations[regular]
+    scaled = errors[rows] / sigmas[rows]
+    solved = np.linalg.solve(correlations, scaled[:, :, None])[:, :, 0]
+    with np.errstate(over="ignore"):
+        found[rows] = np.minimum((scaled * solved).sum(axis=1), FARTHEST)
+    return found
 
 
 def chi2_band(level: float, dof: float) -> tuple[float, float]:

@@ -1,17 +1,43 @@
-"""Intervals over independent runs, by default 95 %: means, ratios of means, figures of all runs."""
+"""Means of figures, intervals over independent runs, and comparisons of two estimators on the same runs.
+
+An undefined figure is NaN in arrays; an undefined result is None.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.compare.scoring.nan_stats import number
 
-LEVEL = 0.95
+LEVEL = 0.95  # probability of intervals, if no other is given
+NORMAL = 1.959964  # standard deviations of a 95 % interval
 ROUNDING = 1e-9  # m, rad: errors and sigmas of an optimum below this are rounding, so nothing is divided by them
+WORTH = 0.05  # least relative deviation that is stated, and the precision that a study should reach
+
+
+def number(value: float) -> float | None:
+    """Return `value` as a Python float, or None if it is NaN or infinite."""
+    return float(value) if math.isfinite(value) else None
+
+
+def defined_mean(values: Float) -> float:
+    """Return the mean of the entries that are not NaN, which may be infinite; NaN without entries."""
+    values = values[~np.isnan(values)]
+    return float(values.mean()) if values.size else math.nan
+
+
+def mean(values: Float) -> float | None:
+    """Return the mean of the entries that are not NaN; None without entries or if it is infinite."""
+    return number(defined_mean(values))
+
+
+def rms(values: Float) -> float | None:
+    """Return the root mean square of the entries that are not NaN; None without entries or if it is infinite."""
+    return number(math.sqrt(defined_mean(np.square(values))))
 
 
 @dataclass(frozen=True)
@@ -26,10 +52,7 @@ class Interval:
 def mean_interval(values: Float, level: float = LEVEL) -> Interval | None:
     """Return Student's interval of the mean of the entries that are not NaN; None without entries."""
     values = values[~np.isnan(values)]
-    if not len(values):
-        return None
-    spread = float(values.std(ddof=1)) if len(values) > 1 else np.nan
-    return _around(float(values.mean()), spread, len(values), level)
+    return _around(float(values.mean()), half_widths(values, level)) if len(values) else None
 
 
 def ratio_interval(numerator: Float, denominator: Float, level: float = LEVEL) -> Interval | None:
@@ -42,8 +65,7 @@ def ratio_interval(numerator: Float, denominator: Float, level: float = LEVEL) -
     if not len(above) or below.mean() <= ROUNDING:
         return None
     ratio = float(above.mean() / below.mean())
-    spread = float((above - ratio * below).std(ddof=1) / below.mean()) if len(above) > 1 else np.nan
-    return _around(ratio, spread, len(above), level)
+    return _around(ratio, half_widths(above - ratio * below, level) / below.mean())
 
 
 def jackknife_interval(figure: Callable[[Float, int], Float], totals: Float) -> Interval | None:
@@ -53,39 +75,103 @@ def jackknife_interval(figure: Callable[[Float, int], Float], totals: Float) -> 
         figure: maps (..., n) sums over `count` runs to (...) figures.
         totals: (R, n) contribution of each run to the sums.
     """
-    runs = len(totals)
+    runs, whole = len(totals), totals.sum(axis=0)
     if not runs:
         return None
-    whole = totals.sum(axis=0)
-    value = float(figure(whole, runs))
-    if runs == 1:
-        return _around(value, np.nan, 1)
-    without = figure(whole - totals, runs - 1)
-    return _around(value, float(np.sqrt((runs - 1) * np.square(without - without.mean()).sum())), runs)
+    half = half_widths((runs - 1) * figure(whole - totals, runs - 1)) if runs > 1 else math.nan
+    return _around(float(figure(whole, runs)), half)
 
 
 def bootstrap_interval(values: Float, seed: int = 0, resamples: int = 10_000) -> Interval:
     """Return the percentile interval of the mean of `values` (R,) over runs drawn with replacement."""
     rng = np.random.default_rng(seed)
     means = values[rng.integers(0, len(values), (resamples, len(values)))].mean(axis=1)
-    low, high = np.quantile(means, [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
-    single = len(values) == 1
-    return Interval(float(values.mean()), None if single else float(low), None if single else float(high))
+    low, high = np.quantile(means, [(1 - LEVEL) / 2, (1 + LEVEL) / 2]).tolist() if len(values) > 1 else (None, None)
+    return Interval(float(values.mean()), low, high)
 
 
 def half_widths(values: Float, level: float = LEVEL) -> Float:
-    """Return half the width of Student's interval of the mean over runs, for values (R, n); NaN for a single run."""
+    """Return half the width of Student's interval of the mean over runs, for values (R, ...); NaN for a single run."""
     from scipy.special import stdtrit  # here: scipy is slow to start
 
     runs = len(values)
     if runs < 2:
-        return np.full(values.shape[1], np.nan)
+        return np.full(values.shape[1:], np.nan)
     return stdtrit(runs - 1, (1 + level) / 2) * values.std(axis=0, ddof=1) / np.sqrt(runs)
 
 
-def _around(mean: float, spread: float, runs: int, level: float = LEVEL) -> Interval:
-    """Return the mean and its Student interval for a standard deviation `spread` over `runs` runs."""
-    from scipy.special import stdtrit  # here: scipy is slow to start
+def _around(middle: float, half: Float | float) -> Interval:
+    return Interval(middle, number(float(middle - half)), number(float(middle + half)))
 
-    half = stdtrit(runs - 1, (1 + level) / 2) * spread / np.sqrt(runs) if runs > 1 else np.nan
-    return Interval(mean, number(mean - half), number(mean + half))
+
+# --- two estimators on the same runs -------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Paired:
+    """Comparison of the means of two estimators on the same runs.
+
+    Attributes:
+        runs: number of runs with both figures.
+        difference: mean of the differences, first minus second, with Student's interval.
+        ratio: mean over mean, with the delta method's interval; None unless the second mean is above ROUNDING.
+        p_value: p-value of Student's two-sided paired test of equal means; None for a single run.
+    """
+
+    runs: int
+    difference: Interval
+    ratio: Interval | None
+    p_value: float | None
+
+
+def compare_paired(first: Float, second: Float, level: float = LEVEL) -> Paired | None:
+    """Compare a figure of two estimators run by run: variation that runs share cancels in the difference.
+
+    Args:
+        first: (R,) figures of the runs; pairs with NaN are left out.
+        second: (R,) figures of the same runs.
+        level: probability of both intervals.
+
+    Returns:
+        None if no run has both figures.
+    """
+    from scipy.special import stdtr  # here: scipy is slow to start
+
+    differences = first - second
+    difference = mean_interval(differences, level)
+    if difference is None:
+        return None
+    differences = differences[~np.isnan(differences)]
+    runs, p_value = len(differences), None
+    if runs > 1:
+        error = differences.std(ddof=1) / np.sqrt(runs)
+        p_value = 2 * float(stdtr(runs - 1, -abs(difference.mean) / error)) if error else float(difference.mean == 0)
+    return Paired(runs, difference, ratio_interval(first, second, level), p_value)
+
+
+def is_above(ratio: Interval | None, bound: float) -> bool:
+    """Return whether the whole interval of a ratio is above a bound."""
+    return ratio is not None and ratio.low is not None and ratio.low > bound
+
+
+def is_below(ratio: Interval | None, bound: float) -> bool:
+    """Return whether the whole interval of a ratio is below a bound."""
+    return ratio is not None and ratio.high is not None and ratio.high < bound
+
+
+def runs_to_resolve(scatter: float) -> int:
+    """Return the runs until a 95 % interval is ±WORTH, for a standard deviation `scatter` between runs; two digits."""
+    runs = round((NORMAL * scatter / WORTH) ** 2, 6)  # 400, not 400.0000001
+    step = 10 ** max(0, math.floor(math.log10(max(runs, 1))) - 1)
+    return math.ceil(runs / step) * step
+
+
+def needed_runs(ratio: Interval, runs: int) -> str:
+    """Return how many runs a 95 % interval of ±WORTH needs, for the interval of a ratio over `runs` runs.
+
+    Empty if `runs` are enough, or if the ratio has no interval.
+    """
+    if ratio.low is None or ratio.high is None:
+        return ""
+    needed = runs_to_resolve((ratio.high - ratio.low) / 2 / NORMAL * math.sqrt(runs))
+    return f": about {needed} runs are needed to know it to {100 * WORTH:g} %" if needed > runs else ""

@@ -1,4 +1,4 @@
-"""Notes on the optima under a table: fit of the model, observations left out, figures in doubt, better estimates.
+"""Quality of an optimum (is it the optimum, does its model fit, what does it leave out), and the notes under tables.
 
 No filter is better than the causal optimum: an estimate that is significantly better uses more than it may.
 """
@@ -6,27 +6,79 @@ No filter is better than the causal optimum: an estimate that is significantly b
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from slamgauge.compare.scoring.consistency import chi2_band, squared_mahalanobis
-from slamgauge.compare.scoring.intervals import LEVEL, Interval
-from slamgauge.compare.scoring.measured import pose_covs_of
-from slamgauge.compare.scoring.nan_stats import mean
-from slamgauge.compare.scoring.optimum_figures import CHECK_LIMIT, is_in_doubt, is_misfit, unused_observations
+from slamgauge.arrays import Float
+from slamgauge.compare.scoring.consistency import chi2_band, distances, pose_errors, squared_mahalanobis
+from slamgauge.compare.scoring.intervals import LEVEL, ROUNDING, Interval, is_above, is_below, mean, rms
+from slamgauge.compare.scoring.measured import Measured, pose_covs_of
 from slamgauge.compare.scoring.table import MARK, interval_cell
-from slamgauge.compare.scoring.trajectory_error import pose_errors
 from slamgauge.display import counted
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.sensors import SENSORS
 from slamgauge.truth import NOBODY, Truth
 
+CHECK_LIMIT = 0.05  # sigmas: a causal optimum that is farther from the hindsight optimum at the end is in doubt
 FIT_LEVEL = 0.95  # probability of the two-sided chi-square band of the fit
+MISFIT_LEVEL = 0.999  # probability of the two-sided chi-square band outside of which residuals are implausible
+MISFIT = 0.05  # least deviation of chi2/dof from 1 that causes a warning
 SURE = 0.999  # probability of the two-sided interval: one in 2000 estimators with the optimum's accuracy is reported
-FAR_BELOW = 0.1  # largest share of the optimum's own figure
 WHY = "no filter can be; check whether it uses the truth, later measurements or the scenario"
+MARKED = f": figures relative to it are marked {MARK}"
+
+
+# --- figures for the catalogue -------------------------------------------------------------------
+
+
+def chi_square_per_dof(estimate: Estimate) -> float | None:
+    """Return chi2/dof of an optimum; None without a degree of freedom."""
+    dof = estimate.chi_square_dof
+    return estimate.chi_square / dof if estimate.chi_square is not None and dof else None
+
+
+def ratio_to_optimum(found: Measured) -> float | None:
+    """Return the ATE over that of the optimum; None if the latter is not above ROUNDING."""
+    if found.optimum is None:
+        return None
+    ate, best = rms(found.off), rms(distances(pose_errors(found.reference, found.optimum.poses)))
+    return ate / best if ate is not None and best is not None and best > ROUNDING else None
+
+
+def mahalanobis_to_optimum(found: Measured) -> float | None:
+    """Return the mean squared Mahalanobis distance of the poses to those of the optimum, under its covariance."""
+    if found.optimum is None:
+        return None
+    differences = pose_errors(found.optimum.poses, found.estimate.poses)
+    squares = squared_mahalanobis(differences, pose_covs_of(found.optimum))
+    return mean(squares if found.compared is None else squares[found.compared])
+
+
+# --- fit of the model ----------------------------------------------------------------------------
+
+
+def is_misfit(optimum: Estimate) -> bool:
+    """Return whether the residuals of an optimum deviate significantly, and by more than MISFIT, from its noise."""
+    chi_square, dof = optimum.chi_square, optimum.chi_square_dof
+    if chi_square is None or not dof:
+        return False
+    low, high = chi2_band(MISFIT_LEVEL, dof)
+    return not low <= chi_square <= high and abs(chi_square / dof - 1.0) > MISFIT
+
+
+def is_misfit_in_runs(fit: Interval | None) -> bool:
+    """Return the same for the mean chi2/dof of many runs with its 95 % interval."""
+    return is_above(fit, 1.0 + MISFIT) or is_below(fit, 1.0 - MISFIT)
+
+
+def misfits(names: Sequence[str]) -> str | None:
+    """Return that the residuals of these optima contradict the stated noise; None without names."""
+    if not names:
+        return None
+    which = f"the residuals of {' and '.join(names)} contradict the stated noise"
+    return f"{which}, so they are not optimal: figures relative to them are marked {MARK}"
 
 
 def fit_of_the_model(title: str, optimum: Estimate) -> str | None:
@@ -53,15 +105,25 @@ def mean_fit(title: str, fit: Interval | None) -> str | None:
     return None if fit is None else f"fit of the model: chi2/dof of the {title} {interval_cell(fit, '{:.3f}')}"
 
 
+# --- observations left out -----------------------------------------------------------------------
+
+
 def left_out(name: str, truth: Truth | None, recording: Recording, optimum: Estimate) -> str | None:
-    """Return how many landmarks and observations an optimum leaves out; None if it uses all, or this is unknown."""
-    observations = unused_observations(truth or Truth(), optimum)
+    """Return how many landmarks and observations an optimum leaves out; None if it uses all, or this is unknown.
+
+    True outliers and clutter are not counted.
+    """
+    if optimum.association is None:
+        return None
+    misleading = None if truth is None else truth.misleading
+    unused = optimum.association == NOBODY
+    observations = int(np.sum(unused if misleading is None else unused & ~misleading))
     if not observations:
         return None
     ids = recording.landmark
-    if truth is not None and truth.association is not None and (ids is None or truth.misleading is not None):
+    if truth is not None and truth.association is not None and (ids is None or misleading is not None):
         ids = truth.association[truth.association != NOBODY]  # the associations that optima receive
-    landmarks = 0 if ids is None else int(np.sum(~np.isin(np.unique(ids), optimum.landmark_ids)))
+    landmarks = 0 if ids is None else len(np.setdiff1d(ids, optimum.landmark_ids))
     counts = [counted(landmarks, "landmark")] * (landmarks > 0) + [counted(observations, "observation")]
     why = "" if SENSORS[recording.sensor].places_landmarks else " that bearings do not determine"
     return f"{name} leaves out {' and '.join(counts)}{why}"
@@ -76,61 +138,40 @@ def without_misleading(names: Sequence[str], truth: Truth | None) -> str | None:
     return f"{' and '.join(names)} {verb} out {count}: the true outliers and clutter"
 
 
-def without_headings(truth: Truth | None) -> str | None:
-    """Return what a truth without headings leaves undefined, or None."""
-    if truth is None or truth.poses is None:
-        return None
-    headless = np.isfinite(truth.poses[:, :2]).all(axis=1) & np.isnan(truth.poses[:, 2])
-    if not headless.any():
-        return None
-    count = "no headings" if headless.all() else f"no headings at {headless.sum()} of {len(headless)} steps"
-    return f"the truth has {count}: heading errors, relative errors and pose NEES are left out there"
+# --- is it the optimum? --------------------------------------------------------------------------
 
 
-def misfits(names: Sequence[str]) -> str | None:
-    """Return that the residuals of these optima contradict the stated noise; None without names."""
-    if not names:
-        return None
-    which = f"the residuals of {' and '.join(names)} contradict the stated noise"
-    return f"{which}, so they are not optimal: figures relative to them are marked {MARK}"
+def is_in_doubt(check: float | None) -> bool:
+    """Return whether an optimum was checked and is too far from the hindsight optimum."""
+    return check is not None and check > CHECK_LIMIT
 
 
-def under_associations(names: Sequence[str]) -> str:
-    """Return that the optima use the associations of an estimator."""
-    return f"no ids, and no true associations: compared with {' and '.join(names)}, with associations right or wrong"
+def share_of_doubt(checks: Float) -> float | None:
+    """Return the share of the checked runs (R,) whose optimum is in doubt; NaN is not checked."""
+    return mean(np.where(np.isnan(checks), np.nan, checks > CHECK_LIMIT))
 
 
-def distance_from_optimum(name: str, check: float | None) -> str | None:
-    """Return how far a causal optimum is from the true optimum; None if it is near, or was not checked."""
+def doubt(name: str, check: float | None, then: str = "") -> str | None:
+    """Return how far a causal optimum is from the true optimum, and `then`; None if it is near, or was not checked."""
     if check is None or not is_in_doubt(check):
         return None
     if math.isinf(check):
-        return f"the optimum of some steps of {name}, or that of the whole recording, was not found"
-    return f"{name} is {check:.2g} sigma from the optimum at a checked step"
+        return f"the optimum of some steps of {name}, or that of the whole recording, was not found{then}"
+    return f"{name} is {check:.2g} sigma from the optimum at a checked step{then}"
 
 
-def distance_in_runs(name: str, share: float | None) -> str | None:
-    """Return in which share of many runs a causal optimum is far from the true optimum."""
+def doubt_in_runs(name: str, share: float | None, then: str = MARKED) -> str | None:
+    """Return in which share of many runs a causal optimum is far from the true optimum, and `then`."""
     if not share:
         return None
-    return f"{name} is more than {CHECK_LIMIT:g} sigma from the optimum at a checked step in {share:.1%} of the runs"
+    return (
+        f"{name} is more than {CHECK_LIMIT:g} sigma from the optimum at a checked step in {share:.1%} of the runs{then}"
+    )
 
 
-def doubt(distance: str | None) -> str | None:
-    """Return the distance of an optimum with which others are compared, and that figures are marked."""
-    return None if distance is None else f"{distance}: figures relative to it are marked {MARK}"
-
-
-def doubt_in_runs(name: str, share: float | None) -> str | None:
-    """Return the distance in many runs, and that figures are marked."""
-    return doubt(distance_in_runs(name, share))
-
-
-def at_places(
-    name: str, shares: Mapping[str, float | None], text: Callable[[str, float | None], str | None] = doubt_in_runs
-) -> list[str]:
-    """Return the `text` on an optimum at several places of many runs: one line for places with equal shares."""
-    return placed({place: text(name, share) for place, share in shares.items()})
+def at_places(name: str, shares: Mapping[str, float | None], then: str = MARKED) -> list[str]:
+    """Return `doubt_in_runs` of an optimum at several places: one line for places with equal shares."""
+    return placed({place: doubt_in_runs(name, share, then) for place, share in shares.items()})
 
 
 def placed(texts: Mapping[str, str | None]) -> list[str]:
@@ -156,24 +197,3 @@ def beats_the_optimum(ratio: Interval | None, runs: int) -> str | None:
     if ratio.mean + half >= 1.0:
         return None
     return f"its error is {ratio.mean:.3g} ± {half:.2g} times the causal optimum's ({SURE:.1%} interval): {WHY}"
-
-
-def beats_the_optimum_in_a_run(name: str, truth: Truth, estimate: Estimate, optimum: Estimate) -> str | None:
-    """Return a note if an estimate is too near the truth in one run, and the optimum fits its noise, else None."""
-    if is_misfit(optimum) or not is_too_near_the_truth(truth, estimate, optimum):
-        return None
-    return f"{name}: significantly nearer to the truth than the causal optimum's covariance allows: {WHY}"
-
-
-def is_too_near_the_truth(truth: Truth, estimate: Estimate, optimum: Estimate) -> bool:
-    """Return whether the errors of one run are significantly too small for the causal optimum's covariance.
-
-    Their mean squared Mahalanobis distance over time varies most if all steps have the same error: then it is
-    chi-square with 3 degrees of freedom, and below its band with probability 0.0005. The optimum's own distance must
-    be much larger; it is not if the start is not drawn from the prior, for instance.
-    """
-    if truth.poses is None or estimate.kind != "filtered":
-        return False
-    covs = pose_covs_of(optimum)
-    own, best = (mean(squared_mahalanobis(pose_errors(truth.poses, each.poses), covs)) for each in (estimate, optimum))
-    return own is not None and best is not None and own < chi2_band(SURE, 3)[0] and own < FAR_BELOW * best

@@ -1,4 +1,7 @@
-"""Score a stored trajectory at its own stamps: truth and optimum are what is interpolated, along the odometry."""
+"""Stored trajectories: scored at their own stamps, aligned with the truth, and with covariances of the body frame.
+
+Truth and optimum are what is interpolated to the stamps of a trajectory, along the odometry.
+"""
 
 from __future__ import annotations
 
@@ -7,13 +10,19 @@ from dataclasses import replace
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.compare.estimators.stored_trajectory import OwnPoses
+from slamgauge.compare.estimators.stored_trajectory import OwnPoses, StoredEstimate
+from slamgauge.compare.scoring.consistency import pose_errors, squared_mahalanobis
+from slamgauge.compare.scoring.intervals import defined_mean
 from slamgauge.compare.scoring.scores import Score, evaluate
-from slamgauge.compare.storage.interpolation import interpolated_covs
+from slamgauge.compare.storage.trajectories import interpolated_covs
+from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
+from slamgauge.notices import tell_once
 from slamgauge.recording import Recording
-from slamgauge.se2 import between, compose, exp, log, wrap
+from slamgauge.se2 import between, compose, exp, log, pose_rotation, rotation, wrap
 from slamgauge.truth import Truth
+
+FAR_BETTER = 2.0  # ratio of the mean NEES as read to that of rotated covariances, above which a warning is printed
 
 
 def score_at_own_stamps(
@@ -62,14 +71,100 @@ def _moved(poses: Float, motions: Float, recording: Recording, times: Float) -> 
     straight lines. Without a motion there (a gap of the truth), and for a time of NaN, the pose is NaN.
     """
     found = np.where(np.isnan(times)[:, None], np.nan, poses)
-    rows = np.flatnonzero(times != recording.stamps)
-    rows = rows[~np.isnan(times[rows])]
+    rows = np.flatnonzero((times != recording.stamps) & ~np.isnan(times))
     begin = np.clip(rows - (times[rows] < recording.stamps[rows]), 0, max(recording.steps - 1, 0))
     share = (times[rows] - recording.stamps[begin]) / (recording.stamps[begin + 1] - recording.stamps[begin])
     share = np.clip(share, 0.0, 1.0)[:, None]
     tangents = np.column_stack([motions[begin, :2], wrap(motions[begin, 2])])
-    found[rows] = compose(poses[begin], exp(share * log(tangents)))
-    headless = np.isnan(poses[begin, 2])
+    arcs = compose(poses[begin], exp(share * log(tangents)))
     lines = poses[begin] + share * (poses[begin + 1] - poses[begin])
-    found[rows[headless]] = lines[headless]
+    found[rows] = np.where(np.isnan(poses[begin, 2:]), lines, arcs)
     return found
+
+
+# --- alignment and frames ------------------------------------------------------------------------
+
+
+def aligned(label: str, stored: StoredEstimate, truth: Truth, recording: Recording) -> StoredEstimate:
+    """Return a stored estimate moved and turned to fit the true positions; the transform is printed.
+
+    Positions at the same times are compared. The scale is not changed.
+
+    Raises:
+        UserError: fewer than two poses have true positions.
+    """
+    estimate, reference = _with_truth(stored, truth, recording)
+    assert reference is not None
+    known = np.isfinite(reference[:, :2]).all(axis=1)
+    if known.sum() < 2:
+        raise UserError(f"align: {known.sum()} poses have true positions; two or more are needed")
+    transform = rigid_transform(estimate.poses[known, :2], reference[known, :2])
+    x, y, turn = transform
+    tell_once(f"{label}: turned by {turn:.4g} rad about the origin, then moved by ({x:.4g} m, {y:.4g} m)")
+    return stored.changed(lambda each: _transformed(each, transform))
+
+
+def rigid_transform(points: Float, targets: Float) -> Float:
+    """Return the transform (x, y, turn) that takes points (n, 2) nearest to targets (n, 2), by least squares.
+
+    Source: Umeyama, PAMI 13(4), 1991.
+    """
+    middle, goal = points.mean(axis=0), targets.mean(axis=0)
+    (a, b), (c, d) = (points - middle).T @ (targets - goal)
+    turn = np.arctan2(b - c, a + d)
+    return np.append(goal - rotation(turn) @ middle, turn)
+
+
+def _transformed(estimate: Estimate, transform: Float) -> Estimate:
+    """Return an estimate with poses, landmarks and covariances in the frame that the transform (3,) leads to."""
+    turn, turn_3 = rotation(transform[2]), pose_rotation(transform[2])
+    covs, map_covs = estimate.pose_covs, estimate.landmark_covs
+    return replace(
+        estimate,
+        poses=compose(transform, estimate.poses),
+        pose_covs=None if covs is None else turn_3 @ covs @ turn_3.T,
+        landmarks=estimate.landmarks @ turn.T + transform[:2],
+        landmark_covs=None if map_covs is None else turn @ map_covs @ turn.T,
+        rays=None,
+        history=None,
+    )
+
+
+def in_world_frame(stored: StoredEstimate) -> StoredEstimate:
+    """Return a stored estimate with pose covariances of the body frame rotated to the world frame.
+
+    Raises:
+        UserError: it has no covariances.
+    """
+    if stored.estimate.pose_covs is None:
+        raise UserError("covariance-frame: the estimate has no covariances; leave this option out")
+    return stored.changed(lambda each: replace(each, pose_covs=_rotated(each)))
+
+
+def frame_doubt(label: str, stored: StoredEstimate, truth: Truth | None, recording: Recording) -> str:
+    """Return a warning if covariances fit the errors far better once they are rotated to the world frame, else ""."""
+    estimate, reference = _with_truth(stored, truth, recording)
+    if reference is None or estimate.pose_covs is None:
+        return ""
+    errors = pose_errors(reference, estimate.poses)
+    read, turned = (
+        defined_mean(squared_mahalanobis(errors, covs)) for covs in (estimate.pose_covs, _rotated(estimate))
+    )
+    if not read > FAR_BETTER * turned:  # NaN without a step that has both
+        return ""
+    what = f"the mean NEES is {read:.3g}, but {turned:.3g} if its covariances are in the body frame"
+    return f"{label}: {what} (as GTSAM's Marginals gives them); then give --covariance-frame body"
+
+
+def _with_truth(stored: StoredEstimate, truth: Truth | None, recording: Recording) -> tuple[Estimate, Float | None]:
+    """Return the estimate, at its own stamps if it has any, and the true poses (N+1, 3) there; None: unknown."""
+    if stored.own is not None:
+        truth = truth_at(stored.own.stamps, truth, recording)
+    return stored.estimate if stored.own is None else stored.own.estimate, None if truth is None else truth.poses
+
+
+def _rotated(estimate: Estimate) -> Float:
+    """Return pose covariances (N+1, 3, 3) of the body frame in the world frame: GTSAM's `Marginals` are in the body."""
+    assert estimate.pose_covs is not None
+    turns = pose_rotation(estimate.poses[:, 2])
+    return turns @ estimate.pose_covs @ turns.swapaxes(1, 2)

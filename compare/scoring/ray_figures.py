@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import astuple, dataclass, fields
 
 import numpy as np
 
-from slamgauge.arrays import Float, Int
-from slamgauge.compare.scoring.consistency import squared_mahalanobis
-from slamgauge.compare.scoring.landmark_identity import landmark_errors, true_landmarks
-from slamgauge.compare.scoring.nan_stats import mean
-from slamgauge.estimate import Estimate, RayLog
-from slamgauge.recording import Recording
-from slamgauge.truth import Truth
+from slamgauge.arrays import Float, Marks
+from slamgauge.compare.scoring.intervals import mean
+from slamgauge.compare.scoring.measured import Measured
+from slamgauge.compare.scoring.runs import Runs
+from slamgauge.estimate import RayLog
+from slamgauge.truth import NOBODY
 
 FAR_OFF = 9.0  # squared Mahalanobis distance of three sigma
 
@@ -43,19 +42,16 @@ class RayFigures:
 RAY_FIGURES = tuple(each.name for each in fields(RayFigures))
 
 
-def ray_figures(truth: Truth, recording: Recording, estimate: Estimate) -> RayFigures | None:
+def ray_figures(found: Measured) -> RayFigures | None:
     """Return the counts of an estimate; None without rays."""
-    rays = estimate.rays
+    rays, truth = found.estimate.rays, found.truth
     if rays is None:
         return None
     collapsed, ended = rays.survivor >= 0, rays.end >= 0
     wrong, off = None, None
     if truth.poses is not None and truth.landmark_ids is not None:
-        ids, landmarks = true_landmarks(truth, recording, estimate)
-        is_off = np.isin(rays.landmark, estimate.landmark_ids[_far_off(truth, estimate, ids, landmarks)])
-        known = dict(zip(estimate.landmark_ids.tolist(), ids.tolist(), strict=True))
-        owner = np.array([known.get(name, -1) for name in rays.landmark.tolist()], dtype=np.int64)
-        wrong = float(np.sum(collapsed & (is_off | ~_nearest_survived(truth, truth.poses, rays, owner))))
+        is_off = np.isin(rays.landmark, found.estimate.landmark_ids[found.map_nees > FAR_OFF])
+        wrong = float(np.sum(collapsed & (is_off | ~_nearest_survived(found, truth.poses, rays))))
         off = float(np.sum(collapsed & is_off))
     return RayFigures(
         members=float(rays.members.mean()),
@@ -67,27 +63,15 @@ def ray_figures(truth: Truth, recording: Recording, estimate: Estimate) -> RayFi
     )
 
 
-def _far_off(truth: Truth, estimate: Estimate, ids: Int, landmarks: Float) -> Int:
-    """Return the landmarks more than three sigma from the truth, without those of unknown truth."""
-    if estimate.landmark_covs is None:
-        return np.zeros(0, dtype=np.int64)
-    errors = landmark_errors(ids, landmarks, truth.landmark_ids, truth.landmarks)
-    return np.flatnonzero(squared_mahalanobis(errors, estimate.landmark_covs) > FAR_OFF)
-
-
-def _nearest_survived(
-    truth: Truth, poses: Float, rays: RayLog, owner: Int
-) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-    """Return whether each ray's survivor was at birth the member nearest to the true distance; True if unknown.
-
-    `owner` has the true id of each ray's landmark, -1 if unknown.
-    """
+def _nearest_survived(found: Measured, poses: Float, rays: RayLog) -> Marks:
+    """Return whether each ray's survivor was at birth the member nearest to the true distance; True if unknown."""
     if not len(rays.birth):  # without observations, rays have no members
         return np.zeros(0, dtype=np.bool_)
-    offsets = landmark_errors(owner, poses[rays.birth, :2], truth.landmark_ids, truth.landmarks)
-    gaps = np.abs(rays.distances - np.hypot(*offsets.T)[:, None])
-    nearest = np.where(np.isnan(gaps).all(axis=1), rays.survivor, np.nan_to_num(gaps, nan=np.inf).argmin(axis=1))
-    return nearest == rays.survivor
+    owners = dict(zip(found.estimate.landmark_ids.tolist(), found.true_ids.tolist(), strict=True))
+    owner = np.array([owners.get(name, NOBODY) for name in rays.landmark.tolist()])
+    true = np.hypot(*found.from_truth(owner, poses[rays.birth, :2]).T)
+    gaps = np.abs(rays.distances - true[:, None])
+    return np.isnan(gaps).all(axis=1) | (np.nan_to_num(gaps, nan=np.inf).argmin(axis=1) == rays.survivor)
 
 
 def describe(figures: RayFigures) -> str:
@@ -99,7 +83,11 @@ def describe(figures: RayFigures) -> str:
 
 def mean_figures(runs: Sequence[RayFigures | None]) -> RayFigures | None:
     """Return means over the runs that have each count; None without rays."""
-    known = [each for each in runs if each is not None]
-    if not known:
-        return None
-    return RayFigures(*map(mean, np.array([astuple(each) for each in known], dtype=np.float64).T))
+    known = [astuple(each) for each in runs if each is not None]
+    return RayFigures(*map(mean, np.array(known, dtype=np.float64).T)) if known else None
+
+
+def mean_rays(runs: Runs, _: Mapping[str, Runs]) -> RayFigures | None:
+    """Return means over the runs of a study; None without rays."""
+    rows = np.array([runs.figures[f"rays_{name}"] for name in RAY_FIGURES]).T
+    return mean_figures([RayFigures(*row) for row in rows if not np.isnan(row[0])])

@@ -1,18 +1,32 @@
-"""Stored runs of one estimator in a study, as arrays over runs."""
+"""Stored runs of one estimator in a study, as arrays over runs, and their means, ratios and figures by step."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from slamgauge.arrays import Float, Int
+from slamgauge.compare.estimators.registry import BOUND_OF, OPTIMA
+from slamgauge.compare.scoring.consistency import chi2_band, is_inside
+from slamgauge.compare.scoring.intervals import (
+    Interval,
+    half_widths,
+    jackknife_interval,
+    mean,
+    mean_interval,
+    ratio_interval,
+)
 
 # stored for every step: errors and sigmas [m, m, rad], NEES, and the NIS with its degrees of freedom
 SERIES = (
     *("error_x", "error_y", "error_heading", "sigma_x", "sigma_y", "sigma_heading"),
     *("nees_pose", "nees_position", "nees_heading", "nis", "nis_dof"),
 )
+BAND_LEVEL = 0.999  # probability of the chi-square band, for the share of steps inside
+FIRST_STEP = 11  # first step of NEES means: before it the start still dominates
 
 
 @dataclass(frozen=True)
@@ -32,13 +46,141 @@ class Runs:
     series: dict[str, Float]
 
 
-def paired_figures(key: str, runs: Runs, other: Runs) -> tuple[Float, Float]:
-    """Return a figure (C,) of the common runs of two estimators."""
-    ours, theirs = paired(runs, other)
-    return runs.figures[key][ours], other.figures[key][theirs]
+OverRuns = Callable[[Runs, Mapping[str, Runs]], Any]  # arguments: the estimator's runs, and those of all by name
 
 
 def paired(runs: Runs, optimum: Runs) -> tuple[Int, Int]:
     """Return the rows of the common runs in `runs` and in `optimum`."""
     _, ours, theirs = np.intersect1d(runs.run, optimum.run, assume_unique=True, return_indices=True)
     return ours, theirs
+
+
+def paired_figures(key: str, runs: Runs, other: Runs) -> tuple[Float, Float]:
+    """Return a figure (C,) of the common runs of two estimators."""
+    ours, theirs = paired(runs, other)
+    return runs.figures[key][ours], other.figures[key][theirs]
+
+
+def late_means(series: Float) -> Float:
+    """Return the mean of each run (R,) from step FIRST_STEP on of a series (R, N+1) with gaps; NaN without values."""
+    late = series[:, FIRST_STEP:]
+    count = (~np.isnan(late)).sum(axis=1)
+    return np.divide(np.nansum(late, axis=1), count, out=np.full(len(series), np.nan), where=count > 0)
+
+
+def reported_sigma(runs: Runs) -> Float:
+    """Return the RMS over steps (R,) of the position sigma [m] that the estimator reports; NaN without one."""
+    late = _squares(runs, "sigma_x", "sigma_y")[:, FIRST_STEP:]
+    return np.sqrt(late.mean(axis=1)) if late.size else np.full(len(late), np.nan)
+
+
+def _squares(runs: Runs, *series: str) -> Float:
+    """Return the sums (R, N+1) of the squares of these series."""
+    return np.sum([runs.series[key] ** 2 for key in series], axis=0)
+
+
+# --- at every step -------------------------------------------------------------------------------
+
+
+class PerStep(NamedTuple):
+    """A statistic of all runs at every step (N+1,) and its band; NaN where undefined."""
+
+    value: Float
+    low: Float
+    high: Float
+
+
+def nees_per_step(runs: Runs) -> PerStep:
+    """Return the mean pose NEES over runs, 3 if consistent, in a chi-square band."""
+    nees = runs.series["nees_pose"]
+    count = (~np.isnan(nees)).sum(axis=0)
+    return _per_step(np.nansum(nees, axis=0), 3 * count, count)
+
+
+def nis_per_step(runs: Runs) -> PerStep:
+    """Return the NIS over its degrees of freedom, 1 if innovations are as large as expected, in a chi-square band."""
+    dof = np.nansum(runs.series["nis_dof"], axis=0).astype(np.int64)
+    return _per_step(np.nansum(runs.series["nis"], axis=0), dof, dof)
+
+
+def rmse_per_step(runs: Runs) -> PerStep:
+    """Return the RMS position error [m] over runs, and the root of Student's 95 % interval of the mean square.
+
+    The interval is NaN for a single run.
+    """
+    squares = _squares(runs, "error_x", "error_y")
+    middle, half = squares.mean(axis=0), half_widths(squares)
+    return PerStep(np.sqrt(middle), np.sqrt(np.maximum(middle - half, 0.0)), np.sqrt(middle + half))
+
+
+def _per_step(total: Float, dof: Int, unit: Int) -> PerStep:
+    """Return sums with `dof` degrees of freedom (N+1,) and their band, divided by `unit`."""
+    bands = {each: chi2_band(BAND_LEVEL, each) if each else (np.nan, np.nan) for each in np.unique(dof).tolist()}
+    low, high = np.array([bands[each] for each in dof.tolist()]).reshape(-1, 2).T
+    divisor = np.where(unit > 0, unit, np.nan)
+    return PerStep(total / divisor, low / divisor, high / divisor)
+
+
+# --- for the catalogue ---------------------------------------------------------------------------
+
+
+def mean_of(key: str) -> OverRuns:
+    """Return a function for the mean over runs of a stored figure."""
+    return lambda runs, _: mean_interval(runs.figures[key])
+
+
+def mean_root_of(*series: str) -> OverRuns:
+    """Return a function for the mean over steps of the RMS over runs of an error with these components."""
+    return lambda runs, _: jackknife_interval(_mean_root, _squares(runs, *series))
+
+
+def late_mean_of(series: str, dof: int) -> OverRuns:
+    """Return a function for the mean of a NEES over its degrees of freedom, from step FIRST_STEP on."""
+    return lambda runs, _: mean_interval(late_means(runs.series[series] / dof))
+
+
+def late_coverage(runs: Runs, _: Mapping[str, Runs]) -> Interval | None:
+    """Return the share of the steps, from FIRST_STEP on, at which the 95 % ellipse contains the position."""
+    return mean_interval(late_means(is_inside(runs.series["nees_position"], 0.95)))
+
+
+def over_optimum(name: str | None = None) -> OverRuns:
+    """Return a function for mean ATE over that of an optimum on the same runs; by default the one of the same kind."""
+
+    def ratio(runs: Runs, others: Mapping[str, Runs]) -> Interval | None:
+        optimum = others.get(name or OPTIMA.get(runs.kind, ""))
+        return None if optimum is None else ratio_interval(*paired_figures("ate_m", runs, optimum))
+
+    return ratio
+
+
+def over_bound(runs: Runs, others: Mapping[str, Runs]) -> Interval | None:
+    """Return the mean over steps of the RMS position error over runs, divided by that of the bound of the same kind."""
+    bound = others.get(BOUND_OF.get(runs.kind, ""))
+    if bound is None:
+        return None
+    rows = paired(runs, bound)
+    squares = [_squares(each, "error_x", "error_y")[own] for each, own in zip((runs, bound), rows, strict=True)]
+
+    def ratio(sums: Float, count: int) -> Float:
+        above, below = np.split(sums, 2, axis=-1)
+        return _mean_root(above, count) / _mean_root(below, count)
+
+    return jackknife_interval(ratio, np.concatenate(squares, axis=1))
+
+
+def _mean_root(sums: Float, count: int) -> Float:
+    """Return the mean over steps of the root of the mean over runs."""
+    return np.sqrt(np.maximum(sums, 0.0) / count).mean(axis=-1)
+
+
+def total_nis(runs: Runs, _: Mapping[str, Runs]) -> Interval | None:
+    """Return the NIS over its degrees of freedom."""
+    dof = runs.figures["nis_dof_total"]
+    return ratio_interval(runs.figures["nis_total"], np.where(dof > 0, dof, np.nan))
+
+
+def share_inside_band(runs: Runs, _: Mapping[str, Runs]) -> float | None:
+    """Return the share of steps whose mean pose NEES over runs is in its chi-square band."""
+    average, low, high = nees_per_step(runs)
+    return mean(np.where(np.isnan(average), np.nan, (average >= low) & (average <= high)))

@@ -17,7 +17,7 @@ from slamgauge.display import data_frame, html_table
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
-from slamgauge.truth import Truth
+from slamgauge.truth import Truth, require_same_run
 from slamgauge.validation import require_type
 
 
@@ -42,9 +42,7 @@ class FiguresByKey(Mapping[str, Any]):
         JSON has no infinity: an infinite check becomes the largest double.
         """
         entry = {key: sys.float_info.max if value == math.inf else value for key, value in self.items()}
-        if entry["rays"] is None:
-            del entry["rays"]
-        return to_jsonable_python(entry)
+        return to_jsonable_python({key: value for key, value in entry.items() if key != "rays" or value is not None})
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -73,8 +71,7 @@ class Score(FiguresByKey):
 
     def numbers(self) -> dict[str, float | None]:
         """Return the entries of metrics.json that are numbers."""
-        entry = {key: value for key, value in self.to_json().items() if key != "kind"}
-        return {key: value for key, value in entry.items() if value is None or isinstance(value, int | float)}
+        return {key: value for key, value in self.to_json().items() if value is None or isinstance(value, int | float)}
 
     def to_frame(self) -> Any:
         """Return the figures as a `pandas.DataFrame` with a row for each."""
@@ -111,28 +108,16 @@ def evaluate(
     require_type("truth", truth, Truth)
     require_type("recording", recording, Recording)
     require_type("estimate", estimate, Estimate)
-    _check(truth, recording, estimate, optimum, batch)
+    require_same_run(truth, recording)
+    rows = {"poses": recording.steps + 1, "association": len(recording.observation)}
+    given = {"estimate": (estimate, estimate.kind), "optimum": (optimum, estimate.kind), "batch": (batch, "smoothed")}
+    for name, (each, kind) in given.items():
+        if each is not None and each.kind != kind:
+            remedy = "compare a filtered estimate with causal, a smoothed one with batch"
+            raise UserError(f"{name}.kind: {each.kind!r} instead of {kind!r}; {remedy}")
+        for field, count in rows.items():
+            values = getattr(each, field, None)
+            if values is not None and len(values) != count:
+                raise UserError(f"{name}.{field}: {len(values)} rows, but the recording needs {count}; give its own")
     found = Measured(truth, recording, estimate, optimum, batch, compared)
     return Score({"kind": estimate.kind, **measured(found)}, found.nees, found.sigmas)
-
-
-def _check(
-    truth: Truth, recording: Recording, estimate: Estimate, optimum: Estimate | None, batch: Estimate | None
-) -> None:
-    poses, observations = recording.steps + 1, len(recording.observation_step)
-    given = {"truth": truth, "estimate": estimate, "optimum": optimum, "batch": batch}
-    for name, each in given.items():
-        if each is not None and each.poses is not None and len(each.poses) != poses:
-            raise UserError(f"{name}.poses: {len(each.poses)} rows for {poses} stamps; give one pose per stamp")
-        if each is not None and each.association is not None and len(each.association) != observations:
-            raise UserError(
-                f"{name}.association: {len(each.association)} entries for {observations} observations; "
-                "give one per observation"
-            )
-    if optimum is not None and optimum.kind != estimate.kind:
-        raise UserError(
-            f"optimum.kind: {optimum.kind!r} is not comparable with {estimate.kind!r}; "
-            "compare a filtered estimate with causal, a smoothed one with batch"
-        )
-    if batch is not None and batch.kind != "smoothed":
-        raise UserError(f"batch.kind: {batch.kind!r} is not the hindsight optimum; give batch's smoothed estimate")

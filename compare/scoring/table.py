@@ -1,16 +1,22 @@
-"""Tables of results, the same for terminals, notebooks, pages and files; each of these has a writer."""
+"""Tables of results, the same for terminals, notebooks, pages and files; here with the writers for files."""
 
 from __future__ import annotations
 
+import html
 from collections.abc import Sequence
 from dataclasses import dataclass
+from io import StringIO
 from typing import NamedTuple
 
 from slamgauge.compare.scoring.intervals import Interval
+from slamgauge.compare.storage.files import write_csv
 
 VAST = 1e9  # figures from here on are written with an exponent, to keep columns narrow
 NO_FIGURE = "-"  # text of None
 MARK = "?"  # behind figures that are relative to an optimum in doubt
+LATEX = {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "±": r"$\pm$"} | {
+    sign: f"\\{sign}" for sign in "&%$#_{}"
+}
 
 
 @dataclass(frozen=True)
@@ -25,6 +31,7 @@ class Head:
         wraps: whether the texts may continue on further lines.
         key: key of the metric, if it is one.
         form: format of the figures.
+        relative: whether figures are relative to an optimum, and marked if that is in doubt.
     """
 
     title: str
@@ -34,6 +41,7 @@ class Head:
     wraps: bool = False
     key: str = ""
     form: str = "{:.3f}"
+    relative: bool = False
 
     @property
     def full(self) -> str:
@@ -70,6 +78,10 @@ class Table:
         """Return a table whose cells may be texts."""
         cells = [[Cell(each) if isinstance(each, str) else each for each in row] for row in rows]
         return cls(heads, cells, caption, id)
+
+    def texts(self) -> list[list[str]]:
+        """Return the texts of all rows, first the titles."""
+        return [[head.title for head in self.heads], *([cell.text for cell in row] for row in self.rows)]
 
 
 ESTIMATOR = Head("estimator", help="name of the estimator", words=True)
@@ -116,3 +128,56 @@ def marked(found: Cell, mark: str, *, is_marked: bool) -> Cell:
 def sized(value: float | Interval | None) -> float | None:
     """Return the number by which a cell is sorted."""
     return value.mean if isinstance(value, Interval) else value
+
+
+# --- files ---------------------------------------------------------------------------------------
+
+
+def csv_text(table: Table, *, intervals: bool) -> str:
+    """Return full precision; columns of metrics are KEY and, with intervals, KEY_low and KEY_high."""
+    ends = {"mean": "", "low": "_low", "high": "_high"} if intervals else {"mean": ""}
+    names = [[f"{head.key}{end}" for end in ends.values()] if head.key else [head.title] for head in table.heads]
+    rows: list[list[object]] = [[name for found in names for name in found]]
+    for row in table.rows:
+        cells: list[object] = []
+        for head, each in zip(table.heads, row, strict=True):
+            text = each.text if each.value is None else each.value
+            cells += [getattr(each.value, end, None) for end in ends] if head.key else [text]
+        rows.append(cells)
+    out = StringIO()
+    write_csv(out, rows)
+    return out.getvalue()
+
+
+def markdown_text(table: Table) -> str:
+    """Return a table of Markdown."""
+    head, *body = [[html.escape(text, quote=False).replace("|", r"\|") for text in row] for row in table.texts()]
+    rule = ["---" if each.words else "---:" for each in table.heads]
+    return "\n".join(f"| {' | '.join(row)} |" for row in (head, rule, *body)) + "\n"
+
+
+def latex_text(table: Table, label: str, comment: str) -> str:
+    """Return a floating table with the caption of `table`; `comment` is a line on top."""
+    head, *body = [" & ".join(map(escaped, row)) + r" \\" for row in table.texts()]
+    lines = [
+        f"% {comment}",
+        r"% needs \usepackage{booktabs}",
+        r"\begin{table}",
+        r"  \centering",
+        rf"  \caption{{{escaped(table.caption)}}}",
+        rf"  \label{{tab:{label}}}",
+        rf"  \begin{{tabular}}{{{''.join('l' if each.words else 'r' for each in table.heads)}}}",
+        r"    \toprule",
+        f"    {head}",
+        r"    \midrule",
+        *(f"    {row}" for row in body),
+        r"    \bottomrule",
+        r"  \end{tabular}",
+        r"\end{table}",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def escaped(text: str) -> str:
+    """Escape a text for LaTeX."""
+    return "".join(LATEX.get(sign, sign) for sign in text)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import html
 import textwrap
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import zip_longest
 from typing import Literal
 
-from slamgauge.compare.scoring.table import NO_FIGURE, Table
+from slamgauge.compare.scoring.table import NO_FIGURE, Head, Table
 from slamgauge.display import html_table
 
 Tone = Literal["plain", "head", "good", "bad", "faint"]
@@ -42,7 +43,7 @@ class Page:
 
     def html(self) -> str:
         """Return tables and paragraphs for a notebook."""
-        return "\n".join(_html_table(part) if isinstance(part, Table) else _html_line(part) for part in self.parts)
+        return "\n".join(_html(part) for part in self.parts)
 
     def text(self, width: int | None = None, paint: Paint = plain) -> str:
         """Return lines of at most `width` characters, except for longer words; None sets no limit.
@@ -55,98 +56,69 @@ class Page:
         return "\n".join(lines)
 
 
-def aligned(rows: Sequence[Sequence[str]], words: Collection[int]) -> list[str]:
-    """Return rows as lines without trailing blanks: `words` columns left-aligned, others right."""
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return [
-        "  ".join(
-            text.ljust(width) if place in words else text.rjust(width)
-            for place, (text, width) in enumerate(zip(row, widths, strict=True))
-        ).rstrip()
-        for row in rows
-    ]
+def _html(part: Table | str) -> str:
+    if isinstance(part, Table):
+        return html_table([head.full for head in part.heads], part.texts()[1:])
+    return f"<p>{html.escape(part)}</p>" if part else ""
 
 
 def _wrapped(line: str, width: int | None) -> list[str]:
-    if width is None or len(line) <= width:
+    if width is None or len(line) <= width or "\n" in line:  # a refusal of user code ends with a wrapper to copy
         return [line]
     return textwrap.wrap(line, width, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False)
 
 
 def _table_lines(table: Table, width: int | None, paint: Paint) -> list[str]:
-    rows = [[cell.text for cell in row] for row in table.rows]
-    words = [place for place, head in enumerate(table.heads) if head.words]
-    titles = [head.title for head in table.heads]
+    titles, *rows = table.texts()
     for head in ([head.full for head in table.heads], titles):
-        lines = aligned([head, *rows], words)
-        if width is None or max(map(len, lines)) <= width:
-            return _painted(lines, rows, paint)
-    return _fitted_lines(table, [titles, *rows], words, width or 0, paint)
+        if width is None or sum(_widths([head, *rows])) + 2 * len(head) - 2 <= width:
+            return _aligned([head, *rows], table.heads, paint)
+    return _fitted_lines(table, width or 0, paint)
 
 
-def _painted(lines: Sequence[str], rows: Sequence[Sequence[str] | None], paint: Paint) -> list[str]:
-    """Return the lines of a table; each but the head is of the row of `rows`, or of none."""
-    body = zip(lines[1:], rows, strict=True)
-    return [paint(lines[0].rstrip(), "head"), *(_with_verdict(line, row or (), paint) for line, row in body)]
+def _widths(rows: Sequence[Sequence[str]]) -> list[int]:
+    return [max(map(len, column)) for column in zip(*rows, strict=True)]
 
 
-def _with_verdict(line: str, row: Sequence[str], paint: Paint) -> str:
-    """Return a line of a table with its verdict, if it has one, in the verdict's tone."""
-    for text in row:
-        if text in TONES:
-            before, _, after = line.rpartition(text)
-            return f"{before}{paint(text, TONES[text])}{after}"
-    return line
+def _aligned(rows: Sequence[Sequence[str]], heads: Sequence[Head], paint: Paint) -> list[str]:
+    """Return rows, first the titles, as lines without trailing blanks: words at the left, verdicts in their tone."""
+    lines: list[str] = []
+    widths = _widths(rows)
+    for row in rows:
+        parts: list[str] = []
+        for text, width, head in zip(row, widths, heads, strict=False):
+            shown, blanks = paint(text, TONES.get(text, "plain")), " " * (width - len(text))
+            parts.append(shown + blanks if head.words else blanks + shown)
+        lines.append("  ".join(parts).rstrip())
+    return [paint(lines[0], "head"), *lines[1:]]
 
 
-def _fitted_lines(table: Table, rows: list[list[str]], words: list[int], width: int, paint: Paint) -> list[str]:
-    """Return the columns that fit, and below them the names of the others that have figures."""
-    rows = [[_shortened(row[0]), *row[1:]] for row in rows]
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    wraps = next((place for place, head in enumerate(table.heads) if head.wraps), None)
-    least = list(widths)
-    if wraps is not None:
-        least[wraps] = min(NARROWEST, widths[wraps])
+def _fitted_lines(table: Table, width: int, paint: Paint) -> list[str]:
+    """Return the columns that fit, sentences on several lines, and the names of the other columns that have figures."""
+    rows = [[_shortened(row[0]), *row[1:]] for row in table.texts()]
+    sizes = zip(_widths(rows), table.heads, strict=True)
+    least = [min(NARROWEST, size) if head.wraps else size for size, head in sizes]
     kept = 1
-    while kept < len(widths) and sum(least[: kept + 1]) + 2 * kept <= width:
+    while kept < len(least) and sum(least[: kept + 1]) + 2 * kept <= width:
         kept += 1
-    shown = [row[:kept] for row in rows]
-    if wraps is None or wraps >= kept:
-        lines = _painted(aligned(shown, words), shown[1:], paint)
-    else:
-        room = width - sum(least[:kept]) - 2 * (kept - 1) + least[wraps]
-        lines = _with_sentences(shown, words, wraps, room, paint)
+    room = width - sum(least[:kept]) - 2 * (kept - 1)
+    tall: list[tuple[str, ...]] = []
+    for row in rows:
+        columns = zip(row[:kept], least, table.heads, strict=False)
+        tall += zip_longest(*(_pieces(text, head, size + room) for text, size, head in columns), fillvalue="")
+    lines = _aligned(tall, table.heads, paint)
     names = enumerate(table.heads[kept:], kept)
     hidden = [head.full for place, head in names if any(row[place] != NO_FIGURE for row in rows[1:])]
-    if not hidden:
-        return lines
     note = f"Hidden columns (show with --wide): {', '.join(hidden)}"
-    return lines + [paint(line, "faint") for line in _wrapped(note, width)]
+    return lines + [paint(line, "faint") for line in _wrapped(note, width) if hidden]
 
 
-def _with_sentences(rows: list[list[str]], words: list[int], place: int, room: int, paint: Paint) -> list[str]:
-    """Return the lines of a table in which the texts of column `place` continue on further lines."""
-    tall: list[list[str]] = []
-    begins: list[list[str] | None] = []  # the row that begins at a line; None for a continuation
-    for row in rows:
-        pieces = textwrap.wrap(row[place], room, break_on_hyphens=False) or [""]
-        tall.append([*row[:place], pieces[0], *row[place + 1 :]])
-        tall += [["" if each != place else piece for each in range(len(row))] for piece in pieces[1:]]
-        begins += [row, *(None for _ in pieces[1:])]
-    return _painted(aligned(tall, words), begins[1:], paint)
+def _pieces(text: str, head: Head, room: int) -> list[str]:
+    """Return a text in lines of at most `room` characters, if it may continue on further lines."""
+    return textwrap.wrap(text, room, break_on_hyphens=False) or [""] if head.wraps else [text]
 
 
 def _shortened(name: str) -> str:
     """Return the name, without its middle if it is long."""
-    if len(name) <= LONGEST_NAME:
-        return name
     half = (LONGEST_NAME - 3) // 2
-    return f"{name[:half]}...{name[-half:]}"
-
-
-def _html_table(table: Table) -> str:
-    return html_table([head.full for head in table.heads], [[cell.text for cell in row] for row in table.rows])
-
-
-def _html_line(line: str) -> str:
-    return f"<p>{html.escape(line)}</p>" if line else ""
+    return name if len(name) <= LONGEST_NAME else f"{name[:half]}...{name[-half:]}"

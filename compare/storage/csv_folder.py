@@ -24,9 +24,7 @@ from pathlib import Path
 import numpy as np
 
 from slamgauge.arrays import Float, Int
-from slamgauge.compare.storage.covariance_columns import from_triangles, upper_triangles
-from slamgauge.compare.storage.csv_cells import write_csv
-from slamgauge.compare.storage.files import explained
+from slamgauge.compare.storage.files import explained, write_csv
 from slamgauge.compare.storage.text_lines import csv_lines, read_whole, rows_below
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, Kind
@@ -36,7 +34,6 @@ from slamgauge.sensors import SENSORS, Sensor
 from slamgauge.validation import as_ints
 
 START, ODOMETRY, OBSERVATIONS = "start.csv", "odometry.csv", "observations.csv"
-RECORDING_FILES = (START, ODOMETRY, OBSERVATIONS)
 LANDMARKS = "landmarks.csv"  # in the folder of an estimate; in that of a log it contains true landmarks
 LOG_FILES = (ODOMETRY, OBSERVATIONS, "recording.toml", "truth.csv")
 
@@ -47,38 +44,39 @@ POINT = ("x", "y")
 POINT_COV = ("cov_xx", "cov_xy", "cov_yy")
 
 
-def _observed(columns: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the columns of a sensor, then those of its covariance (upper triangle, named by first letters)."""
-    return (*columns, *(f"cov_{one[0]}{other[0]}" for i, one in enumerate(columns) for other in columns[i:]))
+# columns of each sensor, then those of its covariance (upper triangle, named by first letters)
+OBSERVED: dict[Sensor, tuple[str, ...]] = {
+    each.name: (*each.columns, *(f"cov_{a[0]}{b[0]}" for i, a in enumerate(each.columns) for b in each.columns[i:]))
+    for each in SENSORS.values()
+}
 
 
-OBSERVED: dict[Sensor, tuple[str, ...]] = {each.name: _observed(each.columns) for each in SENSORS.values()}
+def upper_triangles(matrices: Float) -> Float:
+    """Return the upper triangles (n, d (d + 1) / 2), row by row, of matrices (n, d, d)."""
+    rows, columns = np.triu_indices(matrices.shape[1])
+    return matrices[:, rows, columns]
+
+
+def from_triangles(triangles: Float, size: int) -> Float:
+    """Return symmetric matrices (n, size, size) from their upper triangles (n, size (size + 1) / 2)."""
+    rows, columns = np.triu_indices(size)
+    matrices = np.empty((len(triangles), size, size))
+    matrices[:, rows, columns] = triangles
+    matrices[:, columns, rows] = triangles
+    return matrices
 
 
 def write_recording_csv(folder: Path, recording: Recording) -> None:
     """Write the three files of a recording into an existing folder; raise `UserError` if a file cannot be written."""
-    stamps = recording.stamps.tolist()
-    prior = [stamps[0], *recording.prior_mean.tolist(), *upper_triangles(recording.prior_cov[None])[0].tolist()]
-    motion = zip(stamps[1:], recording.odometry.tolist(), upper_triangles(recording.odometry_cov).tolist(), strict=True)
+    stamps, steps = recording.stamps, np.arange(1, recording.steps + 1)
     ids = np.full(len(recording.observation), -1) if recording.landmark is None else recording.landmark
-    seen = zip(
-        recording.observation_step.tolist(),
-        ids.tolist(),
-        recording.observation.tolist(),
-        upper_triangles(recording.observation_cov).tolist(),
-        strict=True,
-    )
-    write_rows(folder / START, ("stamp", *POSE, *POSE_COV), [prior])
-    write_rows(
-        folder / ODOMETRY,
-        ("step", "stamp", *INCREMENT, *POSE_COV),
-        ([step, stamp, *move, *cov] for step, (stamp, move, cov) in enumerate(motion, 1)),
-    )
-    write_rows(
-        folder / OBSERVATIONS,
-        ("step", "landmark", *OBSERVED[recording.sensor]),
-        ([step, name, *value, *cov] for step, name, value, cov in seen),
-    )
+    prior = np.column_stack([stamps[:1], recording.prior_mean[None], upper_triangles(recording.prior_cov[None])])
+    moves = np.column_stack([stamps[1:], recording.odometry, upper_triangles(recording.odometry_cov)])
+    seen = np.column_stack([recording.observation, upper_triangles(recording.observation_cov)])
+    write_rows(folder / START, ("stamp", *POSE, *POSE_COV), prior.tolist())
+    write_rows(folder / ODOMETRY, ("step", "stamp", *INCREMENT, *POSE_COV), _numbered(moves, steps))
+    columns = ("step", "landmark", *OBSERVED[recording.sensor])
+    write_rows(folder / OBSERVATIONS, columns, _numbered(seen, recording.observation_step, ids))
 
 
 def write_estimate_csv(path: Path, estimate: Estimate) -> None:
@@ -87,11 +85,13 @@ def write_estimate_csv(path: Path, estimate: Estimate) -> None:
     Raises:
         UserError: If a file cannot be written.
     """
-    covs, map_covs = estimate.pose_covs, estimate.landmark_covs
-    _write_numbered(path, ("step", *POSE), POSE_COV, np.arange(len(estimate.poses)), estimate.poses, covs)
+    steps = np.arange(len(estimate.poses))
+    _write_estimates(path, ("step", *POSE), POSE_COV, steps, estimate.poses, estimate.pose_covs)
     if len(estimate.landmarks):
-        beside = path.with_name(LANDMARKS)
-        _write_numbered(beside, ("landmark", *POINT), POINT_COV, estimate.landmark_ids, estimate.landmarks, map_covs)
+        places, covs = estimate.landmarks, estimate.landmark_covs
+        _write_estimates(
+            path.with_name(LANDMARKS), ("landmark", *POINT), POINT_COV, estimate.landmark_ids, places, covs
+        )
 
 
 def read_estimate_csv(path: Path, kind: Kind, steps: int) -> Estimate:
@@ -105,8 +105,11 @@ def read_estimate_csv(path: Path, kind: Kind, steps: int) -> Estimate:
     Raises:
         UserError: If the file is missing or a row is wrong; the message names the line.
     """
-    rows = _read(path, ("step", *POSE), POSE_COV)
-    _require_steps(path, rows[: steps + 1, 0], first=0)
+    rows = read_rows(path, ("step", *POSE), POSE_COV)
+    wrong = np.flatnonzero(rows[: steps + 1, 0] != np.arange(len(rows[: steps + 1])))
+    if len(wrong):
+        at = wrong[0]
+        raise UserError(f"{path}, line {at + 2}: step {rows[at, 0]:g}, expected {at}; sort the rows by step")
     if len(rows) != steps + 1:
         raise UserError(f"{path}: has {len(rows)} rows; write {steps + 1}, one for the start and one for each step")
     beside = path.with_name(LANDMARKS)
@@ -114,8 +117,7 @@ def read_estimate_csv(path: Path, kind: Kind, steps: int) -> Estimate:
     if has_map and any(path.with_name(name).exists() for name in LOG_FILES):
         tell_once(f"{beside}: belongs to the log in its folder, so {path.name} has no map; move the estimate away")
         has_map = False
-    landmarks = _read(beside, ("landmark", *POINT), POINT_COV) if has_map else np.zeros((0, 3))
-    has_covs = landmarks.shape[1] > 3
+    landmarks = read_rows(beside, ("landmark", *POINT), POINT_COV) if has_map else np.zeros((0, 3))
     try:
         return Estimate(
             kind,
@@ -123,10 +125,15 @@ def read_estimate_csv(path: Path, kind: Kind, steps: int) -> Estimate:
             pose_covs=from_triangles(rows[:, 4:], 3) if rows.shape[1] > 4 else None,
             landmark_ids=as_ints("landmark", landmarks[:, 0], (None,)),
             landmarks=landmarks[:, 1:3],
-            landmark_covs=from_triangles(landmarks[:, 3:], 2) if has_covs else None,
+            landmark_covs=from_triangles(landmarks[:, 3:], 2) if landmarks.shape[1] > 3 else None,
         )
     except UserError as error:
         raise UserError(f"{path}: {error}") from None
+
+
+def read_rows(path: Path, needed: tuple[str, ...], optional: tuple[str, ...]) -> Float:
+    """Return the rows (n, columns) of a file whose header is `needed`, or `needed` and `optional`."""
+    return rows_below(path, csv_lines(path, read_whole(path)), needed, needed + optional)
 
 
 def write_rows(path: Path, header: Sequence[str], rows: Iterable[Sequence[float]]) -> None:
@@ -135,24 +142,15 @@ def write_rows(path: Path, header: Sequence[str], rows: Iterable[Sequence[float]
         write_csv(file, [header, *rows])
 
 
-def _write_numbered(
+def _write_estimates(
     path: Path, names: tuple[str, ...], cov_names: tuple[str, ...], numbers: Int, values: Float, covs: Float | None
 ) -> None:
     """Write numbered values (n, d) and, if given, the upper triangles of their covariances (n, d, d)."""
-    triangles = [list[float]()] * len(values) if covs is None else upper_triangles(covs).tolist()
-    rows = zip(numbers.tolist(), values.tolist(), triangles, strict=True)
-    header = names if covs is None else (*names, *cov_names)
-    write_rows(path, header, ([number, *value, *triangle] for number, value, triangle in rows))
+    if covs is not None:
+        names, values = (*names, *cov_names), np.column_stack([values, upper_triangles(covs)])
+    write_rows(path, names, _numbered(values, numbers))
 
 
-def _require_steps(path: Path, steps: Float, first: int) -> None:
-    """Raise `UserError` if a column of steps (n,) does not count up from `first`."""
-    wrong = np.flatnonzero(steps != np.arange(first, first + len(steps)))
-    if len(wrong):
-        at = wrong[0]
-        raise UserError(f"{path}, line {at + 2}: step {steps[at]:g}, expected {at + first}; sort the rows by step")
-
-
-def _read(path: Path, needed: tuple[str, ...], optional: tuple[str, ...]) -> Float:
-    """Return the rows of a file whose header is `needed`, or `needed` and `optional`."""
-    return rows_below(path, csv_lines(path, read_whole(path)), needed, needed + optional)
+def _numbered(rows: Float, *numbers: Int) -> list[list[float]]:
+    """Return rows of numbers behind the whole numbers of each row."""
+    return [[*whole, *row] for *whole, row in zip(*map(np.ndarray.tolist, numbers), rows.tolist(), strict=True)]

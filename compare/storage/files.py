@@ -1,39 +1,41 @@
-"""Read and write results: npz files of recordings, truths and estimates; TUM trajectories; JSON."""
+"""Read and write results: npz files of records, folders of runs, JSON, CSV and MATLAB files."""
 
 from __future__ import annotations
 
+import csv
 import errno
 import json
 import lzma
+import re
 import struct
 import tokenize
 import zipfile
 import zlib
-from collections.abc import Generator
+from collections.abc import Generator, Iterable, Mapping
 from contextlib import contextmanager
 from dataclasses import MISSING, fields, is_dataclass
 from pathlib import Path
 from types import NoneType
-from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
+from typing import Any, Literal, NamedTuple, TextIO, TypeVar, get_args, get_origin, get_type_hints
 
 import numpy as np
 
-from slamgauge.arrays import Float, chunks
-from slamgauge.compare.storage.covariance_columns import upper_triangles
+from slamgauge.compare.storage.result_files import METRICS, RECORDING, TRUTH
+from slamgauge.compare.storage.safe_names import shown
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, MapHistory, RayLog
-from slamgauge.notices import tell_once
 from slamgauge.recording import Recording
-from slamgauge.truth import Truth
+from slamgauge.truth import Truth, require_same_run
 
 Record = TypeVar("Record", Recording, Truth, Estimate)
 
-LONGEST_WORD = 40  # characters
 DAMAGED = (  # errors of zipfile and numpy at damaged or foreign files
     *(ValueError, TypeError, AttributeError, EOFError, LookupError, OverflowError, MemoryError, RuntimeError),
     *(SyntaxError, struct.error, tokenize.TokenError, zipfile.BadZipFile, zlib.error, lzma.LZMAError),
 )
 RECORDS_WITHIN: set[type[object]] = {RayLog, MapHistory}  # records inside an `Estimate`
+FORMULA = ("=", "+", "-", "@", "\t", "\r")  # first characters of formulas in spreadsheets
+LONGEST_FIELD = 63  # characters of a field's name in a MATLAB file
 
 
 @contextmanager
@@ -65,13 +67,6 @@ def read_text(path: Path) -> str:
         line = 1 + content.count(b"\n", 0, broken)
         raise UserError(f"{path}, line {line}: not a text in UTF-8; give another file, or save it as such")
     return text
-
-
-def tell_if_cut(path: Path, text: str) -> None:
-    """Print a notice if the last line of a text has no line end: a number that is cut short is still a number."""
-    if text.strip() and not text.endswith(("\n", "\r")):
-        last = text.splitlines()[-1][-LONGEST_WORD:]
-        tell_once(f"{path}: no line end after {last!r}: the file may be cut; check this number and add a line end")
 
 
 @contextmanager
@@ -111,88 +106,23 @@ def flat_fields(record: object) -> dict[str, Any]:
 
 def load_recording(path: str | Path) -> Recording:
     """Load a recording from an npz file; raise `UserError` if the file does not contain one."""
-    return _load(path, Recording)
+    return _made(path, Recording, _arrays(path))
 
 
-def load_truth(path: str | Path, recording: Recording | None = None) -> Truth:
-    """Load a truth from an npz file; raise `UserError` if the file does not contain one.
-
-    If its association equals `recording.landmark`, both share one array.
-    """
-    return _load(path, Truth, recording)
+def load_truth(path: str | Path) -> Truth:
+    """Load a truth from an npz file; raise `UserError` if the file does not contain one."""
+    return _made(path, Truth, _arrays(path))
 
 
-def load_estimate(path: str | Path, recording: Recording | None = None) -> Estimate:
-    """Load an estimate from an npz file; raise `UserError` if the file does not contain one.
-
-    If its association equals `recording.landmark`, both share one array.
-    """
-    return _load(path, Estimate, recording)
+def load_estimate(path: str | Path) -> Estimate:
+    """Load an estimate from an npz file; raise `UserError` if the file does not contain one."""
+    return _made(path, Estimate, _arrays(path))
 
 
 def load_recording_or_estimate(path: str | Path) -> Recording | Estimate:
     """Load a recording or an estimate from an npz file; raise `UserError` if the file contains neither."""
-    values = _read(path)
+    values = _arrays(path)
     return _made(path, Estimate if "kind" in values else Recording, values)
-
-
-def write_tum(path: str | Path, stamps: Float, poses: Float, covs: Float | None = None) -> None:
-    """Write a trajectory in the TUM format of evo: `t x y z qx qy qz qw`, without rows of NaN.
-
-    With covariances each line continues with the upper triangle (xx xy xt yy yt tt); `stored_results` reads these
-    lines, evo does not.
-
-    Args:
-        path: Text file.
-        stamps: Times (N+1,) [s].
-        poses: Poses (N+1, 3): x [m], y [m], heading [rad].
-        covs: Covariances (N+1, 3, 3) of the poses.
-
-    Raises:
-        UserError: If the file cannot be written.
-    """
-    with explained(path, "written"), Path(path).open("w", encoding="ascii") as file:
-        for rows in chunks(len(poses)):
-            table = _tum_rows(stamps[rows], poses[rows], None if covs is None else covs[rows])
-            file.writelines(f"{' '.join(map(repr, row.tolist()))}\n" for row in table)
-
-
-def _tum_rows(stamps: Float, poses: Float, covs: Float | None) -> Float:
-    x, y, heading = poses.T
-    zero = np.zeros_like(x)
-    rows = np.column_stack([stamps, x, y, zero, zero, zero, np.sin(heading / 2), np.cos(heading / 2)])
-    if covs is not None:
-        rows = np.column_stack([rows, upper_triangles(covs)])
-    return rows[~np.isnan(poses).any(axis=1)]
-
-
-def write_json(path: Path, content: object) -> None:
-    """Write `content` as indented JSON; raise `UserError` if the file cannot be written."""
-    with explained(path, "written"), path.open("w", encoding="utf-8") as file:
-        json.dump(content, file, indent=2, allow_nan=False)  # streamed: a long run has megabytes of loop closures
-        file.write("\n")
-
-
-def read_json(path: Path, command: str) -> Any:
-    """Return the content of a JSON file that `slamgauge COMMAND` wrote.
-
-    Raises:
-        UserError: If the file cannot be read or is not JSON.
-    """
-    with explained(path, "read"):
-        text = path.read_bytes()
-    try:
-        return json.loads(text)
-    except ValueError:
-        raise UserError(f"{path}: not what `slamgauge {command}` writes; run it again") from None
-
-
-def _load(path: str | Path, kind: type[Record], recording: Recording | None = None) -> Record:
-    values = _read(path)
-    ids = None if recording is None else recording.landmark
-    if ids is not None and "association" in values and np.array_equal(values["association"], ids):
-        values["association"] = ids
-    return _made(path, kind, values)
 
 
 def _made(path: str | Path, kind: type[Any], values: dict[str, Any], within: str = "") -> Any:
@@ -219,7 +149,7 @@ def _made(path: str | Path, kind: type[Any], values: dict[str, Any], within: str
         raise UserError(f"{path}: {error}") from None
 
 
-def _read(path: str | Path) -> dict[str, Any]:
+def _arrays(path: str | Path) -> dict[str, Any]:
     """Return the arrays of an npz file by name, read-only, so that records need no copies; pickles are refused."""
     with explained(path, "read"):
         try:
@@ -230,3 +160,107 @@ def _read(path: str | Path) -> dict[str, Any]:
     for array in arrays.values():
         array.setflags(write=False)
     return arrays
+
+
+class Results(NamedTuple):
+    """Results of `slamgauge run` or `evaluate --out`; estimates by name, in the order of the command."""
+
+    title: str
+    truth: Truth | None
+    recording: Recording
+    estimates: dict[str, Estimate]
+
+
+def load_results(folder: Path) -> Results:
+    """Read the results in a folder.
+
+    Raises:
+        UserError: If the folder has no results, or its files belong to different runs.
+    """
+    path = folder / METRICS
+    if not path.is_file():
+        what = f"not a folder of results, it has no {METRICS}"
+        raise UserError(f"{folder}: {what}; give one that `slamgauge run` or `slamgauge evaluate --out` has written")
+    metrics = read_json(path, "run")
+    with of_this_version(path):
+        names, scenario, seed = list(metrics["estimators"]), metrics["scenario"], metrics["seed"]
+    if not names:
+        raise UserError(f"{path}: contains no estimators; run the command again with at least one")
+    recording = load_recording(folder / RECORDING)
+    truth = load_truth(folder / TRUTH) if (folder / TRUTH).exists() else None
+    require_same_run(truth, recording)
+    estimates = {name: load_estimate(folder / f"estimates/{name}.npz") for name in names}
+    for name, estimate in estimates.items():
+        if len(estimate.poses) != recording.steps + 1:
+            what = f"{len(estimate.poses)} poses, but the recording in this folder needs {recording.steps + 1}"
+            raise UserError(f"{folder / 'estimates' / name}.npz: {what}; run the command again")
+    title = shown(folder.resolve().name if scenario is None else f"{scenario}, seed {seed}")
+    return Results(title, truth, recording, estimates)
+
+
+def write_json(path: Path, content: object) -> None:
+    """Write `content` as indented JSON; raise `UserError` if the file cannot be written."""
+    with explained(path, "written"), path.open("w", encoding="utf-8") as file:
+        json.dump(content, file, indent=2, allow_nan=False)  # streamed: a long run has megabytes of loop closures
+        file.write("\n")
+
+
+def read_json(path: Path, command: str) -> Any:
+    """Return the content of a JSON file that `slamgauge COMMAND` wrote.
+
+    Raises:
+        UserError: If the file cannot be read or is not JSON.
+    """
+    with explained(path, "read"):
+        text = path.read_bytes()
+    try:
+        return json.loads(text)
+    except ValueError:
+        raise UserError(f"{path}: not what `slamgauge {command}` writes; run it again") from None
+
+
+def write_csv(file: TextIO, rows: Iterable[Iterable[object]]) -> None:
+    """Write rows to a text file that was opened with `newline=""`.
+
+    A text that a spreadsheet would evaluate as a formula gets an apostrophe in front.
+    """
+    cells = ([f"'{cell}" if _is_formula(cell) else cell for cell in row] for row in rows)
+    csv.writer(file, lineterminator="\n").writerows(cells)
+
+
+def read_csv(path: Path) -> list[dict[str, str]]:
+    """Read rows below a header that `write_csv` wrote, as they were; raise `UserError` if the file cannot be read."""
+    with explained(path, "read"), path.open(encoding="utf-8", newline="") as file:
+        return [{key: _unquoted(text) for key, text in row.items()} for row in csv.DictReader(file)]
+
+
+def _unquoted(text: str) -> str:
+    return text[1:] if text.startswith("'") and text.lstrip("'").startswith(FORMULA) else text
+
+
+def _is_formula(cell: object) -> bool:
+    """Return whether a cell is a text that begins like a formula, with or without apostrophes, and is not a number."""
+    if not isinstance(cell, str) or not cell.lstrip("'").startswith(FORMULA):
+        return False
+    try:
+        float(cell)
+    except ValueError:
+        return True
+    return False
+
+
+def write_mat(path: Path, records: Mapping[str, Recording | Truth | Estimate]) -> None:
+    """Write one struct of arrays per record into a MATLAB file; raise `UserError` if it cannot be written.
+
+    Fields and shapes are those of Python: covariances are (rows, d, d), and steps count from 0. Fields without a value
+    are omitted. Names of estimates become identifiers: letters, digits and underscores, beginning with a letter.
+    """
+    from scipy.io import savemat  # imported here because it is slow and only this format needs it
+
+    structs: dict[str, dict[str, Any]] = {}
+    for name, record in records.items():
+        plain = re.sub(r"[^A-Za-z0-9_]", "_", name)
+        plain = plain if plain[:1].isalpha() else f"x{plain}"
+        structs[plain[:LONGEST_FIELD]] = flat_fields(record)
+    with explained(path, "written"), path.open("wb") as file:
+        savemat(file, structs, long_field_names=True, oned_as="column")

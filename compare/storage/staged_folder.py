@@ -1,23 +1,29 @@
 """Write folders of results completely or not at all.
 
-slamgauge marks every folder that it makes with a file `.slamgauge.json`. It refuses to write into any other folder that
-is not empty. Results are written into a temporary folder first. A new folder of results appears in one rename. In an
-existing one, files are replaced one by one, and the file that marks a complete folder comes last.
+Results are written into a temporary folder first. A new folder of results appears in one rename; in an existing one,
+files are replaced one by one, and the main file, which marks complete results, comes last.
+
+A file `.slamgauge.json` marks every folder that slamgauge makes, and lists the files that it has written there, by the
+main file of their command. slamgauge writes into no other folder that is not empty.
 """
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
-from collections.abc import Generator, Iterable, Sequence
+import sys
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from secrets import token_hex
 
-from slamgauge.compare.storage.files import explained
-from slamgauge.errors import UserError
+from slamgauge.compare.storage.files import explained, read_text
+from slamgauge.errors import UserError, failure_text
+from slamgauge.memory import give_back
 
 MARK = ".slamgauge.json"
+Drawing = Callable[[Path], object]  # writes its files into the given folder
 
 
 def require_ours(*folders: Path) -> None:
@@ -39,18 +45,20 @@ def begin_folder(folder: Path) -> None:
     require_ours(folder)
     with explained(folder, "written"):
         folder.mkdir(parents=True, exist_ok=True)
-        _mark(folder)
+        if not (folder / MARK).exists():
+            (folder / MARK).write_text("{}\n", encoding="ascii")
 
 
 @contextmanager
-def staged_folder(out: str | Path, writes: Iterable[str], last: str, outdated: Sequence[str] = ()) -> Generator[Path]:
+def staged_folder(out: str | Path, main: str, *, adds: bool = False) -> Generator[Path]:
     """Yield a temporary folder; publish its files in `out` if the block succeeds, delete them if it fails.
+
+    Files of an earlier command with the same main file are removed.
 
     Args:
         out: Folder of the results.
-        writes: Every name, relative to `out`, that the block may write. Old files that it does not write are removed.
-        last: Name of the file that marks a complete folder: the old one is removed first, the new one is moved last.
-        outdated: Patterns of further files that are removed.
+        main: Name of the file that marks complete results: the old one is removed first, the new one is moved last.
+        adds: The files, for example pictures, are added to the results that `main` marks, which stay.
 
     Raises:
         UserError: `out` is a folder that slamgauge has not made, or cannot be written.
@@ -60,14 +68,28 @@ def staged_folder(out: str | Path, writes: Iterable[str], last: str, outdated: S
     with _temporary_folder(out if out.is_dir() else out.parent, out) as stage:
         yield stage
         with explained(out, "written"):
+            written = _written(out)
+            new = sorted(path.relative_to(stage).as_posix() for path in stage.rglob("*") if path.is_file())
+            old = {*written.get(main, ())} - {*new}
+            written[main] = sorted({*new, *old}) if adds else new
+            (stage / MARK).write_text(json.dumps(written), encoding="ascii")
             if not out.exists():
-                _mark(stage)
                 stage.rename(out)
                 return
-            try:
-                _replace(stage, out, writes, last, outdated)
-            except KeyboardInterrupt:
-                raise KeyboardInterrupt(f"{out} is written in part; the same command makes it whole") from None
+            for name in () if adds else (main, *old):
+                if (out / name).resolve().is_relative_to(out.resolve()):  # somebody may have sent the folder
+                    (out / name).unlink(missing_ok=True)
+            for name in (MARK, *sorted(new, key=main.__eq__)):
+                (out / name).parent.mkdir(parents=True, exist_ok=True)
+                (stage / name).replace(out / name)
+
+
+def _written(out: Path) -> dict[str, list[str]]:
+    """Return the files that slamgauge has written into a folder, by the main file of their command."""
+    try:
+        return json.loads(read_text(out / MARK)) if (out / MARK).exists() else {}
+    except json.JSONDecodeError:
+        raise UserError(f"{out / MARK}: changed by hand; move the folder away or give another --out") from None
 
 
 @contextmanager
@@ -83,7 +105,7 @@ def staged_files(folder: Path, names: Sequence[str]) -> Generator[Path]:
     with _temporary_folder(folder, folder) as stage:
         yield stage
         with explained(folder, "written"):
-            for path in sorted(stage.iterdir()):
+            for path in stage.iterdir():
                 path.replace(folder / path.name)
 
 
@@ -100,20 +122,25 @@ def _temporary_folder(parent: Path, out: Path) -> Generator[Path]:
         shutil.rmtree(stage, ignore_errors=True)
 
 
-def _replace(stage: Path, out: Path, writes: Iterable[str], last: str, outdated: Sequence[str]) -> None:
-    """Remove old files from `out`, and move the new files there."""
-    new = sorted((path.relative_to(stage).as_posix() for path in stage.rglob("*") if path.is_file()), key=last.__eq__)
-    _mark(out)
-    if last in new:
-        (out / last).unlink(missing_ok=True)
-    old = [*(out / name for name in writes), *(path for pattern in outdated for path in out.glob(pattern))]
-    for path in old:
-        if path.is_file() and path.relative_to(out).as_posix() not in new:
-            path.unlink()
-    for name in new:
-        (out / name).parent.mkdir(parents=True, exist_ok=True)
-        (stage / name).replace(out / name)
+def decorate(out: Path, drawings: Mapping[str, Drawing], main: str) -> bool:
+    """Draw pictures or pages of the results that `main` marks in `out`; a failure is a line, and costs that one alone.
 
+    Args:
+        out: Folder of the results.
+        drawings: Functions that draw, by name.
+        main: Main file of the results.
 
-def _mark(folder: Path) -> None:
-    (folder / MARK).write_text("{}\n", encoding="ascii")
+    Returns:
+        True if all were drawn.
+    """
+    give_back()
+    lost = 0
+    for name, draw in drawings.items():
+        try:
+            with staged_folder(out, main, adds=True) as stage:
+                draw(stage)
+        except Exception as error:  # noqa: BLE001 the results and the other drawings are complete
+            lost += 1
+            line = f"{out / name}: not written ({failure_text(error)}); all other files are written"
+            print(f"slamgauge: {line}", file=sys.stderr)
+    return not lost

@@ -14,20 +14,10 @@ from slamgauge.errors import UserError
 Table = dict[str, Any]
 
 
-def parse_toml(text: str) -> Table:
-    """Parse TOML like `tomllib.loads`; raise `TOMLDecodeError` also for texts beyond the limits of Python."""
-    try:
-        return tomllib.loads(text)
-    except tomllib.TOMLDecodeError:
-        raise
-    except (RecursionError, ValueError):  # nested too deeply, or a number of some thousands of digits
-        raise tomllib.TOMLDecodeError("too many nested brackets or digits for Python") from None
-
-
 def read_toml(path: Path) -> Table:
     """Return the tables of a TOML file; raise `UserError` with the line if it is not valid."""
     try:
-        return parse_toml(read_text(path))
+        return tomllib.loads(read_text(path))
     except tomllib.TOMLDecodeError as error:
         raise UserError(f"{path}: not valid TOML: {error}; correct that line") from None
 
@@ -49,8 +39,8 @@ def override(table: Table, text: str) -> None:
             table[section] = {}
         table = table[section]
     try:
-        table[key] = parse_toml(f"value = {value}")["value"]
-    except tomllib.TOMLDecodeError:
+        table[key] = tomllib.loads(f"value = {value}")["value"]
+    except ValueError:  # also of a number with more digits than Python reads
         table[key] = value.strip()
 
 

@@ -1,4 +1,4 @@
-"""Trajectories with stamps in files: TUM, and CSV with a column `stamp`.
+"""Trajectories with stamps in files: TUM, and CSV with a column `stamp`; their interpolation, and their planar parts.
 
 A TUM file has lines `t x y z qx qy qz qw`. The upper triangle of a covariance may follow: 6 numbers for (x, y,
 heading), or 21 for (x, y, z, roll, pitch, yaw). Only the planar parts are used.
@@ -15,19 +15,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from slamgauge.arrays import Float
-from slamgauge.compare.storage.covariance_columns import from_triangles
-from slamgauge.compare.storage.csv_folder import POSE, POSE_COV
-from slamgauge.compare.storage.files import read_text
-from slamgauge.compare.storage.spatial_poses import planar_covariances, planar_poses
+from slamgauge.arrays import Float, Int, Marks, chunks
+from slamgauge.compare.storage.csv_folder import POSE, POSE_COV, from_triangles, upper_triangles
+from slamgauge.compare.storage.files import explained, read_text
 from slamgauge.compare.storage.text_lines import Line, csv_lines, read_lines, read_whole, rows_below
 from slamgauge.errors import UserError
 from slamgauge.notices import tell_once
+from slamgauge.se2 import wrap
 
 UNIT, TILTED = 1e-3, 0.1  # largest error of a quaternion's length, and qx or qy of a robot that stands level
 WORDS = {"time": "stamp", "timestamp": "stamp", "t": "stamp", "heading": "theta", "yaw": "theta"}
 TUM = 8  # columns without covariances
 TRIANGLES = (6, 21)  # numbers of values in the triangle of a covariance of x, y, heading, or of a pose in space
+PLANAR = (0, 1, 5)  # rows of x, y and heading in a covariance (6, 6) of ROS
+SAME = 1e-6  # s: nearer stamps are the same; a float64 of today's time in seconds resolves 2e-7 s
 
 
 class Trajectory(NamedTuple):
@@ -63,10 +64,14 @@ def read_trajectory(path: Path) -> Trajectory:
         rows = _sorted(rows_below(path, lines, ("stamp", *POSE), ("stamp", *POSE, *POSE_COV)))
         covs = from_triangles(rows[:, 4:], 3) if rows.shape[1] > 4 else None
         return Trajectory(str(path), rows[:, 0], rows[:, 1:4], covs)
-    table = _sorted(_tum_table(path))
-    _require_headings(path, table[:, 4:TUM])
-    covs = _covariances(table[:, TUM:]) if table.shape[1] > TUM else None
-    return Trajectory(str(path), table[:, 0], planar_poses(table[:, 1:TUM]), covs)
+    rows = _sorted(_tum_rows(path))
+    _require_headings(path, rows[:, 4:TUM])
+    covs = None
+    if rows.shape[1] == TUM + TRIANGLES[0]:
+        covs = from_triangles(rows[:, TUM:], 3)
+    elif rows.shape[1] > TUM:
+        covs = planar_covariances(from_triangles(rows[:, TUM:], 6))
+    return Trajectory(str(path), rows[:, 0], planar_poses(rows[:, 1:TUM]), covs)
 
 
 def _sorted(rows: Float) -> Float:
@@ -78,15 +83,15 @@ def _header(lines: list[Line]) -> list[str]:
     return [WORDS.get(word, word) for line in lines[:1] for word in line.words]
 
 
-def _tum_table(path: Path) -> Float:
+def _tum_rows(path: Path) -> Float:
     """Return the numbers (n, columns) of a TUM file."""
     lines = read_lines(path, separator=",")
     for line in lines:
         if len(line.words) - TUM not in (0, *TRIANGLES):
             counts = ", ".join(str(TUM + more) for more in (0, *TRIANGLES))
             raise line.refused(f"{len(line.words)} columns", f"write {counts} numbers, t x y z qx qy qz qw first")
-    if len({len(line.words) for line in lines}) > 1:
-        raise UserError(f"{path}: lines have different numbers of columns; write all with, or all without covariances")
+        if len(line.words) != len(lines[0].words):
+            raise line.refused("has another number of columns than the first", "write all with or without covariances")
     return np.array([line.numbers() for line in lines]).reshape(len(lines), -1 if lines else TUM)
 
 
@@ -107,7 +112,77 @@ def _require_headings(path: Path, quaternions: Float) -> None:
         )
 
 
-def _covariances(triangles: Float) -> Float:
-    """Return the covariances (n, 3, 3) of x, y and heading from upper triangles (n, 6) or (n, 21)."""
-    is_planar = triangles.shape[1] == TRIANGLES[0]
-    return from_triangles(triangles, 3) if is_planar else planar_covariances(from_triangles(triangles, 6))
+def write_tum(path: str | Path, stamps: Float, poses: Float, covs: Float | None = None) -> None:
+    """Write a trajectory in the TUM format of evo: `t x y z qx qy qz qw`, without rows of NaN.
+
+    With covariances each line continues with the upper triangle (xx xy xt yy yt tt), which evo does not read.
+
+    Args:
+        path: Text file.
+        stamps: Times (N+1,) [s].
+        poses: Poses (N+1, 3): x [m], y [m], heading [rad].
+        covs: Covariances (N+1, 3, 3) of the poses.
+
+    Raises:
+        UserError: If the file cannot be written.
+    """
+    with explained(path, "written"), Path(path).open("w", encoding="ascii") as file:
+        for rows in chunks(len(poses)):
+            x, y, heading = poses[rows].T
+            zero = np.zeros_like(x)
+            parts = [stamps[rows], x, y, zero, zero, zero, np.sin(heading / 2), np.cos(heading / 2)]
+            table = np.column_stack(parts if covs is None else [*parts, upper_triangles(covs[rows])])
+            known = table[~np.isnan(poses[rows]).any(axis=1)]
+            file.writelines(f"{' '.join(map(repr, row))}\n" for row in known.tolist())
+
+
+def rotations(quaternions: Float) -> Float:
+    """Return matrices (n, 3, 3) of quaternions (n, 4) in x, y, z, w of any length; zeros are the identity."""
+    unset = ~quaternions.any(axis=1, keepdims=True)
+    x, y, z, w = np.where(unset, [0.0, 0.0, 0.0, 1.0], quaternions).T
+    rows = [
+        [w * w + x * x - y * y - z * z, 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],
+        [2.0 * (x * y + z * w), w * w - x * x + y * y - z * z, 2.0 * (y * z - x * w)],
+        [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), w * w - x * x - y * y + z * z],
+    ]
+    return np.moveaxis(np.array(rows) / (w * w + x * x + y * y + z * z), 2, 0)
+
+
+def planar_poses(poses: Float) -> Float:
+    """Return x, y and heading (n, 3) of poses (n, 7): position, then quaternion in x, y, z, w."""
+    turned = rotations(poses[:, 3:])
+    return np.column_stack([poses[:, :2], np.arctan2(turned[:, 1, 0], turned[:, 0, 0])])
+
+
+def planar_covariances(covs: Float) -> Float:
+    """Return covariances (n, 3, 3) of x, y, heading from those, (n, 6, 6) or (n, 36), of x, y, z, roll, pitch, yaw."""
+    return covs.reshape(-1, 6, 6)[:, PLANAR][:, :, PLANAR]
+
+
+def interpolated(stamps: Float, poses: Float, times: Float, max_gap: float) -> Float:
+    """Interpolate poses (n, 3) at stamps (n,) to times (M,) [s], headings along the shorter arc.
+
+    Rows are NaN at times outside the stamps, or between two stamps that are more than `max_gap` [s] apart.
+    """
+    before, after, share, known = _neighbours(stamps, times, max_gap)
+    found = poses[before] + share[:, None] * (poses[after] - poses[before])
+    found[:, 2] = wrap(poses[before, 2] + share * wrap(poses[after, 2] - poses[before, 2]))
+    found[~known] = np.nan
+    return found
+
+
+def interpolated_covs(stamps: Float, covs: Float, times: Float) -> Float:
+    """Interpolate covariances (n, d, d) at stamps (n,) linearly to times (M,) [s]."""
+    before, after, share, _ = _neighbours(stamps, times, np.inf)
+    return covs[before] + share[:, None, None] * (covs[after] - covs[before])
+
+
+def _neighbours(stamps: Float, times: Float, max_gap: float) -> tuple[Int, Int, Float, Marks]:
+    """Return indices of the stamps before and after each time, its share of the way, and whether they are near."""
+    before = np.clip(np.searchsorted(stamps, times + SAME, side="right") - 1, 0, len(stamps) - 1)
+    after = np.minimum(before + 1, len(stamps) - 1)
+    gap = stamps[after] - stamps[before]
+    share = np.clip((times - stamps[before]) / np.where(gap > 0.0, gap, 1.0), 0.0, 1.0)
+    met = np.abs(times - stamps[before]) <= SAME
+    share[met] = 0.0
+    return before, after, share, met | ((times > stamps[0]) & (times < stamps[-1]) & (gap <= max_gap))

@@ -19,8 +19,7 @@ import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from slamgauge.compare.estimators.registry import BOUNDS, is_optimum
-from slamgauge.compare.scoring.intervals import Interval
-from slamgauge.compare.scoring.paired import is_above, is_below
+from slamgauge.compare.scoring.intervals import Interval, is_above, is_below
 from slamgauge.compare.storage.files import read_json
 from slamgauge.compare.studies.paired_comparisons import FIGURES, RunFigures
 from slamgauge.compare.studies.summary import Summary

@@ -25,17 +25,23 @@ from slamgauge.compare.estimators.running import run_estimator
 from slamgauge.compare.scenarios.scenario import Scenario, as_scenario, scenario_text
 from slamgauge.compare.scenarios.schema import Assumed
 from slamgauge.compare.scenarios.simulation import simulate_informed
+from slamgauge.compare.scoring.consistency import pose_errors, squared_distances
 from slamgauge.compare.scoring.intervals import Interval, bootstrap_interval, mean_interval
-from slamgauge.compare.scoring.optimum_figures import chi_square_per_dof, is_misfit_in_runs, share_of_doubt
-from slamgauge.compare.scoring.optimum_notes import MARK, at_places, misfits
+from slamgauge.compare.scoring.measured import Measured
+from slamgauge.compare.scoring.optimum_notes import (
+    MARK,
+    at_places,
+    chi_square_per_dof,
+    is_misfit_in_runs,
+    misfits,
+    share_of_doubt,
+)
 from slamgauge.compare.scoring.ray_figures import RayFigures, describe, mean_figures, ray_figures
 from slamgauge.compare.scoring.table import Cell, Head, Table, from_to, marked
 from slamgauge.compare.scoring.text_page import Page
-from slamgauge.compare.scoring.trajectory_error import pose_errors, squared_distances
+from slamgauge.compare.storage import progress
 from slamgauge.compare.storage.files import of_this_version, read_json
-from slamgauge.compare.storage.progress import tracked
-from slamgauge.compare.storage.provenance import origin
-from slamgauge.compare.storage.result_files import BUDGET
+from slamgauge.compare.storage.result_files import BUDGET, origin
 from slamgauge.compare.studies.store import digest
 from slamgauge.compare.studies.study import IN_FLIGHT
 from slamgauge.compare.studies.study_run import require_numbers, run_seed
@@ -180,7 +186,8 @@ def error_budget(
     results = (
         each for part in parts for each in executor.map(rung_errors, repeat(scenario), part, repeat(asked), repeat(lag))
     )
-    errors, checks, fits, rays = zip(*tracked(results, runs, "run", scenario.name, leave=True), strict=True)
+    shown = progress.counted(runs, "run", scenario.name, leave=True, items=results)
+    errors, checks, fits, rays = zip(*shown, strict=True)
     budget = summarise_budget(scenario.name, asked.label, np.array(errors), np.array(checks), np.array(fits))
     found = {"scenario_text": scenario_text(scenario), "seed": seed, "digest": digest(scenario, seed)}
     return replace(budget, rays=mean_figures(rays), **found)
@@ -226,7 +233,7 @@ def rung_errors(scenario: Scenario, seed: int, chosen: str | Asked, lag: int | N
     errors = np.array([squared_distances(pose_errors(truth.poses, each.poses)).mean() for each in rungs])
     checks = np.array([each.optimum_check for each in rungs], dtype=np.float64)
     fit = chi_square_per_dof(hindsight)
-    return RungErrors(errors, checks, np.nan if fit is None else fit, ray_figures(truth, recording, estimate))
+    return RungErrors(errors, checks, np.nan if fit is None else fit, ray_figures(Measured(truth, recording, estimate)))
 
 
 def _run(name: str, recording: Recording) -> Estimate:

@@ -10,11 +10,8 @@ import numpy as np
 from slamgauge.arrays import Float
 from slamgauge.compare.estimators.registry import BOUNDS, DEAD_RECKONING, is_optimum
 from slamgauge.compare.estimators.requests import Asked, BuiltIn
-from slamgauge.compare.scoring.aggregation import late_means
-from slamgauge.compare.scoring.intervals import LEVEL, Interval
-from slamgauge.compare.scoring.nan_stats import number
-from slamgauge.compare.scoring.paired import Paired, compare_paired, needed_runs
-from slamgauge.compare.scoring.runs import Runs
+from slamgauge.compare.scoring.intervals import LEVEL, Interval, Paired, compare_paired, needed_runs, number
+from slamgauge.compare.scoring.runs import Runs, late_means
 from slamgauge.compare.scoring.table import NO_FIGURE, RUNS, Cell, Head, Table, figure, interval_cell
 from slamgauge.display import counted
 

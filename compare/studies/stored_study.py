@@ -9,7 +9,7 @@ from pydantic import TypeAdapter
 
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.scenarios.simulation import informed
-from slamgauge.compare.scoring.paired import Paired
+from slamgauge.compare.scoring.intervals import Paired
 from slamgauge.compare.scoring.runs import Runs
 from slamgauge.compare.storage.files import read_json
 from slamgauge.compare.storage.result_files import OPTIMA, STORE, SUMMARY

@@ -11,9 +11,8 @@ from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
 
-from slamgauge.compare.estimators.memory_check import require_room_for_runs
 from slamgauge.compare.estimators.requests import Asked, Chosen, UserCode, ask, labels_among
-from slamgauge.compare.estimators.running import tell_remarks, try_out
+from slamgauge.compare.estimators.running import require_room_for_runs, tell_remarks, try_out
 from slamgauge.compare.scenarios.scenario import Scenario, as_scenario, scenario_text
 from slamgauge.compare.scenarios.simulation import simulate
 from slamgauge.compare.scoring.runs import Runs

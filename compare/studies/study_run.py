@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from time import perf_counter
 
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.compare.estimators.loading import load, remarks_of, without
+from slamgauge.compare.estimators.loading import load, without
 from slamgauge.compare.estimators.registry import entry_of
 from slamgauge.compare.estimators.requests import Asked, BuiltIn, Chosen, ask
-from slamgauge.compare.estimators.running import run_estimator
+from slamgauge.compare.estimators.running import remarks_of, run_estimator
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.scenarios.simulation import simulate_informed
 from slamgauge.compare.scoring.catalogue import STORED, measured
 from slamgauge.compare.scoring.consistency import squared_mahalanobis
 from slamgauge.compare.scoring.measured import Measured
-from slamgauge.compare.scoring.ray_figures import RAY_FIGURES, ray_figures
 from slamgauge.compare.scoring.runs import SERIES
 from slamgauge.compare.storage.safe_names import shown
 from slamgauge.errors import UserError, failure_text, refused_by_the_machine
@@ -82,10 +81,6 @@ def _outcome(scenario: Scenario, asked: Asked, truth: Truth, recording: Recordin
         figures = measured(found, in_study=True)
         if estimate.seconds is None:
             figures["seconds_total"] = seconds
-        rays = ray_figures(truth, recording, estimate)
-        figures |= dict.fromkeys((f"rays_{name}" for name in RAY_FIGURES), None)
-        if rays is not None:
-            figures |= {f"rays_{name}": value for name, value in asdict(rays).items()}
         series = step_series(found)
         return Outcome(asked.key, estimate.kind, figures, series.astype(np.float32).tobytes(), remarks=remarks)
     except Exception as error:  # noqa: BLE001 the study continues and reports the error

@@ -7,11 +7,19 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
-from slamgauge.compare.scoring.catalogue import BY_KEY
-from slamgauge.compare.scoring.columns import heads
+from slamgauge.compare.scoring.catalogue import BY_KEY, heads
 from slamgauge.compare.scoring.intervals import Interval
-from slamgauge.compare.scoring.table import ESTIMATOR, RUNS, Cell, Head, Table, figure
-from slamgauge.compare.scoring.table_files import csv_text, latex_text, markdown_text
+from slamgauge.compare.scoring.table import (
+    ESTIMATOR,
+    RUNS,
+    Cell,
+    Head,
+    Table,
+    csv_text,
+    figure,
+    latex_text,
+    markdown_text,
+)
 from slamgauge.compare.storage.files import of_this_version, read_json
 from slamgauge.compare.storage.result_files import SUMMARY
 from slamgauge.compare.storage.safe_names import shown

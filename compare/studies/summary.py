@@ -9,20 +9,22 @@ from typing import Any
 from pydantic_core import to_jsonable_python
 
 from slamgauge.compare.estimators.registry import BOUND_OF, BOUNDS, CAUSAL, HINDSIGHT, REGISTRY, is_ours
-from slamgauge.compare.scoring.aggregation import BAND_LEVEL
-from slamgauge.compare.scoring.catalogue import BY_KEY
-from slamgauge.compare.scoring.columns import empty_columns, figure_cells, heads
+from slamgauge.compare.scoring.catalogue import BY_KEY, TableName, empty_columns, figure_cells, heads
 from slamgauge.compare.scoring.intervals import Interval
-from slamgauge.compare.scoring.metric import TableName
-from slamgauge.compare.scoring.optimum_figures import is_misfit_in_runs
-from slamgauge.compare.scoring.optimum_notes import beats_the_optimum, doubt_in_runs, mean_fit, misfits
+from slamgauge.compare.scoring.optimum_notes import (
+    beats_the_optimum,
+    doubt_in_runs,
+    is_misfit_in_runs,
+    mean_fit,
+    misfits,
+)
 from slamgauge.compare.scoring.ray_figures import describe
-from slamgauge.compare.scoring.runs import Runs
+from slamgauge.compare.scoring.runs import BAND_LEVEL, Runs
 from slamgauge.compare.scoring.scores import FiguresByKey
 from slamgauge.compare.scoring.table import ESTIMATOR, RUNS, Cell, Table
 from slamgauge.compare.scoring.text_page import Page
 from slamgauge.compare.scoring.verdicts import verdict_lines
-from slamgauge.compare.storage.provenance import origin
+from slamgauge.compare.storage.result_files import origin
 from slamgauge.compare.studies.paired_comparisons import Against, RunFigures, against_parts
 from slamgauge.display import data_frame
 

@@ -9,19 +9,18 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from slamgauge.compare.estimators.memory_check import require_room_for_runs
 from slamgauge.compare.estimators.registry import BOUNDS, CAUSAL, HINDSIGHT, INFORMED
 from slamgauge.compare.estimators.requests import Asked, Chosen, ask
+from slamgauge.compare.estimators.running import require_room_for_runs
 from slamgauge.compare.scenarios.scenario import Scenario, load_scenario, scenario_text
 from slamgauge.compare.scenarios.simulation import informed
-from slamgauge.compare.scoring.columns import figure_cells, heads
+from slamgauge.compare.scoring.catalogue import figure_cells, heads
 from slamgauge.compare.scoring.optimum_notes import at_places, misfits, placed
 from slamgauge.compare.scoring.runs import Runs
 from slamgauge.compare.scoring.table import ESTIMATOR, Cell, Head, Table
 from slamgauge.compare.scoring.text_page import Page
 from slamgauge.compare.storage.files import of_this_version, read_json
-from slamgauge.compare.storage.provenance import origin
-from slamgauge.compare.storage.result_files import SWEEP
+from slamgauge.compare.storage.result_files import SWEEP, origin
 from slamgauge.compare.storage.staged_folder import begin_folder, require_ours
 from slamgauge.compare.studies.store import digest
 from slamgauge.compare.studies.stored_study import load_study, optima_beside

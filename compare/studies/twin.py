@@ -22,8 +22,7 @@ from slamgauge.compare.estimators.running import run_estimator
 from slamgauge.compare.scenarios.measurement_errors import COV_HEADER, sightings_header
 from slamgauge.compare.scenarios.schema import Association
 from slamgauge.compare.scenarios.trajectory import PATH_HEADER
-from slamgauge.compare.storage.covariance_columns import upper_triangles
-from slamgauge.compare.storage.csv_folder import write_rows
+from slamgauge.compare.storage.csv_folder import upper_triangles, write_rows
 from slamgauge.compare.storage.files import explained
 from slamgauge.compare.storage.result_files import TWIN, TWIN_MOTION, TWIN_PATH, TWIN_SIGHTINGS
 from slamgauge.errors import UserError

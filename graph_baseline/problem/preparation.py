@@ -10,6 +10,7 @@ from typing import Concatenate, ParamSpec
 import numpy as np
 
 from slamgauge.arrays import Float, Int
+from slamgauge.blas_threads import one_blas_thread
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
@@ -152,10 +153,13 @@ def relative_to_start(
     """Wrap an estimator so that it computes in the frame of the start pose, and returns its result in the world frame.
 
     The wrapped estimator loses no digits far from the origin, and its accuracy does not depend on the initial heading.
+    It runs with one BLAS thread.
     """
 
     @wraps(estimator)
     def relative(recording: Recording, /, *rest: Rest.args, **named: Rest.kwargs) -> Estimate:
-        return in_world_frame(estimator(in_frame_of_start(recording), *rest, **named), recording.prior_mean)
+        with one_blas_thread():
+            estimate = estimator(in_frame_of_start(recording), *rest, **named)
+        return in_world_frame(estimate, recording.prior_mean)
 
     return relative

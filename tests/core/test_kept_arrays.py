@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import gc
-import json
 import tracemalloc
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,8 +14,6 @@ import pytest
 from slamgauge import Estimate, Recording, arrays, evaluate, load_scenario, simulate
 from slamgauge.compare.figures.maps import map_limits
 from slamgauge.compare.scenarios.simulation import informed, simulate_informed
-from slamgauge.compare.storage.files import save
-from slamgauge.compare.storage.stored_results import load_results
 from slamgauge.ekf.estimators import ekf_slam
 from slamgauge.se2 import chain
 from slamgauge.validation import as_covariances, as_floats, as_ints
@@ -118,26 +114,6 @@ def test_results_do_not_depend_on_the_size_of_chunks(monkeypatch: pytest.MonkeyP
         assert scores["loop_closure"]
         assert replace(part, seconds=None) == replace(whole, seconds=None)
         assert _without_times(parts) == _without_times(scores)
-
-
-def test_loaded_results_share_the_ids(tmp_path: Path) -> None:
-    """Recording, truth and estimate share one array of ids."""
-    truth, recording = simulate(load_scenario("q1-short-dense", ["trajectory.duration=500"]), 0)
-    estimate, ids = ekf_slam(recording), recording.landmark
-    assert ids is not None
-    estimates = {"ekf": estimate, "other": replace(estimate, association=np.where(np.arange(len(ids)) == 3, -1, ids))}
-    save(tmp_path / "recording.npz", recording)
-    save(tmp_path / "truth.npz", truth)
-    (tmp_path / "estimates").mkdir()
-    for name, each in estimates.items():
-        save(tmp_path / f"estimates/{name}.npz", each)
-    metrics = {"estimators": dict.fromkeys(estimates), "scenario": None, "seed": None}
-    (tmp_path / "metrics.json").write_text(json.dumps(metrics))
-    results = load_results(tmp_path)
-    assert (results.truth, results.recording, results.estimates) == (truth, recording, estimates)
-    assert results.truth is not None
-    assert results.truth.association is results.recording.landmark
-    assert results.estimates["ekf"].association is results.recording.landmark
 
 
 def _without_times(scores: dict[str, Any]) -> dict[str, Any]:

@@ -19,8 +19,7 @@ from scipy.stats import chi2
 from slamgauge.arrays import Float
 from slamgauge.compare.scenarios.scenario import load_scenario
 from slamgauge.compare.scenarios.simulation import simulate
-from slamgauge.compare.scoring.consistency import squared_mahalanobis
-from slamgauge.compare.scoring.trajectory_error import pose_errors
+from slamgauge.compare.scoring.consistency import pose_errors, squared_mahalanobis
 from slamgauge.ekf import (
     AssociatingFilter,
     Association,

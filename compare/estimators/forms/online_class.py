@@ -18,13 +18,13 @@ from typing import Any
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.compare.estimators.forms.signatures import Form, parameters, required, spelt
-from slamgauge.compare.estimators.user_errors import UserCodeError
+from slamgauge.compare.estimators.forms.signatures import Form, no_form, parameters, required, spelt
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Observations, Recording
 
 START = ("sensor", "prior_mean", "prior_cov")
 MAP = ("landmark_ids", "landmarks", "landmark_covs")
+ROUNDING = 1e-5  # largest asymmetry of rounding, as a share of two sigmas: 5e-7 after a first covariance of 1000 m^2
 
 
 def lacks(given: type) -> str:
@@ -53,7 +53,7 @@ class OnlineClass(Form):
         """Run a new object of the class over a recording, and return its estimate.
 
         Raises:
-            UserCodeError: the constructor has another required parameter.
+            FormError: see `_made`.
         """
         steps = recording.steps
         poses, pose_covs = np.empty((steps + 1, 3)), np.empty((steps + 1, 3, 3))
@@ -66,48 +66,50 @@ class OnlineClass(Form):
             if step > 0:
                 slam.predict(recording.odometry[step - 1].copy(), recording.odometry_cov[step - 1].copy())
             if len(scan.value):
-                returned = _update(slam, scan, takes_fields=takes_fields)
+                ids = None if scan.landmark is None else scan.landmark.copy()
+                given = Observations(ids, scan.value.copy(), scan.cov.copy())
+                returned = slam.update(*given) if takes_fields else slam.update(given)
                 associated.append(np.array(getattr(slam, "associated", np.zeros(0)), np.int64))
                 has_nis = has_nis and isinstance(returned, tuple) and len(returned) == 2
                 nis[step], nis_dof[step] = returned if has_nis else (0.0, 0)
             seconds[step] = perf_counter() - start
-            poses[step], pose_covs[step] = slam.pose, _symmetric(slam.pose_cov)
+            poses[step], pose_covs[step] = slam.pose, slam.pose_cov
         fields: dict[str, Any] = {name: getattr(slam, name) for name in MAP if hasattr(slam, name)}
         if "landmark_covs" in fields:
-            fields["landmark_covs"] = _symmetric(fields["landmark_covs"])
+            fields["landmark_covs"] = _without_rounding(fields["landmark_covs"])
         slots = np.concatenate(associated)
         if hasattr(slam, "associated") and len(slots) == len(recording.observation):
             fields["association"] = slam.standing(slots) if hasattr(slam, "standing") else slots
         if has_nis:
             fields |= {"nis": nis, "nis_dof": nis_dof}
-        return Estimate("filtered", poses, pose_covs, seconds=seconds, **fields)
+        return Estimate("filtered", poses, _without_rounding(pose_covs), seconds=seconds, **fields)
 
 
 def _made(kind: type, recording: Recording) -> Any:
-    names = _constructed_with(kind)
-    lacking = [name for name in required(kind) if name not in names]
-    if lacking:
-        what = f"its constructor needs {', '.join(lacking)}"
-        raise UserCodeError(f"{what}; take {', '.join(START)}, some or none of them, or write a wrapper that does")
-    slam = kind(**{name: getattr(recording, name) for name in names})
-    lacking = [name for name in ("pose", "pose_cov") if not hasattr(slam, name)]
-    if lacking:
-        raise UserCodeError(
-            f"it lacks {' and '.join(lacking)}; set them in the constructor, or write a wrapper that does"
-        )
+    """Return a new object of a class.
+
+    Raises:
+        FormError: its constructor has another required parameter, or it sets no pose or covariance.
+    """
+    names = [each.name for each in parameters(kind)]
+    if others := [name for name in required(kind) if name not in START]:
+        raise no_form(kind, f"a constructor without {', '.join(others)}: it may have {', '.join(START)}")
+    slam = kind(**{name: getattr(recording, name) for name in names if name in START})
+    if lacking := [name for name in ("pose", "pose_cov") if not hasattr(slam, name)]:
+        raise no_form(kind, f"{', '.join(lacking)}, properties or set by its constructor")
     return slam
 
 
-def _constructed_with(kind: object) -> list[str]:
-    return [each.name for each in parameters(kind) if each.name in START]
+def _without_rounding(given: Any) -> Float:
+    """Return covariances (n, d, d) without asymmetry of rounding, which `P - K H P` causes.
 
-
-def _symmetric(cov: Any) -> Float:
-    """Return the symmetric part of covariances (..., n, n): `P - K H P` is symmetric except for rounding."""
-    cov = np.array(cov, np.float64)
-    return (cov + np.swapaxes(cov, -1, -2)) / 2
-
-
-def _update(slam: Any, scan: Observations, *, takes_fields: bool) -> Any:
-    scan = Observations(None if scan.landmark is None else scan.landmark.copy(), scan.value.copy(), scan.cov.copy())
-    return slam.update(*scan) if takes_fields else slam.update(scan)
+    A larger asymmetry stays: `Estimate` refuses it.
+    """
+    covs = np.array(given, np.float64)
+    if covs.ndim != 3:
+        return covs  # refused by `Estimate`, unless it is empty
+    transposed = covs.swapaxes(1, 2)
+    sigmas = np.sqrt(np.abs(np.diagonal(covs, axis1=1, axis2=2)))
+    allowed = ROUNDING * sigmas[:, :, None] * sigmas[:, None, :]
+    is_rounding = (np.abs(covs - transposed) <= allowed).all(axis=(1, 2), keepdims=True)
+    return np.where(is_rounding, (covs + transposed) / 2, covs)

@@ -13,8 +13,8 @@ from scipy.io import loadmat, savemat
 from scipy.sparse import csc_matrix
 
 from slamgauge.arrays import Float
+from slamgauge.compare.datasets.g2o import read_victoria_park
 from slamgauge.compare.datasets.lost_in_the_woods import read_lost_in_the_woods
-from slamgauge.compare.datasets.victoria_park import read_victoria_park
 from slamgauge.recording import Recording
 from slamgauge.se2 import between, compose, rotation, wrap
 from slamgauge.truth import Truth
@@ -88,7 +88,7 @@ def test_park_observations_out_of_range_are_dropped(park: Write):
     [
         ("ODOMETRY 1 3", "ODOMETRY 2 3", "line 2: leads from pose 2 to 3, after pose 1; sort the edges by ids"),
         ("ODOMETRY 1 3", "ODOMETRY 1 0", "line 2: leads from pose 1 to 0, after pose 1; sort the edges by ids"),
-        ("LANDMARK 3 2", "LANDMARK 4 2", "line 3: pose 4 is not on the path; correct the id"),
+        ("LANDMARK 3 2", "LANDMARK 4 2", "line 3: pose 4 is on no edge of the path; correct the id"),
         ("LANDMARK 3 2 3", "LANDMARK 3 2", "line 3: has 7 words, not 8; write LANDMARK i l x y cxx cxy cyy"),
         ("LANDMARK 3 2", "LANDMARK 3 -2", "line 3, column 3: '-2' is not an id"),
         ("ODOMETRY 0 1 1", "ODOMETRY 0 1 one", "line 1, column 4: 'one' is not a finite number"),

@@ -99,10 +99,10 @@ ODOMETRY, MEASUREMENT, LANDMARKS = "Robot2_Odometry.dat", "Robot2_Measurement.da
 @pytest.mark.parametrize(
     ("name", "text", "message"),
     [
-        (ODOMETRY, "1 0 0\n0 0 0\n", "Odometry.dat, line 2: stamp 0.000000000 comes after 1.0"),
+        (ODOMETRY, "1 0 0\n0 0 0\n", "Odometry.dat, line 2: stamp 0.000000000 is before that of the line above"),
         (ODOMETRY, "1 0\n", "Odometry.dat, line 1: has 2 words, not 3; write time velocity yaw-rate"),
         (ODOMETRY, "10.5 0 0\n", "Odometry.dat: fewer than two stamps"),
-        (ODOMETRY, "90 0 0\n91 0 0\n", "Odometry.dat: no ground truth for any time in it"),
+        (ODOMETRY, "90 0 0\n91 0 0\n", "Groundtruth.dat: no pose for any time of the odometry"),
         (ODOMETRY, "10.5 0 9\n11 0 0\n", "line 1: the robot turns by 4.5 rad in one row"),
         (MEASUREMENT, "11 63 -1 0\n", "Measurement.dat, line 1: the range is negative"),
         (MEASUREMENT, "# none\n", "Measurement.dat: no line in it"),

@@ -18,7 +18,8 @@ from slamgauge.compare.datasets.g2o import read_g2o
 from slamgauge.compare.datasets.mrclam import read_mrclam
 from slamgauge.compare.estimators.stored_trajectory import load_stored
 from slamgauge.compare.storage.csv_folder import write_recording_csv
-from slamgauge.compare.storage.files import load_recording, save, write_tum
+from slamgauge.compare.storage.files import load_recording, save
+from slamgauge.compare.storage.trajectories import write_tum
 from slamgauge.errors import UserError
 from slamgauge.se2 import chain
 from tests.marks import in_full

@@ -10,7 +10,7 @@ from scipy.linalg import expm
 
 from slamgauge.arrays import Float
 from slamgauge.compare.datasets.synchronisation import Odometry, constant_twist, joined, split_at
-from slamgauge.compare.storage.interpolation import interpolated
+from slamgauge.compare.storage.trajectories import interpolated
 from slamgauge.se2 import chain, wrap
 
 angles = st.floats(-3.1, 3.1) | st.floats(-1e-9, 1e-9)

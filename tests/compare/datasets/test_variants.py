@@ -265,15 +265,19 @@ LOGS: dict[str, tuple[Callable[[Files], Mapping[str, str | bytes]], str]] = {
     "stamps of today in ns, without the unit": (both(*(table(file, epoch) for file in ALL)), "check the units"),
     "stamps in whole seconds": (column(SEEN, "stamp", np.round), NOT_AGREE),
     "doubled observations": (rows(SEEN, twice), "count twice"),
-    "doubled odometry": (rows(ODOMETRY, twice), "is that of the line above"),
+    "doubled odometry": (rows(ODOMETRY, twice), "is not after that of the line above"),
     "one line in the wrong place": (
         rows(SEEN, lambda lines: [*lines[:50], lines[60], *lines[50:60], *lines[61:]]),
-        "line 53: stamp 1003.000000000 comes after 1003.300000000",
+        "line 53: stamp 1003.000000000 is before that of the line above",
     ),
     "observations in ms": (scaled(SEEN, stamp=1e3), "give each file the unit of its stamps"),
     "odometry in ms": (scaled(ODOMETRY, stamp=1e3), "check the units of angles and stamps"),
     "all stamps in ms": (both(*(scaled(file, stamp=1e3) for file in ALL)), "check the units of angles and stamps"),
     "observations an hour late": (moved(SEEN, "stamp", 3600.0), "both the same clock"),
+    "a stamp long ago": (
+        rows(SEEN, lambda lines: ["-1e49" + lines[0][lines[0].index(",") :], *lines[1:]]),
+        "1 observations outside the odometry's time are dropped",
+    ),
     "observations 10 s late": (moved(SEEN, "stamp", 10.0), NOT_AGREE),
     "observations 2 s late": (moved(SEEN, "stamp", 2.0), "if their stamps are 2 s late"),
     "observations 1 s early": (moved(SEEN, "stamp", -1.0), "if their stamps are 1 s early"),
@@ -452,7 +456,10 @@ GRAPHS: dict[str, tuple[ChangedGraph, str]] = {
     "keys of GTSAM": (with_keys, "l1 has the id 1001"),
     "bearings in degrees": (times("BR", 3, DEGREE), "more than a full turn"),
     "clockwise bearings": (times("BR", 3, -1.0), "angles in opposite directions"),
-    "bearing and range exchanged": (each("BR", lambda line: [*line[:3], line[4], line[3], *line[5:]]), "a range < 0"),
+    "bearing and range exchanged": (
+        each("BR", lambda line: [*line[:3], line[4], line[3], *line[5:]]),
+        "the range is negative",
+    ),
     "ranges in mm": (times("BR", 4, 1e3), "observed lengths are 1000 times too large"),
     "clockwise turns": (times("EDGE_SE2", 5, -1.0), "angles in opposite directions"),
     "poses instead of motions": (

@@ -8,7 +8,7 @@ import pytest
 import slamgauge
 from slamgauge.compare.estimators.adapters import adapt
 from slamgauge.compare.scenarios.scenario import load_scenario
-from slamgauge.ekf import ekf_slam
+from slamgauge.ekf import SlamFilter, ekf_slam
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
@@ -55,6 +55,18 @@ def test_an_online_class_without_arguments_and_map(own: Own):
     assert (estimate.nis, estimate.association, len(estimate.landmarks)) == (None, None, 0)
 
 
+@pytest.mark.parametrize(("asymmetry", "is_refused"), [(1e-9, False), (1e-4, True)])
+def test_only_asymmetry_of_rounding_is_removed_from_covariances(asymmetry: float, is_refused: bool):
+    class Mine(SlamFilter):
+        pose_cov = property(lambda _: np.diag([1.0, 1.0, 0.1]) + asymmetry * np.eye(3, k=1))
+
+    if is_refused:
+        with pytest.raises(UserError, match="a covariance must be symmetric"):
+            adapt(Mine, "mine")(short())
+    else:
+        assert adapt(Mine, "mine")(short()).pose_covs is not None
+
+
 def test_a_callable_on_recordings_is_not_wrapped(capsys: pytest.CaptureFixture[str]):
     def estimate(recording: Recording, gate: float = 9.0) -> Estimate:  # noqa: ARG001
         return ekf_slam(recording)
@@ -83,10 +95,18 @@ def test_the_handout_scenario_has_the_numbers_of_the_handout():
     [
         ("def ekf_slam(x, P, z): ...", "the file has ekf_slam(x, P, z)"),
         ("def ekf_slam(x, P, u, z): ...", "DT, the length of a step [s], which it reads nowhere"),
-        ("dt = 0.1\ndef ekf_slam(x, P, u, z): return dt", "its dt = 0.1 is a global of another name: call it DT"),
         (
             "class ekf_slam:\n    def predict(self, v, w, dt): ...",
             "predict(increment, cov), update(observations), pose",
+        ),
+        (
+            "class ekf_slam:\n    pose = (0, 0, 0)\n    def predict(self, u, Q): ...\n    def update(self, scan): ...",
+            "it lacks pose_cov, properties or set by its constructor",
+        ),
+        (
+            "class ekf_slam:\n    def __init__(self, Q, prior_mean): ...\n    def predict(self, u, Q): ...\n"
+            "    def update(self, scan): ...",
+            "it lacks a constructor without Q: it may have sensor, prior_mean, prior_cov",
         ),
     ],
 )

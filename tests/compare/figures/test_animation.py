@@ -14,9 +14,8 @@ from PIL import Image
 
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.figures.maps import Scene
-from slamgauge.compare.storage.files import save
+from slamgauge.compare.storage.files import Results, save
 from slamgauge.compare.storage.staged_folder import begin_folder
-from slamgauge.compare.storage.stored_results import Results
 from slamgauge.compare.studies.stored_study import load_study
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate

@@ -17,7 +17,7 @@ from matplotlib.patches import Polygon
 from slamgauge import arrays
 from slamgauge.compare.figures.maps import FAINTEST, NEVER, Scene, draw_map, first_seen, map_at, sight_lines
 from slamgauge.compare.figures.ray_strip import has_rays, ray_frames, save_ray_strip
-from slamgauge.compare.storage.stored_results import Results
+from slamgauge.compare.storage.files import Results
 from slamgauge.estimate import Estimate, MapHistory, RayLog
 from tests.reference.example_rays import AGES, BIRTHS, LANDMARKS, NOTED, STEPS, Fate, estimate_with_rays, half_loop
 

@@ -18,7 +18,7 @@ import pytest
 from slamgauge import simulate
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.cli.steps import overridden_scenario
-from slamgauge.compare.estimators.addresses import Address
+from slamgauge.compare.estimators.requests import Address
 from slamgauge.compare.grading import grading
 from slamgauge.compare.grading.grades import grade
 from slamgauge.compare.grading.rubric import load_rubric

@@ -18,8 +18,7 @@ from slamgauge.compare.report.page import ASSETS, MODULES, Page, Section, json_t
 from slamgauge.compare.report.run_page import closure_table
 from slamgauge.compare.report.study_page import command_of_run
 from slamgauge.compare.scoring.table import Cell, Head, Table
-from slamgauge.compare.storage.best_effort import decorate
-from slamgauge.compare.storage.staged_folder import begin_folder
+from slamgauge.compare.storage.staged_folder import begin_folder, decorate
 from slamgauge.compare.studies.stored_study import load_study
 from slamgauge.compare.studies.summary import Request, Summary
 from slamgauge.errors import UserError
@@ -163,7 +162,7 @@ def test_a_page_of_other_results_is_refused_and_the_results_are_kept(
         ("budget.json", "written by another version, or changed by hand"),
     ):
         main = tmp_path / file
-        assert not decorate(tmp_path, {"report": lambda _, main=main: pages_of(main)}, ["report.html"])
+        assert not decorate(tmp_path, {"report": lambda _, main=main: pages_of(main)}, file)
         assert message in capsys.readouterr().err
         assert main.exists()
 

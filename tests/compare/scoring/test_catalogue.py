@@ -12,11 +12,9 @@ from slamgauge.compare.estimators.loading import load_estimators
 from slamgauge.compare.scenarios.scenario import load_scenario
 from slamgauge.compare.scenarios.simulation import simulate, simulate_informed
 from slamgauge.compare.scoring import catalogue
-from slamgauge.compare.scoring.aggregation import mean_of
-from slamgauge.compare.scoring.columns import heads
+from slamgauge.compare.scoring.catalogue import Column, Metric, TableName, heads
 from slamgauge.compare.scoring.comparison import compare_estimators, metrics, table
-from slamgauge.compare.scoring.metric import Column, Metric, TableName
-from slamgauge.compare.scoring.runs import SERIES, Runs
+from slamgauge.compare.scoring.runs import SERIES, Runs, mean_of
 from slamgauge.compare.studies.study_run import run_once
 from slamgauge.compare.studies.summary import Summary, summarise, summary_table
 from slamgauge.estimate import Estimate

@@ -9,7 +9,6 @@ import pytest
 from scipy import stats
 
 from slamgauge.arrays import Float
-from slamgauge.compare.scoring.aggregation import FIRST_STEP
 from slamgauge.compare.scoring.catalogue import STORED
 from slamgauge.compare.scoring.consistency import (
     FARTHEST,
@@ -18,7 +17,7 @@ from slamgauge.compare.scoring.consistency import (
     is_inside,
     squared_mahalanobis,
 )
-from slamgauge.compare.scoring.runs import SERIES, Runs
+from slamgauge.compare.scoring.runs import FIRST_STEP, SERIES, Runs
 from slamgauge.compare.scoring.scores import evaluate
 from slamgauge.compare.studies.summary import summarise
 from slamgauge.estimate import Estimate

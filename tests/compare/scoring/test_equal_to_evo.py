@@ -12,9 +12,9 @@ from evo.tools.file_interface import read_tum_trajectory_file
 
 from slamgauge.arrays import Float
 from slamgauge.compare.estimators.stored_trajectory import load_stored
-from slamgauge.compare.scoring.nan_stats import rms
-from slamgauge.compare.scoring.trajectory_error import distances, pose_errors, step_errors
-from slamgauge.compare.storage.files import write_tum
+from slamgauge.compare.scoring.consistency import distances, pose_errors, step_errors
+from slamgauge.compare.scoring.intervals import rms
+from slamgauge.compare.storage.trajectories import write_tum
 from slamgauge.se2 import chain
 from tests.reference.random_recordings import random_recording
 

@@ -11,12 +11,13 @@ from scipy import stats
 from slamgauge.arrays import Float
 from slamgauge.compare.scoring.intervals import (
     Interval,
+    Paired,
     bootstrap_interval,
+    compare_paired,
     jackknife_interval,
     mean_interval,
     ratio_interval,
 )
-from slamgauge.compare.scoring.paired import Paired, compare_paired
 from tests.reference.given import given
 
 

@@ -14,11 +14,10 @@ from numpy.testing import assert_allclose
 from slamgauge.arrays import Float
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.estimators.stored_trajectory import load_stored, stored_estimate
-from slamgauge.compare.scoring.alignment import rigid_transform
-from slamgauge.compare.scoring.own_stamps import optimum_at, truth_at
+from slamgauge.compare.scoring.own_stamps import optimum_at, rigid_transform, truth_at
 from slamgauge.compare.storage.csv_folder import POSE, POSE_COV, write_rows
-from slamgauge.compare.storage.files import save, write_tum
-from slamgauge.compare.storage.trajectories import Trajectory
+from slamgauge.compare.storage.files import save
+from slamgauge.compare.storage.trajectories import Trajectory, write_tum
 from slamgauge.ekf import ekf_slam
 from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline import causal

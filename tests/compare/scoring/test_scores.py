@@ -15,9 +15,8 @@ from slamgauge.arrays import Float
 from slamgauge.compare.scenarios.scenario import load_scenario
 from slamgauge.compare.scenarios.simulation import simulate
 from slamgauge.compare.scoring.catalogue import CATALOGUE
-from slamgauge.compare.scoring.landmark_identity import association_figures
-from slamgauge.compare.scoring.loop_closures import LoopClosure, closure_steps
-from slamgauge.compare.scoring.nan_stats import mean
+from slamgauge.compare.scoring.intervals import mean
+from slamgauge.compare.scoring.measured import LoopClosure, closure_steps
 from slamgauge.compare.scoring.scores import evaluate
 from slamgauge.ekf import ekf_slam
 from slamgauge.estimate import Estimate
@@ -129,9 +128,8 @@ def test_wrong_associations_with_ids_are_those_that_differ() -> None:
     recording = straight(3, [(0, 5), (1, 6), (2, 5), (3, 6)])
     truth = true(landmark_ids=[5, 6], landmarks=np.zeros((2, 2)), association=[5, 6, 5, 6])
     estimate = filtered(path(recording), None, [5, 6], np.zeros((2, 2)), association=[6, 6, -1, 5])
-    figures = association_figures(truth, recording, estimate)
-    assert figures.wrong_associations == 2
-    assert association_figures(true(), recording, estimate).wrong_associations is None
+    assert evaluate(truth, recording, estimate)["wrong_associations"] == 2
+    assert evaluate(true(), recording, estimate)["wrong_associations"] is None
 
 
 def test_without_observations_there_are_no_rays() -> None:
@@ -271,16 +269,16 @@ FIT = filtered(np.zeros((3, 3)))
 @pytest.mark.parametrize(
     ("truth", "estimates", "message"),
     [
-        (None, [SHORT], "estimate.poses: 2 rows for 3 stamps; give one pose per stamp$"),
+        (None, [SHORT], "estimate.poses: 2 rows, but the recording needs 3; give its own$"),
         (true(np.zeros((2, 3))), [FIT], "truth.poses: 2 rows"),
         (None, [FIT, SHORT], "optimum.poses: 2 rows"),
-        (None, [UNFIT], "estimate.association: 2 entries for 1 observations; give one"),
+        (None, [UNFIT], "estimate.association: 2 rows, but the recording needs 1"),
         (
             None,
             [FIT, replace(FIT, kind="smoothed")],
-            "optimum.kind: 'smoothed' is not comparable with 'filtered'; compare",
+            "optimum.kind: 'smoothed' instead of 'filtered'; compare",
         ),
-        (None, [FIT, None, FIT], "batch.kind: 'filtered' is not the hindsight optimum; give"),
+        (None, [FIT, None, FIT], "batch.kind: 'filtered' instead of 'smoothed'; compare"),
     ],
 )
 def test_inputs_that_do_not_fit_are_refused(truth: Truth | None, estimates: list[Any], message: str) -> None:

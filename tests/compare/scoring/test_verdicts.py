@@ -10,8 +10,7 @@ import pytest
 from scipy import stats
 
 from slamgauge.compare.scoring.consistency import chi2_band
-from slamgauge.compare.scoring.intervals import Interval
-from slamgauge.compare.scoring.paired import WORTH, runs_to_resolve
+from slamgauge.compare.scoring.intervals import WORTH, Interval, runs_to_resolve
 from slamgauge.compare.scoring.verdicts import (
     BAND_LEVEL,
     SCATTER,

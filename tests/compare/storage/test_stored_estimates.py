@@ -9,7 +9,8 @@ import pytest
 
 from slamgauge.compare.estimators.stored_trajectory import load_stored
 from slamgauge.compare.storage.csv_folder import POSE, write_rows
-from slamgauge.compare.storage.files import save, write_tum
+from slamgauge.compare.storage.files import save
+from slamgauge.compare.storage.trajectories import write_tum
 from slamgauge.ekf import ekf_slam
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate

@@ -22,34 +22,17 @@ def test_round_trip(tmp_path: Path):
 
 def test_overrides_create_missing_sections():
     table = {"a": {"b": 1}, "c": 2}
-    for text in ("a.b=3", "a.d = [1, 2]", "c.e=a bare text", "f=true"):
+    for text in ("a.b=3", "a.d = [1, 2]", "c.e=a bare text", "f=true", f"g={'1' * 5000}"):
         override(table, text)
-    assert table == {"a": {"b": 3, "d": [1, 2]}, "c": {"e": "a bare text"}, "f": True}
+    assert table == {"a": {"b": 3, "d": [1, 2]}, "c": {"e": "a bare text"}, "f": True, "g": "1" * 5000}
+    with pytest.raises(UserError, match=r"^=1{99}: not an override; write dotted.key=value$"):
+        override({}, "=" + "1" * 5000)
 
 
 @pytest.mark.parametrize(
-    ("content", "message"),
-    [
-        (b"a = \n", "not valid TOML: .*line 1"),
-        (b"a = '\xff'", "not a text in UTF-8"),
-        (b"a = " + b"[" * 3000 + b"]" * 3000, "not valid TOML: too many nested brackets"),
-        (b"a = " + b"{a=" * 3000 + b"1" + b"}" * 3000, "not valid TOML: too many nested brackets"),
-        (b"a = " + b"1" * 5000, "not valid TOML: too many nested brackets or digits for Python; correct"),
-    ],
+    ("content", "message"), [(b"a = \n", "not valid TOML: .*line 1"), (b"a = '\xff'", "line 1: not a text in UTF-8")]
 )
 def test_invalid_files_are_an_error(tmp_path: Path, content: bytes, message: str):
     (tmp_path / "file.toml").write_bytes(content)
     with pytest.raises(UserError, match=message):
         read_toml(tmp_path / "file.toml")
-
-
-@pytest.mark.parametrize("value", ["[" * 3000 + "]" * 3000, "1" * 5000])
-def test_values_beyond_the_limits_of_python_are_texts(value: str):
-    table: dict[str, object] = {}
-    override(table, f"a={value}")
-    assert table == {"a": value}
-
-
-def test_the_message_of_an_invalid_override_is_short():
-    with pytest.raises(UserError, match=r"^=1{99}: not an override; write dotted.key=value$"):
-        override({}, "=" + "1" * 5000)

@@ -14,10 +14,8 @@ import pytest
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.estimators.loading import load_estimators
 from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
-from slamgauge.compare.scoring.aggregation import FIRST_STEP
-from slamgauge.compare.scoring.intervals import Interval, ratio_interval
-from slamgauge.compare.scoring.paired import NORMAL, compare_paired, runs_to_resolve
-from slamgauge.compare.scoring.runs import Runs
+from slamgauge.compare.scoring.intervals import NORMAL, Interval, compare_paired, ratio_interval, runs_to_resolve
+from slamgauge.compare.scoring.runs import FIRST_STEP, Runs
 from slamgauge.compare.studies.summary import Summary, summary_table
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate

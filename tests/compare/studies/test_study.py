@@ -18,9 +18,8 @@ from slamgauge.compare.estimators.requests import Asked
 from slamgauge.compare.figures.publishing import write_study
 from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
 from slamgauge.compare.scenarios.simulation import simulate
-from slamgauge.compare.scoring.aggregation import FIRST_STEP
 from slamgauge.compare.scoring.consistency import chi2_band
-from slamgauge.compare.scoring.runs import Runs
+from slamgauge.compare.scoring.runs import FIRST_STEP, Runs
 from slamgauge.compare.scoring.scores import evaluate
 from slamgauge.compare.storage.staged_folder import MARK, begin_folder
 from slamgauge.compare.studies import study_run as study_run

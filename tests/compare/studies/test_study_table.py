@@ -10,7 +10,7 @@ import pytest
 
 from slamgauge import UserError
 from slamgauge.compare.cli.main import main
-from slamgauge.compare.scoring.table_files import escaped
+from slamgauge.compare.scoring.table import escaped
 from slamgauge.compare.studies.study_table import study_table
 
 pytestmark = pytest.mark.slow
