@@ -7,8 +7,7 @@ from concurrent.futures import Executor
 
 from slamgauge.compare.cli.options.exercise import ExerciseCommand
 from slamgauge.compare.cli.steps import continued_later, executor_of, open_page
-from slamgauge.compare.exercise.results import Exercise
-from slamgauge.compare.exercise.running import run_exercise
+from slamgauge.compare.exercise.results import Exercise, run_exercise
 from slamgauge.compare.exercise.tables import exercise_page
 from slamgauge.compare.report.exercise_page import publish_exercise, publish_first_runs
 from slamgauge.compare.storage.files import write_json

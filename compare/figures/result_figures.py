@@ -57,7 +57,7 @@ SHOWN = 20.0  # largest ratio of estimated and assumed sigma on the axis
 
 def save_budget_figure(out: Path, budget: ErrorBudget) -> None:
     """Write the figure `budget`, a waterfall in which each bar starts at the end of the previous one."""
-    narrow, doubtful, last = sheet().is_narrow, budget.doubtful(), len(budget.rungs)
+    narrow, last = sheet().is_narrow, len(budget.rungs)
     lines = [verdict(budget).replace("; ", ";\n", 1), *doubts(budget)]
     number: dict[str, Any] = {"textcoords": "offset points", "ha": "center", "fontsize": 5.5 if narrow else 7.5}
     with printed(out / "budget", 3.4, "\n".join(lines)) as figure:
@@ -70,7 +70,7 @@ def save_budget_figure(out: Path, budget: ErrorBudget) -> None:
             if low is not None and high is not None:
                 axes.plot([place, place], [before + low, before + high], color=TRUTH_COLOR, linewidth=1)
             top = max(before, before + added, before + (high or 0.0))
-            mark = MARK if rung.name in doubtful else ""
+            mark = MARK if rung.in_doubt else ""
             axes.annotate(f"{added:+.4f}{mark}", (place, top), (0, 3), **number)
             axes.plot([place - 0.3, place + 1.3], [rung.mse_m2] * 2, color=TRUTH_COLOR, linewidth=0.5, linestyle=":")
             before = rung.mse_m2

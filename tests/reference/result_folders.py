@@ -12,8 +12,8 @@ import pytest
 
 from slamgauge import compare_estimators, find_noise, load_estimators, load_scenario, simulate
 from slamgauge.compare.cli.main import main
-from slamgauge.compare.exercise import running
-from slamgauge.compare.exercise.running import run_exercise
+from slamgauge.compare.exercise import results
+from slamgauge.compare.exercise.results import run_exercise
 from slamgauge.compare.figures.publishing import write_study
 from slamgauge.compare.grading.grades import FIGURES
 from slamgauge.compare.noise.noise_json import noise_json
@@ -107,7 +107,7 @@ def exercise(folder: Path) -> None:
     """Write question 3 with two short runs, with its pages."""
     begin_folder(folder)
     with ThreadPoolExecutor(1) as pool, pytest.MonkeyPatch.context() as patched, fast_commands.empty_pictures():
-        patched.setattr(running, "load_scenario", lambda name: load_scenario(name, ["trajectory.duration=4"]))
+        patched.setattr(results, "load_scenario", lambda name: load_scenario(name, ["trajectory.duration=4"]))
         ran = run_exercise(["q3"], 2, 0, folder, pool)
         publish_first_runs(ran.settings, 0, folder, pool)
         assert publish_exercise(folder, ran)
