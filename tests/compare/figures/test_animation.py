@@ -175,7 +175,7 @@ DAMAGE: dict[str, Callable[[Path], object]] = {
     ("damage", "arguments", "message"),
     [
         ("no metrics", "", "not a folder of results, it has no metrics.json; give one that `slamgauge run` or"),
-        ("empty metrics", "", "metrics.json: not what `slamgauge run` writes; run it again"),
+        ("empty metrics", "", "metrics.json: written by another version, or changed by hand; run its command again"),
         ("no estimators", "", "metrics.json: contains no estimators; run the command again with at least one"),
         ("short estimate", "", "causal.npz: 5 poses, but the recording in this folder needs"),
         ("no estimate", "", "causal.npz: cannot be read (No such file"),

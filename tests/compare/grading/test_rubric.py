@@ -107,7 +107,7 @@ def test_a_file_replaces_only_the_keys_that_it_has(tmp_path: Path):
         ("totl = 3", "totl: unknown section; did you mean total?"),
         ("[accuracy]\nfull = 1.1\nweigth = 3", "accuracy.weigth: unknown key; did you mean weight?"),
         ("[checks]\ntruth-recoverd = 3", "checks.truth-recoverd: unknown key; did you mean truth-recovered?"),
-        ("checks = 3", "checks: input should be a valid dictionary, not '3'; correct it"),
+        ("checks = 3", "checks: input should be an object, not '3'; correct it"),
         ("[checks]\ntime-step = -1", "checks.time-step: input should be greater than or equal to 0, not '-1'"),
         ("[checks]\ntime-step = true", "checks.time-step: input should be a valid number, not 'True'"),
         ("total = nan", "total: input should be a finite number, not 'nan'; correct it"),
