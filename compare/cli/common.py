@@ -18,7 +18,7 @@ from slamgauge.compare.cli.terminal import Output
 from slamgauge.compare.estimators import requests
 from slamgauge.compare.estimators.registry import HELP
 from slamgauge.compare.figures import publishing as figures
-from slamgauge.compare.report import publishing as pages
+from slamgauge.compare.report import page as pages
 from slamgauge.compare.scenarios import scenario as scenarios
 from slamgauge.compare.scenarios.scenario_files import locate
 from slamgauge.compare.storage import staged_folder

@@ -10,7 +10,7 @@ import tyro
 
 from slamgauge.compare.cli.common import RootSeed, WithPage, Work
 from slamgauge.compare.exercise import results, tables
-from slamgauge.compare.report import exercise_page, exercise_runs
+from slamgauge.compare.report import exercise_page
 from slamgauge.compare.storage import files, staged_folder
 from slamgauge.compare.storage.result_files import EXERCISE
 
@@ -45,7 +45,7 @@ class Command(WithPage):
             with staged_folder.staged_folder(self.out, EXERCISE) as stage:
                 files.write_json(stage / EXERCISE, content)
             if not self.page.no_report:
-                exercise_runs.publish_first_runs(exercise.settings, self.seed, self.out, executor)
+                exercise_page.publish_first_runs(exercise.settings, self.seed, self.out, executor)
                 done = exercise_page.publish_exercise(self.out, exercise)
         if done and not self.page.no_report:
             self.page.show(self.out)

@@ -21,7 +21,7 @@ from slamgauge.compare.cli.common import (
     results_of,
 )
 from slamgauge.compare.estimators import requests, sandbox
-from slamgauge.compare.grading import grade_output, grading, rubric, submissions
+from slamgauge.compare.grading import grade_output, grading, rubric, submissions, trial
 from slamgauge.compare.scenarios import scenario as scenarios
 from slamgauge.compare.storage import staged_folder
 from slamgauge.compare.storage.result_files import GRADES
@@ -45,7 +45,7 @@ class Command(WithPage):
         rubric: TOML file with the weights of the points (docs/grading.md). If not given: the rubric of slamgauge.
         reference: Submissions must not be significantly worse than this: a built-in name or [LABEL=]FILE.py:callable.
         timeout: Seconds that a submission may take for a run.
-        out: Folder of grades.csv, submissions/NAME.md and gradescope/NAME/results.json. If not given:
+        out: Folder of grades.csv, submissions/NAME.html and gradescope/NAME/results.json. If not given:
             results/grades-FOLDER.
     """
 
@@ -73,15 +73,15 @@ class Command(WithPage):
         with staged_folder.staged_folder(out, GRADES) as stage:
             with self.work.executor() as executor:
                 seed = secrets.randbits(32) if self.seed is None else self.seed
-                settings = grading.GradeSettings(scenario, self.runs, seed, reference, limits, weights)
-                grades = grading.grade_folder(self.folder, found, settings, executor)
+                settings = trial.GradeSettings(scenario, self.runs, seed, reference, limits, weights)
+                grades = grading.grade_folder(found, settings, executor)
             if not any(each.is_graded for each in grades.grades):
                 first = grades.grades[0]
                 raise UserError(f"{self.folder}: nothing could be graded; {first.submission}: {first.reasons[0]}")
             if self.seed is None:
                 print(f"slamgauge: root seed {seed} (random; --seed {seed} grades on the same runs)", file=sys.stderr)
-            self.output.show(grades.to_json(), grade_output.grade_table(grades))
+            self.output.show(grades.to_json(), grade_output.grades_page(grades))
             grade_output.write_grades(stage, grades)
-        done = grade_output.write_pages(out, grades) and all(each.is_graded for each in grades.grades)
+        done = all(each.is_graded for each in grades.grades)
         print(f"written to {out}", file=sys.stderr)
         return 0 if self.page.write(out, GRADES) and done else 1
