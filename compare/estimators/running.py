@@ -165,7 +165,7 @@ def run_side_by_side(
     ran = SideBySide()
     with counted(len(estimators), "estimator") as progress:
         for label in sorted(estimators, key=lambda name: name in told and not has_ids):
-            progress.set_description(label)
+            progress.set_description(label, refresh=not progress.delay)
             estimator, is_optimum = estimators[label], label in told and told[label].role == "optimum"
             others = {name: each.association for name, each in ran.estimates.items() if name not in graphs}
             makers = [name for name, association in others.items() if association is not None]
@@ -217,6 +217,6 @@ def require_room_for_estimates(recording: Recording, asked: Sequence[Asked]) -> 
             require_memory(8.0 * (3 + 2 * landmarks) ** 2, what, "give fewer landmarks, or leave it out")
         if landmarks and any(each.name.startswith(name) for name in GRAPHS) and UNDER not in each.name:
             from slamgauge.graph_baseline.problem.preparation import prepare  # slow libraries
-            from slamgauge.graph_baseline.solver.memory_estimate import require_memory_for
+            from slamgauge.graph_baseline.solver.smoother import require_memory_for
 
             require_memory_for(prepare(recording), each.name)
