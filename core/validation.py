@@ -31,11 +31,15 @@ def store(instance: object, **fields: object) -> None:
         object.__setattr__(instance, name, value)
 
 
-def equal(one: object, other: object) -> bool:
-    """Return whether two dataclasses have the same type and equal fields; NaN is equal to NaN."""
-    if type(one) is not type(other) or not is_dataclass(one):
-        return False
-    return all(_same(getattr(one, field.name), getattr(other, field.name)) for field in fields(one))
+class Record:
+    """Base of the records: compared by value, NaN is equal to NaN; not hashable."""
+
+    __slots__ = ()
+
+    def __eq__(self, other: object) -> bool:
+        if type(self) is not type(other) or not is_dataclass(self):
+            return False
+        return all(_same(getattr(self, field.name), getattr(other, field.name)) for field in fields(self))
 
 
 def _same(one: object, other: object) -> bool:
