@@ -5,7 +5,6 @@ An invalid value raises ``UserError`` with field, row, value and remedy in one l
 
 from __future__ import annotations
 
-import operator
 from dataclasses import fields, is_dataclass
 from typing import TypeGuard, TypeVar
 
@@ -220,16 +219,8 @@ def require_rows(name: str, good: ArrayLike, rows: NDArray[np.generic], rule: st
         raise UserError(f"{name}[{first + bad[0]}] = {value}: {rule}")
 
 
-def require_lag(lag: int) -> int:
-    """Return the number of steps of a window as an int.
-
-    Raises:
-        UserError: it is not a whole number of at least 1.
-    """
-    try:
-        steps = operator.index(lag)
-    except TypeError:
-        steps = 0
-    if steps < 1 or isinstance(lag, bool):
-        raise UserError(f"lag: {lag!r} steps leave no window; give a whole number, at least 1")
-    return steps
+def as_whole(name: str, value: object, why: str, least: int) -> int:
+    """Return a whole number of at least `least` as an int; else refuse it, with the reason `why`."""
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
+        raise UserError(f"{name}: {value!r} {why}; give a whole number, at least {least}")
+    return int(value)
