@@ -33,13 +33,6 @@ ROUNDINGS = 8  # random roundings of a covariance
 ANOTHER_MINIMUM = 1e-3  # sigma; smaller differences belong to the same minimum
 
 
-class Pair(NamedTuple):
-    """A filter of ours and its textbook form."""
-
-    ours: Estimator
-    textbook: Estimator
-
-
 class Path(NamedTuple):
     """Poses (N+1, 3) relative to the prior's mean position, and sigmas (N+1, 3) of the additive error."""
 
@@ -47,23 +40,23 @@ class Path(NamedTuple):
     sigmas: Float
 
 
-PAIRS = {
-    "ekf": Pair(ekf_slam, textbook_ekf),
-    "fej-ekf": Pair(fej_ekf, textbook_fej_ekf),
-    "oc-ekf": Pair(oc_ekf, textbook_oc_ekf),
-    "iekf": Pair(iekf, textbook_iekf),
-    "riekf": Pair(riekf, textbook_riekf),
+PAIRS: dict[str, tuple[Estimator, Estimator]] = {  # our filter and its textbook form
+    "ekf": (ekf_slam, textbook_ekf),
+    "fej-ekf": (fej_ekf, textbook_fej_ekf),
+    "oc-ekf": (oc_ekf, textbook_oc_ekf),
+    "iekf": (iekf, textbook_iekf),
+    "riekf": (riekf, textbook_riekf),
 }
 
 
 def judge_filters(recording: Recording) -> list[Outcome]:
     """Return an outcome for each of `PAIRS`, and `iekf minimum`: whether `iekf` ends in a minimum of its cost."""
     if recording.sensor == "bearing":  # rays have no textbook form: the filters must run
-        estimates = {name: attempt(pair.ours, recording) for name, pair in PAIRS.items()}
-        failed = {
-            name: Outcome(name, "failed", math.inf, note) for name, note in estimates.items() if isinstance(note, str)
-        }
-        return [failed.get(name, Outcome(name, "not compared")) for name in PAIRS]
+        notes = {name: attempt(ours, recording) for name, (ours, _) in PAIRS.items()}
+        return [
+            Outcome(name, "failed", math.inf, note) if isinstance(note, str) else Outcome(name, "not compared")
+            for name, note in notes.items()
+        ]
     return [*(judge_filter(recording, name) for name in PAIRS), judge_minimum(recording)]
 
 
@@ -73,7 +66,7 @@ def judge_filter(recording: Recording, name: str) -> Outcome:
     The result is undecided where the textbook form loses digits, and where an update of `iekf` has several minima, of
     which both find different ones: `judge_minimum` judges the updates alone.
     """
-    estimate = attempt(PAIRS[name].ours, recording)
+    estimate = attempt(PAIRS[name][0], recording)
     reference, turned = (_textbook(recording, name, turn) for turn in (0.0, TURN))
     if reference is None or turned is None:
         return Outcome(name, "undecided", math.inf, "the textbook form has no answer")
@@ -98,7 +91,7 @@ def _textbook(recording: Recording, name: str, turn: float) -> Path | None:
     mean = np.array([0.0, 0.0, wrap(recording.prior_mean[2] + turn)])
     moved = replace(recording, prior_mean=mean, prior_cov=T @ recording.prior_cov @ T.T)
     with np.errstate(all="ignore"):
-        estimate = attempt(PAIRS[name].textbook, moved)
+        estimate = attempt(PAIRS[name][1], moved)
     if isinstance(estimate, str) or estimate.pose_covs is None:
         return None
     poses = estimate.poses @ T
