@@ -73,7 +73,7 @@ def judge_filter(recording: Recording, name: str) -> Outcome:
     lost = float(differences(turned, reference, recording).max())
     if isinstance(estimate, str):
         return Outcome(name, "failed" if lost <= FILTER_BAR else "undecided", math.inf, estimate)
-    apart = differences(_path(estimate, recording), reference, recording)
+    apart = differences(_path(estimate, np.append(recording.prior_mean[:2], 0.0)), reference, recording)
     largest = float(apart.max())
     if largest <= FILTER_BAR:
         return Outcome(name, "agrees", largest)
@@ -92,18 +92,16 @@ def _textbook(recording: Recording, name: str, turn: float) -> Path | None:
     moved = replace(recording, prior_mean=mean, prior_cov=T @ recording.prior_cov @ T.T)
     with np.errstate(all="ignore"):
         estimate = attempt(PAIRS[name][1], moved)
-    if isinstance(estimate, str) or estimate.pose_covs is None:
-        return None
-    poses = estimate.poses @ T
-    poses[:, 2] = wrap(estimate.poses[:, 2] - turn)
-    return Path(poses, sigmas_of(T.T @ estimate.pose_covs @ T))
+    return None if isinstance(estimate, str) else _path(estimate, np.append(mean[:2], turn))
 
 
-def _path(estimate: Estimate, recording: Recording) -> Path:
+def _path(estimate: Estimate, origin: Float) -> Path:
+    """Return the path of an estimate relative to an origin (3,) and in its frame."""
     assert estimate.pose_covs is not None
-    poses = estimate.poses.copy()
-    poses[:, :2] -= recording.prior_mean[:2]
-    return Path(poses, sigmas_of(estimate.pose_covs))
+    T = pose_rotation(origin[2])
+    poses = (estimate.poses - origin) @ T
+    poses[:, 2] = wrap(poses[:, 2])
+    return Path(poses, sigmas_of(T.T @ estimate.pose_covs @ T))
 
 
 def sigmas_of(covs: Float) -> Float:
