@@ -31,18 +31,18 @@ def run(command: Import) -> None:
     recording, truth, mapping = log.recording, log.truth, log.mapping
     from slamgauge.compare.datasets.plausibility import examine  # loads kernels, which a refusal need not wait for
 
-    examination = examine(log, given.path)
+    facts, doubts = examine(log, given.path)
     with staged_folder(out, RECORDING) as folder:
         save(folder / RECORDING, recording)
         if truth is not None:
             save(folder / TRUTH, truth)
         if mapping is not None:
             write_toml(folder / MAPPING, mapping)
-    facts = [f"{name:<34}{value}" for name, value in examination.facts.items()]
-    warnings = [f"warning: {warning}" for warning in examination.warnings]
+    table = [f"{name:<34}{value}" for name, value in facts.items()]
+    warnings = [f"warning: {doubt}" for doubt in doubts]
     counts = f"{recording.steps} steps, {len(recording.observation)} observations"
     written = f"{counts}, {'with' if truth is not None else 'no'} ground truth: written to {out}"
-    print(*log.notes, *facts, *warnings, written, sep="\n", file=sys.stderr)
+    print(*log.notes, *table, *warnings, written, sep="\n", file=sys.stderr)
 
 
 def _read(given: Format) -> Imported:

@@ -9,73 +9,67 @@ from __future__ import annotations
 import io
 from contextlib import redirect_stderr
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.stats import chi2
 
 from slamgauge.ekf import riekf
 from slamgauge.errors import UserError
-from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.se2 import exp, log
 from slamgauge.sensors import SENSORS
 
+FEW = 20  # observations: fewer show no doubts
 BOUND = 0.999  # probability of the largest normalised innovation that agrees
 DOUBTED = 0.75  # share of observations that agree, below which mistakes are tried
 CONVINCING = 0.9  # smallest share with which a mistake is found
+POOR = 0.9  # share of observations that agree, below which a log without a known mistake is warned of
+POOR_BEARINGS = 0.5  # the same for bearing-only landmarks, with which the filter of the pass is itself inconsistent
+DIFFERS, FACTOR = 3.0, 0.1  # deviation of the mean NIS in its standard deviations, and from 1: the noise does not fit
 INSIDE = 0.7  # share of the observations that an offset must leave within the steps
 SMALL = 0.4  # median of NIS / dof, about 0.8 if the noise is right; lower if lengths are so small that anything agrees
 RESOLVED = 3.0  # smallest ratio of typical lengths and their standard deviation, below which no mistake is found
 SHIFTS = tuple(0.5 * each for each in range(-10, 11) if each)  # s: offsets of two clocks that are tried
 DEGREE = np.pi / 180
-SIGN = "change the sign of those that are clockwise"
-UNIT = "correct the unit (in recording.toml: angle, length, time)"
+PLACE = "of the observations agree with one place per landmark"
 
 
 class Mistake(NamedTuple):
-    """A mistake, the remedy, and the factors that undo it.
+    """A mistake as a sentence about the log, and the factors that undo it.
 
-    Attributes:
-        what: the mistake, as a sentence about the log.
-        remedy: end of the error text.
-        bearing: factor of bearings; -1 also mirrors positions in the body frame.
-        length: factor of observed lengths.
-        turn: factor of the turns of odometry.
-        way: factor of its distances.
-        rates: whether the turns come from yaw rates, so that the distances are chords of arcs.
+    `bearing` -1 also mirrors positions in the body frame. `length` is for observed lengths, `turn` and `way` are for
+    the odometry. `rates` is whether the turns come from yaw rates, so that the distances are chords of arcs.
     """
 
     what: str
-    remedy: str
     bearing: float = 1.0
     length: float = 1.0
     turn: float = 1.0
     way: float = 1.0
     rates: bool = False
 
-    @property
-    def size(self) -> float:
-        """Size of the numbers without the mistake, relative to those with it."""
-        return round(abs(self.bearing) * self.length * self.turn * self.way, 9)
-
-
-def _of_lengths(what: str, names: tuple[str, ...], scale: str, undone: float) -> Mistake:
-    factors: dict[str, Any] = dict.fromkeys(names, undone)
-    return Mistake(f"{what} are {scale}", UNIT, **factors)
+    def undone(self, recording: Recording) -> Recording:
+        """Return a recording without the mistake."""
+        of_column = {"range": self.length, "x": self.length, "y": self.length, "bearing": self.bearing}
+        of_column["y"] *= np.sign(self.bearing)
+        factors = np.array([of_column[name] for name in SENSORS[recording.sensor].columns])
+        ways = np.array([self.way, self.way, self.turn])
+        odometry = exp(log(recording.odometry) * ways) if self.rates else recording.odometry * ways
+        return replace(recording, odometry=odometry, observation=recording.observation * factors)
 
 
 MISTAKES = (
-    Mistake("observations and odometry count angles in opposite directions", SIGN, bearing=-1.0),
-    Mistake("bearings are in degrees, read as radians", UNIT, bearing=DEGREE),
-    Mistake("turns are in degrees, read as radians", UNIT, turn=DEGREE),
-    Mistake("yaw rates are in deg/s, read as rad/s", UNIT, turn=DEGREE, rates=True),
-    Mistake("bearings and turns are in degrees, read as radians", UNIT, bearing=DEGREE, turn=DEGREE),
-    Mistake("bearings are in radians, read as degrees", UNIT, bearing=1 / DEGREE),
-    Mistake("turns are in radians, read as degrees", UNIT, turn=1 / DEGREE),
-    Mistake("bearings and turns are in radians, read as degrees", UNIT, bearing=1 / DEGREE, turn=1 / DEGREE),
+    Mistake("observations and odometry count angles in opposite directions", bearing=-1.0),
+    Mistake("bearings are in degrees, read as radians", bearing=DEGREE),
+    Mistake("turns are in degrees, read as radians", turn=DEGREE),
+    Mistake("yaw rates are in deg/s, read as rad/s", turn=DEGREE, rates=True),
+    Mistake("bearings and turns are in degrees, read as radians", bearing=DEGREE, turn=DEGREE),
+    Mistake("bearings are in radians, read as degrees", bearing=1 / DEGREE),
+    Mistake("turns are in radians, read as degrees", turn=1 / DEGREE),
+    Mistake("bearings and turns are in radians, read as degrees", bearing=1 / DEGREE, turn=1 / DEGREE),
     *(
-        _of_lengths(what, names, f"{factor:g} times too {size}", undone)
+        Mistake(f"{what} are {factor:g} times too {size}")._replace(**dict.fromkeys(names, undone))
         for what, names in {
             "observed lengths": ("length",),
             "distances of the odometry": ("way",),
@@ -89,7 +83,7 @@ MISTAKES = (
 
 
 class Fit(NamedTuple):
-    """How well an estimate fits the observations; 0 without an estimate."""
+    """How well an estimate fits the observations."""
 
     share: float  # share of the observations that agree
     nis: float  # median of NIS / dof of the steps
@@ -97,60 +91,92 @@ class Fit(NamedTuple):
     deviation: float  # deviation of the mean from 1, in its standard deviations
 
 
-def quick_fit(recording: Recording) -> tuple[Fit, Estimate | None]:
-    """Return how well the filter fits observations that do not add landmarks, and its estimate (None if it fails)."""
+NO_ESTIMATE, NOTHING_SEEN_TWICE = Fit(0.0, 0.0, 0.0, 0.0), Fit(1.0, 0.0, 1.0, 0.0)
+
+
+def agreement(recording: Recording) -> tuple[float, str]:
+    """Return the share of observations that agree with one place per landmark, and a doubt; "" without one.
+
+    Raises:
+        UserError: they agree once a mistake of units or signs is undone; with the mistake and its remedy.
+    """
+    has_range, is_bearing = SENSORS[recording.sensor].has_range, recording.sensor == "bearing"
+    if has_range:
+        recording = recording.only(recording.observation[:, 0] > 0.0)  # sensors write 0 where they detect nothing
+    fit = _fit(recording)
+    if len(recording.observation) < FEW:
+        return fit.share, ""
+    if fit is NOTHING_SEEN_TWICE:
+        return fit.share, "no landmark is observed at two steps: nothing corrects the path; check the ids"
+    if fit.share < DOUBTED:
+        doubt = _clock_offset(recording)
+        if doubt:
+            return fit.share, f"{fit.share:.1%} {PLACE}, but {doubt}"
+        mistake = _mistake(recording)
+        if mistake:
+            raise UserError(f"{fit.share:.1%} {PLACE}, but {mistake}")
+    if fit.share < (POOR_BEARINGS if is_bearing else POOR):
+        remedy = "check units, signs, stamps and ids, and the noise (`slamgauge noise`)"
+        return fit.share, f"only {fit.share:.1%} {PLACE}; {remedy}"
+    if not is_bearing and abs(fit.deviation) > DIFFERS and abs(fit.mean - 1.0) > FACTOR:
+        what = f"the measurements do not fit their stated noise (the mean NIS / dof is {fit.mean:.2g} instead of 1)"
+        return fit.share, f"{what}: `slamgauge noise RECORDING` finds the noise that they support"
+    return fit.share, ""
+
+
+def _fit(recording: Recording) -> Fit:
+    """Return how well the filter fits observations that do not add landmarks."""
     with redirect_stderr(io.StringIO()), np.errstate(all="ignore"):
         try:
             estimate = riekf(recording)
         except UserError:
-            return Fit(0.0, 0.0, 0.0, 0.0), None
+            return NO_ESTIMATE
     nis, dof = estimate.nis, estimate.nis_dof
     if nis is None or dof is None or not dof.any():
-        return Fit(1.0, 0.0, 1.0, 0.0), estimate
+        return NOTHING_SEEN_TWICE
     counts = np.bincount(recording.observation_step, minlength=recording.steps + 1)[dof > 0]
     nis, dof = nis[dof > 0], dof[dof > 0]
     share = float(np.average(nis < chi2.ppf(BOUND, dof), weights=counts))
     mean = float(nis.sum() / dof.sum())
-    return Fit(share, float(np.median(nis / dof)), mean, (mean - 1.0) * float(np.sqrt(dof.sum() / 2.0))), estimate
+    return Fit(share, float(np.median(nis / dof)), mean, (mean - 1.0) * float(np.sqrt(dof.sum() / 2.0)))
 
 
-def refuse_mistakes(recording: Recording, stated: Fit) -> None:
-    """Refuse a recording that agrees with one place per landmark once a mistake of units or signs is undone.
-
-    Raises:
-        UserError: with the mistake and its remedy.
-    """
-    if stated.share >= DOUBTED:
-        return
-    undone = ((each, _without(recording, each)) for each in MISTAKES)
-    fits = {each: quick_fit(other)[0] for each, other in undone if not _lengths_are_noise(other)}
+def _mistake(recording: Recording) -> str:
+    """Return the mistake without which the observations agree, with its remedy; "" without one."""
+    undone = ((each, each.undone(recording)) for each in MISTAKES)
+    fits = {each: _fit(other) for each, other in undone if not _lengths_are_noise(other)}
     found = {each: fit for each, fit in fits.items() if fit.share > CONVINCING and fit.nis > SMALL}
-    # small numbers agree with everything, so the largest are the strongest evidence
-    best = max(found, key=lambda each: (each.size, -abs(np.log(found[each].nis))), default=None)
-    if best:
-        what = f"{stated.share:.1%} of the observations agree with one place per landmark"
-        raise UserError(f"{what}, but {found[best].share:.1%} if {best.what}; {best.remedy}")
-
-
-def clock_offset(recording: Recording, stated: Fit) -> str:
-    """Return with which offset of their stamps the observations agree with one place per landmark; "" if with none."""
-    if stated.share >= DOUBTED or _lengths_are_noise(recording):
+    if not found:
         return ""
-    fits = {shift: quick_fit(_shifted(recording, shift))[0] for shift in SHIFTS if _most_are_inside(recording, shift)}
-    if not fits:
-        return ""
-    best = max(fits, key=lambda shift: (fits[shift].share, -fits[shift].mean))
-    if fits[best].share <= CONVINCING:
-        return ""
-    what = f"{stated.share:.1%} of the observations agree with one place per landmark, but {fits[best].share:.1%}"
-    remedy = "give both files the same clock"
-    return f"{what} if their stamps are {abs(best):g} s {'late' if best < 0.0 else 'early'}; {remedy}"
+
+    def evidence(each: Mistake) -> tuple[float, float]:  # small numbers agree with everything
+        size = abs(each.bearing) * each.length * each.turn * each.way
+        return round(size, 9), -abs(np.log(found[each].nis))
+
+    best = max(found, key=evidence)
+    remedy = "correct the unit (in recording.toml: angle, length, time)"
+    if best.bearing < 0.0:
+        remedy = "change the sign of those that are clockwise"
+    return f"{found[best].share:.1%} if {best.what}; {remedy}"
 
 
-def _most_are_inside(recording: Recording, shift: float) -> bool:
-    """Return whether most observations are within the steps if they are shifted by some seconds."""
-    at = recording.stamps[recording.observation_step] + shift
-    return float(np.mean((at >= recording.stamps[0]) & (at <= recording.stamps[-1]))) > INSIDE
+def _clock_offset(recording: Recording) -> str:
+    """Return with which offset of their stamps the observations agree; "" if with none."""
+    if _lengths_are_noise(recording):
+        return ""
+    stamps, rows = recording.stamps, recording.observation_step
+    fits: dict[float, Fit] = {}
+    for shift in SHIFTS:
+        at = stamps[rows] + shift
+        inside = (at >= stamps[0]) & (at <= stamps[-1])
+        if np.mean(inside) > INSIDE:
+            steps = np.rint(np.interp(at[inside], stamps, np.arange(len(stamps)))).astype(rows.dtype)
+            fits[shift] = _fit(replace(recording.only(inside), observation_step=steps))
+    best = max(fits, key=lambda shift: (fits[shift].share, -fits[shift].mean), default=0.0)
+    if not best or fits[best].share <= CONVINCING:
+        return ""
+    late = f"{abs(best):g} s {'late' if best < 0.0 else 'early'}"
+    return f"{fits[best].share:.1%} if their stamps are {late}; give both files the same clock"
 
 
 def _lengths_are_noise(recording: Recording) -> bool:
@@ -158,29 +184,3 @@ def _lengths_are_noise(recording: Recording) -> bool:
     lengths = [column != "bearing" for column in SENSORS[recording.sensor].columns]
     sigmas = np.sqrt(np.diagonal(recording.observation_cov, axis1=1, axis2=2))
     return any(lengths) and bool(np.median(np.abs(recording.observation / sigmas)[:, lengths]) < RESOLVED)
-
-
-def _without(recording: Recording, mistake: Mistake) -> Recording:
-    """Return the recording without a mistake."""
-    columns = SENSORS[recording.sensor].columns
-    of_column = dict.fromkeys(("range", "x", "y"), mistake.length) | {"bearing": mistake.bearing}
-    if mistake.bearing < 0.0:
-        of_column["y"] *= mistake.bearing
-    observation = recording.observation * np.array([of_column[name] for name in columns])
-    factors = np.array([mistake.way, mistake.way, mistake.turn])
-    odometry = exp(log(recording.odometry) * factors) if mistake.rates else recording.odometry * factors
-    return replace(recording, odometry=odometry, observation=observation)
-
-
-def _shifted(recording: Recording, shift: float) -> Recording:
-    """Return the recording with its observations at the steps nearest to `shift` seconds later, if they exist."""
-    stamps, rows = recording.stamps, recording.observation_step
-    at = stamps[rows] + shift
-    kept = (at >= stamps[0]) & (at <= stamps[-1])
-    return replace(
-        recording,
-        observation_step=np.rint(np.interp(at[kept], stamps, np.arange(len(stamps)))).astype(rows.dtype),
-        observation=recording.observation[kept],
-        observation_cov=recording.observation_cov[kept],
-        landmark=None if recording.landmark is None else recording.landmark[kept],
-    )
