@@ -177,18 +177,11 @@ def opened(path: Path, msgs: Sequence[Path] = ()) -> Generator[Bag]:
                 missing = {k: v for k, v in default.fielddefs.items() if k not in reader.typestore.fielddefs}
                 reader.typestore.register(missing)
             yield Bag(path, reader)
-    except FileNotFoundError as error:
-        if path.is_dir():
-            remedy = "give its .mcap or .db3 file, or run `ros2 bag reindex`"
-            raise UserError(f"{path}: has no metadata.yaml, so it is no ROS 2 bag; {remedy}") from None
-        raise UserError(
-            f"{path}: not found, or not a bag ({error}); give a .bag, .mcap or .db3 file, or a ROS 2 folder"
-        ) from None
     except damaged as error:
         what = " ".join(str(error).split())[:200] or type(error).__name__
-        raise UserError(
-            f"{path}: cannot be read ({what}); repair it with `rosbag reindex`, `ros2 bag reindex` or `mcap recover`"
-        ) from None
+        remedy = "give a .bag, .mcap or .db3 file, or a ROS 2 folder with its metadata.yaml"
+        repair = "repair it with `rosbag reindex`, `ros2 bag reindex` or `mcap recover`"
+        raise UserError(f"{path}: cannot be read ({what}); {remedy}, or {repair}") from None
 
 
 def _definitions(folder: Path) -> Iterator[tuple[str, str]]:

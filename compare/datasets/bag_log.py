@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
@@ -15,13 +15,13 @@ import numpy as np
 from slamgauge.arrays import Float, Int
 from slamgauge.compare.datasets.bag_file import SAME, Bag, header_stamp, opened, seconds_of
 from slamgauge.compare.datasets.bag_observations import read_observations
-from slamgauge.compare.datasets.imported_log import Imported, Log, TruePath, with_sigmas
+from slamgauge.compare.datasets.imported_log import Imported, Log, with_sigmas
 from slamgauge.compare.datasets.log_settings import BagMapping, ObservationsTopic, load_settings
-from slamgauge.compare.datasets.synchronisation import Odometry, constant_twist
+from slamgauge.compare.datasets.synchronisation import Odometry
 from slamgauge.compare.storage.toml_tables import Table, toml_text
 from slamgauge.compare.storage.trajectories import Trajectory, planar_covariances, planar_poses
 from slamgauge.errors import UserError
-from slamgauge.se2 import between, rotation
+from slamgauge.se2 import between, exp, rotation
 
 ODOMETRIES = (
     "nav_msgs/msg/Odometry",
@@ -57,7 +57,7 @@ def read_bag(
         bag = replace(bag, clock=settings.frames.clock)
         notes: list[str] = []
         odometry, settings = _read_odometry(bag, settings, notes)
-        settings = replace(settings, observations=_completed(bag, settings.observations))
+        settings = settings.changed(observations=_completed(bag, settings.observations))
         seen = read_observations(bag, settings, notes)
         true_path = _true_path(bag, settings, notes)
     log = Log(
@@ -67,6 +67,7 @@ def read_bag(
         start=settings.start.pose,
         prior_cov=np.diag(settings.start.sigmas) ** 2,
         path=true_path,
+        max_gap=settings.truth.max_gap,
         notes=notes,
     )
     return log.imported(settings)
@@ -110,9 +111,8 @@ def _completed(bag: Bag, section: ObservationsTopic) -> ObservationsTopic:
     """Return the section with its topic, and with the shipped paths of its type where none are stated."""
     topic = section.topic or bag.topic_of(tuple(_shipped()), "observations.topic")
     kind = bag.type_of(topic)
-    stated: Table = {name: value for name, value in asdict(section).items() if value is not None}
-    complete: Table = _shipped().get(kind, {}) | stated | {"topic": topic}
-    known = ObservationsTopic(**complete)
+    stated = section.model_dump(exclude_none=True) | {"topic": topic}
+    known = ObservationsTopic(**(_shipped().get(kind, {}) | stated))
     if (known.bearing is None) == (known.x is None) or (known.x is None) != (known.y is None):
         paths = "observations.x and y, or observations.range and bearing, or observations.bearing"
         raise UserError(f"{bag.path}: give paths of {topic} ({kind}): {paths}")
@@ -147,7 +147,7 @@ def _read_odometry(bag: Bag, mapping: BagMapping, notes: list[str]) -> tuple[Odo
     if section.kind == "twist":
         if has_poses:
             _require_twists_of_the_robot(where, twists, poses[rows, 2], seconds, increments)
-        increments = constant_twist(twists, seconds)
+        increments = exp(twists * seconds[:, None])
     covs = covs[rows] * seconds[:, None, None] ** 2
     noise, sigmas = mapping.noise, list[Float | None]()
     for axis, name in enumerate(("forward", "lateral", "turn")):
@@ -157,7 +157,7 @@ def _read_odometry(bag: Bag, mapping: BagMapping, notes: list[str]) -> tuple[Odo
             raise UserError(f"{where}: its messages have no variance of noise.{name}; {remedy}")
         sigmas.append(None if stated is None else stated * noise.growth(seconds))
     base = mapping.frames.base or children[-1] or "base_link"
-    in_force = replace(mapping, odometry=replace(section, topic=topic), frames=replace(mapping.frames, base=base))
+    in_force = mapping.changed(odometry=section.changed(topic=topic), frames=mapping.frames.changed(base=base))
     return Odometry(seconds_of(stamps), increments, with_sigmas(covs, sigmas)), in_force
 
 
@@ -174,21 +174,21 @@ def _require_twists_of_the_robot(
     turned = velocities.copy()
     turned[:, :2] = np.einsum("nji,nj->ni", rotation(headings), velocities[:, :2])
     as_read, of_world = (
-        float(np.sum((constant_twist(each, seconds) - motions)[:, :2] ** 2)) for each in (velocities, turned)
+        float(np.sum((exp(each * seconds[:, None]) - motions)[:, :2] ** 2)) for each in (velocities, turned)
     )
     if as_read > CONTRADICTS * float(np.sum(motions[:, :2] ** 2)) and of_world < CONTRADICTS * as_read:
         what = "the twists contradict the poses of the same messages, unless they are in the world's frame"
         raise UserError(f"{where}: {what}; give --set odometry.kind=poses")
 
 
-def _true_path(bag: Bag, mapping: BagMapping, notes: list[str]) -> TruePath | None:
+def _true_path(bag: Bag, mapping: BagMapping, notes: list[str]) -> Trajectory | None:
     if mapping.truth.topic is None:
         return None
     topic = bag.topic_of(POSES, "truth.topic", mapping.truth.topic)
     stamps, poses, _ = _samples(bag, topic, _pose_of, notes)
     if not len(stamps):
         raise UserError(f"{bag.path}: {topic}: has no messages; leave truth.topic out")
-    return TruePath(seconds_of(stamps), planar_poses(poses), mapping.truth.max_gap)
+    return Trajectory(topic, seconds_of(stamps), planar_poses(poses))
 
 
 def _pose_of(content: Any) -> tuple[list[float], Float]:

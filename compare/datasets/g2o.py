@@ -27,10 +27,9 @@ from slamgauge.arrays import Float
 from slamgauge.compare.datasets.imported_log import (
     Imported,
     checked,
-    diagonal_covariances,
     of_file,
-    require_max_range,
     require_rows,
+    with_sigmas,
 )
 from slamgauge.compare.datasets.pose_chain import path_along, reversed_where
 from slamgauge.compare.storage.csv_folder import from_triangles
@@ -162,7 +161,6 @@ def read_victoria_park(path: str | Path, *, max_range: float = math.inf) -> Reco
     Raises:
         UserError: With the file, the line and the remedy.
     """
-    require_max_range(max_range)
     reached: int | None = None
     for line in read_tagged(Path(path), {tag: FORMS[tag] for tag in ("ODOMETRY", "LANDMARK")})["ODOMETRY"]:
         start, end = line.id_at(1), line.id_at(2)
@@ -228,7 +226,11 @@ def _measured(lines: list[Line], *, isam: bool) -> tuple[Sensor, Float, Float]:
     if sensor == "range-bearing":
         sigmas = numbers[:, [3, 2]]
         require_rows(lines, sigmas.min(axis=1) <= 0.0, "a sigma is not > 0", "correct it")
-        return sensor, checked(sensor, lines, numbers[:, [1, 0]]), diagonal_covariances(sigmas)
+        return (
+            sensor,
+            checked(sensor, lines, numbers[:, [1, 0]]),
+            with_sigmas(np.zeros((len(lines), 2, 2)), [*sigmas.T]),
+        )
     dim = 2 if sensor == "position" else 1
     covs = _covariances(lines, numbers[:, dim:], dim, isam=isam)
     return sensor, checked(sensor, lines, numbers[:, :dim]), covs

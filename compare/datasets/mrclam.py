@@ -13,6 +13,7 @@ start is known exactly; else it begins at the origin. `synchronisation` splits s
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -23,16 +24,15 @@ from slamgauge.compare.datasets.imported_log import (
     Log,
     Observed,
     TrueMap,
-    TruePath,
     checked,
-    diagonal_covariances,
     require_order,
-    require_sigmas,
+    with_sigmas,
 )
-from slamgauge.compare.datasets.synchronisation import Odometry, constant_twist
+from slamgauge.compare.datasets.synchronisation import Odometry
 from slamgauge.compare.storage.text_lines import Line, read_table
-from slamgauge.compare.storage.trajectories import interpolated
+from slamgauge.compare.storage.trajectories import Trajectory, interpolated
 from slamgauge.errors import UserError
+from slamgauge.se2 import exp
 
 ROBOTS = 5
 MAX_GAP = 1.0  # s: ground truth is not interpolated over longer gaps
@@ -65,7 +65,6 @@ def read_mrclam(
     Raises:
         UserError: With the file, the line and the remedy.
     """
-    require_sigmas(forward=forward, lateral=lateral, turn=turn, range=range_sigma, bearing=bearing_sigma)
     prefix, notes = _prefix(folder, robot), list[str]()
     truth, path, true_map = folder / f"{prefix}Groundtruth.dat", None, None
     file = folder / f"{prefix}Odometry.dat"
@@ -73,7 +72,7 @@ def read_mrclam(
     begin = 0
     if truth.exists():
         _, ground = _in_time(truth, "time x y heading")
-        path = TruePath(ground[:, 0], ground[:, 1:], MAX_GAP)
+        path = Trajectory(str(truth), ground[:, 0], ground[:, 1:])
         known = ~np.isnan(interpolated(path.stamps, path.poses, commands[:, 0], MAX_GAP)[:, 0])
         if not known.any():
             raise UserError(f"{truth}: no pose for any time of the odometry; give files of one data set, or no truth")
@@ -88,14 +87,15 @@ def read_mrclam(
         notes.append(f"{begin} lines of odometry are before the ground truth and are dropped")
     lines, (stamps, speeds, rates) = lines[begin:], commands[begin:].T
     seconds = np.diff(stamps)
-    increments = constant_twist(np.column_stack([speeds[:-1], np.zeros(len(seconds)), rates[:-1]]), seconds)
-    covs = diagonal_covariances(np.array([forward, lateral, turn]) * np.sqrt(seconds)[:, None])
+    twists = np.column_stack([speeds[:-1], np.zeros(len(seconds)), rates[:-1]])
+    covs = with_sigmas(np.zeros((len(seconds), 3, 3)), [each * np.sqrt(seconds) for each in (forward, lateral, turn)])
     log = Log(
         where=folder,
-        odometry=Odometry(stamps, increments, covs),
+        odometry=Odometry(stamps, exp(twists * seconds[:, None]), covs),
         lines=lines,
-        seen=_read_observations(folder, prefix, [range_sigma, bearing_sigma], notes),
+        seen=_read_observations(folder, prefix, (range_sigma, bearing_sigma), notes),
         path=path,
+        max_gap=MAX_GAP,
         map=true_map,
         notes=notes,
     )
@@ -124,7 +124,7 @@ def _in_time(path: Path, form: str) -> tuple[list[Line], Float]:
     return [lines[at] for at in np.flatnonzero(last)], table[last]
 
 
-def _read_observations(folder: Path, prefix: str, sigmas: list[float], notes: list[str]) -> Observed:
+def _read_observations(folder: Path, prefix: str, sigmas: Sequence[float], notes: list[str]) -> Observed:
     """Read the observations of landmarks, and add notes about others."""
     barcodes, _ = read_table(folder / "Barcodes.dat", "subject barcode")
     subject_of = {line.id_at(1): line.id_at(0) for line in barcodes}
@@ -139,5 +139,5 @@ def _read_observations(folder: Path, prefix: str, sigmas: list[float], notes: li
     ):
         notes += [f"{dropped.sum()} observations {why} and are dropped"] if dropped.any() else []
     kept = ~(are_robots | are_unknown)
-    covs = diagonal_covariances(np.tile(sigmas, (int(kept.sum()), 1)))
+    covs = with_sigmas(np.zeros((int(kept.sum()), 2, 2)), sigmas)
     return Observed("range-bearing", table[kept, 0], subjects[kept].tolist(), values[kept], covs)

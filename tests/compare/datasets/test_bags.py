@@ -376,7 +376,9 @@ def test_a_folder_without_metadata_is_one_line(kind: str, tmp_path: Path):
     recording = simulated()
     path = bag_of(recording, tmp_path, kind)
     (path / "metadata.yaml").unlink()
-    with pytest.raises(UserError, match=r"run: has no metadata\.yaml, so it is no ROS 2 bag; give its \.mcap"):
+    with pytest.raises(
+        UserError, match=r"run: cannot be read .*; give a .*, or a ROS 2 folder with its metadata\.yaml"
+    ):
         read_bag(path)
     (file,) = path.iterdir()
     assert_same(read_bag(file).recording, recording)

@@ -87,7 +87,7 @@ def test_the_robot_must_be_given_if_there_are_several(read: Read):
 
 
 def test_noise_that_is_zero_is_refused(read: Read):
-    with pytest.raises(UserError, match=r"^range: 0 is not a standard deviation; give a number > 0$"):
+    with pytest.raises(UserError, match=r"observation_cov\[0\] = [^\n]* must be positive definite"):
         read(MRCLAM, range_sigma=0.0)
 
 
