@@ -84,21 +84,16 @@ def read_bag_trajectory(path: Path, topic: str) -> Trajectory:
 def topics_text(path: Path, msgs: Sequence[Path] = ()) -> str:
     """Return a table of the topics of a bag, and a proposed mapping as TOML."""
     with opened(path, msgs) as bag:
-        topics = bag.topics()
-        first = {
-            "odometry": bag.of_types(ODOMETRIES),
-            "observations": bag.of_types(tuple(_shipped())),
-            "truth": [name for name in bag.of_types(POSES) if "truth" in name],
-        }
+        topics, observations = bag.topics, bag.of_types(_shipped())
+        truths = [name for name in bag.of_types(POSES) if "truth" in name]
+        first = {"odometry": bag.of_types(ODOMETRIES), "observations": observations, "truth": truths}
     width = max(map(len, topics), default=0)
     wide = max((len(kind) for kind, _ in topics.values()), default=0)
     lines = [f"{name:<{width}}  {kind:<{wide}}  {messages:>8}" for name, (kind, messages) in topics.items()]
     sections: dict[str, Table] = {name: {"topic": found[0]} for name, found in first.items() if found}
     if "observations" in sections:
         sections["observations"] |= _shipped()[topics[sections["observations"]["topic"]][0]]
-    missing = [name for name in ("odometry", "observations") if name not in sections]
-    remarks = [f"# no topic of a known type for [{name}]: state its topic and paths" for name in missing]
-    return "\n".join([*lines, "", "# proposed mapping", *remarks, toml_text(sections)])
+    return "\n".join([*lines, "", "# proposed mapping", toml_text(sections)])
 
 
 @cache
@@ -109,7 +104,7 @@ def _shipped() -> dict[str, Table]:
 
 def _completed(bag: Bag, section: ObservationsTopic) -> ObservationsTopic:
     """Return the section with its topic, and with the shipped paths of its type where none are stated."""
-    topic = section.topic or bag.topic_of(tuple(_shipped()), "observations.topic")
+    topic = section.topic or bag.topic_of(_shipped(), "observations.topic")
     kind = bag.type_of(topic)
     stated = section.model_dump(exclude_none=True) | {"topic": topic}
     known = ObservationsTopic(**(_shipped().get(kind, {}) | stated))
@@ -161,22 +156,20 @@ def _read_odometry(bag: Bag, mapping: BagMapping, notes: list[str]) -> tuple[Odo
     return Odometry(seconds_of(stamps), increments, with_sigmas(covs, sigmas)), in_force
 
 
-def _require_twists_of_the_robot(
-    where: str, velocities: Float, headings: Float, seconds: Float, motions: Float
-) -> None:
+def _require_twists_of_the_robot(where: str, twists: Float, headings: Float, seconds: Float, motions: Float) -> None:
     """Refuse twists (N, 3) that contradict the motions (N, 3) between the poses of the same messages.
 
     They do if all are 0, or if the motions agree with them only once they are turned from the world's frame by the
     headings (N,).
     """
-    if not velocities.any() and motions.any():
-        raise UserError(f"{where}: all twists are 0, but the poses move; give --set odometry.kind=poses")
-    turned = velocities.copy()
-    turned[:, :2] = np.einsum("nji,nj->ni", rotation(headings), velocities[:, :2])
+    turned = twists.copy()
+    turned[:, :2] = np.einsum("nji,nj->ni", rotation(headings), twists[:, :2])
     as_read, of_world = (
-        float(np.sum((exp(each * seconds[:, None]) - motions)[:, :2] ** 2)) for each in (velocities, turned)
+        float(np.sum((exp(each * seconds[:, None]) - motions)[:, :2] ** 2)) for each in (twists, turned)
     )
-    if as_read > CONTRADICTS * float(np.sum(motions[:, :2] ** 2)) and of_world < CONTRADICTS * as_read:
+    if as_read > CONTRADICTS * float(np.sum(motions[:, :2] ** 2)) and (
+        of_world < CONTRADICTS * as_read or not twists.any()
+    ):
         what = "the twists contradict the poses of the same messages, unless they are in the world's frame"
         raise UserError(f"{where}: {what}; give --set odometry.kind=poses")
 
@@ -186,8 +179,6 @@ def _true_path(bag: Bag, mapping: BagMapping, notes: list[str]) -> Trajectory | 
         return None
     topic = bag.topic_of(POSES, "truth.topic", mapping.truth.topic)
     stamps, poses, _ = _samples(bag, topic, _pose_of, notes)
-    if not len(stamps):
-        raise UserError(f"{bag.path}: {topic}: has no messages; leave truth.topic out")
     return Trajectory(topic, seconds_of(stamps), planar_poses(poses))
 
 

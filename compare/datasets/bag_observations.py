@@ -127,7 +127,7 @@ def _first(getters: list[Getter], element: Any) -> int | str | None:
 def _frames(bag: Bag, mapping: BagMapping) -> Frames:
     """Return the static transforms of a bag; stated poses in the base frame replace them."""
     frames: Frames = {}
-    for _, content in bag.messages(STATIC) if STATIC in bag.topics() else ():
+    for _, content in bag.messages(STATIC) if STATIC in bag.topics else ():
         for each in content.transforms:
             place, turn, pose = each.transform.translation, each.transform.rotation, np.eye(4)
             pose[:3, :3] = rotations(np.array([[turn.x, turn.y, turn.z, turn.w]]))[0]

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
@@ -19,7 +19,6 @@ from slamgauge.compare.datasets.imported_log import (
     Imported,
     Log,
     Observed,
-    TrueMap,
     checked,
     require_order,
     with_sigmas,
@@ -29,7 +28,6 @@ from slamgauge.compare.datasets.synchronisation import Odometry
 from slamgauge.compare.storage.csv_folder import OBSERVED, POSE_COV
 from slamgauge.compare.storage.result_files import MAPPING
 from slamgauge.compare.storage.safe_names import shown
-from slamgauge.compare.storage.text_lines import Line
 from slamgauge.compare.storage.trajectories import Trajectory
 from slamgauge.errors import UserError
 from slamgauge.se2 import between, exp
@@ -52,15 +50,6 @@ FILES = (  # sections and keys of files, and names that are read if they exist
 Kind = TypeVar("Kind", Motion, Sensor)
 
 
-class Driven(NamedTuple):
-    """Odometry, the lines (N,) of its increments, its kind, and its file."""
-
-    odometry: Odometry
-    lines: Sequence[Line]
-    kind: Motion
-    table: CsvTable
-
-
 def read_csv_log(path: Path, overrides: Sequence[str] = ()) -> Imported:
     """Read the recording of CSV files, its truth if there is one, and the mapping in force.
 
@@ -73,24 +62,26 @@ def read_csv_log(path: Path, overrides: Sequence[str] = ()) -> Imported:
     """
     notes: list[str] = []
     mapping, prior_cov = _with_start(_load(path, overrides))
-    driven = _read_odometry(mapping, notes)
+    kind, odometry, clock = _read_odometry(mapping, notes)
     seen, table = _read_observations(mapping, notes)
     has_steps = table.has("step") and not table.has("stamp")
     log = Log(
         where=path,
-        odometry=driven.odometry,
-        lines=driven.lines,
-        seen=seen if has_steps else seen._replace(times=_on_clock(table, seen.times, driven, notes)),
+        odometry=odometry,
+        seen=seen if has_steps else seen._replace(times=_on_clock(clock, table, seen.times, notes)),
         has_steps=has_steps,
         start=mapping.start.pose,
         prior_cov=prior_cov,
-        path=_true_path(mapping, driven, notes),
+        path=_true_path(mapping, clock, notes),
         max_gap=mapping.truth.max_gap,
         map=_true_map(mapping, notes),
         notes=notes,
     )
-    odometry, observations = mapping.odometry.changed(kind=driven.kind), mapping.observations.changed(kind=seen.sensor)
-    found = log.imported(mapping.changed(odometry=odometry, observations=observations))
+    by_kind = {
+        "odometry": mapping.odometry.changed(kind=kind),
+        "observations": mapping.observations.changed(kind=seen.sensor),
+    }
+    found = log.imported(mapping.changed(**by_kind))
     for section, key, _ in FILES:
         tables = found.mapping or {}
         if tables[section][key] is not None:
@@ -126,8 +117,8 @@ def _with_start(mapping: CsvMapping) -> tuple[CsvMapping, Float]:
     return stated, cov if covs is None or cov.any() else covs[0]
 
 
-def _read_odometry(mapping: CsvMapping, notes: list[str]) -> Driven:
-    """Read the odometry, and add notes.
+def _read_odometry(mapping: CsvMapping, notes: list[str]) -> tuple[Motion, Odometry, float | None]:
+    """Return the kind of odometry, the odometry, and its first stamp [s] if stamps are times of ISO 8601; add notes.
 
     Rows of increments describe the time before their stamp, and begin at `start.stamp` if that is stated.
     """
@@ -157,14 +148,15 @@ def _read_odometry(mapping: CsvMapping, notes: list[str]) -> Driven:
         increments = between(values[:-1], values[1:]) if kind == "poses" else exp(increments * seconds[:, None])
     if covs is None:
         growth, of_row = mapping.noise.growth(seconds), seconds if kind == "velocities" else 1.0
-        named = zip(("forward", "lateral", "turn"), of_rows, strict=True)
-        sigmas = [
-            _stated(mapping, name, section) * growth if each is None else each[rows] * of_row for name, each in named
-        ]
-        return Driven(
-            Odometry(stamps, increments, with_sigmas(np.zeros((steps, 3, 3)), sigmas)), table.rows[rows], kind, table
+        covs = np.zeros((len(values), 3, 3))
+        covs[rows] = with_sigmas(
+            covs[rows],
+            [
+                _stated(mapping, name, section) * growth if each is None else each[rows] * of_row
+                for name, each in zip(("forward", "lateral", "turn"), of_rows, strict=True)
+            ],
         )
-    return Driven(Odometry(stamps, increments, covs[rows]), table.rows[rows], kind, table)
+    return kind, Odometry(stamps, increments, covs[rows], table.rows[rows]), stamps[0] if table.has_times else None
 
 
 def _read_observations(mapping: CsvMapping, notes: list[str]) -> tuple[Observed, CsvTable]:
@@ -173,41 +165,35 @@ def _read_observations(mapping: CsvMapping, notes: list[str]) -> tuple[Observed,
     table = CsvTable(section.file, section, section.columns)
     sensor = _kind(table, SENSED, section.kind, "observations")
     model = SENSORS[sensor]
-    has_steps = table.has("step") and not table.has("stamp")
-    times = table.numbers("step") if has_steps else table.stamps()
+    times = table.stamps() if table.has("stamp") or not table.has("step") else table.numbers("step")
     require_order(table.rows, times, strict=False)
     values, ids = checked(sensor, table.rows, _columns(table, model.columns)), table.ids()
-    if has_steps and 0 < ids.count(-1) < len(ids):
-        raise table.rows[ids.index(-1)].refused("only some ids are -1", "write -1 in all rows, or ids from 0")
     covs = table.covariances(OBSERVED[sensor][model.dim :])
     if covs is None:
         of_rows = zip(model.sigmas, map(table.sigmas, model.columns), strict=True)
         sigmas = [_stated(mapping, name, section) if each is None else each for name, each in of_rows]
         covs = with_sigmas(np.zeros((len(times), model.dim, model.dim)), sigmas)
     notes += table.unused()
-    zero = np.flatnonzero(values[:, 0] == 0.0) if model.has_range else ()
-    if not len(zero):
-        return Observed(sensor, times, ids, values, covs), table
-    what = f"{len(zero)} observations have range 0 m (no detection?), the first in line {table.rows[zero[0]].number}"
-    if not section.drop_zero_ranges:
-        notes.append(f"warning: {what}; leave them out with --set observations.drop_zero_ranges=true")
-        return Observed(sensor, times, ids, values, covs), table
-    notes.append(f"{what}; they are left out")
-    kept = np.flatnonzero(values[:, 0])
+    kept, zero = np.arange(len(times)), np.flatnonzero(values[:, 0] == 0.0) if model.has_range else []
+    if len(zero):
+        line = table.rows[zero[0]].number
+        what = f"{len(zero)} observations have range 0 m (no detection?), the first in line {line}"
+        remedy = "leave them out with --set observations.drop_zero_ranges=true"
+        notes.append(f"{what}; they are left out" if section.drop_zero_ranges else f"warning: {what}; {remedy}")
+        kept = np.flatnonzero(values[:, 0]) if section.drop_zero_ranges else kept
     return Observed(sensor, times[kept], [ids[at] for at in kept.tolist()], values[kept], covs[kept]), table
 
 
-def _on_clock(table: CsvTable, times: Float, driven: Driven, notes: list[str]) -> Float:
+def _on_clock(clock: float | None, table: CsvTable, times: Float, notes: list[str]) -> Float:
     """Return stamps (n,) on the odometry's clock: seconds count from its first row if that has a time of day."""
-    first = driven.odometry.stamps[0]
-    if not driven.table.has_times or table.has_times or not len(times) or times.max() >= first:
+    if clock is None or table.has_times or not len(times) or times.max() >= clock:
         return times
     what = "stamps are seconds, those of the odometry times: they count from its first row"
     notes.append(f"{table.path.name}: {what}")
-    return times + first
+    return times + clock
 
 
-def _true_path(mapping: CsvMapping, driven: Driven, notes: list[str]) -> Trajectory | None:
+def _true_path(mapping: CsvMapping, clock: float | None, notes: list[str]) -> Trajectory | None:
     section = mapping.truth
     if section.file is None:
         return None
@@ -215,17 +201,15 @@ def _true_path(mapping: CsvMapping, driven: Driven, notes: list[str]) -> Traject
     times, poses = table.stamps(), table.poses()
     require_order(table.rows, times, strict=True)
     notes += table.unused()
-    if not len(poses):
-        raise UserError(f"{section.file}: has no rows; write some, or remove the file")
-    return Trajectory(section.file, _on_clock(table, times, driven, notes), poses)
+    return Trajectory(section.file, _on_clock(clock, table, times, notes), poses)
 
 
-def _true_map(mapping: CsvMapping, notes: list[str]) -> TrueMap | None:
+def _true_map(mapping: CsvMapping, notes: list[str]) -> tuple[Path, list[int | str], Float] | None:
     section = mapping.truth
     if section.landmarks is None:
         return None
     table = CsvTable(section.landmarks, section, section.landmark_columns)
-    found = TrueMap(table.path, table.ids(), _columns(table, ("x", "y")))
+    found = table.path, table.ids(), _columns(table, ("x", "y"))
     notes += table.unused()
     return found
 

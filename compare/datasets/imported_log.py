@@ -54,14 +54,6 @@ class Observed(NamedTuple):
     covs: Float
 
 
-class TrueMap(NamedTuple):
-    """Ids and places (L, 2) [m] of landmarks, and their file."""
-
-    file: Path
-    ids: Sequence[Id]
-    places: Float
-
-
 @dataclass(frozen=True, kw_only=True)
 class Log:
     """A robot's log.
@@ -70,25 +62,23 @@ class Log:
         where: file or folder, for messages.
         odometry: increments with stamps.
         seen: observations, sorted by their times.
-        lines: (N,) lines of the increments, for messages, if the odometry is a text.
         has_steps: whether the times of observations are steps of the odometry.
         start: x, y [m] and heading [rad] of the start, if they are stated.
         prior_cov: (3, 3) of the start.
         path: true poses, headings NaN if unknown; not interpolated over gaps longer than `max_gap` [s].
-        map: true landmarks.
+        map: file, ids and places (L, 2) [m] of true landmarks.
         notes: sentences about dropped content.
     """
 
     where: Path
     odometry: Odometry
     seen: Observed
-    lines: Sequence[Line] = ()
     has_steps: bool = False
     start: Sequence[float] | None = None
     prior_cov: Float = field(default_factory=lambda: np.zeros((3, 3)))
     path: Trajectory | None = None
     max_gap: float = 1.0
-    map: TrueMap | None = None
+    map: tuple[Path, Sequence[Id], Float] | None = None
     notes: Sequence[str] = ()
 
     def imported(self, mapping: CsvMapping | BagMapping | None = None) -> Imported:
@@ -100,9 +90,9 @@ class Log:
             UserError: the files do not fit each other.
         """
         seen, notes, count = self.seen, [*self.notes], len(self.seen.ids)
+        map_file, true_ids, places = self.map or (self.where, (), None)
         with of_file(self.where):
-            ids = [*seen.ids, *(self.map.ids if self.map else ())]
-            numbers, texts = _numbered(ids, mapping.ids if mapping else {})
+            numbers, texts = _numbered([*seen.ids, *true_ids], mapping.ids if mapping else {})
         if texts:
             notes.append(f"ids are texts, numbered from {min(texts.values())}: {', '.join(texts)}"[:200])
         landmark = numbers[:count]
@@ -119,12 +109,13 @@ class Log:
             notes += more
         truth, poses, association = None, None, landmark[kept] if has_ids else None
         if self.path:
+            if not len(self.path.stamps):
+                raise UserError(f"{self.where}: {self.path.where}: has no poses; leave the ground truth out")
             poses = interpolated(self.path.stamps, self.path.poses, odometry.stamps, self.max_gap)
-            truth = Truth(poses=poses, association=association)
-        if self.map:
-            places = self.map.places
-            with of_file(self.map.file):
-                truth = Truth(poses=poses, landmark_ids=numbers[count:], landmarks=places, association=association)
+        if self.path or self.map:
+            ids = numbers[count:] if self.map else None
+            with of_file(map_file):
+                truth = Truth(poses=poses, landmark_ids=ids, landmarks=places, association=association)
         with of_file(self.where):
             recording = Recording(
                 stamps=odometry.stamps,
@@ -152,8 +143,8 @@ class Log:
         remedy = "check the units of angles and stamps, or write lines in between"
         if (np.abs(np.abs(turns[wild]) - 2.0 * np.pi) < UNWRAPPED).all():
             remedy = "these look like differences of headings from -pi to pi: wrap the differences into (-pi, pi]"
-        if self.lines:
-            raise self.lines[at].refused(what, remedy)
+        if self.odometry.lines:
+            raise self.odometry.lines[at].refused(what, remedy)
         raise UserError(f"{self.where}: {what}, before stamp {shown_stamp(self.odometry.stamps[at + 1])} s; {remedy}")
 
 

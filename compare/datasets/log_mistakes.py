@@ -7,6 +7,7 @@ to more than `CONVINCING`. The size of noise is the answer of `slamgauge noise`.
 from __future__ import annotations
 
 import io
+from collections.abc import Sequence
 from contextlib import redirect_stderr
 from dataclasses import replace
 from typing import NamedTuple
@@ -27,38 +28,57 @@ CONVINCING = 0.9  # smallest share with which a mistake is found
 POOR = 0.9  # share of observations that agree, below which a log without a known mistake is warned of
 POOR_BEARINGS = 0.5  # the same for bearing-only landmarks, with which the filter of the pass is itself inconsistent
 DIFFERS, FACTOR = 3.0, 0.1  # deviation of the mean NIS in its standard deviations, and from 1: the noise does not fit
-INSIDE = 0.7  # share of the observations that an offset must leave within the steps
+INSIDE = 0.7  # smallest share of the observations that an offset leaves within the steps
 SMALL = 0.4  # median of NIS / dof, about 0.8 if the noise is right; lower if lengths are so small that anything agrees
 RESOLVED = 3.0  # smallest ratio of typical lengths and their standard deviation, below which no mistake is found
-SHIFTS = tuple(0.5 * each for each in range(-10, 11) if each)  # s: offsets of two clocks that are tried
 DEGREE = np.pi / 180
 PLACE = "of the observations agree with one place per landmark"
 
 
 class Mistake(NamedTuple):
-    """A mistake as a sentence about the log, and the factors that undo it.
+    """A mistake as a sentence about the log, and what undoes it.
 
-    `bearing` -1 also mirrors positions in the body frame. `length` is for observed lengths, `turn` and `way` are for
-    the odometry. `rates` is whether the turns come from yaw rates, so that the distances are chords of arcs.
+    `late` is added to the stamps of observations [s]. The factor `bearing` -1 also mirrors positions in the body frame,
+    `length` is for observed lengths, `turn` and `way` are for the odometry. `rates` is whether the turns come from yaw
+    rates, so that the distances are chords of arcs.
     """
 
     what: str
+    late: float = 0.0
     bearing: float = 1.0
     length: float = 1.0
     turn: float = 1.0
     way: float = 1.0
     rates: bool = False
 
+    @property
+    def remedy(self) -> str:
+        """End of the sentence."""
+        if self.late:
+            return "give both files the same clock"
+        if self.bearing < 0.0:
+            return "change the sign of those that are clockwise"
+        return "correct the unit (in recording.toml: angle, length, time)"
+
     def undone(self, recording: Recording) -> Recording:
-        """Return a recording without the mistake."""
-        of_column = {"range": self.length, "x": self.length, "y": self.length, "bearing": self.bearing}
-        of_column["y"] *= np.sign(self.bearing)
+        """Return a recording without the mistake; observations beyond its time are left out."""
+        stamps, of_column = recording.stamps, dict.fromkeys(("range", "x", "y"), self.length)
+        of_column |= {"y": self.length * np.sign(self.bearing), "bearing": self.bearing}
         factors = np.array([of_column[name] for name in SENSORS[recording.sensor].columns])
         ways = np.array([self.way, self.way, self.turn])
         odometry = exp(log(recording.odometry) * ways) if self.rates else recording.odometry * ways
-        return replace(recording, odometry=odometry, observation=recording.observation * factors)
+        at = stamps[recording.observation_step] + self.late
+        inside = (at >= stamps[0]) & (at <= stamps[-1])
+        steps = np.rint(np.interp(at[inside], stamps, np.arange(len(stamps)))).astype(np.int64)
+        changed = replace(recording, odometry=odometry, observation=recording.observation * factors)
+        return replace(changed.only(inside), observation_step=steps)
 
 
+OFFSETS = tuple(
+    Mistake(f"their stamps are {abs(each):g} s {'late' if each < 0.0 else 'early'}", late=each)
+    for each in 0.5 * np.arange(-10, 11)
+    if each
+)
 MISTAKES = (
     Mistake("observations and odometry count angles in opposite directions", bearing=-1.0),
     Mistake("bearings are in degrees, read as radians", bearing=DEGREE),
@@ -109,10 +129,10 @@ def agreement(recording: Recording) -> tuple[float, str]:
     if fit is NOTHING_SEEN_TWICE:
         return fit.share, "no landmark is observed at two steps: nothing corrects the path; check the ids"
     if fit.share < DOUBTED:
-        doubt = _clock_offset(recording)
-        if doubt:
-            return fit.share, f"{fit.share:.1%} {PLACE}, but {doubt}"
-        mistake = _mistake(recording)
+        offset = _found(OFFSETS, recording)
+        if offset:
+            return fit.share, f"{fit.share:.1%} {PLACE}, but {offset}"
+        mistake = _found(MISTAKES, recording)
         if mistake:
             raise UserError(f"{fit.share:.1%} {PLACE}, but {mistake}")
     if fit.share < (POOR_BEARINGS if is_bearing else POOR):
@@ -141,42 +161,22 @@ def _fit(recording: Recording) -> Fit:
     return Fit(share, float(np.median(nis / dof)), mean, (mean - 1.0) * float(np.sqrt(dof.sum() / 2.0)))
 
 
-def _mistake(recording: Recording) -> str:
+def _found(mistakes: Sequence[Mistake], recording: Recording) -> str:
     """Return the mistake without which the observations agree, with its remedy; "" without one."""
-    undone = ((each, each.undone(recording)) for each in MISTAKES)
-    fits = {each: _fit(other) for each, other in undone if not _lengths_are_noise(other)}
-    found = {each: fit for each, fit in fits.items() if fit.share > CONVINCING and fit.nis > SMALL}
-    if not found:
-        return ""
+    fits = dict[Mistake, Fit]()
+    for each in mistakes:
+        undone = each.undone(recording)
+        are_left = len(undone.observation) > INSIDE * len(recording.observation)
+        if are_left and not _lengths_are_noise(undone):
+            fits[each] = _fit(undone)
 
-    def evidence(each: Mistake) -> tuple[float, float]:  # small numbers agree with everything
+    def evidence(each: Mistake) -> tuple[float, float, float]:  # small numbers agree with everything
         size = abs(each.bearing) * each.length * each.turn * each.way
-        return round(size, 9), -abs(np.log(found[each].nis))
+        return round(size, 9), fits[each].share, -fits[each].mean
 
-    best = max(found, key=evidence)
-    remedy = "correct the unit (in recording.toml: angle, length, time)"
-    if best.bearing < 0.0:
-        remedy = "change the sign of those that are clockwise"
-    return f"{found[best].share:.1%} if {best.what}; {remedy}"
-
-
-def _clock_offset(recording: Recording) -> str:
-    """Return with which offset of their stamps the observations agree; "" if with none."""
-    if _lengths_are_noise(recording):
-        return ""
-    stamps, rows = recording.stamps, recording.observation_step
-    fits: dict[float, Fit] = {}
-    for shift in SHIFTS:
-        at = stamps[rows] + shift
-        inside = (at >= stamps[0]) & (at <= stamps[-1])
-        if np.mean(inside) > INSIDE:
-            steps = np.rint(np.interp(at[inside], stamps, np.arange(len(stamps)))).astype(rows.dtype)
-            fits[shift] = _fit(replace(recording.only(inside), observation_step=steps))
-    best = max(fits, key=lambda shift: (fits[shift].share, -fits[shift].mean), default=0.0)
-    if not best or fits[best].share <= CONVINCING:
-        return ""
-    late = f"{abs(best):g} s {'late' if best < 0.0 else 'early'}"
-    return f"{fits[best].share:.1%} if their stamps are {late}; give both files the same clock"
+    found = [each for each, fit in fits.items() if fit.share > CONVINCING and fit.nis > SMALL]
+    best = max(found, key=evidence, default=None)
+    return f"{fits[best].share:.1%} if {best.what}; {best.remedy}" if best else ""
 
 
 def _lengths_are_noise(recording: Recording) -> bool:

@@ -23,7 +23,6 @@ from slamgauge.compare.datasets.imported_log import (
     Imported,
     Log,
     Observed,
-    TrueMap,
     checked,
     require_order,
     with_sigmas,
@@ -80,7 +79,7 @@ def read_mrclam(
         places = folder / "Landmark_Groundtruth.dat"
         if places.exists():
             rows, table = read_table(places, "subject x y x-sigma y-sigma")
-            true_map = TrueMap(places, [line.id_at(0) for line in rows], table[:, 1:3])
+            true_map = places, [line.id_at(0) for line in rows], table[:, 1:3]
     if len(commands) < begin + 2:
         raise UserError(f"{file}: fewer than two stamps of odometry; give the whole log")
     if begin:
@@ -91,8 +90,7 @@ def read_mrclam(
     covs = with_sigmas(np.zeros((len(seconds), 3, 3)), [each * np.sqrt(seconds) for each in (forward, lateral, turn)])
     log = Log(
         where=folder,
-        odometry=Odometry(stamps, exp(twists * seconds[:, None]), covs),
-        lines=lines,
+        odometry=Odometry(stamps, exp(twists * seconds[:, None]), covs, lines),
         seen=_read_observations(folder, prefix, (range_sigma, bearing_sigma), notes),
         path=path,
         max_gap=MAX_GAP,

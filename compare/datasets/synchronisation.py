@@ -7,11 +7,13 @@ whole step, and each has a share of its noise in proportion to its duration.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from slamgauge.arrays import Float, Int, Marks
+from slamgauge.compare.storage.text_lines import Line
 from slamgauge.compare.storage.trajectories import SAME
 from slamgauge.errors import UserError
 from slamgauge.se2 import exp, log
@@ -21,11 +23,15 @@ FEW, SHORTEST = 20, 0.01  # observations; share of the odometry's time that they
 
 
 class Odometry(NamedTuple):
-    """Stamps (N+1,) [s], strictly increasing, body-frame increments (N, 3) [m, m, rad] and covariances (N, 3, 3)."""
+    """Stamps (N+1,) [s], strictly increasing, body-frame increments (N, 3) [m, m, rad] and covariances (N, 3, 3).
+
+    `lines` (N,) are the lines of a text that the increments are from, for messages.
+    """
 
     stamps: Float
     increments: Float
     covs: Float
+    lines: Sequence[Line] = ()
 
 
 def joined(odometry: Odometry, times: Float) -> tuple[Odometry, Int, Marks, list[str]]:
