@@ -95,20 +95,15 @@ class Bag:
             what = f"{read} of {count} messages of {topic} are in it: it is cut"
             raise UserError(f"{self.path}: {what}; copy it again, or repair its metadata with `ros2 bag reindex`")
 
-    def in_order(self, topic: str, times: Sequence[tuple[int, int]]) -> tuple[Int, Int, list[str]]:
-        """Return the sorted stamps (n,) [ns] of a topic, the order (n,) that sorts it, and notes.
+    def in_order(self, topic: str, times: Sequence[tuple[int, int]], notes: list[str]) -> tuple[Int, Int]:
+        """Return the sorted stamps (n,) [ns] of a topic, and the order (n,) that sorts it; add notes.
 
-        Topics without stamps have their time of recording.
-
-        Args:
-            topic: for messages.
-            times: n stamps in headers, 0 without one, and times of recording [ns].
+        `times` are n stamps in headers, 0 without one, and times of recording [ns]. Topics without stamps have these.
 
         Raises:
             UserError: the clock of the stamps jumps by more than `JUMP` between two messages, in either direction.
         """
         stamps, received = np.array(times, dtype=np.int64).reshape(-1, 2).T
-        notes = list[str]()
         jumps = 1e-9 * (np.diff(stamps) - np.diff(received))
         if self.clock == "recording" or not stamps.any():
             if self.clock == "header" and len(stamps):
@@ -124,7 +119,7 @@ class Bag:
             what = "messages have a stamp before that of the message before them"
             notes.append(f"{topic}: {late} {what}; sorted by stamps")
         order = np.argsort(stamps, kind="stable")
-        return stamps[order], order, notes
+        return stamps[order], order
 
 
 def header_stamp(content: Any) -> int:

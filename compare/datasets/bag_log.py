@@ -205,9 +205,8 @@ def _samples(
         row, cov = sample(content)
         numbers.append(row)
         covs.append(cov)
-    stamps, order, more = bag.in_order(topic, times)
-    is_new = np.append(True, np.diff(stamps) > SAME)[: len(order)]
-    notes += more
+    stamps, order = bag.in_order(topic, times, notes)
+    is_new = np.diff(stamps, prepend=stamps[:1] - 2 * SAME) > SAME
     if not is_new.all():
         notes.append(f"{topic}: {np.sum(~is_new)} messages repeat the stamp of another one and are dropped")
     rows = order[is_new]

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections import Counter
 from collections.abc import Callable, Iterator
+from contextlib import suppress
+from itertools import chain
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -41,17 +42,11 @@ def read_observations(bag: Bag, mapping: BagMapping, notes: list[str]) -> Observ
     Raises:
         UserError: a path does not exist, a frame is not connected to the base, or noise is missing.
     """
-    section, topic = mapping.observations, mapping.observations.topic or ""
+    section, where = mapping.observations, f"{bag.path}: {mapping.observations.topic}"
     sensor: Sensor = "position" if section.x else "range-bearing" if section.range else "bearing"
-    groups = Counter[str]()
-    rows = list(_rows(bag, section, groups))
-    stamps, order, more = bag.in_order(topic, [row.times for row in rows])
-    notes += more
-    if len(groups) > 1:
-        notes.append(f"{topic}: " + ", ".join(f"{count} {name}" for name, count in groups.items()))
-    rows = [rows[each] for each in order]
-    names = SENSORS[sensor].sigmas
-    where = f"{bag.path}: {topic}"
+    rows = list(_rows(bag, section))
+    stamps, order = bag.in_order(section.topic or "", [row.times for row in rows], notes)
+    rows, names = [rows[each] for each in order], SENSORS[sensor].sigmas
     values, covs = _in_base(rows, sensor, _frames(bag, mapping), mapping.frames.base or "", where)
     covs = with_sigmas(covs, [getattr(mapping.noise, name) for name in names])
     missing = np.isnan(covs).any(axis=(1, 2))
@@ -62,38 +57,31 @@ def read_observations(bag: Bag, mapping: BagMapping, notes: list[str]) -> Observ
     return Observed(sensor, seconds_of(stamps), [row.id for row in rows], values, covs)
 
 
-def _rows(bag: Bag, section: ObservationsTopic, groups: Counter[str]) -> Iterator[_Row]:
-    """Yield the elements of all messages, and count them by the array that they are in."""
+def _rows(bag: Bag, section: ObservationsTopic) -> Iterator[_Row]:
+    """Yield the elements of all messages."""
     values = [_getter(path) for path in (section.x, section.y, section.z, section.range, section.bearing) if path]
-    arrays = {name: _getter(name) for name in _listed(section.array)} or {"": lambda content: [content]}
+    arrays = [_getter(path) for path in _listed(section.array)] or [lambda content: [content]]
     ids = [_getter(path) for path in _listed(section.id)]
     covariance = _getter(section.covariance) if section.covariance else lambda _: ()
-    pattern = re.compile(section.pattern or "")
+    pattern = re.compile(section.pattern or "(.*)")
     for received, content in bag.messages(section.topic or ""):
         stamp, frame = header_stamp(content), frame_of(content)
         try:
-            for name, array in arrays.items():
-                for element in array(content):
-                    if getattr(element, "action", MARKER_ADD) != MARKER_ADD:
-                        continue
-                    found = _first(ids, element)
-                    if section.pattern is not None:
-                        match = pattern.search(str(found))
-                        if match is None:
-                            continue
-                        found = match[1] if pattern.groups else match[0]
-                    groups[name] += 1
-                    yield _Row(
-                        (stamp or header_stamp(element), received),
-                        frame or frame_of(element),
-                        found,
-                        [float(get(element)) for get in values],
-                        np.asarray(covariance(element), dtype=np.float64),
-                    )
+            for element in chain.from_iterable(array(content) for array in arrays):
+                name = _first(ids, element)
+                match = pattern.search(str(name))
+                if match is None or getattr(element, "action", MARKER_ADD) != MARKER_ADD:
+                    continue
+                yield _Row(
+                    (stamp or header_stamp(element), received),
+                    frame or frame_of(element),
+                    match[pattern.groups and 1] if section.pattern else name,
+                    [float(get(element)) for get in values],
+                    np.asarray(covariance(element), dtype=np.float64),
+                )
         except (AttributeError, IndexError, TypeError) as error:
-            raise UserError(
-                f"{bag.path}: {section.topic}: a path does not fit its messages: {error}; correct it"
-            ) from None
+            what = f"a path does not fit its messages: {error}"
+            raise UserError(f"{bag.path}: {section.topic}: {what}; correct it") from None
 
 
 def _getter(path: str) -> Getter:
@@ -115,12 +103,10 @@ def _listed(paths: Paths | None) -> list[str]:
 def _first(getters: list[Getter], element: Any) -> int | str | None:
     """Return the first id that exists and is not an empty text; None without any."""
     for get in getters:
-        try:
+        with suppress(AttributeError, IndexError):
             found = get(element)
-        except (AttributeError, IndexError):
-            continue
-        if found != "":
-            return found if isinstance(found, str) else int(found)
+            if found != "":
+                return found if isinstance(found, str) else int(found)
     return None
 
 

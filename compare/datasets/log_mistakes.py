@@ -24,8 +24,7 @@ from slamgauge.sensors import SENSORS
 FEW = 20  # observations: fewer show no doubts
 BOUND = 0.999  # probability of the largest normalised innovation that agrees
 DOUBTED = 0.75  # share of observations that agree, below which mistakes are tried
-CONVINCING = 0.9  # smallest share with which a mistake is found
-POOR = 0.9  # share of observations that agree, below which a log without a known mistake is warned of
+CONVINCING = 0.9  # smallest share with which a mistake is found; below it a log without one is warned of
 POOR_BEARINGS = 0.5  # the same for bearing-only landmarks, with which the filter of the pass is itself inconsistent
 DIFFERS, FACTOR = 3.0, 0.1  # deviation of the mean NIS in its standard deviations, and from 1: the noise does not fit
 INSIDE = 0.7  # smallest share of the observations that an offset leaves within the steps
@@ -50,15 +49,6 @@ class Mistake(NamedTuple):
     turn: float = 1.0
     way: float = 1.0
     rates: bool = False
-
-    @property
-    def remedy(self) -> str:
-        """End of the sentence."""
-        if self.late:
-            return "give both files the same clock"
-        if self.bearing < 0.0:
-            return "change the sign of those that are clockwise"
-        return "correct the unit (in recording.toml: angle, length, time)"
 
     def undone(self, recording: Recording) -> Recording:
         """Return a recording without the mistake; observations beyond its time are left out."""
@@ -103,12 +93,12 @@ MISTAKES = (
 
 
 class Fit(NamedTuple):
-    """How well an estimate fits the observations."""
+    """Share of observations that agree; median and mean of NIS / dof; deviation of the mean from 1, in its sigmas."""
 
-    share: float  # share of the observations that agree
-    nis: float  # median of NIS / dof of the steps
-    mean: float  # mean of NIS / dof; 1 with the right noise
-    deviation: float  # deviation of the mean from 1, in its standard deviations
+    share: float
+    nis: float
+    mean: float
+    deviation: float
 
 
 NO_ESTIMATE, NOTHING_SEEN_TWICE = Fit(0.0, 0.0, 0.0, 0.0), Fit(1.0, 0.0, 1.0, 0.0)
@@ -120,8 +110,8 @@ def agreement(recording: Recording) -> tuple[float, str]:
     Raises:
         UserError: they agree once a mistake of units or signs is undone; with the mistake and its remedy.
     """
-    has_range, is_bearing = SENSORS[recording.sensor].has_range, recording.sensor == "bearing"
-    if has_range:
+    is_bearing = recording.sensor == "bearing"
+    if SENSORS[recording.sensor].has_range:
         recording = recording.only(recording.observation[:, 0] > 0.0)  # sensors write 0 where they detect nothing
     fit = _fit(recording)
     if len(recording.observation) < FEW:
@@ -129,13 +119,11 @@ def agreement(recording: Recording) -> tuple[float, str]:
     if fit is NOTHING_SEEN_TWICE:
         return fit.share, "no landmark is observed at two steps: nothing corrects the path; check the ids"
     if fit.share < DOUBTED:
-        offset = _found(OFFSETS, recording)
-        if offset:
+        if offset := _found(OFFSETS, recording):
             return fit.share, f"{fit.share:.1%} {PLACE}, but {offset}"
-        mistake = _found(MISTAKES, recording)
-        if mistake:
+        if mistake := _found(MISTAKES, recording):
             raise UserError(f"{fit.share:.1%} {PLACE}, but {mistake}")
-    if fit.share < (POOR_BEARINGS if is_bearing else POOR):
+    if fit.share < (POOR_BEARINGS if is_bearing else CONVINCING):
         remedy = "check units, signs, stamps and ids, and the noise (`slamgauge noise`)"
         return fit.share, f"only {fit.share:.1%} {PLACE}; {remedy}"
     if not is_bearing and abs(fit.deviation) > DIFFERS and abs(fit.mean - 1.0) > FACTOR:
@@ -163,12 +151,9 @@ def _fit(recording: Recording) -> Fit:
 
 def _found(mistakes: Sequence[Mistake], recording: Recording) -> str:
     """Return the mistake without which the observations agree, with its remedy; "" without one."""
-    fits = dict[Mistake, Fit]()
-    for each in mistakes:
-        undone = each.undone(recording)
-        are_left = len(undone.observation) > INSIDE * len(recording.observation)
-        if are_left and not _lengths_are_noise(undone):
-            fits[each] = _fit(undone)
+    undone = ((each, each.undone(recording)) for each in mistakes)
+    least = INSIDE * len(recording.observation)
+    fits = {each: _fit(other) for each, other in undone if len(other.observation) > least and _are_lengths(other)}
 
     def evidence(each: Mistake) -> tuple[float, float, float]:  # small numbers agree with everything
         size = abs(each.bearing) * each.length * each.turn * each.way
@@ -176,11 +161,18 @@ def _found(mistakes: Sequence[Mistake], recording: Recording) -> str:
 
     found = [each for each, fit in fits.items() if fit.share > CONVINCING and fit.nis > SMALL]
     best = max(found, key=evidence, default=None)
-    return f"{fits[best].share:.1%} if {best.what}; {best.remedy}" if best else ""
+    if best is None:
+        return ""
+    remedy = "correct the unit (in recording.toml: angle, length, time)"
+    if best.bearing < 0.0 or best.late:
+        remedy = "give both files the same clock" if best.late else "change the sign of those that are clockwise"
+    return f"{fits[best].share:.1%} if {best.what}; {remedy}"
 
 
-def _lengths_are_noise(recording: Recording) -> bool:
-    """Return whether typical observed lengths are below `RESOLVED` standard deviations: most paths agree with them."""
-    lengths = [column != "bearing" for column in SENSORS[recording.sensor].columns]
+def _are_lengths(recording: Recording) -> bool:
+    """Return whether typical observed lengths are above `RESOLVED` sigmas: with smaller ones most paths agree."""
     sigmas = np.sqrt(np.diagonal(recording.observation_cov, axis1=1, axis2=2))
-    return any(lengths) and bool(np.median(np.abs(recording.observation / sigmas)[:, lengths]) < RESOLVED)
+    ratios = np.abs(recording.observation / sigmas)[
+        :, [name != "bearing" for name in SENSORS[recording.sensor].columns]
+    ]
+    return not ratios.size or float(np.median(ratios)) >= RESOLVED
