@@ -115,6 +115,7 @@ class AssociatingFilter(OnlineFilter):
             if not (math.isfinite(update.nis) and np.isfinite(variances).all()):
                 raise explain_scan(landmarks.sensor, values, covs, update.nis, variances)
         landmarks.append(landmarks.take_ids((update.size - before) // 2))
+        landmarks.require_settled(update.passes)
         return np.where(update.slots == NONE, NONE, landmarks.ids[update.slots]), update.nis, update.dof
 
     def _jointly(self, values: Float, covs: Float) -> tuple[Int, float, int]:

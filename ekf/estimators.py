@@ -11,13 +11,12 @@ from slamgauge.arrays import distinct, freeze
 from slamgauge.blas_threads import one_blas_thread
 from slamgauge.ekf.associating_filter import AssociatingFilter
 from slamgauge.ekf.bearings.bearing_filter import BearingFilter
-from slamgauge.ekf.history import Associations, History
 from slamgauge.ekf.maps.correction_table import CORRECTIONS, Correction
 from slamgauge.ekf.maps.input_checks import without_rounding
-from slamgauge.ekf.online_filter import OnlineFilter
+from slamgauge.ekf.online_filter import Members, OnlineFilter, joined
 from slamgauge.ekf.settings import DEFAULTS, FilterSettings
 from slamgauge.ekf.slam_filter import SlamFilter
-from slamgauge.estimate import Estimate
+from slamgauge.estimate import Estimate, MapHistory
 from slamgauge.memory import require_memory
 from slamgauge.recording import Recording
 from slamgauge.sensors import SENSORS
@@ -74,17 +73,8 @@ def riekf(recording: Recording, settings: FilterSettings = DEFAULTS) -> Estimate
 def dead_reckoning(recording: Recording) -> Estimate:
     """Dead reckoning: prior and odometry, without observations."""
     require_type("recording", recording, Recording)
-    blind = SlamFilter("position", recording.prior_mean, recording.prior_cov, landmarks=0)
-    poses, pose_covs = np.empty((recording.steps + 1, 3)), np.empty((recording.steps + 1, 3, 3))
-    poses[0], pose_covs[0] = blind.pose, blind.pose_cov
-    seconds = np.zeros(recording.steps + 1)
-    for step in range(1, recording.steps + 1):
-        start = perf_counter()
-        blind.predict(recording.odometry[step - 1], recording.odometry_cov[step - 1])
-        seconds[step] = perf_counter() - start
-        poses[step], pose_covs[step] = blind.pose, blind.pose_cov
-    freeze(poses, pose_covs, seconds)
-    return Estimate(kind="filtered", poses=poses, pose_covs=pose_covs, seconds=seconds)
+    found = ekf_slam(recording.only(np.zeros(len(recording.observation), dtype=bool)))
+    return Estimate(kind="filtered", poses=found.poses, pose_covs=found.pose_covs, seconds=found.seconds)
 
 
 def drive(slam: OnlineFilter, recording: Recording) -> Iterator[tuple[float, int, float]]:
@@ -108,14 +98,17 @@ def _driven(slam: OnlineFilter, recording: Recording, frames: int) -> Estimate:
     steps = recording.steps
     poses, pose_covs = np.empty((steps + 1, 3)), np.empty((steps + 1, 3, 3))
     nis, nis_dof, seconds = np.zeros(steps + 1), np.zeros(steps + 1, dtype=np.int64), np.zeros(steps + 1)
-    members, association, history = np.zeros(steps + 1, np.int64), Associations(recording), History(steps, frames)
+    members, association = np.zeros(steps + 1, np.int64), np.empty(len(recording.observation), np.int64)
+    wanted, maps = steps_of_frames(steps, frames), dict[int, Members]()
+    first = 0
     for step, result in enumerate(drive(slam, recording)):
         nis[step], nis_dof[step], seconds[step] = result
         poses[step], pose_covs[step] = slam.pose, slam.pose_cov
         members[step] = slam.member_count
-        association.append(slam.associated)
-        history.keep(step, slam)
-    rays = slam.rays if isinstance(slam, BearingFilter) else None
+        last = first + len(slam.associated)
+        association[first:last], first = slam.associated, last
+        if step in wanted:
+            maps[step] = slam.whole_map()
     pose_covs = without_rounding("pose_covs", pose_covs)
     freeze(poses, pose_covs, nis, nis_dof, seconds)
     return Estimate(
@@ -125,13 +118,26 @@ def _driven(slam: OnlineFilter, recording: Recording, frames: int) -> Estimate:
         landmark_ids=slam.landmark_ids,
         landmarks=slam.landmarks,
         landmark_covs=without_rounding("landmark_covs", slam.landmark_covs),
-        association=recording.own_ids(slam.standing(association.ids)),
+        association=recording.own_ids(slam.standing(association)),
         nis=nis,
         nis_dof=nis_dof,
         seconds=seconds,
-        rays=None if rays is None else rays.log(members),
-        history=history.kept(),
+        rays=slam.ray_log(members),
+        history=_history(maps) if maps else None,
     )
+
+
+def steps_of_frames(steps: int, frames: int) -> set[int]:
+    """Return `frames` of the steps 0..`steps`, evenly spread, with the first and the last."""
+    return {*np.linspace(0, steps, min(frames, steps + 1)).round().astype(int).tolist()}
+
+
+def _history(maps: dict[int, Members]) -> MapHistory:
+    """Return the maps by step as one table."""
+    rows = joined([*maps.values()])
+    step = np.repeat([*maps], [len(each.landmark) for each in maps.values()])
+    cov = without_rounding("history.cov", rows.cov)
+    return MapHistory(step, rows.landmark, rows.number, np.minimum(rows.weight, 1.0), rows.position, cov)
 
 
 def online_filter(recording: Recording, correction: Correction, settings: FilterSettings) -> OnlineFilter:

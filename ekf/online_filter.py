@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf.kernels.belief import NONE
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
+from slamgauge.estimate import RayLog
 from slamgauge.notices import tell_once
 from slamgauge.recording import Observations
 
@@ -118,6 +119,10 @@ class OnlineFilter(ABC):
     def whole_map(self) -> Members:
         """Return every point, and every member of every ray."""
         return points(self.landmark_ids, self.landmarks, self.landmark_covs)
+
+    def ray_log(self, members: Int) -> RayLog | None:  # noqa: ARG002 only bearing-only filters have rays
+        """Return the log of the rays; None without rays."""
+        return None
 
     def _finished(self, associated: Int, nis: float, dof: int) -> tuple[float, int]:
         """Store the association (m,) of a step; return its NIS and degrees of freedom.

@@ -66,13 +66,12 @@ class SlamFilter(OnlineFilter):
         if gate is None:
             return self._finished(ids.copy(), *self._update(ids, values, covs))
         require_gate(gate)
+        require_ids(ids)
         values, covs = np.asarray(values, np.float64), np.asarray(covs, np.float64)
         self.map.require_sound(values, covs)
-        kept = np.ones(len(ids), dtype=bool)
-        rows = np.flatnonzero(np.isin(ids, self.map.ids))
-        kept[rows] = self.map.are_within(ids[rows], values[rows], covs[rows], gate)
-        result = self._update(ids[kept], values[kept], covs[kept])
-        return self._finished(np.where(kept, ids, NONE), *result)
+        ids = self.map.without_outliers(ids, values, covs, gate)
+        kept = ids != NONE
+        return self._finished(ids, *self._update(ids[kept], values[kept], covs[kept]))
 
     def _update(self, ids: Int, values: NDArray[np.generic], covs: NDArray[np.generic]) -> tuple[float, int]:
         result = self.map.update(ids, values, covs)

@@ -9,8 +9,8 @@ from slamgauge.compare.cli.options.run import Evaluate, StoredOptions
 from slamgauge.compare.cli.options.shared import flattened, split_names
 from slamgauge.compare.cli.scoring import Data, FilterSettings, Source, score
 from slamgauge.compare.cli.steps import isolated, write_page
-from slamgauge.compare.estimators.memory_check import require_room_for_estimates
 from slamgauge.compare.estimators.requests import ask
+from slamgauge.compare.estimators.running import require_room_for_estimates
 from slamgauge.compare.estimators.stored_trajectory import load_stored
 from slamgauge.compare.estimators.user_errors import UserCodeError
 from slamgauge.compare.scenarios.scenario import stored_association

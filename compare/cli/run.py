@@ -9,8 +9,8 @@ from slamgauge.compare.cli.options.run import DEFAULT_ESTIMATORS, Run
 from slamgauge.compare.cli.options.shared import flattened, split_names
 from slamgauge.compare.cli.scoring import Data, FilterSettings, Source, score
 from slamgauge.compare.cli.steps import isolated, overridden_scenario, write_page
-from slamgauge.compare.estimators.memory_check import require_room_for_estimates
 from slamgauge.compare.estimators.requests import Asked, ask
+from slamgauge.compare.estimators.running import require_room_for_estimates
 from slamgauge.compare.scenarios.scenario import Scenario, scenario_text
 from slamgauge.compare.scenarios.simulation import simulate_informed
 from slamgauge.compare.storage.result_files import METRICS

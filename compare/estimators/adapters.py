@@ -9,15 +9,14 @@ from __future__ import annotations
 from types import ModuleType
 from typing import get_args
 
-from slamgauge.compare.estimators.addresses import Noise
 from slamgauge.compare.estimators.forms import online_class
 from slamgauge.compare.estimators.forms import step_function as steps
 from slamgauge.compare.estimators.forms.external_program import external
 from slamgauge.compare.estimators.forms.online_class import OnlineClass
 from slamgauge.compare.estimators.forms.signatures import (
-    PAGE,
     Callee,
     Form,
+    Noise,
     is_filter,
     no_form,
     required,
@@ -49,7 +48,7 @@ def adapt(given: Callee, name: str) -> Estimator:
     try:
         return adapted(given)
     except FormError as error:
-        raise UserError(f"estimator {name}: {error} ({PAGE} has a wrapper to copy)") from None
+        raise FormError(f"estimator {name}: {error}") from None
 
 
 def adapted(given: Callee) -> Estimator:
@@ -101,20 +100,23 @@ def callable_of(module: ModuleType) -> str:
         UserError: it may be several.
     """
     named = [name for name in NAMES if callable(getattr(module, name, None))]
-    own = [name for name in vars(module) if _is_defined_by(module, name)]
-    formed = [name for name in own if _has_a_form(getattr(module, name))]
-    classes = [name for name in formed if isinstance(getattr(module, name), type)]
+    own = {
+        name: each
+        for name, each in vars(module).items()
+        if name[0] != "_"
+        and (isinstance(each, Form) or (callable(each) and getattr(each, "__module__", None) == module.__name__))
+    }
+    formed = [name for name, each in own.items() if _has_a_form(each)]
+    classes = [name for name in formed if isinstance(own[name], type)]
     found = named[:1] or (classes if len(classes) == 1 else formed)
-    if len(found) == 1:
-        return found[0]
-    if found:
+    if len(found) > 1:
         raise UserError(
             f"may be {', '.join(found)}; name it, FILE.py:{found[0]}, or call the one that counts {NAMES[0]}"
         )
-    filters = [name for name in own if isinstance(getattr(module, name), type) and is_filter(getattr(module, name))]
-    if filters:
-        return filters[-1]  # `adapted` names what it lacks
-    raise no_form(module, STATES)
+    found = found or [name for name, each in own.items() if isinstance(each, type) and is_filter(each)][-1:]
+    if not found:
+        raise no_form(module, STATES)
+    return found[0]  # `adapted` names what a filter lacks
 
 
 def _has_a_form(given: Callee) -> bool:
@@ -122,9 +124,3 @@ def _has_a_form(given: Callee) -> bool:
         return isinstance(adapted(given), Form) or required(given) == ["recording"]
     except FormError:
         return False
-
-
-def _is_defined_by(module: ModuleType, name: str) -> bool:
-    given = getattr(module, name)
-    is_own = callable(given) and getattr(given, "__module__", None) == module.__name__
-    return not name.startswith("_") and (is_own or isinstance(given, Form))

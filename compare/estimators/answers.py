@@ -6,11 +6,9 @@ What user code answers is compared field by field with what it may contain: the 
 from __future__ import annotations
 
 import json
-import tempfile
 import zipfile
 from collections.abc import Mapping
 from io import BytesIO
-from pathlib import Path
 from typing import IO, Any, NamedTuple
 
 import numpy as np
@@ -23,12 +21,9 @@ from slamgauge.recording import Recording
 
 LONGEST_HEADER = 1_000_000  # bytes
 LONGEST_TEXT = 1000  # characters
-MOST_REMARKS = 100
+MOST_TEXTS = 100
 MOST_BYTES = 500_000_000  # largest estimate
-FORM, COVARIANCE = "form", "covariance"  # values of the field `kind`
-KINDS = {COVARIANCE: WrongCovarianceError}
 FOLLOWING = "bytes"  # key of the size of what follows
-PIPES = "leave the pipes that it is given alone"
 
 
 class Answer(NamedTuple):
@@ -40,10 +35,11 @@ class Answer(NamedTuple):
     @property
     def error(self) -> UserCodeError | None:
         """Why a result is missing; None if it exists."""
-        reason, kind = self.text("reason"), self.text("kind")
-        if reason and kind == FORM:
-            return FormError(reason, "\n".join(self.texts("wrapper", keeps_indent=True)))
-        return KINDS.get(kind, UserCodeError)(reason) if reason else None
+        if refusal := self.texts("refusal", keeps_indent=True):
+            return FormError("\n".join(refusal))
+        reason = self.text("reason")
+        kind = WrongCovarianceError if self.flag("is_wrong_covariance") else UserCodeError
+        return kind(reason) if reason else None
 
     def text(self, key: str) -> str:
         """Return a field as one printable line; empty if it is missing."""
@@ -55,7 +51,7 @@ class Answer(NamedTuple):
     def texts(self, key: str, *, keeps_indent: bool = False) -> list[str]:
         """Return a list of texts, each one printable line."""
         values = self.fields.get(key, [])
-        if not isinstance(values, list) or len(values) > MOST_REMARKS or not all(isinstance(v, str) for v in values):
+        if not isinstance(values, list) or len(values) > MOST_TEXTS or not all(isinstance(v, str) for v in values):
             raise wrong(f"{key} is not a short list of texts")
         indents = [len(each) - len(each.lstrip(" ")) if keeps_indent else 0 for each in values]
         return [" " * indent + printable(each) for indent, each in zip(indents, values, strict=True)]
@@ -80,24 +76,21 @@ class Answer(NamedTuple):
         Raises:
             UserCodeError: it is not an estimate, or too large.
         """
+        file: Any = BytesIO(self.content)
         try:
-            with zipfile.ZipFile(BytesIO(self.content)) as archive:
-                size = sum(each.file_size for each in archive.infolist())
-        except (zipfile.BadZipFile, OSError, ValueError):  # numpy reads an npy file of whatever size its header states
+            with zipfile.ZipFile(file) as archive:
+                _require_size(sum(each.file_size for each in archive.infolist()))
+        except (zipfile.BadZipFile, OSError):  # numpy reads an npy file of whatever size its header states
             raise wrong("its estimate is not an npz file") from None
-        if size > MOST_BYTES:
-            raise UserCodeError(f"its estimate has {size / 1e6:.0f} MB; keep it below {MOST_BYTES / 1e6:.0f} MB")
-        with tempfile.TemporaryDirectory(prefix="slamgauge-") as folder:
-            file = _written(self.content, folder)
-            try:
-                return load_estimate(file)
-            except UserError as error:
-                raise UserCodeError(str(error).removeprefix(f"{file}: ")) from None
+        try:
+            return load_estimate(file)
+        except UserError as error:
+            raise UserCodeError(str(error).removeprefix(f"{file}: ")) from None
 
 
 def wrong(what: str) -> UserCodeError:
     """Return the error of an answer that slamgauge's own code would not write."""
-    return UserCodeError(f"its process wrote a wrong answer ({what}); {PIPES}")
+    return UserCodeError(f"its process wrote a wrong answer ({what}); leave the pipes that it is given alone")
 
 
 def printable(text: object) -> str:
@@ -125,8 +118,16 @@ def read_answer(stream: IO[bytes]) -> Answer | None:
         raise wrong("too long a line")
     if not line.endswith(b"\n"):
         return None
-    fields = _fields(line)
-    size = _following(fields)
+    try:
+        fields = json.loads(line)
+    except (ValueError, RecursionError):
+        raise wrong("not a line of JSON") from None
+    if not isinstance(fields, dict):
+        raise wrong("not a JSON object")
+    size = fields.get(FOLLOWING)
+    if type(size) is not int or size < 0:
+        raise wrong(f"{FOLLOWING} is not a size")
+    _require_size(size)
     content = stream.read(size)
     return Answer(fields, content) if len(content) == size else None
 
@@ -134,33 +135,12 @@ def read_answer(stream: IO[bytes]) -> Answer | None:
 def read_request(stream: IO[bytes]) -> tuple[dict[str, Any], Recording | None] | None:
     """Read a request from a pipe: its fields, and the recording that follows; None at the end of the pipe."""
     request = read_answer(stream)
-    if request is None or not request.content:
-        return None if request is None else (request.fields, None)
-    with tempfile.TemporaryDirectory(prefix="slamgauge-") as folder:
-        return request.fields, load_recording(_written(request.content, folder))
+    if request is None:
+        return None
+    file: Any = BytesIO(request.content)
+    return request.fields, load_recording(file) if request.content else None
 
 
-def _written(content: bytes, folder: str) -> Path:
-    """Write an npz file into a folder."""
-    file = Path(folder, "record.npz")
-    file.write_bytes(content)
-    return file
-
-
-def _fields(line: bytes | bytearray) -> dict[str, Any]:
-    try:
-        fields = json.loads(line)
-    except (ValueError, RecursionError):
-        raise wrong("not a line of JSON") from None
-    if not isinstance(fields, dict):
-        raise wrong("not a JSON object")
-    return fields
-
-
-def _following(fields: Mapping[str, Any]) -> int:
-    size = fields.get(FOLLOWING)
-    if type(size) is not int or size < 0:
-        raise wrong(f"{FOLLOWING} is not a size")
+def _require_size(size: int) -> None:
     if size > MOST_BYTES:
         raise UserCodeError(f"its estimate has {size / 1e6:.0f} MB; keep it below {MOST_BYTES / 1e6:.0f} MB")
-    return size

@@ -6,23 +6,23 @@ What the code prints goes to a file; one line names it. Behind a wall (`sandbox`
 from __future__ import annotations
 
 import os
-import queue
 import signal
 import subprocess
 import sys
 import tempfile
 import threading
 import weakref
+from concurrent.futures import Future, wait
 from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 from time import monotonic
 from typing import IO, NamedTuple
 
-from slamgauge.compare.estimators.addresses import Address, Noise
 from slamgauge.compare.estimators.answers import Answer, message, printable, read_answer
 from slamgauge.compare.estimators.forms.external_program import end_group, last_lines
-from slamgauge.compare.estimators.forms.signatures import refusal
+from slamgauge.compare.estimators.forms.signatures import Noise
+from slamgauge.compare.estimators.requests import Address, Limits
 from slamgauge.compare.estimators.sandbox import CODE, environment, require_wall, walled
 from slamgauge.compare.estimators.user_errors import FormError, OverdueError, UserCodeError
 from slamgauge.compare.storage.safe_names import file_name
@@ -35,19 +35,7 @@ STARTING = 120.0  # s: largest time for the imports of Python, slamgauge and lib
 MOST_PRINTED = 10_000_000  # bytes of output in a run
 POLL = 1.0  # s between looks at the size of the output
 ENDING = 5.0  # s: time for a process that has closed its answers to end
-FIRST, WIDEST = 3, 120  # lines of output in error messages, and characters of each
-
-
-class Limits(NamedTuple):
-    """Limits of user code.
-
-    Attributes:
-        seconds: largest time of a run, and of loading [s].
-        is_walled: whether it runs behind the wall (`sandbox`).
-    """
-
-    seconds: float = 600.0
-    is_walled: bool = False
+FIRST, LAST, WIDEST = 3, 20, 120  # lines of output in error messages and reports, and characters of each
 
 
 class Run(NamedTuple):
@@ -67,14 +55,19 @@ class Run(NamedTuple):
 
 
 class Host:
-    """Runs user code at an address in a process that is started when it is needed, and again after it has ended."""
+    """Runs user code at an address in a process that is started when it is needed, and again after it has ended.
+
+    Attributes:
+        where: the address, with the name of the callable once the code is loaded.
+        limits: limits of its runs.
+        last_output: the last lines that it printed in the last run.
+    """
 
     def __init__(self, where: Address, limits: Limits) -> None:
-        self.where, self.limits = where, limits
+        self.where, self.limits, self.last_output = where, limits, ""
         self._form = ""
-        self._process: _Process | None = None
+        self._process: subprocess.Popen[bytes] | None = None
         self._turn = threading.Lock()  # one run at a time
-        self.last_output = ""  # the last lines that it printed in the last run
 
     def begin(self) -> str:
         """Start the process and load the code; return the form of the code in words (see `adapters`).
@@ -84,30 +77,53 @@ class Host:
             UserError: this system has no wall.
         """
         if self._process is None:
-            process = _Process(self.where, self.limits)
             try:
-                self._form = self._loaded(process)
+                self._form = self._loaded(*self._started())
             except UserCodeError:
-                process.end()
+                self.close()
                 raise
-            self._process = process
         return self._form
 
-    def _loaded(self, process: _Process) -> str:
+    def _started(self) -> tuple[subprocess.Popen[bytes], bytes]:
+        """Start the process; return it with the first request, the address of the code."""
+        where, is_walled = self.where, self.limits.is_walled
+        command = [sys.executable, "-P", "-m", WORKER, *(["walled"] if is_walled else [])]
+        folder = where.code.place(as_copy=is_walled) if where.code is not None else None
+        if is_walled:
+            require_wall()
+            command = walled(command, folder)
+            folder = folder and Path(CODE)
+        descriptor, path = tempfile.mkstemp(prefix=f"slamgauge-printed-{file_name(where.label)[:40]}-", suffix=".txt")
+        os.close(descriptor)
+        self._output: IO[bytes] = Path(path).open("ab")  # noqa: SIM115 appends, for two processes
+        process = subprocess.Popen(
+            command,
+            cwd=None if is_walled else folder,
+            env=environment(os.environ) if is_walled else os.environ | {"MPLBACKEND": "agg"},
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=self._output,
+            start_new_session=True,
+        )
+        self._process, self._end = process, weakref.finalize(self, _end, process, self._output, is_kept=not is_walled)
+        files = [] if where.code is None else [path for path, _ in where.code.files if path.endswith(".py")]
+        module = where.place if where.code is None else where.code.module
+        address = {"folder": str(folder or Path.cwd()), "module": module, "attribute": where.attribute}
+        return process, message(address | {"files": files, "place": where.place})
+
+    def _loaded(self, process: subprocess.Popen[bytes], address: bytes) -> str:
         text = self.where.text
         try:
-            process.exchange(b"", STARTING)
-            answer = process.exchange(message(process.address), self.limits.seconds)
+            self._exchange(process, b"", STARTING)
+            answer = self._exchange(process, address, self.limits.seconds)
         except OverdueError as error:
             what = f"cannot be loaded, it was not done after {self.limits.seconds:g} s"
             remedy = 'put what plots or simulates under `if __name__ == "__main__":`, or give a longer --timeout'
-            raise OverdueError(f"estimator {text}: {what}; {remedy}{process.printed}") from error
+            raise OverdueError(f"estimator {text}: {what}; {remedy}{self._printed}") from error
         except UserCodeError as error:
             raise type(error)(f"estimator {text}: cannot be loaded, {error}") from error
-        if isinstance(answer.error, FormError):
-            raise refusal(text, answer.error)
         if answer.error is not None:
-            raise UserCodeError(f"estimator {text}: {answer.error}{process.printed}")
+            raise self._reported(answer.error, f"estimator {text}: ")
         self.where = self.where._replace(attribute=answer.text("attribute"))
         return answer.text("form")
 
@@ -119,35 +135,70 @@ class Host:
         """
         with self._turn:
             self.begin()
-            process = self._process
-            assert process is not None
-            start = monotonic()
+            assert self._process is not None
+            start, run = monotonic(), None
             try:
-                answer = process.exchange(message({"noise": noise}, recording), self.limits.seconds)
-                run = None if answer.error is not None else _run(answer, monotonic() - start)
+                answer = self._exchange(self._process, message({"noise": noise}, recording), self.limits.seconds)
+                if (error := answer.error) is None:
+                    seconds = answer.seconds(monotonic() - start)
+                    run = Run(answer.estimate(), seconds, answer.texts("remarks"), answer.flag("replaces_noise"))
             except BaseException:
-                self.last_output = process.last_lines
                 self.close()
                 raise
-            self.last_output = process.last_lines
+            self.last_output = self._last_lines()
             if run is None:
-                assert answer.error is not None
-                raise type(answer.error)(f"{answer.error}{process.printed}")
-            if process.printed and not self.limits.is_walled:
+                assert error is not None
+                raise self._reported(error)
+            if self._printed and not self.limits.is_walled:
                 label = self.where.label
-                tell_first(f"{label} prints", f"{label}: what it prints is kept in {process.output.name}")
+                tell_first(f"{label} prints", f"{label}: what it prints is kept in {self._output.name}")
             return run
 
     def close(self) -> None:
         """End the process."""
         if self._process is not None:
-            self._process.end()
+            self.last_output = self._last_lines()
+            self._end()
             self._process = None
 
+    def _exchange(self, process: subprocess.Popen[bytes], request: bytes, seconds: float) -> Answer:
+        """Write a request and read the answer; the file of output begins again.
 
-def _run(answer: Answer, elapsed: float) -> Run:
-    """Return the run of an answer that took at most some seconds."""
-    return Run(answer.estimate(), answer.seconds(elapsed), answer.texts("remarks"), answer.flag("replaces_noise"))
+        Raises:
+            UserCodeError: it printed too much, has ended, or wrote a wrong answer.
+            OverdueError: it did not answer in time.
+        """
+        self._output.truncate(0)
+        found: Future[Answer | None] = Future()
+        threading.Thread(target=_exchanged, args=(process, request, found), daemon=True).start()
+        deadline, is_done = monotonic() + seconds, False
+        while not is_done:
+            is_done = bool(wait([found], max(0.0, min(POLL, deadline - monotonic()))).done)
+            if os.fstat(self._output.fileno()).st_size > MOST_PRINTED:
+                what = f"it printed more than {MOST_PRINTED / 1e6:g} MB in a run"
+                raise UserCodeError(f"{what}; take the prints out{self._printed}")
+            if not is_done and monotonic() >= deadline:
+                remedy = "make it faster, or give a longer --timeout"
+                raise OverdueError(f"it was not done after {seconds:g} s; {remedy}{self._printed}")
+        answer = found.result()
+        if answer is None:
+            raise UserCodeError(f"{_why_no_answer(process)}{self._printed}")
+        return answer
+
+    def _reported(self, error: UserCodeError, beginning: str = "") -> UserCodeError:
+        """Return an error of the code with what it printed; a refusal ends with the wrapper."""
+        return type(error)(f"{beginning}{error}{'' if isinstance(error, FormError) else self._printed}")
+
+    @property
+    def _printed(self) -> str:
+        """The end of an error message: the first lines of output, and where all are; empty if nothing was printed."""
+        content = Path(self._output.name).read_bytes()[: 10 * FIRST * WIDEST]
+        lines = [printable(each)[:WIDEST] for each in content.decode(errors="replace").splitlines() if each.strip()]
+        place = "" if self.limits.is_walled else f"; all in {self._output.name}"
+        return f" (it printed first: {' / '.join(lines[:FIRST])}{place})" if any(lines[:FIRST]) else ""
+
+    def _last_lines(self) -> str:
+        return "\n".join(last_lines(Path(self._output.name), LAST))
 
 
 @lru_cache(maxsize=16)
@@ -156,130 +207,35 @@ def shared_host(where: Address, limits: Limits) -> Host:
     return Host(where, limits)
 
 
-class _Process:
-    """A process with user code, its pipes and the file of its output."""
-
-    def __init__(self, where: Address, limits: Limits) -> None:
-        command = [sys.executable, "-P", "-m", WORKER, *(["walled"] if limits.is_walled else [])]
-        copied, folder = None, Path.cwd() if where.code is None else None
-        if limits.is_walled:
-            require_wall()
-            copied = tempfile.TemporaryDirectory(prefix="slamgauge-own-", ignore_cleanup_errors=True)
-            if where.code is not None:
-                where.code.copy_to(Path(copied.name))
-                folder = Path(CODE)
-            command = walled(command, None if where.code is None else Path(copied.name))
-        elif where.code is not None:
-            folder = where.code.place()
-        files = [] if where.code is None else [path for path, _ in where.code.files if path.endswith(".py")]
-        module = where.place if where.code is None else where.code.module
-        self.address: dict[str, object] = {
-            "folder": str(folder),
-            "module": module,
-            "attribute": where.attribute,
-            "files": files,
-            "place": where.place,
-        }
-        name = f"slamgauge-printed-{file_name(where.label)[:40]}-"
-        descriptor, path = tempfile.mkstemp(prefix=name, suffix=".txt")
-        os.close(descriptor)
-        self.output: IO[bytes] = Path(path).open("ab")  # noqa: SIM115 appends, for two processes
-        self._is_walled = limits.is_walled
-        self._process = subprocess.Popen(
-            command,
-            cwd=None if limits.is_walled else folder,
-            env=environment(os.environ) if limits.is_walled else os.environ | {"MPLBACKEND": "agg"},
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=self.output,
-            start_new_session=True,
-        )
-        self.end = weakref.finalize(self, _end, self._process, self.output, copied, keeps_output=not limits.is_walled)
-
-    def exchange(self, request: bytes, seconds: float) -> Answer:
-        """Write a request and read the answer; the file of output begins again.
-
-        Raises:
-            UserCodeError: it printed too much, has ended, or wrote a wrong answer.
-            OverdueError: it did not answer in time.
-        """
-        self.output.truncate(0)
-        found: queue.SimpleQueue[Answer | UserCodeError | None] = queue.SimpleQueue()
-        threading.Thread(target=_exchanged, args=(self._process, request, found), daemon=True).start()
-        deadline = monotonic() + seconds
-        answer, is_there = None, False
-        while not is_there:
-            with suppress(queue.Empty):
-                answer = found.get(timeout=max(0.0, min(POLL, deadline - monotonic())))
-                is_there = True
-            if os.fstat(self.output.fileno()).st_size > MOST_PRINTED:
-                what = f"it printed more than {MOST_PRINTED / 1e6:g} MB in a run"
-                raise UserCodeError(f"{what}; take the prints out{self.printed}")
-            if not is_there and monotonic() >= deadline:
-                remedy = "make it faster, or give a longer --timeout"
-                raise OverdueError(f"it was not done after {seconds:g} s; {remedy}{self.printed}")
-        if isinstance(answer, UserCodeError):
-            raise answer
-        if answer is None:
-            raise UserCodeError(f"{self._why_no_answer()}{self.printed}")
-        return answer
-
-    @property
-    def printed(self) -> str:
-        """The end of an error message: the first lines of output, and where all are; empty if nothing was printed."""
-        lines = (
-            Path(self.output.name).read_bytes()[: 10 * FIRST * WIDEST].decode("utf-8", errors="replace").splitlines()
-        )
-        first = " / ".join([printable(line)[:WIDEST] for line in lines if line.strip()][:FIRST])
-        place = "" if self._is_walled else f"; all in {self.output.name}"
-        return f" (it printed first: {first}{place})" if first else ""
-
-    @property
-    def last_lines(self) -> str:
-        """The last lines of its output, at most 20."""
-        return "\n".join(last_lines(Path(self.output.name), 20))
-
-    def _why_no_answer(self) -> str:
-        try:
-            status = self._process.wait(ENDING)
-        except subprocess.TimeoutExpired:
-            return "its process closed the pipe of its answers"
-        number = -status if status < 0 else status - 128  # bwrap adds 128
-        if number in {*signal.Signals}:
-            return f"its process was ended by {signal.Signals(number).name}"
-        return f"its process ended with status {status} before the run was done"
-
-
-def _exchanged(
-    process: subprocess.Popen[bytes], request: bytes, found: queue.SimpleQueue[Answer | UserCodeError | None]
-) -> None:
+def _exchanged(process: subprocess.Popen[bytes], request: bytes, found: Future[Answer | None]) -> None:
     """Write a request and read the answer in a thread, because neither has a time limit."""
     assert process.stdin is not None and process.stdout is not None
-    answer: Answer | UserCodeError | None = None
     try:
         with suppress(OSError):  # the answer, or that it is missing, tells more
             process.stdin.write(request)
             process.stdin.flush()
-        answer = read_answer(process.stdout)
+        found.set_result(read_answer(process.stdout))
     except UserCodeError as error:
-        answer = error
+        found.set_exception(error)
     except (OSError, ValueError):  # the pipes were closed meanwhile
-        pass
-    found.put(answer)
+        found.set_result(None)
 
 
-def _end(
-    process: subprocess.Popen[bytes],
-    output: IO[bytes],
-    copied: tempfile.TemporaryDirectory[str] | None,
-    *,
-    keeps_output: bool,
-) -> None:
-    """End a process with all that it has started, and remove its files."""
+def _why_no_answer(process: subprocess.Popen[bytes]) -> str:
+    try:
+        status = process.wait(ENDING)
+    except subprocess.TimeoutExpired:
+        return "its process closed the pipe of its answers"
+    number = -status if status < 0 else status - 128  # bwrap adds 128
+    if number in {*signal.Signals}:
+        return f"its process was ended by {signal.Signals(number).name}"
+    return f"its process ended with status {status} before the run was done"
+
+
+def _end(process: subprocess.Popen[bytes], output: IO[bytes], *, is_kept: bool) -> None:
+    """End a process with all that it has started, and remove its output if it is empty or not kept."""
     end_group(process)
     is_empty = os.fstat(output.fileno()).st_size == 0
     output.close()
-    if is_empty or not keeps_output:
+    if is_empty or not is_kept:
         Path(output.name).unlink(missing_ok=True)
-    if copied is not None:
-        copied.cleanup()

@@ -47,18 +47,12 @@ class CodeFolder:
     def __hash__(self) -> int:
         return hash((self.folder, self.module, self.digest))
 
-    def place(self) -> Path:
-        """Return the folder if its files are unchanged; otherwise, for example on another machine, a copy."""
+    def place(self, *, as_copy: bool = False) -> Path:
+        """Return the folder, or a copy: for a wall, and where files have changed, for example on another machine."""
         with suppress(OSError):
-            if all(Path(self.folder, path).read_bytes() == content for path, content in self.files):
+            if not as_copy and all(Path(self.folder, path).read_bytes() == content for path, content in self.files):
                 return Path(self.folder)
         return _copied(self)
-
-    def copy_to(self, place: Path) -> None:
-        """Write the files into a folder."""
-        for path, content in self.files:
-            (place / path).parent.mkdir(parents=True, exist_ok=True)
-            (place / path).write_bytes(content)
 
 
 def read_folder(folder: Path, module: str, only: Path | None = None) -> CodeFolder:
@@ -114,5 +108,7 @@ def _copied(code: CodeFolder) -> Path:
     """Write the files into a temporary folder, which is removed when this process ends."""
     folder = Path(tempfile.mkdtemp(prefix="slamgauge-own-"))
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
-    code.copy_to(folder)
+    for path, content in code.files:
+        (folder / path).parent.mkdir(parents=True, exist_ok=True)
+        (folder / path).write_bytes(content)
     return folder

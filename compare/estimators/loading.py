@@ -11,10 +11,9 @@ from functools import partial
 import numpy as np
 
 from slamgauge.arrays import Marks
-from slamgauge.compare.estimators.addresses import Noise
 from slamgauge.compare.estimators.causality_check import require_causal
 from slamgauge.compare.estimators.child import Host, Run, shared_host
-from slamgauge.compare.estimators.forms.signatures import Form
+from slamgauge.compare.estimators.forms.signatures import Form, Noise
 from slamgauge.compare.estimators.registry import REGISTRY, UNDER, Entry, entry_of
 from slamgauge.compare.estimators.requests import Asked, BuiltIn, Chosen, UserCode, ask
 from slamgauge.compare.scenarios.schema import Association
@@ -69,7 +68,7 @@ class HostedEstimator:
 
     @property
     def remarks(self) -> list[str]:
-        """Remarks on the last run."""
+        """Remarks on the last run, for example replaced settings."""
         return [] if self.last is None else self.last.remarks
 
 
@@ -134,7 +133,12 @@ def load(
         remedy = "`slamgauge study` compares the errors of many runs with it"
         raise UserError(f"{asked.name}: is a bound, which estimates nothing; {remedy}")
     if isinstance(asked, BuiltIn):
-        return _ours(entry_of(asked.name), _settings(association, initialisation, frames, robust))
+        settings = FilterSettings(frames=frames, robust=robust)
+        if association is not None and (chosen := association.settings()) is not None:
+            settings = replace(settings, association=chosen)
+        if initialisation is not None:
+            settings = replace(settings, initialisation=initialisation)
+        return _ours(entry_of(asked.name), settings)
     entry = Entry(name=asked.label, kind=None, role="user")
     if isinstance(asked, UserCode):
         host = shared_host(asked.where, asked.limits)
@@ -161,18 +165,6 @@ def without(optimum: Estimator, informed: Recording, misleading: Marks | None) -
     return LoadedEstimator(entry, partial(graph, association=np.where(misleading, NOBODY, informed.landmark)))
 
 
-def seconds_of(estimator: Estimator) -> float | None:
-    """Return the computing time of the last run of user code in a child process; None for any other estimator."""
-    within = estimator.estimate if isinstance(estimator, LoadedEstimator) else estimator
-    return within.last.seconds if isinstance(within, HostedEstimator) and within.last is not None else None
-
-
-def remarks_of(estimator: Estimator) -> list[str]:
-    """Return what users should know about the last run of their code, for example replaced settings."""
-    within = estimator.estimate if isinstance(estimator, LoadedEstimator) else estimator
-    return [*getattr(within, "remarks", [])]
-
-
 def entry_behind(estimator: Estimator) -> Entry | None:
     """Return the registry's entry of a callable, whatever its label; None if it is not a built-in estimator."""
     if isinstance(estimator, LoadedEstimator):
@@ -187,24 +179,10 @@ def _ours(entry: Entry, settings: FilterSettings) -> LoadedEstimator:
     _, under, filter_name = entry.name.partition(UNDER)
     if under:
         slam: Callable[..., Estimate] = REGISTRY[filter_name].load()
-        without_frames = replace(settings, frames=0)
-        return LoadedEstimator(
-            entry, lambda recording: estimate(recording, slam(recording, without_frames).association)
-        )
+        plain = replace(settings, frames=0)
+        return LoadedEstimator(entry, lambda recording: estimate(recording, slam(recording, plain).association))
     if entry.role == "filter":
         estimate = partial(estimate, settings=settings)
     if entry.role == "textbook" and settings.association != NEAREST_NEIGHBOUR:
         estimate = partial(estimate, association=settings.association)
     return LoadedEstimator(entry, estimate)
-
-
-def _settings(
-    association: Association | None, initialisation: Initialisation | None, frames: int, robust: Robustness
-) -> FilterSettings:
-    """Return a scenario's settings as a filter takes them."""
-    settings = FilterSettings(frames=frames, robust=robust)
-    if association is not None and (chosen := association.settings()) is not None:
-        settings = replace(settings, association=chosen)
-    if initialisation is not None:
-        settings = replace(settings, initialisation=initialisation)
-    return settings

@@ -1,20 +1,54 @@
-"""Requested estimators, by name or address: picklable, and nothing is loaded yet."""
+"""Requested estimators, by name, address or callable: picklable, and nothing is loaded yet.
+
+User code has an address, `[LABEL=]FILE.py:callable` or `[LABEL=]package.module:callable`.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import inspect
+import os
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import ClassVar, Literal
+from typing import ClassVar, Literal, NamedTuple
 
-from slamgauge.compare.estimators.addresses import Address, Noise, address, require_label
-from slamgauge.compare.estimators.child import Limits
+from slamgauge.compare.estimators.code_folder import CodeFolder, installed_digest, read_folder
+from slamgauge.compare.estimators.forms.signatures import Noise
 from slamgauge.compare.estimators.registry import BOUND, BOUNDS, HINDSIGHT_BOUND, entry_of, is_ours
 from slamgauge.compare.estimators.sandbox import require_wall
+from slamgauge.compare.storage.safe_names import LONGEST
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimator
+
+EXAMPLE = "write FILE.py:callable or module:callable, for example my_filter.py:estimate"
+
+
+class Address(NamedTuple):
+    """Place of an estimator in user code.
+
+    Attributes:
+        text: the address as the user wrote it.
+        label: name of its results.
+        place: file or module.
+        attribute: name of the callable; empty if it must be found.
+        code: the folder of a file, or of a module of the current folder; None for an installed module.
+        installed: `installed_digest` of a module without `code`.
+    """
+
+    text: str
+    label: str
+    place: str
+    attribute: str
+    code: CodeFolder | None = None
+    installed: str = ""
+
+
+class Limits(NamedTuple):
+    """Limits of user code: the largest time of a run and of loading [s], and whether it runs behind a wall."""
+
+    seconds: float = 600.0
+    is_walled: bool = False
 
 
 @dataclass(frozen=True)
@@ -68,8 +102,10 @@ class UserCode(_User):
     @property
     def key(self) -> str:
         """Key of its results in stores, with the digest of its folder: edited code is another estimator."""
+        where = self.where
+        digest = where.installed if where.code is None else where.code.digest
         settings = [*(["noise=file"] if self.noise == "file" else []), *(["strict"] if self.strict else [])]
-        return " ".join([self.label, self.where.attribute, self.where.digest[:16], *settings])
+        return " ".join([self.label, where.attribute, digest[:16], *settings])
 
 
 @dataclass(frozen=True)
@@ -80,8 +116,11 @@ class GivenCallable(_User):
 
     @property
     def key(self) -> str:
-        """Key of its results in stores, with the digest of the file that defines it."""
-        return f"{self.label} {_digest_of(self.call)[:16]}"
+        """Key of its results in stores, with the digest of its name and of the file that defines it, if that is one."""
+        file = getattr(inspect.getmodule(self.call), "__file__", None)
+        content = Path(file).read_bytes() if file is not None and Path(file).is_file() else b""
+        name = getattr(self.call, "__qualname__", type(self.call).__qualname__)
+        return f"{self.label} {hashlib.sha256(name.encode() + content).hexdigest()[:16]}"
 
 
 Asked = BuiltIn | UserCode | GivenCallable
@@ -115,14 +154,23 @@ def ask(chosen: Chosen) -> list[Asked]:
     return asked
 
 
+def _asked(label: str, what: str | Estimator) -> Asked:
+    if not isinstance(what, str):
+        _require_label(label, label)
+        return GivenCallable(label, what)
+    if not set(":=/\\") & set(what) and not what.endswith(".py"):
+        return BuiltIn(label or what, entry_of(what).name)
+    where = address(what)
+    return UserCode(label or where.label, where)
+
+
 def with_limits(asked: Sequence[Asked], limits: Limits, *, strict: bool = False) -> list[Asked]:
     """Set the limits of user code among the requests.
 
     Raises:
         UserError: it must run behind a wall, and this system has none.
     """
-    is_there = any(isinstance(each, UserCode) for each in asked)
-    if is_there and limits.is_walled:
+    if limits.is_walled and any(isinstance(each, UserCode) for each in asked):
         require_wall()
     return [replace(each, limits=limits, strict=strict) if isinstance(each, UserCode) else each for each in asked]
 
@@ -131,13 +179,11 @@ def with_noise(asked: Sequence[Asked], noise: Noise | Literal["both"]) -> list[A
     """Set the noise that user code assumes; `both` requests each with its own noise, too."""
     found: list[Asked] = []
     for each in asked:
-        if not isinstance(each, UserCode) or noise == "recording":
+        if not isinstance(each, UserCode) or noise != "file":
             found.append(each)
-            continue
-        if noise == "both":
-            found.append(each)
-        label = f"{each.label} (own noise)" if noise == "both" else each.label
-        found.append(replace(each, label=label, noise="file"))
+        if isinstance(each, UserCode) and noise != "recording":
+            label = f"{each.label} (own noise)" if noise == "both" else each.label
+            found.append(replace(each, label=label, noise="file"))
     return found
 
 
@@ -154,20 +200,38 @@ def labels_among(names: Sequence[str], among: Collection[str], otherwise: str) -
     return labels
 
 
-def _asked(label: str, what: str | Estimator) -> Asked:
-    if not isinstance(what, str):
-        require_label(label, label)
-        return GivenCallable(label, what)
-    if not set(":=/\\") & set(what) and not what.endswith(".py"):
-        return BuiltIn(label or what, entry_of(what).name)
-    where = address(what)
-    return UserCode(label or where.label, where)
+def address(text: str) -> Address:
+    """Parse `[LABEL=]PLACE:callable` or `[LABEL=]FILE.py`; without a label it is the text without folders.
+
+    The folder of the code is read now: later edits do not change the request.
+
+    Raises:
+        UserError: the text has another form, or the file does not exist.
+    """
+    place, _, attribute = (text, "", "") if text.endswith(".py") else text.rpartition(":")
+    label, equals, rest = place.partition("=")
+    if equals and not os.path.isfile(place):  # noqa: PTH113 a label may be longer than a path can be
+        place = rest
+    else:
+        label = f"{Path(place).name}:{attribute}".rstrip(":")
+    if not place or not (attribute or text.endswith(".py")):
+        raise UserError(f"estimator {text!r}: {EXAMPLE}")
+    if place.endswith(".py") and "." in Path(place).stem:
+        raise UserError(f"estimator {text!r}: no Python module can have a dot in its name; rename the file")
+    _require_label(label, text)
+    if place.endswith(".py"):
+        if not Path(place).is_file():
+            raise UserError(f"estimator {text}: no file {place!r} is found; check the path")
+        return Address(text, label, place, attribute, read_folder(Path(place).parent, Path(place).stem))
+    head = Path.cwd() / place.partition(".")[0]
+    if head.name and (head.with_name(f"{head.name}.py").is_file() or (head / "__init__.py").is_file()):
+        return Address(text, label, place, attribute, read_folder(Path.cwd(), place))
+    return Address(text, label, place, attribute, None, installed_digest(place))
 
 
-def _digest_of(call: Estimator) -> str:
-    """Return the SHA-256 of a callable's name and of the file that defines it, if there is one."""
-    module = inspect.getmodule(call)
-    file = getattr(module, "__file__", None)
-    content = Path(file).read_bytes() if file is not None and Path(file).is_file() else b""
-    name = getattr(call, "__qualname__", type(call).__qualname__)
-    return hashlib.sha256(name.encode() + content).hexdigest()
+def _require_label(label: str, text: str) -> None:
+    """Refuse a label that cannot name a file; error messages quote `text`, the estimator as the user wrote it."""
+    is_short = len(label.encode(errors="replace")) <= LONGEST
+    if not label.strip() or set("/\\") & set(label) or not label.isprintable() or not is_short:
+        remedy = "give a short word without slashes, and with no blanks but plain ones"
+        raise UserError(f"estimator {text!r}: label {label!r} names files of results; {remedy}")

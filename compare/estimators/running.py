@@ -1,8 +1,11 @@
-"""Run one estimator, with errors in one line and a checked estimate, or several on one recording with their optima."""
+"""Run one estimator, with errors in one line and a checked estimate, or several on one recording with their optima.
+
+A request whose results do not fit into memory is refused before any work begins.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from time import perf_counter
@@ -10,19 +13,23 @@ from typing import cast
 
 import numpy as np
 
-from slamgauge.arrays import Marks
-from slamgauge.compare.estimators.loading import LoadedEstimator, entry_behind, load, remarks_of, seconds_of, without
-from slamgauge.compare.estimators.registry import OPTIMA, UNDER, Entry
-from slamgauge.compare.estimators.requests import Asked, UserCode
+from slamgauge.arrays import Marks, distinct
+from slamgauge.compare.estimators.loading import HostedEstimator, LoadedEstimator, entry_behind, load, without
+from slamgauge.compare.estimators.registry import FILTERS, GRAPHS, OPTIMA, UNDER
+from slamgauge.compare.estimators.requests import Asked, BuiltIn, UserCode
 from slamgauge.compare.estimators.stored_trajectory import OwnPoses, StoredEstimate
 from slamgauge.compare.estimators.user_errors import UserCodeError, reason_of
+from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.storage.progress import counted
 from slamgauge.errors import CovarianceError, UserError, failure_text
 from slamgauge.estimate import Estimate, Estimator, Kind
+from slamgauge.memory import require_memory
 from slamgauge.notices import tell_first
 from slamgauge.recording import Recording
 
 FARTHEST = 1e12  # m, rad: far outside any map, and squares of errors are still finite
+ESTIMATE_BYTES = 165  # for an estimate and its score, per step (docs/limits.md)
+SERIES_BYTES = 88  # for one run and one estimator, per step: 11 series
 
 
 def own_poses_of(estimator: Estimator | None) -> OwnPoses | None:
@@ -31,10 +38,22 @@ def own_poses_of(estimator: Estimator | None) -> OwnPoses | None:
     return inner.own if isinstance(inner, StoredEstimate) else None
 
 
+def remarks_of(estimator: Estimator) -> list[str]:
+    """Return what users should know about the last run of their code, for example replaced settings."""
+    inner = estimator.estimate if isinstance(estimator, LoadedEstimator) else estimator
+    return [*getattr(inner, "remarks", [])]
+
+
+def tell_remarks(name: str, remarks: Iterable[str]) -> None:
+    """Print remarks on user code, each once: values in them, after the first comma, may differ between runs."""
+    for remark in remarks:
+        tell_first(f"{name}: {remark.partition(',')[0]}", f"{name}: {remark}")
+
+
 def run_estimator(
     name: str, estimator: Estimator, recording: Recording, *, remarked: bool = True
 ) -> tuple[Estimate, float]:
-    """Run an estimator; return its estimate and the elapsed time [s].
+    """Run an estimator; return its estimate and its computing time [s].
 
     Remarks on user code are printed if `remarked`.
 
@@ -53,17 +72,33 @@ def run_estimator(
         reason = str(error) if is_built_in else reason_of(error)
         kind = type(error) if isinstance(error, UserCodeError | CovarianceError) else UserError
         raise kind(f"estimator {name}: {reason}") from error
+    seconds = perf_counter() - start
     if remarked and not is_built_in:
         tell_remarks(name, remarks_of(estimator))
-    seconds = perf_counter() - start
-    own_seconds = seconds_of(estimator)
-    return _checked(name, estimate, recording), seconds if own_seconds is None else own_seconds
+    inner = estimator.estimate if isinstance(estimator, LoadedEstimator) else estimator
+    if isinstance(inner, HostedEstimator) and inner.last is not None:
+        seconds = inner.last.seconds
+    if reason := _misfit(estimate, recording):
+        raise UserError(f"estimator {name}: {reason}")
+    return cast("Estimate", estimate), seconds
 
 
-def tell_remarks(name: str, remarks: Iterable[str]) -> None:
-    """Print remarks on user code, each once: values in them, after the first comma, may differ between runs."""
-    for remark in remarks:
-        tell_first(f"{name}: {remark.partition(',')[0]}", f"{name}: {remark}")
+def _misfit(estimate: object, recording: Recording) -> str:
+    """Return why something is no estimate of a recording; empty if it is one."""
+    if not isinstance(estimate, Estimate):
+        return f"returned a {type(estimate).__name__}; return a slamgauge.Estimate"
+    count = len(estimate.poses)
+    if count != recording.steps + 1:
+        return f"returned {count} poses; return {recording.steps + 1}, one for the start and one for every step"
+    far = np.abs(estimate.poses).max(axis=1) > FARTHEST
+    if far.any():
+        step = int(far.argmax())
+        pose = ", ".join(f"{each:.3g}" for each in estimate.poses[step])
+        return f"has diverged, its pose of step {step} is ({pose}); mend it and run again"
+    count, observations = len(recording.observation), estimate.association
+    if observations is not None and len(observations) != count:
+        return f"association has {len(observations)} entries; return {count}, one for every observation"
+    return ""
 
 
 def try_out(asked: Asked, recording: Recording) -> None:
@@ -75,27 +110,6 @@ def try_out(asked: Asked, recording: Recording) -> None:
     if isinstance(asked, UserCode):
         estimator = load(replace(asked, strict=False), announced=False)
         run_estimator(asked.label, estimator, recording.first(min(2, recording.steps)), remarked=False)
-
-
-def _checked(name: str, estimate: object, recording: Recording) -> Estimate:
-    if not isinstance(estimate, Estimate):
-        raise UserError(f"estimator {name}: returned a {type(estimate).__name__}; return a slamgauge.Estimate")
-    if len(estimate.poses) != recording.steps + 1:
-        raise UserError(
-            f"estimator {name}: returned {len(estimate.poses)} poses; "
-            f"return {recording.steps + 1}, one for the start and one for every step"
-        )
-    far = np.abs(estimate.poses).max(axis=1) > FARTHEST
-    if far.any():
-        step = int(far.argmax())
-        pose = ", ".join(f"{each:.3g}" for each in estimate.poses[step])
-        raise UserError(f"estimator {name}: has diverged, its pose of step {step} is ({pose}); mend it and run again")
-    if estimate.association is not None and len(estimate.association) != len(recording.observation):
-        raise UserError(
-            f"estimator {name}: association has {len(estimate.association)} entries; "
-            f"return {len(recording.observation)}, one for every observation"
-        )
-    return estimate
 
 
 @dataclass(frozen=True)
@@ -140,49 +154,69 @@ def run_side_by_side(
 ) -> SideBySide:
     """Run estimators on the recording, and informed graphs (the optima and gtsam-batch) on the informed recording.
 
-    Informed graphs do not use observations marked `misleading` (M,). If the informed recording has no ids, they use the
-    associations of the first other estimator, as in `causal@ekf`.
+    Informed graphs do not use observations marked `misleading` (M,). If the informed recording has no ids, they run
+    last, with the associations of the first other estimator that has any, as `causal@ekf` does; an optimum that is
+    requested so is then the optimum of its kind.
     """
     entries = {name: entry_behind(estimator) for name, estimator in estimators.items()}
-    told = {name: entry for name, entry in entries.items() if entry is not None and entry.is_informed}
-    waiting = told if informed.landmark is None else {}
+    graphs = {name: entry for name, entry in entries.items() if entry is not None and entry.takes_associations}
+    told = {name: entry for name, entry in graphs.items() if entry.is_informed}
+    has_ids = informed.landmark is not None
     ran = SideBySide()
     with counted(len(estimators), "estimator") as progress:
-        for name, estimator in estimators.items():
-            progress.set_description(name)
-            if name in told and name not in waiting:
-                is_optimum = told[name].role == "optimum"
-                ran.run(name, without(estimator, informed, misleading), informed, is_optimum=is_optimum)
-            elif name not in waiting:
-                ran.run(name, estimator, recording)
+        for label in sorted(estimators, key=lambda name: name in told and not has_ids):
+            progress.set_description(label)
+            estimator, is_optimum = estimators[label], label in told and told[label].role == "optimum"
+            others = {name: each.association for name, each in ran.estimates.items() if name not in graphs}
+            makers = [name for name, association in others.items() if association is not None]
+            if label in told and has_ids:
+                ran.run(label, without(estimator, informed, misleading), informed, is_optimum=is_optimum)
+            elif label in told and makers:
+                stand_in = replace(told[label], name=f"{label}{UNDER}{makers[0]}")
+                graph: Callable[..., Estimate] = stand_in.load()
+                under = partial(graph, association=others[makers[0]])
+                if stand_in.name not in ran.estimates:
+                    ran.run(stand_in.name, LoadedEstimator(stand_in, under), recording, is_optimum=is_optimum)
+            else:  # an optimum without any associations fails, and the reason is stored
+                ran.run(label, estimator, recording)
             progress.update()
-    if informed.landmark is None:
-        graphs = {name: entry for name, entry in entries.items() if entry is not None and entry.takes_associations}
-        _run_stand_ins(ran, waiting, graphs, estimators, recording)
+    if not has_ids:
+        for name, entry in graphs.items():
+            kind = ran.estimates[name].kind if name in ran.estimates else None
+            if kind is not None and entry.name.partition(UNDER)[0] == OPTIMA[kind]:
+                ran.optima.setdefault(kind, name)
+        ran.stand_ins.extend(ran.optima.values())
     return ran
 
 
-def _run_stand_ins(
-    ran: SideBySide,
-    waiting: Mapping[str, Entry],
-    graphs: Mapping[str, Entry],
-    estimators: Mapping[str, Estimator],
-    recording: Recording,
-) -> None:
-    """Run graphs with the associations of the first estimator that has any; a requested `causal@ekf` is an optimum."""
-    makers = (name for name, each in ran.estimates.items() if name not in graphs and each.association is not None)
-    maker = next(makers, None)
-    for name, entry in waiting.items():
-        if maker is None:
-            ran.run(name, estimators[name], recording)  # this stores the reason of its failure
-        elif f"{name}{UNDER}{maker}" not in ran.estimates:
-            stand_in = replace(entry, name=f"{name}{UNDER}{maker}")
-            graph: Callable[..., Estimate] = entry.load()
-            under = partial(graph, association=ran.estimates[maker].association)
-            is_optimum = entry.role == "optimum"
-            ran.run(stand_in.name, LoadedEstimator(stand_in, under), recording, is_optimum=is_optimum)
-    for name, entry in graphs.items():
-        kind = ran.estimates[name].kind if name in ran.estimates else None
-        if kind is not None and entry.name.partition(UNDER)[0] == OPTIMA[kind]:
-            ran.optima.setdefault(kind, name)
-    ran.stand_ins.extend(ran.optima.values())
+def require_room_for_runs(runs: int, scenario: Scenario, estimators: int) -> None:
+    """Refuse runs whose series do not fit into memory; the summary of a study loads all of them.
+
+    Raises:
+        UserError: they do not fit.
+    """
+    poses = len(scenario.trajectory.stamps(scenario.prior.mean))
+    what = f"runs: to sum up {runs} of {poses - 1} steps and {estimators} estimators"
+    needed = float(SERIES_BYTES) * runs * poses * (estimators + 1)  # the series of one estimator are loaded twice
+    require_memory(needed, what, "give fewer runs, or a shorter trajectory.duration")
+
+
+def require_room_for_estimates(recording: Recording, asked: Sequence[Asked]) -> None:
+    """Refuse estimators whose estimates, filters whose covariance, or graphs whose matrices do not fit into memory.
+
+    Raises:
+        UserError: they do not fit.
+    """
+    what = f"estimators: {len(asked)} of {recording.steps} steps: what they estimate"
+    needed = float(ESTIMATE_BYTES) * recording.steps * len(asked)
+    require_memory(needed, what, "give fewer, or a shorter run")
+    landmarks = 0 if recording.landmark is None else len(distinct(recording.landmark))
+    for each in (each for each in asked if isinstance(each, BuiltIn)):
+        if each.name in FILTERS:
+            what = f"{each.label}: the covariance of {landmarks} landmarks"
+            require_memory(8.0 * (3 + 2 * landmarks) ** 2, what, "give fewer landmarks, or leave it out")
+        if landmarks and any(each.name.startswith(name) for name in GRAPHS) and UNDER not in each.name:
+            from slamgauge.graph_baseline.problem.preparation import prepare  # slow libraries
+            from slamgauge.graph_baseline.solver.smoother import require_memory_for
+
+            require_memory_for(prepare(recording), each.name)

@@ -25,11 +25,7 @@ class OverdueError(UserCodeError):
 
 
 class FormError(UserCodeError):
-    """User code has none of the forms: what it has, what it lacks, and the `wrapper` to copy."""
-
-    def __init__(self, reason: str, wrapper: str = "") -> None:
-        super().__init__(reason)
-        self.wrapper = wrapper
+    """User code has none of the forms: three lines and a wrapper to copy (`forms.signatures.no_form`)."""
 
 
 class WrongCovarianceError(UserCodeError, CovarianceError):

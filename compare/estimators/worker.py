@@ -26,7 +26,7 @@ from typing import IO, Any, cast
 import numpy as np
 
 from slamgauge.compare.estimators.adapters import adapted, callable_of
-from slamgauge.compare.estimators.answers import COVARIANCE, FORM, message, read_request
+from slamgauge.compare.estimators.answers import message, read_request
 from slamgauge.compare.estimators.forms.signatures import Form
 from slamgauge.compare.estimators.forms.step_function import StepFunction
 from slamgauge.compare.estimators.sandbox import CACHES, HOME, LIMITS, WRITABLE
@@ -39,15 +39,10 @@ from slamgauge.suggestions import did_you_mean
 WALLED = "walled"
 ANSWERED = 77  # status of a fork that has answered
 ALIVE = 1.0  # s between looks whether slamgauge still runs
-OLD_NAMES = {"float": float, "int": int, "bool": bool, "object": object, "complex": complex, "str": str}
-OLD_NAMES |= {"Inf": np.inf, "Infinity": np.inf, "NaN": np.nan, "NAN": np.nan, "PINF": np.inf, "NINF": -np.inf}
-OLD_NAMES |= {
-    "float_": np.float64,
-    "complex_": np.complex128,
-    "product": np.prod,
-    "row_stack": np.vstack,
-    "mat": np.asmatrix,
-}
+OLD_NAMES = {each.__name__: each for each in (float, int, bool, object, complex, str)}
+OLD_NAMES |= {"Inf": np.inf, "Infinity": np.inf, "PINF": np.inf, "NINF": -np.inf, "NaN": np.nan, "NAN": np.nan}
+OLD_NAMES |= {"float_": np.float64, "complex_": np.complex128}
+OLD_NAMES |= {"product": np.prod, "row_stack": np.vstack, "mat": np.asmatrix}
 
 
 class Code:
@@ -60,18 +55,19 @@ class Code:
 
     def __init__(self, where: Mapping[str, Any], *, walled: bool) -> None:
         self._where, self._walled = where, walled
-        self._folder = str(where["folder"])
-        self._files = {str(Path(self._folder, path)) for path in where["files"]}
-        self.attribute: str = where["attribute"]
+        self._files = {str(Path(where["folder"], path)) for path in where["files"]}
+        self._attribute: str = where["attribute"]
         self._loaded: Estimator | None = None
 
-    def load(self) -> str:
-        """Load the module and adapt its callable; return its form in words.
+    def load(self) -> Mapping[str, object]:
+        """Load the module and adapt its callable; return its name and its form in words, or why that failed."""
+        try:
+            self._loaded = self._adapted()
+        except UserError as error:
+            return _failure(error, str(error))
+        return {"attribute": self._attribute, "form": getattr(self._loaded, "words", "")}
 
-        Raises:
-            FormError: it has none of the forms.
-            UserError: the module cannot be loaded, or has no such callable.
-        """
+    def _adapted(self) -> Estimator:
         try:
             module = self._module()
         except (Exception, SystemExit) as error:
@@ -80,24 +76,22 @@ class Code:
                 raise UserError(
                     f"no module {missing!r} is found; run in its folder or install it, or give its file"
                 ) from None
-            raise UserError(f"cannot be loaded, {reason_of(error, self._folder)}") from error
-        self.attribute = self.attribute or callable_of(module)
-        if not hasattr(module, self.attribute):
-            remedy = did_you_mean(self.attribute, vars(module), "name a callable Recording -> Estimate of that module")
-            raise UserError(f"{self._where['place']} has no {self.attribute!r}; {remedy}")
-        given = getattr(module, self.attribute)
+            raise UserError(f"cannot be loaded, {reason_of(error, self._where['folder'])}") from error
+        self._attribute = self._attribute or callable_of(module)
+        if not hasattr(module, self._attribute):
+            remedy = did_you_mean(self._attribute, vars(module), "name a callable Recording -> Estimate of that module")
+            raise UserError(f"{self._where['place']} has no {self._attribute!r}; {remedy}")
+        given = getattr(module, self._attribute)
         if not callable(given):
             raise UserError(f"is a {type(given).__name__}; give a callable Recording -> Estimate")
-        self._loaded = adapted(given)
-        return self._loaded.words if isinstance(self._loaded, Form) else ""
+        return adapted(given)
 
     def _module(self) -> ModuleType:
         """Import the module; a file whose name an imported module has is loaded under another."""
         for name, module in [*sys.modules.items()]:
-            file = getattr(module, "__file__", None)
-            if file is not None and file in self._files:
+            if getattr(module, "__file__", None) in self._files:
                 del sys.modules[name]
-        name, file = self._where["module"], str(Path(self._folder, f"{self._where['module']}.py"))
+        name, file = self._where["module"], str(Path(self._where["folder"], f"{self._where['module']}.py"))
         if file not in self._files:
             return importlib.import_module(name)
         spec = spec_from_file_location(f"_{name}" if name in sys.modules else name, file)
@@ -109,9 +103,7 @@ class Code:
     def run(self, recording: Recording, noise: str) -> tuple[Mapping[str, object], Estimate | None]:
         """Return times and remarks of a run, and its estimate; or why it has no estimate."""
         try:
-            if self._loaded is None:
-                self.load()
-            estimator, self._loaded = cast("Estimator", self._loaded), None
+            estimator, self._loaded = self._loaded or self._adapted(), None
             if noise == "file":
                 if not isinstance(estimator, StepFunction):
                     raise UserCodeError("its form has no noise to choose; leave out --noise")  # noqa: TRY301
@@ -121,18 +113,18 @@ class Code:
             seconds = perf_counter() - start
         except (Exception, SystemExit) as error:  # noqa: BLE001 user code may raise anything
             most = "; its process may take 4 GB" if isinstance(error, MemoryError) and self._walled else ""
-            return failure(error, f"{reason_of(error, self._folder)}{most}"), None
+            return _failure(error, f"{reason_of(error, self._where['folder'])}{most}"), None
         if not isinstance(estimate, Estimate):
             return {"reason": f"returned a {type(estimate).__name__}; return a slamgauge.Estimate"}, None
         form = estimator if isinstance(estimator, Form) else Form()
         return {"seconds": seconds, "remarks": [*form.remarks], "replaces_noise": form.replaces_noise}, estimate
 
 
-def failure(error: BaseException, reason: str) -> Mapping[str, object]:
+def _failure(error: BaseException, reason: str) -> Mapping[str, object]:
     """Return the fields of an answer without a result."""
     if isinstance(error, FormError):
-        return {"reason": reason, "kind": FORM, "wrapper": error.wrapper.splitlines()}
-    return {"reason": reason, "kind": COVARIANCE if isinstance(error, CovarianceError) else ""}
+        return {"refusal": reason.splitlines()}
+    return {"reason": reason, "is_wrong_covariance": isinstance(error, CovarianceError)}
 
 
 def serve(requests: IO[bytes], answers: IO[bytes], *, walled: bool) -> None:
@@ -145,26 +137,21 @@ def serve(requests: IO[bytes], answers: IO[bytes], *, walled: bool) -> None:
     sys.argv, sys.dont_write_bytecode = [where["place"]], True
     sys.path.insert(0, where["folder"])
     code = Code(where, walled=walled)
-    try:
-        form = code.load()
-    except UserError as error:
-        _answer(answers, {**failure(error, str(error)), "attribute": code.attribute})
-        return
-    _answer(answers, {"attribute": code.attribute, "form": form})
+    _answer(answers, code.load())
     while (request := read_request(requests)) is not None:
         fields, recording = request
         assert recording is not None
-        if not walled:
+        pid = os.fork() if walled else 0
+        if pid == 0:
             _answer(answers, *code.run(recording, fields["noise"]))
-        elif pid := os.fork():
-            status = os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
-            _clear()
-            if status != ANSWERED:
-                how = f"was ended by {signal.Signals(-status).name}" if status < 0 else f"ended with status {status}"
-                _answer(answers, {"reason": f"its process {how}{' before the run was done' if status >= 0 else ''}"})
-        else:
-            _answer(answers, *code.run(recording, fields["noise"]))
-            os._exit(ANSWERED)
+            if walled:
+                os._exit(ANSWERED)
+            continue
+        status = os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
+        _clear()
+        if status != ANSWERED:
+            how = f"was ended by {signal.Signals(-status).name}" if status < 0 else f"ended with status {status}"
+            _answer(answers, {"reason": f"its process {how}{' before the run was done' if status >= 0 else ''}"})
 
 
 def _answer(out: IO[bytes], fields: Mapping[str, object], estimate: Estimate | None = None) -> None:
@@ -173,16 +160,6 @@ def _answer(out: IO[bytes], fields: Mapping[str, object], estimate: Estimate | N
             stream.flush()
     out.write(message(fields, estimate))
     out.flush()
-
-
-def _own_pipes() -> tuple[IO[bytes], IO[bytes]]:
-    """Take the pipes of requests and answers away from the standard streams."""
-    requests, answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
-    null = os.open(os.devnull, os.O_RDONLY)
-    os.dup2(null, 0)
-    os.dup2(2, 1)
-    os.close(null)
-    return requests, answers
 
 
 def _end_with_parent(parent: int) -> None:
@@ -214,9 +191,11 @@ def _clear() -> None:
 
 
 def main() -> None:
-    """Serve the requests of one slamgauge process."""
+    """Serve the requests of one slamgauge process; the code does not see the pipes of requests and answers."""
     walled = sys.argv[1:] == [WALLED]
-    requests, answers = _own_pipes()
+    requests, answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
+    os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
+    os.dup2(2, 1)
     if walled:
         _limit()
         _clear()

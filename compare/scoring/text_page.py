@@ -63,7 +63,7 @@ def _html(part: Table | str) -> str:
 
 
 def _wrapped(line: str, width: int | None) -> list[str]:
-    if width is None or len(line) <= width:
+    if width is None or len(line) <= width or "\n" in line:  # a refusal of user code ends with a wrapper to copy
         return [line]
     return textwrap.wrap(line, width, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False)
 

@@ -14,7 +14,6 @@ from numpy.typing import ArrayLike
 
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf.bearings.delayed import DelayedInitialiser
-from slamgauge.ekf.bearings.ray_recorder import RayRecorder
 from slamgauge.ekf.bearings.rays import RayInitialiser
 from slamgauge.ekf.kernels.belief import NONE
 from slamgauge.ekf.maps.correction_table import Correction, Rule
@@ -23,6 +22,7 @@ from slamgauge.ekf.maps.landmark_map import LandmarkMap
 from slamgauge.ekf.online_filter import Members, OnlineFilter, joined, points
 from slamgauge.ekf.settings import PLAIN, Delayed, Initialisation, Rays, Robustness
 from slamgauge.errors import UserError
+from slamgauge.estimate import RayLog
 from slamgauge.recording import Observations
 from slamgauge.validation import are_among
 
@@ -54,7 +54,6 @@ class BearingFilter(OnlineFilter):
         self._gate = require_robustness(robust).known_gate
         super().__init__(LandmarkMap("bearing", prior_mean, prior_cov, correction, tails=robust.tails))
         self._provisional = _initialiser(self.map, initialisation)
-        self._points: dict[int, int] = {}  # landmark: its id in the map
 
     @property
     def landmark_ids(self) -> Int:
@@ -81,10 +80,9 @@ class BearingFilter(OnlineFilter):
         """Number of members of all provisional landmarks."""
         return sum(self._provisional.counts.values())
 
-    @property
-    def rays(self) -> RayRecorder | None:
-        """Log of the rays; None without rays."""
-        return self._provisional.log
+    def ray_log(self, members: Int) -> RayLog | None:
+        """Return the log of the rays, with the number of members (N+1,) after each step; None without rays."""
+        return self._provisional.log(members)
 
     def standing(self, ids: Int) -> Int:
         """Return the ids, -1 for deleted landmarks."""
@@ -93,8 +91,7 @@ class BearingFilter(OnlineFilter):
     def predict(self, increment: ArrayLike, cov: ArrayLike) -> None:
         """Move by a body-frame increment; see `OnlineFilter.predict`."""
         super().predict(increment, cov)
-        if self.rays is not None:
-            self.rays.step += 1
+        self._provisional.step += 1
 
     def update(self, observations: Observations, gate: float | None = None) -> tuple[float, int]:
         """Correct with the bearings of points, then process those of provisional and new landmarks.
@@ -114,62 +111,38 @@ class BearingFilter(OnlineFilter):
         gate = self._gate if gate is None else gate
         require_gate(gate)
         given, given_covs = rows_of(observations, 1)
-        known = ids_of(observations, len(given))
+        ids = ids_of(observations, len(given))
         if not len(given):
-            return self._finished(known[:0], 0.0, 0)
+            return self._finished(ids[:0], 0.0, 0)
         values, covs = np.asarray(given, np.float64), np.asarray(given_covs, np.float64)
         self.map.require_sound(values, covs)
-        if all(each in self._points for each in known.tolist()):  # one part, which is refused as a whole
-            ids = self._without_outliers(known, values, covs, gate)
-            return self._finished(ids.copy(), *self._update_first(ids.tolist(), values, covs)[:2])
-        before = self._points, self._provisional.copy()
+        require_ids(ids)
+        ids = self.map.without_outliers(ids, values, covs, gate)
+        result = self.map.update(ids, values, covs)
+        if result is not None:  # all are points
+            return self._finished(ids, *result)
+        before = self._provisional.copy()
         try:
             with self.map.transaction():
-                ids = self._without_outliers(known, values, covs, gate)
-                result = self._update_all(ids.tolist(), values, covs)
+                return self._finished(ids, *self._update(ids, values, covs))
         except BaseException:
-            self._points, self._provisional = before
+            self._provisional = before
             raise
-        return self._finished(ids.copy(), *result)
 
-    def _without_outliers(self, ids: Int, values: Float, covs: Float, gate: float | None) -> Int:
-        """Return the ids (m,), NONE for bearings of points beyond the gate."""
-        require_ids(ids)
-        if gate is None:
-            return ids
-        kept = ids.copy()
-        rows = np.flatnonzero([each in self._points for each in ids.tolist()])
-        within = self.map.are_within(self._in_map(ids[rows].tolist()), values[rows], covs[rows], gate)
-        kept[rows[~within]] = NONE
-        return kept
-
-    def _update_all(self, ids: list[int], values: Float, covs: Float) -> tuple[float, int]:
-        """Correct with the bearings of points, then with the others; return the result of `update`.
-
-        Several bearings of a provisional landmark are processed one after the other.
-        """
-        total, dof, left = 0.0, 0, np.arange(len(ids))
-        while len(left):
-            nis, informative, again = self._update_first([ids[row] for row in left], values[left], covs[left])
-            total, dof, left = total + nis, dof + informative, left[again]
+    def _update(self, ids: Int, values: Float, covs: Float) -> tuple[float, int]:
+        """Correct with the bearings of points, then with the first one of each other landmark; repeat with the rest."""
+        total, dof, names, left = 0.0, 0, ids.tolist(), np.flatnonzero(ids != NONE).tolist()
+        while left:
+            mapped, first = {*self.map.ids.tolist()}, dict[int, int]()
+            rows = [row for row in left if names[row] in mapped]
+            nis, informative = self.map.update(ids[rows], values[rows], covs[rows]) or (0.0, 0)
+            others = [row for row in left if names[row] not in mapped]
+            for row in others:
+                first.setdefault(names[row], row)
+            rows = [*first.values()]
+            self._provisional.observe([*first], values[rows], covs[rows])
+            total, dof, left = total + nis, dof + informative, [row for row in others if row not in rows]
         return total, dof
-
-    def _update_first(self, ids: list[int], values: Float, covs: Float) -> tuple[float, int, list[int]]:
-        """Run `_update_all` with the first bearing of each provisional landmark; also return the rows of the others."""
-        of_points = [row for row, landmark in enumerate(ids) if landmark in self._points]
-        in_map = self._in_map([ids[row] for row in of_points])
-        nis, dof = self.map.update(in_map, values[of_points], covs[of_points]) or (0.0, 0)
-        others = [row for row, landmark in enumerate(ids) if landmark not in self._points and landmark != NONE]
-        first: dict[int, int] = {}
-        for row in others:
-            first.setdefault(ids[row], row)
-        rows = [*first.values()]
-        self._points = self._points | self._provisional.observe([*first], values[rows], covs[rows])
-        return nis, dof, [row for row in others if first[ids[row]] != row]
-
-    def _in_map(self, landmarks: list[int]) -> Int:
-        """Return the ids (m,) in the map of landmarks that are points."""
-        return np.array([self._points[each] for each in landmarks], dtype=np.int64)
 
     def _landmarks(self) -> Members:
         """Return a row for every landmark, points first; of a ray the heaviest member, else the nearest."""
@@ -182,11 +155,9 @@ class BearingFilter(OnlineFilter):
 
     def whole_map(self) -> Members:
         """Return every point and every member of provisional landmarks."""
-        landmarks = [*self._points]
-        slots = self.map.slots_of(self._in_map(landmarks))
-        ids = np.array(landmarks, dtype=np.int64)
-        known = points(ids, self.map.positions[slots], self.map.position_covs[slots])
-        return joined([known, self._provisional.members()])
+        are_points = self.map.ids >= 0
+        known = self.map.ids[are_points], self.map.positions[are_points], self.map.position_covs[are_points]
+        return joined([points(*known), self._provisional.members()])
 
 
 def _initialiser(landmarks: LandmarkMap, initialisation: Initialisation) -> RayInitialiser | DelayedInitialiser:

@@ -30,7 +30,8 @@ from numpy.typing import ArrayLike
 from scipy.special import chdtri
 
 from slamgauge.arrays import Float, Int
-from slamgauge.ekf.maps.landmark_map import LandmarkMap, NewEntries
+from slamgauge.ekf.maps.landmark_map import LandmarkMap
+from slamgauge.ekf.maps.map_state import NewEntries
 from slamgauge.ekf.online_filter import NO_MEMBERS, Members
 from slamgauge.ekf.settings import FEWEST, Delayed
 from slamgauge.se2 import between, compose, rotation, wrap
@@ -55,13 +56,13 @@ class Sight:
 class DelayedInitialiser:
     """The waiting landmarks of a map, with the methods of `rays.RayInitialiser`."""
 
-    log = None  # without rays
+    step = 0  # not needed
 
     def __init__(self, landmarks: LandmarkMap, settings: Delayed) -> None:
         self._map = landmarks
         self._settings = settings
         self._sights: dict[int, list[Sight]] = {}
-        self._clones: list[int] = []  # in the order of time; a clone has two ids in the map: this and the next
+        self._clones: list[int] = []  # in the order of time; a clone has two ids in the map: this and the one below
         self._scans = 0  # used since the last clone
 
     def copy(self) -> DelayedInitialiser:
@@ -76,12 +77,11 @@ class DelayedInitialiser:
         """0 members for each waiting landmark."""
         return dict.fromkeys(self._sights, 0)
 
-    def observe(self, ids: list[int], values: Float, covs: Float) -> dict[int, int]:
+    def observe(self, ids: list[int], values: Float, covs: Float) -> None:
         """Store the bearings if the robot has moved, then place the landmarks that have enough."""
-        points: dict[int, int] = {}
         moved = self._distance_from_clone()
         if not ids or moved < self._settings.spacing * self._scans / SCANS:
-            return points
+            return
         is_cloned = moved >= self._settings.spacing
         if is_cloned:
             self._clone_pose()
@@ -90,19 +90,21 @@ class DelayedInitialiser:
         for row, landmark in enumerate(ids):
             self._sights.setdefault(landmark, []).append(Sight(*pose, values[row, 0], covs[row, 0, 0]))
         if not is_cloned:
-            return points
+            return
         if len(self._clones) > self._settings.poses:
             self._drop_clone(self._dispensable(ids))
         for landmark in ids:
-            found = self._place(landmark)
-            if found is not None:
-                points[landmark] = found
-        self._drop_unused()
-        return points
+            self._place(landmark)
+        used = {sight.clone for sights in self._sights.values() for sight in sights}
+        for clone in [each for each in self._clones if each not in used]:
+            self._drop_clone(clone)
 
     def members(self) -> Members:
         """Return no rows: a waiting landmark has no position."""
         return NO_MEMBERS
+
+    def log(self, _members: Int) -> None:
+        """Return None: there are no rays."""
 
     def _distance_from_clone(self) -> float:
         """Return the robot's distance from the last clone [m]; infinite without clones."""
@@ -122,13 +124,13 @@ class DelayedInitialiser:
         by_clone = -turn
         by_clone[:2, 2] = [increment[1], -increment[0]]
         jacobian = np.column_stack([turn, by_clone])
-        return increment, jacobian @ self._map.block(columns) @ jacobian.T
+        return increment, jacobian @ self._map.covariances(columns, columns) @ jacobian.T
 
     def _clone_pose(self) -> None:
         """Append the pose as two slots: the position, and the heading with a zero."""
         jacobian = np.zeros((4, 3))
         jacobian[:3] = np.eye(3)
-        ids = self._map.take_ids(2)
+        ids = self._map.take_hidden_ids(2)
         values = np.append(self._map.robot, 0.0)
         self._map.add_entries(ids, NewEntries(values, np.arange(3), jacobian, np.zeros((4, 4)), [True, False]))
         self._clones.append(int(ids[0]))
@@ -144,11 +146,11 @@ class DelayedInitialiser:
         gaps = np.hypot(*(positions[2:] - positions[:-2]).T)
         return self._clones[1 + int(np.argmin(gaps))]
 
-    def _place(self, landmark: int) -> int | None:
-        """Add a landmark to the map if its bearings place it; return its id in the map."""
+    def _place(self, landmark: int) -> None:
+        """Add a landmark to the map if its bearings place it."""
         sights = self._sights[landmark]
         if len(sights) < FEWEST:
-            return None
+            return
         used, index = np.unique([sight.clone for sight in sights], return_inverse=True)
         columns = self._columns(used)
         clones = self._map.entries(columns.ravel()).reshape(-1, 3)[index]
@@ -156,7 +158,7 @@ class DelayedInitialiser:
         bearings, variances = np.array([(sight.bearing, sight.variance) for sight in sights]).T
         found = triangulate(poses, bearings, variances, self._settings.sure)
         if not found.placed:
-            return None
+            return
         residual, of_clones, of_increments, of_landmark = linearise_bearings(poses, clones, bearings, found.landmark)
         increment_covs = np.array([sight.increment_cov for sight in sights])
         sigmas = np.sqrt(variances + np.einsum("ni,nij,nj->n", of_increments, increment_covs, of_increments))
@@ -165,26 +167,19 @@ class DelayedInitialiser:
         jacobian, columns = jacobian.reshape(len(sights), -1), columns.ravel()
         Q, T = np.linalg.qr(of_landmark / sigmas[:, None], mode="complete")
         residual, jacobian, inverse = Q.T @ (residual / sigmas), Q.T @ jacobian, np.linalg.inv(T[:2])
-        S = jacobian[2:] @ self._map.block(columns) @ jacobian[2:].T + np.eye(len(sights) - 2)
+        S = jacobian[2:] @ self._map.covariances(columns, columns) @ jacobian[2:].T + np.eye(len(sights) - 2)
         if residual[2:] @ np.linalg.solve(S, residual[2:]) > chdtri(len(sights) - 2, IMPROBABLE):
-            return None
+            return
         position = found.landmark + inverse @ residual[:2]
-        new = self._map.take_ids(1)
-        self._map.add_entries(new, NewEntries(position, columns, -inverse @ jacobian[:2], inverse @ inverse.T, [True]))
+        new = NewEntries(position, columns, -inverse @ jacobian[:2], inverse @ inverse.T, [True])
+        self._map.add_entries(np.array([landmark]), new)
         self._map.update_linear(columns, jacobian[2:], residual[2:], np.eye(len(sights) - 2))
         del self._sights[landmark]
-        return int(new[0])
 
     def _columns(self, clones: ArrayLike) -> Int:
         """Return the state entries (c, 3) of the clones' (c,) x, y and heading."""
-        ids = np.add.outer(np.asarray(clones), [0, 1])
+        ids = np.add.outer(np.asarray(clones), [0, -1])
         return self._map.columns_of(ids.ravel()).reshape(-1, 4)[:, :3]
-
-    def _drop_unused(self) -> None:
-        """Remove the clones without bearings of waiting landmarks."""
-        used = {sight.clone for sights in self._sights.values() for sight in sights}
-        for clone in [each for each in self._clones if each not in used]:
-            self._drop_clone(clone)
 
     def _drop_clone(self, clone: int) -> None:
         self._clones.remove(clone)
@@ -192,7 +187,7 @@ class DelayedInitialiser:
             self._sights[landmark] = [sight for sight in sights if sight.clone != clone]
             if not self._sights[landmark]:
                 del self._sights[landmark]
-        self._map.remove(clone, clone + 1)
+        self._map.remove(clone, clone - 1)
 
 
 def linearise_bearings(

@@ -22,16 +22,16 @@ from __future__ import annotations
 
 import math
 from copy import copy
-from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from slamgauge.arrays import Float, Int, Marks
-from slamgauge.ekf.bearings.ray_recorder import RayRecorder
 from slamgauge.ekf.kernels.belief import NONE
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
 from slamgauge.ekf.online_filter import NO_MEMBERS, Members
 from slamgauge.ekf.settings import Rays
+from slamgauge.estimate import RayLog
 
 MIN_SHARE = 0.05  # members with a smaller share rho are not updated
 SAME = 1.2  # ratio of distances below which the last two members are the same
@@ -104,107 +104,94 @@ def normalised(log_weights: Float) -> Float:
 # --- rays of a map -------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class Ray:
-    """Members of a landmark that is not a point yet (n members now).
+class Ray(NamedTuple):
+    """A ray of n members, whose landmark is not a point yet; or a ray that has ended."""
 
-    Attributes:
-        members: (n,) ids of the members in the map.
-        log_weights: (n,) logarithms of the weights Lambda_i; the sum of the weights is 1.
-        numbers: (n,) numbers i of the members when the ray started, from 0.
-        first_count: N_g, number of members when the ray started.
-        failures: number of bearings in a row that failed the gate.
-    """
-
-    members: Int
-    log_weights: Float
-    numbers: Int
-    first_count: int
-    failures: int = 0
+    landmark: int  # id that its bearings have
+    birth: int  # step
+    members: Int  # (n,) ids in the map
+    numbers: Int  # (n,) numbers i when the ray started, from 0
+    log_weights: Float  # (n,) logarithms of the weights Lambda_i, whose sum is 1
+    failures: int = 0  # bearings in a row that failed the gate
+    end: int = NONE  # step
+    survivor: int = NONE  # number of the member that became the point
 
 
 class RayInitialiser:
-    """Rays of a map.
-
-    A landmark has the id that its bearings have; each of its members has another id, with which it is in the map.
-    """
+    """Rays of a map. Members have hidden ids there; the last member of a ray gets the id of its landmark: a point."""
 
     def __init__(self, landmarks: LandmarkMap, settings: Rays) -> None:
-        self._map = landmarks
-        self._settings = settings
-        self._rays: dict[int, Ray] = {}
-        self.log = RayRecorder()
+        self._map, self._settings = landmarks, settings
+        self._rays: dict[int, Ray] = {}  # by landmark
+        self._ended: list[Ray] = []
+        self.step = 0
 
     def copy(self) -> RayInitialiser:
         """Return a copy that later observations do not change; both share the map."""
         twin = copy(self)
-        vars(twin).update(_rays={**self._rays}, log=self.log.copy())
+        vars(twin).update(_rays={**self._rays}, _ended=[*self._ended])
         return twin
 
-    def observe(self, ids: list[int], values: Float, covs: Float) -> dict[int, int]:
-        """Update the observed rays, then start a ray for every other observed landmark.
+    def observe(self, ids: list[int], values: Float, covs: Float) -> None:
+        """Update the observed rays, then start a ray for every other landmark.
 
         Args:
             ids: (m,) distinct landmarks that are not points.
             values: (m, 1) their bearings [rad].
             covs: (m, 1, 1) variances [rad^2].
-
-        Returns:
-            The landmarks that became points: keys are ids of landmarks, values their ids in the map.
         """
-        points: dict[int, int] = {}
-        updates: list[tuple[Int, Int, Float]] = []  # rows of the bearings, members, shares
-        for row in [row for row, landmark in enumerate(ids) if landmark in self._rays]:
-            landmark, ray = ids[row], self._rays[ids[row]]
-            nu, Z = self._innovations(ray, values[row], covs[row])  # step 1
-            if (nu**2 / Z).min() > self._settings.gate:
-                self._reject(landmark, ray)
+        new: list[int] = []  # rows
+        updates: list[tuple[Int, Int, Float]] = []  # rows, members, shares
+        for row, landmark in enumerate(ids):
+            if landmark not in self._rays:
+                new.append(row)
                 continue
-            log_weights = weigh(ray.log_weights, nu, Z, covs[row, 0, 0])  # step 2
-            ray = self._rays[landmark] = self._pruned(ray, log_weights)  # step 3
+            ray = self._rays[landmark]
+            rows = np.full(len(ray.members), row)
+            nu, Z = self._map.innovations(ray.members, values[rows], covs[rows])  # step 1: Z_i = H_i P H_i' + R
+            if (nu[:, 0] ** 2 / Z[:, 0, 0]).min() > self._settings.gate:
+                new += [row] if self._is_lost(ray) else []
+                continue
+            ray = self._pruned(ray, weigh(ray.log_weights, nu[:, 0], Z[:, 0, 0], covs[row, 0, 0]))  # steps 2 and 3
             rho = shares(np.exp(ray.log_weights))  # 1 for the last member
             updates.append((np.full(np.count_nonzero(rho), row), ray.members[rho > 0.0], rho[rho > 0.0]))
-            if len(ray.members) == 1:  # step 4
-                points[landmark] = int(ray.members[0])
-                self._end(landmark, survivor=int(ray.numbers[0]))
-        if updates:  # step 5: all members of all rays at once
+        if updates:  # steps 4 and 5: all members of all rays at once
             rows, members, rho = (np.concatenate(each) for each in zip(*updates, strict=True))
             self._map.update(members, values[rows], covs[rows] / rho[:, None, None])
-        for row, landmark in enumerate(ids):
-            if landmark not in self._rays and landmark not in points:
-                self._start(landmark, values[row, 0], covs[row, 0, 0])
-        return points
+        for row in new:
+            self._start(ids[row], values[row, 0], covs[row, 0, 0])
 
-    def _innovations(self, ray: Ray, value: Float, cov: Float) -> tuple[Float, Float]:
-        """Return the innovation nu_i of each member by a bearing (1,), and its variance Z_i = H_i P H_i' + R."""
-        count = len(ray.members)
-        nu, Z = self._map.innovations(ray.members, np.tile(value, (count, 1)), np.tile(cov, (count, 1, 1)))
-        return nu[:, 0], Z[:, 0, 0]
-
-    def _reject(self, landmark: int, ray: Ray) -> None:
+    def _is_lost(self, ray: Ray) -> bool:
         """Count a bearing that failed the gate; delete the ray after `Rays.lost_after` of them in a row."""
+        self._rays[ray.landmark] = ray._replace(failures=ray.failures + 1)
         if ray.failures + 1 < self._settings.lost_after:
-            self._rays[landmark] = replace(ray, failures=ray.failures + 1)
-        else:
-            self._map.remove(*self._end(landmark).members.tolist())
+            return False
+        self._map.remove(*ray.members.tolist())
+        self._end(ray)
+        return True
 
     def _pruned(self, ray: Ray, log_weights: Float) -> Ray:
-        """Return a ray with new weights, without the members of small weight, which leave the map."""
+        """Return a ray with new weights, without the members of small weight; the last member becomes a point."""
         offsets = self._map.entries(self._map.columns_of(ray.members)).reshape(-1, 2) - self._map.robot[:2]
-        kept = keep(log_weights, np.hypot(*offsets.T), self._settings.threshold / ray.first_count)
+        kept = keep(log_weights, np.hypot(*offsets.T), self._settings.threshold / self._settings.member_count)
         self._map.remove(*ray.members[~kept].tolist())
-        return Ray(ray.members[kept], normalised(log_weights[kept]), ray.numbers[kept], ray.first_count)
+        ray = ray._replace(members=ray.members[kept], numbers=ray.numbers[kept], failures=0)
+        ray = self._rays[ray.landmark] = ray._replace(log_weights=normalised(log_weights[kept]))
+        if len(ray.members) == 1:
+            self._map.rename(int(ray.members[0]), ray.landmark)
+            ray = self._end(ray._replace(members=np.array([ray.landmark]), survivor=int(ray.numbers[0])))
+        return ray
 
     def _start(self, landmark: int, z: float, R: float) -> None:
         s, sigma = distances_and_sigmas(self._settings)
-        members = self._map.take_ids(len(s))
+        members = self._map.take_hidden_ids(len(s))
         self._map.add(members, *as_observations(s, sigma, z, R))
-        self._rays[landmark] = Ray(members, normalised(np.zeros(len(s))), np.arange(len(s)), len(s))
-        self.log.begin(landmark, s)
+        self._rays[landmark] = Ray(landmark, self.step, members, np.arange(len(s)), normalised(np.zeros(len(s))))
 
-    def _end(self, landmark: int, survivor: int = NONE) -> Ray:
-        self.log.end(landmark, survivor)
-        return self._rays.pop(landmark)
+    def _end(self, ray: Ray) -> Ray:
+        del self._rays[ray.landmark]
+        self._ended.append(ray._replace(end=self.step))
+        return ray
 
     @property
     def counts(self) -> dict[int, int]:
@@ -215,12 +202,19 @@ class RayInitialiser:
         """Return every member of every ray."""
         if not self._rays:
             return NO_MEMBERS
-        rays = self._rays.values()
-        slots = self._map.slots_of(np.concatenate([ray.members for ray in rays]))
-        return Members(
-            landmark=np.repeat([*self._rays], [len(ray.members) for ray in rays]),
-            number=np.concatenate([ray.numbers for ray in rays]),
-            weight=np.exp(np.concatenate([ray.log_weights for ray in rays])),
-            position=self._map.positions[slots],
-            cov=self._map.position_covs[slots],
+        landmark = np.repeat([*self._rays], [*self.counts.values()])
+        members, numbers, log_weights = (
+            np.concatenate([getattr(ray, name) for ray in self._rays.values()])
+            for name in ("members", "numbers", "log_weights")
         )
+        slots = self._map.slots_of(members)
+        return Members(
+            landmark, numbers, np.exp(log_weights), self._map.positions[slots], self._map.position_covs[slots]
+        )
+
+    def log(self, members: Int) -> RayLog:
+        """Return the rays so far by birth, with the number of members (N+1,) after each step."""
+        rays = sorted([*self._ended, *self._rays.values()], key=lambda ray: ray.birth)
+        columns = ([getattr(ray, name) for ray in rays] for name in ("landmark", "birth", "end", "survivor"))
+        distances = np.tile(distances_and_sigmas(self._settings)[0], (len(rays), 1))
+        return RayLog(*(np.array(column, dtype=np.int64) for column in columns), distances, members)

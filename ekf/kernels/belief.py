@@ -81,6 +81,7 @@ class Workspace(NamedTuple):
     observation_cov: Float  # (m, 2, 2)
     jacobian: Float  # (2m, 5)
     innovation: Float  # (2m,)
+    pivots: Float  # (2m,) see `update.correction`
     S: Float  # (2b, 2b)
     W: Float  # (2b, capacity)
     u: Float  # (b, capacity) see `Pending`
@@ -97,6 +98,7 @@ def allocate_workspace(observations: int, capacity: int, block: int) -> Workspac
         observation_cov=np.tile(np.eye(2), (observations, 1, 1)),  # the first row is constant for a bearing-only sensor
         jacobian=np.zeros((rows, 5)),
         innovation=np.zeros(rows),
+        pivots=np.zeros(rows),
         S=np.zeros((2 * block, 2 * block)),
         W=np.zeros((2 * block, capacity)),
         u=np.zeros((block, capacity)),

@@ -1,4 +1,4 @@
-"""Individual compatibility: the candidate landmarks of each observation of a scan, compiled.
+"""Individual compatibility: the candidate landmarks of each observation of a scan, and duplicate landmarks, compiled.
 
 An observation is individually compatible with a landmark if its squared Mahalanobis distance
 d^2 = v' S^-1 v is at most the gate. A lower bound of d^2 that needs only the positions and their variances excludes
@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from slamgauge.arrays import Float, Int
+from slamgauge.arrays import Float, Int, Marks
 from slamgauge.ekf.kernels.belief import ROBOT, Belief
 from slamgauge.ekf.kernels.covariance import own_covariance, squared_distance
 from slamgauge.ekf.kernels.linearisation import linearise
@@ -114,3 +114,34 @@ def is_within_reach(reach: Reach, belief: Belief, landmark: int, lever: float, g
     own = math.sqrt(max(cov[landmark, landmark] + cov[landmark + 1, landmark + 1], 0.0))
     spread = reach.robot + own + lever * reach.heading
     return (reach.measured - expected) ** 2 <= gate * (spread * spread + reach.noise)
+
+
+@kernel
+def find_duplicates(belief: Belief, slots: Int, apart: Marks, gate: float) -> Int:
+    """Return pairs (p, 2) of a landmark in `slots` (s,) and another landmark that may be a duplicate of it.
+
+    Their difference d, with covariance C, passes the test d' C^-1 d <= gate. Pairs marked in `apart` (s, L) are
+    different landmarks for certain and are skipped. No eigenvalue of C exceeds the squared sum of both standard
+    deviations; this bound excludes most pairs before C is computed.
+    """
+    state, cov = belief.state, belief.cov
+    landmarks = (belief.size - 3) // 2
+    found, count = np.empty((len(slots) * landmarks, 2), np.int64), 0
+    for i, a in enumerate(slots):
+        la = 3 + 2 * a
+        own = math.sqrt(cov[la, la] + cov[la + 1, la + 1])
+        for b in range(landmarks):
+            lb = 3 + 2 * b
+            dx, dy = state[la] - state[lb], state[la + 1] - state[lb + 1]
+            spread = own + math.sqrt(cov[lb, lb] + cov[lb + 1, lb + 1])
+            if apart[i, b] or a == b or dx * dx + dy * dy > gate * spread * spread:
+                continue
+            low, high = min(la, lb), max(la, lb)
+            xx = cov[la, la] + cov[lb, lb] - 2.0 * cov[low, high]
+            yy = cov[la + 1, la + 1] + cov[lb + 1, lb + 1] - 2.0 * cov[low + 1, high + 1]
+            xy = cov[la, la + 1] + cov[lb, lb + 1] - cov[low, high + 1] - cov[low + 1, high]
+            determinant = xx * yy - xy * xy
+            if determinant > 0.0 and dx * dx * yy - 2.0 * dx * dy * xy + dy * dy * xx <= gate * determinant:
+                found[count, 0], found[count, 1] = a, b
+                count += 1
+    return found[:count]

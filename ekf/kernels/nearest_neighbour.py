@@ -48,6 +48,7 @@ class SequentialUpdate(NamedTuple):
     nis: float  # not finite if no update exists
     dof: int  # degrees of freedom of the NIS
     size: int  # number of state entries, including new landmarks
+    passes: int  # most passes of the iterated filter for an observation
 
 
 @kernel
@@ -63,9 +64,9 @@ def update_nearest(
     slots = work.slots[:count]
     slots[:] = NONE
     if not are_sound(sensor, work.observation[:count], work.observation_cov[:count]):
-        return SequentialUpdate(slots, math.nan, 0, belief.size)
+        return SequentialUpdate(slots, math.nan, 0, belief.size, 1)
     block, dx = len(work.S) // 2, np.empty(len(belief.state))
-    nis, informative, pending = 0.0, 0, Pending(0, 0)
+    nis, informative, passes, pending = 0.0, 0, 1, Pending(0, 0)
     for i in range(count):
         if pending.rows == 2 * block:
             apply(belief, pending, work)
@@ -84,10 +85,10 @@ def update_nearest(
             added = correction(belief, (i, i + 1), pending, work, dx)
             nis += added
             if form.iterated and math.isfinite(nis):
-                last, _ = iterate(sensor, belief, (i, i + 1), pending, work, dx)
-                nis = nis if math.isfinite(last) else last
+                last, needed = iterate(sensor, belief, (i, i + 1), pending, work, dx)
+                nis, passes = nis if math.isfinite(last) else last, max(passes, needed)
             if not math.isfinite(nis):
-                return SequentialUpdate(slots, nis, informative, belief.size)
+                return SequentialUpdate(slots, nis, informative, belief.size, passes)
             pending = Pending(pending.rows + 2, pending.pairs)
             if form.invariant:
                 move_invariantly(belief, dx, pending, work)
@@ -95,7 +96,7 @@ def update_nearest(
             else:
                 move_additively(belief, dx)
     apply(belief, pending, work)
-    return SequentialUpdate(slots, nis, informative, belief.size)
+    return SequentialUpdate(slots, nis, informative, belief.size, passes)
 
 
 @inner

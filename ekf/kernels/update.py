@@ -8,8 +8,9 @@ covariance decreases by K S K' = W'W. The filters differ in three places:
   N = [I, J p; 0, 1; I, J l]. The observability-constrained filter takes them at the newest estimate and replaces H by
   the nearest matrix with H N = 0 (`linearisation.project_on_observable`).
 * **Iteration.** The iterated filter repeats the gain with Jacobians at the result (Gauss-Newton):
-  x_{i+1} = x^ + K_i (z - h(x_i) - H_i (x^ - x_i)). After a pass that was longer than the one before, later ones
-  are half as long. If `PASSES` of them do not settle, the last one is used, and the caller prints a notice.
+  x_{i+1} = x^ + K_i (z - h(x_i) - H_i (x^ - x_i)). After a pass that is longer than the one before,
+  or goes back by more than half of it, later ones are half as long. If `PASSES` of them do not settle, the last one is
+  used, and the caller prints a notice.
 * **Retraction.** The others add dx. The error xi of the right-invariant filter is defined by theta = theta^ + xi_theta
   and p = R(xi_theta) p^ + V(xi_theta) xi_p (the same for landmarks). To first order it is xi = D^-1 (additive error),
   D = [I, J p; 0, 1] with landmark rows [I, J l]. Prediction, Jacobians and augmentation are therefore those of the
@@ -83,16 +84,24 @@ def find_slots(sorted_ids: Int, sorted_slots: Int, ids: Int, slots: Int) -> int:
 
 
 @kernel
-def update(sensor: int, belief: Belief, count: int, invariant: bool, work: Workspace) -> tuple[float, int, int]:
-    """Correct with the first `count` observations of `work`; return the NIS, its degrees of freedom, and 1 pass.
+def update(sensor: int, belief: Belief, count: int, invariant: bool, work: Workspace) -> tuple[float, int]:
+    """Correct with the first `count` observations of `work`; return the NIS and its degrees of freedom.
 
-    The observations are processed in blocks of the workspace, all with Jacobians at the same point. The result is that
-    of a single block, because observations are independent, but the triangular solve is cheaper: its cost grows with
-    the square of the block. If the NIS is not finite, the belief is unchanged.
+    If the NIS is not finite, the belief is unchanged.
+    """
+    if not are_sound(sensor, work.observation[:count], work.observation_cov[:count]):
+        return math.nan, 0
+    return update_blocks(sensor, belief, count, invariant, work)
+
+
+@inner
+def update_blocks(sensor: int, belief: Belief, count: int, invariant: bool, work: Workspace) -> tuple[float, int]:
+    """Do `update` with sound observations, in blocks of the workspace, all with Jacobians at the same point.
+
+    The result is that of a single block, because observations are independent, but the triangular solve is cheaper: its
+    cost grows with the square of the block.
     """
     slots, values = work.slots[:count], work.observation[:count]
-    if not are_sound(sensor, values, work.observation_cov[:count]):
-        return math.nan, 0, 1
     size, block = belief.size, len(work.S) // 2
     informative = linearise(sensor, belief, slots, values, work.innovation, work.jacobian)
     before = backup(belief, count, block, work)
@@ -105,12 +114,12 @@ def update(sensor: int, belief: Belief, count: int, invariant: bool, work: Works
         if not math.isfinite(nis):
             if first > 0:
                 restore(belief.cov, before)
-            return nis, informative, 1
+            return nis, informative
         for j in range(size):
             dx[j] += found[j]
         apply(belief, Pending(2 * (last - first), 0), work)
     retract(belief, dx, invariant, work)
-    return nis, informative, 1
+    return nis, informative
 
 
 @kernel
@@ -137,7 +146,7 @@ def correction(belief: Belief, rows: tuple[int, int], pending: Pending | None, w
 
     `work` contains their innovations v and Jacobians H; W and y replace H P and v, and the rows of W follow the pending
     ones (None without; numba then compiles less). The NIS y'y is NaN if S is not positive definite, and `EXHAUSTED` if
-    S or P would only be rounding.
+    S or P would only be rounding. `work.pivots` receives the diagonal of U.
     """
     first, last = rows
     height, S = 2 * (last - first), work.S
@@ -157,6 +166,8 @@ def correction(belief: Belief, rows: tuple[int, int], pending: Pending | None, w
     if are_pivots_lost(S, belief.cov, slots, jacobian) or are_variances_lost(belief.cov, slots, changed, work):
         return EXHAUSTED
     combine_rows(W, y, dx, height, belief.size)
+    for a in range(height):
+        work.pivots[2 * first + a] = S[a, a]
     return nis
 
 
@@ -172,18 +183,20 @@ def iterate(
     slots, values = work.slots[first:last], work.observation[first:last]
     y, jacobian = work.innovation[2 * first : 2 * last], work.jacobian[2 * first : 2 * last]
     state, offset, there = belief.state, np.zeros(belief.size), at_place(belief, belief.state.copy())
-    before, shortening = math.inf, 1.0
+    step, before, shortening = np.zeros(belief.size), math.inf, 1.0
     for passes in range(1, PASSES):
-        longest = 0.0
+        longest, back, previous = 0.0, 0.0, 0.0  # in variances of the prior
         for j in range(belief.size):
-            step = shortening * (dx[j] + offset[j])  # offset: minus the correction so far
-            if abs(step) > STATE_ROUNDING * (1.0 + abs(state[j])) and belief.cov[j, j] > 0.0:
-                longest = max(longest, step * step / belief.cov[j, j])
-            offset[j] -= step
+            earlier, step[j] = step[j], shortening * (dx[j] + offset[j])  # offset: minus the correction so far
+            if abs(step[j]) > STATE_ROUNDING * (1.0 + abs(state[j])) and belief.cov[j, j] > 0.0:
+                longest = max(longest, step[j] * step[j] / belief.cov[j, j])
+                back -= step[j] * earlier / belief.cov[j, j]
+                previous += earlier * earlier / belief.cov[j, j]
+            offset[j] -= step[j]
             there.state[j] = state[j] - offset[j]
         if longest < (shortening * SETTLED) ** 2 or (longest < LAST_DIGITS**2 and longest >= before):
             return 0.0, passes
-        if longest > before:
+        if longest > before or back > 0.5 * previous:
             shortening *= 0.5
         before = longest
         linearise(sensor, there, slots, values, y, jacobian)

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from contextlib import suppress
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import solve_triangular
 
-from slamgauge.arrays import Float, Int, Marks
+from slamgauge.arrays import Float, Int
 from slamgauge.ekf.kernels.augmentation import augment
-from slamgauge.ekf.kernels.belief import ROBOT, Workspace, allocate_workspace
-from slamgauge.ekf.kernels.linear_update import append_linear, linear_update
+from slamgauge.ekf.kernels.belief import NONE, Workspace, allocate_workspace
 from slamgauge.ekf.kernels.linearisation import innovations_of
-from slamgauge.ekf.kernels.map_edits import equate_landmarks
+from slamgauge.ekf.kernels.precision import LEAST_SHARE
 from slamgauge.ekf.kernels.prediction import predict
 from slamgauge.ekf.kernels.soundness import are_sound
 from slamgauge.ekf.kernels.student_t import inflate_noise
@@ -36,16 +36,6 @@ from slamgauge.notices import tell_once
 from slamgauge.sensors import SENSORS
 
 UNSETTLED = "{}: an update did not settle in {} passes, and the last one is used; raise the sensor noise"
-
-
-class NewEntries(NamedTuple):
-    """New state entries, two for each landmark: a linear function J x + noise of entries x of the state."""
-
-    values: Float  # (2m,) positions relative to `LandmarkMap.origin`
-    columns: Int  # (c,) entries x
-    jacobian: Float  # (2m, c) J
-    noise_cov: Float  # (2m, 2m)
-    points: Sequence[bool]  # (m,) whether they are positions, which rotate with the map (see `kernels.update`)
 
 
 class LandmarkMap(MapState):
@@ -90,7 +80,7 @@ class LandmarkMap(MapState):
         return direct(predict, self.belief, self._increment, self._increment_cov)
 
     @cached_property
-    def update_kernels(self) -> tuple[Callable[..., int], Callable[..., tuple[float, int, int]]]:
+    def update_kernels(self) -> tuple[Callable[..., int], Callable[..., tuple[float, ...]]]:
         """Machine code of `update.find_slots` and of the update of the rule."""
         form, work = self.form, self._work
         found = update_iterated if form.iterated else update
@@ -135,12 +125,16 @@ class LandmarkMap(MapState):
             return None
         if self.form.tails < math.inf:
             inflate_noise(self.code, self.belief, count, self.form.tails, work)
-        nis, informative, passes = correct(self.code, self.belief, count, self.form.invariant, work)
+        nis, informative, *passes = correct(self.code, self.belief, count, self.form.invariant, work)
         if not math.isfinite(nis):
             raise explain_scan(self.sensor, values, covs, nis, self.variances)
+        self.require_settled(*passes)
+        return nis, informative
+
+    def require_settled(self, passes: int = 1) -> None:
+        """Print a notice, once, if an update of the iterated filter did not settle in its number of passes."""
         if passes == PASSES:
             tell_once(UNSETTLED.format(self.rule.estimator, PASSES))
-        return nis, informative
 
     def update_linear(self, columns: Int, jacobian: Float, innovation: Float, noise_cov: Float) -> float:
         """Correct with innovations (r,) and their Jacobian (r, c) by the entries `columns` (c,); return the NIS.
@@ -148,15 +142,19 @@ class LandmarkMap(MapState):
         Raises:
             UserError: no update exists, because a number is not finite or `noise_cov` is not positive definite.
         """
-        found = linear_update(self.belief, columns, jacobian, innovation, noise_cov)
-        if not np.isfinite(found.nis):
+        P, across = self.belief.cov[: self.size, : self.size], jacobian @ self.covariances(columns)
+        S = across[:, columns] @ jacobian.T + noise_cov
+        try:
+            lower = np.linalg.cholesky(S)
+        except np.linalg.LinAlgError:
+            lower = np.full_like(S, np.nan)
+        if not ((np.diag(lower) ** 2 > LEAST_SHARE * np.diag(S)).all() and np.isfinite(innovation).all()):
             remedy = "make every value finite and every covariance positive definite"
-            raise UserError(f"observation: no update exists; {remedy}; {why_not(found.nis, self.variances)}")
-        self._retract(found.dx)
-        return found.nis
-
-    def _retract(self, dx: Float) -> None:
-        retract(self.belief, dx, self.form.invariant, self._workspace(1))
+            raise UserError(f"observation: no update exists; {remedy}; {why_not(math.nan, self.variances)}")
+        W, y = solve_triangular(lower, across, lower=True), solve_triangular(lower, innovation, lower=True)
+        P -= W.T @ W
+        retract(self.belief, W.T @ y, self.form.invariant, self._workspace(1))
+        return float(y @ y)
 
     def innovations(self, ids: Int, values: Float, covs: Float) -> tuple[Float, Float]:
         """Return innovations (m, d) of observations of the landmarks `ids` (m,), and their covariances (m, d, d)."""
@@ -164,10 +162,15 @@ class LandmarkMap(MapState):
         innovation, S = innovations_of(self.code, self.belief, self.slots_of(ids), *two_rows(values, covs))
         return innovation.reshape(count, 2)[:, first:], S[:, first:, first:]
 
-    def are_within(self, ids: Int, values: Float, covs: Float, gate: float) -> Marks:
-        """Return which observations (m, d) of the landmarks `ids` (m,) have a squared distance up to `gate`."""
-        v, S = self.innovations(ids, values, covs)
-        return np.einsum("mi,mi->m", v, np.linalg.solve(S, v[:, :, None])[:, :, 0]) <= gate
+    def without_outliers(self, ids: Int, values: Float, covs: Float, gate: float | None) -> Int:
+        """Return a copy of the ids (m,), NONE for observations of mapped landmarks beyond the gate."""
+        kept = ids.copy()
+        if gate is not None:
+            rows = np.flatnonzero(np.isin(ids, self.ids))
+            v, S = self.innovations(ids[rows], values[rows], covs[rows])
+            within = np.einsum("mi,mi->m", v, np.linalg.solve(S, v[:, :, None])[:, :, 0]) <= gate
+            kept[rows[~within]] = NONE
+        return kept
 
     def require_sound(self, values: NDArray[np.generic], covs: NDArray[np.generic]) -> None:
         """Refuse observations (m, d), (m, d, d) that `Recording` refuses."""
@@ -203,20 +206,12 @@ class LandmarkMap(MapState):
             raise UserError(f"observation: the landmarks of this scan are not finite; {DIVERGED}")
         self.append(ids)
 
-    def add_entries(self, ids: Int, new: NewEntries) -> None:
-        """Append entries for `ids` (m,) to the state."""
-        first, last = self.size, self.size + len(new.values)
-        self.reserve(last)
-        self.belief.state[first:last] = self.belief.point[first:last] = new.values
-        append_linear(self.belief, new.columns, new.jacobian, new.noise_cov)
-        self.belief.points[(first - ROBOT) // 2 : (last - ROBOT) // 2] = new.points
-        self.append(ids)
-
     def equate(self, one: int, other: int) -> None:
         """Correct with the noise-free observation that two landmarks are at the same place."""
-        found = equate_landmarks(self.belief, *self.slots_of([one, other]).tolist())
-        if np.isfinite(found.nis):
-            self._retract(found.dx)
+        columns = self.columns_of(np.array([one, other]))
+        first, second = self.entries(columns).reshape(2, 2)
+        with suppress(UserError):  # they are equal already
+            self.update_linear(columns, np.hstack([np.eye(2), -np.eye(2)]), second - first, np.zeros((2, 2)))
 
 
 def two_rows(values: NDArray[np.generic], covs: NDArray[np.generic]) -> tuple[Float, Float]:

@@ -9,19 +9,29 @@ world's origin. `pose` and `positions` are in the world frame.
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from contextlib import contextmanager
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf.kernels.belief import ROBOT, Belief, allocate_belief, enlarged
-from slamgauge.ekf.kernels.map_edits import remove_landmark
 from slamgauge.ekf.maps.correction_table import Rule
 from slamgauge.ekf.maps.input_checks import require_room, start_of
 from slamgauge.memory import require_memory
 from slamgauge.validation import LARGEST
+
+
+class NewEntries(NamedTuple):
+    """New state entries, two for each landmark: a linear function J x + noise of entries x of the state."""
+
+    values: Float  # (2m,) positions relative to `MapState.origin`
+    columns: Int  # (c,) entries x
+    jacobian: Float  # (2m, c) J
+    noise_cov: Float  # (2m, 2m)
+    points: Sequence[bool]  # (m,) whether they are positions, which rotate with the map (see `kernels.update`)
 
 
 class MapState:
@@ -112,14 +122,34 @@ class MapState:
         """Return the state entries `columns` (c,), positions relative to `origin`; 0, 1, 2 are the robot's."""
         return self.belief.state[columns]
 
-    def block(self, columns: Int) -> Float:
-        """Return the covariance (c, c) of the state entries `columns` (c,)."""
-        return self.belief.cov[np.minimum.outer(columns, columns), np.maximum.outer(columns, columns)]
+    def covariances(self, columns: Int, others: Int | None = None) -> Float:
+        """Return the covariance (c, k) of state entries `columns` (c,) and `others` (k,), by default all."""
+        others = np.arange(self.size) if others is None else others
+        return self.belief.cov[np.minimum.outer(columns, others), np.maximum.outer(columns, others)]
+
+    def add_entries(self, ids: Int, new: NewEntries) -> None:
+        """Append entries for `ids` (m,) to the state."""
+        first, last = self.size, self.size + len(new.values)
+        across = new.jacobian @ self.covariances(new.columns)
+        self.reserve(last)
+        self.belief.state[first:last] = self.belief.point[first:last] = new.values
+        self.belief.cov[:first, first:last] = across.T
+        self.belief.cov[first:last, first:last] = across[:, new.columns] @ new.jacobian.T + new.noise_cov
+        self.belief.points[(first - ROBOT) // 2 : (last - ROBOT) // 2] = new.points
+        self.append(ids)
 
     def take_ids(self, count: int) -> Int:
         """Return the next `count` of the ids 0, 1, 2, ...; each is returned once."""
         self.ids_taken += count
         return np.arange(self.ids_taken - count, self.ids_taken)
+
+    def take_hidden_ids(self, count: int) -> Int:
+        """Return `count` ids for entries that are no landmarks: -2, -3, ...; each is returned once."""
+        return -2 - self.take_ids(count)
+
+    def rename(self, old: int, new: int) -> None:
+        """Give another id to a landmark."""
+        self._set_ids(np.where(self.ids == old, new, self.ids))
 
     def append(self, ids: Int) -> None:
         """Give ids (m,) to the entries behind the state that a kernel has filled."""
@@ -127,13 +157,19 @@ class MapState:
         self._set_ids(np.concatenate([self.ids, ids]))
 
     def remove(self, *removed: int) -> None:
-        """Remove landmarks (marginalise them), one after the other."""
-        for each in removed:
-            slot, ids = int(self.slots_of(each)), self.ids.copy()
-            remove_landmark(self.belief, slot)
-            self.belief = self.belief._replace(size=self.size - 2)
-            ids[slot] = ids[-1]
-            self._set_ids(ids[:-1])
+        """Remove landmarks (marginalise them)."""
+        ids, (state, point, cov, points, size, _) = self.ids.copy(), self.belief
+        for slot in sorted(self.slots_of(removed).tolist(), reverse=True):
+            to, last = 3 + 2 * slot, size - 2  # the last landmark moves into the slot
+            for array in (state, point):
+                array[to : to + 2] = array[last:size]
+            cov[:to, to : to + 2] = cov[:to, last:size]
+            cov[to : to + 2, to + 2 : last] = cov[to + 2 : last, last:size].T
+            cov[to : to + 2, to : to + 2] = cov[last:size, last:size]
+            points[slot], points[(last - 3) // 2] = points[(last - 3) // 2], True
+            ids[slot], size = ids[(last - 3) // 2], last
+        self.belief = self.belief._replace(size=size)
+        self._set_ids(ids[: len(ids) - len(removed)])
 
     def _set_ids(self, ids: Int) -> None:
         self.ids: Int = np.ascontiguousarray(ids, dtype=np.int64)  # `find_slots` is compiled for this type

@@ -11,7 +11,7 @@ import numpy as np
 
 from slamgauge.arrays import Int, Marks
 from slamgauge.ekf.kernels.belief import NONE
-from slamgauge.ekf.kernels.map_edits import find_duplicates
+from slamgauge.ekf.kernels.individual_compatibility import find_duplicates
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
 from slamgauge.ekf.settings import MapManagement
 

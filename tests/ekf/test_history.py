@@ -13,18 +13,15 @@ from slamgauge.ekf import (
     Delayed,
     FilterSettings,
     Rays,
-    SlamFilter,
     ekf_slam,
     riekf,
 )
-from slamgauge.ekf.bearings.ray_recorder import RayRecorder
 from slamgauge.ekf.bearings.rays import distances_and_sigmas
-from slamgauge.ekf.estimators import drive
-from slamgauge.ekf.history import History
+from slamgauge.ekf.estimators import drive, steps_of_frames
 from slamgauge.ekf.kernels.belief import NONE
 from slamgauge.ekf.settings import Initialisation
 from slamgauge.estimate import Estimate, MapHistory, RayLog
-from slamgauge.recording import Recording
+from slamgauge.recording import Observations, Recording
 from tests.reference.random_recordings import random_recording
 
 INITIALISATIONS = pytest.mark.parametrize("initialisation", [Rays(), Delayed()], ids=["rays", "delayed"])
@@ -34,10 +31,9 @@ def ring() -> Recording:
     return simulate(load_scenario("q4-ring", ["start=sampled", "trajectory.duration=25"]), 0)[1]
 
 
-def history_of(of: Estimate | History) -> MapHistory:
-    found = of.kept() if isinstance(of, History) else of.history
-    assert found is not None
-    return found
+def history_of(estimate: Estimate) -> MapHistory:
+    assert estimate.history is not None
+    return estimate.history
 
 
 def rays_of(estimate: Estimate) -> RayLog:
@@ -50,14 +46,8 @@ def rays_of(estimate: Estimate) -> RayLog:
 
 @pytest.mark.parametrize("steps", [*range(12), 40, 41])
 def test_frames_are_spread_evenly_from_first_to_last(steps: int) -> None:
-    _, recording = random_recording(0, steps=max(steps, 1))
     for frames in (1, 2, 3, 5, 6, 12, 14, 41, 1000):
-        slam = SlamFilter(recording.sensor, recording.prior_mean, recording.prior_cov)
-        history = History(steps, frames)
-        slam.update(next(iter(recording.scans())))
-        for step in range(steps + 1):
-            history.keep(step, slam)
-        kept = np.unique(history_of(history).step)
+        kept = np.sort([*steps_of_frames(steps, frames)])
         assert len(kept) == min(frames, steps + 1)
         assert kept[0] == 0
         assert frames == 1 or kept[-1] == steps
@@ -167,22 +157,17 @@ def test_without_rays_there_is_no_log() -> None:
 
 
 def test_a_landmark_that_starts_twice_has_two_rows() -> None:
-    recorder = RayRecorder()
-    recorder.step = 0
-    recorder.begin(7, np.array([1.0, 2.0]))
-    recorder.step = 1
-    recorder.begin(8, np.array([3.0]))
-    recorder.step = 2
-    recorder.end(7)
-    recorder.begin(7, np.array([1.0, 2.0]))
-    recorder.step = 5
-    recorder.end(7, survivor=1)
-    log = recorder.log(np.arange(6))
+    """The second bearing fails the gate of the first ray, which is deleted; the last ray still exists."""
+    slam = BearingFilter(np.zeros(3), np.zeros((3, 3)), initialisation=Rays(lost_after=1))
+    for landmark, bearing in ((7, 0.0), (8, 0.0), (7, 1.0)):
+        slam.predict(np.zeros(3), np.zeros((3, 3)))
+        slam.update(Observations(np.array([landmark]), np.array([[bearing]]), np.array([[[1e-4]]])))
+    log = slam.ray_log(np.arange(4))
+    assert log is not None
     assert log.landmark.tolist() == [7, 8, 7]
-    assert log.birth.tolist() == [0, 1, 2]
-    assert log.end.tolist() == [2, -1, 5]
-    assert log.survivor.tolist() == [-1, -1, 1]
-    np.testing.assert_array_equal(log.distances, [[1.0, 2.0], [3.0, np.nan], [1.0, 2.0]])
-    np.testing.assert_array_equal(log.members, np.arange(6))
-    empty = RayRecorder().log(np.zeros(3, np.int64))
-    assert (len(empty.landmark), empty.distances.shape) == (0, (0, 0))
+    assert log.birth.tolist() == [1, 2, 3]
+    assert log.end.tolist() == [3, -1, -1]
+    assert log.survivor.tolist() == [-1, -1, -1]
+    np.testing.assert_array_equal(log.distances, np.tile(distances_and_sigmas(Rays())[0], (3, 1)))
+    np.testing.assert_array_equal(log.members, np.arange(4))
+    assert slam.landmark_ids.tolist() == [8, 7]

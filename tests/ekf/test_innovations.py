@@ -11,8 +11,7 @@ from numba.core.dispatcher import Dispatcher
 from scipy.stats import norm
 
 from slamgauge import Recording, UserError, load_scenario, riekf, simulate
-from slamgauge.ekf.innovations import Log
-from slamgauge.ekf.kernels.log_likelihood import run_log
+from slamgauge.ekf.innovations import Log, _run
 from tests.reference.random_recordings import bearing_only, with_rows
 
 
@@ -80,4 +79,4 @@ def test_kernels_are_compiled_once_for_all_layouts_of_arrays():
     for laid_out in (np.array, np.asfortranarray):
         increments, their_cov, seen, its_cov = map(laid_out, given)
         Log(recording).innovations(increments, their_cov, seen, its_cov)
-    assert len(cast("Dispatcher", run_log).signatures) == 1
+    assert len(cast("Dispatcher", _run).signatures) == 1

@@ -27,7 +27,8 @@ from slamgauge.arrays import Float, Int
 from slamgauge.ekf import ekf_slam, fej_ekf, iekf, oc_ekf, riekf, textbook, textbook_ekf
 from slamgauge.ekf.kernels.belief import AT_POINT, Belief
 from slamgauge.ekf.kernels.linearisation import PROJECTED
-from slamgauge.ekf.maps.landmark_map import LandmarkMap, NewEntries
+from slamgauge.ekf.maps.landmark_map import LandmarkMap
+from slamgauge.ekf.maps.map_state import NewEntries
 from slamgauge.ekf.textbook import J, Linearised
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording

@@ -18,8 +18,7 @@ from typing import Any
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.compare.estimators.forms.signatures import Form, parameters, required, spelt
-from slamgauge.compare.estimators.user_errors import UserCodeError
+from slamgauge.compare.estimators.forms.signatures import Form, no_form, parameters, required, spelt
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Observations, Recording
 
@@ -54,7 +53,7 @@ class OnlineClass(Form):
         """Run a new object of the class over a recording, and return its estimate.
 
         Raises:
-            UserCodeError: the constructor has another required parameter.
+            FormError: see `_made`.
         """
         steps = recording.steps
         poses, pose_covs = np.empty((steps + 1, 3)), np.empty((steps + 1, 3, 3))
@@ -67,7 +66,9 @@ class OnlineClass(Form):
             if step > 0:
                 slam.predict(recording.odometry[step - 1].copy(), recording.odometry_cov[step - 1].copy())
             if len(scan.value):
-                returned = _update(slam, scan, takes_fields=takes_fields)
+                ids = None if scan.landmark is None else scan.landmark.copy()
+                given = Observations(ids, scan.value.copy(), scan.cov.copy())
+                returned = slam.update(*given) if takes_fields else slam.update(given)
                 associated.append(np.array(getattr(slam, "associated", np.zeros(0)), np.int64))
                 has_nis = has_nis and isinstance(returned, tuple) and len(returned) == 2
                 nis[step], nis_dof[step] = returned if has_nis else (0.0, 0)
@@ -85,22 +86,18 @@ class OnlineClass(Form):
 
 
 def _made(kind: type, recording: Recording) -> Any:
-    names = _constructed_with(kind)
-    lacking = [name for name in required(kind) if name not in names]
-    if lacking:
-        what = f"its constructor needs {', '.join(lacking)}"
-        raise UserCodeError(f"{what}; take {', '.join(START)}, some or none of them, or write a wrapper that does")
-    slam = kind(**{name: getattr(recording, name) for name in names})
-    lacking = [name for name in ("pose", "pose_cov") if not hasattr(slam, name)]
-    if lacking:
-        raise UserCodeError(
-            f"it lacks {' and '.join(lacking)}; set them in the constructor, or write a wrapper that does"
-        )
+    """Return a new object of a class.
+
+    Raises:
+        FormError: its constructor has another required parameter, or it sets no pose or covariance.
+    """
+    names = [each.name for each in parameters(kind)]
+    if others := [name for name in required(kind) if name not in START]:
+        raise no_form(kind, f"a constructor without {', '.join(others)}: it may have {', '.join(START)}")
+    slam = kind(**{name: getattr(recording, name) for name in names if name in START})
+    if lacking := [name for name in ("pose", "pose_cov") if not hasattr(slam, name)]:
+        raise no_form(kind, f"{', '.join(lacking)}, properties or set by its constructor")
     return slam
-
-
-def _constructed_with(kind: object) -> list[str]:
-    return [each.name for each in parameters(kind) if each.name in START]
 
 
 def _without_rounding(given: Any) -> Float:
@@ -116,8 +113,3 @@ def _without_rounding(given: Any) -> Float:
     allowed = ROUNDING * sigmas[:, :, None] * sigmas[:, None, :]
     is_rounding = (np.abs(covs - transposed) <= allowed).all(axis=(1, 2), keepdims=True)
     return np.where(is_rounding, (covs + transposed) / 2, covs)
-
-
-def _update(slam: Any, scan: Observations, *, takes_fields: bool) -> Any:
-    scan = Observations(None if scan.landmark is None else scan.landmark.copy(), scan.value.copy(), scan.cov.copy())
-    return slam.update(*scan) if takes_fields else slam.update(scan)

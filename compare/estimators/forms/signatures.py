@@ -1,7 +1,4 @@
-"""Forms and parameters of user code, and the refusal of code that has none of the forms.
-
-The refusal has what the code has, what it lacks, and the wrapper to copy.
-"""
+"""Forms and parameters of user code, and the refusal of code that has none of the forms."""
 
 from __future__ import annotations
 
@@ -9,13 +6,14 @@ import inspect
 import sys
 from collections.abc import Callable, Sequence
 from types import ModuleType
-from typing import Any
+from typing import Any, Literal
 
 from slamgauge.compare.estimators.user_errors import FormError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 
 Callee = Callable[..., Any]
+Noise = Literal["recording", "file"]  # the noise that user code assumes
 PAGE = "docs/your_filter.md"
 SHOWN = 8  # functions or methods of a refusal
 MOVING = ("predict", "motion", "propagate", "move")  # parts of usual names
@@ -97,56 +95,34 @@ def functions_of(owner: type | ModuleType) -> list[Callee]:
 
 
 def no_form(given: Callee | ModuleType, lacks: str) -> FormError:
-    """Return the error of a class, or of the functions of a module, without a known form: what it has and lacks."""
+    """Return the error of a class, or of the functions of a module, without a known form.
+
+    Its three lines are what the code has, what it lacks, and the remedy; the wrapper to copy follows.
+    """
     is_class = isinstance(given, type)
     owner = given if isinstance(given, type | ModuleType) else sys.modules[given.__module__]
     parts = functions_of(owner)
     has = ", ".join(map(spelt, parts[:SHOWN])) or ("no methods" if is_class else "no function and no class")
-    blanks = _blanks_of_class(given, parts) if isinstance(given, type) else _blanks_of_functions(parts)
-    wrapper = WRAPPER.format(module=owner.__module__ if is_class else owner.__name__, **blanks)
-    return FormError(f"{spelt(given) if is_class else 'the file'} has {has}; it lacks {lacks}", wrapper)
-
-
-def _blanks_of_class(given: type, parts: list[Callee]) -> dict[str, str]:
-    names = given.__init__.__code__.co_names if inspect.isfunction(given.__init__) else ()
-    moves, observes = _calls(parts)
-    return {
-        "imported": given.__name__,
-        "start": f"self.filter = {spelt(given).removeprefix('class ')}  # and let it start at the prior",
-        "moves": f"self.filter.{moves}",
-        "observes": f"self.filter.{observes}",
-        "owner": "self.filter",
-        "mean": next((each for each in MEANS if each in names), "x"),
-        "cov": next((each for each in COVARIANCES if each in names), "P"),
-    }
-
-
-def _blanks_of_functions(parts: list[Callee]) -> dict[str, str]:
-    moves, observes = _calls(parts)
-    return {
-        "imported": ", ".join(each.partition("(")[0] for each in (moves, observes)),
-        "start": "self.x, self.P = prior_mean, prior_cov",
-        "moves": f"self.x, self.P = {moves}",
-        "observes": f"self.x, self.P = {observes}",
-        "owner": "self",
-        "mean": "x",
-        "cov": "P",
-    }
-
-
-def _calls(parts: list[Callee]) -> tuple[str, str]:
-    """Return the calls of a prediction and of an update with the most usual names; users fill in their arguments."""
     moving = [each for word in MOVING for each in parts if word in each.__name__.lower()]
     observing = [each for word in OBSERVING for each in parts if word in each.__name__.lower() and each not in moving]
     moves = spelt(moving[0]) if moving else "predict(...)"
-    return moves, spelt(observing[0]) if observing else "update(...)"
-
-
-def refusal(text: str, error: FormError) -> FormError:
-    """Return the error of code at an address `text`, in three lines and the wrapper."""
-    has, _, lacks = str(error).partition("; it lacks ")
+    observes = spelt(observing[0]) if observing else "update(...)"
+    start = getattr(given, "__init__", None)
+    names = start.__code__.co_names if is_class and inspect.isfunction(start) else ()
+    call = "self.filter." if is_class else "self.x, self.P = "
+    made = f"self.filter = {spelt(given).removeprefix('class ')}  # and let it start at the prior"
+    wrapper = WRAPPER.format(
+        module=owner.__module__ if is_class else owner.__name__,
+        imported=given.__name__ if is_class else ", ".join(each.partition("(")[0] for each in (moves, observes)),
+        start=made if is_class else "self.x, self.P = prior_mean, prior_cov",
+        moves=call + moves,
+        observes=call + observes,
+        owner="self.filter" if is_class else "self",
+        mean=next((each for each in MEANS if each in names), "x"),
+        cov=next((each for each in COVARIANCES if each in names), "P"),
+    )
     remedy = f"copy this wrapper into another file, fill in its arguments, and give FILE.py:Wrapper ({PAGE})"
-    return FormError(f"estimator {text}: {has}\nit lacks {lacks}\n{remedy}:\n\n{error.wrapper}")
+    return FormError(f"{spelt(given) if is_class else 'the file'} has {has}\nit lacks {lacks}\n{remedy}:\n\n{wrapper}")
 
 
 def shortened(error: Exception) -> str:

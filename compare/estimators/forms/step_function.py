@@ -6,10 +6,14 @@ reads globals of its module: DT [s], Q (2, 2) of u, Py (2, 2), KNOWN_DATA_ASSOCI
 
 Variants take settings, and other globals of their modules, as parameters of those names. Bearing-only variants take and
 return a third value (rays and their weights), and y = [bearing, id], or [range, bearing, id] with a range of NaN.
+
+With known association the n-th landmark of the state has the id that was observed n-th. If a filter maps otherwise
+(several members for a landmark, duplicates, no landmarks at first), ids are unknown, and the estimate has no map.
 """
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from copy import deepcopy
 from dataclasses import dataclass
 from time import perf_counter
@@ -18,23 +22,36 @@ from typing import Any
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.compare.estimators.addresses import Noise
-from slamgauge.compare.estimators.forms.columns import column
-from slamgauge.compare.estimators.forms.signatures import Callee, Form, parameters, required
-from slamgauge.compare.estimators.forms.state_log import StateLog
+from slamgauge.compare.estimators.forms.signatures import Callee, Form, Noise, parameters, required
 from slamgauge.compare.estimators.forms.step_settings import SETTINGS, STATE_AND_INPUT, StepSettings, step_length
-from slamgauge.compare.estimators.forms.step_source import (
-    names_read,
-    starts_where_called,
-    step_length_hint,
-    width_of_bearings,
-)
+from slamgauge.compare.estimators.forms.step_source import names_read, starts_where_called, width_of_bearings
 from slamgauge.compare.estimators.user_errors import UserCodeError
+from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Observations, Recording
 from slamgauge.sensors import SENSORS
+from slamgauge.validation import REAL
 
 PLAIN = (bool, int, float, complex, str, type(None), np.ndarray, np.generic)  # types of globals that start as they were
+
+
+class Column(np.ndarray):
+    """A column (n, 1) whose elements convert to numbers, as those of all arrays did before numpy 2.4.
+
+    Files of the exercise write `float(u[0])` and `math.sin(x[2])`. What they calculate from a `Column` is one, too.
+    """
+
+    __array_priority__ = 1.0
+
+    def __float__(self) -> float:
+        """Return the only element; raise TypeError if the array has several."""
+        if self.size != 1:
+            raise TypeError("only arrays of one element can be converted to Python scalars")
+        return float(self.item())
+
+    def __int__(self) -> int:
+        """Return the only element, rounded towards zero; raise TypeError if the array has several."""
+        return int(float(self))
 
 
 def is_step_function(given: object) -> bool:
@@ -46,8 +63,8 @@ def lacks(given: Callee) -> str:
     """Return what a callable with the parameters of a step function lacks; empty if it is one."""
     if "DT" in names_read(given) or "DT" in (each.name for each in parameters(given)):
         return ""
-    hint = step_length_hint(given)
-    return f"DT, the length of a step [s], which it reads nowhere{f'; {hint}' if hint else ''}"
+    remedy = "write DT where it, or a function that it calls, has this length"
+    return f"DT, the length of a step [s], which it reads nowhere: {remedy}"
 
 
 @dataclass
@@ -69,51 +86,114 @@ class StepFunction(Form):
     def __call__(self, recording: Recording) -> Estimate:
         """Run the function over a recording; for a scan at step 0, u and Q are zero.
 
+        If numpy refuses an element of a column as a number, the run begins again with `Column`, which is slower.
+
         Raises:
             UserCodeError: u, y and globals cannot express the recording, or the function returns no state.
         """
         _require_expressible(recording)
+        try:
+            return self._run_as_new(recording, np.ndarray)
+        except UserError:
+            raise
+        except (TypeError, ValueError):
+            return self._run_as_new(recording, Column)
+
+    def _run_as_new(self, recording: Recording, kind: type[np.ndarray]) -> Estimate:
         space: dict[str, Any] = getattr(self.function, "__globals__", {})
         before = dict(space)
         space.update({name: deepcopy(value) for name, value in before.items() if _is_data(value)})
         try:
-            return self._run(recording)
+            return self._run(recording, kind)
         finally:
             space.update(before)
             for name in space.keys() - before.keys():
                 del space[name]
 
-    def _run(self, recording: Recording) -> Estimate:
-        settings, log = StepSettings(self.function, recording, self.noise), StateLog(recording)
-        self.remarks, self.replaces_noise = settings.remarks(), settings.replaces_noise
-        rest = [each for each in parameters(self.function)[STATE_AND_INPUT:] if each.name not in SETTINGS]
-        shared = [each.name for each in rest if _is_setting(each.name, settings.space)]
-        passed = _first_values(self.function, shared, settings.space)
+    def _run(self, recording: Recording, kind: type[np.ndarray]) -> Estimate:
+        settings = StepSettings(self.function, recording, self.noise)
+        self.remarks, self.replaces_noise = [*settings.remarks()], settings.replaces_noise
+        passed = _first_values(self.function, settings.named(), settings.space)
         width = 3
         if recording.observation.shape[1] == 1:
             width = width_of_bearings(self.function, STATE_AND_INPUT - 1, settings.observation_cov)
+        poses, covs = np.empty((recording.steps + 1, 3)), np.empty((recording.steps + 1, 3, 3))
+        seconds, ids, is_named = np.zeros(recording.steps + 1), list[int](), True
+        poses[0], covs[0] = state, cov = recording.prior_mean, recording.prior_cov
         x: Any = recording.prior_mean.reshape(3, 1).copy()
         P: Any = recording.prior_cov.copy()
         for step, scan in enumerate(recording.scans()):
             if step == 0 and not len(scan.value):
                 continue
             settings.set(step, scan, heading=float(np.asarray(x).flat[2]))
-            named = settings.named() | {name: settings.space[name] for name in shared} | passed
-            ids = scan.landmark if settings.shows_ids else None
-            u, y = column(_input(recording, step)), column(_observed(scan, ids is not None, width))
+            given = (x, P, _input(recording, step), _observed(scan, settings.shows_ids, width))
             start = perf_counter()
-            returned = self.function(column(x), column(P), u, y, **named)
-            seconds = perf_counter() - start
+            returned = self.function(*(_as(kind, each) for each in given), **settings.named() | passed)
+            seconds[step] = perf_counter() - start
             if not isinstance(returned, tuple | list) or len(returned) < 2:
-                kind = type(returned).__name__
-                raise UserCodeError(f"the step function returned a {kind}; return state and covariance")
+                kind_of = type(returned).__name__
+                raise UserCodeError(f"the step function returned a {kind_of}; return state and covariance")
             x, P, *more = returned
-            log.add(step, (x, P), ids, seconds)
+            state, cov = _checked(step, x, P)
+            poses[step], covs[step] = state[:3], cov[:3, :3]
+            if settings.shows_ids and scan.landmark is not None:
+                ids += [name for name in dict.fromkeys(scan.landmark.tolist()) if name not in ids]
+                is_named = is_named and len(ids) == (len(state) - 3) // 2
             passed = _passed_on(self.function, passed, more)
-        return log.estimate()
+        if (
+            not settings.shows_ids and recording.landmark is None
+        ):  # else 0, 1, ... would be read as ids of the recording
+            ids = [*range((len(state) - 3) // 2)]
+        return _estimate(recording, (poses, covs, seconds), ids if is_named else [], state, cov)
 
 
-def _first_values(function: Callee, shared: list[str], space: dict[str, Any]) -> dict[str, Any]:
+def _estimate(
+    recording: Recording, path: tuple[Float, Float, Float], ids: list[int], state: Float, cov: Float
+) -> Estimate:
+    """Return the estimate with a path (poses, covariances, seconds) and the landmarks `ids` of the last state."""
+    poses, pose_covs, seconds = path
+    map_covs = np.array([cov[at : at + 2, at : at + 2] for at in 3 + 2 * np.arange(len(ids))]).reshape(-1, 2, 2)
+    is_whole = recording.landmark is not None and np.isin(recording.landmark, ids).all()
+    return Estimate(
+        kind="filtered",
+        poses=poses,
+        pose_covs=(pose_covs + pose_covs.swapaxes(1, 2)) / 2,
+        landmark_ids=np.array(ids, np.int64),
+        landmarks=state[3 : 3 + 2 * len(ids)].reshape(-1, 2),
+        landmark_covs=(map_covs + map_covs.swapaxes(1, 2)) / 2,
+        association=recording.landmark if is_whole else None,
+        seconds=seconds,
+    )
+
+
+def _checked(step: int, state: object, cov: object) -> tuple[Float, Float]:
+    """Return copies (3+2n,) and (3+2n, 3+2n) of state and covariance, whatever shape the state has."""
+    x, P = _array(state), _array(cov)
+    size = x.size
+    if size < 3 or not size % 2 or P.shape != (size, size):
+        what = f"xEst {x.shape} and PEst {P.shape}"
+        raise UserCodeError(f"step {step}: returned {what}; return (3+2n, 1) and (3+2n, 3+2n)")
+    for name, array in (("xEst", x), ("PEst", P)):
+        if not np.isfinite(array).all():
+            raise UserCodeError(f"step {step}: {name} is not finite from here on; look for what divides by zero")
+    return x.reshape(-1), P
+
+
+def _array(value: object) -> Float:
+    """Copy an array of real numbers; return an empty array for anything else."""
+    try:
+        given = np.asarray(value)
+    except ValueError:
+        return np.zeros(0)
+    return given.astype(np.float64) if given.dtype.kind in REAL else np.zeros(0)
+
+
+def _as(kind: type[np.ndarray], value: Any) -> Any:
+    """Return an array as one of another type; other values, matrices of numpy among them, are returned as they are."""
+    return value.view(kind) if type(value) is np.ndarray else value
+
+
+def _first_values(function: Callee, named: Collection[str], space: dict[str, Any]) -> dict[str, Any]:
     """Return the start of the values that the function returns after state and covariance and takes again, by name.
 
     It is the default of the parameter, a global of its name, or the value with which the file calls the function.
@@ -121,8 +201,8 @@ def _first_values(function: Callee, shared: list[str], space: dict[str, Any]) ->
     Raises:
         UserCodeError: none of these exists.
     """
-    rest = [(number, each) for number, each in enumerate(parameters(function)) if number >= STATE_AND_INPUT]
-    rest = [(number, each) for number, each in rest if each.name not in (*SETTINGS, *shared)]
+    rest = [pair for pair in enumerate(parameters(function)) if pair[0] >= STATE_AND_INPUT]
+    rest = [(number, each) for number, each in rest if each.name not in (*SETTINGS, *named)]
     found: dict[str, Any] = {}
     for number, each in [pair for pair in rest if pair[1].default is pair[1].empty] or rest[:1]:
         starts = [each.default] if each.default is not each.empty else []
@@ -141,11 +221,6 @@ def _passed_on(function: Callee, passed: dict[str, Any], returned: list[Any]) ->
         what = "only one value can" if len(returned) == 1 else f"only {len(returned)} values can"
         raise UserCodeError(f"parameters {', '.join(needed)}: {what} be passed on from step to step")
     return passed | dict(zip(passed, returned, strict=False))
-
-
-def _is_setting(name: str, space: dict[str, Any]) -> bool:
-    """Return whether a parameter has a global of its name; lists, dicts and sets are passed on from step to step."""
-    return name in space and not isinstance(space[name], list | dict | set)
 
 
 def _is_data(value: object) -> bool:

@@ -13,24 +13,24 @@ The recording's values replace those of the file. The remarks of the run name ev
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from copy import deepcopy
+from inspect import Parameter
 from typing import Any
 
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.compare.estimators.addresses import Noise
-from slamgauge.compare.estimators.forms.signatures import Callee, parameters
+from slamgauge.compare.estimators.forms.signatures import Callee, Noise, parameters
 from slamgauge.compare.estimators.forms.step_source import names_read
 from slamgauge.compare.estimators.user_errors import UserCodeError
-from slamgauge.ekf.settings import PLAIN
 from slamgauge.recording import Observations, Recording
 from slamgauge.se2 import rotation
 
 STATE_AND_INPUT = 4  # parameters that every variant has
 KNOWN_IDS = "KNOWN_DATA_ASSOCIATION"
 DISTANCE = "M_DIST_TH"  # squared Mahalanobis distance
-WIDE_DISTANCE = PLAIN.gate  # one correct observation in a thousand has a larger distance
+WIDE_DISTANCE = 13.8  # one correct observation in a thousand has a larger distance
 EXERCISE, POSE = ("Q", "Py"), "Cx"
 SETTINGS = ("DT", *EXERCISE, KNOWN_IDS, DISTANCE)
 IDS = "trueLandmarkId"  # list of ids, empty at the start, in files of the exercise
@@ -40,10 +40,10 @@ CLOSE = 1e-3  # largest relative difference of equal settings
 class StepSettings:
     """Settings of a step function and the recording that replaces them.
 
-    Args:
-        function: the step function, as new.
-        recording: the recording of the run.
-        noise: assumed noise: that of the recording, or that of the file.
+    Attributes:
+        space: globals of the function.
+        shows_ids: whether the function receives ids.
+        replaces_noise: whether the noise of the recording replaces another one of the file.
 
     Raises:
         UserCodeError: a setting has no value.
@@ -51,50 +51,47 @@ class StepSettings:
 
     def __init__(self, function: Callee, recording: Recording, noise: Noise) -> None:
         self.space: dict[str, Any] = getattr(function, "__globals__", {})
-        self._recording, self._read = recording, names_read(function)
-        self._parameters = {each.name: each for each in parameters(function)[STATE_AND_INPUT:]}
-        defaults = {name: each.default for name, each in self._parameters.items() if each.default is not each.empty}
-        covariances = {name: value for name in self._read if (value := _covariance(self.space.get(name))) is not None}
-        settings = {name: value for name, value in {**defaults, **self.space}.items() if name in SETTINGS}
-        self._file: dict[str, Any] = deepcopy(covariances | settings)
+        self._recording, read = recording, names_read(function)
+        self._parameters = {each.name: each.default for each in parameters(function)[STATE_AND_INPUT:]}
+        defaults = {name: each for name, each in self._parameters.items() if each is not Parameter.empty}
+        given = {name: each for name, each in {**defaults, **self.space}.items() if name in SETTINGS}
+        given |= {name: self.space[name] for name in read if _is_covariance(self.space.get(name))}
+        self._file: dict[str, Any] = deepcopy(given)
         self._used = {*self.space, *self._parameters}
         self._motion, self._observation = EXERCISE
         if self._observation not in self._used and np.shape(self._file.get(POSE, 0)) == (3, 3):
-            others = [name for name, value in covariances.items() if value.shape == (2, 2)]
+            others = [name for name in given if name in read and np.shape(given[name]) == (2, 2)]
             self._motion, self._observation = POSE, others[0] if len(others) == 1 else ""
-        self._replaced = self._replaced_noise() if noise == "recording" else frozenset[str]()
-        reads_known = KNOWN_IDS in {*self._read, *self._parameters}
-        is_known = self._file.get(KNOWN_IDS, True) if reads_known else DISTANCE not in self._read
+        self._replaced = set[str]()
+        if noise == "recording" and self._observation:
+            self._replaced = {self._motion, self._observation} & self._used
+        if self._motion != POSE and np.shape(self._file.get(self._motion, 0)) == (3, 3):
+            self._replaced.discard(self._motion)  # it is no noise of u
+        self.replaces_noise = any(self._noise_remark(name) for name in self._replaced)
+        self._reads_known = KNOWN_IDS in read or KNOWN_IDS in self._parameters
+        is_known = self._file.get(KNOWN_IDS, True) if self._reads_known else DISTANCE not in read
         self.shows_ids = recording.landmark is not None and bool(is_known)
+        self._replaces_distance = POSE in self._replaced and DISTANCE in self._file
         if self._replaces_distance:
             self.space[DISTANCE] = WIDE_DISTANCE
-        if IDS in self._read:
+        if IDS in read:
             self.space.setdefault(IDS, [])
         known = {"DT", KNOWN_IDS, *self._replaced, *self.space}
-        for name, each in self._parameters.items():
-            if name in SETTINGS and name not in known and each.default is each.empty:
+        for name, default in self._parameters.items():
+            if name in SETTINGS and name not in known and default is Parameter.empty:
                 raise UserCodeError(f"no global has the value of its parameter {name}; give it a default")
-
-    def _replaced_noise(self) -> frozenset[str]:
-        if not self._observation:
-            return frozenset()
-        is_other = self._motion != POSE and np.shape(self._file.get(self._motion, 0)) == (3, 3)
-        own = {self._motion} if is_other else frozenset[str]()
-        return frozenset({self._motion, self._observation} & self._used - own)
 
     @property
     def observation_cov(self) -> Any:
         """Covariance of an observation in the file; None if it has none."""
         return self._file.get("Py")
 
-    @property
-    def replaces_noise(self) -> bool:
-        """Whether the noise of the recording replaces another one of the file."""
-        return any(self._remark(name) for name in self._replaced)
-
     def named(self) -> dict[str, Any]:
-        """Return arguments for parameters of these names."""
-        return {name: self.space[name] for name in self._parameters if name in SETTINGS and name in self.space}
+        """Return arguments for parameters that have the name of a setting or global; containers are no settings."""
+        found = {name: self.space[name] for name in self._parameters if name in self.space}
+        return {
+            name: each for name, each in found.items() if name in SETTINGS or not isinstance(each, list | dict | set)
+        }
 
     def set(self, step: int, scan: Observations, heading: float) -> None:
         """Set the globals of a step that begins at a heading [rad]; step 0 has no motion."""
@@ -102,15 +99,15 @@ class StepSettings:
         if KNOWN_IDS in self._used:
             self.space[KNOWN_IDS] = int(self.shows_ids)
         if self._motion in self._replaced:
-            self.space[self._motion] = self._motion_cov(step, heading)
-        elif self._motion in self._file and np.shape(self._file[self._motion]) in ((2, 2), (3, 3)):
+            self.space[self._motion] = self._motion_cov(step, heading) * (step > 0)
+        elif np.shape(self._file.get(self._motion, 0)) in ((2, 2), (3, 3)):
             self.space[self._motion] = self._file[self._motion] * (step > 0)
         if self._observation in self._replaced and len(scan.value):
             self.space[self._observation] = self._observation_cov(step, scan)
 
     def _motion_cov(self, step: int, heading: float) -> Float:
         """Return the covariance (2, 2) of speed and yaw rate, or (3, 3) of the motion in the world frame."""
-        cov = increment_cov(self._recording, step) * (step > 0)
+        cov: Float = self._recording.odometry_cov[max(step, 1) - 1] if self._recording.steps else np.zeros((3, 3))
         if self._motion != POSE:
             return cov[np.ix_([0, 2], [0, 2])] / step_length(self._recording, step) ** 2
         turn = np.eye(3)
@@ -137,65 +134,48 @@ class StepSettings:
         cov[-len(given) :, -len(given) :] = given
         return cov
 
-    def remarks(self) -> list[str]:
-        """Return a sentence for each setting of the file that is replaced, or kept against the recording."""
-        found = [self._dt_remark(), self._association_remark()]
-        found += [self._remark(name) for name in (self._motion, self._observation)]
+    def remarks(self) -> Iterator[str]:
+        """Yield a sentence for each setting of the file that is replaced, or kept against the recording."""
+        own, given = self._file.get("DT"), step_length(self._recording, 1)
+        if isinstance(own, int | float) and abs(own - given) > CLOSE * given:
+            yield f"DT of the file, {own:g} s, is replaced by the recording's, {given:.4g} s"
+        known = self._file.get(KNOWN_IDS)
+        if self._recording.landmark is None and known and self._reads_known:
+            yield f"{KNOWN_IDS} of the file, {known}, is replaced by 0: the recording has no ids"
+        if self._recording.landmark is not None and not self.shows_ids:
+            why = f"{KNOWN_IDS} is 0" if self._reads_known else f"it uses {DISTANCE} and not {KNOWN_IDS}"
+            what = "associates on its own and gets no ids"
+            yield f"{what}, since {why} in the file; its map has no ids and is not graded"
+        yield from filter(None, map(self._noise_remark, (self._motion, self._observation)))
         missing = [name for name in (self._motion, self._observation) if name and name not in self._used]
         if missing:
-            found.append(f"noise of its own: the file has no {' and no '.join(missing)}")
+            yield f"noise of its own: the file has no {' and no '.join(missing)}"
         if not self._observation:
             what = f"{POSE} of the file, {_shown(self._file[POSE])}, is kept"
-            found.append(f"{what}: it is the noise of motion and of observations, and no recording has such noise")
+            yield f"{what}: it is the noise of motion and of observations, and no recording has such noise"
         if self._replaces_distance:
             why = f"that of the file fits its {POSE}, which is replaced"
-            found.append(f"{DISTANCE} of the file, {self._file[DISTANCE]}, is replaced by {WIDE_DISTANCE}: {why}")
-        return [each for each in found if each]
+            yield f"{DISTANCE} of the file, {self._file[DISTANCE]}, is replaced by {WIDE_DISTANCE}: {why}"
 
-    @property
-    def _replaces_distance(self) -> bool:
-        return POSE in self._replaced and DISTANCE in self._file
-
-    def _dt_remark(self) -> str:
-        own, given = self._file.get("DT"), step_length(self._recording, 1)
-        if not isinstance(own, int | float) or abs(own - given) <= CLOSE * given:
-            return ""
-        return f"DT of the file, {own:g} s, is replaced by the recording's, {given:.4g} s"
-
-    def _association_remark(self) -> str:
-        reads_known = KNOWN_IDS in {*self._read, *self._parameters}
-        if self._recording.landmark is None:
-            what = f"{KNOWN_IDS} of the file, {self._file.get(KNOWN_IDS)}, is replaced by 0: the recording has no ids"
-            return what if self._file.get(KNOWN_IDS) and reads_known else ""
-        if self.shows_ids:
-            return ""
-        why = f"{KNOWN_IDS} is 0" if reads_known else f"it uses {DISTANCE} and not {KNOWN_IDS}"
-        return f"associates on its own and gets no ids, since {why} in the file; its map has no ids and is not graded"
-
-    def _remark(self, name: str) -> str:
+    def _noise_remark(self, name: str) -> str:
         """Compare a covariance of the file with that of the recording; return an empty text if they are equal."""
-        own, recording, frame = self._file.get(name), self._recording, ""
-        if own is None or not name or (self._motion == POSE and not self._observation):
+        own, recording, is_motion = self._file.get(name), self._recording, name == self._motion
+        if own is None or not self._observation or not (recording.steps if is_motion else len(recording.observation)):
             return ""
-        if name == self._observation and len(recording.observation_cov):
-            given: Float = recording.observation_cov[0]
-        elif name == self._motion and recording.steps:
-            length = step_length(recording, 1)
-            given = increment_cov(recording, 1)
-            frame = " (body frame)" if name == POSE else ""
-            given = given if name == POSE else given[np.ix_([0, 2], [0, 2])] / length**2
-        else:
-            return ""
+        given = self._motion_cov(1, heading=0.0) if is_motion else recording.observation_cov[0]
         values = np.atleast_2d(_numbers(own))
         if values.shape == (2, 2) and len(given) == 1:
             values = values[-1:, -1:]
-        if values.shape == given.shape and np.allclose(values, given, rtol=CLOSE, atol=1e-12 * abs(given).max()):
-            return ""
-        is_root = values.shape == given.shape and np.allclose(values, np.sqrt(abs(given)), rtol=CLOSE, atol=0.0)
-        hint = ": it has standard deviations, a square is missing" if is_root else ""
+        hint = ""
+        if values.shape == given.shape:
+            if np.allclose(values, given, rtol=CLOSE, atol=1e-12 * abs(given).max()):
+                return ""
+            is_root = np.allclose(values, np.sqrt(abs(given)), rtol=CLOSE, atol=0.0)
+            hint = ": it has standard deviations, a square is missing" if is_root else ""
+        hint += " (body frame)" if name == POSE else ""
         if name in self._replaced:
-            return f"{name} of the file, {_shown(own)}, is replaced by the recording's, {_shown(given)}{hint}{frame}"
-        return f"assumes {name} of the file, {_shown(own)}, where the recording has {_shown(given)}{hint}{frame}"
+            return f"{name} of the file, {_shown(own)}, is replaced by the recording's, {_shown(given)}{hint}"
+        return f"assumes {name} of the file, {_shown(own)}, where the recording has {_shown(given)}{hint}"
 
 
 def step_length(recording: Recording, step: int) -> float:
@@ -204,15 +184,8 @@ def step_length(recording: Recording, step: int) -> float:
     return float(recording.stamps[last] - recording.stamps[last - 1]) if last else 1.0
 
 
-def increment_cov(recording: Recording, step: int) -> Float:
-    """Return the covariance (3, 3) of the increment of a step [m, m, rad]; step 0 has that of step 1."""
-    return recording.odometry_cov[max(step, 1) - 1].copy() if recording.steps else np.zeros((3, 3))
-
-
-def _covariance(value: object) -> Float | None:
-    """Return a copy of a square matrix of 1 to 3 rows; None for other values."""
-    is_square = isinstance(value, np.ndarray) and value.ndim == 2 and value.shape in ((1, 1), (2, 2), (3, 3))
-    return value.copy() if is_square else None  # pyrefly: ignore[missing-attribute]
+def _is_covariance(value: object) -> bool:
+    return isinstance(value, np.ndarray) and value.shape in ((1, 1), (2, 2), (3, 3))
 
 
 def _numbers(value: object) -> Float:

@@ -1,11 +1,10 @@
-"""What the source of a step function reads: global names, columns of y, the step length, starts of passed values."""
+"""What the source of a step function reads: global names, columns of y, starts of passed values."""
 
 from __future__ import annotations
 
 import ast
 import inspect
 import textwrap
-from collections.abc import Iterator
 from types import CodeType, FunctionType
 from typing import Any
 
@@ -13,38 +12,18 @@ import numpy as np
 
 from slamgauge.compare.estimators.forms.signatures import Callee, parameters
 
-STEP_LENGTHS = ("dt", "delta_t", "dT", "Ts", "time_step")  # usual names besides DT
-
 
 def names_read(function: Callee) -> set[str]:
     """Return the global names that a function and the functions of its module that it calls read."""
-    return {name for each in _called(function) for name in each.co_names}
-
-
-def step_length_hint(function: Callee) -> str:
-    """Return where a function reads a step length under another name; empty if it is not found."""
-    space: dict[str, Any] = getattr(function, "__globals__", {})
-    for name in names_read(function):
-        if name in STEP_LENGTHS and isinstance(space.get(name), int | float):
-            return f"its {name} = {space[name]:g} is a global of another name: call it DT"
-        for each in parameters(space.get(name)) if isinstance(space.get(name), FunctionType) else []:
-            if each.name in STEP_LENGTHS and isinstance(each.default, int | float):
-                return f"{name}() takes {each.name} = {each.default:g} by default: pass it DT where it is called"
-    return ""
-
-
-def _called(function: Callee) -> Iterator[CodeType]:
-    """Yield the code of a function and of the functions of its module that it calls."""
     space: dict[str, Any] = getattr(function, "__globals__", {})
     waiting, found = [getattr(function, "__code__", None)], set[CodeType]()
     while waiting:
         code = waiting.pop()
         if isinstance(code, CodeType) and code not in found:
             found.add(code)
-            yield code
-            called = (space.get(name) for name in code.co_names)
-            waiting += [each for each in code.co_consts if isinstance(each, CodeType)]
-            waiting += [each.__code__ for each in called if isinstance(each, FunctionType)]
+            called = [space.get(name) for name in code.co_names]
+            waiting += [*code.co_consts, *(each.__code__ for each in called if isinstance(each, FunctionType))]
+    return {name for each in found for name in each.co_names}
 
 
 def width_of_bearings(function: Callee, number: int, Py: Any) -> int:

@@ -180,7 +180,7 @@ STATES = "it lacks estimate(recording), ekf_slam(xEst, PEst, u, y), or a class w
         (
             UNREAD,
             "the file has motion(x, u, dt), ekf",
-            "motion() takes dt = 0.01 by default: pass it DT where it is",
+            "reads nowhere: write DT where it, or a function that it calls, has",
             "",
         ),
         (TWO, "the file has predict(X, P, control,", STATES, "self.x, self.P = update(X, P, measure, measure_cov, k)"),

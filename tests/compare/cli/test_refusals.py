@@ -18,7 +18,7 @@ import pytest
 import slamgauge
 from slamgauge import load_scenario, simulate
 from slamgauge.compare.cli.main import REFUSED
-from slamgauge.compare.estimators.memory_check import require_room_for_runs
+from slamgauge.compare.estimators.running import require_room_for_runs
 from slamgauge.compare.storage.files import save
 from slamgauge.errors import refused_by_the_machine
 from tests.reference.command_line import arrays, command_after, contents, run

@@ -95,10 +95,18 @@ def test_the_handout_scenario_has_the_numbers_of_the_handout():
     [
         ("def ekf_slam(x, P, z): ...", "the file has ekf_slam(x, P, z)"),
         ("def ekf_slam(x, P, u, z): ...", "DT, the length of a step [s], which it reads nowhere"),
-        ("dt = 0.1\ndef ekf_slam(x, P, u, z): return dt", "its dt = 0.1 is a global of another name: call it DT"),
         (
             "class ekf_slam:\n    def predict(self, v, w, dt): ...",
             "predict(increment, cov), update(observations), pose",
+        ),
+        (
+            "class ekf_slam:\n    pose = (0, 0, 0)\n    def predict(self, u, Q): ...\n    def update(self, scan): ...",
+            "it lacks pose_cov, properties or set by its constructor",
+        ),
+        (
+            "class ekf_slam:\n    def __init__(self, Q, prior_mean): ...\n    def predict(self, u, Q): ...\n"
+            "    def update(self, scan): ...",
+            "it lacks a constructor without Q: it may have sensor, prior_mean, prior_cov",
         ),
     ],
 )

@@ -244,7 +244,7 @@ BEARING_ONLY = r"it is a bearing-only file, .* use `study` or `grade` on a beari
     ("source", "change", "message"),
     [
         (spy("1 / 0"), None, r"it raised ZeroDivisionError: .* \(mine.py, line 8\)"),
-        (spy("return xEst"), None, "the step function returned a Column; return state and covariance"),
+        (spy("return xEst"), None, "the step function returned a ndarray; return state and covariance"),
         (spy("return xEst, PEst[:2]"), None, r"step 0: returned xEst \(3, 1\) and PEst \(2, 3\); return"),
         (spy("return 'a', PEst"), None, "step 0: returned xEst"),
         (spy("return xEst * np.nan, PEst"), None, "step 0: xEst is not finite from here on"),

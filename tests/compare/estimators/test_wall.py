@@ -17,8 +17,8 @@ from time import monotonic, sleep
 import numpy as np
 import pytest
 
-from slamgauge.compare.estimators.addresses import address
-from slamgauge.compare.estimators.child import Host, Limits
+from slamgauge.compare.estimators.child import Host
+from slamgauge.compare.estimators.requests import Limits, address
 from slamgauge.compare.estimators.sandbox import CODE, has_wall
 from slamgauge.compare.estimators.user_errors import UserCodeError
 
@@ -146,8 +146,8 @@ ORPHANS = """
 import sys
 from pathlib import Path
 from slamgauge import load_scenario, simulate
-from slamgauge.compare.estimators.addresses import address
-from slamgauge.compare.estimators.child import Host, Limits
+from slamgauge.compare.estimators.child import Host
+from slamgauge.compare.estimators.requests import Limits, address
 host = Host(address(f"mine={sys.argv[1]}:estimate"), Limits(600.0, is_walled=sys.argv[2] == "walled"))
 host.begin()
 print("begun", flush=True)

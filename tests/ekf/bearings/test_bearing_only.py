@@ -126,8 +126,8 @@ def test_inputs_are_only_read(initialisation: Initialisation) -> None:
 def test_tiny_and_huge_gates(gate: float) -> None:
     slam = BearingFilter(np.zeros(3), 1e-4 * np.eye(3), initialisation=Rays(gate=gate))
     drive(slam, [*range(8)], 40)
-    assert slam.rays is not None
-    log = slam.rays.log(np.zeros(1, np.int64))
+    log = slam.ray_log(np.zeros(1, np.int64))
+    assert log is not None
     lost = ((log.end >= 0) & (log.survivor == -1)).sum()
     assert lost == 0 if gate > 1.0 else lost > 8
 

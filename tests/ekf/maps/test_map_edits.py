@@ -9,7 +9,7 @@ import pytest
 
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf import SlamFilter
-from slamgauge.ekf.kernels.map_edits import find_duplicates
+from slamgauge.ekf.kernels.individual_compatibility import find_duplicates
 from slamgauge.ekf.maps.correction_table import RULES, Correction
 from slamgauge.recording import Observations
 from slamgauge.se2 import wrap

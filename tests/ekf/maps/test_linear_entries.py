@@ -7,85 +7,19 @@ import pytest
 
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf import SlamFilter, textbook
-from slamgauge.ekf.kernels.linear_update import append_linear, linear_update
 from slamgauge.ekf.maps.correction_table import RULES, Correction
-from slamgauge.ekf.maps.landmark_map import NewEntries
+from slamgauge.ekf.maps.map_state import NewEntries
 from slamgauge.recording import Observations
 from slamgauge.se2 import wrap
 from tests.reference.random_recordings import random_covariances
-from tests.reference.textbook import J, belief_of, exp_action
+from tests.reference.textbook import J, exp_action
 
 CORRECTIONS = pytest.mark.parametrize("correction", RULES)
-SIZES = pytest.mark.parametrize(("columns", "rows"), [(1, 1), (3, 2), (7, 4), (11, 9)])
 
 
 def random_cov(rng: np.random.Generator, size: int, scale: float = 0.1) -> Float:
     root = scale * rng.normal(size=(size, size))
     return root @ root.T
-
-
-def upper(P: Float, room: int = 0) -> Float:
-    """Return P as kernels store it: upper triangle and robot's block, other entries invalid."""
-    seen = np.full((len(P) + room, len(P) + room), 1e3)
-    seen[: len(P), : len(P)] = np.where(np.tri(len(P), k=-1, dtype=bool), 1e3, P)
-    seen[:3, :3] = P[:3, :3]
-    return seen
-
-
-def mirrored(P: Float) -> Float:
-    return np.triu(P) + np.triu(P, 1).T
-
-
-# --- kernels -------------------------------------------------------------------------------------
-
-
-@SIZES
-def test_a_linear_update_equals_the_textbook(columns: int, rows: int) -> None:
-    """A column that is given twice counts twice."""
-    rng = np.random.default_rng(columns + 10)
-    P, chosen = random_cov(rng, 13), rng.permutation(13)[:columns]
-    chosen[-1] = chosen[0]
-    jacobian, v = rng.normal(size=(rows, columns)), rng.normal(size=rows)
-    R = random_covariances(rng, 1, np.full(rows, 0.2))[0]
-    H = jacobian @ np.eye(13)[chosen]
-    cov = upper(P)
-    dx, nis = linear_update(belief_of(np.zeros(13), cov), chosen, jacobian, v, R)
-    S = H @ P @ H.T + R
-    K = P @ H.T @ np.linalg.inv(S)
-    assert nis == pytest.approx(v @ np.linalg.inv(S) @ v, rel=1e-12)
-    np.testing.assert_allclose(dx, K @ v, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(mirrored(cov), P - K @ S @ K.T, rtol=0, atol=1e-13)
-    np.testing.assert_array_equal(cov[:3, :3], cov[:3, :3].T)
-
-
-@pytest.mark.parametrize("mistake", ["innovation", "noise", "jacobian"])
-def test_an_update_without_solution_changes_nothing(mistake: str) -> None:
-    rng = np.random.default_rng(21)
-    cov = upper(random_cov(rng, 7))
-    before = cov.copy()
-    given = {"innovation": np.ones(2), "noise": np.eye(2), "jacobian": np.ones((2, 3))}
-    given[mistake].flat[0] = -1e6 if mistake == "noise" else np.nan
-    belief, columns = belief_of(np.zeros(7), cov), np.array([0, 3, 4])
-    update = linear_update(belief, columns, given["jacobian"], given["innovation"], given["noise"])
-    assert not np.isfinite(update.nis)
-    np.testing.assert_array_equal(cov, before)
-
-
-@SIZES
-def test_appended_entries_equal_the_textbook(columns: int, rows: int) -> None:
-    rng = np.random.default_rng(columns + 30)
-    P, chosen = random_cov(rng, 13), rng.permutation(13)[:columns]
-    jacobian, own = rng.normal(size=(rows, columns)), random_cov(rng, rows)
-    cov = upper(P, room=rows)
-    append_linear(belief_of(np.zeros(13 + rows), cov)._replace(size=13), chosen, jacobian, own)
-    T = np.vstack([np.eye(13), jacobian @ np.eye(13)[chosen]])
-    expected = T @ P @ T.T
-    expected[13:, 13:] += own
-    np.testing.assert_allclose(mirrored(cov), expected, rtol=0, atol=1e-13)
-    np.testing.assert_array_equal(np.triu(cov[:13, :13]), np.triu(P))
-
-
-# --- the filter's methods ------------------------------------------------------------------------
 
 
 class Twin:
@@ -120,7 +54,9 @@ class Twin:
         mine = [3 + 2 * self.ids.index(name) + k for name in named.tolist() for k in range(2)]
         assert columns[3:].tolist() == mine
         np.testing.assert_allclose(self.slam.map.entries(columns), self.x[columns], rtol=0, atol=1e-10)
-        np.testing.assert_allclose(self.slam.map.block(columns), self.P[np.ix_(columns, columns)], rtol=0, atol=1e-10)
+        np.testing.assert_allclose(
+            self.slam.map.covariances(columns, columns), self.P[np.ix_(columns, columns)], rtol=0, atol=1e-10
+        )
         H, v = np.zeros((3, len(self.x))), self.rng.normal(size=3)
         H[:, columns] = self.rng.normal(size=(3, 7))
         R = random_covariances(self.rng, 1, np.full(3, 0.5))[0]
