@@ -81,7 +81,9 @@ def test_names_without_the_robot(read: Read, tmp_path: Path):
 
 def test_the_robot_must_be_given_if_there_are_several(read: Read):
     expected, files = read(MRCLAM), MRCLAM | {"Robot3_Odometry.dat": "0 0 0\n"}
-    with pytest.raises(UserError, match=r": logs of several robots \(Robot2_.*, Robot3_.*\); .* choose a robot with --robot$"):
+    with pytest.raises(
+        UserError, match=r": logs of several robots \(Robot2_.*, Robot3_.*\); .* choose a robot with --robot$"
+    ):
         read(files)
     assert read(files, robot=2).recording == expected.recording
 
