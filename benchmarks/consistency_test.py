@@ -30,10 +30,11 @@ from slamgauge.compare.scenarios.simulation import simulate
 from slamgauge.compare.scoring.without_truth import (
     ConsistencyTest,
     Figures,
-    consistency_test,
     consistent_filter,
+    figures,
     figures_of,
-    twin_figures,
+    simulated_twins,
+    step_statistics,
 )
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimator
@@ -91,11 +92,12 @@ def tests_of(
     for recording in recordings:
         optimum = batch(recording)
         consistent = {name: (consistent_filter(name, recording), None) for name in filters}
-        found = shared or twin_figures(recording, optimum, twins, consistent)
+        found = shared or figures_of(consistent, simulated_twins(recording, optimum, twins))
         for name, filter_ in filters.items():
             try:
                 with np.errstate(all="ignore"):  # bugs may overflow
-                    tests[name].append(consistency_test(recording, filter_(recording), optimum, found[name]))
+                    steps = step_statistics(filter_(recording), optimum)
+                    tests[name].append(ConsistencyTest(figures(recording, optimum, *steps), found[name]))
             except (UserError, np.linalg.LinAlgError, ValueError):
                 pass  # bugs may raise errors
     return tests

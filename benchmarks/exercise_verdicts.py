@@ -17,8 +17,8 @@ from pathlib import Path
 import numpy as np
 import tyro
 
-from slamgauge.compare.exercise.judgements import judge_ratio, log_ratios
-from slamgauge.compare.exercise.running import run_exercise
+from slamgauge.compare.exercise.conclusions import judge_ratio, log_ratios
+from slamgauge.compare.exercise.results import run_exercise
 from slamgauge.compare.studies.executors import local_processes
 
 RUNS = (10, 20, 50, 100)
@@ -38,8 +38,9 @@ def main(
     rng, total = np.random.default_rng(1), np.zeros(len(RUNS))
     print(f"{studies} studies from {runs} runs; wrong and decided share with {', '.join(map(str, RUNS))} runs")
     for conclusion in (pair[0] for question in exercise.questions for pair in question.judgements):
-        for below in (each for each in conclusion.below if (each.figure, each.estimator) in found):
-            logs = log_ratios(conclusion.above, below, found)
+        above, *others = conclusion.measures
+        for below in (each for each in others if each.key in found):
+            logs = log_ratios(above, below, found)
             ends = [np.log(end) for end in conclusion.asserted if 0.0 < end < np.inf]
             shifted = logs - logs.mean() + min(ends, key=lambda end: abs(end - logs.mean()))
             shares = np.zeros((2, len(RUNS)))
@@ -50,7 +51,7 @@ def main(
                     shares[row, column] = sum(verdict != "undecided" for verdict in verdicts) / studies
             total += shares[0]
             texts = ("  ".join(f"{share:6.2%}" for share in row) for row in shares)
-            print(f"{conclusion.id:26} {below.figure}  wrong {next(texts)}   decided {next(texts)}", flush=True)
+            print(f"{conclusion.id:26} {below.setting}  wrong {next(texts)}   decided {next(texts)}", flush=True)
     print(f"{'sum':26}      wrong {'  '.join(f'{share:6.2%}' for share in total)}")
     return 0
 

@@ -46,16 +46,14 @@ def main(trials: int = 1000) -> int:
 
 def _sigma(factor: float, runs: int, rng: np.random.Generator) -> str:
     nees = factor**2 * rng.chisquare(3, runs).mean() / 3
-    found = faults(Evidence(runs=runs, nees_per_dof=nees, coverage_95=None, nis_per_dof=None, nis_dof=0))
+    found = faults(Evidence(runs=runs, nees_per_dof=nees))
     return found[0].replace("claims ", "") if found else "right as far as runs show"
 
 
 def _ratio(factor: float, runs: int, rng: np.random.Generator) -> str:
     optimum = rng.rayleigh(size=runs)
     ratio = ratio_interval(optimum * factor * np.exp(_scatter(runs, rng)), optimum)
-    evidence = Evidence(
-        runs=0, nees_per_dof=None, coverage_95=None, nis_per_dof=None, nis_dof=0, ratio=ratio, ratio_runs=runs
-    )
+    evidence = Evidence(ratio=ratio, ratio_runs=runs)
     text = verdict(evidence) or ""
     other = "larger error" if evidence.is_worse else "smaller error"
     return next((each for each in ("as accurate", "not significant", "less than") if each in text), other)
@@ -63,15 +61,7 @@ def _ratio(factor: float, runs: int, rng: np.random.Generator) -> str:
 
 def _nis(figure: float, runs: int, rng: np.random.Generator) -> str:
     dof = 2 * STEPS * runs
-    found = faults(
-        Evidence(
-            runs=runs,
-            nees_per_dof=None,
-            coverage_95=None,
-            nis_per_dof=figure * rng.chisquare(dof) / dof,
-            nis_dof=dof,
-        )
-    )
+    found = faults(Evidence(runs=runs, nis_per_dof=figure * rng.chisquare(dof) / dof, nis_dof=dof))
     return found[0] if found else "as expected"
 
 

@@ -21,11 +21,10 @@ import numpy as np
 import pytest
 
 from slamgauge.arrays import Float
-from slamgauge.compare.exercise.running import parts
+from slamgauge.compare.exercise.results import run_setting
 from slamgauge.compare.exercise.settings import CAUSAL, EKF, SETTINGS
-from slamgauge.compare.scoring.runs import Runs, paired, reported_sigma
+from slamgauge.compare.scoring.runs import paired, reported_sigma
 from slamgauge.compare.studies.executors import local_processes
-from slamgauge.compare.studies.study import load_runs, run_study
 from tests.marks import in_full
 
 pytestmark = pytest.mark.slow
@@ -73,12 +72,9 @@ def test_error_and_sigma_of_the_ekf_against_the_optimum(figure: str, folder: Pat
 
 def log_ratios(figure: str, folder: Path, seed: int, runs: int) -> tuple[Float, Float]:
     """Run a setting; return the logarithms (runs,) of EKF / causal optimum, of the ATE and of the claimed sigma."""
-    filters, optima = parts(SETTINGS[figure], seed, folder)
-    found = dict[str, Runs]()
     with local_processes(1) as executor:
-        for part, name in ((filters, EKF), (optima, CAUSAL)):
-            run_study(part.scenario, runs, seed, (name,), part.folder, executor)
-            found |= load_runs(part.scenario, runs, seed, (name,), part.folder)
+        _, study = run_setting(SETTINGS[figure], (EKF, CAUSAL), runs, seed, folder, executor)
+    found = study.loaded
     rows, others = paired(found[EKF], found[CAUSAL])
     errors = found[EKF].figures["ate_m"][rows] / found[CAUSAL].figures["ate_m"][others]
     sigmas = reported_sigma(found[EKF])[rows] / reported_sigma(found[CAUSAL])[others]

@@ -7,11 +7,9 @@ from concurrent.futures import Executor
 
 from slamgauge.compare.cli.options.exercise import ExerciseCommand
 from slamgauge.compare.cli.steps import continued_later, executor_of, open_page
-from slamgauge.compare.exercise.results import Exercise
-from slamgauge.compare.exercise.running import run_exercise
+from slamgauge.compare.exercise.results import Exercise, run_exercise
 from slamgauge.compare.exercise.tables import exercise_page
-from slamgauge.compare.report.exercise_page import publish_exercise
-from slamgauge.compare.report.exercise_runs import publish_first_runs
+from slamgauge.compare.report.exercise_page import publish_exercise, publish_first_runs
 from slamgauge.compare.storage.files import write_json
 from slamgauge.compare.storage.result_files import EXERCISE
 from slamgauge.compare.storage.staged_folder import staged_folder

@@ -34,7 +34,7 @@ from slamgauge.compare.storage.files import (
 from slamgauge.compare.storage.result_files import METRICS, RECORDING, SUMMARY, TRUTH
 from slamgauge.compare.storage.staged_folder import staged_files, staged_folder
 from slamgauge.compare.storage.trajectories import write_tum
-from slamgauge.compare.studies.study_table import study_table
+from slamgauge.compare.studies.stored_study import study_table
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording

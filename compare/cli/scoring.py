@@ -17,7 +17,6 @@ from slamgauge.compare.scoring.comparison import (
     compare_estimators,
     metrics,
     table,
-    tested_without_truth,
     write_comparison,
 )
 from slamgauge.compare.storage.files import explained
@@ -72,11 +71,9 @@ def score(
     if not estimators:
         raise UserError(next(iter(failures.values())))
     with results_folder(out, METRICS) as folder:
-        comparison = compare_estimators(data.truth, data.recording, estimators, data.informed)
+        comparison = compare_estimators(data.truth, data.recording, estimators, data.informed, twins=source.twins)
         give_back()
         comparison = replace(comparison, failures=failures | comparison.failures, study=source.study)
-        if source.twins:
-            comparison = tested_without_truth(comparison, source.twins)
         content = metrics(comparison, source.scenario, source.seed, source.text)
         output.show(content, table(comparison))
         done = not comparison.failures

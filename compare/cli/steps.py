@@ -71,7 +71,7 @@ def write_page(out: Path | None, beside: str, page: PageOptions) -> bool:
     """
     if out is None or page.no_report:
         return True
-    from slamgauge.compare.report.publishing import pages_of, write_pages  # here: matplotlib is slow to start
+    from slamgauge.compare.report.page import pages_of, write_pages  # here: matplotlib is slow to start
 
     drawn = decorate(out, {"report": lambda stage: write_pages(stage, pages_of(out / beside))}, beside)
     if drawn and page.open:

@@ -18,7 +18,7 @@ from slamgauge.compare.scoring.runs import Runs
 from slamgauge.compare.storage.result_files import SUMMARY, SWEEP
 from slamgauge.compare.storage.staged_folder import require_ours
 from slamgauge.compare.studies.baseline import Gate as BaselineGate
-from slamgauge.compare.studies.baseline import false_alarms, figures_of, open_gate
+from slamgauge.compare.studies.baseline import as_study, false_alarms, open_gate
 from slamgauge.compare.studies.executors import dask_cluster
 from slamgauge.compare.studies.store import digest
 from slamgauge.compare.studies.study import load_runs, run_study
@@ -60,7 +60,7 @@ def _open_gate(command: Study, path: Path, scenario: Scenario, asked: list[Asked
     if path.resolve() == (command.out / SUMMARY).resolve():
         raise UserError(f"{path}: this study would replace its baseline; give another --out")
     names, tolerance = [each.label for each in asked], share(command.gate.fail_if_worse)
-    return open_gate(figures_of(path), names, digest(scenario, command.seed), tolerance, str(path))
+    return open_gate(as_study(path), names, digest(scenario, command.seed), tolerance, str(path))
 
 
 def _sweep(command: Study, sweep: str, asked: list[Asked]) -> bool:
@@ -98,7 +98,7 @@ def _executor(work: WorkAnywhere) -> AbstractContextManager[Executor]:
 
 def is_worse(summary: Summary, gate: BaselineGate) -> bool:
     """Print what has changed in a study since its baseline, and return whether anything is worse."""
-    lines, worse = gate.judge(figures_of(summary))
+    lines, worse = gate.judge(summary)
     print(*lines, false_alarms(gate.tolerance), sep="\n", file=sys.stderr)
     return bool(worse)
 

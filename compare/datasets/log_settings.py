@@ -215,12 +215,17 @@ def load_settings(kind: type[Settings], file: Path | None, overrides: Sequence[s
     table: Table = {} if file is None else read_toml(file)
     for text in overrides:
         override(table, text)
+    return validated(kind, table, file or "--set")
+
+
+def validated(kind: type[Settings], table: Table, file: Path | str) -> Settings:
+    """Return the settings of a table of `file`; raise `UserError` as `load_settings`."""
     try:
         return TypeAdapter(kind).validate_json(json.dumps(table, default=str), strict=True)
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
     *sections, key = map(str, first["loc"])
-    where = f"{file or '--set'}: {'.'.join([*sections, key])[:LONGEST_KEY]}"
+    where = f"{file}: {'.'.join([*sections, key])[:LONGEST_KEY]}"
     if first["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
         known = get_type_hints(get_type_hints(kind)[sections[0]] if sections else kind)
         raise UserError(f"{where}: unknown {'key' if sections else 'section'}; {did_you_mean(key, known)}")

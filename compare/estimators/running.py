@@ -200,6 +200,6 @@ def require_room_for_estimates(recording: Recording, asked: Sequence[Asked]) -> 
             require_memory(8.0 * (3 + 2 * landmarks) ** 2, what, "give fewer landmarks, or leave it out")
         if landmarks and any(each.name.startswith(name) for name in GRAPHS) and UNDER not in each.name:
             from slamgauge.graph_baseline.problem.preparation import prepare  # slow libraries
-            from slamgauge.graph_baseline.solver.memory_estimate import require_memory_for
+            from slamgauge.graph_baseline.solver.smoother import require_memory_for
 
             require_memory_for(prepare(recording), each.name)

@@ -1,29 +1,46 @@
-"""Results of the exercise: figures of each setting, loop closures, and the answer to each question in a sentence."""
+"""Results of the exercise: runs of EKF and optima on the same measurements, their figures, and answers in a sentence.
+
+Runs are stored like those of a study. Every setting has a store in `studies/FIGURE` with its filters, and shares the
+store of the optima with the settings of the same measurements.
+"""
 
 from __future__ import annotations
 
+import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import asdict, dataclass
-from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic_core import to_jsonable_python
 
 from slamgauge.arrays import Int
-from slamgauge.compare.exercise.conclusions import Conclusion
-from slamgauge.compare.exercise.judgements import Judgement
-from slamgauge.compare.exercise.judgements import to_json as conclusion_json
-from slamgauge.compare.exercise.settings import CAUSAL, EKF, GTSAM, QUESTIONS, Setting
-from slamgauge.compare.scenarios.scenario import Scenario
+from slamgauge.compare.estimators.requests import ask
+from slamgauge.compare.exercise.conclusions import CONCLUSIONS, Conclusion, Judgement, judge
+from slamgauge.compare.exercise.settings import CAUSAL, EKF, FILTERS, GTSAM, OPTIMA, QUESTIONS, SETTINGS, Setting
+from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
+from slamgauge.compare.scenarios.simulation import informed, simulate
 from slamgauge.compare.scoring.intervals import mean, rms
+from slamgauge.compare.scoring.measured import closure_steps
 from slamgauge.compare.scoring.optimum_notes import doubt_in_runs
 from slamgauge.compare.scoring.runs import Runs
 from slamgauge.compare.scoring.table import interval_cell
-from slamgauge.compare.storage.result_files import origin
-from slamgauge.compare.studies.summary import EstimatorSummary, summarise
+from slamgauge.compare.storage.result_files import STUDIES, origin
+from slamgauge.compare.storage.staged_folder import begin_folder, require_ours
+from slamgauge.compare.studies.stored_study import optima_beside
+from slamgauge.compare.studies.study import run_beside_optima
+from slamgauge.compare.studies.study_run import require_numbers, run_seed
+from slamgauge.compare.studies.summary import EstimatorSummary, Summary, failure_lines
+from slamgauge.errors import UserError
 
-AT_CLOSURES = (EKF, CAUSAL, GTSAM)  # estimators whose errors at loop closures are shown
+VERBS = {  # for one conclusion and for several
+    "holds": ("holds", "hold"),
+    "does not hold": ("does not hold", "do not hold"),
+    "undecided": ("is undecided", "are undecided"),
+}
 SMALL_FALL = 0.9  # error after a loop closure over that before: a correction by less than a tenth does not count
 
 
@@ -36,6 +53,9 @@ class AtClosure:
     three_sigma_before_m: float | None
     three_sigma_after_m: float | None
 
+    def __str__(self) -> str:
+        return f"{self.error_before_m:.2f} to {self.error_after_m:.2f} m"
+
 
 @dataclass(frozen=True)
 class Closure:
@@ -46,54 +66,37 @@ class Closure:
     runs: int
     estimators: dict[str, AtClosure]
 
+    @property
+    def fall(self) -> float:
+        """Error of the EKF at the step over that before it; infinite if an error before is 0 or unknown."""
+        before, after = self.estimators[EKF].error_before_m, self.estimators[EKF].error_after_m
+        return (after or 0.0) / before if before and self.estimators[CAUSAL].error_before_m else math.inf
+
 
 @dataclass(frozen=True)
 class SettingResult:
-    """Runs of a setting, and their figures.
-
-    `runs` are the stored runs by name of the estimator, `first_closures` (R, laps) the step of the first loop closure
-    in each lap of each run; -1 without one.
-    """
+    """Figures of a setting: the stored `runs` of each estimator, their summaries, and the loop closures."""
 
     setting: Setting
     scenario: Scenario
-    runs: dict[str, Runs]
-    first_closures: Int
+    runs: Mapping[str, Runs]
+    estimators: dict[str, EstimatorSummary]
+    closures: list[Closure]
 
-    @cached_property
-    def estimators(self) -> dict[str, EstimatorSummary]:
-        """Summary of each estimator, as in summary.json."""
-        return summarise(self.runs)
-
-    @cached_property
+    @property
     def landmarks_true(self) -> float | None:
         """Mean number of distinct landmarks that were observed."""
         return mean(self.runs[EKF].figures["landmarks_true"])
 
-    @cached_property
-    def closures(self) -> list[Closure]:
-        """The first loop closure of each lap that has one."""
-        laps = enumerate(self.first_closures.T, 1)
-        return [self._closure(lap, steps) for lap, steps in laps if (steps >= 0).any()]
-
-    def _closure(self, lap: int, steps: Int) -> Closure:
-        known = steps[steps >= 0]
-        time = float(known.mean()) * self.scenario.trajectory.step
-        return Closure(lap, time, len(known), {name: _at(self.runs[name], steps) for name in AT_CLOSURES})
-
-    @property
-    def ekf(self) -> EstimatorSummary:
-        """Summary of the EKF."""
-        return self.estimators[EKF]
-
     @property
     def consistency(self) -> str:
         """`consistent`, `overconfident` or `cautious`, as far as the runs show; `-` without a NEES."""
-        if self.ekf["nees_pose_per_dof"] is None:
+        nees = self.estimators[EKF]["nees_pose_per_dof"]
+        if nees is None:
             return "-"
-        if not any("a sigma" in fault for fault in self.ekf["faults"]):
+        if not any("a sigma" in fault for fault in self.estimators[EKF]["faults"]):
             return "consistent"
-        return "overconfident" if self.ekf["nees_pose_per_dof"].mean > 1.0 else "cautious"
+        return "overconfident" if nees.mean > 1.0 else "cautious"
 
     @property
     def doubt(self) -> str | None:
@@ -103,13 +106,10 @@ class SettingResult:
     def to_json(self) -> dict[str, Any]:
         """Return the entry of the setting in exercise.json."""
         return {
-            "figure": self.setting.figure,
-            "scenario": self.setting.scenario,
-            "title": self.setting.title,
-            "consistency": self.consistency,
-            "landmarks_true": self.landmarks_true,
+            **{key: getattr(self.setting, key) for key in ("figure", "scenario", "title")},
+            **{key: getattr(self, key) for key in ("consistency", "landmarks_true")},
             "estimators": {name: each.to_json() for name, each in self.estimators.items()},
-            "loop_closures": [asdict(each) for each in self.closures],
+            "loop_closures": self.closures,
         }
 
 
@@ -123,63 +123,50 @@ class QuestionResult:
 
     def answer(self) -> str:
         """Return in a sentence how accurate and consistent the EKF is, and how many conclusions hold."""
-        parts = (self._accuracy(), self._consistency(), self._verdicts())
-        return f"{'; '.join(filter(None, parts))}."
-
-    def _accuracy(self) -> str:
-        ratios = [(each.setting, each.ekf["ratio_to_causal"]) for each in self.settings]
-        known = sorted(((setting, ratio) for setting, ratio in ratios if ratio), key=lambda pair: pair[1].mean)
-        if not known:
-            return "no run has both the EKF and the causal optimum"
-        (best, least), (worst, most) = known[0], known[-1]
-        text = f"the error of the EKF is {interval_cell(least, '{:.2f}')} ({best.figure}, {best.title})"
-        text += f" to {interval_cell(most, '{:.2f}')} ({worst.figure}, {worst.title})" if len(known) > 1 else ""
-        return f"{text} times that of the causal optimum"
-
-    def _consistency(self) -> str:
-        found: dict[str, list[str]] = {}
-        for each in self.settings:
-            if each.ekf["nees_pose_per_dof"] is not None:
-                found.setdefault(each.consistency, []).append(each.setting.figure)
-        parts = [f"{word} in {_listed(places)}" for word, places in found.items()]
-        return f"it is {_listed(parts)}" if parts else ""
-
-    def _verdicts(self) -> str:
-        if not self.judgements:
-            return ""
-        counts = Counter(judgement.verdict for _, judgement in self.judgements)
-        words = {"holds": ("holds", "hold"), "does not hold": ("does not hold", "do not hold")}
-        parts = [
-            f"{count} {words.get(verdict, ('is undecided', 'are undecided'))[count > 1]}"
-            for verdict, count in counts.most_common()
+        ratios = [(each.estimators[EKF]["ratio_to_causal"], each.setting) for each in self.settings]
+        known = sorted((pair for pair in ratios if pair[0]), key=lambda pair: pair[0].mean)
+        ends = [
+            f"{interval_cell(ratio, '{:.2f}')} ({setting.figure}, {setting.title})"
+            for ratio, setting in dict.fromkeys([*known[:1], *known[-1:]])
         ]
-        return f"of the exercise's {len(self.judgements)} conclusions {_listed(parts)}"
+        accuracy = f"the error of the EKF is {' to '.join(ends)} times that of the causal optimum"
+        parts = [accuracy if known else "no run has both the EKF and the causal optimum"]
+        places: dict[str, list[str]] = {}
+        for each in self.settings:
+            places.setdefault(each.consistency, []).append(each.setting.figure)
+        words = [f"{word} in {_listed(figures)}" for word, figures in places.items() if word != "-"]
+        parts += [f"it is {_listed(words)}"] if words else []
+        counts = Counter(judgement.verdict for _, judgement in self.judgements).most_common()
+        verdicts = [f"{count} {VERBS[verdict][count > 1]}" for verdict, count in counts]
+        parts += [f"of the exercise's {len(self.judgements)} conclusions {_listed(verdicts)}"] if verdicts else []
+        return f"{'; '.join(parts)}."
 
     def largest_correction(self) -> str:
         """Return the loop closure with the largest relative decrease of the EKF's error; empty without closures."""
-        every = [(each.setting, closure, closure.estimators) for each in self.settings for closure in each.closures]
-        known = [row for row in every if row[2][EKF].error_before_m and row[2][CAUSAL].error_before_m]
-        if not known:
+        every = [(closure, each.setting) for each in self.settings for closure in each.closures]
+        closure, setting = min(every, key=lambda pair: pair[0].fall, default=(None, None))
+        if closure is None or setting is None or closure.fall == math.inf:
             return ""
-        setting, closure, found = min(known, key=lambda row: _fall(row[2][EKF]))
-        if _fall(found[EKF]) > SMALL_FALL:
+        if closure.fall > SMALL_FALL:
             return "No first loop closure of a lap corrects the error of the EKF by more than a tenth."
         return (
             f"The largest correction by a loop closure is in {setting.figure} ({setting.title}), lap {closure.lap}: "
-            f"the error of the EKF goes from {_before_and_after(found[EKF])}, that of the causal optimum from "
-            f"{_before_and_after(found[CAUSAL])}."
+            f"the error of the EKF goes from {closure.estimators[EKF]}, that of the causal optimum from "
+            f"{closure.estimators[CAUSAL]}."
         )
 
     def to_json(self) -> dict[str, Any]:
         """Return the entry of the question in exercise.json."""
-        question = QUESTIONS[self.name]
         return {
-            "title": question.title,
-            "task": question.task,
+            "title": QUESTIONS[self.name].title,
+            "task": QUESTIONS[self.name].task,
             "answer": self.answer(),
             "largest_correction": self.largest_correction(),
             "settings": [each.to_json() for each in self.settings],
-            "conclusions": [conclusion_json(*pair) for pair in self.judgements],
+            "conclusions": [
+                {**{key: getattr(each, key) for key in ("id", "text", "hypothesis", "asserted")}, **asdict(found)}
+                for each, found in self.judgements
+            ],
         }
 
 
@@ -199,13 +186,77 @@ class Exercise:
 
     def to_json(self) -> dict[str, Any]:
         """Return the content of exercise.json."""
-        return {
-            **origin(None),
-            "runs": self.runs,
-            "seed": self.seed,
-            "questions": {each.name: each.to_json() for each in self.questions},
-            "failures": self.failures,
-        }
+        questions = {each.name: each.to_json() for each in self.questions}
+        content = {"runs": self.runs, "seed": self.seed, "questions": questions, "failures": self.failures}
+        return to_jsonable_python({**origin(None), **content}, inf_nan_mode="null")
+
+
+def run_exercise(names: Sequence[str], runs: int, seed: int, out: str | Path, executor: Executor) -> Exercise:
+    """Run what `out` lacks of some questions, none for all, and judge their conclusions; see `run_study`.
+
+    Raises:
+        UserError: an unknown question, a bad number, a store of another study, or a foreign file in the place of one.
+    """
+    for name in names:
+        if name not in QUESTIONS:
+            raise UserError(f"question {name!r} is not known; use {', '.join(QUESTIONS)}")
+    require_numbers(runs, seed)
+    begin_folder(Path(out))
+    questions = [name for name in QUESTIONS if name in names or not names]
+    chosen = [each for name in questions for each in QUESTIONS[name].settings]
+    concluded = [each for each in CONCLUSIONS if each.id.partition("-")[0] in questions]
+    compared = [SETTINGS[measure.setting] for each in concluded for measure in each.measures]
+    found, loaded, failures = dict[str, SettingResult](), dict[tuple[str, str], Runs](), list[str]()
+    for setting in dict.fromkeys([*chosen, *compared]):
+        estimators = (*FILTERS, *OPTIMA) if setting in chosen else (EKF,)
+        scenario, summary = run_setting(setting, estimators, runs, seed, Path(out), executor)
+        failures += [f"figure {setting.figure}, {line}" for line in failure_lines(summary)]
+        loaded |= {(setting.figure, name): each for name, each in summary.loaded.items()}
+        if setting in chosen:
+            closures = _closures(scenario, [run_seed(seed, run) for run in range(runs)], summary.loaded)
+            found[setting.figure] = SettingResult(setting, scenario, summary.loaded, summary.estimators, closures)
+    results = [
+        QuestionResult(
+            name,
+            [found[each.figure] for each in QUESTIONS[name].settings],
+            [(each, judge(each, loaded)) for each in concluded if each.id.startswith(name)],
+        )
+        for name in questions
+    ]
+    return Exercise(runs, seed, results, failures)
+
+
+def run_setting(
+    setting: Setting, estimators: Sequence[str], runs: int, seed: int, out: Path, executor: Executor
+) -> tuple[Scenario, Summary]:
+    """Run what `out` lacks of a setting; return its scenario, and the study of the estimators."""
+    scenario, studies = load_scenario(setting.scenario), out / STUDIES
+    places = studies / setting.figure, optima_beside(studies, informed(scenario), seed, "optima-")
+    require_ours(*places)
+    return scenario, run_beside_optima(scenario, ask(estimators), runs, seed, places, executor)
+
+
+def _closures(scenario: Scenario, seeds: Sequence[int], runs: Mapping[str, Runs]) -> list[Closure]:
+    """Return the first loop closure of each lap that has one."""
+    found: list[Closure] = []
+    for lap, steps in enumerate(np.array([first_closures(scenario, seed) for seed in seeds], dtype=np.int64).T, 1):
+        known = steps[steps >= 0]
+        if len(known):
+            time = float(known.mean()) * scenario.trajectory.step
+            found.append(
+                Closure(lap, time, len(known), {name: _at(runs[name], steps) for name in (EKF, CAUSAL, GTSAM)})
+            )
+    return found
+
+
+def first_closures(scenario: Scenario, seed: int) -> list[int]:
+    """Return the step of the first loop closure in each lap of a run, -1 without one."""
+    truth, recording = simulate(scenario, seed)
+    steps = closure_steps(truth, recording)
+    assert truth.poses is not None and steps is not None
+    turns = np.abs(np.unwrap(truth.poses[:, 2]) - truth.poses[0, 2]) / (2.0 * math.pi)
+    laps = np.floor(turns + 1e-9).astype(np.int64)  # full turns at each step
+    return [int(steps[laps[steps] == lap][:1].max(initial=-1)) for lap in range(math.ceil(turns.max() - 1e-2))]
 
 
 def _at(runs: Runs, steps: Int) -> AtClosure:
@@ -213,23 +264,12 @@ def _at(runs: Runs, steps: Int) -> AtClosure:
     step = steps[runs.run]
     rows = np.flatnonzero(step >= 0)
 
-    def figure(what: str, before: int) -> float | None:
+    def figure(what: str, before: int, times: float = 1.0) -> float | None:
         at = rows, step[rows] - before
-        return rms(np.hypot(runs.series[f"{what}_x"][at], runs.series[f"{what}_y"][at]))
+        found = rms(np.hypot(runs.series[f"{what}_x"][at], runs.series[f"{what}_y"][at]))
+        return None if found is None else times * found
 
-    sigmas = (figure("sigma", 1), figure("sigma", 0))
-    return AtClosure(
-        figure("error", 1), figure("error", 0), *(None if sigma is None else 3.0 * sigma for sigma in sigmas)
-    )
-
-
-def _fall(found: AtClosure) -> float:
-    """Return the error at a closure over that before it."""
-    return (found.error_after_m or 0.0) / (found.error_before_m or 1.0)
-
-
-def _before_and_after(found: AtClosure) -> str:
-    return f"{found.error_before_m:.2f} to {found.error_after_m:.2f} m"
+    return AtClosure(figure("error", 1), figure("error", 0), figure("sigma", 1, 3.0), figure("sigma", 0, 3.0))
 
 
 def _listed(parts: Sequence[str]) -> str:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from slamgauge.compare.estimators.registry import CAUSAL, DEAD_RECKONING
-from slamgauge.errors import UserError
 
 EKF, GTSAM = "ekf", "gtsam-batch"
 FILTERS = (DEAD_RECKONING, EKF)  # they receive the recording
@@ -13,15 +12,10 @@ OPTIMA = (CAUSAL, GTSAM)  # they receive the true noise and associations
 CAUSAL_OF_EKF = f"{CAUSAL}@{EKF}"  # the optimum with the associations that the filter made
 
 
-@dataclass(frozen=True)
-class Setting:
-    """A setting of the exercise.
+class Setting(NamedTuple):
+    """A setting: number of its figure in the handout (`ring` is ours), shipped scenario, and title for tables.
 
-    Attributes:
-        figure: number of its figure in the handout; `ring` is a setting of slamgauge.
-        scenario: shipped scenario.
-        title: short description for tables.
-        extra: estimators of run 0 besides `FILTERS` and `OPTIMA`.
+    `extra` are the estimators of run 0 besides `FILTERS` and `OPTIMA`.
     """
 
     figure: str
@@ -30,8 +24,7 @@ class Setting:
     extra: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True)
-class Question:
+class Question(NamedTuple):
     """A question of the exercise: title, task in two sentences, and settings."""
 
     title: str
@@ -86,15 +79,3 @@ QUESTIONS = {
     ),
 }
 SETTINGS = {each.figure: each for question in QUESTIONS.values() for each in question.settings}
-
-
-def require_questions(names: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the names of questions in the order of the exercise; without names all questions.
-
-    Raises:
-        UserError: a name is not that of a question.
-    """
-    for name in names:
-        if name not in QUESTIONS:
-            raise UserError(f"question {name!r} is not known; use {', '.join(QUESTIONS)}")
-    return tuple(name for name in QUESTIONS if name in names or not names)

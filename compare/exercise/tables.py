@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from slamgauge.compare.exercise.conclusions import Conclusion
-from slamgauge.compare.exercise.judgements import Judgement
-from slamgauge.compare.exercise.results import AtClosure, Exercise, QuestionResult, SettingResult
+from slamgauge.compare.exercise.conclusions import Conclusion, Judgement
+from slamgauge.compare.exercise.results import Exercise, QuestionResult, SettingResult
 from slamgauge.compare.exercise.settings import CAUSAL, EKF, GTSAM, QUESTIONS
 from slamgauge.compare.scoring.intervals import Interval
 from slamgauge.compare.scoring.optimum_notes import MARK
@@ -62,87 +61,74 @@ def exercise_page(exercise: Exercise) -> Page:
     for each in exercise.questions:
         parts += [f"Question {each.name[1:]}. {QUESTIONS[each.name].title}: {exercise.runs} runs of each setting", ""]
         for table in tables_of(each):
-            if table.rows:
-                parts += [table, ""]
+            parts += [table, ""]
+        answer = each.answer()
         notes = [each.largest_correction(), *(setting.doubt for setting in each.settings)]
-        parts += [_sentence(each.answer()), *filter(None, notes), ""]
+        parts += [answer[0].upper() + answer[1:], *filter(None, notes), ""]
     return Page((*parts[:-1], *exercise.failures))
 
 
-def tables_of(question: QuestionResult, *, with_ratio: bool = False) -> tuple[Table, ...]:
-    """Return the tables of a question, some without rows; see `conclusions`."""
+def tables_of(question: QuestionResult, *, with_ratio: bool = False) -> list[Table]:
+    """Return the tables of a question that have rows; see `conclusions`."""
     settings = question.settings
     judged = conclusions(question.judgements, with_ratio=with_ratio)
-    return scores(settings), closures(settings), landmarks(settings), judged
+    return [each for each in (scores(settings), closures(settings), landmarks(settings), judged) if each.rows]
 
 
 def scores(settings: Sequence[SettingResult]) -> Table:
     """Return the table of accuracy and consistency."""
-    return Table(SCORES, [*map(_score, settings)], "Accuracy and consistency")
-
-
-def _score(each: SettingResult) -> list[Cell]:
-    ratio = figure(each.ekf["ratio_to_causal"], "{:.2f}")
-    return [
-        *(Cell(each.setting.figure), Cell(each.setting.title)),
-        *(mean_of(each.estimators[name]["ate_m"], "{:.3f}") for name in (EKF, GTSAM)),
-        ratio._replace(text=ratio.text + MARK * bool(each.doubt)),
-        mean_of(each.ekf["nees_pose_per_dof"], "{:.2f}"),
-        mean_of(each.ekf["coverage_95"], "{:.0%}"),
-        Cell(each.consistency),
-    ]
+    rows: list[list[Cell]] = []
+    for each in settings:
+        ekf, ratio = each.estimators[EKF], figure(each.estimators[EKF]["ratio_to_causal"], "{:.2f}")
+        rows.append([Cell(each.setting.figure), Cell(each.setting.title)])
+        rows[-1] += [mean_of(each.estimators[name]["ate_m"], "{:.3f}") for name in (EKF, GTSAM)]
+        rows[-1] += [
+            ratio._replace(text=ratio.text + MARK * bool(each.doubt)),
+            mean_of(ekf["nees_pose_per_dof"], "{:.2f}"),
+        ]
+        rows[-1] += [mean_of(ekf["coverage_95"], "{:.0%}"), Cell(each.consistency)]
+    return Table(SCORES, rows, "Accuracy and consistency")
 
 
 def closures(settings: Sequence[SettingResult]) -> Table:
     """Return the table of the first loop closure of each lap: figures just before and at it."""
-    rows = [
-        [
-            *(Cell(each.setting.figure), Cell(str(closure.lap)), figure(closure.time_s, "{:.1f}")),
-            *(text for name in (EKF, CAUSAL) for text in _before_and_after(closure.estimators[name])),
-            figure(closure.estimators[GTSAM].error_after_m, "{:.2f}"),
-        ]
-        for each in settings
-        for closure in each.closures
-    ]
+    rows: list[list[Cell]] = []
+    for figure_of, closure in ((each.setting.figure, closure) for each in settings for closure in each.closures):
+        rows.append([Cell(figure_of), Cell(str(closure.lap)), figure(closure.time_s, "{:.1f}")])
+        for at in (closure.estimators[name] for name in (EKF, CAUSAL)):
+            for before, after in (
+                (at.error_before_m, at.error_after_m),
+                (at.three_sigma_before_m, at.three_sigma_after_m),
+            ):
+                rows[-1].append(Cell(f"{cell(before, '{:.2f}')} → {cell(after, '{:.2f}')}", before))
+        rows[-1].append(figure(closure.estimators[GTSAM].error_after_m, "{:.2f}"))
     return Table(CLOSURES, rows, "The first loop closure of each lap")
-
-
-def _before_and_after(found: AtClosure) -> list[Cell]:
-    pairs = (found.error_before_m, found.error_after_m), (found.three_sigma_before_m, found.three_sigma_after_m)
-    return [Cell(" → ".join(cell(each, "{:.2f}") for each in pair), pair[0]) for pair in pairs]
 
 
 def landmarks(settings: Sequence[SettingResult]) -> Table:
     """Return the table of mapped landmarks and wrong associations; no rows with known association."""
-    rows = [
-        [
-            *(Cell(each.setting.figure), Cell(each.setting.title), mean_of(each.ekf["landmarks_mapped"], "{:.1f}")),
-            *(figure(each.landmarks_true, "{:.1f}"), mean_of(each.ekf["wrong_associations"], "{:.1f}")),
-        ]
-        for each in settings
-    ]
+    rows: list[list[Cell]] = []
+    for each in settings:
+        mapped, wrong = (
+            mean_of(each.estimators[EKF][key], "{:.1f}") for key in ("landmarks_mapped", "wrong_associations")
+        )
+        rows.append(
+            [Cell(each.setting.figure), Cell(each.setting.title), mapped, figure(each.landmarks_true, "{:.1f}"), wrong]
+        )
     is_unknown = any(row[-1].text not in (NO_FIGURE, "0.0") for row in rows)
     return Table(LANDMARKS, rows if is_unknown else [], "Landmarks and associations")
 
 
 def conclusions(judged: Sequence[tuple[Conclusion, Judgement]], *, with_ratio: bool = False) -> Table:
     """Return the table of conclusions; with the figures that a conclusion compares if `with_ratio`."""
-    heads, count = [*CONCLUSIONS, RATIO], len(CONCLUSIONS) + with_ratio
-    rows = [_conclusion(*pair)[:count] for pair in judged]
-    return Table(heads[:count], rows, "Conclusions of the exercise")
-
-
-def _conclusion(conclusion: Conclusion, judgement: Judgement) -> list[Cell]:
-    ratio, needed = judgement.ratio, judgement.runs_needed
-    interval = Cell(NO_FIGURE) if ratio is None or ratio.low is None else from_to(ratio.low, ratio.high, "{:.3g}")
-    return [
-        *(Cell(judgement.verdict), Cell(conclusion.text), mean_of(ratio, "{:.3g}"), interval),
-        *(Cell(NO_FIGURE if needed is None else str(needed), needed), Cell(conclusion.hypothesis)),
-    ]
-
-
-def _sentence(text: str) -> str:
-    return text[0].upper() + text[1:]
+    heads, rows = [*CONCLUSIONS, *([RATIO] if with_ratio else [])], list[list[Cell]]()
+    for conclusion, found in judged:
+        ratio, needed = found.ratio, found.runs_needed
+        interval = Cell(NO_FIGURE) if ratio is None else from_to(ratio.low, ratio.high, "{:.3g}")
+        row = [Cell(found.verdict), Cell(conclusion.text), mean_of(ratio, "{:.3g}"), interval]
+        row += [Cell(NO_FIGURE if needed is None else str(needed), needed), Cell(conclusion.hypothesis)]
+        rows.append(row[: len(heads)])
+    return Table(heads, rows, "Conclusions of the exercise")
 
 
 def mean_of(interval: Interval | None, form: str) -> Cell:

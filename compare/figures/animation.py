@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
 import numpy as np
-from matplotlib.animation import FuncAnimation, PillowWriter
-from matplotlib.artist import Artist
+from matplotlib.animation import PillowWriter
 from matplotlib.figure import Figure
 
 from slamgauge.compare.estimators.requests import labels_among
+from slamgauge.compare.figures.maps import Scene
 from slamgauge.compare.figures.plot_style import DEAD_RECKONING, PRINT, legend_below
-from slamgauge.compare.figures.scene import Scene, limits
 from slamgauge.compare.storage.files import explained, load_results
 from slamgauge.compare.storage.progress import counted
 from slamgauge.compare.storage.result_files import METRICS
@@ -51,26 +51,24 @@ def animate(folder: Path, names: Sequence[str], seconds: float, fps: int) -> Non
     frames = min(_frames(seconds, fps), results.recording.steps + 1)
     steps = np.linspace(0, results.recording.steps, frames).round().astype(int).tolist()
     rate: Any = frames / seconds  # typed as int by the writer, but floats work
-    low, high = limits(results, shown, mapped)
-    height = WIDTH * float(np.clip((high - low)[1] / (high - low)[0], *SHAPES)) + EDGES
+    scene, stamps = Scene(results, shown, mapped), results.recording.stamps
+    width, height = (scene.high - scene.low).tolist()
+    size = (WIDTH, WIDTH * float(np.clip(height / width, *SHAPES)) + EDGES)
     with staged_folder(folder, METRICS, adds=True) as stage, mpl.rc_context(PRINT):
-        figure = Figure(figsize=(WIDTH, height), dpi=DOTS, layout="constrained")
-        ax = figure.subplots()
-        ax.set_title(results.title, loc="left")
-        scene = Scene(ax, results, shown, mapped)
-        legend_below(figure, ax.get_legend_handles_labels()[0])
-
-        def show(step: int) -> list[Artist]:
-            scene.show(step)
-            time = results.recording.stamps[step] - results.recording.stamps[0]
-            return [ax.set_title(f"t = {time:.1f} s", loc="right")]
-
-        show(0)
-        figure.draw_without_rendering()
-        figure.set_layout_engine("none")  # the parts keep their places
-        animation = FuncAnimation(figure, show, steps, init_func=list, cache_frame_data=False)
-        with explained(folder, "written"), counted(frames, "frame", GIF) as progress:
-            animation.save(stage / GIF, PillowWriter(rate), dpi=DOTS, progress_callback=lambda *_: progress.update())
+        figure = Figure(figsize=size, dpi=DOTS, layout="constrained")
+        ax, writer = figure.subplots(), PillowWriter(rate)
+        saving = writer.saving(figure, str(stage / GIF), DOTS)
+        with explained(folder, "written"), counted(frames, "frame", GIF) as progress, saving:
+            for before, step in pairwise([-1, *steps]):
+                scene.draw(ax, step, before)
+                ax.set_title(results.title, loc="left")
+                ax.set_title(f"t = {stamps[step] - stamps[0]:.1f} s", loc="right")
+                if before < 0:
+                    legend_below(figure, ax.get_legend_handles_labels()[0])
+                    figure.draw_without_rendering()
+                    figure.set_layout_engine("none")  # the parts keep their places
+                writer.grab_frame()
+                progress.update()
 
 
 def _chosen(estimates: Mapping[str, Estimate], names: Sequence[str]) -> tuple[dict[str, Estimate], dict[str, Estimate]]:

@@ -13,11 +13,20 @@ from matplotlib.figure import Figure, SubFigure
 
 from slamgauge.compare.exercise.results import Closure, SettingResult
 from slamgauge.compare.exercise.settings import CAUSAL, EKF, GTSAM, Setting
-from slamgauge.compare.figures.axes import band, curve, logarithmic
-from slamgauge.compare.figures.plot_style import Sheet, legend_below, printed, printed_on, styles
+from slamgauge.compare.figures.plot_style import (
+    Sheet,
+    band,
+    curve,
+    legend_below,
+    logarithmic,
+    printed,
+    printed_on,
+    styles,
+)
 from slamgauge.compare.figures.ray_strip import RayStrip, has_rays
 from slamgauge.compare.figures.run_figures import HEIGHTS, draw_map_and_errors
 from slamgauge.compare.scoring.runs import BAND_LEVEL, nees_per_step
+from slamgauge.compare.storage.files import Results
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.truth import Truth
@@ -39,7 +48,7 @@ def save_setting_figure(
             with printed(path, height, title) as figure:
                 draw_map_and_errors(figure, truth, recording, estimates)
             return
-        strip = RayStrip(truth, recording, EKF, estimates[EKF])
+        strip = RayStrip(Results(title, truth, recording, dict(estimates)), EKF)
         with printed(path, height + strip.height, title) as figure:
             parts = figure.subfigures(2, 1, height_ratios=(height, strip.height))
             above, below = cast("Iterable[SubFigure]", parts)

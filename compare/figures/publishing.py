@@ -6,22 +6,19 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from slamgauge.compare.estimators.requests import labels_among
-from slamgauge.compare.figures.budget_figure import save_budget_figure
-from slamgauge.compare.figures.consistency_figure import save_consistency_figure
 from slamgauge.compare.figures.ray_strip import has_rays, save_ray_strip
+from slamgauge.compare.figures.result_figures import (
+    save_bench_figure,
+    save_budget_figure,
+    save_consistency_figure,
+    save_noise_figure,
+    save_sweep_figure,
+)
 from slamgauge.compare.figures.run_figures import save_figure
 from slamgauge.compare.figures.study_figures import study_drawings
-from slamgauge.compare.figures.sweep_figure import save_sweep_figure
 from slamgauge.compare.scoring.runs import Runs
 from slamgauge.compare.storage.files import load_results, of_this_version, read_json, write_json
-from slamgauge.compare.storage.result_files import (
-    BENCH,
-    BUDGET,
-    METRICS,
-    NOISE,
-    SUMMARY,
-    SWEEP,
-)
+from slamgauge.compare.storage.result_files import BENCH, BUDGET, METRICS, NOISE, SUMMARY, SWEEP
 from slamgauge.compare.storage.staged_folder import Drawing, decorate, staged_folder
 from slamgauge.compare.studies.budget import read_budget
 from slamgauge.compare.studies.stored_study import load_study
@@ -65,14 +62,13 @@ def drawings_of(folder: Path, names: Sequence[str] = ()) -> Drawings:
     Raises:
         UserError: If the folder has no such results or no such estimator.
     """
-    for file, drawings in KINDS.items():
-        if (folder / file).is_file():
-            if names and file in (BUDGET, NOISE):
-                raise UserError(f"estimators: {file} has no estimators to choose; remove this option")
-            return drawings(folder, names)
-    raise UserError(
-        f"{folder}: contains no run, study, sweep, budget, noise or bench; give a folder that slamgauge has written"
-    )
+    file = next((each for each in KINDS if (folder / each).is_file()), None)
+    if file is None:
+        kinds = "run, study, sweep, budget, noise or bench"
+        raise UserError(f"{folder}: contains no {kinds}; give a folder that slamgauge has written")
+    if names and file in (BUDGET, NOISE):
+        raise UserError(f"estimators: {file} has no estimators to choose; remove this option")
+    return KINDS[file](folder, names)
 
 
 def _of_run(folder: Path, names: Sequence[str]) -> Drawings:
@@ -112,8 +108,6 @@ def _of_budget(folder: Path, _: Sequence[str]) -> Drawings:
 
 def _of_noise(folder: Path, _: Sequence[str]) -> Drawings:
     def draw(out: Path) -> None:
-        from slamgauge.compare.figures.noise_figure import save_noise_figure  # here: its libraries are slow to start
-
         with of_this_version(folder / NOISE):
             save_noise_figure(out, read_json(folder / NOISE, "noise"))
 
@@ -121,15 +115,11 @@ def _of_noise(folder: Path, _: Sequence[str]) -> Drawings:
 
 
 def _of_bench(folder: Path, names: Sequence[str]) -> Drawings:
-    content = read_json(folder / BENCH, "bench")
-
     def draw(out: Path) -> None:
-        from slamgauge.compare.figures.bench_figure import save_bench_figure  # here: its libraries are slow to start
-
         with of_this_version(folder / BENCH):
-            measured = content["estimators"]
+            measured = read_json(folder / BENCH, "bench")["estimators"]
             chosen = labels_among(names or [*measured], measured, NO_RESULTS)
-            save_bench_figure(out, {**content, "estimators": {name: measured[name] for name in chosen}})
+            save_bench_figure(out, {name: measured[name] for name in chosen})
 
     return {"bench": draw}
 

@@ -8,14 +8,11 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.figure import FigureBase
 
-from slamgauge.compare.figures.map_contents import map_at
+from slamgauge.compare.figures.maps import Scene, map_at
 from slamgauge.compare.figures.plot_style import legend_below, printed, sheet
-from slamgauge.compare.figures.scene import Scene, limits
 from slamgauge.compare.storage.files import Results
 from slamgauge.display import counted
 from slamgauge.estimate import Estimate
-from slamgauge.recording import Recording
-from slamgauge.truth import Truth
 
 FRAMES, OF_ONE_RAY = 6, 4  # all frames, and those of the ray that the titles follow
 COLUMNS = {"page": 3, "column": 2}
@@ -45,8 +42,7 @@ def ray_frames(estimate: Estimate) -> list[RayFrame]:
     members = np.array([_members(estimate, int(step), name) for step in recorded])
     chosen = _spread(recorded[np.diff(members, prepend=-1) != 0], OF_ONE_RAY)
     last = recorded[-1] if (log.end < 0).any() else max(log.end.max(), *chosen)
-    until = recorded[recorded <= last]
-    others = np.setdiff1d(_spread(until, FRAMES), chosen)
+    others = np.setdiff1d(_spread(recorded[recorded <= last], FRAMES), chosen)
     steps = sorted([*chosen, *_spread(others, FRAMES - len(chosen))])
     return [RayFrame(step, name, _caption(estimate, step, name)) for step in steps]
 
@@ -71,33 +67,28 @@ def _caption(estimate: Estimate, step: int, name: int) -> str:
 
 
 class RayStrip:
-    """Frames of the rays of an estimate `name`, which has rays (`has_rays`)."""
+    """Frames of the rays of an estimate `name`, which has rays (`has_rays`); `height` is that of the strip [in]."""
 
-    def __init__(self, truth: Truth | None, recording: Recording, name: str, estimate: Estimate) -> None:
+    def __init__(self, results: Results, name: str) -> None:
         """Choose the frames."""
-        self._name, self._shown = name, {name: estimate}
-        self._results = Results("", truth, recording, self._shown)
-        self._frames = ray_frames(estimate)
-        self._columns = COLUMNS[sheet().width]
-
-    @property
-    def height(self) -> float:
-        """Height of the strip [in]."""
-        low, high = limits(self._results, self._shown, self._shown, self._frames[-1].step)
-        width, height = (high - low).tolist()
+        self._estimate, self._stamps = results.estimates[name], results.recording.stamps
+        self._frames, self._columns = ray_frames(self._estimate), COLUMNS[sheet().width]
+        self._rows = -(-len(self._frames) // self._columns)
+        only = {name: self._estimate}
+        self._scene = Scene(results, only, only, self._frames[-1].step)
+        width, height = (self._scene.high - self._scene.low).tolist()
         panel = sheet().inches / self._columns * float(np.clip(height / width, 0.4, 1.4))
-        return -(-len(self._frames) // self._columns) * (panel + HEADINGS) + FOOT
+        self.height = self._rows * (panel + HEADINGS) + FOOT
 
     def draw(self, figure: FigureBase) -> None:
         """Draw the frames and their legend into an empty figure."""
-        rows, start = -(-len(self._frames) // self._columns), self._results.recording.stamps[0]
-        panels = list(figure.subplots(rows, self._columns, squeeze=False).flat)
+        panels = list(figure.subplots(self._rows, self._columns, squeeze=False).flat)
         for panel, frame in zip(panels, self._frames, strict=False):
-            Scene(panel, self._results, self._shown, self._shown, self._frames[-1].step).show(frame.step)
-            time = self._results.recording.stamps[frame.step] - start
+            self._scene.draw(panel, frame.step)
+            time = self._stamps[frame.step] - self._stamps[0]
             panel.set_title(f"t = {time:.1f} s\n{frame.caption}", fontsize=5 if sheet().is_narrow else None)
             panel.label_outer()
-            rows = map_at(self._shown[self._name], frame.step)
+            rows = map_at(self._estimate, frame.step)
             mine = rows.only(rows.landmark == frame.landmark)
             for place in mine.position[np.argsort(mine.weight)][-1:]:  # the likeliest member
                 panel.annotate(str(frame.landmark), place, (0, 5), textcoords="offset points", clip_on=True, zorder=5)
@@ -108,6 +99,6 @@ class RayStrip:
 
 def save_ray_strip(out: Path, results: Results, name: str) -> None:
     """Write rays.png (200 dpi) and rays.svg of an estimate `name` into `out`, if it has rays."""
-    strip = RayStrip(results.truth, results.recording, name, results.estimates[name])
+    strip = RayStrip(results, name)
     with printed(out / "rays", strip.height, f"{results.title}: rays of {name}") as figure:
         strip.draw(figure)

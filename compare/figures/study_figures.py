@@ -11,17 +11,21 @@ from matplotlib.collections import LineCollection
 
 from slamgauge.arrays import Float
 from slamgauge.compare.estimators.registry import BOUNDS, CAUSAL, HINDSIGHT
-from slamgauge.compare.figures.axes import (
+from slamgauge.compare.figures.plot_style import (
     DIVERGED,
     DIVERGED_LOG,
+    MARK_COLOR,
     band,
     curve,
     exceeding,
+    legend_below,
     logarithmic,
+    printed,
     robust_limits,
+    sheet,
+    styles,
     three_sigma,
 )
-from slamgauge.compare.figures.plot_style import MARK_COLOR, legend_below, printed, sheet, styles
 from slamgauge.compare.scoring.optimum_notes import MARK, doubt_in_runs, misfits
 from slamgauge.compare.scoring.runs import BAND_LEVEL, PerStep, Runs, nees_per_step, nis_per_step, paired, rmse_per_step
 from slamgauge.compare.storage.staged_folder import Drawing

@@ -47,6 +47,7 @@ class Noise:
         after: tests of the estimated noise.
         log_likelihood_gain: log-likelihood of the estimated noise minus that of the assumed noise [nats].
         held_out: the same on data that was not fitted; None if one half of the log does not determine the noise.
+        keeps_assumed: whether `tuned` has the assumed noise, because this is more likely on the held-out half.
         tuned: the given recording with the estimated noise and without systematic errors; unchanged if `keeps_assumed`.
     """
 
@@ -61,12 +62,8 @@ class Noise:
     after: Diagnosis
     log_likelihood_gain: float
     held_out: HeldOut | None
+    keeps_assumed: bool
     tuned: Recording
-
-    @property
-    def keeps_assumed(self) -> bool:
-        """Whether `tuned` has the assumed noise, because this is more likely on the held-out half."""
-        return _is_loss(self.held_out)
 
     @property
     def outlier_rate(self) -> float:
@@ -92,6 +89,7 @@ def find_noise(recording: Recording, *, systematic: bool = False, heading: Headi
     found, outliers = fit_without_outliers(NoiseModel(known, systematic))
     before, after = _require_innovations(found.model.assumed_innovations()), found.innovations()
     held_out = _held_out(found.model, before)
+    is_loss = held_out is not None and held_out.log_likelihood_gain < 0.0
     return Noise(
         recording=found.model.recording,
         assumed=given.assumed,
@@ -104,7 +102,8 @@ def find_noise(recording: Recording, *, systematic: bool = False, heading: Headi
         after=diagnose(found.model, after),
         log_likelihood_gain=float(after.log_likelihood.sum()) - float(before.log_likelihood.sum()),
         held_out=held_out,
-        tuned=recording if _is_loss(held_out) else given.recording_with(found.values, heading),
+        keeps_assumed=is_loss,
+        tuned=recording if is_loss else given.recording_with(found.values, heading),
     )
 
 
@@ -127,10 +126,6 @@ def _require_innovations(found: Innovations | None) -> Innovations:
     if np.isnan(found.value).all():
         raise UserError("recording: no landmark is observed twice, so that no noise can be found; give a longer one")
     return found
-
-
-def _is_loss(held_out: HeldOut | None) -> bool:
-    return held_out is not None and held_out.log_likelihood_gain < 0.0
 
 
 def _held_out(model: NoiseModel, before: Innovations) -> HeldOut | None:

@@ -90,15 +90,6 @@ def _remaining(variance: Float, explained: Float) -> Float:
     return np.where(left > PIVOT * variance, left, 0.0)
 
 
-class Measurements(NamedTuple):
-    """Measurements of a recording with their noise; fields as in `Recording`."""
-
-    odometry: Float
-    odometry_cov: Float
-    observation: Float
-    observation_cov: Float
-
-
 class NoiseParameters:
     """Parameters of the noise and the systematic errors of a recording, with or without ids.
 
@@ -137,16 +128,14 @@ class NoiseParameters:
         start = START * (self.assumed["forward"] or self.assumed[self.channels[0]])
         self.begin = {name: self.assumed[name] or start for name in self.sigmas}
 
-    def measurements(self, values: Mapping[str, float]) -> Measurements:
-        """Return the measurements without the systematic errors in `values`, with the sigmas in `values`."""
+    def measurements(self, values: Mapping[str, float]) -> tuple[Float, Float, Float, Float]:
+        """Return odometry and observations, each with its covariances, for the values of all parameters."""
         odometry, observation = self.recording.odometry, self.recording.observation
         if SYSTEMATIC[0] in values:
             odometry, observation = self._corrected(values)
         odometry_cov = self._form.covariances(np.array([values[name] for name in ODOMETRY]))
         factor = np.broadcast_to([values[name] / self.assumed[name] for name in self.channels], 2)
-        return Measurements(
-            odometry, odometry_cov, observation, self.recording.observation_cov * np.outer(factor, factor)
-        )
+        return odometry, odometry_cov, observation, self.recording.observation_cov * np.outer(factor, factor)
 
     def rows(self, channel: str) -> list[int]:
         """Return which of the two rows of an observation belong to a channel."""
@@ -158,14 +147,16 @@ class NoiseParameters:
         For the sensor's direction, bearings are unchanged, and increments and their noise are rotated by the offset.
         """
         offset = values.get("bearing_offset", 0.0)
-        if heading == "odometry" or offset == 0.0:
-            return replace(self.recording, **self.measurements(values)._asdict())
-        measured = self.measurements({**values, "bearing_offset": 0.0})
-        turn = np.eye(3)
-        turn[:2, :2] = rotation(offset)
-        odometry = measured.odometry @ turn.T
-        turned = measured._replace(odometry=odometry, odometry_cov=turn @ measured.odometry_cov @ turn.T)
-        return replace(self.recording, **turned._asdict())
+        is_turned = heading == "sensor" and offset != 0.0
+        odometry, odometry_cov, observation, observation_cov = self.measurements(
+            {**values, "bearing_offset": 0.0} if is_turned else values
+        )
+        if is_turned:
+            turn = np.eye(3)
+            turn[:2, :2] = rotation(offset)
+            odometry, odometry_cov = odometry @ turn.T, turn @ odometry_cov @ turn.T
+        found = {"odometry": odometry, "odometry_cov": odometry_cov}
+        return replace(self.recording, **found, observation=observation, observation_cov=observation_cov)
 
     def _corrected(self, values: Mapping[str, float]) -> tuple[Float, Float]:
         """Return increments (N, 3) and observations (M, 2) without systematic errors."""

@@ -5,13 +5,23 @@ from __future__ import annotations
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field, ValidationInfo, field_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from slamgauge.arrays import Float, Int
-from slamgauge.compare.scenarios.csv_tables import Table, TableText, covariances
-from slamgauge.compare.scenarios.section import NonNegative, Number, Positive, Probability, Section, invalid, within
+from slamgauge.compare.scenarios.section import (
+    NonNegative,
+    Number,
+    Positive,
+    Probability,
+    Section,
+    Table,
+    TableText,
+    covariances,
+    invalid,
+    within,
+)
 from slamgauge.compare.storage.csv_folder import OBSERVED, POSE_COV
-from slamgauge.sensors import SENSORS, SensorModel
+from slamgauge.sensors import SENSORS
 from slamgauge.sensors import Sensor as SensorKind
 
 COV_HEADER = ("step", *POSE_COV)
@@ -33,8 +43,8 @@ class Motion(Section):
     """
 
     covariances: Table | None = None
-    sigma_speed: Annotated[NonNegative | None, SPEED] = Field(default=None, validate_default=True)
-    sigma_yaw_rate_deg: Annotated[NonNegative | None, TURN] = Field(default=None, validate_default=True)
+    sigma_speed: Annotated[NonNegative | None, SPEED] = None
+    sigma_yaw_rate_deg: Annotated[NonNegative | None, TURN] = None
     sigma_lateral: Annotated[NonNegative | None, SPEED] = None
     slip_rate: Probability = 0.0
     scale_error: Number = 0.0
@@ -43,21 +53,24 @@ class Motion(Section):
     @field_validator("covariances")
     @classmethod
     def _are_covariances(cls, table: TableText | None) -> TableText | None:
-        if table is not None and not np.array_equal(table.rows(COV_HEADER)[:, 0], np.arange(1, len(covs(table)) + 1)):
-            raise invalid(f"{table.name}: steps must be 1, 2, 3 and so on; sort the rows")
+        if table is not None:
+            steps = table.rows(COV_HEADER)[:, 0]
+            covariances(table, COV_HEADER, 3)
+            if not np.array_equal(steps, np.arange(1, len(steps) + 1)):
+                raise invalid(f"{table.name}: steps must be 1, 2, 3 and so on; sort the rows")
         return table
 
-    @field_validator("sigma_speed", "sigma_yaw_rate_deg", "sigma_lateral")
-    @classmethod
-    def _one_form(cls, value: float | None, info: ValidationInfo) -> float | None:
-        if "covariances" not in info.data:
-            return value
-        has_table = info.data["covariances"] is not None
-        if value is None and not has_table and info.field_name != "sigma_lateral":
-            raise invalid("missing; add it", "missing")
-        if value is not None and has_table:
-            raise invalid("motion.covariances has the noise already; remove one of them")
-        return value
+    @model_validator(mode="after")
+    def _has_noise(self) -> Motion:
+        for key in ("sigma_speed", "sigma_yaw_rate_deg", "sigma_lateral"):
+            remedy = "" if key == "sigma_lateral" else "add it"
+            _require_one(key, getattr(self, key), "motion.covariances" if self.covariances else "", remedy)
+        return self
+
+    @property
+    def covs(self) -> Float | None:
+        """Covariances (N, 3, 3) [m, m, rad] of the file's steps 1..N; None without file."""
+        return None if self.covariances is None else covariances(self.covariances, COV_HEADER, 3)
 
     def sigmas(self, duration: Float) -> Float:
         """Return standard deviations (3,) or (N, 3) [m, m, rad] of increments of this duration, () or (N, 1) [s]."""
@@ -74,18 +87,19 @@ class Motion(Section):
         return np.column_stack([command[:, :2] * factor[:, None], turn])
 
 
-def covs(table: TableText) -> Float:
-    """Return the covariances (N, 3, 3) [m, m, rad] of the file's steps 1..N."""
-    return covariances(table, COV_HEADER, 3)
+def _require_one(key: str, value: float | None, table: str, remedy: str) -> None:
+    """Refuse a standard deviation beside the key of a `table`, and neither of them if there is a `remedy`."""
+    if value is None and not table and remedy:
+        raise invalid(f"missing; {remedy}", key)
+    if value is not None and table:
+        raise invalid(f"{table} has the noise already; remove one of them", key)
 
 
-def _keys_of(model: SensorModel) -> tuple[str, ...]:
-    """Return the key of the standard deviation of each observed value, angles in degrees."""
-    names = zip(model.sigmas, model.is_angle, strict=True)
-    return tuple(f"sigma_{name}{'_deg' if is_angle else ''}" for name, is_angle in names)
-
-
-_SIGMAS: dict[str, tuple[str, ...]] = {name: _keys_of(model) for name, model in SENSORS.items()}
+# keys of the standard deviations of the observed values, angles in degrees
+_SIGMAS: dict[str, tuple[str, ...]] = {
+    kind: tuple(f"sigma_{name}{'_deg' * is_angle}" for name, is_angle in zip(model.sigmas, model.is_angle, strict=True))
+    for kind, model in SENSORS.items()
+}
 
 
 class Sensor(Section):
@@ -109,21 +123,14 @@ class Sensor(Section):
     min_range: NonNegative = 0.0
     first_step: Annotated[int, Field(ge=0, strict=True)] = 0
     sightings: Table | None = None
-    sigma_range: Annotated[Positive | None, LENGTH] = Field(default=None, validate_default=True)
-    sigma_bearing_deg: Annotated[Positive | None, ANGLE] = Field(default=None, validate_default=True)
-    sigma_position: Annotated[Positive | None, LENGTH] = Field(default=None, validate_default=True)
+    sigma_range: Annotated[Positive | None, LENGTH] = None
+    sigma_bearing_deg: Annotated[Positive | None, ANGLE] = None
+    sigma_position: Annotated[Positive | None, LENGTH] = None
     field_of_view_deg: Annotated[Positive, Field(le=360)] = 360.0
     detection_probability: Probability = 1.0
     outlier_rate: Probability = 0.0
     outlier: Literal["uniform", "wide"] = "uniform"
     clutter_rate: Annotated[NonNegative, Field(le=1000)] = 0.0
-
-    @field_validator("min_range")
-    @classmethod
-    def _below_max_range(cls, value: float, info: ValidationInfo) -> float:
-        if value > info.data.get("max_range", np.inf):
-            raise invalid("must not exceed max_range; the sensor would observe nothing")
-        return value
 
     @field_validator("sightings")
     @classmethod
@@ -139,21 +146,18 @@ class Sensor(Section):
         _covs_of(table, kind)
         return table
 
-    @field_validator(*dict.fromkeys(key for keys in _SIGMAS.values() for key in keys))
-    @classmethod
-    def _fits_kind(cls, value: float | None, info: ValidationInfo) -> float | None:
-        kind = info.data.get("kind")
-        needed = info.field_name in _SIGMAS.get(kind or "", ())
-        if kind and not needed and value is not None:
-            raise invalid(f"a {kind} sensor has none; remove it or change kind")
-        if not kind or not needed or "sightings" not in info.data:
-            return value
-        has_covs = _covs_of(info.data["sightings"], kind) is not None
-        if value is None and not has_covs:
-            raise invalid(f"missing; a {kind} sensor needs it", "missing")
-        if value is not None and has_covs:
-            raise invalid("sensor.sightings has the noise already; remove one of them")
-        return value
+    @model_validator(mode="after")
+    def _fits_its_kind(self) -> Sensor:
+        if self.min_range > self.max_range:
+            raise invalid("must not exceed max_range; the sensor would observe nothing", "min_range")
+        for key in dict.fromkeys(key for keys in _SIGMAS.values() for key in keys):
+            value = getattr(self, key)
+            if key in _SIGMAS[self.kind]:
+                table = "sensor.sightings" if self.covs is not None else ""
+                _require_one(key, value, table, f"a {self.kind} sensor needs it")
+            elif value is not None:
+                raise invalid(f"a {self.kind} sensor has none; remove it or change kind", key)
+        return self
 
     @property
     def sigmas(self) -> Float:
@@ -166,8 +170,8 @@ class Sensor(Section):
         """Steps (M,) and landmarks (M,) of the file `sightings`; None without file."""
         if self.sightings is None:
             return None
-        rows = self.sightings.rows(*_headers(self.kind))[:, :2].astype(np.int64)
-        return rows[:, 0], rows[:, 1]
+        steps, landmarks = self.sightings.rows(*_headers(self.kind))[:, :2].T.astype(np.int64)
+        return steps, landmarks
 
     @property
     def covs(self) -> Float | None:
@@ -180,8 +184,8 @@ def sightings_header(kind: SensorKind, *, has_covs: bool) -> tuple[str, ...]:
     return ("step", "landmark", *(OBSERVED[kind][SENSORS[kind].dim :] if has_covs else ()))
 
 
-def _headers(kind: SensorKind) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    return sightings_header(kind, has_covs=False), sightings_header(kind, has_covs=True)
+def _headers(kind: SensorKind) -> list[tuple[str, ...]]:
+    return [sightings_header(kind, has_covs=has_covs) for has_covs in (False, True)]
 
 
 def _covs_of(table: TableText | None, kind: SensorKind) -> Float | None:

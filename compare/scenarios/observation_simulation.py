@@ -6,6 +6,7 @@ other draws. Sightings of a file are drawn in sequence: there a landmark may be 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
@@ -24,19 +25,8 @@ SHORTER = "shorten trajectory.duration"
 WIDE = 10.0  # noise of a `wide` outlier divided by that of other observations
 
 
-class Streams(NamedTuple):
-    """A random stream for each kind of draw."""
-
-    noise: np.random.SeedSequence
-    detection: np.random.SeedSequence
-    outlier: np.random.SeedSequence
-    wrong_value: np.random.SeedSequence
-    clutter: np.random.SeedSequence
-    clutter_value: np.random.SeedSequence
-
-
 class Observed(NamedTuple):
-    """Observations in the order of steps; in each step clutter is last."""
+    """Observations in the order of steps; in each step clutter is last, with the mean covariance of a file."""
 
     step: Int  # (M,)
     landmark: Int  # (M,) number of the landmark; NOBODY for clutter
@@ -71,25 +61,40 @@ class _Sights:
         return drawn
 
 
-def observe(poses: Float, landmarks: Float, sensor: Sensor, streams: Streams) -> Observed:
-    """Simulate the observations of landmarks (L, 2) from poses (N+1, 3)."""
+def observe(poses: Float, landmarks: Float, sensor: Sensor, streams: Sequence[np.random.SeedSequence]) -> Observed:
+    """Simulate the observations of landmarks (L, 2) from poses (N+1, 3), with a random stream for each kind of draw."""
+    noises, detections, outliers, wrong_values, clutters, clutter_values = streams
     sights = _sights(poses, landmarks, sensor)
-    value = _noise(sensor, sights, streams.noise)
-    count = len(value)
-    for rows in chunks(count):
-        seen = in_body(poses[sights.step[rows]], landmarks[sights.landmark[rows]])
-        value[rows] = _measured(seen, value[rows], sensor)
-    outlier = np.zeros(count, dtype=np.bool_)
+    step, landmark, value = sights.step, sights.landmark, _noise(sensor, sights, noises)
+    source = np.arange(len(value))  # row of `sensor.covs`
+    for rows in chunks(len(value)):
+        value[rows] = _measured(in_body(poses[step[rows]], landmarks[landmark[rows]]), value[rows], sensor)
+    outlier = np.zeros(len(value), dtype=np.bool_)
     if sensor.outlier_rate > 0.0:
-        outlier = sights.draw(streams.outlier, "random", 1)[:, 0] < sensor.outlier_rate
-        seen = in_body(poses[sights.step[outlier]], landmarks[sights.landmark[outlier]])
-        value[outlier] = _wrong(seen, sights, outlier, sensor, streams)
-    found = Observed(sights.step, sights.landmark, value, _covs(sensor, count), outlier)
+        outlier = sights.draw(outliers, "random", 1)[:, 0] < sensor.outlier_rate
+        if sensor.outlier == "wide":
+            body = in_body(poses[step[outlier]], landmarks[landmark[outlier]])
+            value[outlier] = _measured(body, WIDE * _noise(sensor, sights, wrong_values)[outlier], sensor)
+        else:
+            value[outlier] = _anywhere(sights.draw(wrong_values, "random", 2)[outlier], sensor)
     if sensor.detection_probability < 1.0:
-        seen = sights.draw(streams.detection, "random", 1)[:, 0] < sensor.detection_probability
-        covs = _covs(sensor, int(seen.sum())) if sensor.covs is None else sensor.covs[seen]
-        found = Observed(sights.step[seen], sights.landmark[seen], value[seen], covs, outlier[seen])
-    return _with_clutter(found, len(poses), sensor, streams) if sensor.clutter_rate > 0.0 else found
+        seen = sights.draw(detections, "random", 1)[:, 0] < sensor.detection_probability
+        step, landmark, value, outlier, source = step[seen], landmark[seen], value[seen], outlier[seen], source[seen]
+    if sensor.clutter_rate > 0.0:
+        count = np.random.default_rng(clutters).poisson(sensor.clutter_rate, len(poses))
+        count[: sensor.first_step] = 0
+        added = np.repeat(np.arange(len(poses)), count)
+        values = _anywhere(np.random.default_rng(clutter_values).random((len(added), 2)), sensor)
+        order = np.argsort(np.concatenate([step, added]), kind="stable")
+        step, value = np.concatenate([step, added])[order], np.concatenate([value, values])[order]
+        nobody = np.full(len(added), NOBODY)
+        landmark, source = np.concatenate([landmark, nobody])[order], np.concatenate([source, nobody])[order]
+        outlier = np.concatenate([outlier, np.zeros(len(added), dtype=np.bool_)])[order]
+    if sensor.covs is None:
+        cov = np.broadcast_to(np.diag(sensor.sigmas**2), (len(step), len(sensor.sigmas), len(sensor.sigmas)))
+    else:
+        cov = np.concatenate([sensor.covs, sensor.covs.mean(axis=0)[None]])[source]  # clutter has the mean
+    return Observed(step, landmark, value, cov, outlier)
 
 
 def _sights(poses: Float, landmarks: Float, sensor: Sensor) -> _Sights:
@@ -126,13 +131,6 @@ def _noise(sensor: Sensor, sights: _Sights, stream: np.random.SeedSequence) -> F
     return noise
 
 
-def _covs(sensor: Sensor, count: int) -> Float:
-    """Return the covariances (M, d, d) of the noise."""
-    if sensor.covs is not None:
-        return sensor.covs
-    return np.broadcast_to(np.diag(sensor.sigmas**2), (count, len(sensor.sigmas), len(sensor.sigmas)))
-
-
 def _measured(body: Float, noise: Float, sensor: Sensor) -> Float:
     """Return the observations (M, d) of points (M, 2) in the body frame with noise (M, d)."""
     model, value = SENSORS[sensor.kind], predict(sensor.kind, body)
@@ -146,36 +144,9 @@ def _measured(body: Float, noise: Float, sensor: Sensor) -> Float:
     return value
 
 
-def _wrong(body: Float, sights: _Sights, outlier: Marks, sensor: Sensor, streams: Streams) -> Float:
-    """Return the values (m, d) of outliers for points (m, 2)."""
-    if sensor.outlier == "wide":
-        return _measured(body, WIDE * _noise(sensor, sights, streams.wrong_value)[outlier], sensor)
-    return _anywhere(sights.draw(streams.wrong_value, "random", 2)[outlier], sensor)
-
-
 def _anywhere(draws: Float, sensor: Sensor) -> Float:
     """Return values (M, d) uniform in range and bearing over the field of view, from uniform draws (M, 2)."""
     ranges = sensor.min_range + (sensor.max_range - sensor.min_range) * draws[:, 0]
     bearings = np.deg2rad(sensor.field_of_view_deg) * (draws[:, 1] - 0.5)
     points = ranges[:, None] * np.column_stack([np.cos(bearings), np.sin(bearings)])
     return _measured(points, np.zeros((len(draws), SENSORS[sensor.kind].dim)), sensor)
-
-
-def _with_clutter(found: Observed, steps: int, sensor: Sensor, streams: Streams) -> Observed:
-    """Add clutter to observations."""
-    count = np.random.default_rng(streams.clutter).poisson(sensor.clutter_rate, steps)
-    count[: sensor.first_step] = 0
-    step = np.repeat(np.arange(steps), count)
-    value = _anywhere(np.random.default_rng(streams.clutter_value).random((len(step), 2)), sensor)
-    order = np.argsort(np.concatenate([found.step, step]), kind="stable")
-    cov = _covs(sensor, len(order))
-    if sensor.covs is not None:  # clutter has the mean covariance of the sightings
-        mean = np.broadcast_to(sensor.covs.mean(axis=0), (len(step), *2 * value.shape[1:]))
-        cov = np.concatenate([found.cov, mean])[order]
-    return Observed(
-        step=np.concatenate([found.step, step])[order],
-        landmark=np.concatenate([found.landmark, np.full(len(step), NOBODY)])[order],
-        value=np.concatenate([found.value, value])[order],
-        cov=cov,
-        outlier=np.concatenate([found.outlier, np.zeros(len(step), dtype=np.bool_)])[order],
-    )

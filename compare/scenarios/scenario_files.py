@@ -10,10 +10,6 @@ from slamgauge.errors import UserError
 from slamgauge.suggestions import did_you_mean
 
 
-class ScenarioError(UserError):
-    """Mistakes of a scenario, one line each."""
-
-
 def shipped() -> dict[str, Traversable]:
     """Return the files of the shipped scenarios by name."""
     folder = resources.files(__package__ or "")
@@ -24,7 +20,7 @@ def locate(where: str) -> Traversable:
     """Return the file of a shipped name or path; a shipped name wins.
 
     Raises:
-        ScenarioError: no scenario has that name or path.
+        UserError: no scenario has that name or path.
     """
     known, path = shipped(), Path(where)
     if where in known:
@@ -32,4 +28,4 @@ def locate(where: str) -> Traversable:
     if path.suffix == ".toml" or path.is_file():
         return path
     remedy = did_you_mean(where, known, f"use {', '.join(sorted(known))}, or a TOML file", most=3)
-    raise ScenarioError(f"{where}: no such scenario; {remedy}")
+    raise UserError(f"{where}: no such scenario; {remedy}")

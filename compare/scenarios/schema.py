@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field, field_validator, model_validator
 
 from slamgauge.arrays import Float
-from slamgauge.compare.scenarios.landmarks import Landmarks
-from slamgauge.compare.scenarios.measurement_errors import Motion, Sensor, covs
+from slamgauge.compare.scenarios.measurement_errors import Motion, Sensor
 from slamgauge.compare.scenarios.section import (
     NonNegative,
     Number,
@@ -34,6 +34,7 @@ from slamgauge.validation import as_covariances
 Row = tuple[Number, Number, Number]
 Place = Annotated[Number, within(0.0, 1e9, "m")]  # farther away, errors of centimetres are rounded
 
+_TRIES = 1000  # random positions tried for a landmark
 _SAME_POSE = 1e-6  # m, rad: largest difference between a path's first pose and the prior's mean
 
 
@@ -50,12 +51,8 @@ class Prior(Section):
     @field_validator("covariance")
     @classmethod
     def _is_covariance(cls, value: tuple[Row, Row, Row] | None) -> tuple[Row, Row, Row] | None:
-        if value is None:
-            return value
-        try:
+        if value is not None:
             as_covariances("covariance", value, (3, 3))
-        except UserError as error:
-            raise invalid(str(error)) from None
         return value
 
     @property
@@ -100,6 +97,70 @@ Delayed = section_of("Delayed", __name__, DelayedSettings)
 INITIALISATIONS = {"fis": Rays, "delayed": DelayedSettings}
 
 
+class RandomLandmarks(Section, frozen=True):
+    """`count` landmarks, uniform in the `box` (x from, y from, x to, y to) [m], at least `min_distance` [m] apart.
+
+    `seed` is the seed of the map: all runs have the same map.
+    """
+
+    count: Annotated[Whole, Field(ge=1, le=100_000)]
+    box: tuple[Number, Number, Number, Number]
+    seed: Annotated[Whole, Field(ge=0)] = 0
+    min_distance: NonNegative = 0.0
+
+    @model_validator(mode="after")
+    def _has_room(self) -> RandomLandmarks:
+        if not (self.box[0] < self.box[2] and self.box[1] < self.box[3]):
+            raise invalid("box is empty; give [x from, y from, x to, y to]")
+        placed = len(self.positions)
+        if placed < self.count:
+            what = f"only {placed} of {self.count} landmarks fit at min_distance = {self.min_distance}"
+            raise invalid(f"{what}; lower it or enlarge the box")
+        return self
+
+    @property
+    def positions(self) -> Float:
+        """Positions (count, 2) [m]; fewer if they do not fit."""
+        return _scattered(self)
+
+
+@lru_cache(maxsize=16)
+def _scattered(chosen: RandomLandmarks) -> Float:
+    generator = np.random.default_rng(chosen.seed)
+    low, high = np.array(chosen.box[:2]), np.array(chosen.box[2:])
+    if chosen.min_distance == 0.0:
+        positions = generator.uniform(low, high, (chosen.count, 2))
+    else:
+        positions, tries = np.empty((0, 2)), _TRIES
+        while len(positions) < chosen.count and tries:
+            place, tries = generator.uniform(low, high), tries - 1
+            if not (np.hypot(*(positions - place).T) < chosen.min_distance).any():
+                positions, tries = np.vstack([positions, place]), _TRIES
+    positions.setflags(write=False)
+    return positions
+
+
+class Landmarks(Section):
+    """The map: `positions` of the landmarks, (x, y) [m], or `random` ones."""
+
+    positions: tuple[tuple[Number, Number], ...] = ()
+    random: RandomLandmarks | None = None
+
+    @model_validator(mode="after")
+    def _one_form(self) -> Landmarks:
+        if self.random is not None and self.positions:
+            raise invalid("has both forms; give positions, or random")
+        if self.random is None and "positions" not in self.model_fields_set:
+            raise invalid("has no landmarks; give positions ([] for none), or random")
+        return self
+
+    def all(self) -> Float:
+        """Return the positions (L, 2) of all landmarks [m]."""
+        if self.random is not None:
+            return self.random.positions
+        return np.array(self.positions, dtype=np.float64).reshape(-1, 2)
+
+
 class Scenario(Section):
     """A simulated run without its seed.
 
@@ -140,14 +201,34 @@ class Scenario(Section):
         """Initialisation of bearing-only landmarks; unset keys depend on the sensor's range. None for other sensors."""
         if not self.is_bearing_only:
             return None
-        section: Section = getattr(self, self.initialisation.replace("-", "_"))
+        section: Section = getattr(self, self.initialisation)
         return fitted(INITIALISATIONS[self.initialisation], self.sensor.max_range, **section.model_dump())
 
     @model_validator(mode="after")
-    def _rays_reach(self) -> Scenario:
-        if not self.is_bearing_only:
+    def _fits_together(self) -> Scenario:
+        if self.is_bearing_only:
+            self._require_rays()
+        if self.motion.covs is None and self.sensor.sights is None:
+            self._require_prediction()
+        path, motion, sights = self.trajectory, self.motion.covs, self.sensor.sights
+        if isinstance(path, Csv) and np.abs(between(self.prior.mean, path.poses[0])).max() > _SAME_POSE:
+            what = f"{[*self.prior.mean]} is not where the path of {path.file.name} starts"
+            raise invalid(f"prior.mean: {what}; set it to {path.poses[0].tolist()}")
+        if motion is None and sights is None:
             return self
-        reach = self.sensor.max_range
+        steps = len(path.increments(self.prior.mean))
+        if motion is not None and self.motion.covariances is not None and len(motion) != steps:
+            what = f"{self.motion.covariances.name} has {len(motion)} rows for {steps} steps of the path"
+            raise invalid(f"motion.covariances: {what}; give one for each")
+        for what, column, most in (("step", 0, steps), ("landmark", 1, len(self.landmarks.all()) - 1)):
+            if sights is not None and sights[column].max(initial=0) > most:
+                value = int(sights[column].max())
+                raise invalid(f"sensor.sightings: {what} {value} does not exist; the last one is {most}")
+        return self
+
+    def _require_rays(self) -> None:
+        """Refuse rays that do not reach as far as the sensor, and association of bearings without rays."""
+        reach, method = self.sensor.max_range, self.association.method
         try:
             rays = fitted(Rays, reach, **self.fis.model_dump())
         except UserError as error:
@@ -155,53 +236,15 @@ class Scenario(Section):
         if rays.s_max < reach:
             what = f"fis.s_max = {rays.s_max} m is shorter than sensor.max_range = {reach} m"
             raise invalid(f"{what}; farther landmarks would be lost")
-        return self
-
-    @model_validator(mode="after")
-    def _can_associate(self) -> Scenario:
-        method = self.association.method
-        if self.is_bearing_only and method != "known" and self.initialisation != "fis":
+        if method != "known" and self.initialisation != "fis":
             remedy = 'set initialisation = "fis", or the method "known"'
             raise invalid(f'association.method = "{method}" needs rays; {remedy}')
-        return self
 
-    @model_validator(mode="after")
-    def _starts_where_its_path_does(self) -> Scenario:
-        if not isinstance(self.trajectory, Csv):
-            return self
-        first = self.trajectory.poses[0]
-        if np.abs(between(self.prior.mean, first)).max() > _SAME_POSE:
-            what = f"{[*self.prior.mean]} is not where the path of {self.trajectory.file.name} starts"
-            raise invalid(f"prior.mean: {what}; set it to {first.tolist()}")
-        return self
-
-    @model_validator(mode="after")
-    def _odometry_predicts(self) -> Scenario:
+    def _require_prediction(self) -> None:
         """Refuse odometry that does not predict which landmarks are in view: optima then take minutes."""
-        speeds = [self.motion.sigma_speed or 0.0, self.motion.sigma_lateral or 0.0]
-        if self.motion.covariances is not None or self.sensor.sights is not None:
-            return self
-        lasts = float(self.trajectory.durations().max(initial=0.0))
-        sigma, reach = max(speeds) * lasts, self.sensor.max_range
-        if sigma > reach:
-            key = ("sigma_speed", "sigma_lateral")[int(np.argmax(speeds))]
-            what = (
-                f"a step of {lasts:g} s has a standard deviation of {sigma:g} m, above sensor.max_range ({reach:g} m)"
-            )
-            raise invalid(f"motion.{key}: {what}; give at most {reach / lasts:g} m/s")
-        return self
-
-    @model_validator(mode="after")
-    def _tables_fit(self) -> Scenario:
-        motion, sights = self.motion.covariances, self.sensor.sights
-        if motion is None and sights is None:
-            return self
-        steps = len(self.trajectory.increments(self.prior.mean))
-        if motion is not None and len(covs(motion)) != steps:
-            what = f"{motion.name} has {len(covs(motion))} rows for {steps} steps of the path"
-            raise invalid(f"motion.covariances: {what}; give one for each")
-        for what, column, most in (("step", 0, steps), ("landmark", 1, len(self.landmarks.all()) - 1)):
-            if sights is not None and sights[column].max(initial=0) > most:
-                value = int(sights[column].max())
-                raise invalid(f"sensor.sightings: {what} {value} does not exist; the last one is {most}")
-        return self
+        lasts, reach = float(self.trajectory.durations.max(initial=0.0)), self.sensor.max_range
+        sigma, key = max((getattr(self.motion, key) or 0.0, key) for key in ("sigma_speed", "sigma_lateral"))
+        if sigma * lasts > reach:
+            what = f"a step of {lasts:g} s has a standard deviation of {sigma * lasts:g} m"
+            limit = f"above sensor.max_range ({reach:g} m); give at most {reach / lasts:g} m/s"
+            raise invalid(f"motion.{key}: {what}, {limit}")

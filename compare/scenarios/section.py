@@ -1,21 +1,34 @@
-"""Sections of scenario files: number types, the base class, and sections made from a filter's settings."""
+"""Sections of scenario files: number types, the base class, sections of a filter's settings, and CSV files.
+
+The content of a CSV file that a scenario names becomes part of the scenario: workers receive it with the scenario, and
+the digest of a study covers it. A scenario's key has the file's name, relative to the folder of the scenario file. The
+first line is a header; each key accepts its own columns.
+"""
 
 from __future__ import annotations
 
-from dataclasses import Field as DataclassField
 from dataclasses import fields
+from functools import lru_cache
+from pathlib import Path
 from typing import Annotated, Any, get_type_hints
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, create_model
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, create_model
 from pydantic_core import PydanticCustomError
 
+from slamgauge.arrays import Float
+from slamgauge.compare.storage.csv_folder import from_triangles
+from slamgauge.compare.storage.text_lines import csv_lines, read_whole, rows_below
 from slamgauge.ekf.setting_rules import is_fitted, mistake_of
-from slamgauge.validation import LARGEST
+from slamgauge.errors import UserError
+from slamgauge.validation import LARGEST, as_covariances
+
+Header = tuple[str, ...]
+FOLDER = "folder"  # key of the validation context: folder of the files that a scenario names
 
 
-def invalid(message: str, kind: str = "invalid") -> PydanticCustomError:
-    """Return the error of a validator; `scenario` prints the message after the key."""
-    return PydanticCustomError(kind, "{message}", {"message": message})  # pyrefly: ignore[bad-argument-type]
+def invalid(message: str, key: str = "") -> PydanticCustomError:
+    """Return the error of a validator, of one `key` of a section; validators may raise a `UserError`, too."""
+    return PydanticCustomError("invalid", "{message}", {"message": message, "key": key})  # pyrefly: ignore[bad-argument-type]
 
 
 def _limited(number: float) -> float:
@@ -67,12 +80,58 @@ def section_of(name: str, module: str, settings: type) -> type[Section]:
     A field whose default depends on the sensor's range is None in the section. `name` and `module` are where the
     class is defined, so that it can be pickled.
     """
+    keys: dict[str, Any] = {}
     hints = get_type_hints(settings)
-    keys: dict[str, Any] = {each.name: _key(settings, each, hints[each.name]) for each in fields(settings)}
+    for each in fields(settings):
+        strict = {float: Number, int: Whole}.get(hints[each.name], hints[each.name])
+        kind: Any = Annotated[strict, rule_of(settings, each.name)]
+        keys[each.name] = (kind | None, None) if is_fitted(each) else (kind, each.default)
     return create_model(name, __base__=Section, __module__=module, __doc__=settings.__doc__, **keys)
 
 
-def _key(settings: type, each: DataclassField[Any], hint: Any) -> tuple[Any, Any]:
-    strict = {float: Number, int: Whole}.get(hint, hint)
-    kind: Any = Annotated[strict, rule_of(settings, each.name)]
-    return (kind | None, None) if is_fitted(each) else (kind, each.default)
+class TableText(Section, frozen=True):
+    """A CSV file: its `name` in the scenario, and its `text`."""
+
+    name: str
+    text: str
+
+    def rows(self, *headers: Header) -> Float:
+        """Return the numbers (n, columns) below the header, which is one of `headers`.
+
+        Raises:
+            UserError: another header, or a line that does not fit it.
+        """
+        return _rows(self, headers)
+
+
+@lru_cache(maxsize=16)  # every run of a study needs the rows
+def _rows(table: TableText, headers: tuple[Header, ...]) -> Float:
+    rows = rows_below(table.name, csv_lines(table.name, table.text), *headers)
+    rows.setflags(write=False)
+    return rows
+
+
+@lru_cache(maxsize=16)
+def covariances(table: TableText, header: Header, dim: int, *, is_definite: bool = False) -> Float:
+    """Return covariances (n, dim, dim), whose upper triangles are the last columns of a file.
+
+    Raises:
+        UserError: as `TableText.rows`, or a row has no covariance.
+    """
+    triangles = table.rows(header)[:, -(dim * (dim + 1) // 2) :]
+    try:
+        covs = as_covariances("row", from_triangles(triangles, dim), (len(triangles), dim, dim), definite=is_definite)
+    except UserError as error:
+        raise UserError(f"{table.name}: {error}") from None
+    covs.setflags(write=False)
+    return covs
+
+
+def _read(value: object, info: ValidationInfo) -> object:
+    if not isinstance(value, str):
+        return value
+    folder: Path = (info.context or {}).get(FOLDER, Path())
+    return TableText(name=value, text="\n".join(read_whole(folder / value).rstrip().splitlines()))
+
+
+Table = Annotated[TableText, BeforeValidator(_read)]

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
-from slamgauge.arrays import Float, Int, freeze
-from slamgauge.compare.scenarios.measurement_errors import covs
-from slamgauge.compare.scenarios.observation_simulation import Observed, Streams, observe
+from slamgauge.arrays import Float, freeze
+from slamgauge.compare.scenarios.observation_simulation import observe
 from slamgauge.compare.scenarios.scenario import Scenario, as_scenario
 from slamgauge.compare.scenarios.schema import Association, Assumed, Delayed, Fis, Update
 from slamgauge.covariances import square_roots
@@ -29,69 +28,52 @@ def simulate(scenario: Scenario | str | Path, seed: int) -> tuple[Truth, Recordi
     Raises:
         UserError: the seed is not a whole number >= 0.
     """
-    scenario = as_scenario(scenario)
-    measured = _measure(scenario, seed)
-    return measured.truth, measured.recording(scenario)
+    truth, recording, _ = simulate_informed(as_scenario(scenario), seed)
+    return truth, recording
 
 
 def simulate_informed(scenario: Scenario, seed: int) -> tuple[Truth, Recording, Recording]:
     """Simulate one run: truth, recording for estimators, and recording for the optima (see `informed`)."""
-    measured = _measure(scenario, seed)
-    return measured.truth, measured.recording(scenario), measured.recording(informed(scenario))
-
-
-class _Measured(NamedTuple):
-    """Truth and measurements of a run, with the covariances of the simulated noise."""
-
-    truth: Truth
-    stamps: Float
-    odometry: Float
-    odometry_cov: Float  # (N, 3, 3)
-    seen: Observed
-
-    def recording(self, scenario: Scenario) -> Recording:
-        """Return the recording with the noise and the association that the scenario gives to estimators."""
-        assumed, association = scenario.assumed, self.truth.association
-        assert association is not None and self.truth.landmarks is not None
-        known = scenario.association.method == "known"
-        return Recording(
-            stamps=self.stamps,
-            prior_mean=np.array(scenario.prior.mean),
-            prior_cov=scenario.prior.cov,
-            odometry=self.odometry,
-            odometry_cov=_scaled(self.odometry_cov, assumed.scale * assumed.motion_scale),
-            sensor=scenario.sensor.kind,
-            observation_step=self.seen.step,
-            observation=self.seen.value,
-            observation_cov=_scaled(self.seen.cov, assumed.scale * assumed.sensor_scale),
-            landmark=_ids(association, len(self.truth.landmarks)) if known else None,
-        )
-
-
-def _measure(scenario: Scenario, seed: int) -> _Measured:
-    if not isinstance(seed, int | np.integer):
+    if not isinstance(seed, int | np.integer) or seed < 0:
         raise UserError(f"seed: {seed!r} is not valid; use a whole number >= 0")
-    if seed < 0:
-        raise UserError(f"seed: {seed} is negative; use a whole number >= 0")
-    start_stream, motion_stream, noise, slip, *others = np.random.SeedSequence(seed).spawn(9)
-    trajectory, motion = scenario.trajectory, scenario.motion
-
-    command = trajectory.increments(scenario.prior.mean)
-    poses = chain(_start(scenario, start_stream), command)
-    landmarks = scenario.landmarks.all()
-    seen = observe(poses, landmarks, scenario.sensor, Streams(noise, *others))
-    draws = np.random.default_rng(slip).random((2, len(command)))
-    motion_noise, odometry_cov = _motion_noise(scenario, np.random.default_rng(motion_stream))
-    odometry, stamps = motion.misread(command, *draws) + motion_noise, trajectory.stamps(scenario.prior.mean)
+    start_stream, motion_stream, noise, slip_stream, *others = np.random.SeedSequence(seed).spawn(9)
+    trajectory, sensor, start = scenario.trajectory, scenario.sensor, scenario.prior.mean
+    command = trajectory.increments(start)
+    poses, landmarks = chain(_start(scenario, start_stream), command), scenario.landmarks.all()
+    seen = observe(poses, landmarks, sensor, (noise, *others))
+    slips = np.random.default_rng(slip_stream).random((2, len(command)))
+    motion_noise, odometry_cov = _motion_noise(scenario, len(command), motion_stream)
+    odometry = scenario.motion.misread(command, *slips) + motion_noise
     freeze(poses, odometry, seen.step, seen.landmark, seen.value)  # records share them
     truth = Truth(
         poses=poses,
         landmark_ids=np.arange(len(landmarks)),
         landmarks=landmarks,
         association=seen.landmark,
-        outlier=seen.outlier if scenario.sensor.outlier_rate > 0.0 else None,
+        outlier=seen.outlier if sensor.outlier_rate > 0.0 else None,
     )
-    return _Measured(truth, stamps, odometry, np.broadcast_to(odometry_cov, (len(command), 3, 3)), seen)
+    clutter = seen.landmark == NOBODY  # in the recording each has a new id
+    new_ids = np.where(clutter, len(landmarks) - 1 + np.cumsum(clutter), seen.landmark)
+    exact = Recording(
+        stamps=trajectory.stamps(start),
+        prior_mean=np.array(start),
+        prior_cov=scenario.prior.cov,
+        odometry=odometry,
+        odometry_cov=odometry_cov,
+        sensor=sensor.kind,
+        observation_step=seen.step,
+        observation=seen.value,
+        observation_cov=seen.cov,
+        landmark=new_ids if clutter.any() else seen.landmark,
+    )
+    assumed = scenario.assumed
+    recording = replace(
+        exact,
+        odometry_cov=_scaled(odometry_cov, assumed.scale * assumed.motion_scale),
+        observation_cov=_scaled(seen.cov, assumed.scale * assumed.sensor_scale),
+        landmark=exact.landmark if scenario.association.method == "known" else None,
+    )
+    return truth, recording, exact
 
 
 def _scaled(covs: Float, factor: float) -> Float:
@@ -101,21 +83,13 @@ def _scaled(covs: Float, factor: float) -> Float:
     return factor * covs
 
 
-def _motion_noise(scenario: Scenario, generator: np.random.Generator) -> tuple[Float, Float]:
-    """Return the noise (N, 3) of the increments [m, m, rad], and its covariances (N, 3, 3) or (3, 3)."""
-    trajectory, table = scenario.trajectory, scenario.motion.covariances
-    if table is not None:
-        cov = covs(table)
-        return np.einsum("nij,nj->ni", square_roots(cov), generator.standard_normal((len(cov), 3))), cov
-    sigmas = scenario.motion.sigmas(trajectory.durations())
-    steps = len(trajectory.stamps(scenario.prior.mean)) - 1
-    return sigmas * generator.standard_normal((steps, 3)), sigmas[..., None] ** 2 * np.eye(3)
-
-
-def _ids(landmark: Int, landmarks: int) -> Int:
-    """Return the ids (M,) of a recording: each clutter observation has a new id."""
-    clutter = landmark == NOBODY
-    return np.where(clutter, landmarks - 1 + np.cumsum(clutter), landmark) if clutter.any() else landmark
+def _motion_noise(scenario: Scenario, steps: int, stream: np.random.SeedSequence) -> tuple[Float, Float]:
+    """Return the noise (N, 3) of the increments [m, m, rad], and its covariances (N, 3, 3)."""
+    covs, drawn = scenario.motion.covs, np.random.default_rng(stream).standard_normal((steps, 3))
+    if covs is not None:
+        return np.einsum("nij,nj->ni", square_roots(covs), drawn), covs
+    sigmas = scenario.motion.sigmas(scenario.trajectory.durations)
+    return sigmas * drawn, np.broadcast_to(sigmas[..., None] ** 2 * np.eye(3), (steps, 3, 3))
 
 
 def informed(scenario: Scenario) -> Scenario:

@@ -1,7 +1,7 @@
 """The robot's true path. A scenario file chooses one of four kinds: segments, waypoints, figure-eight or csv.
 
-Every kind has the time step `step` [s]. It computes `increments` (N, 3) in the body frame [m, m, rad] and `stamps`
-(N+1,) [s] from the start pose, which is the mean of the prior.
+Every kind has the time step `step` [s], and the `durations` of its steps, () or (N, 1) [s]. It computes `increments`
+(N, 3) in the body frame [m, m, rad] and `stamps` (N+1,) [s] from the start pose, which is the mean of the prior.
 """
 
 from __future__ import annotations
@@ -15,15 +15,14 @@ import numpy as np
 from pydantic import Discriminator, Field, Tag, model_validator
 
 from slamgauge.arrays import Float
-from slamgauge.compare.scenarios.csv_tables import Table
-from slamgauge.compare.scenarios.section import Number, Positive, Section, Whole, invalid
+from slamgauge.compare.scenarios.section import Number, Positive, Section, Table, Whole, invalid
 from slamgauge.errors import UserError
 from slamgauge.notices import tell_once
 from slamgauge.se2 import between, wrap
 
 PATH_HEADER = ("stamp", "x", "y", "theta")
 Pose = tuple[float, float, float]  # x, y [m], heading [rad]
-Move = tuple[tuple[float, float], int]  # speed [m/s] and yaw rate [rad/s]; number of steps
+Move = tuple[float, float, int]  # speed [m/s], yaw rate [rad/s], number of steps
 
 _SAME_TIME = 1e-6  # steps: smaller differences of a duration from whole steps are rounding
 _MAX_STEPS = 1_000_000  # a misplaced decimal point must not fill the memory
@@ -47,31 +46,27 @@ class Steady(Section, ABC):
         """Return the moves of the robot from a start pose; a move has constant speed and yaw rate."""
 
     def increments(self, start: Pose, /) -> Float:
-        """Return body-frame increments (N, 3) [m, m, rad].
-
-        Raises:
-            UserError: the path has more than _MAX_STEPS steps.
-        """
-        moves = [*self.moves(start)]
-        steps = [times for _, times in moves]
-        if sum(steps) > _MAX_STEPS:
-            raise UserError(f"trajectory: {sum(steps)} steps are more than {_MAX_STEPS}; raise step or speed")
-        rates = np.array([(speed, 0.0, yaw_rate) for (speed, yaw_rate), _ in moves])
+        """Return body-frame increments (N, 3) [m, m, rad]; raise `UserError` if they are more than _MAX_STEPS."""
+        moves = np.array([*self.moves(start)]).reshape(-1, 3)
+        steps = moves[:, 2].astype(np.int64)
+        if steps.sum() > _MAX_STEPS:
+            raise UserError(f"trajectory: {steps.sum()} steps are more than {_MAX_STEPS}; raise step or speed")
+        rates = np.column_stack([moves[:, 0], np.zeros(len(moves)), moves[:, 1]])
         return np.repeat(rates * self.step, steps, axis=0)
 
     def stamps(self, start: Pose, /) -> Float:
         """Return the times (N+1,) of the poses [s]."""
-        steps = sum(times for _, times in self.moves(start))
-        return np.arange(steps + 1, dtype=np.float64) * self.step
+        return np.arange(sum(steps for _, _, steps in self.moves(start)) + 1, dtype=np.float64) * self.step
 
+    @property
     def durations(self) -> Float:
-        """Return the duration of a step, () [s], which is the same for all steps."""
+        """Duration of a step, () [s], which is the same for all steps."""
         return np.array(self.step)
 
     def even(self, way: float, turn: float, duration: float) -> Move:
         """Return a move of distance `way` [m] and turn [rad]: the fewest steps that last at least `duration` [s]."""
         steps = max(1, math.ceil(duration / self.step - 1e-9))  # 0.3 / 0.1 is a little above 3
-        return (way / (steps * self.step), turn / (steps * self.step)), steps
+        return way / (steps * self.step), turn / (steps * self.step), steps
 
 
 class Segments(Steady):
@@ -111,8 +106,8 @@ class Segments(Steady):
 
     def moves(self, _start: Pose, /) -> Iterable[Move]:
         """Return a move for each segment."""
-        rates = ((segment.speed, segment.yaw_rate) for segment in self.segments)
-        return zip(rates, self.steps, strict=True)
+        moves = zip(self.segments, self.steps, strict=True)
+        return ((segment.speed, segment.yaw_rate, steps) for segment, steps in moves)
 
 
 class Waypoints(Steady):
@@ -184,19 +179,21 @@ class Csv(Section):
         return self.file.rows(PATH_HEADER)[:, 1:]
 
     @property
+    def durations(self) -> Float:
+        """Duration of each step, (N, 1) [s]."""
+        return np.diff(self.file.rows(PATH_HEADER)[:, :1], axis=0)
+
+    @property
     def step(self) -> float:
         """Mean time step [s]."""
-        return float(np.diff(self.stamps()[[0, -1]])[0] / (len(self.poses) - 1))
+        stamps = self.file.rows(PATH_HEADER)[:, 0]
+        return float((stamps[-1] - stamps[0]) / (len(stamps) - 1))
 
     def increments(self, _start: Pose, /) -> Float:
         """Return body-frame increments (N, 3) [m, m, rad] between the poses."""
         return between(self.poses[:-1], self.poses[1:])
 
-    def durations(self) -> Float:
-        """Return the duration of each step, (N, 1) [s]."""
-        return np.diff(self.stamps())[:, None]
-
-    def stamps(self, _start: Pose | None = None, /) -> Float:
+    def stamps(self, _start: Pose, /) -> Float:
         """Return the times (N+1,) of the poses [s]."""
         return self.file.rows(PATH_HEADER)[:, 0]
 
@@ -219,6 +216,7 @@ Trajectory = Annotated[
     Discriminator(
         kind_of,
         custom_error_type="kind",
-        custom_error_message=f"kind is not known; use one of {', '.join(KINDS)}",
+        custom_error_message="{message}",
+        custom_error_context={"message": f"kind is not known; use one of {', '.join(KINDS)}"},
     ),
 ]

@@ -9,12 +9,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from operator import attrgetter
 from typing import Any, Literal
 
 from slamgauge.compare.estimators.registry import CAUSAL
 from slamgauge.compare.scoring import optimum_notes, verdicts
-from slamgauge.compare.scoring.consistency import distances, is_inside, squared_mahalanobis, step_errors
+from slamgauge.compare.scoring.consistency import distances, is_inside, step_errors
 from slamgauge.compare.scoring.intervals import mean, mean_interval, number, rms
 from slamgauge.compare.scoring.measured import Measured
 from slamgauge.compare.scoring.ray_figures import RAY_FIGURES, mean_rays, ray_figures
@@ -53,23 +54,14 @@ class Column(Head):
 
 @dataclass(frozen=True)
 class Metric:
-    """A figure of an estimate, or of an estimator over many runs.
+    """A figure of an estimate, or of an estimator over many runs."""
 
-    Attributes:
-        key: name in metrics.json, summary.json and the store of a study.
-        help: meaning, in a sentence.
-        measure: function that computes it for a run; None: single runs do not have it.
-        over_runs: function that aggregates it over runs; None: not in summary.json.
-        stored: whether studies store it for every run.
-        column: column in tables; None: in no table.
-    """
-
-    key: str
-    help: str
-    measure: Measure | None = None
-    over_runs: OverRuns | None = None
-    stored: bool = False
-    column: Column | None = None
+    key: str  # in metrics.json, summary.json and the store of a study
+    help: str  # a sentence
+    measure: Measure | None = None  # None: not in metrics.json
+    over_runs: OverRuns | None = None  # None: not in summary.json
+    stored: bool = False  # by studies, for every run
+    column: Column | None = None  # in tables
 
     @property
     def unit(self) -> str:
@@ -99,6 +91,11 @@ def _final_distance_to_batch(found: Measured) -> float | None:
     if found.batch is None:
         return None
     return number(math.dist(found.estimate.poses[found.last, :2], found.batch.poses[found.last, :2]))
+
+
+def _half_map(found: Measured, *, what: str, half: str) -> float | None:
+    values = found.map_sigmas if what == "sigma" else distances(found.map_errors)
+    return rms(values[found.halves[half == "far"]])
 
 
 CATALOGUE = (
@@ -189,56 +186,45 @@ CATALOGUE = (
     _averaged(
         "landmark_nees_per_dof",
         "mean NEES of the mapped landmarks over its 2 degrees of freedom",
-        lambda found: mean(squared_mahalanobis(found.map_errors, found.map_covs) / 2),
+        lambda found: mean(found.map_nees / 2),
         Column("map NEES/2", "landmark NEES/2", form="{:.2f}", study=10),
     ),
-    _stored(
-        "landmark_sigma_near_m",
-        "RMS sigma of the half of the map that is nearer to the start (`exercise` compares the halves)",
-        lambda found: rms(found.map_sigmas[found.halves[0]]),
-    ),
-    _stored(
-        "landmark_sigma_far_m",
-        "RMS sigma of the farther half of the map",
-        lambda found: rms(found.map_sigmas[found.halves[1]]),
-    ),
-    _stored(
-        "landmark_error_near_m",
-        "RMS error of the nearer half of the map",
-        lambda found: rms(distances(found.map_errors[found.halves[0]])),
-    ),
-    _stored(
-        "landmark_error_far_m",
-        "RMS error of the farther half of the map",
-        lambda found: rms(distances(found.map_errors[found.halves[1]])),
+    *(
+        _stored(
+            f"landmark_{what}_{half}_m",
+            f"RMS {what} of the half of the map that is {place} the start",
+            partial(_half_map, what=what, half=half),
+        )
+        for what in ("sigma", "error")
+        for half, place in (("near", "nearer to"), ("far", "farther from"))
     ),
     _averaged(
         "landmarks_mapped",
         "number of landmarks in the map",
-        lambda found: len(found.landmarks[0]),
+        lambda found: len(found.estimate.landmark_ids),
         Column("mapped", "mapped landmarks", form="{:.1f}", run=10, study=12, sweep=7),
     ),
     _stored(
         "landmarks_true",
         "number of distinct landmarks that were observed",
-        lambda found: found.associations.landmarks_true,
+        lambda found: None if found.observed is None else len(found.observed),
         Column("of", "true landmarks", run=11),
     ),
     _averaged(
         "landmarks_missed",
         "number of observed landmarks without a counterpart in the map",
-        lambda found: found.associations.landmarks_missed,
+        lambda found: found.missed,
     ),
     _averaged(
         "wrong_associations",
         "number of observations that are assigned to another landmark than their own",
-        lambda found: found.associations.wrong_associations,
+        lambda found: None if found.wrong is None else int(found.wrong.sum()),
         Column("wrong", "wrong associations", form="{:.1f}", run=8, study=11, sweep=8),
     ),
     Metric(
         "rays",
         "result of the rays of a bearing-only estimate (`ray_figures.RayFigures`)",
-        lambda found: ray_figures(found.truth, found.recording, found.estimate),
+        ray_figures,
         mean_rays,
     ),
     Metric(
@@ -328,7 +314,7 @@ def measured(found: Measured, *, in_study: bool = False) -> dict[str, Any]:
     }
     if not in_study:
         return figures
-    rays = ray_figures(found.truth, found.recording, found.estimate)
+    rays = ray_figures(found)
     return figures | {f"rays_{name}": getattr(rays, name, None) for name in RAY_FIGURES}
 
 

@@ -10,14 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from slamgauge.arrays import chunks
 from slamgauge.compare.estimators.registry import OPTIMA, REGISTRY
 from slamgauge.compare.estimators.running import own_poses_of, run_side_by_side
-from slamgauge.compare.estimators.stored_trajectory import OwnPoses
 from slamgauge.compare.scoring.catalogue import empty_columns, figure_cells, heads
 from slamgauge.compare.scoring.optimum_notes import (
     MARKED,
-    beats_the_optimum_in_a_run,
     doubt,
     fit_of_the_model,
     is_in_doubt,
@@ -53,8 +50,7 @@ class Comparison:
     of the estimator, `optima` are the names of the optima by kind. `failures` has the reason, in a line, for each
     estimator without a score. `stand_ins` are optima with the associations of an estimator, if the true ones are
     unknown. `study` is a command of many runs, if the recording is simulated. `remarks` are those on user code, for
-    example replaced settings. `without_truth` has the tests of `scoring.without_truth` on filters. `own` has
-    the poses of stored trajectories at their own stamps.
+    example replaced settings. `without_truth` has the tests of `scoring.without_truth` on filters.
     """
 
     truth: Truth | None
@@ -67,7 +63,6 @@ class Comparison:
     remarks: tuple[str, ...] = ()
     without_truth: Mapping[str, ConsistencyTest] = field(default_factory=dict[str, "ConsistencyTest"])
     study: str = ""
-    own: Mapping[str, OwnPoses] = field(default_factory=dict[str, OwnPoses])
 
     def __repr__(self) -> str:
         failed = f"; failed: {', '.join(self.failures)}" if self.failures else ""
@@ -88,6 +83,8 @@ def compare_estimators(
     recording: Recording,
     estimators: Mapping[str, Estimator],
     informed: Recording | None = None,
+    *,
+    twins: int = 0,
 ) -> Comparison:
     """Run every estimator, then score each relative to truth and optimum.
 
@@ -100,9 +97,10 @@ def compare_estimators(
         estimators: by name.
         informed: the same measurements with true noise and associations, as input of the optima; by default the
             recording, with the truth's associations if it has no ids.
+        twins: number of simulated twins of the test that needs no ground truth; 0: no test.
 
     Raises:
-        UserError: the truth is of another recording, or no estimator returned a valid estimate.
+        UserError: the truth is of another recording, no estimator returned a valid estimate, or the test lacks `batch`.
     """
     require_type("recording", recording, Recording)
     require_type("estimators", estimators, Mapping)
@@ -113,18 +111,25 @@ def compare_estimators(
             informed = replace(recording, landmark=truth.association.clip(min=0))  # `misleading` marks clutter anyway
     ran = run_side_by_side(estimators, recording, informed, None if truth is None else truth.misleading)
     scores: dict[str, Score] = {}
-    own = {name: found for name in ran.estimates if (found := own_poses_of(estimators.get(name))) is not None}
+    own = {name: own_poses_of(estimators.get(name)) for name in ran.estimates}
     best = {kind: ran.estimates[name] for kind, name in ran.optima.items()}
     for name, estimate in ran.estimates.items():
         optima = best.get(estimate.kind), best.get("smoothed")
         try:
-            score = score_at_own_stamps(own.get(name), truth, recording, estimate, *optima)
+            score = score_at_own_stamps(own[name], truth, recording, estimate, *optima)
         except UserError as error:
             ran.failures[name] = f"estimator {name}: {error}"
             continue
         scores[name] = score if estimate.seconds is not None else score.timed(ran.seconds.get(name))
     if not scores and ran.failures:
         raise UserError(next(iter(ran.failures.values())))
+    tests: Mapping[str, ConsistencyTest] = {}
+    if twins:
+        from slamgauge.compare.scoring.without_truth import tested_filters  # loads the optima
+
+        if "smoothed" not in best:
+            raise UserError("twins: the test needs the optimum of all measurements; add batch to --estimators")
+        tests = tested_filters(recording, ran.estimates, best["smoothed"], twins, own)
     return Comparison(
         truth,
         recording,
@@ -134,7 +139,7 @@ def compare_estimators(
         failures=ran.failures,
         stand_ins=tuple(ran.stand_ins),
         remarks=tuple(f"{name}: {remark}" for name in scores for remark in ran.remarks.get(name, ())),
-        own=own,
+        without_truth=tests,
     )
 
 
@@ -142,8 +147,7 @@ def metrics(
     comparison: Comparison, scenario: str | None, seed: int | None, scenario_text: str | None = None
 ) -> dict[str, Any]:
     """Return the content of metrics.json; a stored recording has no scenario, text and seed (None)."""
-    stamps = comparison.recording.stamps
-    tests = {name: test.to_json(stamps) for name, test in comparison.without_truth.items()}
+    tests = {name: test.to_json(comparison.recording.stamps) for name, test in comparison.without_truth.items()}
     return {
         **origin(scenario_text),
         "scenario": scenario,
@@ -152,13 +156,9 @@ def metrics(
         "truth": comparison.truth is not None and comparison.truth.poses is not None,
         "estimators": {name: score.to_json() for name, score in comparison.scores.items()},
         "failures": [{"estimator": name, "error": error} for name, error in comparison.failures.items()],
-        "notes": [*notes(comparison), *comparison.remarks, *_verdicts_without_truth(comparison)],
+        "notes": [*notes(comparison), *comparison.remarks],
         **({"without_truth": tests} if tests else {}),
     }
-
-
-def _verdicts_without_truth(comparison: Comparison) -> list[str]:
-    return verdict_lines({name: test.text() for name, test in comparison.without_truth.items()})
 
 
 def digest(recording: Recording) -> str:
@@ -167,8 +167,7 @@ def digest(recording: Recording) -> str:
     for each in fields(recording):
         value = getattr(recording, each.name)
         total.update(each.name.encode())
-        for part in [value] if not np.ndim(value) else (value[rows] for rows in chunks(len(value))):
-            total.update(part.tobytes() if isinstance(part, np.ndarray) else str(part).encode())
+        total.update(value.tobytes() if isinstance(value, np.ndarray) else str(value).encode())
     return total.hexdigest()
 
 
@@ -201,23 +200,7 @@ def table(comparison: Comparison) -> Page:
     optima = {kind: comparison.estimates[name] for kind, name in comparison.optima.items()}
     scores = run_table(comparison.scores, doubtful_kinds(optima), comparison.failures)
     verdicts = verdict_lines({name: score["verdict"] for name, score in comparison.scores.items()})
-    verdicts += _verdicts_without_truth(comparison)
     return Page((scores, *notes(comparison), *verdicts, *comparison.failures.values()))
-
-
-def tested_without_truth(comparison: Comparison, twins: int) -> Comparison:
-    """Return the comparison with verdicts on its filters that need no ground truth.
-
-    Raises:
-        UserError: the hindsight optimum is not among the estimates.
-    """
-    from slamgauge.compare.scoring.without_truth import tested_filters  # loads the optima
-
-    if "smoothed" not in comparison.optima:
-        raise UserError("twins: the test needs the optimum of all measurements; add batch to --estimators")
-    optimum = comparison.estimates[comparison.optima["smoothed"]]
-    found = tested_filters(comparison.recording, comparison.estimates, optimum, twins, comparison.own)
-    return replace(comparison, without_truth=found)
 
 
 def notes(comparison: Comparison) -> list[str]:
@@ -242,11 +225,8 @@ def notes(comparison: Comparison) -> list[str]:
         found.append(fit_of_the_model(REGISTRY[OPTIMA[kind]].title, estimates[comparison.optima[kind]]))
     found += [left_out(name, truth, comparison.recording, estimates[name]) for name in optima]
     found += [doubt(name, estimates[name].optimum_check, MARKED) for name in optima]
-    others = {name: each for name, each in estimates.items() if name not in optima}
-    found += [doubt(name, each.optimum_check) for name, each in others.items()]
-    causal = comparison.optima.get("filtered")
-    if causal is not None and truth is not None and not comparison.stand_ins:
-        found += [beats_the_optimum_in_a_run(name, truth, each, estimates[causal]) for name, each in others.items()]
+    found += [doubt(name, each.optimum_check) for name, each in estimates.items() if name not in optima]
+    found += verdict_lines({name: test.text() for name, test in comparison.without_truth.items()})
     return [line for line in found if line]
 
 

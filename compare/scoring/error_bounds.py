@@ -12,11 +12,12 @@ Otherwise the estimator passes; more runs narrow the interval.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
-from slamgauge.arrays import Float, Marks
+from slamgauge.arrays import Float, Int, Marks
 from slamgauge.compare.scoring.consistency import chi2_band
 from slamgauge.compare.scoring.intervals import (
     Interval,
@@ -26,7 +27,7 @@ from slamgauge.compare.scoring.intervals import (
     mean_interval,
     ratio_interval,
 )
-from slamgauge.compare.scoring.optimum_notes import doubt, doubt_in_runs, share_of_doubt
+from slamgauge.compare.scoring.optimum_notes import doubt_in_runs, share_of_doubt
 from slamgauge.compare.scoring.runs import FIRST_STEP
 from slamgauge.compare.scoring.scores import Score
 from slamgauge.errors import UserError
@@ -72,71 +73,52 @@ def assert_error_bounds(
         raise UserError("score: no score given; pass one Score, or one for each run")
     if (max_ate_m, max_ratio_to_optimum, nees_level, nis_level, reference) == (None,) * 5:
         raise UserError("no bound given; pass max_ate_m, max_ratio_to_optimum, nees_level, nis_level or reference")
-    verdicts = [
-        _mean_below("ate_m", "evaluate with a Truth that has poses", scores, max_ate_m),
-        _ratio_below(scores, max_ratio_to_optimum),
-        "" if nees_level is None else _nees_inside(scores, nees_level),
-        "" if nis_level is None else _nis_inside(scores, nis_level),
+    last = np.array([each.nees[-1] for each in scores])
+    total, dof = (np.array([each[key] for each in scores]) for key in ("nis_total", "nis_dof_total"))
+    regular = "it needs the true last pose and an Estimate with a regular pose_covs[-1]"
+    broken = [
+        _mean_above(scores, "ate_m", max_ate_m, "evaluate with a Truth that has poses"),
+        _mean_above(scores, "ratio_to_optimum", max_ratio_to_optimum, "evaluate with a Truth and an optimum"),
+        _outside("pose NEES at the last step", last, np.full(len(last), 3), len(last), nees_level, regular),
+        _outside("NIS", total, dof, dof.sum(), nis_level, "return an Estimate with nis and nis_dof"),
         *([] if reference is None else against_reference(scores, reference).broken),
     ]
-    failures = [f"  {verdict}" for verdict in verdicts if verdict]
+    failures = [f"  {text}" for text in broken if text]
     if failures:
         raise AssertionError("\n".join([f"{len(failures)} error bound(s) failed:", *failures]))
 
 
-def _mean_below(name: str, remedy: str, scores: list[Score], bound: float | None) -> str:
+def _mean_above(scores: list[Score], key: str, bound: float | None, remedy: str) -> str:
     """Return why the mean of a figure fails its bound, or nothing."""
     if bound is None:
         return ""
     if not bound > 0:
-        raise UserError(f"max_{name} = {bound}: no error can keep it; give a bound > 0")
-    figures = np.array([score[name] for score in scores], dtype=np.float64)
+        raise UserError(f"max_{key} = {bound}: no error can keep it; give a bound > 0")
+    checks = np.array([each["yardstick_check_sigma"] for each in scores], dtype=np.float64)
+    reason = doubt_in_runs("the optimum", share_of_doubt(checks), "")
+    if key == "ratio_to_optimum" and reason is not None:
+        return f"{key} cannot be evaluated, as {reason}: give max_ate_m instead"
+    figures = np.array([score[key] for score in scores], dtype=np.float64)
     if np.isnan(figures).any():
-        return _missing(name, np.isnan(figures), remedy)
+        return _missing(key, np.isnan(figures), remedy)
     average = float(figures.mean())
-    return "" if average <= bound else f"{name} = {average:.6g}{_runs(scores)} exceeds max_{name} = {bound:.6g}"
+    return "" if average <= bound else f"{key} = {average:.6g}{_runs(figures)} exceeds max_{key} = {bound:.6g}"
 
 
-def _ratio_below(scores: list[Score], bound: float | None) -> str:
-    """Return why the ratio to the optimum fails its bound, or that the optimum is in doubt, or nothing."""
-    verdict = _mean_below("ratio_to_optimum", "evaluate with a Truth and an optimum", scores, bound)
-    checks = [score["yardstick_check_sigma"] for score in scores]
-    if len(checks) == 1:
-        reason = doubt("the optimum", checks[0])
-    else:
-        reason = doubt_in_runs("the optimum", share_of_doubt(np.array(checks, dtype=np.float64)), "")
-    if bound is None or reason is None:
-        return verdict
-    return f"ratio_to_optimum cannot be evaluated, as {reason}: give max_ate_m instead"
-
-
-def _nees_inside(scores: list[Score], level: float) -> str:
-    last = np.array([score.nees[-1] for score in scores])
-    band = chi2_band(level, 3 * len(last))
-    if np.isnan(last).any():
-        remedy = "it needs the true last pose and an Estimate with a regular pose_covs[-1]"
-        return _missing("pose NEES at the last step", np.isnan(last), remedy)
-    return _outside(f"pose NEES at the last step{_runs(scores)}", float(last.sum()), band, len(last), level)
-
-
-def _nis_inside(scores: list[Score], level: float) -> str:
-    dof = np.array([score["nis_dof_total"] for score in scores])
-    band = chi2_band(level, max(dof.sum(), 1))
-    if (dof <= 0).any():
-        return _missing("NIS", dof <= 0, "return an Estimate with nis and nis_dof")
-    total = sum(score["nis_total"] for score in scores)
-    return _outside(f"NIS per degree of freedom{_runs(scores)}", total, band, int(dof.sum()), level)
-
-
-def _outside(name: str, total: float, band: tuple[float, float], count: int, level: float) -> str:
-    """Return why a chi-square total, shown divided by `count`, is outside its band, or nothing."""
-    low, high = band
+def _outside(name: str, totals: Float, dof: Int, count: int, level: float | None, remedy: str) -> str:
+    """Return why the sum of chi-square totals, shown divided by `count`, is outside its band, or nothing."""
+    if level is None:
+        return ""
+    low, high = chi2_band(level, max(dof.sum(), 1))
+    missing = np.isnan(totals) | (dof <= 0)
+    if missing.any():
+        return _missing(name, missing, remedy)
+    total = float(totals.sum())
     if low <= total <= high:
         return ""
-    side = "sure" if total > high else "cautious"
     return (
-        f"{name} = {total / count:.4g} is outside [{low / count:.4g}, {high / count:.4g}], "
-        f"the {100 * level:g} % chi-square band: the estimator is too {side}"
+        f"{name}{_runs(totals)} = {total / count:.4g} is outside [{low / count:.4g}, {high / count:.4g}], "
+        f"the {100 * level:g} % chi-square band: the estimator is too {'sure' if total > high else 'cautious'}"
     )
 
 
@@ -144,8 +126,8 @@ def _missing(name: str, missing: Marks, remedy: str) -> str:
     return f"{name} is missing in {missing.sum()} of {len(missing)} run(s): {remedy}"
 
 
-def _runs(scores: list[Score]) -> str:
-    return f" (mean of {len(scores)} runs)" if len(scores) > 1 else ""
+def _runs(figures: Float) -> str:
+    return f" (mean of {len(figures)} runs)" if len(figures) > 1 else ""
 
 
 # --- relative to a reference ---------------------------------------------------------------------
@@ -180,18 +162,18 @@ def against_reference(scores: Sequence[Score], reference: Sequence[Score]) -> Ag
         )
     if len(scores) < 2:
         raise UserError("reference: a single run has no interval; give the scores of at least 2 runs")
-    ate = ratio_interval(ates(scores), ates(reference))
-    nees = ratio_interval(late_nees(scores), late_nees(reference))
-    position, heading = (ratio_interval(late_sigma(scores, of), late_sigma(reference, of)) for of in ([0, 1], [2]))
+    compared = (ates, late_nees, partial(_late_sigma, of=[0, 1]), partial(_late_sigma, of=[2]))
+    ate, nees, position, heading = (ratio_interval(figure(scores), figure(reference)) for figure in compared)
     own, other = (mean_interval(late_nees(each)) for each in (scores, reference))
-    broken = [_beyond("ATE", ate, most=MOST_ATE)]
+    rules = [("ATE", ate, 0.0, MOST_ATE)]
+    if is_above(own, 1.0):
+        rules.append(("NEES", nees, 0.0, MOST_NEES))
+    if own is not None and other is not None and _off(own) >= _off(other):
+        rules.append(("sigma of the position", position, LEAST_SIGMA, MOST_SIGMA))
+        rules.append(("sigma of the heading", heading, LEAST_SIGMA, MOST_SIGMA))
+    broken = [_beyond(*rule) for rule in rules]
     if own is None and other is not None:
         broken.append(NO_COVS)
-    if is_above(own, 1.0):
-        broken.append(_beyond("NEES", nees, most=MOST_NEES))
-    if own is not None and other is not None and _off(own) >= _off(other):
-        broken.append(_beyond("sigma of the position", position, LEAST_SIGMA, MOST_SIGMA))
-        broken.append(_beyond("sigma of the heading", heading, LEAST_SIGMA, MOST_SIGMA))
     return AgainstReference(ate, nees, position, heading, tuple(text for text in broken if text))
 
 
@@ -205,7 +187,7 @@ def late_nees(scores: Sequence[Score]) -> Float:
     return np.array([defined_mean(each.nees[FIRST_STEP:]) for each in scores], dtype=np.float64) / 3
 
 
-def late_sigma(scores: Sequence[Score], of: list[int]) -> Float:
+def _late_sigma(scores: Sequence[Score], of: list[int]) -> Float:
     """Return the RMS of the sigma of these components of the pose together, from the 11th step on (R,)."""
     squares = [defined_mean(np.square(each.sigmas[FIRST_STEP:, of]).sum(axis=1)) for each in scores]
     return np.sqrt(np.array(squares, dtype=np.float64))
@@ -216,13 +198,12 @@ def _off(nees: Interval) -> float:
     return float(abs(np.log(max(nees.mean, np.finfo(float).tiny))))
 
 
-def _beyond(name: str, ratio: Interval | None, least: float = 0.0, most: float = np.inf) -> str:
+def _beyond(name: str, ratio: Interval | None, least: float, most: float) -> str:
     """Return that the whole interval of a ratio is beyond a bound, or nothing; too small a sigma is too sure."""
     if ratio is None or ratio.low is None:
         return ""
-    text, is_sigma = f"{name} is {ratio.mean:.3g} ± {ratio.mean - ratio.low:.2g} times the reference's", least > 0.0
+    text = f"{name} is {ratio.mean:.3g} ± {ratio.mean - ratio.low:.2g} times the reference's"
     if is_below(ratio, least):
         return f"{text}, less than {least:g}: it is too sure"
-    if is_above(ratio, most):
-        return f"{text}, more than {most:g}{': it is too cautious' if is_sigma else ''}"
-    return ""
+    cautious = ": it is too cautious" if least else ""
+    return f"{text}, more than {most:g}{cautious}" if is_above(ratio, most) else ""

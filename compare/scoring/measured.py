@@ -10,16 +10,12 @@ import numpy as np
 from slamgauge.arrays import Float, Int, Marks
 from slamgauge.compare.scoring.consistency import distances, pose_errors, squared_mahalanobis
 from slamgauge.compare.scoring.intervals import number
-from slamgauge.compare.scoring.landmark_identity import (
-    AssociationFigures,
-    association_figures,
-    closure_steps,
-    landmark_errors,
-    true_landmarks,
-)
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
-from slamgauge.truth import Truth
+from slamgauge.truth import NOBODY, Truth
+
+ABSENCE = 10.0  # s: a step closes a loop if it re-observes a landmark that was not observed for this time
+ROUNDING = 1e-6  # rounding error [s] of stamps such as 0.1 k
 
 
 @dataclass(frozen=True)
@@ -39,7 +35,7 @@ class LoopClosure:
 
 @dataclass(frozen=True)
 class Measured:
-    """An estimate, the known part of the truth, and the optima.
+    """An estimate, the known part of the truth, and the optima. A mapped landmark with its observations is a track.
 
     Attributes:
         truth: known part of the truth; figures that need another part are undefined.
@@ -115,15 +111,94 @@ class Measured:
         """NIS over its degrees of freedom; None without any."""
         return self.nis_total / self.nis_dof_total if self.nis_dof_total > 0 else None
 
+    # --- landmarks ---------------------------------------------------------------------------------
+
     @cached_property
-    def landmarks(self) -> tuple[Int, Float]:
-        """True ids (L,), -1 if unknown, and positions (L, 2) [m] of the mapped landmarks."""
-        return true_landmarks(self.truth, self.recording, self.estimate)
+    def observed(self) -> Int | None:
+        """Distinct true ids of the observed landmarks; None if unknown."""
+        return None if self.truth.association is None else np.setdiff1d(self.truth.association, NOBODY)
+
+    @cached_property
+    def tracks(self) -> tuple[Int, Int] | None:
+        """Accepted observations (m,) and the rows (m,) of their tracks in the map; None without associations."""
+        given, ids = self.estimate.association, self.estimate.landmark_ids
+        if given is None:
+            return None
+        accepted, order = np.flatnonzero(given != NOBODY), np.argsort(ids)
+        return accepted, order[np.searchsorted(ids, given[accepted], sorter=order)]
+
+    def _counts(self, names: Int) -> Int:
+        """Return numbers (L, T) of observations of the true landmarks `names` (T,) in each track."""
+        counts = np.zeros((len(self.estimate.landmark_ids), len(names)), dtype=np.int64)
+        if self.tracks is not None and self.truth.association is not None:
+            accepted, rows = self.tracks
+            true = self.truth.association[accepted]
+            known = np.isin(true, names)
+            np.add.at(counts, (rows[known], np.searchsorted(names, true[known])), 1)
+        return counts
+
+    @cached_property
+    def true_ids(self) -> Int:
+        """True ids (L,) of the mapped landmarks, -1 if unknown.
+
+        A recording with ids names the landmarks. Without ids, tracks and true landmarks are matched one to one, with as
+        many right associations as possible, and among these matches with as few wrong ones as possible.
+        """
+        if self.recording.landmark is not None:
+            return self.estimate.landmark_ids
+        owners = np.full(len(self.estimate.landmark_ids), NOBODY)
+        if self.observed is not None and self.tracks is not None:
+            from scipy.optimize import linear_sum_assignment  # here: scipy is slow to start
+
+            counts = self._counts(self.observed)
+            whole = np.bincount(self.tracks[1], minlength=len(owners))
+            foreign = whole[:, None] - counts
+            rows, columns = linear_sum_assignment(counts - 1e-9 * foreign, maximize=True)
+            met = counts[rows, columns] > 0
+            owners[rows[met]] = self.observed[columns[met]]
+        return owners
+
+    @cached_property
+    def wrong(self) -> Marks | None:
+        """Observations (M,) assigned to a track of another landmark; None if unknown.
+
+        A track belongs to the landmark, or to clutter, from which most of its observations come.
+        """
+        true, ids = self.truth.association, self.estimate.landmark_ids
+        if true is None or self.tracks is None:
+            return None
+        if self.recording.landmark is not None:
+            main = np.where(np.isin(ids, true), ids, NOBODY)
+        else:
+            names = np.unique(true)
+            main = names[self._counts(names).argmax(axis=1)] if len(names) else np.full(len(ids), NOBODY)
+        accepted, rows = self.tracks
+        wrong = np.zeros(len(true), dtype=np.bool_)
+        wrong[accepted] = main[rows] != true[accepted]
+        return wrong
+
+    @property
+    def missed(self) -> int | None:
+        """Number of observed landmarks without a counterpart in the map; None if unknown."""
+        is_known = self.tracks is not None or self.recording.landmark is not None
+        return len(np.setdiff1d(self.observed, self.true_ids)) if self.observed is not None and is_known else None
+
+    def from_truth(self, ids: Int, points: Float) -> Float:
+        """Return differences (n, 2) [m] between points and the true landmarks of these ids; NaN without one."""
+        errors = np.full(points.shape, np.nan)
+        known, places = self.truth.landmark_ids, self.truth.landmarks
+        if known is None or places is None or not len(known):
+            return errors
+        names, first = np.unique(known, return_index=True)
+        slot = np.searchsorted(names, ids).clip(max=len(names) - 1)
+        common = (names[slot] == ids) & (ids != NOBODY)
+        errors[common] = points[common] - places[first[slot[common]]]
+        return errors
 
     @cached_property
     def map_errors(self) -> Float:
         """Errors (L, 2) of the mapped landmarks [m]; NaN for those of unknown truth."""
-        return landmark_errors(*self.landmarks, self.truth.landmark_ids, self.truth.landmarks)
+        return self.from_truth(self.true_ids, self.estimate.landmarks)
 
     @cached_property
     def map_covs(self) -> Float:
@@ -137,18 +212,16 @@ class Measured:
         return np.sqrt(np.trace(self.map_covs, axis1=1, axis2=2).clip(min=0))
 
     @cached_property
-    def halves(self) -> tuple[Marks, Marks]:
-        """Which mapped landmarks (L,) are in the half nearer to the true start, and which in the farther half."""
-        ids, known = self.landmarks[0], self.truth.landmark_ids
-        start = np.tile(self.reference[0, :2], (len(ids), 1))
-        far = distances(landmark_errors(ids, start, known, self.truth.landmarks))
-        middle = np.median(far[~np.isnan(far)]) if not np.isnan(far).all() else np.nan
-        return far <= middle, far > middle
+    def map_nees(self) -> Float:
+        """NEES (L,) of the mapped landmarks."""
+        return squared_mahalanobis(self.map_errors, self.map_covs)
 
     @cached_property
-    def associations(self) -> AssociationFigures:
-        """Figures of the data association."""
-        return association_figures(self.truth, self.recording, self.estimate)
+    def halves(self) -> tuple[Marks, Marks]:
+        """Which mapped landmarks (L,) are in the half nearer to the true start, and which in the farther half."""
+        far = distances(self.from_truth(self.true_ids, np.tile(self.reference[0, :2], (len(self.true_ids), 1))))
+        middle = np.nan if np.isnan(far).all() else np.nanmedian(far)
+        return far <= middle, far > middle
 
     @property
     def loop_closures(self) -> tuple[LoopClosure, ...] | None:
@@ -159,6 +232,20 @@ class Measured:
         sigmas = np.sqrt((self.covs[:, 0, 0] + self.covs[:, 1, 1]).clip(min=0))
         rows = np.column_stack([self.off[steps - 1], self.off[steps], sigmas[steps - 1], sigmas[steps]])
         return tuple(LoopClosure(step, *map(number, row)) for step, row in zip(steps.tolist(), rows, strict=True))
+
+
+def closure_steps(truth: Truth | None, recording: Recording) -> Int | None:
+    """Return the increasing steps of the loop closures, by the recording's ids or the truth's; None without ids."""
+    ids = recording.landmark
+    if ids is None:
+        ids = None if truth is None else truth.association
+    if ids is None:
+        return None
+    observed = np.flatnonzero(ids != NOBODY)
+    order = observed[np.argsort(ids[observed], kind="stable")]  # sorted by landmark, then by time
+    step = recording.observation_step[order]
+    is_absent = np.diff(recording.stamps[step]) >= ABSENCE - ROUNDING
+    return np.unique(step[1:][is_absent & (np.diff(ids[order]) == 0)])
 
 
 def pose_covs_of(estimate: Estimate) -> Float:

@@ -26,7 +26,6 @@ FIT_LEVEL = 0.95  # probability of the two-sided chi-square band of the fit
 MISFIT_LEVEL = 0.999  # probability of the two-sided chi-square band outside of which residuals are implausible
 MISFIT = 0.05  # least deviation of chi2/dof from 1 that causes a warning
 SURE = 0.999  # probability of the two-sided interval: one in 2000 estimators with the optimum's accuracy is reported
-FAR_BELOW = 0.1  # largest share of the optimum's own figure
 WHY = "no filter can be; check whether it uses the truth, later measurements or the scenario"
 MARKED = f": figures relative to it are marked {MARK}"
 
@@ -198,19 +197,3 @@ def beats_the_optimum(ratio: Interval | None, runs: int) -> str | None:
     if ratio.mean + half >= 1.0:
         return None
     return f"its error is {ratio.mean:.3g} ± {half:.2g} times the causal optimum's ({SURE:.1%} interval): {WHY}"
-
-
-def beats_the_optimum_in_a_run(name: str, truth: Truth, estimate: Estimate, optimum: Estimate) -> str | None:
-    """Return a note if the errors of one run are significantly too small for the causal optimum's covariance.
-
-    Their mean squared Mahalanobis distance over time varies most if all steps have the same error: then it is
-    chi-square with 3 degrees of freedom, and below its band with probability 0.0005. The optimum must fit its noise,
-    and its own distance must be much larger; it is not if the start is not drawn from the prior, for instance.
-    """
-    if truth.poses is None or estimate.kind != "filtered" or is_misfit(optimum):
-        return None
-    covs = pose_covs_of(optimum)
-    own, best = (mean(squared_mahalanobis(pose_errors(truth.poses, each.poses), covs)) for each in (estimate, optimum))
-    if own is None or best is None or own >= chi2_band(SURE, 3)[0] or own >= FAR_BELOW * best:
-        return None
-    return f"{name}: significantly nearer to the truth than the causal optimum's covariance allows: {WHY}"

@@ -8,13 +8,11 @@ from dataclasses import astuple, dataclass, fields
 import numpy as np
 
 from slamgauge.arrays import Float, Marks
-from slamgauge.compare.scoring.consistency import squared_mahalanobis
 from slamgauge.compare.scoring.intervals import mean
-from slamgauge.compare.scoring.landmark_identity import landmark_errors, true_landmarks
+from slamgauge.compare.scoring.measured import Measured
 from slamgauge.compare.scoring.runs import Runs
-from slamgauge.estimate import Estimate
-from slamgauge.recording import Recording
-from slamgauge.truth import NOBODY, Truth
+from slamgauge.estimate import RayLog
+from slamgauge.truth import NOBODY
 
 FAR_OFF = 9.0  # squared Mahalanobis distance of three sigma
 
@@ -44,16 +42,17 @@ class RayFigures:
 RAY_FIGURES = tuple(each.name for each in fields(RayFigures))
 
 
-def ray_figures(truth: Truth, recording: Recording, estimate: Estimate) -> RayFigures | None:
+def ray_figures(found: Measured) -> RayFigures | None:
     """Return the counts of an estimate; None without rays."""
-    rays = estimate.rays
+    rays, truth = found.estimate.rays, found.truth
     if rays is None:
         return None
     collapsed, ended = rays.survivor >= 0, rays.end >= 0
     wrong, off = None, None
     if truth.poses is not None and truth.landmark_ids is not None:
-        is_off, is_right = _judged(truth, truth.poses, recording, estimate)
-        wrong, off = float(np.sum(collapsed & (is_off | ~is_right))), float(np.sum(collapsed & is_off))
+        is_off = np.isin(rays.landmark, found.estimate.landmark_ids[found.map_nees > FAR_OFF])
+        wrong = float(np.sum(collapsed & (is_off | ~_nearest_survived(found, truth.poses, rays))))
+        off = float(np.sum(collapsed & is_off))
     return RayFigures(
         members=float(rays.members.mean()),
         collapsed=float(collapsed.sum()),
@@ -64,26 +63,15 @@ def ray_figures(truth: Truth, recording: Recording, estimate: Estimate) -> RayFi
     )
 
 
-def _judged(truth: Truth, poses: Float, recording: Recording, estimate: Estimate) -> tuple[Marks, Marks]:
-    """Return of each ray whether its landmark is more than three sigma off, and whether the right member survived.
-
-    The right member is the one that was nearest to the true distance at birth; any is if the truth is unknown.
-    """
-    rays, covs = estimate.rays, estimate.landmark_covs
-    assert rays is not None
-    known = truth.landmark_ids, truth.landmarks
-    ids, landmarks = true_landmarks(truth, recording, estimate)
-    far = np.zeros(len(ids), dtype=np.bool_)
-    if covs is not None:
-        far = squared_mahalanobis(landmark_errors(ids, landmarks, *known), covs) > FAR_OFF
-    is_off = np.isin(rays.landmark, estimate.landmark_ids[far])
+def _nearest_survived(found: Measured, poses: Float, rays: RayLog) -> Marks:
+    """Return whether each ray's survivor was at birth the member nearest to the true distance; True if unknown."""
     if not len(rays.birth):  # without observations, rays have no members
-        return is_off, is_off
-    owners = dict(zip(estimate.landmark_ids.tolist(), ids.tolist(), strict=True))
+        return np.zeros(0, dtype=np.bool_)
+    owners = dict(zip(found.estimate.landmark_ids.tolist(), found.true_ids.tolist(), strict=True))
     owner = np.array([owners.get(name, NOBODY) for name in rays.landmark.tolist()])
-    gaps = np.abs(rays.distances - np.hypot(*landmark_errors(owner, poses[rays.birth, :2], *known).T)[:, None])
-    nearest = np.nan_to_num(gaps, nan=np.inf).argmin(axis=1)
-    return is_off, np.isnan(gaps).all(axis=1) | (nearest == rays.survivor)
+    true = np.hypot(*found.from_truth(owner, poses[rays.birth, :2]).T)
+    gaps = np.abs(rays.distances - true[:, None])
+    return np.isnan(gaps).all(axis=1) | (np.nan_to_num(gaps, nan=np.inf).argmin(axis=1) == rays.survivor)
 
 
 def describe(figures: RayFigures) -> str:

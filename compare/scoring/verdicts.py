@@ -18,7 +18,16 @@ import numpy as np
 
 from slamgauge.compare.estimators.registry import OPTIMA, REGISTRY
 from slamgauge.compare.scoring.consistency import chi2_band, is_inside
-from slamgauge.compare.scoring.intervals import WORTH, Interval, mean, mean_interval, needed_runs, ratio_interval
+from slamgauge.compare.scoring.intervals import (
+    WORTH,
+    Interval,
+    is_above,
+    is_below,
+    mean,
+    mean_interval,
+    needed_runs,
+    ratio_interval,
+)
 from slamgauge.compare.scoring.measured import Measured
 from slamgauge.compare.scoring.optimum_notes import is_misfit_in_runs, share_of_doubt
 from slamgauge.compare.scoring.runs import Runs, late_coverage, late_means, paired_figures, total_nis
@@ -37,11 +46,11 @@ class Evidence:
     `ratio` the ATE over that of an `optimum` that is not in doubt, in `ratio_runs` runs.
     """
 
-    runs: int
-    nees_per_dof: float | None
-    coverage_95: float | None
-    nis_per_dof: float | None
-    nis_dof: int
+    runs: int = 0
+    nees_per_dof: float | None = None
+    coverage_95: float | None = None
+    nis_per_dof: float | None = None
+    nis_dof: int = 0
     ratio: Interval | None = None
     ratio_runs: int = 0
     optimum: str = "optimum"
@@ -50,27 +59,23 @@ class Evidence:
     @property
     def is_sigma_off(self) -> bool:
         """Whether errors are not as large as the covariance says."""
-        return self.nees_per_dof is not None and self.runs > 0 and _is_off(self.nees_per_dof, 3 * self.runs)
+        return _is_off(self.nees_per_dof, 3 * self.runs)
 
     @property
     def is_nis_off(self) -> bool:
         """Whether innovations are not as large as the filter expects."""
-        return self.has_nis and _is_off(self.nis_per_dof or 0.0, self.nis_dof)
-
-    @property
-    def has_nis(self) -> bool:
-        """Whether the filter returns innovations."""
-        return self.nis_per_dof is not None and self.nis_dof > 0
+        return _is_off(self.nis_per_dof, self.nis_dof)
 
     @property
     def is_worse(self) -> bool:
         """Whether errors are significantly larger than the optimum's, and not shown to be within WORTH of them."""
-        ratio = self.ratio
-        return ratio is not None and (ratio.low or 0.0) > 1 and (ratio.high or 0.0) > 1 + WORTH
+        return is_above(self.ratio, 1.0) and not is_below(self.ratio, 1 + WORTH)
 
 
-def _is_off(figure: float, dof: int) -> bool:
+def _is_off(figure: float | None, dof: int) -> bool:
     """Return whether a chi-square figure over its degrees of freedom differs from 1 significantly and by WORTH."""
+    if figure is None or not dof:
+        return False
     low, high = chi2_band(BAND_LEVEL, dof)
     return not low <= figure * dof <= high and not 1 / (1 + WORTH) <= math.sqrt(figure) <= 1 + WORTH
 
@@ -87,9 +92,7 @@ def faults(evidence: Evidence) -> tuple[str, ...]:
 
 def findings(evidence: Evidence) -> list[tuple[str, str]]:
     """Return what the figures show: a fault without its size, or nothing, and a part of the verdict."""
-    found = [_sigma(evidence), _ratio(evidence), _cause(evidence), _innovations(evidence)]
-    if evidence.is_sigma_off and evidence.has_nis and not evidence.is_nis_off:
-        found.append(("", "NIS does not show this"))
+    found = (_sigma(evidence), _ratio(evidence), _cause(evidence), _innovations(evidence))
     return [(fault, sentence) for fault, sentence in found if sentence]
 
 
@@ -114,14 +117,14 @@ def _sigma(evidence: Evidence) -> tuple[str, str]:
     if evidence.nees_per_dof is None or not evidence.runs:
         return "", ""
     factor = math.sqrt(evidence.nees_per_dof)
-    fault = f"claims too {'small' if factor > 1 else 'large'} a sigma" if evidence.is_sigma_off else ""
+    size = "small" if factor > 1 else "large"
+    fault = f"claims too {size} a sigma" if evidence.is_sigma_off else ""
     if not factor:
         return fault, "has no error at all, whatever sigma it claims: check whether it receives the truth"
     share = evidence.coverage_95
     ellipses = "" if share is None else f" (95 % ellipses contain {100 * share:.0f} %)"
     if fault:
-        too = f"{factor:.2g} times too small" if factor > 1 else f"{1 / factor:.2g} times too large"
-        return fault, f"claims {too} a sigma{ellipses}"
+        return fault, f"claims {max(factor, 1 / factor):.2g} times too {size} a sigma{ellipses}"
     return "", "" if evidence.runs == 1 else f"its sigmas are right as far as {evidence.runs} runs show{ellipses}"
 
 
@@ -137,8 +140,8 @@ def _ratio(evidence: Evidence) -> tuple[str, str]:
         return f"worse than the {evidence.optimum}", text
     if ratio.high < 1 - WORTH:
         return "", f"{text}, less than the optimum's: check whether it uses more than the measurements"
-    more = needed_runs(ratio, evidence.ratio_runs)
-    return "", f"{text}{more}" if ratio.high < 1 else f"{text}, not significant{more}"
+    is_significant = ", not significant" if ratio.high >= 1 else ""
+    return "", f"{text}{is_significant}{needed_runs(ratio, evidence.ratio_runs)}"
 
 
 def _cause(evidence: Evidence) -> tuple[str, str]:
@@ -149,36 +152,35 @@ def _cause(evidence: Evidence) -> tuple[str, str]:
         each = " per run" * (evidence.runs != 1)
         return "wrong associations", f"{count} wrong association{'s' * (count != '1')}{each}"
     is_too_sure = evidence.is_sigma_off and (evidence.nees_per_dof or 0.0) > 1
-    if wrong == 0 and evidence.is_worse and is_too_sure and evidence.has_nis and not evidence.is_nis_off:
+    if wrong == 0 and evidence.is_worse and is_too_sure and evidence.nis_dof and not evidence.is_nis_off:
         return "", "associations and noise are right, so the cause is its linearisation or a bug"
     return "", ""
 
 
 def _innovations(evidence: Evidence) -> tuple[str, str]:
-    if not evidence.is_nis_off:
-        return "", ""
-    factor = math.sqrt(evidence.nis_per_dof or 0.0)
-    cause = "the stated noise is too large, or a gate rejects large ones"
+    if evidence.nis_per_dof is None or not evidence.is_nis_off:
+        return "", "NIS does not show this" if evidence.is_sigma_off and evidence.nis_dof else ""
+    factor = math.sqrt(evidence.nis_per_dof)
+    size, cause = "smaller", "the stated noise is too large, or a gate rejects large ones"
     if factor > 1:
-        cause = "the stated noise is too small, or associations are wrong"
-    fault = f"innovations {'larger' if factor > 1 else 'smaller'} than it expects"
-    return fault, f"innovations are {factor:.2g} times as large as it expects: {cause}"
+        size, cause = "larger", "the stated noise is too small, or associations are wrong"
+    text = f"innovations are {factor:.2g} times as large as it expects: {cause}"
+    return f"innovations {size} than it expects", text
 
 
 # --- for the catalogue ---------------------------------------------------------------------------
 
 
 def verdict_on_run(found: Measured) -> str | None:
-    """Return the verdict on a single run."""
+    """Return the verdict on a single run; a truth without headings has the NEES of positions."""
     nees, nees_position = mean(found.nees / 3), mean(found.nees_position / 2)
-    dof = found.nis_dof_total
     evidence = Evidence(
         runs=1,
-        nees_per_dof=nees_position if nees is None else nees,  # a truth may lack headings
+        nees_per_dof=nees_position if nees is None else nees,
         coverage_95=mean(is_inside(found.nees_position, 0.95)),
-        nis_per_dof=found.nis_total / dof if dof > 0 else None,
-        nis_dof=dof,
-        wrong_associations=found.associations.wrong_associations,
+        nis_per_dof=found.nis_per_dof,
+        nis_dof=found.nis_dof_total,
+        wrong_associations=None if found.wrong is None else found.wrong.sum(),
     )
     return verdict(evidence)
 
@@ -194,11 +196,14 @@ def faults_over_runs(runs: Runs, others: Mapping[str, Runs]) -> tuple[str, ...]:
 
 
 def _evidence(runs: Runs, others: Mapping[str, Runs]) -> Evidence:
-    name = OPTIMA[runs.kind]
     nees = late_means(runs.series["nees_pose"])
-    ratio, common = _over_optimum(runs, others.get(name))
     figures = mean_interval(nees / 3), late_coverage(runs, others), total_nis(runs, others)
     nees_per_dof, coverage, nis_per_dof = (None if each is None else each.mean for each in figures)
+    name = OPTIMA[runs.kind]
+    optimum, ratio, common = others.get(name), None, 0
+    if optimum is not None and optimum is not runs and not _is_doubtful(optimum):
+        ates = paired_figures("ate_m", runs, optimum)
+        ratio, common = ratio_interval(*ates), len(ates[0])
     return Evidence(
         runs=int(np.sum(~np.isnan(nees))),
         nees_per_dof=nees_per_dof,
@@ -212,11 +217,7 @@ def _evidence(runs: Runs, others: Mapping[str, Runs]) -> Evidence:
     )
 
 
-def _over_optimum(runs: Runs, optimum: Runs | None) -> tuple[Interval | None, int]:
-    """Return the ratio of ATEs and its runs; None against itself, and against an optimum in doubt or misfit."""
-    if optimum is None or optimum is runs or share_of_doubt(optimum.figures["optimum_check_sigma"]):
-        return None, 0
-    if is_misfit_in_runs(mean_interval(optimum.figures["chi_square_per_dof"])):
-        return None, 0
-    ates = paired_figures("ate_m", runs, optimum)
-    return ratio_interval(*ates), len(ates[0])
+def _is_doubtful(optimum: Runs) -> bool:
+    """Return whether an optimum is in doubt in some runs, or does not fit the stated noise."""
+    is_misfit = is_misfit_in_runs(mean_interval(optimum.figures["chi_square_per_dof"]))
+    return is_misfit or bool(share_of_doubt(optimum.figures["optimum_check_sigma"]))

@@ -28,7 +28,7 @@ optimum instead of the true one, and in the correlations of the filter, which is
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Literal, NamedTuple
@@ -41,6 +41,7 @@ from slamgauge.compare.estimators.registry import CAUSAL
 from slamgauge.compare.estimators.stored_trajectory import OwnPoses
 from slamgauge.compare.scoring.consistency import pose_errors, squared_mahalanobis
 from slamgauge.compare.scoring.intervals import defined_mean, number
+from slamgauge.compare.scoring.measured import pose_covs_of
 from slamgauge.compare.scoring.own_stamps import optimum_at
 from slamgauge.covariances import square_roots
 from slamgauge.ekf import riekf
@@ -48,7 +49,7 @@ from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, Estimator
 from slamgauge.graph_baseline import batch, causal
 from slamgauge.recording import Recording
-from slamgauge.se2 import between, in_body, wrap
+from slamgauge.se2 import between, in_body
 from slamgauge.sensors import SENSORS, innovation, predict
 
 TEST_LEVEL = 0.05  # probability that a consistent filter is rejected
@@ -97,11 +98,6 @@ class ConsistencyTest:
         return (1 + np.sum(largest[:, None] >= np.abs(self.deviations[0]), axis=0)) / (1 + len(largest))
 
     @property
-    def p_value(self) -> float:
-        """Probability that a consistent filter has a figure that deviates as much as the one that deviates most."""
-        return float(self.p_values.min())
-
-    @property
     def verdict(self) -> Literal["consistent", "overconfident", "too cautious"]:
         """Direction of the first figure that is rejected."""
         rejected = np.flatnonzero(self.p_values <= TEST_LEVEL)
@@ -111,15 +107,14 @@ class ConsistencyTest:
 
     def to_json(self, stamps: Float) -> dict[str, Any]:
         """Return the entry in metrics.json; `stamps` (N+1,) are those of the recording [s]."""
-        intervals = np.array_split(stamps, len(self.log.course))
         low, high = np.quantile(self.twins.course, [(1 - BAND) / 2, (1 + BAND) / 2], axis=0)
         return {
             "verdict": self.verdict,
-            "p_value": self.p_value,
+            "p_value": float(self.p_values.min()),
             "p_values": dict(zip(("difference", "odometry", "observations"), self.p_values.tolist(), strict=True)),
             "ratio": number(self.log.means[0]),
             "claims_more": self.log.claims_more,
-            "time_s": [float(each.mean()) for each in intervals],
+            "time_s": [float(each.mean()) for each in np.array_split(stamps, len(low))],
             "expected_nees_per_dof": [*map(number, self.log.course)],
             "twins_low": [*map(number, low)],
             "twins_high": [*map(number, high)],
@@ -127,25 +122,23 @@ class ConsistencyTest:
 
     def text(self) -> str:
         """Return the verdict without a full stop."""
-        ratio, claims_more = self.log.means[0], self.log.claims_more
-        if np.isnan(ratio):
+        if np.isnan(self.log.means[0]):
             return "without ground truth: not tested, because no step has an invertible covariance"
-        size = f"errors are about {np.sqrt(ratio):.2f} times its sigmas"
+        size = f"errors are about {np.sqrt(self.log.means[0]):.2f} times its sigmas"
         if self.verdict == "consistent":
-            return f"without ground truth: consistent as far as this log shows, {size} (p = {self.p_value:.2g})"
+            p_value = self.p_values.min()
+            return f"without ground truth: consistent as far as this log shows, {size} (p = {p_value:.2g})"
         found = [f"{size} (p = {self.p_values[0]:.2g})"] if self.p_values[0] <= TEST_LEVEL else []
         which = 1 + int(np.argmax(np.abs(self.deviations[0, 1:])))
         if self.p_values[which] <= TEST_LEVEL:
-            found.append(self._residual_text(which))
-        if claims_more:
-            found.append(f"it claims more than the optimum at {claims_more:.0%} of the steps")
+            name, noise, other = RESIDUALS[which]
+            times = np.sqrt(self.log.means[which] / np.mean(self.twins.means[:, which]))
+            cause = f"{noise} is too small{other}" if self.deviations[0, which] > 0.0 else f"{noise} is too large"
+            p = self.p_values[which]
+            found.append(f"{name} residuals are {times:.2f} times those of twins (p = {p:.2g}): {cause}")
+        if self.log.claims_more:
+            found.append(f"it claims more than the optimum at {self.log.claims_more:.0%} of the steps")
         return f"without ground truth: {self.verdict}, {'; '.join(found)}"
-
-    def _residual_text(self, which: int) -> str:
-        name, noise, other = RESIDUALS[which]
-        times = np.sqrt(self.log.means[which] / np.mean(self.twins.means[:, which]))
-        cause = f"{noise} is too small{other}" if self.deviations[0, which] > 0.0 else f"{noise} is too large"
-        return f"{name} residuals are {times:.2f} times those of twins (p = {self.p_values[which]:.2g}): {cause}"
 
 
 def tested_filters(
@@ -153,7 +146,7 @@ def tested_filters(
     estimates: Mapping[str, Estimate],
     optimum: Estimate,
     twins: int,
-    own: Mapping[str, OwnPoses] | None = None,
+    own: Mapping[str, OwnPoses | None],
 ) -> dict[str, ConsistencyTest]:
     """Test all filtered estimates with covariances, by name.
 
@@ -169,69 +162,56 @@ def tested_filters(
     """
     if twins < FEWEST:
         raise UserError(f"twins: {twins} are too few for a test of level {TEST_LEVEL:.0%}; give {FEWEST} or more")
-    own = {} if own is None else own
     log = recording if optimum.association is None else recording.associated(optimum.association)
-    filters = {name: each for name, each in estimates.items() if each.kind == "filtered" and each.pose_covs is not None}
-    if not filters:
-        return {}
-    compared = {name: own[name].compared if name in own else None for name in filters}
-    found = twin_figures(
-        log, optimum, twins, {name: (consistent_filter(name, log), compared[name]) for name in filters}
-    )
-    return {name: consistency_test(log, each, optimum, found[name], own.get(name)) for name, each in filters.items()}
+    filters: dict[str, tuple[Estimator, Marks | None]] = {}
+    found: dict[str, Figures] = {}
+    for name, estimate in estimates.items():
+        if estimate.kind == "filtered" and estimate.pose_covs is not None:
+            compared, best = None, optimum
+            stored = own.get(name)
+            if stored is not None:
+                estimate, compared, best = stored.estimate, stored.compared, optimum_at(stored.stamps, optimum, log)
+            found[name] = figures(log, optimum, *step_statistics(estimate, best), compared)
+            filters[name] = consistent_filter(name, log), compared
+    drawn = tqdm(simulated_twins(log, optimum, twins), "twins", twins, delay=2.0, disable=None, leave=False)
+    of_twins = figures_of(filters, drawn) if filters else {}
+    return {name: ConsistencyTest(found[name], each) for name, each in of_twins.items()}
 
 
-def consistency_test(
-    recording: Recording, estimate: Estimate, optimum: Estimate, twins: Figures, own: OwnPoses | None = None
-) -> ConsistencyTest:
-    """Return the test of a filter on a recording with ids, from the figures of twins.
+def figures(
+    recording: Recording, optimum: Estimate, expected: Float, claims_more: Marks, compared: Marks | None = None
+) -> Figures:
+    """Return the figures of a filter on a recording with ids, from its `step_statistics`.
 
-    A stored trajectory is compared with the optimum at its `own` stamps.
+    Only the steps `compared` (N+1,) count; None: all. Observations of landmarks that the optimum lacks are left out.
     """
-    if own is None:
-        return ConsistencyTest(figures(recording, step_statistics(estimate, optimum), optimum), twins)
-    steps = step_statistics(own.estimate, optimum_at(own.stamps, optimum, recording), own.compared)
-    return ConsistencyTest(figures(recording, steps, optimum, own.compared), twins)
+    kept = np.ones(len(expected), dtype=np.bool_) if compared is None else compared
+    expected = np.where(kept, expected, np.nan)
+    moving = pose_errors(between(optimum.poses[:-1], optimum.poses[1:]), recording.odometry)
+    log, seen = _observed(recording, optimum)
+    seeing = innovation(log.sensor, log.observation, seen)
+    residuals = [_mean_square(moving, recording.odometry_cov), _mean_square(seeing, log.observation_cov)]
+    course = [defined_mean(each) / 3.0 for each in np.array_split(expected, min(INTERVALS, len(expected)))]
+    share = float(np.mean(claims_more[kept]))
+    return Figures(np.array([defined_mean(expected) / 3.0, *residuals]), np.array(course), share)
 
 
-def step_statistics(estimate: Estimate, optimum: Estimate, compared: Marks | None = None) -> tuple[Float, Marks]:
-    """Compare a filter with the optimum of all measurements, at all steps or at those `compared` (N+1,).
+def step_statistics(estimate: Estimate, optimum: Estimate) -> tuple[Float, Marks]:
+    """Compare a filter with the optimum of all measurements, at all steps.
 
     Returns:
         Expected NEES c (N+1,), 3 on average if the filter is consistent, and whether the filter claims more than the
         optimum in some direction (N+1,); NaN and False where the filter's covariance is singular.
-
-    Raises:
-        UserError: one of them has no covariances.
     """
-    if estimate.pose_covs is None or optimum.pose_covs is None:
-        raise UserError("pose_covs: the test without ground truth needs covariances of the poses; add them")
-    expected = squared_mahalanobis(pose_errors(optimum.poses, estimate.poses), estimate.pose_covs)
-    if compared is not None:
-        expected[~compared] = np.nan
+    covs = pose_covs_of(estimate)
+    expected = squared_mahalanobis(pose_errors(optimum.poses, estimate.poses), covs)
     rows = np.flatnonzero(~np.isnan(expected))
-    white = np.linalg.inv(np.linalg.cholesky(estimate.pose_covs[rows]))  # white P_f white' = I
-    optimal = white @ optimum.pose_covs[rows] @ white.swapaxes(1, 2)
+    white = np.linalg.inv(np.linalg.cholesky(covs[rows]))  # white P_f white' = I
+    optimal = white @ pose_covs_of(optimum)[rows] @ white.swapaxes(1, 2)
     expected[rows] += np.trace(optimal, axis1=1, axis2=2)
-    claims_more = np.zeros(len(expected), dtype=bool)
+    claims_more = np.zeros(len(expected), dtype=np.bool_)
     claims_more[rows] = np.linalg.eigvalsh(np.eye(3) - optimal)[:, 0] < -SMALL
     return expected, claims_more
-
-
-def figures(
-    recording: Recording, steps: tuple[Float, Marks], optimum: Estimate, compared: Marks | None = None
-) -> Figures:
-    """Return the figures of a filter from its steps; landmarks that the optimum does not have are left out."""
-    expected, claims_more = steps
-    moving = recording.odometry - between(optimum.poses[:-1], optimum.poses[1:])
-    moving[:, 2] = wrap(moving[:, 2])
-    log, seen = _observed(recording, optimum)
-    seeing = innovation(log.sensor, log.observation, seen)
-    residuals = [_mean_square(moving, recording.odometry_cov), _mean_square(seeing, log.observation_cov)]
-    parts = np.array_split(expected, min(INTERVALS, len(expected)))
-    course = np.array([defined_mean(each) for each in parts]) / 3.0
-    share = float(np.mean(claims_more if compared is None else claims_more[compared]))
-    return Figures(np.array([defined_mean(expected) / 3.0, *residuals]), course, share)
 
 
 def consistent_filter(name: str, recording: Recording) -> Estimator:
@@ -242,53 +222,37 @@ def consistent_filter(name: str, recording: Recording) -> Estimator:
     return riekf if name != CAUSAL and SENSORS[recording.sensor].places_landmarks else causal
 
 
-Tested = Mapping[str, tuple[Estimator, Marks | None]]  # filters by name, with the steps (N+1,) that are compared
-
-
-def twin_figures(
-    recording: Recording, optimum: Estimate, twins: int, filters: Tested, seed: int = 0
+def figures_of(
+    filters: Mapping[str, tuple[Estimator, Marks | None]], recordings: Iterable[Recording]
 ) -> dict[str, Figures]:
-    """Return the figures of filters on simulated twins of a recording.
-
-    Args:
-        recording: measurements with ids.
-        optimum: the optimum of all of them.
-        twins: number of twins.
-        filters: filters that are consistent if the noise is right.
-        seed: root seed.
-    """
-    streams = np.random.SeedSequence(seed).spawn(twins)
-    drawn = (simulated_twin(recording, optimum, np.random.default_rng(stream)) for stream in streams)
-    return figures_of(filters, tqdm(drawn, "twins", twins, delay=2.0, disable=None, leave=False))
-
-
-def figures_of(filters: Tested, recordings: Iterable[Recording]) -> dict[str, Figures]:
-    """Return the figures of filters on recordings, by name; the same filter runs once."""
+    """Return the figures of filters on recordings, by name, each with the steps (N+1,) that are compared, or None."""
     rows: dict[str, list[Figures]] = {name: [] for name in filters}
     for each in recordings:
         optimum = batch(each)
-        ran = {filter_: filter_(each) for filter_, _ in filters.values()}
+        steps = {filter_: step_statistics(filter_(each), optimum) for filter_, _ in filters.values()}
         for name, (filter_, compared) in filters.items():
-            rows[name].append(figures(each, step_statistics(ran[filter_], optimum, compared), optimum))
+            rows[name].append(figures(each, optimum, *steps[filter_], compared))
     return {name: Figures(*map(np.array, zip(*found, strict=True))) for name, found in rows.items()}
 
 
-def simulated_twin(recording: Recording, optimum: Estimate, rng: np.random.Generator) -> Recording:
-    """Draw new measurements of a recording whose optimum is the truth; steps, landmarks and covariances are the same.
+def simulated_twins(recording: Recording, optimum: Estimate, count: int, seed: int = 0) -> Iterator[Recording]:
+    """Draw new measurements of a recording with ids whose optimum is the truth, `count` times.
 
-    Observations of landmarks that the optimum does not have are left out.
+    Steps, landmarks and covariances are the same. Observations of landmarks that the optimum lacks are left out.
     """
     log, seen = _observed(recording, optimum)
-    observation = seen + _noise(rng, log.observation_cov)
-    observation = np.where(SENSORS[log.sensor].is_angle, wrap(observation), observation)
-    if SENSORS[log.sensor].has_range:
-        observation[:, 0] = observation[:, 0].clip(min=NEAREST)
-    return replace(
-        log,
-        prior_mean=optimum.poses[0] + _noise(rng, log.prior_cov[None])[0],
-        odometry=between(optimum.poses[:-1], optimum.poses[1:]) + _noise(rng, log.odometry_cov),
-        observation=observation,
-    )
+    moved = between(optimum.poses[:-1], optimum.poses[1:])
+    for stream in np.random.SeedSequence(seed).spawn(count):
+        rng = np.random.default_rng(stream)
+        observation = innovation(log.sensor, seen + _noise(rng, log.observation_cov), np.zeros_like(seen))
+        if SENSORS[log.sensor].has_range:
+            observation[:, 0] = observation[:, 0].clip(min=NEAREST)
+        yield replace(
+            log,
+            prior_mean=optimum.poses[0] + _noise(rng, log.prior_cov[None])[0],
+            odometry=moved + _noise(rng, log.odometry_cov),
+            observation=observation,
+        )
 
 
 def _observed(recording: Recording, optimum: Estimate) -> tuple[Recording, Float]:

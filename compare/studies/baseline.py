@@ -8,92 +8,61 @@ comparisons (Bonferroni).
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable
 from pathlib import Path
-from statistics import NormalDist
 from typing import NamedTuple
 
 import numpy as np
-from pydantic import TypeAdapter, ValidationError
 
 from slamgauge.compare.estimators.registry import BOUNDS, is_optimum
-from slamgauge.compare.scoring.intervals import Interval, is_above, is_below
-from slamgauge.compare.storage.files import read_json
-from slamgauge.compare.studies.paired_comparisons import FIGURES, RunFigures
+from slamgauge.compare.scoring.intervals import is_above, is_below, needed_runs
+from slamgauge.compare.studies.paired_comparisons import FIGURES
+from slamgauge.compare.studies.stored_study import read_summary
 from slamgauge.compare.studies.summary import Summary
 from slamgauge.display import counted
 from slamgauge.errors import UserError
 from slamgauge.version import __version__
 
 FALSE_ALARMS = 0.05  # largest probability that a gate fails although no true ratio exceeds 1 + tolerance
-POWER = 0.9  # probability of finding a ratio of 1 + 2 tolerance, for the number of runs that it needs
 AGAIN = "make the baseline again with this version and this scenario"
-
-
-@dataclass(frozen=True)
-class StudyFigures:
-    """Digest of a study's measurements, number of its runs, figures of each run by estimator, and its version."""
-
-    digest: str
-    runs: int
-    per_run: Mapping[str, RunFigures]
-    version: str
 
 
 class Gate(NamedTuple):
     """A baseline, estimator and figure of each comparison with it, and the accepted relative increase."""
 
-    baseline: StudyFigures
+    baseline: Summary
     compared: list[tuple[str, str]]
     tolerance: float
 
-    @property
-    def level(self) -> float:
-        """Probability of each interval; only its lower end decides."""
-        return 1.0 - 2.0 * FALSE_ALARMS / len(self.compared)
-
-    def judge(self, study: StudyFigures) -> tuple[list[str], list[str]]:
+    def judge(self, study: Summary) -> tuple[list[str], list[str]]:
         """Return a line on each comparison with a study, and those lines on what is worse."""
-        lines = [*filter(None, (self._lost(name, study) for name in dict.fromkeys(name for name, _ in self.compared)))]
-        worse = [*lines]
+        lines: dict[str, bool] = {}  # whether something is worse, by line
+        level = 1.0 - 2.0 * FALSE_ALARMS / len(self.compared)  # only the lower end decides
+        worse, limit = f"worse by more than {100 * self.tolerance:g} %", 1.0 + self.tolerance
         for name, figure in self.compared:
             ours, theirs = study.per_run[name], self.baseline.per_run[name]
-            found = ours.against(theirs, self.level).get(figure)
-            if found is not None and found.ratio is not None:
-                lines.append(f"{name}: {FIGURES[figure]} is {self._sentence(found.ratio, found.runs)}")
-                worse += lines[-1:] if is_above(found.ratio, 1.0 + self.tolerance) else []
-            elif (common := ours.in_runs_of(theirs, figure)).size and np.isnan(common).all():
-                lines.append(f"{name}: has no {FIGURES[figure]}, as the baseline has")
-                worse.append(lines[-1])
-        return lines, worse
-
-    def _lost(self, name: str, study: StudyFigures) -> str:
-        """Return a line if an estimator fails in runs that it completed in the baseline, else nothing."""
-        done = {run for run in self.baseline.per_run[name].run if run < study.runs}
-        failed = sorted(done - {*study.per_run[name].run})
-        runs = counted(len(failed), "run")
-        return f"{name}: fails in {runs} of the baseline, first in run {failed[0]}" if failed else ""
-
-    def _sentence(self, ratio: Interval, runs: int) -> str:
-        """Return a ratio, its interval over the common runs, and the result."""
-        low, high = ("?" if end is None else f"{end:.3f}" for end in (ratio.low, ratio.high))
-        text = f"{ratio.mean:.3f} ({low} to {high}) times the baseline's on {counted(runs, 'run')}: "
-        limit = f"worse by more than {100 * self.tolerance:g} %"
-        if is_above(ratio, 1.0 + self.tolerance):
-            return text + limit
-        if ratio.high is None:
-            return f"{text}not significantly {limit}"
-        text += f"not {limit}" if is_below(ratio, 1.0 + self.tolerance) else f"not significantly {limit}"
-        normal, sought = NormalDist(), 1.0 + 2.0 * self.tolerance
-        bound = normal.inv_cdf((1.0 + self.level) / 2.0)
-        spread = (ratio.high / ratio.mean - 1.0) * sought / bound * math.sqrt(runs)
-        needed = math.ceil(((bound + normal.inv_cdf(POWER)) * spread / self.tolerance) ** 2)
-        return f"{text}; {sought:g} would be found in {max(needed, 2)} runs"
+            failed = sorted({run for run in theirs.run if run < study.runs} - {*ours.run})
+            if failed:
+                runs = counted(len(failed), "run")
+                lines[f"{name}: fails in {runs} of the baseline, first in run {failed[0]}"] = True
+            common, found = ours.in_runs_of(theirs, figure), ours.against(theirs, level).get(figure)
+            if found is None or found.ratio is None:
+                if common.size and np.isnan(common).all():
+                    lines[f"{name}: has no {FIGURES[figure]}, as the baseline has"] = True
+                continue
+            ratio = found.ratio
+            low, high = ("?" if end is None else f"{end:.3f}" for end in (ratio.low, ratio.high))
+            verdict = worse
+            if not is_above(ratio, limit):
+                plain = ours.against(theirs)[figure].ratio  # its level does not depend on the number of comparisons
+                needed = needed_runs(plain or ratio, found.runs)
+                verdict = f"not {worse}" if is_below(ratio, limit) else f"not significantly {worse}{needed}"
+            text = f"{ratio.mean:.3f} ({low} to {high}) times the baseline's on {counted(found.runs, 'run')}: {verdict}"
+            lines[f"{name}: {FIGURES[figure]} is {text}"] = is_above(ratio, limit)
+        return [*lines], [line for line, is_worse in lines.items() if is_worse]
 
 
-def open_gate(baseline: StudyFigures, names: Iterable[str], digest: str, tolerance: float, where: str) -> Gate:
+def open_gate(baseline: Summary, names: Iterable[str], digest: str, tolerance: float, where: str) -> Gate:
     """Return the gate of a study with that digest and these estimators; `where` is the path of the baseline.
 
     Raises:
@@ -115,21 +84,18 @@ def open_gate(baseline: StudyFigures, names: Iterable[str], digest: str, toleran
     return Gate(baseline, compared, tolerance)
 
 
-def figures_of(study: Summary | str | Path) -> StudyFigures:
-    """Return the figures of a study, or of the study with the summary.json at a path.
+def as_study(study: Summary | str | Path) -> Summary:
+    """Return a study, or the study with the summary.json at a path.
 
     Raises:
         UserError: the file is not what `study` writes, or of another version.
     """
     if isinstance(study, Summary):
-        return StudyFigures(study.digest, study.runs, study.per_run, __version__)
-    content = read_json(Path(study), "study")
-    try:
-        if content["version"] != __version__:
-            raise UserError(f"{study}: of slamgauge {content['version']}, this is {__version__}; {AGAIN}")
-        return TypeAdapter(StudyFigures).validate_python(content)
-    except (TypeError, KeyError, ValidationError):
-        raise UserError(f"{study}: not what `slamgauge study` writes; {AGAIN}") from None
+        return study
+    content, summary = read_summary(Path(study))
+    if content.get("version") != __version__:
+        raise UserError(f"{study}: of slamgauge {content.get('version')}, this is {__version__}; {AGAIN}")
+    return summary
 
 
 def false_alarms(tolerance: float) -> str:
@@ -155,9 +121,9 @@ def assert_not_worse(current: Summary | str | Path, baseline: Summary | str | Pa
         UserError: the studies have other measurements, another version, or no common estimator.
     """
     __tracebackhide__ = True  # pytest then shows the caller's line
-    ours = figures_of(current)
+    ours = as_study(current)
     name = str(baseline) if isinstance(baseline, (str, Path)) else "baseline"
-    _, worse = open_gate(figures_of(baseline), ours.per_run, ours.digest, tolerance, name).judge(ours)
+    _, worse = open_gate(as_study(baseline), ours.per_run, ours.digest, tolerance, name).judge(ours)
     if worse:
         lines = [*worse, false_alarms(tolerance)]
         raise AssertionError("\n".join(["worse than the baseline:", *(f"  {line}" for line in lines)]))

@@ -27,6 +27,7 @@ from slamgauge.compare.scenarios.schema import Assumed
 from slamgauge.compare.scenarios.simulation import simulate_informed
 from slamgauge.compare.scoring.consistency import pose_errors, squared_distances
 from slamgauge.compare.scoring.intervals import Interval, bootstrap_interval, mean_interval
+from slamgauge.compare.scoring.measured import Measured
 from slamgauge.compare.scoring.optimum_notes import (
     MARK,
     at_places,
@@ -42,7 +43,6 @@ from slamgauge.compare.storage import progress
 from slamgauge.compare.storage.files import of_this_version, read_json
 from slamgauge.compare.storage.result_files import BUDGET, origin
 from slamgauge.compare.studies.store import digest
-from slamgauge.compare.studies.study import IN_FLIGHT
 from slamgauge.compare.studies.study_run import require_numbers, run_seed
 from slamgauge.display import counted
 from slamgauge.errors import UserError
@@ -78,13 +78,15 @@ BYTES = 1000  # memory for the results of a run
 class Rung:
     """One rung: its mean squared position error [m^2], and the error that it adds, with 95 % interval.
 
-    `optimum_check_share` is the share of runs in which its causal optimum is in doubt; None for other rungs.
+    `optimum_check_share` is the share of runs in which its causal optimum is in doubt; None for other rungs. The error
+    that it adds is `in_doubt` if this optimum or that before it is, or if the optima do not fit the stated noise.
     """
 
     name: str
     mse_m2: float
     increment_m2: Interval
-    optimum_check_share: float | None = None
+    optimum_check_share: float | None
+    in_doubt: bool
 
 
 @dataclass(frozen=True)
@@ -110,25 +112,11 @@ class ErrorBudget:
 
     def to_json(self) -> dict[str, Any]:
         """Return the content of budget.json; `rays` only for bearing-only filters."""
-        content: dict[str, Any] = to_jsonable_python(self, exclude={"scenario_text", "fit", "rays"})
-        doubtful = self.doubtful()
-        for rung in content["rungs"]:
-            rung["in_doubt"] = rung["name"] in doubtful
-        content |= origin(self.scenario_text)
-        content["chi_square_per_dof"] = to_jsonable_python(self.fit)
-        content |= {"verdict": verdict(self), "notes": notes(self)}
-        return content if self.rays is None else {**content, "rays": to_jsonable_python(self.rays)}
-
-    def doubtful(self) -> set[str]:
-        """Return the rungs whose addition depends on an optimum in doubt; all if the optima do not fit the noise."""
-        if is_misfit_in_runs(self.fit):
-            return {rung.name for rung in self.rungs}
-        starts = (None, *self.rungs[:-1])
-        return {
-            rung.name
-            for start, rung in zip(starts, self.rungs, strict=True)
-            if rung.optimum_check_share or (start is not None and start.optimum_check_share)
-        }
+        content: dict[str, Any] = to_jsonable_python(self) | origin(self.scenario_text)
+        content |= {"chi_square_per_dof": content.pop("fit"), "verdict": verdict(self), "notes": notes(self)}
+        if self.rays is None:
+            del content["rays"]
+        return content
 
 
 def read_budget(folder: Path) -> ErrorBudget:
@@ -181,10 +169,7 @@ def error_budget(
     require_numbers(runs, seed)
     require_memory(1.0 * BYTES * runs, f"runs: a budget of {runs}", "give fewer")
     seeds = [run_seed(seed, run) for run in range(runs)]
-    parts = [seeds[begin : begin + IN_FLIGHT] for begin in range(0, runs, IN_FLIGHT)]
-    results = (
-        each for part in parts for each in executor.map(rung_errors, repeat(scenario), part, repeat(asked), repeat(lag))
-    )
+    results = executor.map(rung_errors, repeat(scenario), seeds, repeat(asked), repeat(lag))
     shown = progress.counted(runs, "run", scenario.name, leave=True, items=results)
     errors, checks, fits, rays = zip(*shown, strict=True)
     budget = summarise_budget(scenario.name, asked.label, np.array(errors), np.array(checks), np.array(fits))
@@ -199,25 +184,25 @@ def summarise_budget(scenario: str, filter_name: str, table: Float, checks: Floa
     """
     names = [name for name in RUNGS if name != FIXED_LAG or table.shape[1] == len(RUNGS)]
     increments = np.diff(table, axis=1, prepend=0.0)
-    rungs = tuple(
-        Rung(name, float(errors.mean()), bootstrap_interval(added), share_of_doubt(check))
-        for name, errors, added, check in zip(names, table.T, increments.T, checks.T, strict=True)
-    )
+    shares, fit, before, rungs = [share_of_doubt(check) for check in checks.T], mean_interval(fits), 0.0, list[Rung]()
+    for name, errors, added, share in zip(names, table.T, increments.T, shares, strict=True):
+        in_doubt = is_misfit_in_runs(fit) or bool(share or before)
+        rungs.append(Rung(name, float(errors.mean()), bootstrap_interval(added), share, in_doubt))
+        before = share
     costliest = max(rungs[1:], key=lambda rung: rung.increment_m2.mean).name
-    return ErrorBudget(scenario, filter_name, len(table), rungs, costliest, mean_interval(fits))
+    return ErrorBudget(scenario, filter_name, len(table), tuple(rungs), costliest, fit)
 
 
 def rung_errors(scenario: Scenario, seed: int, chosen: str | Asked, lag: int | None = None) -> RungErrors:
     """Run all rungs on one run; equal rungs are run once."""
     (asked,) = ask([chosen])
     truth, recording, exact = simulate_informed(scenario, seed)
-    assert truth.association is not None and truth.misleading is not None
+    assert truth.poses is not None and truth.association is not None and truth.misleading is not None
     known = np.where(truth.misleading, NOBODY, truth.association)
     exact = exact.associated(known)
+    initialisation, robust = scenario.initialisation_settings, scenario.robustness
     try:
-        slam = load(
-            asked, scenario.association, scenario.initialisation_settings, robust=scenario.robustness, announced=False
-        )
+        slam = load(asked, scenario.association, initialisation, robust=robust, announced=False)
         hindsight = _run(HINDSIGHT, exact)
         causal = _run(CAUSAL, exact)
         assuming = causal if scenario.assumed == Assumed() else _run(CAUSAL, recording.associated(known))
@@ -228,11 +213,10 @@ def rung_errors(scenario: Scenario, seed: int, chosen: str | Asked, lag: int | N
     except UserError as error:
         raise UserError(f"run with seed {seed}: {error}") from error
     rungs = (hindsight, causal, assuming, associating, *windows, estimate)
-    assert truth.poses is not None
     errors = np.array([squared_distances(pose_errors(truth.poses, each.poses)).mean() for each in rungs])
     checks = np.array([each.optimum_check for each in rungs], dtype=np.float64)
     fit = chi_square_per_dof(hindsight)
-    return RungErrors(errors, checks, np.nan if fit is None else fit, ray_figures(truth, recording, estimate))
+    return RungErrors(errors, checks, np.nan if fit is None else fit, ray_figures(Measured(truth, recording, estimate)))
 
 
 def _run(name: str, recording: Recording) -> Estimate:
@@ -246,12 +230,12 @@ def budget_table(budget: ErrorBudget) -> Page:
 
 def rung_table(budget: ErrorBudget) -> Table:
     """Return the errors of the rungs."""
-    doubtful, rows = budget.doubtful(), list[list[Cell | str]]()
+    any_doubt, rows = any(rung.in_doubt for rung in budget.rungs), list[list[Cell | str]]()
     for rung in budget.rungs:
         added = rung.increment_m2
         adds = Cell(f"{added.mean:+.5f}", added.mean)
-        if doubtful:
-            adds = marked(adds, MARK, is_marked=rung.name in doubtful)
+        if any_doubt:
+            adds = marked(adds, MARK, is_marked=rung.in_doubt)
         interval = from_to(added.low, added.high, "{:+.5f}")
         rows.append([rung.name, Cell(f"{rung.mse_m2:.5f}", rung.mse_m2), adds, interval, RUNGS[rung.name]])
     return Table.of(HEADS, rows, "Rung by rung", "budget")
@@ -272,15 +256,15 @@ def doubts(budget: ErrorBudget) -> list[str]:
 def verdict(budget: ErrorBudget) -> str:
     """Return a sentence that names the costliest rung, and whether its cost is significant."""
     total, unavoidable = budget.rungs[-1].mse_m2, budget.rungs[0].mse_m2
-    added = next(rung.increment_m2 for rung in budget.rungs if rung.name == budget.costliest)
-    cost, low = added.mean, added.low
+    costliest = next(rung for rung in budget.rungs if rung.name == budget.costliest)
+    cost, low = costliest.increment_m2.mean, costliest.increment_m2.low
     opening = (
         f"{budget.filter} on {budget.scenario}, {budget.runs} runs: mean squared error {total:.4f} m^2 "
         f"(RMS {np.sqrt(total):.3f} m), {unavoidable:.4f} m^2 of it unavoidable"
     )
     if cost <= 1e-9 * total:  # rounding
         return f"{opening}; no other rung adds to it."
-    mark = MARK if budget.costliest in budget.doubtful() else ""
+    mark = MARK if costliest.in_doubt else ""
     share = f"{cost:.4f}{mark} m^2, {cost / total:.0%}{mark} of the total"
     doubt = "" if low is not None and low > 0.0 else f", not significantly above 0 in {counted(budget.runs, 'run')}"
     return f"{opening}; the largest other part is {budget.costliest}: {share}{doubt}."

@@ -46,9 +46,9 @@ class _Processes(Executor):
 
     def _begin(self) -> ProcessPoolExecutor:
         os.environ.setdefault("PYTHONSAFEPATH", "1")  # workers must not import libraries from the current folder
-        context = multiprocessing.get_context("spawn")  # a fork would inherit BLAS threads and locks
         if hasattr(signal, "SIGHUP"):  # not on Windows
             _start_tracker()
+        context = multiprocessing.get_context("spawn")  # a fork would inherit BLAS threads and locks
         return ProcessPoolExecutor(self._jobs, mp_context=context, initializer=_begin_work)
 
     def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
@@ -178,11 +178,10 @@ def _require_workers(client: Client, address: str) -> None:
             raise
         what = f"its workers cannot run slamgauge ({_first_line(error)})"
         raise UserError(f"scheduler {address}: {what}; install slamgauge {__version__} there") from None
-    own = versions()
     for worker, theirs in found.items():
-        for name in own:
-            if theirs.get(name) != own[name]:
-                what = f"worker {worker} has {name} {theirs.get(name)}, and this is {own[name]}"
+        for name, own in versions().items():
+            if theirs.get(name) != own:
+                what = f"worker {worker} has {name} {theirs.get(name)}, and this is {own}"
                 raise UserError(f"scheduler {address}: {what}; install the same on both sides")
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.compare.estimators.registry import BOUNDS, DEAD_RECKONING, is_optimum
+from slamgauge.compare.estimators.registry import DEAD_RECKONING, is_optimum
 from slamgauge.compare.estimators.requests import Asked, BuiltIn
 from slamgauge.compare.scoring.intervals import LEVEL, Interval, Paired, compare_paired, needed_runs, number
 from slamgauge.compare.scoring.runs import Runs, late_means
@@ -42,30 +42,15 @@ class RunFigures:
 
     def against(self, other: RunFigures, level: float = LEVEL) -> dict[str, Paired]:
         """Compare each figure with that of another estimator on the common runs; left out if no run has both."""
-        found: dict[str, Paired] = {}
-        for key in FIGURES:
-            compared = compare_paired(self.in_runs_of(other, key), other.in_runs_of(self, key), level)
-            if compared is not None:
-                found[key] = compared
-        return found
+        pairs = {key: (self.in_runs_of(other, key), other.in_runs_of(self, key)) for key in FIGURES}
+        found = {key: compare_paired(*pair, level) for key, pair in pairs.items()}
+        return {key: each for key, each in found.items() if each is not None}
 
 
 def run_figures(runs: Runs) -> RunFigures:
     """Return the figures of each run of an estimator."""
     ate, nees = runs.figures["ate_m"], late_means(runs.series["nees_pose"]) / 3
     return RunFigures(runs.run.tolist(), *([number(each) for each in column] for column in (ate, nees)))
-
-
-def compare_against(figures: Mapping[str, RunFigures], names: Sequence[str]) -> dict[str, dict[str, dict[str, Paired]]]:
-    """Return paired comparisons of ATE and NEES/3 of each estimator with each reference in `names`."""
-    return {
-        name: {
-            label: each.against(figures[name])
-            for label, each in figures.items()
-            if label != name and label not in BOUNDS
-        }
-        for name in names
-    }
 
 
 def compare_user_code(
@@ -75,27 +60,23 @@ def compare_user_code(
 
     Each user estimator is compared with each built-in filter of the same kind, filtered or smoothed.
     """
-    built_in = [
-        each for each in asked if isinstance(each, BuiltIn) and not each.is_told and each.name != DEAD_RECKONING
-    ]
+    rivals = [each for each in asked if isinstance(each, BuiltIn) and not each.is_told and each.name != DEAD_RECKONING]
     sentences: list[tuple[str, str]] = []
     for mine in (each.label for each in asked if not isinstance(each, BuiltIn)):
-        for other in (each.label for each in built_in if loaded[each.label].kind == loaded[mine].kind):
+        for other in (each.label for each in rivals if loaded[each.label].kind == loaded[mine].kind):
             found = figures[mine].against(figures[other]).get("ate_m")
             if found is None or found.ratio is None:
                 continue
-            opening = f"the ATE of {mine} is {interval_cell(found.ratio, '{:.3f}')} times that of {other} "
-            runs = counted(found.runs, "run")
-            sentences.append((mine, f"{opening}on the same {runs}{_significance(found.ratio, found.runs)}"))
+            text = f"the ATE of {mine} is {interval_cell(found.ratio, '{:.3f}')} times that of {other} on the same "
+            text += counted(found.runs, "run")
+            if found.runs < 2:
+                text += "; an interval needs 2 runs"
+            elif _excludes_1(found.ratio):
+                text += " (95 % interval): the difference is significant"
+            else:
+                text += f" (95 % interval): the difference is not significant{needed_runs(found.ratio, found.runs)}"
+            sentences.append((mine, text))
     return tuple(sentences)
-
-
-def _significance(ratio: Interval, runs: int) -> str:
-    """Return the end of a sentence on a ratio: whether it differs significantly from 1, else how many runs it needs."""
-    if ratio.low is None or ratio.high is None:
-        return "; an interval needs 2 runs"
-    opening = " (95 % interval): the difference is"
-    return f"{opening} significant" if _excludes_1(ratio) else f"{opening} not significant{needed_runs(ratio, runs)}"
 
 
 def _excludes_1(ratio: Interval) -> bool:
@@ -127,24 +108,18 @@ def against_tables(against: Against) -> list[Table]:
 
 
 def against_parts(against: Against) -> list[Table | str]:
-    """Return the tables, each after an empty line, and below each the runs that its ratios need."""
+    """Return the tables, each after an empty line, and below each the runs that ratios to a filter need.
+
+    The verdicts of a study have those that ratios to an optimum need.
+    """
     parts: list[Table | str] = []
     for (name, others), table in zip(against.items(), against_tables(against), strict=True):
         parts += ["", table]
-        if not is_optimum(name):  # the verdicts have the runs that ratios to an optimum need
-            parts += _runs_to_resolve(name, others)
+        ates = {label: figures["ate_m"] for label, figures in others.items() if "ate_m" in figures}
+        for label, ate in ({} if is_optimum(name) else ates).items():
+            needed = "" if ate.ratio is None or _excludes_1(ate.ratio) else needed_runs(ate.ratio, ate.runs)
+            parts += [f"{label} against {name}: x ATE is not significant{needed}"] if needed else []
     return parts
-
-
-def _runs_to_resolve(name: str, others: Mapping[str, Mapping[str, Paired]]) -> list[str]:
-    """Return a line for each ratio of ATEs to the reference `name` that is not significant and needs more runs."""
-    ates = {label: figures["ate_m"] for label, figures in others.items() if "ate_m" in figures}
-    needed = {
-        label: needed_runs(ate.ratio, ate.runs)
-        for label, ate in ates.items()
-        if ate.ratio is not None and not _excludes_1(ate.ratio)
-    }
-    return [f"{label} against {name}: x ATE is not significant{text}" for label, text in needed.items() if text]
 
 
 def _cells(found: Paired | None, form: str) -> list[Cell]:

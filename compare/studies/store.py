@@ -11,36 +11,52 @@ import hashlib
 import json
 import sqlite3
 from collections.abc import Generator, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+from filelock import FileLock, Timeout
 
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.scoring.catalogue import STORED
 from slamgauge.compare.scoring.runs import SERIES, Runs
 from slamgauge.compare.storage.files import explained
-from slamgauge.compare.studies.store_file import INSERT, SCHEMA, TABLES, connected
+from slamgauge.compare.storage.result_files import LOCK
+from slamgauge.compare.storage.safe_names import shown
 from slamgauge.compare.studies.study_run import Outcome
 from slamgauge.errors import UserError
-from slamgauge.sensors import SENSORS
 from slamgauge.version import __version__
 
-BUSY = 10  # s to wait for another program before a run cannot be stored
-_DONE = "estimator = ?1 AND run < ?2 AND error IS NULL"
-_OF_ONE_KIND = f"{_DONE} AND (SELECT count(DISTINCT kind) FROM outcome WHERE {_DONE}) = 1"
+# Raise it when `TABLES` or `SERIES` change, when the same scenario and seed give other measurements or an estimator of
+# slamgauge other results, when a figure gets another meaning, or when scenarios lose a key: stores of another schema
+# are refused. A new figure needs no new number: it is NaN in old rows.
+SCHEMA = 4
+TABLES = """
+CREATE TABLE IF NOT EXISTS study (key TEXT PRIMARY KEY, value TEXT NOT NULL);
+CREATE TABLE IF NOT EXISTS outcome (
+    run INTEGER NOT NULL,
+    estimator TEXT NOT NULL,
+    version TEXT NOT NULL,
+    seed INTEGER NOT NULL,
+    kind TEXT NOT NULL,
+    error TEXT,
+    figures TEXT NOT NULL,
+    series BLOB NOT NULL,
+    PRIMARY KEY (run, estimator)
+);
+"""
+INSERT = "INSERT OR IGNORE INTO outcome VALUES (?, ?, ?, ?, ?, ?, ?, ?)"
+PATIENCE, BUSY = 1.0, 10.0  # s to wait for another program: to begin, and to store a run
+# errors of SQLite that are not the file's fault: the same command may succeed later
+_IN_USE = (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED)
+_REFUSALS = (sqlite3.SQLITE_FULL, sqlite3.SQLITE_IOERR, sqlite3.SQLITE_NOMEM, sqlite3.SQLITE_READONLY)
 
 
 def digest(scenario: Scenario, seed: int) -> str:
-    """Return the SHA-256 of a scenario and a seed: equal digests, equal measurements."""
-    return hashlib.sha256(f"{_relevant(scenario).model_dump_json()} seed {seed}".encode()).hexdigest()
-
-
-def _relevant(scenario: Scenario) -> Scenario:
-    """Return the scenario without description, and with the default `fis` where a sensor with ranges ignores it."""
-    fis = type(scenario.fis)() if SENSORS[scenario.sensor.kind].places_landmarks else scenario.fis
-    return scenario.model_copy(update={"description": "", "fis": fis})
+    """Return the SHA-256 of a scenario without its description and a seed: equal digests, equal measurements."""
+    relevant = scenario.model_copy(update={"description": ""})
+    return hashlib.sha256(f"{relevant.model_dump_json()} seed {seed}".encode()).hexdigest()
 
 
 class StudyStore:
@@ -64,99 +80,75 @@ class StudyStore:
             self._connection.executemany(INSERT, rows)
 
     def failures(self, runs: int) -> list[tuple[int, str, str]]:
-        """Return run, estimator and error of each failure among the first `runs`, and changes of kind."""
+        """Return run, estimator and error of each failure among the first `runs`, and of each change of kind."""
         query = "SELECT run, estimator, error FROM outcome WHERE error IS NOT NULL AND run < ? ORDER BY run, estimator"
-        return [*self._connection.execute(query, (runs,)), *self._changes_of_kind(runs)]
-
-    def _changes_of_kind(self, runs: int) -> Generator[tuple[int, str, str]]:
-        """Return run, estimator and message where an estimator has runs of two kinds (filtered and smoothed)."""
+        failed = list(self._connection.execute(query, (runs,)))
         query = (
             "SELECT estimator, min(run), kind FROM outcome WHERE error IS NULL AND run < ? "
             "GROUP BY estimator, kind ORDER BY estimator, min(run)"
         )
-        rows = list(self._connection.execute(query, (runs,)))
-        for (name, first, kind), (other, run, another) in pairwise(rows):
+        kinds = list(self._connection.execute(query, (runs,)))
+        for (name, first, kind), (other, run, another) in pairwise(kinds):
             if name == other:
                 what = f"its poses are {kind} in run {first} and {another} in run {run}"
-                yield run, name, f"{what}; none of its runs counts: return the same kind in every run"
+                failed.append((run, name, f"{what}; none of its runs counts: return the same kind in every run"))
+        return failed
 
     def load(self, estimator: str, runs: int) -> Runs:
         """Return the first `runs` runs of `estimator`; none if its estimates are not all of one kind."""
-        query = f"SELECT run, kind, figures, series FROM outcome WHERE {_OF_ONE_KIND} ORDER BY run"
+        query = (
+            "SELECT run, kind, figures, series FROM outcome "
+            "WHERE estimator = ? AND run < ? AND error IS NULL ORDER BY run"
+        )
         rows = list(self._connection.execute(query, (estimator, runs)))
+        kinds = {kind for _, kind, _, _ in rows}
+        rows = rows if len(kinds) == 1 else []
         try:
             figures = [json.loads(text) for _, _, text, _ in rows]
             series = np.array([np.frombuffer(blob, dtype=np.float32) for _, _, _, blob in rows], dtype=np.float64)
             series = np.moveaxis(series.reshape(len(rows), len(SERIES), -1 if rows else 0), 1, 0)
         except ValueError as error:
             raise sqlite3.DatabaseError(f"damaged rows of {estimator}: {error}") from None
-        table = np.array([[np.nan if each.get(key) is None else each[key] for key in STORED] for each in figures])
+        table = np.array([[each.get(key) for key in STORED] for each in figures], dtype=np.float64)  # None becomes NaN
         return Runs(
             run=np.array([run for run, _, _, _ in rows], dtype=np.int64),
-            kind=rows[0][1] if rows else "",
+            kind=kinds.pop() if rows else "",
             figures=dict(zip(STORED, table.reshape(len(rows), len(STORED)).T, strict=True)),
             series=dict(zip(SERIES, series, strict=True)),
         )
 
 
-def begin_store(path: Path, scenario: Scenario, seed: int) -> None:
-    """Make the file at `path`, which is empty or a store, the store of this study.
-
-    Raises:
-        UserError: the file cannot be used.
-    """
-    ours = {
-        "schema": str(SCHEMA),
-        "version": __version__,  # for information only, as that of each row
-        "digest": digest(scenario, seed),
-        "scenario": scenario.model_dump_json(),
-        "seed": str(seed),
-    }
-    with explained(path, "written"):
-        path.touch()
-    with connected(path) as connection:
-        connection.execute("PRAGMA journal_mode = WAL")
-        connection.executescript(TABLES)
-        with connection:
-            connection.execute("BEGIN IMMEDIATE")  # another process may do the same at the same time
-            found = dict(connection.execute("SELECT key, value FROM study"))
-            if not found:
-                connection.executemany("INSERT INTO study VALUES (?, ?)", ours.items())
-                return
-            _require_schema(found, path)
-            if _difference(found, scenario, seed) is None:  # a version with new keys has other digests
-                connection.execute("UPDATE study SET value = ? WHERE key = 'digest'", (ours["digest"],))
-
-
-def _difference(found: dict[str, str], scenario: Scenario, seed: int) -> str | None:
-    """Return what differs in a store with these entries, `scenario` or `seed`; None if it is of the same study."""
-    if found.get("digest") == digest(scenario, seed):
-        return None
-    try:
-        stored = Scenario.model_validate_json(found.get("scenario", ""))
-    except ValueError:  # pydantic's ValidationError is one
-        return "scenario"
-    if _relevant(stored) != _relevant(scenario):
-        return "scenario"
-    return None if found.get("seed") == str(seed) else "seed"
-
-
 @contextmanager
-def open_store(path: Path, scenario: Scenario, seed: int) -> Generator[StudyStore]:
-    """Open the store at `path`.
+def open_store(path: Path, scenario: Scenario, seed: int, *, begin: bool = False) -> Generator[StudyStore]:
+    """Open the store at `path`; `begin` makes it first if it does not exist.
 
     Raises:
         UserError: the file holds another study, has another schema, or cannot be used.
     """
-    with connected(path) as connection:
+    own = digest(scenario, seed)
+    if begin:
+        with explained(path, "written"):
+            path.touch()
+    with _connected(path) as connection:
+        if begin:
+            connection.execute("PRAGMA journal_mode = WAL")
+            connection.executescript(TABLES)
+            entries = {"schema": SCHEMA, "version": __version__, "digest": own, "seed": seed}
+            entries["scenario"] = scenario.model_dump_json()
+            with connection:
+                connection.execute("BEGIN IMMEDIATE")  # a store in use by another program is refused at once
+                if not dict(connection.execute("SELECT key, value FROM study")):
+                    rows = ((key, str(each)) for key, each in entries.items())
+                    connection.executemany("INSERT INTO study VALUES (?, ?)", rows)
         connection.execute("PRAGMA synchronous = NORMAL")
-        connection.execute(f"PRAGMA busy_timeout = {1000 * BUSY}")
-        found = dict(connection.execute("SELECT key, value FROM study"))
-        _require_schema(found, path)
-        other = _difference(found, scenario, seed)
-        if other is not None:
-            digest = found["digest"][:12]
-            raise UserError(f"{path}: has a study of another {other} (digest {digest}); give another --out")
+        connection.execute(f"PRAGMA busy_timeout = {round(1000 * BUSY)}")
+        found, stored = _about(connection, path)
+        if digest(stored, seed) != own or found["seed"] != str(seed):
+            what = f"another {'scenario' if digest(stored, seed) != own else 'seed'} (digest {found['digest'][:12]})"
+            raise UserError(f"{path}: has a study of {what}; give another --out")
+        if begin and found["digest"] != own:  # a version with new keys has other digests
+            with connection:
+                connection.execute("UPDATE study SET value = ? WHERE key = 'digest'", (own,))
         yield StudyStore(connection)
 
 
@@ -170,29 +162,71 @@ def read_store(path: Path, digest: str, labels: Sequence[str], runs: int) -> tup
     """
     if not path.is_file():
         raise UserError(f"{path}: does not exist; give the command of the study again")
-    with connected(path) as connection:
-        found = dict(connection.execute("SELECT key, value FROM study"))
-        _require_schema(found, path)
+    with _connected(path) as connection:
+        found, scenario = _about(connection, path)
         if found["digest"] != digest:
             raise UserError(f"{path}: has another study than the summary in this folder; give the command again")
         latest = "SELECT estimator FROM outcome GROUP BY estimator ORDER BY max(rowid)"
-        keys = {_label_of(key, labels): key for (key,) in connection.execute(latest)}
-        store, scenario = StudyStore(connection), Scenario.model_validate_json(found["scenario"])
+        keys: dict[str, str] = {}
+        for (key,) in connection.execute(latest):  # a key begins with its label (`Asked.key`), which may contain spaces
+            keys[max((each for each in labels if f"{key} ".startswith(f"{each} ")), key=len, default="")] = key
+        store = StudyStore(connection)
         return scenario, {label: store.load(keys[label], runs) for label in labels if label in keys}
 
 
-def _label_of(key: str, labels: Sequence[str]) -> str:
-    """Return the longest label with which a key begins (`Asked.key`): labels may contain spaces."""
-    return max((label for label in labels if f"{key} ".startswith(f"{label} ")), key=len, default="")
-
-
-def _require_schema(found: dict[str, str], path: Path) -> None:
-    """Refuse a store whose results may differ from those of this version."""
-    if not {"schema", "version", "digest", "scenario"} <= found.keys():
+def _about(connection: sqlite3.Connection, path: Path) -> tuple[dict[str, str], Scenario]:
+    """Return entries and scenario of a store; refuse one whose results may differ from those of this version."""
+    found = dict(connection.execute("SELECT key, value FROM study"))
+    if not {"schema", "version", "digest", "scenario", "seed"} <= found.keys():
         raise UserError(f"{path}: has no study; give another --out")
-    schema = found["schema"]
-    if schema != str(SCHEMA):
+    if found["schema"] != str(SCHEMA):
         raise UserError(
-            f"{path}: has schema {schema} (begun by slamgauge {found['version']}), this is schema {SCHEMA} "
+            f"{path}: has schema {found['schema']} (begun by slamgauge {found['version']}), this is schema {SCHEMA} "
             f"(slamgauge {__version__}); finish it with that version, or give another --out"
         )
+    try:
+        return found, Scenario.model_validate_json(found["scenario"])
+    except ValueError:  # pydantic's ValidationError is one
+        raise UserError(f"{path}: has a scenario that this version cannot read; give another --out") from None
+
+
+@contextmanager
+def sole_use(path: Path) -> Generator[None]:
+    """Make this command the only one that adds to the store at `path`; others may read it.
+
+    Raises:
+        UserError: another command adds to it.
+    """
+    file = path.with_name(f"{path.name}{LOCK}")
+    lock = FileLock(file, timeout=0)
+    with explained(file, "written"):
+        try:
+            lock.acquire()
+        except Timeout:
+            raise UserError(f"{path}: another command is using it; wait for it, or give another --out") from None
+    try:
+        yield
+    finally:
+        file.unlink(missing_ok=True)
+        lock.release()
+
+
+@contextmanager
+def _connected(path: Path) -> Generator[sqlite3.Connection]:
+    """Open the existing database at `path`; errors of SQLite become a `UserError` in one line."""
+    try:
+        uri = f"{path.absolute().as_uri()}?mode=rw"
+        with closing(sqlite3.connect(uri, uri=True, timeout=PATIENCE)) as connection:
+            yield connection
+    except (sqlite3.Error, UnicodeDecodeError) as error:
+        text = str(error)
+        if isinstance(error, UnicodeDecodeError):  # SQLite's message quotes bytes of the file
+            text = error.object.decode(errors="backslashreplace")
+        code = getattr(error, "sqlite_errorcode", 0) & 0xFF  # the low byte is the primary code
+        if code in _IN_USE:
+            reason, remedy = "another program is using it", "close that, and give the same command again"
+        elif code in _REFUSALS:
+            reason, remedy = "cannot be written", "make room, and give the same command again"
+        else:
+            reason, remedy = "cannot be used as a study's store", "give another --out"
+        raise UserError(f"{path}: {reason} ({shown(' '.join(text.split()))}); {remedy}") from None

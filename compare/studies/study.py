@@ -11,18 +11,18 @@ from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
 
+from slamgauge.compare.estimators.registry import BOUNDS
 from slamgauge.compare.estimators.requests import Asked, Chosen, UserCode, ask, labels_among
 from slamgauge.compare.estimators.running import require_room_for_runs, tell_remarks, try_out
 from slamgauge.compare.scenarios.scenario import Scenario, as_scenario, scenario_text
-from slamgauge.compare.scenarios.simulation import simulate
+from slamgauge.compare.scenarios.simulation import informed, simulate
 from slamgauge.compare.scoring.runs import Runs
 from slamgauge.compare.storage.progress import counted
 from slamgauge.compare.storage.result_files import STORE
 from slamgauge.compare.storage.staged_folder import begin_folder
 from slamgauge.compare.studies.executors import lost_worker
-from slamgauge.compare.studies.paired_comparisons import compare_against, compare_user_code, run_figures
-from slamgauge.compare.studies.store import StudyStore, begin_store, digest, open_store
-from slamgauge.compare.studies.store_file import sole_use
+from slamgauge.compare.studies.paired_comparisons import compare_user_code, run_figures
+from slamgauge.compare.studies.store import StudyStore, digest, open_store, sole_use
 from slamgauge.compare.studies.study_run import Outcome, require_numbers, run_once, run_seed
 from slamgauge.compare.studies.summary import Failure, Summary, summarise
 from slamgauge.errors import UserError
@@ -84,28 +84,50 @@ def run_study(
     against = labels_among(against, [each.label for each in asked], "is not among --estimators")
     require_room_for_runs(runs, scenario, len(asked))
     begin_folder(out)
-    with sole_use(out / STORE):
-        begin_store(out / STORE, scenario, seed)
-        with open_store(out / STORE, scenario, seed) as store:
-            refused = _run_missing(store, _Work(scenario, seed, asked, executor), runs)
-            loaded = {each.label: store.load(each.key, runs) for each in asked}
-            found = [*(Failure(*each) for each in store.failures(runs)), *refused]
+    with sole_use(out / STORE), open_store(out / STORE, scenario, seed, begin=True) as store:
+        refused = _run_missing(store, _Work(scenario, seed, asked, executor), runs)
+        loaded = {each.label: store.load(each.key, runs) for each in asked}
+        found = [*(Failure(*each) for each in store.failures(runs)), *refused]
     labels = {each.key: each.label for each in asked}
     failures = [replace(each, estimator=labels[each.estimator]) for each in found if each.estimator in labels]
-    failures.sort(key=lambda failure: (failure.run, failure.estimator))
     per_run = {label: run_figures(each) for label, each in loaded.items()}
     return Summary(
         scenario=scenario.name,
         runs=runs,
         seed=seed,
         digest=digest(scenario, seed),
-        failures=tuple(failures),
+        failures=tuple(sorted(failures)),
         estimators=summarise(loaded),
-        against=compare_against(per_run, against),
+        against={
+            name: {label: per_run[label].against(per_run[name]) for label in per_run if label not in (name, *BOUNDS)}
+            for name in against
+        },
         scenario_text=scenario_text(scenario),
         comparisons=compare_user_code(asked, loaded, per_run),
         per_run=per_run,
+        loaded=loaded,
     )
+
+
+def run_beside_optima(
+    scenario: Scenario, asked: Sequence[Asked], runs: int, seed: int, places: tuple[Path, Path], executor: Executor
+) -> Summary:
+    """Run a study whose optima have a store of their own, which scenarios with the same measurements share.
+
+    `asked` has an estimator that receives the recording only; `places` are the folders of these and of the optima.
+    """
+    from slamgauge.jit import stored_files  # here: it loads numba
+
+    optima = [each for each in asked if each.is_told]
+    work = [(scenario, [each for each in asked if not each.is_told], places[0])]
+    if optima:
+        work.append((informed(scenario), optima, places[1]))
+    if not stored_files():  # on first use compile the kernels of filters and optima at the same time
+        wait([executor.submit(run_once, each, run_seed(seed, 0), chosen) for each, chosen, _ in work])
+    parts = [run_study(each, runs, seed, chosen, place, executor) for each, chosen, place in work]
+    loaded = {name: found for part in parts for name, found in part.loaded.items()}
+    failures = tuple(failure for part in parts for failure in part.failures)
+    return replace(parts[0], failures=failures, estimators=summarise(loaded), per_run={}, loaded=loaded)
 
 
 def load_runs(
@@ -116,10 +138,10 @@ def load_runs(
     Raises:
         UserError: the store does not exist, has another study, or cannot be used.
     """
-    scenario, out = as_scenario(scenario), Path(out)
-    if not (out / STORE).exists():
-        raise UserError(f"{out / STORE}: no study is there; make one with run_study")
-    with open_store(out / STORE, scenario, seed) as store:
+    path = Path(out) / STORE
+    if not path.exists():
+        raise UserError(f"{path}: no study is there; make one with run_study")
+    with open_store(path, as_scenario(scenario), seed) as store:
         return {each.label: store.load(each.key, runs) for each in ask(estimators)}
 
 
@@ -155,8 +177,7 @@ def _run_missing(store: StudyStore, work: _Work, runs: int) -> list[Failure]:
                     lost.append(task)
                 else:
                     keep(task[0], outcomes)
-        lost.sort(key=lambda task: task[0])
-        with closing(_arriving(lost, 1, work)) as arriving:
+        with closing(_arriving(sorted(lost, key=lambda task: task[0]), 1, work)) as arriving:
             for (run, estimators), outcomes in arriving:
                 in_a_row = in_a_row + 1 if outcomes is None else 0
                 if in_a_row == MOST_LOST:

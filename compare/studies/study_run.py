@@ -14,7 +14,7 @@ from slamgauge.compare.estimators.requests import Asked, BuiltIn, Chosen, ask
 from slamgauge.compare.estimators.running import remarks_of, run_estimator
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.scenarios.simulation import simulate_informed
-from slamgauge.compare.scoring.catalogue import STORED, measured
+from slamgauge.compare.scoring.catalogue import measured
 from slamgauge.compare.scoring.consistency import squared_mahalanobis
 from slamgauge.compare.scoring.measured import Measured
 from slamgauge.compare.scoring.runs import SERIES
@@ -81,8 +81,7 @@ def _outcome(scenario: Scenario, asked: Asked, truth: Truth, recording: Recordin
         figures = measured(found, in_study=True)
         if estimate.seconds is None:
             figures["seconds_total"] = seconds
-        series = step_series(found)
-        return Outcome(asked.key, estimate.kind, figures, series.astype(np.float32).tobytes(), remarks=remarks)
+        return Outcome(asked.key, estimate.kind, figures, _bytes(step_series(found)), remarks=remarks)
     except Exception as error:  # noqa: BLE001 the study continues and reports the error
         return replace(_failed(asked.key, error), remarks=remarks)
 
@@ -92,14 +91,18 @@ def _bound(asked: BuiltIn, truth: Truth, recording: Recording) -> Outcome:
     entry = entry_of(asked.name)
     begun = perf_counter()
     covs = entry.bounds(truth, recording)
-    figures = dict.fromkeys(STORED) | {"seconds_total": perf_counter() - begun}
+    seconds = perf_counter() - begun
     sigmas = np.sqrt(np.diagonal(covs, axis1=1, axis2=2).clip(min=0)).T
     series = np.concatenate([sigmas, sigmas, np.full((len(SERIES) - 6, len(covs)), np.nan)])
-    return Outcome(asked.key, str(entry.kind), figures, series.astype(np.float32).tobytes())
+    return Outcome(asked.key, str(entry.kind), {"seconds_total": seconds}, _bytes(series))
 
 
 def _failed(name: str, error: Exception) -> Outcome:
     return Outcome(name, error=shown(failure_text(error)), transient=refused_by_the_machine(error))
+
+
+def _bytes(series: Float) -> bytes:
+    return series.astype(np.float32).tobytes()
 
 
 def step_series(found: Measured) -> Float:

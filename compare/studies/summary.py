@@ -1,4 +1,4 @@
-"""The summary of a study: means over runs with 95 % intervals, paired ratios, consistency at every step."""
+"""The summary of a study: means over runs with 95 % intervals, paired ratios, and its table with notes."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 from pydantic_core import to_jsonable_python
 
-from slamgauge.compare.estimators.registry import BOUND_OF, BOUNDS, CAUSAL, HINDSIGHT, REGISTRY, is_ours
+from slamgauge.compare.estimators.registry import BOUND, BOUNDS, CAUSAL, HINDSIGHT, HINDSIGHT_BOUND, REGISTRY, is_ours
 from slamgauge.compare.scoring.catalogue import BY_KEY, TableName, empty_columns, figure_cells, heads
 from slamgauge.compare.scoring.intervals import Interval
 from slamgauge.compare.scoring.optimum_notes import (
@@ -28,6 +28,8 @@ from slamgauge.compare.storage.result_files import origin
 from slamgauge.compare.studies.paired_comparisons import Against, RunFigures, against_parts
 from slamgauge.display import data_frame
 
+ERRORS = {BOUND: "causal_position_rmse_m", HINDSIGHT_BOUND: "hindsight_position_rmse_m"}  # keys of summary.json
+
 
 @dataclass(frozen=True, eq=False)
 class EstimatorSummary(FiguresByKey):
@@ -44,7 +46,7 @@ class EstimatorSummary(FiguresByKey):
         return FiguresByKey({**self, **entry}).to_json()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, order=True)
 class Failure:
     """A run in which an estimator failed."""
 
@@ -57,11 +59,8 @@ class Failure:
 class Request:
     """What a command requested, so that single runs can be repeated.
 
-    Attributes:
-        scenario: name or path of the scenario.
-        settings: values of --set.
-        estimators: names of the estimators, separated by commas.
-        swept: `key=value` of a value of a sweep; empty for other studies.
+    `scenario` is its name or path, `settings` are the values of --set, `estimators` names separated by commas, `swept`
+    is `key=value` of a value of a sweep and empty for other studies.
     """
 
     scenario: str
@@ -77,7 +76,7 @@ class Summary:
     `scenario` is a name, `runs` the number of runs, `seed` the root seed, `digest` that of the measurements, `failures`
     the failed runs of estimators, `estimators` the figures of each estimator by name, `per_run` those of each run,
     `against` the requested paired comparisons, `scenario_text` the scenario as a TOML file, `comparisons` pairs of a
-    user estimator and a sentence, which are only printed, `request` what a command requested.
+    user estimator and a sentence, which are only printed, `request` what a command requested, `loaded` the stored runs.
     """
 
     scenario: str
@@ -91,6 +90,7 @@ class Summary:
     comparisons: tuple[tuple[str, str], ...] = ()
     per_run: Mapping[str, RunFigures] = field(default_factory=dict[str, RunFigures])
     request: Request | None = None
+    loaded: Mapping[str, Any] = field(default_factory=dict[str, Any], compare=False)  # `Runs`, unknown to pydantic
 
     def __repr__(self) -> str:
         return f"Summary({self.scenario}, {self.runs} runs: {', '.join(self.estimators)})"
@@ -109,35 +109,17 @@ class Summary:
         return data_frame(columns, [*self.estimators])
 
     def to_json(self) -> dict[str, Any]:
-        """Return the content of summary.json."""
-        return {
+        """Return the content of summary.json; with bounds, `bound` has their errors."""
+        content: dict[str, Any] = {
             **origin(self.scenario_text),
-            "scenario": self.scenario,
-            "runs": self.runs,
-            "seed": self.seed,
-            "digest": self.digest,
+            **{key: getattr(self, key) for key in ("scenario", "runs", "seed", "digest")},
             "estimators": {name: entry.to_json() for name, entry in self.estimators.items()},
-            **to_jsonable_python(
-                {
-                    "failures": self.failures,
-                    "per_run": dict(self.per_run),
-                    "against": self.against,
-                    "request": self.request,
-                }
-            ),
-            **bound_entry(self.estimators),
+            **{key: getattr(self, key) for key in ("failures", "per_run", "against", "request")},
         }
-
-
-def bound_entry(estimators: Mapping[str, EstimatorSummary]) -> dict[str, Any]:
-    """Return the entry `bound` of summary.json; empty without bounds."""
-    if not is_bounded(estimators):
-        return {}
-    bounds = {
-        kind: estimators[name]["position_rmse_m"] if name in estimators else None for kind, name in BOUND_OF.items()
-    }
-    rmse = {kind: None if each is None else each.mean for kind, each in bounds.items()}
-    return {"bound": {"causal_position_rmse_m": rmse["filtered"], "hindsight_position_rmse_m": rmse["smoothed"]}}
+        if is_bounded(self.estimators):
+            bounds = {key: self.estimators.get(name, {}).get("position_rmse_m") for name, key in ERRORS.items()}
+            content["bound"] = {key: None if each is None else each.mean for key, each in bounds.items()}
+        return to_jsonable_python(content)
 
 
 def is_bounded(estimators: Collection[str]) -> bool:

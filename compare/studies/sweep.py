@@ -10,9 +10,9 @@ from types import MappingProxyType
 from typing import Any
 
 from slamgauge.compare.estimators.registry import BOUNDS, CAUSAL, HINDSIGHT, INFORMED
-from slamgauge.compare.estimators.requests import Asked, Chosen, ask
+from slamgauge.compare.estimators.requests import Chosen, ask
 from slamgauge.compare.estimators.running import require_room_for_runs
-from slamgauge.compare.scenarios.scenario import Scenario, load_scenario, scenario_text
+from slamgauge.compare.scenarios.scenario import load_scenario
 from slamgauge.compare.scenarios.simulation import informed
 from slamgauge.compare.scoring.catalogue import figure_cells, heads
 from slamgauge.compare.scoring.optimum_notes import at_places, misfits, placed
@@ -20,14 +20,12 @@ from slamgauge.compare.scoring.runs import Runs
 from slamgauge.compare.scoring.table import ESTIMATOR, Cell, Head, Table
 from slamgauge.compare.scoring.text_page import Page
 from slamgauge.compare.storage.files import of_this_version, read_json
-from slamgauge.compare.storage.result_files import SWEEP, origin
+from slamgauge.compare.storage.result_files import OPTIMA, SWEEP, origin
 from slamgauge.compare.storage.staged_folder import begin_folder, require_ours
-from slamgauge.compare.studies.store import digest
 from slamgauge.compare.studies.stored_study import load_study, optima_beside
-from slamgauge.compare.studies.study import load_runs, run_study
+from slamgauge.compare.studies.study import run_beside_optima
 from slamgauge.compare.studies.study_run import require_numbers
 from slamgauge.compare.studies.summary import (
-    Failure,
     Summary,
     empty_column_lines,
     failure_lines,
@@ -35,12 +33,10 @@ from slamgauge.compare.studies.summary import (
     is_marked_against,
     misfit_optima,
     share_in_doubt,
-    summarise,
 )
 from slamgauge.errors import UserError
 
 Finished = Callable[[Path, Summary, dict[str, Runs], float], None]
-Part = tuple[Scenario, list[Asked], Path]  # scenario, estimators and folder of a study
 
 
 @dataclass(frozen=True)
@@ -71,24 +67,13 @@ class Sweep:
 
     def to_json(self) -> dict[str, Any]:
         """Return the content of sweep.json."""
-        points = [
-            {
-                "value": value,
-                "in_doubt": [name for name in (CAUSAL, HINDSIGHT) if is_marked_against(summary, name)],
-                "summary": summary.to_json(),
-            }
-            for value, summary in self.by_value()
-        ]
-        return {
-            **origin(self.summaries[0].scenario_text),
-            "scenario": self.scenario,
-            "key": self.key,
-            "runs": self.runs,
-            "seed": self.seed,
-            "points": points,
-            "faults": faults(self),
-            "notes": notes(self),
-        }
+        points: list[dict[str, Any]] = []
+        for value, summary in self.by_value():
+            doubtful = [name for name in (CAUSAL, HINDSIGHT) if is_marked_against(summary, name)]
+            points.append({"value": value, "in_doubt": doubtful, "summary": summary.to_json()})
+        given = {key: getattr(self, key) for key in ("scenario", "key", "runs", "seed")}
+        found = {"points": points, "faults": faults(self), "notes": notes(self)}
+        return {**origin(self.summaries[0].scenario_text), **given, **found}
 
 
 def read_sweep(folder: Path) -> Sweep:
@@ -135,9 +120,8 @@ def run_sweep(
 ) -> Sweep:
     """Run a study at every value `key=v1,v2,...`, stored in folders `key=value` of `out`; stored runs are not repeated.
 
-    The optima receive the true noise and associations, which most keys do not change. They run once for all values
-    with the same measurements. The parameters are those of `load_scenario` and `run_study`, which are more than six;
-    `finished` is called after the study of each value with its folder, summary, runs and time step [s].
+    The optima run once for all values with the same measurements. The parameters are those of `load_scenario` and
+    `run_study`; `finished` is called after the study of each value with its folder, summary, runs and time step [s].
 
     Raises:
         UserError: as `load_scenario` and `run_study`; two values make the same scenario, such as 1 and 1.0; before
@@ -152,38 +136,22 @@ def run_sweep(
         if first != value:
             raise UserError(f"sweep {sweep!r}: {first} and {value} are the same value; name each once")
     asked = ask(estimators)
-    optima = [each for each in asked if each.is_told]
-    others = [each for each in asked if not each.is_told]
-    if not others:
+    if all(each.is_told for each in asked):
         raise UserError("estimators: a sweep needs an estimator beside the optima; add a filter, for example ekf")
-    besides = [optima_beside(out, scenario, seed)[0].parent for scenario in scenarios]
+    has_optima = any(each.is_told for each in asked)
+    besides = [optima_beside(out / OPTIMA, informed(scenario), seed) for scenario in scenarios]
     require_numbers(runs, seed)
     for scenario in scenarios:
         require_room_for_runs(runs, scenario, len(asked))
-    require_ours(*map(out.joinpath, folders), *(besides if optima else []))
+    require_ours(*map(out.joinpath, folders), *(besides if has_optima else []))
     begin_folder(out)
     summaries: list[Summary] = []
     for scenario, folder, beside in zip(scenarios, map(out.joinpath, folders), besides, strict=True):
-        parts = ((scenario, others, folder), (informed(scenario), optima, beside))
-        summary, loaded = _run_parts(scenario, parts, runs, seed, executor)
+        summary = run_beside_optima(scenario, asked, runs, seed, (folder, beside), executor)
         if finished is not None:
-            finished(folder, summary, loaded, scenario.trajectory.step)
-        summaries.append(summary)
+            finished(folder, summary, dict(summary.loaded), scenario.trajectory.step)
+        summaries.append(replace(summary, loaded={}))  # the runs of all values may not fit into memory
     return Sweep(scenarios[0].name, key, runs, seed, values, tuple(summaries))
-
-
-def _run_parts(
-    scenario: Scenario, parts: Iterable[Part], runs: int, seed: int, executor: Executor
-) -> tuple[Summary, dict[str, Runs]]:
-    """Run the studies of one value, of filters and optima; return their common summary, and their runs."""
-    failures, comparisons, loaded = tuple[Failure, ...](), tuple[tuple[str, str], ...](), dict[str, Runs]()
-    for simulated, asked, where in parts:
-        if asked:
-            part = run_study(simulated, runs, seed, asked, where, executor)
-            failures, comparisons = failures + part.failures, comparisons + part.comparisons
-            loaded |= load_runs(simulated, runs, seed, asked, where)
-    content = (scenario.name, runs, seed, digest(scenario, seed), failures, summarise(loaded))
-    return Summary(*content, scenario_text=scenario_text(scenario), comparisons=comparisons), loaded
 
 
 def sweep_table(sweep: Sweep) -> Page:
@@ -227,31 +195,27 @@ def unaffected(sweep: Sweep) -> list[str]:
 
     Optima and gtsam-batch are omitted: most keys do not change the noise and associations that they receive.
     """
-    if len(sweep.summaries) < 2:
-        return []
     first, *others = (
         {name: entry.figures | {"seconds_total": None} for name, entry in summary.estimators.items()}
         for summary in sweep.summaries
     )
-    names = [name for name, entry in sweep.summaries[0].estimators.items() if entry["runs"]]
-    filters = [name for name in names if name not in (*INFORMED, *BOUNDS)]
-    return [name for name in filters if all(each[name] == first[name] for each in others)]
+    names = [name for name, entry in first.items() if entry["runs"] and name not in (*INFORMED, *BOUNDS)]
+    return [name for name in names if others and all(each[name] == first[name] for each in others)]
 
 
 def faults(sweep: Sweep) -> dict[str, str]:
-    """Return what is wrong with each estimator, and at which values."""
+    """Return what is wrong with each estimator that has runs, and at which values."""
     lines: dict[str, str] = {}
     for name in dict.fromkeys(name for summary in sweep.summaries for name in summary.estimators if name not in BOUNDS):
-        entries = [summary.estimators[name] for summary in sweep.summaries]
         places: dict[str, list[str]] = {}
-        for value, entry in zip(sweep.values, entries, strict=True):
-            for fault in entry["faults"]:
+        for value, summary in sweep.by_value():
+            for fault in summary.estimators[name]["faults"]:
                 places.setdefault(fault, []).append(value)
         found = [
-            f"{fault} at {'every value' if len(values) == len(entries) else f'{sweep.key}=' + ', '.join(values)}"
-            for fault, values in places.items()
+            f"{fault} at {'every value' if len(at) == len(sweep.values) else f'{sweep.key}=' + ', '.join(at)}"
+            for fault, at in places.items()
         ]
-        if any(entry["runs"] for entry in entries):
+        if any(summary.estimators[name]["runs"] for summary in sweep.summaries):
             lines[name] = "; ".join(found) or f"nothing wrong is shown by {sweep.runs} runs"
     return lines
 

@@ -6,15 +6,13 @@ the log states.
 
 from __future__ import annotations
 
-import json
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from slamgauge.arrays import Float, Int
+from slamgauge.arrays import Int
 from slamgauge.compare.estimators.loading import load
 from slamgauge.compare.estimators.registry import HINDSIGHT
 from slamgauge.compare.estimators.requests import ask
@@ -23,8 +21,8 @@ from slamgauge.compare.scenarios.measurement_errors import COV_HEADER, sightings
 from slamgauge.compare.scenarios.schema import Association
 from slamgauge.compare.scenarios.trajectory import PATH_HEADER
 from slamgauge.compare.storage.csv_folder import upper_triangles, write_rows
-from slamgauge.compare.storage.files import explained
 from slamgauge.compare.storage.result_files import TWIN, TWIN_MOTION, TWIN_PATH, TWIN_SIGHTINGS
+from slamgauge.compare.storage.toml_tables import write_toml
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
@@ -80,55 +78,35 @@ def write_twin(folder: Path, twin: Twin, name: str) -> None:
     Raises:
         UserError: a file cannot be written.
     """
-    log = twin.recording
-    sigmas = _common_sigmas(log)
-    covs = upper_triangles(log.observation_cov).tolist() if sigmas is None else [[]] * len(log.observation)
-    header = sightings_header(log.sensor, has_covs=sigmas is None)
+    log, optimum, model = twin.recording, twin.optimum, SENSORS[twin.recording.sensor]
+    places = optimum.landmarks[np.argsort(optimum.landmark_ids)]
+    distance = np.linalg.norm(places[twin.landmark] - optimum.poses[log.observation_step, :2], axis=1)
+    sensor = {"kind": log.sensor, "max_range": float(math.ceil(distance.max() + 1e-9)), "sightings": TWIN_SIGHTINGS}
+    covs = upper_triangles(log.observation_cov).tolist()
+    variances = dict(zip(model.sigmas, np.diag(log.observation_cov[0]), strict=True))  # one for both axes of a position
+    is_common = bool((log.observation_cov == np.diag([variances[name] for name in model.sigmas])).all())
+    if is_common:
+        covs = [list[float]()] * len(covs)
+        for each, is_angle in zip(model.sigmas, model.is_angle, strict=True):
+            sigma = math.sqrt(variances[each])
+            sensor[f"sigma_{each}{'_deg' if is_angle else ''}"] = math.degrees(sigma) if is_angle else sigma
+    sections = {
+        "": {"description": f"Twin of {name}: path and map of its optimum"},
+        "prior": {"mean": optimum.poses[0].tolist(), "covariance": log.prior_cov.tolist()},
+        "trajectory": {"kind": "csv", "file": TWIN_PATH},
+        "motion": {"covariances": TWIN_MOTION},
+        "sensor": sensor,
+        **({} if twin.has_ids else {"association": {"method": "jcbb"}}),
+        "landmarks": {"positions": places.tolist()},
+    }
     seen = zip(log.observation_step.tolist(), twin.landmark.tolist(), covs, strict=True)
     moved = enumerate(upper_triangles(log.odometry_cov).tolist(), 1)
-    write_rows(folder / TWIN_PATH, PATH_HEADER, np.column_stack([log.stamps, twin.optimum.poses]).tolist())
+    header = sightings_header(log.sensor, has_covs=not is_common)
+    write_rows(folder / TWIN_PATH, PATH_HEADER, np.column_stack([log.stamps, optimum.poses]).tolist())
     write_rows(folder / TWIN_MOTION, COV_HEADER, ([step, *cov] for step, cov in moved))
     write_rows(folder / TWIN_SIGHTINGS, header, ([step, landmark, *cov] for step, landmark, cov in seen))
-    with explained(folder / TWIN, "written"):
-        (folder / TWIN).write_text("\n".join(_toml(twin, name, sigmas)) + "\n", encoding="utf-8")
+    write_toml(folder / TWIN, sections)
 
 
 def _run(name: str, recording: Recording, association: Association | None = None) -> Estimate:
     return run_estimator(name, load(ask([name])[0], association), recording)[0]
-
-
-def _common_sigmas(log: Recording) -> Float | None:
-    """Return the standard deviations (d,) of all observations; None if a scenario cannot state the covariances by them.
-
-    A position sensor has one standard deviation for both axes.
-    """
-    model, first = SENSORS[log.sensor], log.observation_cov[0]
-    variances = dict(zip(model.sigmas, np.diag(first), strict=True))
-    stated = np.diag([variances[name] for name in model.sigmas])
-    return np.sqrt(np.diag(first)) if (log.observation_cov == stated).all() else None
-
-
-def _toml(twin: Twin, name: str, sigmas: Float | None) -> Iterable[str]:
-    """Return the lines of the scenario."""
-    log, optimum = twin.recording, twin.optimum
-    places = optimum.landmarks[np.argsort(optimum.landmark_ids)]
-    distance = np.linalg.norm(places[twin.landmark] - optimum.poses[log.observation_step, :2], axis=1)
-    yield f"description = {json.dumps(f'Twin of {name}: path and map of its optimum', ensure_ascii=False)}"
-    yield "\n[prior]"
-    yield f"mean = {optimum.poses[0].tolist()}"
-    yield f"covariance = {log.prior_cov.tolist()}"
-    yield f'\n[trajectory]\nkind = "csv"\nfile = "{TWIN_PATH}"'
-    yield f'\n[motion]\ncovariances = "{TWIN_MOTION}"'
-    yield f'\n[sensor]\nkind = "{log.sensor}"\nmax_range = {math.ceil(distance.max() + 1e-9)}.0'
-    yield f'sightings = "{TWIN_SIGHTINGS}"'
-    if sigmas is not None:
-        model = SENSORS[log.sensor]
-        stated = dict(zip(model.sigmas, zip(sigmas.tolist(), model.units, strict=True), strict=True))
-        for name, (sigma, unit) in stated.items():
-            if unit == "rad":
-                yield f"sigma_{name}_deg = {float(np.rad2deg(sigma))!r}"
-            else:
-                yield f"sigma_{name} = {sigma!r}   # {unit}"
-    if not twin.has_ids:
-        yield '\n[association]\nmethod = "jcbb"'
-    yield f"\n[landmarks]\npositions = {places.tolist()}"

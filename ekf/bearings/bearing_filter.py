@@ -118,8 +118,9 @@ class BearingFilter(OnlineFilter):
         self.map.require_sound(values, covs)
         require_ids(ids)
         ids = self.map.without_outliers(ids, values, covs, gate)
-        if np.isin(ids, self.map.ids).all():  # one part, which is refused as a whole
-            return self._finished(ids, *self._update(ids, values, covs))
+        result = self.map.update(ids, values, covs)
+        if result is not None:  # all are points
+            return self._finished(ids, *result)
         before = self._provisional.copy()
         try:
             with self.map.transaction():
@@ -130,15 +131,17 @@ class BearingFilter(OnlineFilter):
 
     def _update(self, ids: Int, values: Float, covs: Float) -> tuple[float, int]:
         """Correct with the bearings of points, then with the first one of each other landmark; repeat with the rest."""
-        total, dof, left = 0.0, 0, np.flatnonzero(ids != NONE)
-        while len(left):
-            are_points = np.isin(ids[left], self.map.ids)
-            rows, others = left[are_points], left[~are_points]
+        total, dof, names, left = 0.0, 0, ids.tolist(), np.flatnonzero(ids != NONE).tolist()
+        while left:
+            mapped, first = {*self.map.ids.tolist()}, dict[int, int]()
+            rows = [row for row in left if names[row] in mapped]
             nis, informative = self.map.update(ids[rows], values[rows], covs[rows]) or (0.0, 0)
-            first = np.sort(np.unique(ids[others], return_index=True)[1])
-            rows = others[first]
-            self._provisional.observe(ids[rows].tolist(), values[rows], covs[rows])
-            total, dof, left = total + nis, dof + informative, np.delete(others, first)
+            others = [row for row in left if names[row] not in mapped]
+            for row in others:
+                first.setdefault(names[row], row)
+            rows = [*first.values()]
+            self._provisional.observe([*first], values[rows], covs[rows])
+            total, dof, left = total + nis, dof + informative, [row for row in others if row not in rows]
         return total, dof
 
     def _landmarks(self) -> Members:

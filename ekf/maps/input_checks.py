@@ -226,4 +226,5 @@ def require_sound(sensor: str, values: ArrayLike, covs: ArrayLike) -> None:
 
 def require_ids(ids: Int) -> None:
     """Refuse negative ids of new landmarks."""
-    require_rows("landmark", ids >= 0, ids, "an id must be >= 0; use landmark=None for unknown association")
+    if len(ids) and ids.min() < 0:
+        require_rows("landmark", ids >= 0, ids, "an id must be >= 0; use landmark=None for unknown association")

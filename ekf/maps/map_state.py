@@ -157,20 +157,19 @@ class MapState:
         self._set_ids(np.concatenate([self.ids, ids]))
 
     def remove(self, *removed: int) -> None:
-        """Remove landmarks (marginalise them), one after the other."""
-        for each in removed:
-            state, point, cov, points, size, _ = self.belief
-            slot, ids = int(self.slots_of(each)), self.ids.copy()
+        """Remove landmarks (marginalise them)."""
+        ids, (state, point, cov, points, size, _) = self.ids.copy(), self.belief
+        for slot in sorted(self.slots_of(removed).tolist(), reverse=True):
             to, last = 3 + 2 * slot, size - 2  # the last landmark moves into the slot
             for array in (state, point):
                 array[to : to + 2] = array[last:size]
             cov[:to, to : to + 2] = cov[:to, last:size]
             cov[to : to + 2, to + 2 : last] = cov[to + 2 : last, last:size].T
             cov[to : to + 2, to : to + 2] = cov[last:size, last:size]
-            points[slot], points[len(ids) - 1] = points[len(ids) - 1], True
-            ids[slot] = ids[-1]
-            self.belief = self.belief._replace(size=last)
-            self._set_ids(ids[:-1])
+            points[slot], points[(last - 3) // 2] = points[(last - 3) // 2], True
+            ids[slot], size = ids[(last - 3) // 2], last
+        self.belief = self.belief._replace(size=size)
+        self._set_ids(ids[: len(ids) - len(removed)])
 
     def _set_ids(self, ids: Int) -> None:
         self.ids: Int = np.ascontiguousarray(ids, dtype=np.int64)  # `find_slots` is compiled for this type

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from slamgauge import Estimate, Recording, arrays, evaluate, load_scenario, simulate
-from slamgauge.compare.figures.map_contents import map_limits
+from slamgauge.compare.figures.maps import map_limits
 from slamgauge.compare.scenarios.simulation import informed, simulate_informed
 from slamgauge.ekf.estimators import ekf_slam
 from slamgauge.se2 import chain

@@ -8,7 +8,7 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from slamgauge.compare.scenarios.scenario import ScenarioError, load_scenario
+from slamgauge.compare.scenarios.scenario import load_scenario
 from slamgauge.ekf.setting_rules import fitted
 from slamgauge.ekf.settings import Association, Delayed, MapManagement, Rays, Robustness
 from slamgauge.errors import UserError
@@ -104,7 +104,7 @@ def test_a_scenario_can_set_every_field(section: str, kind: type, initialisation
 
 
 def test_each_mistake_in_a_scenario_has_its_line():
-    with pytest.raises(ScenarioError) as caught:
+    with pytest.raises(UserError) as caught:
         load_scenario("q4-ring", ["fis.lost_after=0", "fis.lost_aftr=1", "fis.gate=-1", "association.node_limit=0"])
     assert str(caught.value).splitlines() == [
         "q4-ring: association.node_limit: 0 is out of range; choose it at least 1",

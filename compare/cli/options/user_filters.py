@@ -71,5 +71,5 @@ class Grade(WithPage):
     work: Work = field(default_factory=Work)
 
     out: Folder | None = None
-    """Folder of grades.csv, submissions/NAME.md and gradescope/NAME/results.json. If not given:
+    """Folder of grades.csv, submissions/NAME.html and gradescope/NAME/results.json. If not given:
     results/grades-FOLDER."""

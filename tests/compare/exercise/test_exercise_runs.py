@@ -15,15 +15,14 @@ import pytest
 
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.estimators.registry import REGISTRY
-from slamgauge.compare.exercise import running
-from slamgauge.compare.exercise.results import Exercise
-from slamgauge.compare.exercise.running import run_exercise
-from slamgauge.compare.exercise.settings import CAUSAL, EKF, FILTERS, GTSAM, OPTIMA, QUESTIONS
+from slamgauge.compare.exercise import results
+from slamgauge.compare.exercise.results import Exercise, first_closures, run_exercise
+from slamgauge.compare.exercise.settings import CAUSAL, EKF, FILTERS, GTSAM, OPTIMA, QUESTIONS, SETTINGS
 from slamgauge.compare.exercise.tables import exercise_page
-from slamgauge.compare.report import exercise_runs
+from slamgauge.compare.report import exercise_page as exercise_pages
 from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
-from slamgauge.compare.scenarios.simulation import informed, simulate
-from slamgauge.compare.scoring.landmark_identity import closure_steps
+from slamgauge.compare.scenarios.simulation import informed, simulate, simulate_informed
+from slamgauge.compare.scoring.measured import closure_steps
 from slamgauge.compare.studies import study
 from slamgauge.compare.studies.study_run import run_once, run_seed
 from slamgauge.errors import UserError
@@ -39,7 +38,7 @@ def short(monkeypatch: pytest.MonkeyPatch):
         rate = 0.8 if name == "q1-short-dense" else 0.4
         return load_scenario(name, [f"trajectory.duration={SECONDS}", f"trajectory.yaw_rate={rate}"])
 
-    monkeypatch.setattr(running, "load_scenario", shortened)
+    monkeypatch.setattr(results, "load_scenario", shortened)
 
 
 @pytest.fixture(scope="module")
@@ -94,28 +93,24 @@ def test_the_same_runs_are_not_repeated_and_more_are_added(
 def test_loop_closures_are_the_first_of_each_lap(question_1: Exercise):
     """Errors and sigmas at these steps are the RMS over the runs."""
     for ran in question_1.settings:
-        laps = math.ceil(SECONDS * (0.8 if ran.setting.figure == "2.1" else 0.4) / (2 * math.pi) - 0.01)
-        assert ran.first_closures.shape == (2, laps)
-        for run, firsts in enumerate(ran.first_closures.tolist()):
+        rate = 0.8 if ran.setting.figure == "2.1" else 0.4  # rad/s
+        every = []
+        for run in range(2):
             truth, recording = simulate(ran.scenario, run_seed(3, run))
             steps = closure_steps(truth, recording)
             assert steps is not None
-            turn = 0.1 * (0.8 if ran.setting.figure == "2.1" else 0.4)  # rad per step
-            for lap, first in enumerate(firsts):
-                inside = [step for step in steps if 2 * math.pi * lap <= step * turn + 1e-6 < 2 * math.pi * (lap + 1)]
-                assert first == (inside[0] if inside else -1)
+            laps = [int((0.1 * rate * step + 1e-6) // (2 * math.pi)) for step in steps]
+            firsts = [next((step for step, of in zip(steps, laps, strict=True) if of == lap), -1) for lap in range(9)]
+            every.append(firsts[: math.ceil(SECONDS * rate / (2 * math.pi) - 0.01)])
+            assert first_closures(ran.scenario, run_seed(3, run)) == every[-1]
         for closure in ran.closures:
-            steps = ran.first_closures[:, closure.lap - 1]
-            rows = np.flatnonzero(steps >= 0)
-            assert closure.time_s == pytest.approx(0.1 * steps[rows].mean())
-            series = ran.runs[EKF].series
-            squares = [
-                series["error_x"][row, steps[row] - 1] ** 2 + series["error_y"][row, steps[row] - 1] ** 2
-                for row in rows
-            ]
-            assert closure.estimators[EKF].error_before_m == pytest.approx(math.sqrt(np.mean(squares)))
-            traces = [series["sigma_x"][row, steps[row]] ** 2 + series["sigma_y"][row, steps[row]] ** 2 for row in rows]
-            assert closure.estimators[EKF].three_sigma_after_m == pytest.approx(3 * math.sqrt(np.mean(traces)))
+            at = [(run, firsts[closure.lap - 1]) for run, firsts in enumerate(every) if firsts[closure.lap - 1] >= 0]
+            assert closure.time_s == pytest.approx(0.1 * np.mean([step for _, step in at]))
+            series, found = ran.runs[EKF].series, closure.estimators[EKF]
+            squares = [[series[f"error_{axis}"][run, step - 1] ** 2 for axis in "xy"] for run, step in at]
+            assert found.error_before_m == pytest.approx(math.sqrt(np.sum(squares) / len(at)))
+            squares = [[series[f"sigma_{axis}"][run, step] ** 2 for axis in "xy"] for run, step in at]
+            assert found.three_sigma_after_m == pytest.approx(3 * math.sqrt(np.sum(squares) / len(at)))
     assert any(ran.closures for ran in question_1.settings)
 
 
@@ -132,8 +127,7 @@ def test_tables_have_a_row_for_each_setting_and_fit_80_columns(question_1: Exerc
 
 
 def test_a_ratio_to_an_optimum_in_doubt_is_marked(question_1: Exercise):
-    checks = question_1.settings[1].runs[CAUSAL].figures["optimum_check_sigma"]
-    checks[0] = 1.0  # sigma
+    question_1.settings[1].estimators[CAUSAL].figures["optimum_check_share"] = 0.5
     text = exercise_page(question_1).text(80)
     row = next(line for line in text.splitlines() if line.startswith("2.1"))
     assert "?" in row
@@ -203,7 +197,7 @@ def test_the_command_writes_results_figures_and_pages_and_continues(
             *FILTERS,
             *OPTIMA,
         }
-    monkeypatch.setattr(exercise_runs, "publish_first_run", _fails)
+    monkeypatch.setattr(exercise_pages, "publish_first_run", _fails)
     monkeypatch.setattr(study, "run_once", _fails)
     assert main(words) == 0
     assert json.loads(capsys.readouterr().out) == printed
@@ -226,3 +220,33 @@ def keys_of(value: Any) -> set[str]:
     if isinstance(value, dict):
         return {*value}.union(*map(keys_of, value.values()))
     return set[str]().union(*map(keys_of, value)) if isinstance(value, list) else set()
+
+
+SAME_MAP = (("2.1", "2.6"), ("2.2", "2.4", "2.5", "2.7"), ("2.3", "2.8", "3.1", "3.2", "3.3", "3.4"))
+
+
+@pytest.mark.parametrize("figures", SAME_MAP, ids=lambda figures: figures[0])
+def test_settings_with_the_same_map_have_the_same_measurements(figures: tuple[str, ...]):
+    runs = [simulate_informed(load_scenario(SETTINGS[figure].scenario), 3) for figure in figures]
+    first_truth, first, first_exact = runs[0]
+    for truth, recording, exact in runs[1:]:
+        np.testing.assert_array_equal(truth.poses, first_truth.poses)
+        for key in ("odometry", "observation", "observation_step"):
+            np.testing.assert_array_equal(getattr(recording, key), getattr(first, key))
+            np.testing.assert_array_equal(getattr(exact, key), getattr(first_exact, key))
+        for key in ("landmark", "odometry_cov", "observation_cov"):
+            np.testing.assert_array_equal(getattr(exact, key), getattr(first_exact, key))
+
+
+def test_settings_are_those_of_the_handout():
+    """Known association in question 1, gates and assumed noise of questions 2 and 3, bearings in question 4."""
+    scenarios = {figure: load_scenario(setting.scenario) for figure, setting in SETTINGS.items()}
+    assert [*scenarios] == ["1.1", *(f"2.{k}" for k in range(1, 9)), *(f"3.{k}" for k in range(1, 5)), "4.1", "ring"]
+    methods = {figure: each.association.method for figure, each in scenarios.items()}
+    unknown = [figure for figure, method in methods.items() if method == "nearest-neighbour"]
+    assert unknown == [each.figure for name in ("q2", "q3") for each in QUESTIONS[name].settings]
+    gates = [scenarios[figure].association.gate for figure in unknown]
+    assert gates == [1.0, 100.0, 9.0, 9.0, 9.0, 9.0, 9.0, 9.0, 9.0]
+    assert [scenarios[f"3.{k}"].assumed.scale for k in range(1, 5)] == [0.1, 1.0, 10.0, 2.0]
+    assert {figure for figure, each in scenarios.items() if each.sensor.kind == "bearing"} == {"4.1", "ring"}
+    assert all(each.start == "sampled" for each in scenarios.values())

@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from PIL import Image
 
 from slamgauge.compare.cli.main import main
-from slamgauge.compare.figures.scene import Scene
+from slamgauge.compare.figures.maps import Scene
 from slamgauge.compare.storage.files import Results, save
 from slamgauge.compare.storage.staged_folder import begin_folder
 from slamgauge.compare.studies.stored_study import load_study
@@ -83,7 +83,7 @@ def test_estimators_shown_with_paths_and_maps(
     monkeypatch.chdir(tmp_path)
     given_names: list[str] = []
 
-    def look(_: Axes, __: Results, *given: dict[str, Estimate]) -> None:
+    def look(_: Results, *given: dict[str, Estimate]) -> None:
         given_names.extend(",".join(each) for each in given)
         raise UserError("stop here")
 
@@ -141,14 +141,14 @@ def test_an_interrupted_animation_leaves_nothing(
 ):
     (folder / "animation.gif").write_bytes(b"old")
     before = contents(folder)
-    show = Scene.show
+    draw = Scene.draw
 
-    def interrupted(scene: Scene, step: int) -> None:
+    def interrupted(scene: Scene, ax: Axes, step: int, after: int) -> None:
         if step > 100:
             raise KeyboardInterrupt
-        show(scene, step)
+        draw(scene, ax, step, after)
 
-    monkeypatch.setattr(Scene, "show", interrupted)
+    monkeypatch.setattr(Scene, "draw", interrupted)
     assert animate(folder, *SHORT) == 130
     assert capsys.readouterr().err == "slamgauge: interrupted; nothing was written\n"
     assert contents(folder) == before

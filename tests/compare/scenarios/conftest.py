@@ -7,9 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from slamgauge.compare.scenarios.scenario import Scenario, ScenarioError, load_scenario
+from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
 from slamgauge.compare.scenarios.simulation import simulate
 from slamgauge.compare.scenarios.trajectory import Segments
+from slamgauge.errors import UserError
 from slamgauge.recording import Recording
 from slamgauge.truth import Truth
 
@@ -49,7 +50,7 @@ def segmented(scenario: Scenario) -> Segments:
 
 
 def mistakes(path: str, *overrides: str) -> list[str]:
-    with pytest.raises(ScenarioError) as caught:
+    with pytest.raises(UserError) as caught:
         load_scenario(path, overrides)
     lines = str(caught.value).splitlines()
     assert all(line.startswith(f"{path}: ") for line in lines)

@@ -137,7 +137,7 @@ def test_an_added_landmark_does_not_change_the_noise_of_the_others(overrides: tu
 
 
 def test_a_negative_seed_is_refused():
-    with pytest.raises(ValueError, match="seed: -1 is negative; use a whole number >= 0"):
+    with pytest.raises(ValueError, match="seed: -1 is not valid; use a whole number >= 0"):
         simulate(scenario(), -1)
 
 

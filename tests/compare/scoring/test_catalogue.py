@@ -73,7 +73,7 @@ def test_a_new_metric_needs_only_its_entry(monkeypatch: pytest.MonkeyPatch):
     ways = [each.figures["way_m"] for each in outcomes]
     assert ways[0] == way
     figures = {
-        key: np.array([each.figures[key] for each in outcomes], dtype=float) for key in (*catalogue.STORED, "way_m")
+        key: np.array([each.figures.get(key) for each in outcomes], dtype=float) for key in (*catalogue.STORED, "way_m")
     }
     series = np.array([np.frombuffer(each.series, dtype=np.float32) for each in outcomes], dtype=float)
     rows = np.moveaxis(series.reshape(2, len(SERIES), -1), 1, 0)

@@ -16,8 +16,7 @@ from slamgauge.compare.scenarios.scenario import load_scenario
 from slamgauge.compare.scenarios.simulation import simulate
 from slamgauge.compare.scoring.catalogue import CATALOGUE
 from slamgauge.compare.scoring.intervals import mean
-from slamgauge.compare.scoring.landmark_identity import association_figures, closure_steps
-from slamgauge.compare.scoring.measured import LoopClosure
+from slamgauge.compare.scoring.measured import LoopClosure, closure_steps
 from slamgauge.compare.scoring.scores import evaluate
 from slamgauge.ekf import ekf_slam
 from slamgauge.estimate import Estimate
@@ -129,9 +128,8 @@ def test_wrong_associations_with_ids_are_those_that_differ() -> None:
     recording = straight(3, [(0, 5), (1, 6), (2, 5), (3, 6)])
     truth = true(landmark_ids=[5, 6], landmarks=np.zeros((2, 2)), association=[5, 6, 5, 6])
     estimate = filtered(path(recording), None, [5, 6], np.zeros((2, 2)), association=[6, 6, -1, 5])
-    figures = association_figures(truth, recording, estimate)
-    assert figures.wrong_associations == 2
-    assert association_figures(true(), recording, estimate).wrong_associations is None
+    assert evaluate(truth, recording, estimate)["wrong_associations"] == 2
+    assert evaluate(true(), recording, estimate)["wrong_associations"] is None
 
 
 def test_without_observations_there_are_no_rays() -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,7 +11,7 @@ import pytest
 
 from slamgauge import Summary, UserError, assert_not_worse
 from slamgauge.arrays import Float
-from slamgauge.compare.studies.baseline import Gate, figures_of, open_gate
+from slamgauge.compare.studies.baseline import Gate, open_gate
 from slamgauge.compare.studies.summary import RunFigures
 from tests.reference.command_line import run
 
@@ -29,7 +28,7 @@ def study(ate: list[float], nees: list[float] | None = None, runs: list[int] | N
 
 
 def gate_of(baseline: Summary) -> Gate:
-    return open_gate(figures_of(baseline), ["mine"], "digest", 0.05, "")
+    return open_gate((baseline), ["mine"], "digest", 0.05, "")
 
 
 def pair(rng: np.random.Generator, runs: int) -> tuple[Float, Float]:
@@ -45,7 +44,7 @@ def share_of_failures(true_ratio: float, runs: int, trials: int = TRIALS) -> flo
     failed = 0
     for _ in range(trials):
         base, now = pair(rng, runs)
-        _, worse = gate_of(study(base.tolist())).judge(figures_of(study((true_ratio * now).tolist())))
+        _, worse = gate_of(study(base.tolist())).judge(study((true_ratio * now).tolist()))
         failed += bool(worse)
     return failed / trials
 
@@ -60,21 +59,12 @@ def test_no_change_hardly_ever_fails_and_a_large_one_is_found():
     assert share_of_failures(1.3, 30) >= 0.9
 
 
-def test_stated_number_of_runs_finds_twice_the_tolerance():
-    """Share of failures with the stated number of runs: 90 %, within 4 standard deviations (1 % each) on each side."""
-    base, now = pair(np.random.default_rng(1), 4000)
-    (line,), _ = gate_of(study(base.tolist())).judge(figures_of(study(now.tolist())))
-    needed = re.search(r"; 1\.1 would be found in (\d+) runs$", line)
-    assert needed is not None
-    assert 0.86 <= share_of_failures(1.1, int(needed[1])) <= 0.94
-
-
 def test_studies_with_different_numbers_of_runs_are_compared_on_the_common_ones():
     """Runs that only one of the two studies has are neither compared nor lost."""
     ate = np.random.default_rng(0).uniform(0.9, 1.1, 20)
     few, many = study(ate[:8].tolist()), study((ate * np.repeat([1.0, 3.0], [8, 12])).tolist())
     for current, baseline in ((few, many), (many, few)):
-        lines, worse = gate_of(baseline).judge(figures_of(current))
+        lines, worse = gate_of(baseline).judge(current)
         assert "ATE is 1.000 (1.000 to 1.000) times the baseline's on 8 runs: not worse" in lines[0]
         assert not worse
     assert_not_worse(few, many)
@@ -84,7 +74,7 @@ def test_a_figure_that_only_runs_beyond_the_baseline_have_is_missing():
     ate = np.random.default_rng(0).uniform(0.9, 1.1, 8)
     baseline = study(ate[:4].tolist(), [1.0] * 4)
     late = RunFigures([*range(8)], ate.tolist(), [None] * 4 + [1.0] * 4)
-    _, worse = gate_of(baseline).judge(figures_of(replace(baseline, runs=8, per_run={"mine": late})))
+    _, worse = gate_of(baseline).judge(replace(baseline, runs=8, per_run={"mine": late}))
     assert worse == ["mine: has no NEES, as the baseline has"]
 
 
@@ -147,7 +137,6 @@ def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     baseline.write_text(json.dumps(content | {"version": "0.1.0"}))
     assert run(*command, *gate, "--out", tmp_path / "other") == 2
     assert "summary.json: of slamgauge 0.1.0, this is" in capsys.readouterr().err
-    for missing in ("per_run", "version"):
-        baseline.write_text(json.dumps({key: each for key, each in content.items() if key != missing}))
-        assert run(*command, *gate, "--out", tmp_path / "other") == 2
-        assert "not what `slamgauge study` writes" in capsys.readouterr().err
+    baseline.write_text(json.dumps({key: each for key, each in content.items() if key != "per_run"}))
+    assert run(*command, *gate, "--out", tmp_path / "other") == 2
+    assert "not what `slamgauge study` writes" in capsys.readouterr().err

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
-from concurrent.futures import Executor, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +14,7 @@ from matplotlib.figure import Figure
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.estimators.loading import load_estimators
 from slamgauge.compare.estimators.registry import FIXED_LAG
-from slamgauge.compare.figures.budget_figure import save_budget_figure
+from slamgauge.compare.figures.result_figures import save_budget_figure
 from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
 from slamgauge.compare.scenarios.simulation import simulate
 from slamgauge.compare.scoring.intervals import Interval
@@ -61,21 +59,6 @@ def test_equal_rungs_cost_nothing_and_increments_add_up(thread: ThreadPoolExecut
         difference = load_estimators(["ekf"])["ekf"](recording).poses[:, :2] - truth.poses[:, :2]
         errors.append(np.square(difference).sum(axis=1).mean())
     assert budget.rungs[-1].mse_m2 == pytest.approx(np.mean(errors), rel=1e-12)
-
-
-def test_at_most_so_many_runs_wait_for_the_executor(monkeypatch: pytest.MonkeyPatch) -> None:
-    """An executor that computes a run when its result is read."""
-    monkeypatch.setattr("slamgauge.compare.studies.budget.IN_FLIGHT", 2)
-    waiting: list[int] = []
-
-    class Lazy(Executor):
-        def map(self, fn: Any, *iterables: Any, **_: Any) -> Iterator[Any]:
-            tasks = [*zip(*iterables, strict=False)]
-            waiting.append(len(tasks))
-            return (fn(*task) for task in tasks)
-
-    found = error_budget(short(duration=1), "ekf", 5, 0, Lazy())
-    assert (found.runs, waiting) == (5, [2, 2, 1])
 
 
 def test_wrong_noise_is_charged_to_the_noise() -> None:

@@ -19,6 +19,7 @@ from slamgauge.errors import UserError
 pytestmark = pytest.mark.slow
 
 Versions = Callable[[], dict[str, str]]
+own_versions = cluster.versions
 
 SERVE = """
 from distributed import LocalCluster
@@ -40,36 +41,30 @@ def scheduler(request: pytest.FixtureRequest) -> Generator[str]:
         yield f"{local.scheduler_address}"
 
 
-def elsewhere(theirs: Versions) -> Versions:
-    """Return a function that returns the versions here, and the result of `theirs` in a worker."""
-    own, here = cluster.versions(), threading.get_ident()
-    return lambda: own if threading.get_ident() == here else theirs()
+def missing() -> dict[str, str]:
+    raise ModuleNotFoundError("No module named 'slamgauge'")
 
 
-@pytest.mark.parametrize("scheduler", [0], indirect=True)
-def test_a_scheduler_without_workers(scheduler: str, monkeypatch: pytest.MonkeyPatch):
+@pytest.mark.parametrize(
+    ("scheduler", "theirs", "line"),
+    [
+        (0, cluster.versions, r"has no workers; start one: dask worker \S+"),
+        (
+            1,
+            lambda: {**own_versions(), "numpy": "1.0"},
+            r"worker \S+ has numpy 1.0, and this is \S+; install the same on both sides",
+        ),
+        (1, missing, r"its workers cannot run slamgauge \(No module named 'slamgauge'\); install slamgauge 0\S+ there"),
+    ],
+    indirect=["scheduler"],
+)
+def test_workers_that_cannot_run_the_study(
+    scheduler: str, theirs: Versions, line: str, monkeypatch: pytest.MonkeyPatch
+):
     monkeypatch.setattr(cluster, "WORKERS", 0.2)
-    with pytest.raises(UserError, match=r"^scheduler \S+: has no workers; start one: dask worker \S+$"):
-        dask_cluster(scheduler).__enter__()
-
-
-@pytest.mark.parametrize("scheduler", [1], indirect=True)
-def test_workers_of_another_version(scheduler: str, monkeypatch: pytest.MonkeyPatch):
-    own = cluster.versions()
-    monkeypatch.setattr(cluster, "versions", elsewhere(lambda: {**own, "numpy": "1.0"}))
-    line = rf"^scheduler \S+: worker \S+ has numpy 1.0, and this is {own['numpy']}; install the same on both sides$"
-    with pytest.raises(UserError, match=line):
-        dask_cluster(scheduler).__enter__()
-
-
-@pytest.mark.parametrize("scheduler", [1], indirect=True)
-def test_workers_without_slamgauge(scheduler: str, monkeypatch: pytest.MonkeyPatch):
-    def missing() -> dict[str, str]:
-        raise ModuleNotFoundError("No module named 'slamgauge'")
-
-    monkeypatch.setattr(cluster, "versions", elsewhere(missing))
-    line = r"^scheduler \S+: its workers cannot run slamgauge \(No module named 'slamgauge'\); install slamgauge 0"
-    with pytest.raises(UserError, match=line):
+    here = threading.get_ident()
+    monkeypatch.setattr(cluster, "versions", lambda: (own_versions if threading.get_ident() == here else theirs)())
+    with pytest.raises(UserError, match=rf"^scheduler \S+: {line}$"):
         dask_cluster(scheduler).__enter__()
 
 

@@ -14,19 +14,16 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from slamgauge.compare.cli.main import main
 from slamgauge.compare.estimators.loading import load_estimators
-from slamgauge.compare.estimators.requests import ask
 from slamgauge.compare.figures.publishing import write_study
+from slamgauge.compare.figures.result_figures import save_sweep_figure
 from slamgauge.compare.figures.study_figures import study_drawings
-from slamgauge.compare.figures.sweep_figure import save_sweep_figure
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.scenarios.simulation import informed, simulate
 from slamgauge.compare.scoring.runs import Runs
 from slamgauge.compare.studies.study_run import run_seed
 from slamgauge.compare.studies.summary import Summary, summary_table
 from slamgauge.compare.studies.sweep import Sweep, run_sweep, sweep_table
-from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline import causal_bound, hindsight_bound
 from slamgauge.recording import Recording
@@ -88,23 +85,6 @@ def test_values_of_a_sweep_share_their_bounds(thread: ThreadPoolExecutor, tmp_pa
     text = str(sweep_table(sweep))
     assert "x bound" in text
     assert "bound: nothing wrong" not in text
-
-
-def test_either_bound_may_be_requested() -> None:
-    for names, labels in (
-        (["bound", "ekf"], ["bound", "hindsight-bound", "ekf"]),
-        (["hindsight-bound"], ["hindsight-bound"]),
-        (["hindsight-bound", "bound"], ["hindsight-bound", "bound"]),
-    ):
-        assert [each.label for each in ask(names)] == labels
-    with pytest.raises(UserError, match="bound is given twice"):
-        ask(["bound", "bound"])
-
-
-def test_a_single_run_has_no_bound(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    words = ["run", "q1-short-dense", "--estimators", "dead-reckoning,bound", "--set", "trajectory.duration=2"]
-    assert main([*words, "--no-report", "--out", str(tmp_path / "out")]) == 1
-    assert "bound: is a bound, which estimates nothing" in capsys.readouterr().out
 
 
 WIDTH = 91  # characters of a line in a figure of 7 in

@@ -164,12 +164,12 @@ def test_a_store_in_a_folder_without_mark_is_read_but_not_written(run: Run, load
         run(2, ("ekf",))
 
 
-@pytest.mark.parametrize("step", ["begin_folder", "begin_store"])
+@pytest.mark.parametrize("step", ["begin_folder", "open_store"])
 def test_a_study_killed_while_it_makes_its_store_continues(
     run: Run, monkeypatch: pytest.MonkeyPatch, step: str
 ) -> None:
 
-    def killed(*_: Any) -> None:
+    def killed(*_: Any, **__: Any) -> None:
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:

@@ -11,7 +11,7 @@ import pytest
 from slamgauge import UserError
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.scoring.table import escaped
-from slamgauge.compare.studies.study_table import study_table
+from slamgauge.compare.studies.stored_study import study_table
 
 pytestmark = pytest.mark.slow
 
@@ -26,6 +26,7 @@ def study(tmp_path: Path) -> Path:
     entry |= {"coverage_95": interval(0.9), "seconds_total": {"mean": 1.0}, "landmarks_mapped": None}
     estimators = {"ekf": entry, "a_b|c": entry | {"ate_m": None}}
     content = {"scenario": "my_scene", "runs": 7, "seed": 3, "command": "slamgauge study", "version": "1"}
+    content |= {"digest": "", "failures": [], "per_run": {}}
     (tmp_path / "summary.json").write_text(json.dumps(content | {"estimators": estimators}), encoding="utf-8")
     return tmp_path
 

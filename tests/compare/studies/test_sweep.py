@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.image import imread
 
 from slamgauge.compare.cli.main import main
-from slamgauge.compare.scenarios.scenario import ScenarioError, load_scenario
+from slamgauge.compare.scenarios.scenario import load_scenario
 from slamgauge.compare.studies.summary import EstimatorSummary, Summary
 from slamgauge.compare.studies.sweep import Sweep, run_sweep, split_sweep, sweep_table
 from slamgauge.errors import UserError
@@ -108,7 +108,7 @@ def test_more_values_later_run_no_optimum_again_and_failures_are_reported(
 @pytest.mark.parametrize(
     ("values", "name", "error", "message"),
     [
-        ("9,-1", "ekf", ScenarioError, "choose it above 0"),
+        ("9,-1", "ekf", UserError, "choose it above 0"),
         ("9,9.0", "ekf", UserError, r"9 and 9\.0 are the same value"),
         ("9", "causal", UserError, "add a filter"),
     ],
