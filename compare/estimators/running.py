@@ -156,7 +156,7 @@ def run_side_by_side(
     ran = SideBySide()
     with counted(len(estimators), "estimator") as progress:
         for label in sorted(estimators, key=lambda name: name in told and not has_ids):
-            progress.set_description(label)
+            progress.set_description(label, refresh=not progress.delay)
             estimator, is_optimum = estimators[label], label in told and told[label].role == "optimum"
             others = {name: each.association for name, each in ran.estimates.items() if name not in graphs}
             makers = [name for name, association in others.items() if association is not None]
