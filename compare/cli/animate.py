@@ -9,8 +9,8 @@ from slamgauge.compare.cli.options.animate import Animate
 from slamgauge.compare.cli.options.run import Run
 from slamgauge.compare.cli.options.shared import PageOptions, split_names
 from slamgauge.compare.cli.run import run as run_once
-from slamgauge.compare.figures.animation import GIF, animate
-from slamgauge.compare.report.study_page import request_of, runs_to_look_at
+from slamgauge.compare.figures.frames import GIF, animate
+from slamgauge.compare.report.study_pages import request_of, runs_to_look_at
 from slamgauge.compare.storage.result_files import METRICS, SUMMARY
 from slamgauge.compare.studies.stored_study import load_study
 from slamgauge.compare.studies.study_run import run_seed
