@@ -27,8 +27,8 @@ from slamgauge.compare.scoring.intervals import (
     mean_interval,
     ratio_interval,
 )
-from slamgauge.compare.scoring.optimum_notes import doubt_in_runs, share_of_doubt
-from slamgauge.compare.scoring.runs import FIRST_STEP
+from slamgauge.compare.scoring.optimum_notes import doubt_in_runs
+from slamgauge.compare.scoring.runs import FIRST_STEP, share_of_doubt
 from slamgauge.compare.scoring.scores import Score
 from slamgauge.errors import UserError
 

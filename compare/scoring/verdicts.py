@@ -29,8 +29,8 @@ from slamgauge.compare.scoring.intervals import (
     ratio_interval,
 )
 from slamgauge.compare.scoring.measured import Measured
-from slamgauge.compare.scoring.optimum_notes import is_misfit_in_runs, share_of_doubt
-from slamgauge.compare.scoring.runs import Runs, late_coverage, late_means, paired_figures, total_nis
+from slamgauge.compare.scoring.optimum_notes import is_misfit_in_runs
+from slamgauge.compare.scoring.runs import Runs, late_coverage, late_means, paired_figures, share_of_doubt, total_nis
 
 BAND_LEVEL = 0.99  # probability of the two-sided chi-square bands of NEES and NIS
 
@@ -173,14 +173,14 @@ def _innovations(evidence: Evidence) -> tuple[str, str]:
 
 def verdict_on_run(found: Measured) -> str | None:
     """Return the verdict on a single run; a truth without headings has the NEES of positions."""
-    nees, nees_position = mean(found.nees / 3), mean(found.nees_position / 2)
+    nees, nees_position = mean(found.nees / 3), mean(found.nees_xy / 2)
     evidence = Evidence(
         runs=1,
         nees_per_dof=nees_position if nees is None else nees,
-        coverage_95=mean(is_inside(found.nees_position, 0.95)),
-        nis_per_dof=found.nis_per_dof,
-        nis_dof=found.nis_dof_total,
-        wrong_associations=None if found.wrong is None else found.wrong.sum(),
+        coverage_95=mean(is_inside(found.nees_xy, 0.95)),
+        nis_per_dof=found.nis_per_dof(),
+        nis_dof=found.nis_dof_total(),
+        wrong_associations=found.wrong_associations(),
     )
     return verdict(evidence)
 

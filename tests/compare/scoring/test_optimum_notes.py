@@ -15,13 +15,13 @@ from slamgauge.compare.scoring.comparison import Comparison, metrics, notes, tab
 from slamgauge.compare.scoring.consistency import chi2_band
 from slamgauge.compare.scoring.intervals import Interval, ratio_interval
 from slamgauge.compare.scoring.optimum_notes import (
-    CHECK_LIMIT,
     MARK,
     beats_the_optimum,
     fit_of_the_model,
     left_out,
     mean_fit,
 )
+from slamgauge.compare.scoring.runs import CHECK_LIMIT
 from slamgauge.compare.scoring.scores import evaluate
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
