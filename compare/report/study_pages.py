@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shlex
-from dataclasses import replace
 from pathlib import Path
 from urllib.parse import quote
 
@@ -112,16 +111,11 @@ def budget_page(folder: Path) -> Page:
     )
 
 
-def request_of(summary: Summary) -> Request:
-    """Return how a run is repeated, with the value of a sweep; settings of a study run from Python are unknown."""
-    request = summary.request or Request(summary.scenario, (), ",".join(summary.estimators))
-    return replace(request, settings=(*request.settings, *filter(None, [request.swept])))
-
-
 def command_of_run(summary: Summary, seed: int) -> str:
     """Return the `slamgauge run` command of a run; a comment at its end warns of settings that may be missing."""
-    request = request_of(summary)
-    overrides = ["--set", *request.settings] if request.settings else []
+    request = summary.request or Request(summary.scenario, (), ",".join(summary.estimators))
+    settings = [*request.settings, *filter(None, [request.swept])]
+    overrides = ["--set", *settings] if settings else []
     words = ("run", request.scenario, "--seed", str(seed), *overrides, "--estimators", request.estimators)
     known = "" if summary.request else "  # add the --set options of the study, if any"
     return f"{shlex.join(('slamgauge', *words))}{known}"
