@@ -20,6 +20,7 @@ from slamgauge.compare.studies.summary import Summary, summary_table
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
+from tests.reference.given import given
 
 pytestmark = pytest.mark.slow
 
