@@ -26,14 +26,11 @@ NAMES = (
 )
 OWN = """
 import helper
-import numpy
-import random
 import slamgauge
 import utils
 
 def estimate(recording):
-    import json  # also inside a function the user's own file is found
-    assert helper.NAME == json.NAME == random.NAME == utils.NAME == numpy.NAME == "theirs"
+    assert helper.NAME == utils.NAME == "theirs"
     return slamgauge.Estimate("filtered", slamgauge.chain(recording.prior_mean, recording.odometry))
 """
 
