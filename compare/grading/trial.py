@@ -15,10 +15,9 @@ import numpy as np
 
 from slamgauge.arrays import Float
 from slamgauge.compare.checks.examination import Verdict, check_estimator
-from slamgauge.compare.estimators.causality_check import require_causal
 from slamgauge.compare.estimators.child import Host
 from slamgauge.compare.estimators.forms.signatures import shortened
-from slamgauge.compare.estimators.loading import HostedEstimator, load, without
+from slamgauge.compare.estimators.loading import HostedEstimator, load, require_causal, without
 from slamgauge.compare.estimators.registry import CAUSAL
 from slamgauge.compare.estimators.requests import Address, Asked, Limits, ask
 from slamgauge.compare.estimators.running import run_estimator
@@ -130,8 +129,8 @@ def _run_all(trial: Trial, host: Host, prefixes: Host, name: str, scenario: Scen
     for number, run in enumerate(runs):
         truth, recording = simulate(scenario, run.seed)
         estimate, seconds = run_estimator(name, estimator, recording, remarked=False)
-        if number == 0 and estimator.last is not None:
-            trial.settings, has_own_noise = estimator.remarks, estimator.last.replaces_noise
+        if number == 0:
+            trial.settings, has_own_noise = [*estimator.remarks], estimator.replaces_noise
         if number in (0, len(runs) // 2, len(runs) - 1):
             require_causal(prefixes, recording, estimate)
         trial.scores.append(_scored(truth, recording, estimate, run.optimum, seconds))
