@@ -23,6 +23,8 @@ from slamgauge.compare.studies import baseline as baselines
 from slamgauge.compare.studies import executors, store, study, summary, sweep
 from slamgauge.errors import UserError
 
+Names = Annotated[str, tyro.conf.arg(help=f"{HELP} Also {BOUND} ({BOUNDS[BOUND].note}). {common.USER_CODE}")]
+
 
 @dataclass(frozen=True)
 class WorkAnywhere(common.Work):
@@ -89,9 +91,7 @@ class Command(common.OfScenario, common.WithPage):
     out: Path | None = None
     runs: int = 100
     seed: common.RootSeed = 0
-    estimators: Annotated[
-        str, tyro.conf.arg(help=f"{HELP} Also {BOUND} ({BOUNDS[BOUND].note}). {common.USER_CODE}")
-    ] = "ekf,riekf,causal"
+    estimators: Names = "ekf,riekf,causal"
     own_code: common.OwnCode = field(default_factory=common.OwnCode)
     against: str = ""
     gate: Gate = field(default_factory=Gate)
