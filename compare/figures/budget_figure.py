@@ -8,7 +8,7 @@ from typing import Any
 from slamgauge.compare.estimators.registry import FIXED_LAG
 from slamgauge.compare.figures.plot_style import TRUTH_COLOR, printed, sheet
 from slamgauge.compare.scoring.optimum_notes import MARK
-from slamgauge.compare.studies.budget import ErrorBudget, doubts, verdict
+from slamgauge.compare.studies.budget import ErrorBudget, notes, verdict
 
 BASE, COST, GAIN = "#777777", "#CC3311", "#009988"
 LABELS = {
@@ -24,7 +24,7 @@ LABELS = {
 def save_budget_figure(out: Path, budget: ErrorBudget) -> None:
     """Write budget.png and budget.svg into `out`."""
     narrow, last = sheet().is_narrow, len(budget.rungs)
-    lines = [verdict(budget).replace("; ", ";\n", 1), *doubts(budget)]
+    lines = [verdict(budget).replace("; ", ";\n", 1), *notes(budget)]
     number: dict[str, Any] = {"textcoords": "offset points", "ha": "center", "fontsize": 5.5 if narrow else 7.5}
     with printed(out / "budget", 3.4, "\n".join(lines)) as figure:
         axes = figure.subplots()

@@ -39,10 +39,6 @@ def test_unknown_keys_are_found_in_every_section(write: Write, section: str):
     assert mistake.startswith(f"{section}.zzz: unknown key; use ".removeprefix("."))
 
 
-def test_a_file_does_not_name_itself(write: Write):
-    assert mistakes(write("name = 'x'\n" + GOOD)) == ["name: unknown key; the file's own name is the scenario's name"]
-
-
 @pytest.mark.parametrize(
     ("old", "new", "mistake"),
     [
@@ -57,6 +53,7 @@ def test_a_file_does_not_name_itself(write: Write):
         ("step = 0.1", "step = 0.1\nspeed = 1.0", "trajectory: has both forms; give segments, or speed, yaw_rate"),
         ("step = 0.1", "step = 1e-9", "trajectory: duration / step comes to more than 1000000 steps"),
         ("[motion]", "[motions]", "motions: unknown key; did you mean motion?"),
+        ("description", "name = 'x'\ndescription", "name: unknown key; the file's own name is the scenario's name"),
         ("sigma_speed = 0.1", "sigma_speed = true", "motion.sigma_speed: input should be a valid number, not True"),
         ("[[1, 2], [3.5, -1]]", "[[1, 2], 3.5]", "landmarks.positions[1]: input should be a valid tuple, not 3.5"),
         ("[motion]", "[prior]\nmean = [0, 0, 0, 0]\n[motion]", "prior.mean: tuple should have at most 3 items"),
@@ -123,50 +120,43 @@ def test_a_mistake_is_one_short_line(scenario: str, override: str, line: str) ->
     assert str(caught.value).startswith(f"{scenario}: {line}")
 
 
-def test_joint_compatibility_needs_rays() -> None:
-    line = 'association.method = "jcbb" needs rays; set initialisation = "fis", or the method "known"'
-    assert mistakes("q4-ring", "association.method=jcbb", "initialisation=delayed") == [line]
-
-
-@pytest.mark.parametrize("value", ["[" * 3000 + "]" * 3000, "1" * 5000])
-def test_values_beyond_the_limits_of_python_are_a_line(write: Write, value: str) -> None:
-    path = write(f'extends = "q1-short-dense"\n[sensor]\nmax_range = {value}\n')
-    with pytest.raises(UserError, match=r"^[^\n]{1,299}$"):
-        load_scenario(path)
-
-
 def test_unknown_names_list_near_misses_or_all() -> None:
     assert "did you mean q1-long-dense" in mistakes("q1-long-dens")[0]
     assert all(name in mistakes("zzz")[0] for name, _ in shipped_scenarios())
 
 
-@pytest.mark.parametrize("override", ["start", "=1"])
-def test_an_override_without_key_and_value(override: str) -> None:
-    with pytest.raises(UserError, match=rf"^{override}: not an override; write dotted\.key=value$"):
-        load_scenario("q1-long-sparse", [override])
-
-
-@pytest.mark.parametrize(("text", "line"), [("a = 1\nb = = 2\n", 2), ("a = 1\n\n[motion", 3)])
-def test_syntax_errors_name_file_and_line(write: Write, text: str, line: int):
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        ("a = 1\nb = = 2\n", r"not valid TOML: [^\n]* \(at line 2, [^\n]*"),
+        ("a = 1\n\n[motion", r"not valid TOML: [^\n]* \(at line 3, [^\n]*"),
+        (f"[sensor]\nmax_range = {'[' * 3000}{']' * 3000}\n", r"not valid TOML: [^\n]{1,200}"),
+        (f"[sensor]\nmax_range = {'1' * 5000}\n", r"not valid TOML: [^\n]{1,200}"),
+        (
+            'extends = "q2-long-dens"',
+            "extends: 'q2-long-dens' is not a shipped scenario; did you mean q2-long-dense\\?",
+        ),
+        *(
+            (f"extends = {wrong}", r"extends: [^\n]+ is not a shipped scenario; [^\n]+")
+            for wrong in ("3", "[1]", "{a = 1}")
+        ),
+        (f"extends = {'1' * 4000}", r"extends: '.{100}' is not a shipped scenario; [^\n]+"),
+    ],
+)
+def test_texts_that_are_no_scenario_are_a_line(write: Write, text: str, line: str):
     [mistake] = mistakes(write(text))
-    assert mistake.startswith("not valid TOML: ")
-    assert f"at line {line}," in mistake
+    assert re.fullmatch(line, mistake)
 
 
-def test_files_that_cannot_be_read(tmp_path: Path):
+def test_files_and_overrides_that_cannot_be_read(tmp_path: Path):
     assert mistakes(str(tmp_path / "none.toml")) == ["cannot be read (No such file or directory); check the path"]
     (tmp_path / "latin.toml").write_bytes(b'description = "\xe9"')
     assert mistakes(str(tmp_path / "latin.toml")) == ["not a UTF-8 text; save it as UTF-8"]
-
-
-def test_only_shipped_scenarios_can_be_extended(write: Write):
-    assert mistakes(write('extends = "q2-long-dens"')) == [
-        "extends: 'q2-long-dens' is not a shipped scenario; did you mean q2-long-dense?"
-    ]
-    for wrong in ("3", '["q1-long-dense"]', "{a = 1}"):
-        assert "is not a shipped scenario; " in mistakes(write(f"extends = {wrong}"))[0]
-    for long in ("1" * 4000, f'"{"q" * 5000}"', f"[[{'1' * 4000}]]"):
-        assert re.match(r"extends: '.{100}' is not a shipped scenario; ", mistakes(write(f"extends = {long}"))[0])
+    for override in ("start", "=1"):
+        with pytest.raises(UserError, match=rf"^{override}: not an override; write dotted\.key=value$"):
+            load_scenario("q1-long-sparse", [override])
+    line = 'association.method = "jcbb" needs rays; set initialisation = "fis", or the method "known"'
+    assert mistakes("q4-ring", "association.method=jcbb", "initialisation=delayed") == [line]
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,7 +14,6 @@ from slamgauge.compare.datasets.lost_in_the_woods import read_lost_in_the_woods
 from slamgauge.compare.scenarios.scenario import load_scenario
 from slamgauge.compare.scenarios.simulation import simulate
 from slamgauge.compare.storage.files import save
-from slamgauge.compare.studies.store import digest
 from slamgauge.compare.studies.twin import make_twin, write_twin
 from slamgauge.ekf import riekf
 from slamgauge.graph_baseline import batch
@@ -79,18 +77,6 @@ def test_equal_covariances_become_a_key_that_can_be_swept(tmp_path: Path) -> Non
     write_twin(tmp_path, make_twin(alike), "a log")
     better = load_scenario(tmp_path / "twin.toml", ["sensor.sigma_range=0.01"])
     np.testing.assert_allclose(better.sensor.sigmas, [0.01, 0.1])
-
-
-def test_the_digest_of_a_twin_depends_on_its_content_and_not_on_its_folder(tmp_path: Path) -> None:
-    here, there = tmp_path / "here", tmp_path / "there"
-    here.mkdir()
-    write_twin(here, make_twin(log()), "a log")
-    shutil.copytree(here, there)
-    one, other = (load_scenario(folder / "twin.toml") for folder in (here, there))
-    assert digest(one, 0) == digest(other, 0)
-    text = (there / "motion.csv").read_text(encoding="utf-8")
-    (there / "motion.csv").write_text(text.replace("\n1,0.0", "\n1,0.1", 1), encoding="utf-8")
-    assert digest(load_scenario(there / "twin.toml"), 0) != digest(one, 0)
 
 
 def test_commands_accept_a_twin_as_a_scenario(
