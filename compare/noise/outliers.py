@@ -44,10 +44,8 @@ def fit_without_outliers(model: NoiseModel) -> tuple[Fit, list[Outlier]]:
         if not sigmas:
             break
         excluded = np.isin(np.arange(len(rows)), [*sigmas])
-        outliers += [
-            Outlier(int(rows[row]), int(own.observation_step[row]), int(own.landmark[row]), each)
-            for row, each in sigmas.items()
-        ]
+        for row, each in sigmas.items():
+            outliers.append(Outlier(int(rows[row]), int(own.observation_step[row]), int(own.landmark[row]), each))
         rows = rows[~excluded]
         found = Fit(replace(model, recording=own.only(~excluded)))
     return found, sorted(outliers)
@@ -67,7 +65,7 @@ def _outlying(found: Fit) -> dict[int, float]:
                 left = {row: np.sum(_robust_scores(found, kept, row)[mine] > LARGE) for row in (chosen, first)}
                 chosen = min(left, key=left.__getitem__)
             outliers[int(chosen)] = float(scores[chosen])
-        if kept[[*outliers]].sum() == 0:
+        if not kept[[*outliers]].any():
             break
         kept[[*outliers]] = False
     return outliers

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from urllib.parse import quote
 
-from slamgauge.compare.noise.tables import nis_table, noise_table
+from slamgauge.compare.noise.tables import noise_table
 from slamgauge.compare.report.page import render
 from slamgauge.compare.report.page_elements import Line, Page, Section, origin, pictures, said
 from slamgauge.compare.storage.files import read_json
@@ -57,7 +57,7 @@ def noise_page(folder: Path) -> dict[str, str]:
         lead=[Line(row[0].text, row[3].text) for row in found.rows],
         notes=said(content["notes"]),
         sections=[
-            Section("Noise of the measurements", "sigmas", tables=[found, nis_table(content)]),
+            Section("Noise of the measurements", "sigmas", tables=[found]),
             Section("Figure", "pictures", pictures=pictures(folder, PICTURES)),
         ],
         origin=origin(content),

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import json
-import math
 import sqlite3
 from collections.abc import Callable, Generator
-from concurrent.futures import Executor, Future
 from contextlib import closing, contextmanager
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -18,7 +15,7 @@ from slamgauge import __version__
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.scoring.runs import Runs
 from slamgauge.compare.studies import store as study_store
-from slamgauge.compare.studies.store import INSERT, digest, sole_use
+from slamgauge.compare.studies.store import digest, sole_use
 from slamgauge.compare.studies.study_run import Outcome
 from slamgauge.compare.studies.summary import Summary
 from slamgauge.errors import UserError
@@ -64,20 +61,13 @@ def test_figures_that_old_rows_lack_are_unknown(run: Run, load: Load, tmp_path: 
     """A study from before these figures existed continues, and its old runs are not repeated."""
     run(2, ("causal",))
     with opened(tmp_path) as connection:
-        rows = connection.execute("SELECT * FROM outcome").fetchall()
-        later = ("optimum_check_sigma", "chi_square_per_dof")
-        old = {key: figure for key, figure in json.loads(rows[0][6]).items() if key not in later}
-        new = {**old, "optimum_check_sigma": np.inf, "chi_square_per_dof": 1.25}
-        connection.execute("DELETE FROM outcome")
-        for row, figures in zip(rows, (old, new), strict=True):
-            changed = (*row[:6], json.dumps(figures), row[7])
-            connection.execute(INSERT, changed)
-    held = load(2, ("causal",))["causal"].figures
-    np.testing.assert_array_equal(held["optimum_check_sigma"], [np.nan, np.inf])
-    np.testing.assert_array_equal(held["chi_square_per_dof"], [np.nan, 1.25])
+        (text,) = connection.execute("SELECT figures FROM outcome").fetchone()
+        old = {key: figure for key, figure in json.loads(text).items() if key != "optimum_check_sigma"}
+        for number, figures in enumerate((old, {**old, "optimum_check_sigma": np.inf})):
+            connection.execute("UPDATE outcome SET figures = ? WHERE run = ?", (json.dumps(figures), number))
+    np.testing.assert_array_equal(load(2, ("causal",))["causal"].figures["optimum_check_sigma"], [np.nan, np.inf])
     entry = run(2, ("causal",)).estimators["causal"].to_json()
     assert entry["optimum_check_share"] == 1.0
-    assert entry["chi_square_per_dof"] == {"mean": 1.25, "low": None, "high": None}
     json.dumps(entry, allow_nan=False)
 
 
@@ -140,25 +130,3 @@ def test_a_store_in_use_is_refused_at_once(run: Run, whole: Path) -> None:
         other.execute("BEGIN EXCLUSIVE")
         run(RUNS, NAMES)
     run(RUNS, NAMES)
-
-
-class _Full(Executor):
-    """Accepts some runs, then raises."""
-
-    def __init__(self) -> None:
-        self.taken = 0
-
-    def submit(self, *_: Any, **__: Any) -> Future[Any]:
-        self.taken += 1
-        if self.taken > 100:
-            raise InterruptedError
-        return Future()
-
-
-def test_runs_are_not_listed_before_they_are_submitted(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    """With more runs than any memory; the check that refuses them is off."""
-    monkeypatch.setattr("slamgauge.memory.free_memory", lambda: math.inf)
-    executor = _Full()
-    with pytest.raises(InterruptedError):
-        run(10**9, NAMES, executor=executor)
-    assert executor.taken == 101
