@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
-
 import numpy as np
 import pytest
 
@@ -49,12 +47,6 @@ def test_questions_2_and_3_are_question_1_with_another_association_and_noise(
     assert scenario.assumed.scale == scale
     parts = ("start", "prior", "trajectory", "motion", "sensor", "landmarks")
     assert all(getattr(scenario, part) == getattr(known, part) for part in parts)
-
-
-@pytest.mark.parametrize("name", [name for name, _ in shipped_scenarios()])
-def test_pickling_keeps_a_scenario(name: str) -> None:
-    scenario = load_scenario(name)
-    assert pickle.loads(pickle.dumps(scenario)) == scenario
 
 
 @pytest.mark.parametrize(
