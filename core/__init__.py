@@ -20,9 +20,12 @@ if TYPE_CHECKING:
     from slamgauge.compare.checks.examination import Verdict as Verdict, check_estimator as check_estimator
     from slamgauge.compare.estimators import adapters as adapters
     from slamgauge.compare.estimators.loading import load_estimators as load_estimators
-    from slamgauge.compare.figures.error_panels import plot_errors as plot_errors
     from slamgauge.compare.figures.publishing import write_study as write_study
-    from slamgauge.compare.figures.run_figures import plot_run as plot_run, save_figure as save_figure
+    from slamgauge.compare.figures.run_figures import (
+        plot_errors as plot_errors,
+        plot_run as plot_run,
+        save_figure as save_figure,
+    )
     from slamgauge.compare.noise.estimation import Noise as Noise, find_noise as find_noise
     from slamgauge.compare.scenarios.scenario import (
         Scenario as Scenario,

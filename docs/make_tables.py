@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from slamgauge.compare.scoring.catalogue import CATALOGUE
+from slamgauge.compare.scoring.catalogue import BY_KEY
 
 PAGE = Path(__file__).parent / "glossary.md"
 TABLES = ("run", "study", "sweep")
@@ -19,7 +19,7 @@ TABLES = ("run", "study", "sweep")
 def metrics() -> str:
     """Return all metrics with their columns in printed tables and the files that contain them."""
     lines = ["| column | tables | key | files | unit | meaning |", "|---|---|---|---|---|---|"]
-    for each in CATALOGUE:
+    for each in sorted(BY_KEY.values(), key=lambda each: each.measure is None):
         column, where = "", ""
         if each.column is not None:
             column = f"*{each.column.name or each.column.title}*"

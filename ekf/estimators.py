@@ -98,17 +98,22 @@ def _driven(slam: OnlineFilter, recording: Recording, frames: int) -> Estimate:
     steps = recording.steps
     poses, pose_covs = np.empty((steps + 1, 3)), np.empty((steps + 1, 3, 3))
     nis, nis_dof, seconds = np.zeros(steps + 1), np.zeros(steps + 1, dtype=np.int64), np.zeros(steps + 1)
-    members, association = np.zeros(steps + 1, np.int64), np.empty(len(recording.observation), np.int64)
+    own, members = recording.landmark, np.zeros(steps + 1, np.int64)
+    association = np.empty(len(recording.observation), np.int64) if own is None else own  # shared while both are equal
     wanted, maps = steps_of_frames(steps, frames), dict[int, Members]()
     first = 0
     for step, result in enumerate(drive(slam, recording)):
         nis[step], nis_dof[step], seconds[step] = result
         poses[step], pose_covs[step] = slam.pose, slam.pose_cov
         members[step] = slam.member_count
-        last = first + len(slam.associated)
-        association[first:last], first = slam.associated, last
+        rows = slice(first, first + len(slam.associated))
+        if (association[rows] != slam.associated).any():
+            association = association if association.flags.writeable else association.copy()
+            association[rows] = slam.associated
+        first = rows.stop
         if step in wanted:
             maps[step] = slam.whole_map()
+    association = recording.own_ids(slam.standing(association))
     pose_covs = without_rounding("pose_covs", pose_covs)
     freeze(poses, pose_covs, nis, nis_dof, seconds)
     return Estimate(
@@ -118,7 +123,7 @@ def _driven(slam: OnlineFilter, recording: Recording, frames: int) -> Estimate:
         landmark_ids=slam.landmark_ids,
         landmarks=slam.landmarks,
         landmark_covs=without_rounding("landmark_covs", slam.landmark_covs),
-        association=recording.own_ids(slam.standing(association)),
+        association=association,
         nis=nis,
         nis_dof=nis_dof,
         seconds=seconds,

@@ -19,13 +19,11 @@ from scipy.linalg import get_lapack_funcs
 
 from slamgauge.arrays import Float
 from slamgauge.errors import UserError
-from slamgauge.graph_baseline.problem.linearisation import LinearModel, empty_model, graph_arrays, linearise
+from slamgauge.graph_baseline.problem.linearisation import LinearModel, Scans, empty_model, graph_arrays, linearise
 from slamgauge.graph_baseline.problem.placement import MAX_LANDMARK_SIGMA, are_reobserved
 from slamgauge.graph_baseline.problem.preparation import prepare
-from slamgauge.graph_baseline.solver.elimination import Scans, eliminate_poses, empty_chain, empty_frontier
-from slamgauge.graph_baseline.solver.memory_estimate import require_memory_for
-from slamgauge.graph_baseline.solver.partition import plan
-from slamgauge.graph_baseline.solver.smoother import NOT_DAMPED, solve
+from slamgauge.graph_baseline.solver.elimination import eliminate_poses, empty_chain, empty_frontier
+from slamgauge.graph_baseline.solver.smoother import NOT_DAMPED, require_memory_for, solve
 from slamgauge.recording import Recording
 from slamgauge.se2 import pose_rotation
 from slamgauge.sensors import SENSORS
@@ -54,7 +52,7 @@ def causal_bound(truth: Truth, recording: Recording) -> Float:
 def hindsight_bound(truth: Truth, recording: Recording) -> Float:
     """Return bounds (N+1, 3, 3) given all measurements; arguments and errors as in `causal_bound`."""
     scans, model, landmarks = model_at_truth(truth, recording)
-    return solve(model, scans, plan(scans, model, landmarks)).pose_covs
+    return solve(model, scans, landmarks).pose_covs
 
 
 def model_at_truth(truth: Truth, recording: Recording) -> tuple[Scans, LinearModel, int]:

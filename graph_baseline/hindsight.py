@@ -14,8 +14,7 @@ which places more landmarks than dead reckoning.
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import suppress
 
 import numpy as np
@@ -27,10 +26,9 @@ from slamgauge.graph_baseline.problem.placement import landmarks_at_median
 from slamgauge.graph_baseline.problem.preparation import Problem, prepare, relative_to_start, with_association
 from slamgauge.graph_baseline.problem.undetermined import UndeterminedError
 from slamgauge.graph_baseline.solver.incremental import IncrementalOptimum
-from slamgauge.graph_baseline.solver.levenberg_marquardt import Minimum
-from slamgauge.graph_baseline.solver.memory_estimate import require_memory_for
 from slamgauge.graph_baseline.solver.robust_fit import robust_fit
-from slamgauge.graph_baseline.solver.search import Start, degrees_of_freedom, lowest_minimum, placed_minimum
+from slamgauge.graph_baseline.solver.search import Start, degrees_of_freedom, placed_minimum
+from slamgauge.graph_baseline.solver.smoother import require_memory_for
 from slamgauge.recording import Recording
 from slamgauge.sensors import SENSORS
 
@@ -49,37 +47,26 @@ def batch(recording: Recording, association: Int | None = None) -> Estimate:
     """
     problem = prepare(recording, association)
     require_memory_for(problem, "batch")
-    if SENSORS[recording.sensor].places_landmarks:
-        found = optimum_from(problem, problem.dead_reckoning)
-    else:
-        found = bearing_only_optimum(problem, lambda: incremental_start(problem)[0])
-    return with_association(found, association)
-
-
-def bearing_only_optimum(problem: Problem, incremental_path: Callable[[], Float]) -> Estimate:
-    """Return `batch` of a bearing-only recording; `incremental_path` computes the path (N+1, 3) of `causal`."""
     path = problem.dead_reckoning
-    with suppress(UndeterminedError):
-        taken, found = placed_minimum(problem, path, _starts)
-        if (taken >= 0).all():
-            return _estimate(problem, taken, found)
-    with suppress(UndeterminedError):
-        path = incremental_path()
-    return optimum_from(problem, path)
+    if not SENSORS[recording.sensor].places_landmarks:
+        with suppress(UndeterminedError):
+            found = optimum_from(problem, path)
+            if len(found.landmark_ids) == len(problem.landmark_ids):
+                return with_association(found, association)
+        with suppress(UndeterminedError):
+            path = incremental_start(problem)[0]
+    return with_association(optimum_from(problem, path), association)
 
 
-def optimum_from(problem: Problem, path: Float) -> Estimate:
-    """Return `batch` with the path (N+1, 3) as first start."""
-    return _estimate(problem, *placed_minimum(problem, path, _starts))
+def optimum_from(problem: Problem, path: Float, landmarks: Float | None = None) -> Estimate:
+    """Return `batch` with the path (N+1, 3) as first start, or first with the map (L, 2) of all landmarks, too."""
 
+    def starts(part: Problem, path: Float) -> Iterator[Start]:
+        if landmarks is not None:
+            yield lambda: (path, landmarks)
+        yield from _starts(part, path)
 
-def optimum_near(problem: Problem, path: Float, landmarks: Float) -> Estimate:
-    """Return `batch` with the path (N+1, 3) and map (L, 2) of all landmarks, ids increasing, as first start."""
-    starts = itertools.chain([lambda: (path, landmarks)], _starts(problem, path))
-    return _estimate(problem, problem.landmark, lowest_minimum(problem, starts))
-
-
-def _estimate(problem: Problem, taken: Int, found: Minimum) -> Estimate:
+    taken, found = placed_minimum(problem, path, starts)
     return Estimate(
         kind="smoothed",
         poses=found.poses,
@@ -94,7 +81,9 @@ def _estimate(problem: Problem, taken: Int, found: Minimum) -> Estimate:
 
 
 def incremental_start(problem: Problem) -> tuple[Float, Float]:
-    """Return poses and landmarks of the incremental optimum.
+    """Return poses (N+1, 3) and landmarks (L, 2) of the incremental optimum.
+
+    Inactive landmarks are at the median of their observations.
 
     Raises:
         UndeterminedError: some first steps have no minimum.
@@ -104,14 +93,6 @@ def incremental_start(problem: Problem) -> tuple[Float, Float]:
         incremental.add_step()
         if not incremental.converged:
             raise UndeterminedError("batch: the first steps alone have no minimum; check ids and covariances")
-    return start_of(incremental, problem)
-
-
-def start_of(incremental: IncrementalOptimum, problem: Problem) -> tuple[Float, Float]:
-    """Return poses (N+1, 3) and landmarks (L, 2) of an incremental optimum.
-
-    Inactive landmarks are at the median of their observations.
-    """
     poses, found = incremental.path_and_map()
     landmarks = landmarks_at_median(problem, poses)
     landmarks[np.isin(problem.landmark_ids, incremental.landmark_ids)] = found
@@ -124,13 +105,13 @@ def _starts(problem: Problem, path: Float) -> Iterator[Start]:
     The robust fit takes a fifth of the time of the incremental optimum. For bearing-only recordings it is the last
     start, because their landmarks depend on the path.
     """
-    odometry = problem.dead_reckoning
+    odometry, places_landmarks = problem.dead_reckoning, SENSORS[problem.sensor].places_landmarks
     yield lambda: (path, landmarks_at_median(problem, path))
-    if SENSORS[problem.sensor].places_landmarks:
+    if places_landmarks:
         yield lambda: robust_fit(problem)[:2]
     if np.array_equal(path, odometry):
         yield lambda: incremental_start(problem)
     else:
         yield lambda: (odometry, landmarks_at_median(problem, odometry))
-    if not SENSORS[problem.sensor].places_landmarks:
+    if not places_landmarks:
         yield lambda: robust_fit(problem)[:2]

@@ -79,7 +79,7 @@ def run_bench(sizes: Sequence[int], chosen: Chosen, seed: int = 0) -> dict[str, 
         for size in sizes:
             _, recording = simulate(workload(size, seed), seed)
             for name, estimator in contestants.items():
-                progress.set_description(f"{name}, {size} landmarks")
+                progress.set_description(f"{name}, {size} landmarks", refresh=not progress.delay)
                 run_estimator(name, estimator, recording.first(20))  # compiled code loaded, caches warm
                 estimate, seconds = run_estimator(name, estimator, recording)
                 results[name][str(size)] = _figures(recording, estimate, seconds)

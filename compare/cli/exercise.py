@@ -3,36 +3,51 @@
 from __future__ import annotations
 
 import sys
-from concurrent.futures import Executor
+from dataclasses import dataclass, field
+from pathlib import Path
 
-from slamgauge.compare.cli.options.exercise import ExerciseCommand
-from slamgauge.compare.cli.steps import continued_later, executor_of, open_page
-from slamgauge.compare.exercise.results import Exercise, run_exercise
-from slamgauge.compare.exercise.tables import exercise_page
-from slamgauge.compare.report.exercise_page import publish_exercise
-from slamgauge.compare.report.exercise_runs import publish_first_runs
-from slamgauge.compare.storage.files import write_json
+import tyro
+
+from slamgauge.compare.cli.common import RootSeed, WithPage, Work
+from slamgauge.compare.exercise import results, tables
+from slamgauge.compare.report import exercise_page
+from slamgauge.compare.storage import files, staged_folder
 from slamgauge.compare.storage.result_files import EXERCISE
-from slamgauge.compare.storage.staged_folder import staged_folder
 
 
-def run(command: ExerciseCommand) -> int:
-    """Run the command; return the exit status."""
-    with continued_later(), executor_of(command.work) as executor:
-        exercise = run_exercise(command.questions, command.runs, command.seed, command.out, executor)
-        content = exercise.to_json()
-        command.output.show(content, exercise_page(exercise))
-        with staged_folder(command.out, EXERCISE) as stage:
-            write_json(stage / EXERCISE, content)
-        done = command.page.no_report or _publish(command, exercise, executor)
-    print(f"written to {command.out}", file=sys.stderr)
-    return 0 if done and not exercise.failures else 1
+@dataclass
+class Command(WithPage):
+    """The settings of the exercise (TP4, ROB312), EKF and GTSAM batch on the same measurements, next to the optimum.
 
+    After an interruption it continues; a larger --runs later adds the missing runs.
 
-def _publish(command: ExerciseCommand, exercise: Exercise, executor: Executor) -> bool:
-    """Write run 0 of each setting, figures and pages; return whether all succeeded."""
-    publish_first_runs(exercise.settings, command.seed, command.out, executor)
-    done = publish_exercise(command.out, exercise)
-    if done and command.page.open:
-        open_page(command.out)
-    return done
+    For example:
+      slamgauge exercise q1 --runs 20
+      slamgauge exercise
+
+    Attributes:
+        questions: Questions, of q1, q2, q3, q4. All if none is given.
+        runs: Number of independent runs of each setting.
+        out: Folder of exercise.json, the figures, the pages and the stored runs.
+    """
+
+    questions: tyro.conf.Positional[tuple[str, ...]] = ()
+    runs: int = 10
+    seed: RootSeed = 0
+    out: Path = Path("results/exercise")
+    work: Work = field(default_factory=Work)
+
+    def run(self) -> int:
+        with self.work.executor() as executor:
+            exercise = results.run_exercise(self.questions, self.runs, self.seed, self.out, executor)
+            content, done = exercise.to_json(), True
+            self.output.show(content, tables.exercise_page(exercise))
+            with staged_folder.staged_folder(self.out, EXERCISE) as stage:
+                files.write_json(stage / EXERCISE, content)
+            if not self.page.no_report:
+                exercise_page.publish_first_runs(exercise.settings, self.seed, self.out, executor)
+                done = exercise_page.publish_exercise(self.out, exercise)
+        if done and not self.page.no_report:
+            self.page.show(self.out)
+        print(f"written to {self.out}", file=sys.stderr)
+        return 0 if done and not exercise.failures else 1

@@ -1,171 +1,240 @@
-"""Recordings, estimates, tables and figures for other programs: `slamgauge export FORMAT`."""
+"""Recordings, estimates, tables and figures for other programs: `slamgauge export FORMAT`, a subcommand for each."""
 
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, ClassVar, Literal
 
-from slamgauge.arrays import Float
-from slamgauge.compare.cli.options.exports import (
-    OUT,
-    STANDARD_OUTPUT,
-    Csv,
-    Export,
-    ExportFormat,
-    Figures,
-    G2o,
-    Mat,
-    StudyTable,
-    Tum,
-)
-from slamgauge.compare.cli.options.shared import named_after, split_names
+import tyro
+
+from slamgauge.compare.cli.common import results_of, split_names
 from slamgauge.compare.cli.terminal import put
-from slamgauge.compare.datasets.g2o_writer import write_g2o
-from slamgauge.compare.datasets.imported_log import of_file
-from slamgauge.compare.storage.csv_folder import LANDMARKS, START, write_estimate_csv, write_recording_csv
-from slamgauge.compare.storage.files import (
-    load_recording,
-    load_recording_or_estimate,
-    load_results,
-    load_truth,
-    write_mat,
-)
+from slamgauge.compare.datasets import g2o_writer, imported_log
+from slamgauge.compare.figures import plot_style, publishing
+from slamgauge.compare.storage import csv_folder, files, staged_folder, trajectories
 from slamgauge.compare.storage.result_files import METRICS, RECORDING, SUMMARY, TRUTH
-from slamgauge.compare.storage.staged_folder import staged_files, staged_folder
-from slamgauge.compare.storage.trajectories import write_tum
-from slamgauge.compare.studies.stored_study import study_table
+from slamgauge.compare.studies import stored_study
 from slamgauge.errors import UserError
-from slamgauge.estimate import Estimate
-from slamgauge.recording import Recording
-from slamgauge.truth import Truth
 
-ENDINGS: dict[type[ExportFormat], str] = {Csv: ".csv", G2o: ".g2o", Mat: ".mat", Tum: ".tum"}
+if TYPE_CHECKING:
+    from slamgauge.estimate import Estimate
+    from slamgauge.recording import Recording
+    from slamgauge.truth import Truth
 
-
-def run(command: Export) -> None:
-    """Write the figures, the table of a study, or the records at a path."""
-    given = command.format
-    is_study = (given.path / SUMMARY).exists()
-    is_table = isinstance(given, StudyTable) and is_study
-    if given.out == STANDARD_OUTPUT and not is_table:
-        raise UserError("out: - is standard output, which takes a study's table alone; name a file")
-    if isinstance(given, Figures):
-        _write_figures(given)
-    elif isinstance(given, StudyTable) and is_study:
-        _write_table(given)
-    elif is_study:
-        raise UserError(f"{given.path}: a study; its table is written as csv, latex or markdown")
-    elif isinstance(given, StudyTable) and (type(given) is not Csv or _has_table_options(given)):
-        raise UserError(f"{given.path}: not a study, it has no summary.json; give the --out of a study")
-    else:
-        _write_records(given)
+    Exported = tuple[Recording | None, Truth | None, dict[str, Estimate]]
 
 
-def _has_table_options(given: StudyTable) -> bool:
-    return bool(given.columns or given.estimators or given.means_only)
+@dataclass
+class Format:
+    """A format, with its options.
+
+    Attributes:
+        path: What is exported, described above.
+        out: The file or folder that is written. If not given: results/export-NAME, with the ending of the format.
+    """
+
+    path: tyro.conf.Positional[Path]
+    out: Path | None = None
+
+    def write_file(self, ending: str, write: Callable[[Path], object], *beside: str) -> int:
+        """Write one file, and perhaps files beside it."""
+        out = self.out or Path(f"{results_of('export', self.path)}{ending}")
+        with staged_folder.staged_files(out.parent, (out.name, *beside)) as folder, imported_log.of_file(self.path):
+            write(folder / out.name)
+        print(f"written to {out}", file=sys.stderr)
+        return 0
 
 
-def _write_figures(given: Figures) -> None:
-    from slamgauge.compare.figures.plot_style import Sheet, printed_on  # here: matplotlib is slow to start
-    from slamgauge.compare.figures.publishing import drawings_of
+@dataclass
+class StudyTable(Format):
+    """The table of a study: its means with 95 % intervals. Without --out it is printed on standard output.
 
-    drawings = drawings_of(given.path, split_names(given.estimators))
-    out = named_after(OUT, given.path) if given.out == OUT else given.out
-    files = [f"{name}.{given.form}" for name in drawings]
-    with staged_folder(out, files[0]) as folder, printed_on(Sheet(given.width, (given.form,))):
-        for draw in drawings.values():
-            draw(folder)
-        written = [name for name in files if (folder / name).exists()]  # a drawing without data writes no file
-    print(f"written to {out}: {', '.join(written)}", file=sys.stderr)
+    Attributes:
+        columns: Comma-separated keys of summary.json that have an interval. If not given: its key columns.
+        estimators: Comma-separated. If not given: all.
+        means_only: Leave out the intervals.
+    """
 
+    form: ClassVar[Literal["csv", "latex", "markdown"]] = "csv"
+    columns: str = ""
+    estimators: str = ""
+    means_only: bool = False
 
-def _write_table(given: StudyTable) -> None:
-    keys, estimators = split_names(given.columns), split_names(given.estimators)
-    text = study_table(given.path, given.form, keys, estimators, intervals=not given.means_only)
-    if given.out in (OUT, STANDARD_OUTPUT):
+    def run(self) -> int:
+        columns, names = split_names(self.columns), split_names(self.estimators)
+        text = stored_study.study_table(self.path, self.form, columns, names, intervals=not self.means_only)
+        if self.out is not None:
+            return self.write_file("", lambda out: out.write_text(text, encoding="utf-8"))
         put(text.rstrip("\n"))
-        return
-    with staged_files(given.out.parent, [given.out.name]) as folder:
-        (folder / given.out.name).write_text(text, encoding="utf-8")
-    print(f"written to {given.out}", file=sys.stderr)
+        return 0
 
 
-def _write_records(given: ExportFormat) -> None:
-    """Write recordings and estimates."""
-    if isinstance(given, G2o) and given.lend is not None and not 0.0 < given.lend < 1.0:
-        raise UserError(f"lend: {given.lend:g} is not a small standard deviation; give one between 0 and 1")
-    exported = _load(given.path)
-    out = given.out
-    if isinstance(given, Csv) and exported.recording is not None:
-        out = named_after(OUT, given.path) if out == OUT else out
-        with staged_folder(out, START) as folder, of_file(given.path):
-            write_recording_csv(folder, exported.recording)
-    else:
-        out = Path(f"{named_after(OUT, given.path)}{ENDINGS[type(given)]}") if out == OUT else out
-        if not out.name:
-            raise UserError(f"out: {out} is a folder; name the file to write")
-        names = (out.name, LANDMARKS) if isinstance(given, Csv) else (out.name,)
-        with staged_files(out.parent, names) as folder, of_file(given.path):
-            _write(given, exported, folder / out.name)
-    print(f"written to {out}", file=sys.stderr)
+@dataclass
+class Csv(StudyTable):
+    """A recording as three files in a folder, the path and map of an estimate, or the table of a study.
+
+    PATH is a recording.npz, an estimate of a run (FOLDER/estimates/NAME.npz), or the folder of a run or a study. A
+    folder of a run stands for its recording. docs/your_filter.md describes the files.
+    """
+
+    def run(self) -> int:
+        if (self.path / SUMMARY).exists() or self.columns or self.estimators or self.means_only:
+            return super().run()
+        recording, _, estimates = _load(self.path)
+        if recording is None:
+            (estimate,) = estimates.values()
+            return self.write_file(
+                ".csv", lambda out: csv_folder.write_estimate_csv(out, estimate), csv_folder.LANDMARKS
+            )
+        out = self.out or results_of("export", self.path)
+        with staged_folder.staged_folder(out, csv_folder.START) as folder, imported_log.of_file(self.path):
+            csv_folder.write_recording_csv(folder, recording)
+        print(f"written to {out}", file=sys.stderr)
+        return 0
 
 
-def _write(given: ExportFormat, exported: Exported, out: Path) -> None:
-    """Write one file."""
-    if isinstance(given, Mat):
-        write_mat(out, exported.records())
-    elif isinstance(given, Tum):
-        estimate = exported.single_estimate()
-        if estimate.pose_covs is None:
-            raise UserError("it has no covariances; its run's folder has trajectories/NAME.tum without them")
-        write_tum(out, _stamps(given, len(estimate.poses)), estimate.poses, estimate.pose_covs)
-    elif isinstance(given, Csv):
-        write_estimate_csv(out, exported.single_estimate())
-    elif exported.recording is None:
-        raise UserError("it is an estimate, not a recording; give recording.npz, or another format")
-    elif isinstance(given, G2o):
-        write_g2o(out, exported.recording, lend=given.lend)
+@dataclass
+class G2o(Format):
+    """A recording as a graph. PATH is a recording.npz, or the folder of a run or an import.
+
+    Attributes:
+        lend: Standard deviation [m, rad] of regularising noise for motions whose covariance is singular.
+    """
+
+    lend: float | None = None
+
+    def run(self) -> int:
+        if self.lend is not None and not 0.0 < self.lend < 1.0:
+            raise UserError(f"lend: {self.lend:g} is not a small standard deviation; give one between 0 and 1")
+        recording, _, _ = _load(self.path)
+        if recording is None:
+            raise UserError(f"{self.path}: it is an estimate, not a recording; give recording.npz, or another format")
+        return self.write_file(".g2o", lambda out: g2o_writer.write_g2o(out, recording, lend=self.lend))
 
 
-def _stamps(given: Tum, count: int) -> Float:
-    """Return the time stamps of an estimate with `count` poses."""
-    folder = given.path if given.path.is_dir() else given.path.parent.parent
-    path = given.recording or folder / RECORDING
-    if given.recording is None and not path.exists():
-        raise UserError("its time stamps are in the recording of its run; give that with --recording")
-    stamps = load_recording(path).stamps
-    if len(stamps) != count:
-        raise UserError(f"it has {count} poses, but {path} has {len(stamps)}; give its own with --recording")
-    return stamps
+@dataclass
+class Mat(Format):
+    """Everything, for Octave and MATLAB. PATH is a recording, an estimate, or the folder of a run."""
+
+    def run(self) -> int:
+        recording, truth, estimates = _load(self.path)
+        records = {"recording": recording, "truth": truth, **estimates}
+        found = {name: record for name, record in records.items() if record is not None}
+        return self.write_file(".mat", lambda out: files.write_mat(out, found))
 
 
-class Exported(NamedTuple):
-    """The records at a path."""
+@dataclass
+class Tum(Format):
+    """Poses of an estimate: lines `t x y z qx qy qz qw`, then the upper triangle of the covariance, if it has one.
 
-    recording: Recording | None
-    truth: Truth | None
-    estimates: dict[str, Estimate]
+    Attributes:
+        recording: The recording with the time stamps. If not given: the recording of its run.
+    """
 
-    def records(self) -> dict[str, Recording | Truth | Estimate]:
-        """Return all records by name."""
-        found = {"recording": self.recording, "truth": self.truth}
-        return {name: record for name, record in found.items() if record is not None} | self.estimates
+    recording: Path | None = None
 
-    def single_estimate(self) -> Estimate:
-        """Return the estimate if there is exactly one."""
-        if len(self.estimates) != 1:
-            raise UserError(f"it has {len(self.estimates)} estimates; give one, as FOLDER/estimates/NAME.npz")
-        return next(iter(self.estimates.values()))
+    def run(self) -> int:
+        estimates = _load(self.path)[2]
+        if len(estimates) != 1:
+            what = f"{self.path}: it has {len(estimates)} estimates"
+            raise UserError(f"{what}; give one, as FOLDER/estimates/NAME.npz")
+        (estimate,) = estimates.values()
+        folder = self.path if self.path.is_dir() else self.path.parent.parent
+        path = self.recording or folder / RECORDING
+        stamps, poses = files.load_recording(path).stamps, estimate.poses
+        if len(stamps) != len(poses):
+            what = f"{self.path}: it has {len(poses)} poses, but {path} has {len(stamps)}"
+            raise UserError(f"{what}; give the recording of its run with --recording")
+        return self.write_file(".tum", lambda out: trajectories.write_tum(out, stamps, poses, estimate.pose_covs))
+
+
+@dataclass
+class Figures(Format):
+    """The figures of a run, a study, a sweep, an error budget, noise or bench, redrawn for a paper, in a folder.
+
+    Attributes:
+        width: column is 3.4 in (one of two columns), page is 7.0 in.
+        estimators: Comma-separated. If not given: all. In the figure of a run the 3-sigma bounds of the first are
+            filled.
+    """
+
+    form: ClassVar[Literal["pdf", "png", "svg"]] = "pdf"
+    width: Literal["column", "page"] = "page"
+    estimators: str = ""
+
+    def run(self) -> int:
+        drawings = publishing.drawings_of(self.path, split_names(self.estimators))
+        out, main = self.out or results_of("export", self.path), f"{next(iter(drawings))}.{self.form}"
+        sheet = plot_style.Sheet(self.width, (self.form,))
+        with staged_folder.staged_folder(out, main) as folder, plot_style.printed_on(sheet):
+            for draw in drawings.values():
+                draw(folder)
+            written = sorted(path.name for path in folder.iterdir())
+        print(f"written to {out}: {', '.join(written)}", file=sys.stderr)
+        return 0
+
+
+@dataclass
+class Latex(StudyTable):
+    """The table of a study for LaTeX, with booktabs and a caption. Without --out it is printed on standard output."""
+
+    form = "latex"
+
+
+@dataclass
+class Markdown(StudyTable):
+    """The table of a study for Markdown. Without --out it is printed on standard output."""
+
+    form = "markdown"
+
+
+@dataclass
+class Pdf(Figures):
+    """The figures of a run, a study, a sweep, an error budget, noise or bench as PDF, redrawn for a paper."""
+
+
+@dataclass
+class Png(Figures):
+    """The figures of a run, a study, a sweep, an error budget, noise or bench as PNG, redrawn for a paper."""
+
+    form = "png"
+
+
+@dataclass
+class Svg(Figures):
+    """The figures of a run, a study, a sweep, an error budget, noise or bench as SVG, redrawn for a paper."""
+
+    form = "svg"
+
+
+@dataclass
+class Command:
+    """Write recordings, estimates, tables of studies and figures in a format of other programs.
+
+    `slamgauge export FORMAT --help` describes each format.
+
+    For example:
+      slamgauge export mat first-run
+      slamgauge export latex results/q1 --columns ate_m,nees_pose_per_dof
+      slamgauge export pdf first-run --width column --estimators ekf,causal
+    """
+
+    format: Csv | G2o | Mat | Tum | Latex | Markdown | Pdf | Png | Svg
+
+    def run(self) -> int:
+        return self.format.run()
 
 
 def _load(path: Path) -> Exported:
     """Load a recording, an estimate, or the folder of a run or an import."""
     if (path / METRICS).exists():
-        results = load_results(path)
-        return Exported(results.recording, results.truth, results.estimates)
+        _, truth, recording, estimates = files.load_results(path)
+        return recording, truth, estimates
     if path.is_dir():
         truth = path / TRUTH
-        return Exported(load_recording(path / RECORDING), load_truth(truth) if truth.exists() else None, {})
-    record = load_recording_or_estimate(path)
-    return Exported(None, None, {path.stem: record}) if isinstance(record, Estimate) else Exported(record, None, {})
+        return files.load_recording(path / RECORDING), files.load_truth(truth) if truth.exists() else None, {}
+    record = files.load_recording_or_estimate(path)
+    return (record, None, {}) if isinstance(record, files.Recording) else (None, None, {path.stem: record})

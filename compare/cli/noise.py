@@ -4,36 +4,54 @@ from __future__ import annotations
 
 import sys
 from contextlib import nullcontext
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
 
-from slamgauge.compare.cli.options.recordings import Noise
-from slamgauge.compare.cli.steps import draw, results_folder, write_page
-from slamgauge.compare.noise.estimation import find_noise
-from slamgauge.compare.noise.noise_json import noise_json
-from slamgauge.compare.noise.tables import noise_page
-from slamgauge.compare.scoring.comparison import digest
-from slamgauge.compare.storage.files import load_recording, save, write_json
+import tyro
+
+from slamgauge.compare.cli.common import WithPage, staged
+from slamgauge.compare.noise import estimation, noise_json, tables
+from slamgauge.compare.scoring import comparison
+from slamgauge.compare.storage import files, staged_folder
 from slamgauge.compare.storage.result_files import NOISE
-from slamgauge.compare.storage.staged_folder import staged_files
 from slamgauge.errors import UserError
 
 
-def run(command: Noise) -> int:
-    """Run the command; return the exit status."""
-    recording = load_recording(command.recording)
-    if command.write is not None and command.write.resolve() == command.recording.resolve():
-        raise UserError(f"{command.write}: is the recording itself; give another --write")
-    staged = nullcontext() if command.write is None else staged_files(command.write.parent, [command.write.name])
-    with staged as parent, results_folder(command.out, NOISE) as folder:
-        noise = find_noise(recording, systematic=command.systematic, heading=command.heading)
-        content = noise_json(noise) | {"digest": digest(recording)}
-        command.output.show(content, noise_page(content))
-        if folder is not None:
-            write_json(folder / NOISE, content)
-        if command.write is not None and parent is not None:
-            save(parent / command.write.name, noise.tuned)
-    done = True
-    if command.out is not None:
-        done = draw(command.out, NOISE)
-    for place in filter(None, (command.out, command.write)):
-        print(f"written to {place}", file=sys.stderr)
-    return 0 if write_page(command.out, NOISE, command.page) and done else 1
+@dataclass
+class Command(WithPage):
+    """Estimate the noise of a recording from its measurements, with intervals, outliers and a diagnosis.
+
+    For example:
+      slamgauge noise first-run/recording.npz --systematic
+
+    Attributes:
+        recording: A recording.npz, with ranges and bearings or positions. If it has no ids, landmarks are associated
+            jointly.
+        out: Folder of noise.json, noise.png and noise.svg. Without it they are not written.
+        write: Write the recording with the estimated noise, and without its systematic errors, to this npz file.
+        systematic: Also estimate systematic errors: odometry scale, turn per metre, offsets of range and bearing.
+        heading: The direction that the start heading describes, if --systematic finds a bearing offset. The other is
+            rotated.
+    """
+
+    recording: tyro.conf.Positional[Path]
+    out: Path | None = None
+    write: Path | None = None
+    systematic: bool = False
+    heading: Literal["sensor", "odometry"] = "sensor"
+
+    def run(self) -> int:
+        recording, write = files.load_recording(self.recording), self.write
+        if write is not None and write.resolve() == self.recording.resolve():
+            raise UserError(f"{write}: is the recording itself; give another --write")
+        beside = nullcontext() if write is None else staged_folder.staged_files(write.parent, [write.name])
+        with beside as parent, staged(self.out, NOISE) as folder:
+            noise = estimation.find_noise(recording, systematic=self.systematic, heading=self.heading)
+            content = noise_json.noise_json(noise) | {"digest": comparison.digest(recording)}
+            self.output.show(content, tables.noise_page(content), folder and folder / NOISE)
+            if write is not None and parent is not None:
+                files.save(parent / write.name, noise.tuned)
+        if write is not None:
+            print(f"written to {write}", file=sys.stderr)
+        return self.finish(self.out, NOISE)

@@ -1,44 +1,109 @@
-"""One simulated run of a scenario: `slamgauge run`."""
+"""One simulated run of a scenario: `slamgauge run`; and the part that `run` and `evaluate` share."""
 
 from __future__ import annotations
 
 import shlex
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
 
-from slamgauge.compare.cli.options.run import DEFAULT_ESTIMATORS, Run
-from slamgauge.compare.cli.options.shared import flattened, split_names
-from slamgauge.compare.cli.scoring import Data, FilterSettings, Source, score
-from slamgauge.compare.cli.steps import isolated, overridden_scenario, write_page
-from slamgauge.compare.estimators.requests import Asked, ask
-from slamgauge.compare.estimators.running import require_room_for_estimates
-from slamgauge.compare.scenarios.scenario import Scenario, scenario_text
-from slamgauge.compare.scenarios.simulation import simulate_informed
+from slamgauge import memory
+from slamgauge.compare.cli.common import Estimators, OfScenario, OwnCode, WithPage, flattened, staged
+from slamgauge.compare.estimators import loading, requests, running
+from slamgauge.compare.scenarios import scenario as scenarios
+from slamgauge.compare.scenarios import simulation
+from slamgauge.compare.scoring import comparison
+from slamgauge.compare.storage import files, staged_folder
 from slamgauge.compare.storage.result_files import METRICS
 from slamgauge.compare.storage.safe_names import file_name, shown
-from slamgauge.compare.storage.staged_folder import require_ours
+from slamgauge.errors import UserError
+
+if TYPE_CHECKING:
+    from slamgauge.compare.scenarios.schema import Association
+    from slamgauge.ekf.settings import Initialisation, Robustness
+    from slamgauge.recording import Recording
+    from slamgauge.truth import Truth
+
+    Settings = tuple[Association, Initialisation | None, Robustness]
+
+DEFAULT_ESTIMATORS = "ekf,riekf,causal,batch"
+FRAMES = 240  # maps that filters store for pictures
 
 
-def run(command: Run) -> int:
-    """Run the command; return the exit status."""
-    asked = isolated(ask(split_names(command.estimators)), command.own_code)
-    scenario = overridden_scenario(command.scenario, command.set)
-    out = command.out or Path("results") / f"{file_name(scenario.name)}-seed-{command.seed}"
-    status = _score(command, scenario, asked, out)  # its memory is free again before the page is written
-    return status if write_page(out, METRICS, command.page) else 1
+@dataclass
+class Command(OfScenario, WithPage):
+    """Simulate one run of a scenario and score estimators on it.
+
+    For example:
+      slamgauge run q1-long-dense --estimators ekf,riekf,causal,batch
+      slamgauge run q2-long-dense --seed 3 --set association.gate=25 start=mean
+
+    Attributes:
+        seed: Seed of all noise.
+        out: Folder of the results. If not given: results/SCENARIO-seed-SEED.
+    """
+
+    seed: int = 0
+    estimators: Estimators = DEFAULT_ESTIMATORS
+    own_code: OwnCode = field(default_factory=OwnCode)
+    out: Path | None = None
+
+    def run(self) -> int:
+        scenario, asked = self.load(), self.own_code.ask(self.estimators)
+        out = self.out or Path("results") / f"{file_name(scenario.name)}-seed-{self.seed}"
+        staged_folder.require_ours(out)
+        simulated = (scenario.name, self.seed, scenarios.scenario_text(scenario))
+        data = Data(*simulation.simulate_informed(scenario, self.seed), simulated, self._study_command())
+        settings = (scenario.association, scenario.initialisation_settings, scenario.robustness)
+        return score(self, out, data, asked, settings)
+
+    def _study_command(self) -> str:
+        """Return the command of many runs with the same scenario, settings and estimators."""
+        words = ["slamgauge", "study", self.scenario, "--runs", "100"]
+        words += ["--estimators", self.estimators] if self.estimators != DEFAULT_ESTIMATORS else []
+        words += ["--set", *flattened(self.set)] if self.set else []
+        return shown(shlex.join(words))
 
 
-def _score(command: Run, scenario: Scenario, asked: list[Asked], out: Path) -> int:
-    require_ours(out)
-    truth, recording, informed = simulate_informed(scenario, command.seed)
-    require_room_for_estimates(informed, asked)
-    settings = FilterSettings(scenario.association, scenario.initialisation_settings, scenario.robustness)
-    source = Source(scenario.name, command.seed, scenario_text(scenario), _study_command(command))
-    return score(Data(truth, recording, informed), asked, settings, out, command.output, source)
+class Data(NamedTuple):
+    """What is scored.
+
+    Attributes:
+        truth: if it is known.
+        recording: input of the estimators.
+        informed: the recording that the optima receive, if that is another one.
+        simulated: name of the scenario, seed, and the scenario as TOML.
+        study: command of many runs.
+        twins: number of simulated twins of the test without ground truth.
+    """
+
+    truth: Truth | None
+    recording: Recording
+    informed: Recording | None = None
+    simulated: tuple[str | None, int | None, str | None] = (None, None, None)
+    study: str = ""
+    twins: int = 0
 
 
-def _study_command(command: Run) -> str:
-    """Return the command of many runs with the same scenario, settings and estimators."""
-    words = ["slamgauge", "study", command.scenario, "--runs", "100"]
-    words += ["--estimators", command.estimators] if command.estimators != DEFAULT_ESTIMATORS else []
-    words += ["--set", *flattened(command.set)] if command.set else []
-    return shown(shlex.join(words))
+def score(command: WithPage, out: Path | None, data: Data, asked: Sequence[requests.Asked], settings: Settings) -> int:
+    """Run the estimators, print the table, and write folder, figures and page; return the exit status."""
+    if not asked:
+        raise UserError("estimators: none given; name at least one, for example --estimators ekf,batch")
+    running.require_room_for_estimates(data.informed or data.recording, asked)
+    association, initialisation, robust = settings
+    estimators, failures = loading.load_each(asked, association, initialisation, FRAMES, robust)
+    if not estimators:
+        raise UserError(next(iter(failures.values())))
+    with staged(out, METRICS) as folder:
+        found = comparison.compare_estimators(data.truth, data.recording, estimators, data.informed, twins=data.twins)
+        memory.give_back()
+        found = replace(found, failures=failures | found.failures, study=data.study)
+        content = comparison.metrics(found, *data.simulated)
+        command.output.show(content, comparison.table(found))
+        if folder is not None:
+            with files.explained(out or folder, "written"):
+                comparison.write_comparison(folder, found, content)
+    done = not found.failures
+    del found, estimators  # figures and page are made from the folder
+    return command.finish(out, METRICS, done=done)

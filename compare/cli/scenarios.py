@@ -3,17 +3,30 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import dataclass
 
-from slamgauge.compare.cli.options.machine import Scenarios
 from slamgauge.compare.cli.terminal import Output
-from slamgauge.compare.scenarios.scenario import shipped_scenarios
-from slamgauge.compare.scoring.text_page import Page
+from slamgauge.compare.scenarios import scenario
+from slamgauge.compare.scoring import text_page
 
 
-def run(command: Scenarios) -> None:
-    """Run the command; return the exit status."""
-    found = shipped_scenarios()
-    width = max(len(name) for name, _ in found)
-    page = Page(tuple(f"{name:{width}}  {text}" for name, text in found))
-    output = Output(command.json, wide=not sys.stdout.isatty())
-    output.show([{"name": name, "description": text} for name, text in found], page)
+@dataclass
+class Command:
+    """List the shipped scenarios with descriptions. In a pipe, each is one line.
+
+    For example:
+      slamgauge scenarios
+
+    Attributes:
+        json: Print JSON on standard output.
+    """
+
+    json: bool = False
+
+    def run(self) -> int:
+        found = scenario.shipped_scenarios()
+        width = max(len(name) for name, _ in found)
+        page = text_page.Page(tuple(f"{name:{width}}  {text}" for name, text in found))
+        content = [{"name": name, "description": text} for name, text in found]
+        Output(self.json, wide=not sys.stdout.isatty()).show(content, page)
+        return 0

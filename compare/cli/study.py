@@ -5,107 +5,152 @@ from __future__ import annotations
 import sys
 from concurrent.futures import Executor
 from contextlib import AbstractContextManager
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Annotated
 
-from slamgauge.compare.cli.options.shared import flattened, split_names
-from slamgauge.compare.cli.options.study import Study, WorkAnywhere
-from slamgauge.compare.cli.steps import continued_later, executor_of, finish, isolated, overridden_scenario, write_page
-from slamgauge.compare.estimators.requests import Asked, ask
-from slamgauge.compare.figures.publishing import write_study, write_sweep
-from slamgauge.compare.scenarios.scenario import Scenario
-from slamgauge.compare.scoring.runs import Runs
+import tyro
+
+from slamgauge.compare.cli.common import (
+    USER_CODE,
+    OfScenario,
+    OwnCode,
+    RootSeed,
+    WithPage,
+    Work,
+    flattened,
+    results_of,
+    split_names,
+)
+from slamgauge.compare.estimators import requests
+from slamgauge.compare.estimators.registry import BOUND, BOUNDS, HELP
+from slamgauge.compare.figures import publishing
+from slamgauge.compare.scenarios import scenario as scenarios
+from slamgauge.compare.scoring import runs as stored_runs
+from slamgauge.compare.storage import staged_folder
 from slamgauge.compare.storage.result_files import SUMMARY, SWEEP
-from slamgauge.compare.storage.staged_folder import require_ours
-from slamgauge.compare.studies.baseline import Gate as BaselineGate
-from slamgauge.compare.studies.baseline import as_study, false_alarms, open_gate
-from slamgauge.compare.studies.executors import dask_cluster
-from slamgauge.compare.studies.store import digest
-from slamgauge.compare.studies.study import load_runs, run_study
-from slamgauge.compare.studies.summary import Request, Summary, summary_table
-from slamgauge.compare.studies.sweep import run_sweep, sweep_table
+from slamgauge.compare.studies import baseline as baselines
+from slamgauge.compare.studies import executors, store, study, summary, sweep
 from slamgauge.errors import UserError
 
 
-def run(command: Study) -> int:
-    """Run the command; return the exit status."""
-    asked = isolated(ask(split_names(command.estimators)), command.own_code)
-    with continued_later():
-        done = _study(command, asked) if command.sweep is None else _sweep(command, command.sweep, asked)
-    return finish(command, command.out, SUMMARY if command.sweep is None else SWEEP, done=done)
+@dataclass(frozen=True)
+class WorkAnywhere(Work):
+    """Where the runs are computed.
+
+    Attributes:
+        scheduler: A Dask scheduler, tcp://host:port or tls://host:port. Anyone who can reach it can run code on it and
+            here.
+    """
+
+    scheduler: str | None = None
+
+    def executor(self) -> AbstractContextManager[Executor]:
+        """Return an executor of the workers of the scheduler, or of worker processes."""
+        return super().executor() if self.scheduler is None else executors.dask_cluster(self.scheduler)
 
 
-def _study(command: Study, asked: list[Asked]) -> bool:
-    """Run a study; return whether everything succeeded."""
-    scenario = overridden_scenario(command.scenario, command.set)
-    require_ours(command.out)
-    gate = None if command.gate.baseline is None else _open_gate(command, command.gate.baseline, scenario, asked)
-    with _executor(command.work) as executor:
-        arguments = (scenario, command.runs, command.seed, asked, command.out, executor)
-        summary = run_study(*arguments, against=split_names(command.against))
-    summary = replace(summary, request=_request(command))
-    worse = gate is not None and is_worse(summary, gate)
-    command.output.show(summary.to_json(), summary_table(summary))
-    runs = load_runs(scenario, summary.runs, command.seed, asked, command.out)
-    done = write_study(command.out, summary, runs, scenario.trajectory.step)
-    return done and not summary.failures and not worse
+@dataclass(frozen=True)
+class Gate:
+    """A comparison with an earlier study, for continuous integration.
+
+    Attributes:
+        baseline: summary.json of an earlier study with the same scenario and seed: exit status 1 if an estimator is
+            worse.
+        fail_if_worse: With --baseline: accepted increase of ATE and NEES.
+    """
+
+    baseline: Path | None = None
+    fail_if_worse: str = "5%"
+
+    def opened(self, names: list[str], digest: str, out: Path) -> baselines.Gate | None:
+        """Return the gate of the study with that digest and these estimators; None without a baseline."""
+        if self.baseline is None:
+            return None
+        if self.baseline.resolve() == (out / SUMMARY).resolve():
+            raise UserError(f"{self.baseline}: this study would replace its baseline; give another --out")
+        try:
+            tolerance = float(self.fail_if_worse.removesuffix("%")) / (100.0 if "%" in self.fail_if_worse else 1.0)
+        except ValueError:
+            what = f"fail-if-worse: {self.fail_if_worse} is not a share"
+            raise UserError(f"{what}; give for example 5% or 0.05") from None
+        earlier = baselines.as_study(self.baseline)
+        return baselines.open_gate(earlier, names, digest, tolerance, str(self.baseline))
 
 
-def _request(command: Study, swept: str = "") -> Request:
-    return Request(command.scenario, tuple(flattened(command.set)), command.estimators, swept)
+@dataclass
+class Command(OfScenario, WithPage):
+    """Monte Carlo: many independent runs, their statistics and figures. After an interruption, it continues.
 
+    Exit status 1 if an estimator failed in a run; the other results are kept.
 
-def _open_gate(command: Study, path: Path, scenario: Scenario, asked: list[Asked]) -> BaselineGate:
-    """Return the gate of the study with a baseline; refuse a wrong one before anything runs."""
-    if path.resolve() == (command.out / SUMMARY).resolve():
-        raise UserError(f"{path}: this study would replace its baseline; give another --out")
-    names, tolerance = [each.label for each in asked], share(command.gate.fail_if_worse)
-    return open_gate(as_study(path), names, digest(scenario, command.seed), tolerance, str(path))
+    For example:
+      slamgauge study q1-long-dense --runs 100 --estimators ekf,riekf,causal
+      slamgauge study q2-long-dense --runs 20 --sweep association.gate=1,9,100
 
+    Attributes:
+        out: Folder of study.sqlite, summary.json and the figures. If not given: results/study-SCENARIO.
+        runs: Number of runs. A larger number later adds the missing runs only.
+        against: Comma-separated, from --estimators: compare the other estimators with these on the same runs, in ATE
+            and NEES.
+        sweep: Run a study at each value of a key, key=v1,v2,..., in a folder each, and write sweep.json and a figure.
+    """
 
-def _sweep(command: Study, sweep: str, asked: list[Asked]) -> bool:
-    """Run a study at each value; return whether everything succeeded."""
-    if command.against or command.gate.baseline is not None:
-        raise UserError("sweep: takes no --against and no --baseline; study a single value with them")
-    drawn: list[bool] = []
+    out: Path | None = None
+    runs: int = 100
+    seed: RootSeed = 0
+    estimators: Annotated[str, tyro.conf.arg(help=f"{HELP} Also {BOUND} ({BOUNDS[BOUND].note}). {USER_CODE}")] = (
+        "ekf,riekf,causal"
+    )
+    own_code: OwnCode = field(default_factory=OwnCode)
+    against: str = ""
+    gate: Gate = field(default_factory=Gate)
+    sweep: str | None = None
+    work: WorkAnywhere = field(default_factory=WorkAnywhere)
 
-    def finished(folder: Path, summary: Summary, runs: dict[str, Runs], step: float) -> None:
-        summary = replace(summary, request=_request(command, folder.name))
-        drawn.append(write_study(folder, summary, runs, step))
-        drawn.append(write_page(folder, SUMMARY, replace(command.page, open=False)))
+    def run(self) -> int:
+        scenario, asked = self.load(), self.own_code.ask(self.estimators)
+        out = self.out or results_of("study", self.scenario)
+        done = self._study(scenario, asked, out) if self.sweep is None else self._sweep(self.sweep, asked, out)
+        print(f"written to {out}", file=sys.stderr)
+        return 0 if self.page.write(out, SUMMARY if self.sweep is None else SWEEP) and done else 1
 
-    with _executor(command.work) as executor:
-        arguments = (
-            command.scenario,
-            flattened(command.set),
-            sweep,
-            command.runs,
-            command.seed,
-            asked,
-            command.out,
-            executor,
+    def _study(self, scenario: scenarios.Scenario, asked: list[requests.Asked], out: Path) -> bool:
+        """Run a study; return whether everything succeeded."""
+        staged_folder.require_ours(out)
+        names = [each.label for each in asked]
+        gate = self.gate.opened(names, store.digest(scenario, self.seed), out)
+        with self.work.executor() as executor:
+            against = split_names(self.against)
+            found = study.run_study(scenario, self.runs, self.seed, asked, out, executor, against=against)
+        found = replace(found, request=self._request())
+        worse = list[str]()
+        if gate is not None:
+            lines, worse = gate.judge(found)
+            print(*lines, baselines.false_alarms(gate.tolerance), sep="\n", file=sys.stderr)
+        self.output.show(found.to_json(), summary.summary_table(found))
+        runs = study.load_runs(scenario, found.runs, self.seed, asked, out)
+        done = publishing.write_study(out, found, runs, scenario.trajectory.step)
+        return done and not found.failures and not worse
+
+    def _sweep(self, key: str, asked: list[requests.Asked], out: Path) -> bool:
+        """Run a study at each value; return whether everything succeeded."""
+        if self.against or self.gate.baseline is not None:
+            raise UserError("sweep: takes no --against and no --baseline; study a single value with them")
+        drawn: list[bool] = []
+
+        def finished(folder: Path, found: summary.Summary, runs: dict[str, stored_runs.Runs], step: float) -> None:
+            found = replace(found, request=self._request(folder.name))
+            drawn.append(publishing.write_study(folder, found, runs, step))
+            drawn.append(replace(self.page, open=False).write(folder, SUMMARY))
+
+        settings = flattened(self.set)
+        with self.work.executor() as executor:
+            result = sweep.run_sweep(self.scenario, settings, key, self.runs, self.seed, asked, out, executor, finished)
+        self.output.show(result.to_json(), sweep.sweep_table(result))
+        return (
+            publishing.write_sweep(out, result) and all(drawn) and not any(each.failures for each in result.summaries)
         )
-        result = run_sweep(*arguments, finished=finished)
-    command.output.show(result.to_json(), sweep_table(result))
-    failed = any(each.failures for each in result.summaries)
-    return write_sweep(command.out, result) and all(drawn) and not failed
 
-
-def _executor(work: WorkAnywhere) -> AbstractContextManager[Executor]:
-    """Return an executor of the workers of the scheduler, or of worker processes."""
-    return executor_of(work) if work.scheduler is None else dask_cluster(work.scheduler)
-
-
-def is_worse(summary: Summary, gate: BaselineGate) -> bool:
-    """Print what has changed in a study since its baseline, and return whether anything is worse."""
-    lines, worse = gate.judge(summary)
-    print(*lines, false_alarms(gate.tolerance), sep="\n", file=sys.stderr)
-    return bool(worse)
-
-
-def share(text: str) -> float:
-    """Return the number of a text like 5% or 0.05."""
-    try:
-        return float(text[:-1]) / 100.0 if text.endswith("%") else float(text)
-    except ValueError:
-        raise UserError(f"fail-if-worse: {text} is not a share; give for example 5% or 0.05") from None
+    def _request(self, swept: str = "") -> summary.Request:
+        return summary.Request(self.scenario, tuple(flattened(self.set)), self.estimators, swept)

@@ -8,6 +8,7 @@ import os
 import shutil
 import sys
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
@@ -20,32 +21,34 @@ END = "\x1b[0m"
 
 @dataclass(frozen=True)
 class Output:
-    """How results are printed."""
+    """How results are printed.
+
+    Attributes:
+        json: Print JSON (docs/glossary.md) on standard output instead of the table.
+        wide: Print all columns, and do not wrap lines. By default a table fits the terminal, or 80 characters in a
+            pipe.
+        color: auto: print colours on a terminal if NO_COLOR is not set.
+    """
 
     json: bool = False
-    """Print JSON (docs/glossary.md) on standard output instead of the table."""
-
     wide: bool = False
-    """Print all columns, and do not wrap lines. By default a table fits the terminal, or 80 characters in a pipe."""
-
     color: Literal["auto", "always", "never"] = "auto"
-    """auto: print colours on a terminal if NO_COLOR is not set."""
 
-    def show(self, content: object, page: Page) -> None:
-        """Print `content` as JSON, or the page."""
-        put(json.dumps(content, indent=2, allow_nan=False) if self.json else self.laid_out(page))
+    def show(self, content: object, page: Page, file: Path | None = None) -> None:
+        """Print `content` as JSON, or the page; write the JSON to a file, if one is given."""
+        text = json.dumps(content, indent=2, allow_nan=False)
+        put(text if self.json else self.laid_out(page))
+        if file is not None:
+            file.write_text(f"{text}\n", encoding="utf-8")
 
     def laid_out(self, page: Page) -> str:
         """Return the text of a page for this terminal or pipe."""
-        from slamgauge.compare.scoring.text_page import plain
-
-        width = max(PIPED, shutil.get_terminal_size().columns) if sys.stdout.isatty() else PIPED
-        return page.text(None if self.wide else width, _painted if self._has_colours() else plain)
-
-    def _has_colours(self) -> bool:
-        if self.color != "auto":
-            return self.color == "always"
-        return sys.stdout.isatty() and not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"
+        is_terminal = sys.stdout.isatty()
+        is_bare = os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb"
+        has_colours = self.color == "always" or (self.color == "auto" and is_terminal and not is_bare)
+        width = max(PIPED, shutil.get_terminal_size().columns) if is_terminal else PIPED
+        width = None if self.wide else width
+        return page.text(width, _painted) if has_colours else page.text(width)
 
 
 def _painted(text: str, tone: Tone) -> str:

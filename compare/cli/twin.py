@@ -3,34 +3,57 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import dataclass
+from pathlib import Path
 
-from slamgauge.compare.cli.options.recordings import Twin
+import tyro
+
+from slamgauge.compare.cli.common import results_of
 from slamgauge.compare.cli.terminal import Output
 from slamgauge.compare.estimators.registry import HINDSIGHT, REGISTRY
-from slamgauge.compare.scoring.optimum_notes import fit_of_the_model
-from slamgauge.compare.scoring.text_page import Page
-from slamgauge.compare.storage.files import load_recording
+from slamgauge.compare.scoring import optimum_notes, text_page
+from slamgauge.compare.storage import files, staged_folder
 from slamgauge.compare.storage.result_files import TWIN
 from slamgauge.compare.storage.safe_names import shown
-from slamgauge.compare.storage.staged_folder import require_ours, staged_folder
-from slamgauge.compare.studies.twin import ASSOCIATES, make_twin, write_twin
+from slamgauge.compare.studies import twin as twins
 
 
-def run(command: Twin) -> None:
-    """Run the command; return the exit status."""
-    recording = load_recording(command.recording)
-    require_ours(command.out)
-    twin = make_twin(recording)
-    with staged_folder(command.out, TWIN) as folder:
-        write_twin(folder, twin, shown(f"{command.recording.parent.resolve().name}/{command.recording.name}"))
-    notes: list[str] = []
-    if not twin.has_ids:
-        notes.append(f"no ids: associated by {ASSOCIATES} with jcbb, which may be wrong")
-    if twin.left_out:
-        notes.append(f"{twin.left_out} observations dropped: they have no association or no landmark position")
-    fit = fit_of_the_model(REGISTRY[HINDSIGHT].title, twin.optimum)
-    if fit is not None:
-        notes.append(Output().laid_out(Page((fit,))))
-    counts = f"{twin.recording.steps} steps, {len(twin.optimum.landmark_ids)} landmarks"
-    written = f"{counts}, {len(twin.landmark)} observations: written to {command.out / TWIN}"
-    print(*notes, written, sep="\n", file=sys.stderr)
+@dataclass
+class Command:
+    """Make a scenario of a recording, with its estimated path and map, its observations, noise and stamps.
+
+    Every command takes the scenario: study, budget and sweeps then show what filters do at your site, without ground
+    truth.
+
+    For example:
+      slamgauge twin mine/recording.npz --out twin
+      slamgauge study twin/twin.toml --runs 20
+
+    Attributes:
+        recording: A recording.npz. If it has no ids, landmarks are associated jointly.
+        out: Folder of twin.toml and of the CSV files that it names. If not given: results/twin-FOLDER.
+    """
+
+    recording: tyro.conf.Positional[Path]
+    out: Path | None = None
+
+    def run(self) -> int:
+        folder = self.recording.resolve().parent
+        out = self.out or results_of("twin", folder)
+        recording = files.load_recording(self.recording)
+        staged_folder.require_ours(out)
+        twin = twins.make_twin(recording)
+        with staged_folder.staged_folder(out, TWIN) as stage:
+            twins.write_twin(stage, twin, shown(f"{folder.name}/{self.recording.name}"))
+        notes: list[str] = []
+        if not twin.has_ids:
+            notes.append(f"no ids: associated by {twins.ASSOCIATES} with jcbb, which may be wrong")
+        if twin.left_out:
+            notes.append(f"{twin.left_out} observations dropped: they have no association or no landmark position")
+        fit = optimum_notes.fit_of_the_model(REGISTRY[HINDSIGHT].title, twin.optimum)
+        if fit is not None:
+            notes.append(Output().laid_out(text_page.Page((fit,))))
+        counts = f"{twin.recording.steps} steps, {len(twin.optimum.landmark_ids)} landmarks"
+        written = f"{counts}, {len(twin.landmark)} observations: written to {out / TWIN}"
+        print(*notes, written, sep="\n", file=sys.stderr)
+        return 0

@@ -13,15 +13,7 @@ from slamgauge.compare.estimators.forms import online_class
 from slamgauge.compare.estimators.forms import step_function as steps
 from slamgauge.compare.estimators.forms.external_program import external
 from slamgauge.compare.estimators.forms.online_class import OnlineClass
-from slamgauge.compare.estimators.forms.signatures import (
-    Callee,
-    Form,
-    Noise,
-    is_filter,
-    no_form,
-    required,
-    spelt,
-)
+from slamgauge.compare.estimators.forms.signatures import Callee, Form, Noise, is_filter, no_form, required, spelt
 from slamgauge.compare.estimators.forms.step_function import StepFunction
 from slamgauge.compare.estimators.user_errors import FormError
 from slamgauge.errors import UserError
@@ -52,11 +44,7 @@ def adapt(given: Callee, name: str) -> Estimator:
 
 
 def adapted(given: Callee) -> Estimator:
-    """Return the estimator of a callable; it is no `Form` if it is `Recording -> Estimate`.
-
-    Raises:
-        FormError: it has none of the forms.
-    """
+    """Return the estimator of a callable, no `Form` if it is `Recording -> Estimate`; `FormError`: it has no form."""
     if isinstance(given, type):
         if lacking := online_class.lacks(given):
             raise no_form(given, f"{lacking}, pose, pose_cov")
@@ -83,9 +71,8 @@ def step_function(given: Callee, noise: Noise = "recording") -> StepFunction:
     if noise not in get_args(Noise):
         raise UserError(f"noise: {noise!r} is not known; use 'recording' or 'file'")
     if not steps.is_step_function(given) or steps.lacks(given):
-        raise UserError(
-            f"step_function: {spelt(given)} has another form; give ekf_slam(xEst, PEst, u, y) that reads DT"
-        )
+        what = f"step_function: {spelt(given)} has another form"
+        raise UserError(f"{what}; give ekf_slam(xEst, PEst, u, y) that reads DT")
     return StepFunction(given, noise)
 
 
@@ -100,19 +87,15 @@ def callable_of(module: ModuleType) -> str:
         UserError: it may be several.
     """
     named = [name for name in NAMES if callable(getattr(module, name, None))]
-    own = {
-        name: each
-        for name, each in vars(module).items()
-        if name[0] != "_"
-        and (isinstance(each, Form) or (callable(each) and getattr(each, "__module__", None) == module.__name__))
-    }
+    public = {name: each for name, each in vars(module).items() if name[0] != "_" and callable(each)}
+    home = module.__name__
+    own = {k: v for k, v in public.items() if isinstance(v, Form) or getattr(v, "__module__", None) == home}
     formed = [name for name, each in own.items() if _has_a_form(each)]
     classes = [name for name in formed if isinstance(own[name], type)]
     found = named[:1] or (classes if len(classes) == 1 else formed)
     if len(found) > 1:
-        raise UserError(
-            f"may be {', '.join(found)}; name it, FILE.py:{found[0]}, or call the one that counts {NAMES[0]}"
-        )
+        remedy = f"name it, FILE.py:{found[0]}, or call the one that counts {NAMES[0]}"
+        raise UserError(f"may be {', '.join(found)}; {remedy}")
     found = found or [name for name, each in own.items() if isinstance(each, type) and is_filter(each)][-1:]
     if not found:
         raise no_form(module, STATES)

@@ -71,11 +71,7 @@ class Answer(NamedTuple):
         return float(value)
 
     def estimate(self) -> Estimate:
-        """Return the estimate that follows.
-
-        Raises:
-            UserCodeError: it is not an estimate, or too large.
-        """
+        """Return the estimate that follows; raise `UserCodeError` if it is not one, or too large."""
         file: Any = BytesIO(self.content)
         try:
             with zipfile.ZipFile(file) as archive:
@@ -108,11 +104,7 @@ def message(fields: Mapping[str, object], record: Recording | Estimate | None = 
 
 
 def read_answer(stream: IO[bytes]) -> Answer | None:
-    """Read a message from a pipe; None at its end.
-
-    Raises:
-        UserCodeError: it is not a message, or too long.
-    """
+    """Read a message from a pipe, None at its end; raise `UserCodeError` if it is not one, or too long."""
     line = stream.readline(LONGEST_HEADER + 1)
     if len(line) > LONGEST_HEADER:
         raise wrong("too long a line")

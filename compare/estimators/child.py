@@ -39,14 +39,7 @@ FIRST, LAST, WIDEST = 3, 20, 120  # lines of output in error messages and report
 
 
 class Run(NamedTuple):
-    """A run of user code.
-
-    Attributes:
-        estimate: what it returned.
-        seconds: computing time.
-        remarks: sentences on settings of the file that are replaced or kept.
-        replaces_noise: whether the noise of the recording replaced another one of the file.
-    """
+    """A run of user code: what it returned, its computing time, and remarks on its form (`forms.signatures.Form`)."""
 
     estimate: Estimate
     seconds: float
@@ -57,10 +50,7 @@ class Run(NamedTuple):
 class Host:
     """Runs user code at an address in a process that is started when it is needed, and again after it has ended.
 
-    Attributes:
-        where: the address, with the name of the callable once the code is loaded.
-        limits: limits of its runs.
-        last_output: the last lines that it printed in the last run.
+    `where` has the name of the callable once the code is loaded, and `last_output` the last lines of the last run.
     """
 
     def __init__(self, where: Address, limits: Limits) -> None:
@@ -128,11 +118,7 @@ class Host:
         return answer.text("form")
 
     def run(self, recording: Recording, noise: Noise = "recording") -> Run:
-        """Run the code on a recording.
-
-        Raises:
-            UserCodeError: it raised an error, exceeded its limits, or ended its process.
-        """
+        """Run the code on a recording; `UserCodeError`: it raised an error, exceeded its limits, or ended."""
         with self._turn:
             self.begin()
             assert self._process is not None
@@ -164,9 +150,7 @@ class Host:
     def _exchange(self, process: subprocess.Popen[bytes], request: bytes, seconds: float) -> Answer:
         """Write a request and read the answer; the file of output begins again.
 
-        Raises:
-            UserCodeError: it printed too much, has ended, or wrote a wrong answer.
-            OverdueError: it did not answer in time.
+        `OverdueError`: it was not in time. `UserCodeError`: the code printed too much, has ended, or answered wrongly.
         """
         self._output.truncate(0)
         found: Future[Answer | None] = Future()

@@ -62,9 +62,8 @@ def read_folder(folder: Path, module: str, only: Path | None = None) -> CodeFold
         UserError: a Python file is too large.
         OSError: a file cannot be read.
     """
-    folder, found = folder.resolve(), dict[str, bytes]()
-    room = MOST_BYTES
-    for path in [only.resolve()] if only is not None and only.is_file() else _listed(only or folder):
+    folder, found, room = folder.resolve(), dict[str, bytes](), MOST_BYTES
+    for path in [only.resolve()] if only is not None and only.is_file() else _listed((only or folder).resolve()):
         with suppress(FileNotFoundError):  # another program deletes it after the folder was listed
             size = path.stat().st_size
             if size > LARGEST_FILE and path.suffix == ".py":
@@ -77,7 +76,7 @@ def read_folder(folder: Path, module: str, only: Path | None = None) -> CodeFold
 
 def _listed(folder: Path) -> Iterator[Path]:
     """Yield the files of a folder, Python files first, then those of the folders in it that contain Python files."""
-    entries = sorted(each for each in folder.resolve().iterdir() if each.name[0] != "." and each.name != TRUTH)
+    entries = sorted(each for each in folder.iterdir() if each.name[0] != "." and each.name != TRUTH)
     files = [each for each in entries if each.is_file() and each.resolve() == each and each.suffix != ".pyc"]
     yield from sorted(files, key=lambda each: each.suffix != ".py")
     for each in entries:

@@ -1,4 +1,8 @@
-"""Load requested estimators: built-in ones with their settings, graphs with a filter's associations, and user code."""
+"""Load requested estimators: built-in ones with their settings, graphs with a filter's associations, and user code.
+
+With `strict` filtered estimates of user code must use no later measurements: the estimate of a step must not depend on
+them.
+"""
 
 from __future__ import annotations
 
@@ -11,17 +15,23 @@ from functools import partial
 import numpy as np
 
 from slamgauge.arrays import Marks
-from slamgauge.compare.estimators.causality_check import require_causal
-from slamgauge.compare.estimators.child import Host, Run, shared_host
+from slamgauge.compare.estimators.child import Host, shared_host
 from slamgauge.compare.estimators.forms.signatures import Form, Noise
 from slamgauge.compare.estimators.registry import REGISTRY, UNDER, Entry, entry_of
 from slamgauge.compare.estimators.requests import Asked, BuiltIn, Chosen, UserCode, ask
+from slamgauge.compare.estimators.user_errors import UserCodeError
 from slamgauge.compare.scenarios.schema import Association
 from slamgauge.ekf.settings import NEAREST_NEIGHBOUR, PLAIN, FilterSettings, Initialisation, Robustness
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, Estimator
 from slamgauge.recording import Recording
+from slamgauge.se2 import wrap
 from slamgauge.truth import NOBODY
+
+PARTS = (0.25, 0.5, 0.75)  # fractions of the recording on which it runs again
+JITTER = 0.1  # largest random change of a fraction, so that no code can know where its runs will end
+SAME_POSE = 1e-5  # [m], [rad]: far above rounding, far below the effect of a measurement
+SAME_COV = 1e-3  # relative to the product of both sigmas
 
 
 @dataclass(frozen=True)
@@ -37,39 +47,28 @@ class LoadedEstimator:
         return self.estimate(recording)
 
 
-@dataclass
-class HostedEstimator:
-    """User code as an estimator, which runs in its child process.
+class HostedEstimator(Form):
+    """User code as an estimator, which runs in its child process; remarks are those of the last run.
 
-    Attributes:
+    Args:
         host: the process.
         noise: noise that it assumes.
         strict: whether filtered estimates are checked for use of the future; prefixes run in a process of their own.
-        last: the last run; None before.
     """
 
-    host: Host
-    noise: Noise = "recording"
-    strict: bool = False
-    last: Run | None = None
+    def __init__(self, host: Host, noise: Noise = "recording", *, strict: bool = False) -> None:
+        self.host, self.noise, self.strict = host, noise, strict
+        self.seconds: float | None = None  # of the last run
 
     def __call__(self, recording: Recording) -> Estimate:
-        """Run the code.
-
-        Raises:
-            UserCodeError: it raised an error, exceeded its limits, or uses the future.
-        """
-        self.last = None
-        self.last = self.host.run(recording, self.noise)
+        """Run the code; `UserCodeError`: it raised an error, exceeded its limits, or uses the future."""
+        self.remarks = ()
+        run = self.host.run(recording, self.noise)
+        self.remarks, self.replaces_noise, self.seconds = run.remarks, run.replaces_noise, run.seconds
         if self.strict:
             with closing(Host(self.host.where, self.host.limits)) as prefixes:
-                require_causal(prefixes, recording, self.last.estimate)
-        return self.last.estimate
-
-    @property
-    def remarks(self) -> list[str]:
-        """Remarks on the last run, for example replaced settings."""
-        return [] if self.last is None else self.last.remarks
+                require_causal(prefixes, recording, run.estimate)
+        return run.estimate
 
 
 def load_estimators(
@@ -143,7 +142,7 @@ def load(
     if isinstance(asked, UserCode):
         host = shared_host(asked.where, asked.limits)
         form = host.begin()
-        estimator: Estimator = HostedEstimator(host, asked.noise, asked.strict)
+        estimator: Estimator = HostedEstimator(host, asked.noise, strict=asked.strict)
     else:
         if (built_in := entry_behind(asked.call)) is not None:
             return LoadedEstimator(built_in, asked.call)
@@ -169,7 +168,12 @@ def entry_behind(estimator: Estimator) -> Entry | None:
     """Return the registry's entry of a callable, whatever its label; None if it is not a built-in estimator."""
     if isinstance(estimator, LoadedEstimator):
         return estimator.entry
-    return next((entry for entry in REGISTRY.values() if entry.is_home_of(estimator)), None)
+    for entry in REGISTRY.values():
+        module, _, attribute = entry.home.partition(":")
+        is_named = getattr(estimator, "__name__", None) == attribute  # else nothing is imported
+        if is_named and getattr(sys.modules.get(module), attribute, None) is estimator:
+            return entry
+    return None
 
 
 def _ours(entry: Entry, settings: FilterSettings) -> LoadedEstimator:
@@ -186,3 +190,41 @@ def _ours(entry: Entry, settings: FilterSettings) -> LoadedEstimator:
     if entry.role == "textbook" and settings.association != NEAREST_NEIGHBOUR:
         estimate = partial(estimate, association=settings.association)
     return LoadedEstimator(entry, estimate)
+
+
+def require_causal(host: Host, recording: Recording, estimate: Estimate) -> None:
+    """Refuse a filtered estimate that differs from the estimates of the recordings up to some steps.
+
+    The process `host` estimates these in the order of their lengths; it has never received later measurements.
+    """
+    if estimate.kind != "filtered" or len(estimate.poses) != recording.steps + 1:  # `run_estimator` refuses the latter
+        return
+    parts = np.add(PARTS, np.random.default_rng().uniform(-JITTER, JITTER, len(PARTS)))
+    steps = sorted({int(part * recording.steps) for part in parts} - {0})
+    for step in steps:
+        if what := _difference(estimate, host.run(recording.first(step)).estimate, step):
+            answers = [host.run(recording.first(step)).estimate for _ in range(2)]
+            if _difference(*answers, last=len(answers[0].poses) - 1):  # the check cannot judge it
+                remedy = "seed its random numbers, and draw them step by step"
+                raise UserCodeError(f"its answers to one recording differ from run to run; {remedy}")
+            remedy = "store a pose before the next step begins, or say kind='smoothed'"
+            raise UserCodeError(f"uses the future: from the recording up to step {step} alone, {what}; {remedy}")
+
+
+def _difference(estimate: Estimate, part: Estimate, last: int) -> str:
+    """Describe the first difference up to step `last` from an estimate that ends there; empty if they agree."""
+    if len(part.poses) != last + 1:
+        return f"it returns {len(part.poses)} poses, not {last + 1}"
+    apart = np.abs(estimate.poses[: last + 1] - part.poses)
+    apart[:, 2] = np.abs(wrap(apart[:, 2]))
+    moved = (apart > SAME_POSE).any(axis=1)
+    if moved.any():
+        step = int(moved.argmax())
+        return f"the pose of step {step} is another, {apart[step].max():.2g} m or rad away"
+    if estimate.pose_covs is None or part.pose_covs is None:
+        return ""
+    covs = estimate.pose_covs[: last + 1]
+    sigmas = np.sqrt(np.diagonal(covs, axis1=1, axis2=2))
+    bounds = SAME_COV * sigmas[:, :, None] * sigmas[:, None, :] + SAME_POSE**2
+    changed = (np.abs(covs - part.pose_covs) > bounds).any(axis=(1, 2))
+    return f"the covariance of step {int(changed.argmax())} is another" if changed.any() else ""

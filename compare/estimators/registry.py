@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import importlib
 import re
-import sys
 from dataclasses import KW_ONLY, dataclass, replace
 from typing import TYPE_CHECKING, Literal, cast
 
@@ -81,12 +80,6 @@ class Entry:
         """Return the covariances (N+1, 3, 3) of a bound."""
         return cast("Callable[[Truth, Recording], Float]", self.load())(truth, recording)
 
-    def is_home_of(self, estimator: object) -> bool:
-        """Return whether `estimator` is its function, without importing anything."""
-        module, _, attribute = self.home.partition(":")
-        named = getattr(estimator, "__name__", None) == attribute and module in sys.modules
-        return named and getattr(sys.modules[module], attribute, None) is estimator
-
 
 _ENTRIES = (
     Entry(DEAD_RECKONING, "slamgauge.ekf:dead_reckoning"),
@@ -152,26 +145,20 @@ def entry_of(name: str) -> Entry:
         UserError: the name is unknown.
     """
     graph, under, filter_name = name.partition(UNDER)
-    entry = _plain_entry_of(graph)
+    stem, _, steps = graph.rpartition("-")
+    entry = (REGISTRY | BOUNDS).get(graph)
+    if stem == FIXED_LAG and re.fullmatch(LAG, steps):
+        entry = replace(REGISTRY[stem], name=graph, note="", lag=int(steps))
     if entry is not None and not under:
         return entry
     if entry is not None and entry.takes_associations and filter_name in FILTERS:
         return replace(entry, name=name, role="graph", note="", title="")
-    if under and entry is not None:
+    remedy = did_you_mean(graph, REGISTRY)
+    if entry is not None:
         remedy = f"write GRAPH@FILTER with one of {', '.join(GRAPHS)} and one of {', '.join(FILTERS)}"
-    elif (stem := graph.rpartition("-")[0]) == FIXED_LAG and graph[len(stem) + 1 :].isdecimal():
+    elif stem == FIXED_LAG and steps.isdecimal():
         remedy = f"write {stem}-N with a number N of steps from 1 to 999999999"
-    else:
-        remedy = did_you_mean(graph, REGISTRY)
     raise UserError(f"estimator {name!r} is not known; {remedy}")
-
-
-def _plain_entry_of(name: str) -> Entry | None:
-    """Return the entry of a name without `@`; None if it is unknown."""
-    stem, _, steps = name.rpartition("-")
-    if stem == FIXED_LAG and re.fullmatch(LAG, steps):
-        return replace(REGISTRY[stem], name=name, note="", lag=int(steps))
-    return (REGISTRY | BOUNDS).get(name)
 
 
 def is_ours(name: str) -> bool:

@@ -91,7 +91,7 @@ class UserCode(_User):
         where: its address.
         noise: noise that it assumes.
         limits: its time, and whether it runs behind a wall.
-        strict: whether filtered estimates are checked for use of the future (`causality_check`).
+        strict: whether filtered estimates are checked for use of the future (`loading`).
     """
 
     where: Address
@@ -165,11 +165,7 @@ def _asked(label: str, what: str | Estimator) -> Asked:
 
 
 def with_limits(asked: Sequence[Asked], limits: Limits, *, strict: bool = False) -> list[Asked]:
-    """Set the limits of user code among the requests.
-
-    Raises:
-        UserError: it must run behind a wall, and this system has none.
-    """
+    """Set the limits of user code among the requests, or refuse it if it needs a wall and this system has none."""
     if limits.is_walled and any(isinstance(each, UserCode) for each in asked):
         require_wall()
     return [replace(each, limits=limits, strict=strict) if isinstance(each, UserCode) else each for each in asked]
@@ -188,11 +184,7 @@ def with_noise(asked: Sequence[Asked], noise: Noise | Literal["both"]) -> list[A
 
 
 def labels_among(names: Sequence[str], among: Collection[str], otherwise: str) -> list[str]:
-    """Return the labels of estimators that are given by label or address.
-
-    Raises:
-        UserError: a label is not `among` the available ones; the message contains `otherwise`.
-    """
+    """Return the labels of estimators that are given by label or address; labels not `among` others are refused."""
     labels = [name if name in among or ":" not in name else address(name).label for name in names]
     for name, label in zip(names, labels, strict=True):
         if label not in among:

@@ -76,8 +76,7 @@ def run_estimator(
     if remarked and not is_built_in:
         tell_remarks(name, remarks_of(estimator))
     inner = estimator.estimate if isinstance(estimator, LoadedEstimator) else estimator
-    if isinstance(inner, HostedEstimator) and inner.last is not None:
-        seconds = inner.last.seconds
+    seconds = inner.seconds if isinstance(inner, HostedEstimator) and inner.seconds is not None else seconds
     if reason := _misfit(estimate, recording):
         raise UserError(f"estimator {name}: {reason}")
     return cast("Estimate", estimate), seconds
@@ -102,11 +101,7 @@ def _misfit(estimate: object, recording: Recording) -> str:
 
 
 def try_out(asked: Asked, recording: Recording) -> None:
-    """Run user code on the first two steps of a recording, so that a refusal is printed before any run.
-
-    Raises:
-        UserError: the code cannot be loaded, has none of the forms, or fails.
-    """
+    """Run user code on the first two steps of a recording, so that a refusal is printed before any run."""
     if isinstance(asked, UserCode):
         estimator = load(replace(asked, strict=False), announced=False)
         run_estimator(asked.label, estimator, recording.first(min(2, recording.steps)), remarked=False)
@@ -114,15 +109,11 @@ def try_out(asked: Asked, recording: Recording) -> None:
 
 @dataclass(frozen=True)
 class SideBySide:
-    """Results of several estimators on one recording.
+    """Results of several estimators on one recording, by name.
 
-    Attributes:
-        estimates: by name.
-        seconds: computing times [s] by name; stored estimates have none.
-        failures: reasons of missing estimates, by name.
-        optima: name of the optimum of each kind of estimate.
-        stand_ins: optima with the associations of an estimator, used if the true ones are unknown.
-        remarks: remarks on user code, for example replaced settings, by name.
+    `seconds` are computing times, which stored estimates lack, `failures` are reasons of missing estimates. `optima`
+    are names by kind, `stand_ins` those with the associations of an estimator, used if the true ones are unknown.
+    `remarks` are those on user code, for example replaced settings.
     """
 
     estimates: dict[str, Estimate] = field(default_factory=dict)
@@ -165,7 +156,7 @@ def run_side_by_side(
     ran = SideBySide()
     with counted(len(estimators), "estimator") as progress:
         for label in sorted(estimators, key=lambda name: name in told and not has_ids):
-            progress.set_description(label)
+            progress.set_description(label, refresh=not progress.delay)
             estimator, is_optimum = estimators[label], label in told and told[label].role == "optimum"
             others = {name: each.association for name, each in ran.estimates.items() if name not in graphs}
             makers = [name for name, association in others.items() if association is not None]
@@ -190,11 +181,7 @@ def run_side_by_side(
 
 
 def require_room_for_runs(runs: int, scenario: Scenario, estimators: int) -> None:
-    """Refuse runs whose series do not fit into memory; the summary of a study loads all of them.
-
-    Raises:
-        UserError: they do not fit.
-    """
+    """Refuse runs whose series do not fit into memory; the summary of a study loads all of them."""
     poses = len(scenario.trajectory.stamps(scenario.prior.mean))
     what = f"runs: to sum up {runs} of {poses - 1} steps and {estimators} estimators"
     needed = float(SERIES_BYTES) * runs * poses * (estimators + 1)  # the series of one estimator are loaded twice
@@ -202,11 +189,7 @@ def require_room_for_runs(runs: int, scenario: Scenario, estimators: int) -> Non
 
 
 def require_room_for_estimates(recording: Recording, asked: Sequence[Asked]) -> None:
-    """Refuse estimators whose estimates, filters whose covariance, or graphs whose matrices do not fit into memory.
-
-    Raises:
-        UserError: they do not fit.
-    """
+    """Refuse estimators whose estimates, filters whose covariance, or graphs whose matrices do not fit into memory."""
     what = f"estimators: {len(asked)} of {recording.steps} steps: what they estimate"
     needed = float(ESTIMATE_BYTES) * recording.steps * len(asked)
     require_memory(needed, what, "give fewer, or a shorter run")
@@ -217,6 +200,6 @@ def require_room_for_estimates(recording: Recording, asked: Sequence[Asked]) -> 
             require_memory(8.0 * (3 + 2 * landmarks) ** 2, what, "give fewer landmarks, or leave it out")
         if landmarks and any(each.name.startswith(name) for name in GRAPHS) and UNDER not in each.name:
             from slamgauge.graph_baseline.problem.preparation import prepare  # slow libraries
-            from slamgauge.graph_baseline.solver.memory_estimate import require_memory_for
+            from slamgauge.graph_baseline.solver.smoother import require_memory_for
 
             require_memory_for(prepare(recording), each.name)

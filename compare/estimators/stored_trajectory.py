@@ -77,45 +77,37 @@ def load_stored(path: Path, recording: Recording, time_offset: float = 0.0, max_
         UserError: the file is missing or does not fit the recording; the message names the line.
     """
     bag, colon, topic = str(path).partition(":/")
-    if not colon and (path.suffix == ".npz" or not has_stamps(path)):
-        if time_offset:
-            raise UserError(f"{path}: has no stamps that --time-offset could change; leave it out")
-        if path.suffix == ".npz":
-            return StoredEstimate(load_estimate(path))
-        found = StoredEstimate(read_estimate_csv(path, "filtered", recording.steps))
-    else:
-        trajectory = _read_bag(Path(bag), f"/{topic}") if colon else read_trajectory(path)
+    if colon or (path.suffix != ".npz" and has_stamps(path)):
+        if colon:
+            from slamgauge.compare.datasets.bag_log import read_bag_trajectory  # needs the extra `ros`
+
+            trajectory = read_bag_trajectory(Path(bag), f"/{topic}")
+        else:
+            trajectory = read_trajectory(path)
         found = stored_estimate(trajectory._replace(stamps=trajectory.stamps + time_offset), recording, max_gap)
+    elif time_offset:
+        raise UserError(f"{path}: has no stamps that --time-offset could change; leave it out")
+    elif path.suffix == ".npz":
+        return StoredEstimate(load_estimate(path))
+    else:
+        found = StoredEstimate(read_estimate_csv(path, "filtered", recording.steps))
     for doubt in path_doubts(found.estimate.poses, recording):
         tell_once(f"{path}: its path {doubt}")
     return found
 
 
-def _read_bag(path: Path, topic: str) -> Trajectory:
-    from slamgauge.compare.datasets.bag_log import read_bag_trajectory  # needs the extra `ros`
-
-    return read_bag_trajectory(path, topic)
-
-
 def stored_estimate(trajectory: Trajectory, recording: Recording, max_gap: float = MAX_GAP) -> StoredEstimate:
     """Return the filtered estimate of a recording that a trajectory is, and print how many of its poses are compared.
 
-    Of several poses with the same stamp the first is used, and of several near a step the nearest.
-
-    Args:
-        trajectory: poses with stamps.
-        recording: its steps and odometry.
-        max_gap: longest time without a pose [s].
-
-    Raises:
-        UserError: a step is in a longer gap, or the poses are not valid.
+    Of several poses with the same stamp the first is used, and of several near a step the nearest. `UserError`: a step
+    is in a gap of more than `max_gap` [s], or the poses are not valid.
     """
-    where, steps = trajectory.where, recording.stamps
-    found = _distinct(trajectory)
+    found, steps = _distinct(trajectory), recording.stamps
     _require_poses(found, steps, max_gap)
-    rows = _nearest(steps, found.stamps)
-    off = np.abs(found.stamps[rows] - steps)
-    has_own = off <= _reach(steps)
+    rows = np.searchsorted((found.stamps[1:] + found.stamps[:-1]) / 2, steps)  # the nearest poses
+    off, ways = np.abs(found.stamps[rows] - steps), np.diff(steps)
+    reach = 0.5 * np.minimum(np.append(ways, np.inf), np.append(np.inf, ways)) if len(ways) else MATCH
+    has_own = off <= reach  # nearer than half of the way to the next step
     near = has_own & (off <= MATCH)
     at_steps = _along_odometry(found, recording)
     at_steps[near] = found.poses[rows[near]]
@@ -130,9 +122,10 @@ def stored_estimate(trajectory: Trajectory, recording: Recording, max_gap: float
             return StoredEstimate(estimate)
         own = OwnPoses(Estimate("filtered", poses, own_covs), np.where(has_own, found.stamps[rows], np.nan))
     except UserError as error:
-        raise UserError(f"{where}: {error}") from None
+        raise UserError(f"{found.where}: {error}") from None
     own.stamps[near] = steps[near]
-    tell_once(f"{where}: {has_own.sum()} poses are compared, at their own stamps; the recording has {len(steps)} steps")
+    what = f"{has_own.sum()} poses are compared, at their own stamps; the recording has {len(steps)} steps"
+    tell_once(f"{found.where}: {what}")
     return StoredEstimate(estimate, own)
 
 
@@ -153,8 +146,9 @@ def _require_poses(trajectory: Trajectory, steps: Float, max_gap: float) -> None
     ends = np.concatenate([[-np.inf], stamps, [np.inf]])
     after = np.searchsorted(stamps, steps)  # in `ends`, the stamps before and after a step are at `after` and one on
     before, behind = steps - ends[after], ends[after + 1] - steps
-    gap = np.where(np.isfinite(before + behind), before + behind, np.minimum(before, behind))
-    missing = (gap > max_gap + MATCH) & (np.minimum(before, behind) > MATCH)
+    nearest = np.minimum(before, behind)
+    gap = np.where(np.isfinite(before + behind), before + behind, nearest)
+    missing = (gap > max_gap + MATCH) & (nearest > MATCH)
     if not missing.any():
         return
     step = int(np.argmax(missing))
@@ -167,46 +161,25 @@ def _require_poses(trajectory: Trajectory, steps: Float, max_gap: float) -> None
     )
 
 
-def _nearest(steps: Float, stamps: Float) -> Int:
-    """Return the row of the nearest of the sorted stamps (n,) for each step (N+1,)."""
-    after = np.clip(np.searchsorted(stamps, steps), 1, max(len(stamps) - 1, 1))
-    is_before = steps - stamps[after - 1] <= np.abs(stamps[np.minimum(after, len(stamps) - 1)] - steps)
-    return np.where(is_before, after - 1, np.minimum(after, len(stamps) - 1))
-
-
-def _reach(steps: Float) -> Float:
-    """Return how far from each step (N+1,) its pose may be [s]: half of the way to the nearer neighbour."""
-    ways = np.diff(steps)
-    if not len(ways):
-        return np.full(len(steps), MATCH)
-    return 0.5 * np.minimum(np.append(ways, np.inf), np.append(np.inf, ways))
-
-
 def _along_odometry(trajectory: Trajectory, recording: Recording) -> Float:
     """Return poses (N+1, 3) at the steps that follow the odometry from one pose of a trajectory to the next.
 
     The difference to the next pose is distributed over the time between both.
     """
+    stamps, poses = trajectory.stamps, trajectory.poses
     driven = chain(np.zeros(3), recording.odometry)
-    at_own = _driven_at(driven, recording, trajectory.stamps)
-    last = len(trajectory.stamps) - 1
-    before = np.clip(np.searchsorted(trajectory.stamps, recording.stamps, side="right") - 1, 0, last)
-    after = np.minimum(before + 1, last)
-    begin = trajectory.poses[before]
-    found = compose(begin, between(at_own[before], driven))
-    rest = trajectory.poses[after] - compose(begin, between(at_own[before], at_own[after]))
+    begin, share = _places(recording.stamps, stamps)
+    motions = np.vstack([recording.odometry, np.zeros(3)])  # none after the last step
+    at_own = compose(driven[begin], exp(share * log(motions[begin])))
+    before, share = _places(stamps, recording.stamps)
+    after = np.minimum(before + 1, len(stamps) - 1)
+    rest = poses[after] - compose(poses[before], between(at_own[before], at_own[after]))
     rest[:, 2] = wrap(rest[:, 2])
-    way = trajectory.stamps[after] - trajectory.stamps[before]
-    gone = (recording.stamps - trajectory.stamps[before]) / np.where(way > 0.0, way, 1.0)
-    share = np.where(way > 0.0, gone, 0.0).clip(0.0, 1.0)
-    return found + share[:, None] * rest
+    return compose(poses[before], between(at_own[before], driven)) + share * rest
 
 
-def _driven_at(driven: Float, recording: Recording, times: Float) -> Float:
-    """Return the poses (n, 3) at times (n,) [s] of the path (N+1, 3) of the odometry alone."""
-    steps = recording.stamps
-    begin = np.clip(np.searchsorted(steps, times, side="right") - 1, 0, max(recording.steps - 1, 0))
-    if not recording.steps:
-        return driven[begin]
-    share = np.clip((times - steps[begin]) / (steps[begin + 1] - steps[begin]), 0.0, 1.0)
-    return compose(driven[begin], exp(share[:, None] * log(recording.odometry[begin])))
+def _places(stamps: Float, times: Float) -> tuple[Int, Float]:
+    """Return the last stamp (row) before each of times (n,), and the share (n, 1) of the way from it to the next."""
+    places = np.interp(times, stamps, np.arange(len(stamps)))
+    rows = places.astype(np.int64)
+    return rows, (places - rows)[:, None]

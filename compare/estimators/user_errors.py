@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import importlib
 import sysconfig
-import traceback
 from pathlib import Path
+from traceback import extract_tb
 
 from slamgauge import errors
 from slamgauge.errors import CovarianceError, UserError
@@ -33,15 +33,13 @@ class WrongCovarianceError(UserCodeError, CovarianceError):
 
 
 def reason_of(error: BaseException, folder: str = "") -> str:
-    """Return in one line why user code returned no estimate; a line of a file in `folder` is named first."""
-    return str(error) if isinstance(error, UserCodeError) else where_it_broke(error, folder)
-
-
-def where_it_broke(error: BaseException, folder: str = "") -> str:
-    """Return the error in one line, with the last line of the user's files that it passed through."""
+    """Return in one line why user code returned no estimate, with the last line in `folder` if possible."""
+    if isinstance(error, UserCodeError):
+        return str(error)
     what = f"it raised {type(error).__name__}: {_message_of(error)}"
     if not isinstance(error, SyntaxError):  # its message names the line
-        frames = [each for each in user_frames(error) if not each.filename.startswith(("<", importlib.__file__))]
+        frames = [each for each in extract_tb(error.__traceback__) if Path(each.filename).parent not in SILENT]
+        frames = [each for each in frames if not each.filename.startswith(("<", importlib.__file__))]
         frames = [each for each in frames if not each.filename.startswith(LIBRARIES)] or frames
         frames = [each for each in frames if folder and each.filename.startswith(folder)] or frames
         what += "".join(f" ({Path(frame.filename).name}, line {frame.lineno})" for frame in frames[-1:])
@@ -70,9 +68,3 @@ def _message_of(error: BaseException) -> str:
     except Exception as another:  # noqa: BLE001 user code may raise anything
         return f"(no message: its text raised {type(another).__name__})"
     return " ".join(text.split()) or "(no message)"
-
-
-def user_frames(error: BaseException) -> list[traceback.FrameSummary]:
-    """Return the frames of an error outside the folders of slamgauge that run user code."""
-    frames = traceback.extract_tb(error.__traceback__)
-    return [frame for frame in frames if Path(frame.filename).parent not in SILENT]

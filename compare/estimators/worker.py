@@ -46,15 +46,10 @@ OLD_NAMES |= {"product": np.prod, "row_stack": np.vstack, "mat": np.asmatrix}
 
 
 class Code:
-    """User code at an address.
+    """User code at the address of a first request (`child`); `most` ends the errors of a lack of memory."""
 
-    Args:
-        where: `folder`, `module`, `attribute`, `place`, and `files`, the Python files of the folder.
-        walled: whether it runs behind a wall.
-    """
-
-    def __init__(self, where: Mapping[str, Any], *, walled: bool) -> None:
-        self._where, self._walled = where, walled
+    def __init__(self, where: Mapping[str, Any], most: str) -> None:
+        self._where, self._most = where, most
         self._files = {str(Path(where["folder"], path)) for path in where["files"]}
         self._attribute: str = where["attribute"]
         self._loaded: Estimator | None = None
@@ -112,7 +107,7 @@ class Code:
             estimate = cast("object", estimator(recording))
             seconds = perf_counter() - start
         except (Exception, SystemExit) as error:  # noqa: BLE001 user code may raise anything
-            most = "; its process may take 4 GB" if isinstance(error, MemoryError) and self._walled else ""
+            most = self._most if isinstance(error, MemoryError) else ""
             return _failure(error, f"{reason_of(error, self._where['folder'])}{most}"), None
         if not isinstance(estimate, Estimate):
             return {"reason": f"returned a {type(estimate).__name__}; return a slamgauge.Estimate"}, None
@@ -125,33 +120,6 @@ def _failure(error: BaseException, reason: str) -> Mapping[str, object]:
     if isinstance(error, FormError):
         return {"refusal": reason.splitlines()}
     return {"reason": reason, "is_wrong_covariance": isinstance(error, CovarianceError)}
-
-
-def serve(requests: IO[bytes], answers: IO[bytes], *, walled: bool) -> None:
-    """Answer requests until their pipe ends."""
-    _answer(answers, {})
-    first = read_request(requests)
-    if first is None:
-        return
-    where, _ = first
-    sys.argv, sys.dont_write_bytecode = [where["place"]], True
-    sys.path.insert(0, where["folder"])
-    code = Code(where, walled=walled)
-    _answer(answers, code.load())
-    while (request := read_request(requests)) is not None:
-        fields, recording = request
-        assert recording is not None
-        pid = os.fork() if walled else 0
-        if pid == 0:
-            _answer(answers, *code.run(recording, fields["noise"]))
-            if walled:
-                os._exit(ANSWERED)
-            continue
-        status = os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
-        _clear()
-        if status != ANSWERED:
-            how = f"was ended by {signal.Signals(-status).name}" if status < 0 else f"ended with status {status}"
-            _answer(answers, {"reason": f"its process {how}{' before the run was done' if status >= 0 else ''}"})
 
 
 def _answer(out: IO[bytes], fields: Mapping[str, object], estimate: Estimate | None = None) -> None:
@@ -191,7 +159,7 @@ def _clear() -> None:
 
 
 def main() -> None:
-    """Serve the requests of one slamgauge process; the code does not see the pipes of requests and answers."""
+    """Answer the requests of a slamgauge process until their pipe ends; the code does not see both pipes."""
     walled = sys.argv[1:] == [WALLED]
     requests, answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
@@ -204,7 +172,26 @@ def main() -> None:
     for name, value in OLD_NAMES.items():
         if name not in vars(np):
             setattr(np, name, value)
-    serve(requests, answers, walled=walled)
+    _answer(answers, {})
+    code: Code | None = None
+    while (request := read_request(requests)) is not None:
+        fields, recording = request
+        if code is None or recording is None:
+            sys.argv, sys.dont_write_bytecode = [fields["place"]], True
+            sys.path.insert(0, fields["folder"])
+            code = Code(fields, "; its process may take 4 GB" if walled else "")
+            _answer(answers, code.load())
+        elif not walled:
+            _answer(answers, *code.run(recording, fields["noise"]))
+        elif pid := os.fork():
+            status = os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
+            _clear()
+            if status != ANSWERED:
+                how = f"was ended by {signal.Signals(-status).name}" if status < 0 else f"ended with status {status}"
+                _answer(answers, {"reason": f"its process {how}{' before the run was done' if status >= 0 else ''}"})
+        else:
+            _answer(answers, *code.run(recording, fields["noise"]))
+            os._exit(ANSWERED)
 
 
 if __name__ == "__main__":

@@ -24,8 +24,8 @@ from slamgauge.compare.exercise.settings import CAUSAL, EKF, FILTERS, GTSAM, OPT
 from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
 from slamgauge.compare.scenarios.simulation import informed, simulate
 from slamgauge.compare.scoring.intervals import mean, rms
-from slamgauge.compare.scoring.measured import closure_steps
 from slamgauge.compare.scoring.optimum_notes import doubt_in_runs
+from slamgauge.compare.scoring.run_arrays import closure_steps
 from slamgauge.compare.scoring.runs import Runs
 from slamgauge.compare.scoring.table import interval_cell
 from slamgauge.compare.storage.result_files import STUDIES, origin

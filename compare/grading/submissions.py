@@ -22,17 +22,11 @@ MAIN = ("submission.py", "main.py")  # main file of a folder with several files,
 
 @dataclass(frozen=True)
 class Submission:
-    """A submitted filter.
+    """A submitted filter."""
 
-    Attributes:
-        name: name of the file or folder.
-        where: its file or package, without the name of a callable; None if there is a reason.
-        reason: why it cannot be run.
-    """
-
-    name: str
-    where: Address | None
-    reason: str = ""
+    name: str  # of its file or folder
+    where: Address | None  # its file or package, without the name of a callable; None if there is a reason
+    reason: str = ""  # why it cannot be run
 
 
 def submissions_in(folder: Path) -> list[Submission]:
@@ -40,25 +34,24 @@ def submissions_in(folder: Path) -> list[Submission]:
 
     The main file of a folder is `submission.py`; else the folder is a package, or its main file is its only Python
     file, `main.py`, or the only file that defines a known form (`_defines_a_form`). If only folders in it contain
-    Python files, the main file is in one of these. Names that begin with a dot or an underscore are skipped. No code
-    runs.
+    Python files, the main file is in one of these. Names that begin with a dot or an underscore are skipped. A notebook
+    is a submission, which is not graded. No code runs.
 
     Raises:
         UserError: the folder cannot be read, or contains no submission.
     """
     with explained(folder, "read"):
         entries = sorted(each for each in folder.iterdir() if each.name[0] not in "._")
-    given = [each for each in entries if _is_given(each)]
+    given = [
+        each
+        for each in entries
+        if _is_python(each) or each.suffix == NOTEBOOK or any(each.glob("*.py")) or _folders_with_python(each)
+    ]
     if not given:
         raise UserError(f"{folder}: contains no submission; give a folder of Python files, or of folders with them")
     stems = [each.stem if _is_python(each) else each.name for each in given]
     names = _distinct(stems, [each.name for each in given])
     return [_submission(path, name) for path, name in zip(given, names, strict=True)]
-
-
-def _is_given(path: Path) -> bool:
-    """Return whether a path is a submission; a notebook is one, which is not graded."""
-    return _is_python(path) or path.suffix == NOTEBOOK or any(path.glob("*.py")) or bool(_folders_with_python(path))
 
 
 def _distinct(stems: Sequence[str], files: Sequence[str]) -> list[str]:
@@ -73,43 +66,42 @@ def _distinct(stems: Sequence[str], files: Sequence[str]) -> list[str]:
 def _submission(path: Path, name: str) -> Submission:
     """Return the submission at a path: a file alone, or a folder with all that it contains."""
     try:
-        if path.suffix == NOTEBOOK:
-            return Submission(name, None, f"{path.name}: {NOT_A_NOTEBOOK}")
-        if not path.is_file() and not _folders_with_python(path):
-            return Submission(
-                name, None, f"{path.name}: is or has no Python file (no pipe, no broken link); hand in a file"
-            )
-        file = path if path.is_file() else _main_file(path)
-        if file is not None and "." in file.stem:
-            return Submission(name, None, f"{file.name}: no Python module can have a dot in its name; rename the file")
-        place = str(path if file is None else file)
-        if file is None:
-            code = read_folder(path.parent, path.name, path)
-        else:
-            code = read_folder(file.parent, file.stem, file if file == path else None)
-        if not code.files or not Path(place).resolve().is_relative_to(path.parent.resolve()):
-            return Submission(name, None, f"{path.name}: is a link to a file elsewhere; put the file itself there")
-        return Submission(name, Address(place, name, place, "", code))
+        return Submission(name, _address(path, name))
     except UserError as error:
         return Submission(name, None, str(error))
     except OSError as error:
         return Submission(name, None, f"{path.name}: cannot be read ({error.strerror}); check its permissions")
 
 
+def _address(path: Path, name: str) -> Address:
+    if path.suffix == NOTEBOOK:
+        raise UserError(f"{path.name}: {NOT_A_NOTEBOOK}")
+    file = path if path.is_file() else _main_file(path)
+    if file is None:
+        place, code = path, read_folder(path.parent, path.name, path)
+    elif "." in file.stem:
+        raise UserError(f"{file.name}: no Python module can have a dot in its name; rename the file")
+    else:
+        place, code = file, read_folder(file.parent, file.stem, file if file == path else None)
+    if not code.files or not place.resolve().is_relative_to(path.parent.resolve()):
+        raise UserError(f"{path.name}: is a link to a file elsewhere; put the file itself there")
+    return Address(str(place), name, str(place), "", code)
+
+
 def _main_file(submission: Path) -> Path | None:
     """Return the main file of a submission's folder; None for a package.
 
     Raises:
-        UserError: several files may be the main file.
+        UserError: there is no file, or several may be the main file.
     """
     folders = _folders_with_python(submission)
-    files = _python_files(folders[0])
+    if not folders:
+        raise UserError(f"{submission.name}: is or has no Python file (no pipe, no broken link); hand in a file")
+    files = [each for folder in folders for each in _python_files(folder)]
     if submission / MAIN[0] in files:
         return submission / MAIN[0]
     if submission / "__init__.py" in files:
         return None
-    if folders[0] != submission:
-        files = [each for folder in folders for each in _python_files(folder)]
     named = [each for each in files if each.name in MAIN]
     found = files if len(files) == 1 else named or [each for each in files if _defines_a_form(each)]
     if len(found) != 1:
@@ -122,9 +114,11 @@ def _folders_with_python(folder: Path) -> list[Path]:
     """Return a folder if it contains Python files, else all folders in it that do, at any depth."""
     if _python_files(folder):
         return [folder]
-    if not folder.is_dir():
-        return []
-    inside = sorted(each for each in folder.iterdir() if each.is_dir() and each.name[0] not in "._")
+    inside = (
+        sorted(each for each in folder.iterdir() if each.is_dir() and each.name[0] not in "._")
+        if folder.is_dir()
+        else []
+    )
     return [found for each in inside if not each.is_symlink() for found in _folders_with_python(each)]
 
 
@@ -138,13 +132,15 @@ def _defines_a_form(path: Path) -> bool:
         body = ast.parse(path.read_bytes()).body
     except (SyntaxError, ValueError, RecursionError, MemoryError):
         return False
-    names = {each.name for each in body if isinstance(each, ast.FunctionDef | ast.ClassDef)}
+    names, classes = set[str](), list[set[str]]()
     for each in body:
         if isinstance(each, ast.Assign):
             names |= {target.id for target in each.targets if isinstance(target, ast.Name)}
-    classes = [each for each in body if isinstance(each, ast.ClassDef)]
-    methods = [{part.name for part in each.body if isinstance(part, ast.FunctionDef)} for each in classes]
-    return bool(names & {*NAMES}) or any({"predict", "update"} <= found for found in methods)
+        elif isinstance(each, ast.FunctionDef | ast.ClassDef):
+            names.add(each.name)
+        if isinstance(each, ast.ClassDef):
+            classes.append({part.name for part in each.body if isinstance(part, ast.FunctionDef)})
+    return bool(names & {*NAMES}) or any({"predict", "update"} <= methods for methods in classes)
 
 
 def _is_python(path: Path) -> bool:

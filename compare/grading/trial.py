@@ -7,22 +7,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from contextlib import ExitStack, closing
+from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.compare.checks.check import Check
 from slamgauge.compare.checks.examination import Verdict, check_estimator
-from slamgauge.compare.estimators.causality_check import require_causal
 from slamgauge.compare.estimators.child import Host
 from slamgauge.compare.estimators.forms.signatures import shortened
-from slamgauge.compare.estimators.loading import HostedEstimator, load, without
+from slamgauge.compare.estimators.loading import HostedEstimator, load, require_causal, without
 from slamgauge.compare.estimators.registry import CAUSAL
 from slamgauge.compare.estimators.requests import Address, Asked, Limits, ask
 from slamgauge.compare.estimators.running import run_estimator
+from slamgauge.compare.grading.rubric import Rubric
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.scenarios.simulation import simulate, simulate_informed
 from slamgauge.compare.scoring.scores import Score, evaluate
@@ -37,43 +36,42 @@ NO_IDS = "they need ranges and bearings with ids"
 
 @dataclass
 class Trial:
-    """Runs and checks of a submission.
+    """Runs and checks of a submission."""
 
-    Attributes:
-        callable: name of the callable that was found in its file.
-        form: description of its form.
-        scores: scores of its runs in their order, as far as they succeeded.
-        settings: remarks of its form on its first run, for example settings of the file that are replaced.
-        own_noise: scores of the same runs with the noise of the file, if it has another one that can be set.
-        verdicts: results of the checks, if they apply.
-        no_checks: why the checks do not apply.
-        output: its last lines of output.
-        reason: why it cannot be graded.
-    """
+    callable: str = ""  # name of the callable that was found in its file
+    form: str = ""  # description of its form
+    scores: list[Score] = field(default_factory=list)  # of its runs in their order, as far as they succeeded
+    settings: list[str] = field(default_factory=list)  # remarks of its form, for example settings that are replaced
+    own_noise: list[Score] = field(default_factory=list)  # of the same runs with the noise of the file, if it differs
+    verdicts: list[Verdict] = field(default_factory=list)  # of the checks, if they apply
+    no_checks: str = ""  # why the checks do not apply
+    output: str = ""  # its last printed lines
+    reason: str | None = None  # why it cannot be graded
 
-    callable: str = ""
-    form: str = ""
-    scores: list[Score] = field(default_factory=list)
-    settings: list[str] = field(default_factory=list)
-    own_noise: list[Score] = field(default_factory=list)
-    verdicts: list[Verdict] = field(default_factory=list)
-    no_checks: str = ""
-    output: str = ""
-    reason: str | None = None
+    @property
+    def failed_checks(self) -> list[str]:
+        """Names of the failed checks."""
+        return [verdict.name for verdict in self.verdicts if verdict.is_failure]
 
 
 class Run(NamedTuple):
-    """A run of the reference.
+    """A run of the reference."""
 
-    Attributes:
-        seed: seed of the simulation.
-        score: score of the reference.
-        optimum: estimate of the causal optimum; None if it is undetermined.
-    """
+    seed: int  # of the simulation
+    score: Score  # of the reference
+    optimum: Estimate | None  # causal optimum; None if it is undetermined
 
-    seed: int
-    score: Score
-    optimum: Estimate | None
+
+@dataclass(frozen=True)
+class GradeSettings:
+    """Settings of grading."""
+
+    scenario: Scenario  # of the simulated runs
+    runs: int  # number of runs, at least 2
+    seed: int  # root seed, not negative
+    reference: Asked  # estimator whose results submissions are compared with
+    limits: Limits  # largest time of a run of a submission, and whether it runs behind a wall
+    rubric: Rubric  # weights of the points
 
 
 def reference_run(scenario: Scenario, seed: int, reference: Asked) -> Run:
@@ -95,24 +93,15 @@ def reference_run(scenario: Scenario, seed: int, reference: Asked) -> Run:
     return Run(seed, _scored(truth, recording, estimate, optimum, seconds), optimum)
 
 
-def run_trial(
-    where: Address, name: str, scenario: Scenario, runs: Sequence[Run], limits: Limits, checks: Sequence[Check]
-) -> Trial:
-    """Run a submission on all runs, then the checks if they apply to such recordings.
+def run_trial(where: Address, name: str, settings: GradeSettings, runs: Sequence[Run]) -> Trial:
+    """Run the submission `name` at `where` on all runs, then the checks if they apply to such recordings.
 
-    Runs, the shorter recordings of the causality check, and checks have a process each.
-
-    Args:
-        where: its file.
-        name: its name in error messages.
-        scenario: scenario of the runs.
-        runs: the same runs of the reference.
-        limits: largest time of a run, and whether it runs behind a wall.
-        checks: checks that it is judged by.
+    Runs, the shorter recordings of the causality check, and checks have a process each; `runs` are the same runs of the
+    reference.
     """
-    trial = Trial()
+    trial, scenario = Trial(), settings.scenario
     with ExitStack() as open_ones:
-        host, prefixes, checked = (open_ones.enter_context(closing(Host(where, limits))) for _ in range(3))
+        host, prefixes, checked = (open_ones.enter_context(closing(Host(where, settings.limits))) for _ in range(3))
         try:
             trial.form = host.begin() or "estimate(recording)"
             trial.callable = host.where.attribute
@@ -120,7 +109,8 @@ def run_trial(
             if not SENSORS[scenario.sensor.kind].has_range or scenario.association.method != "known":
                 trial.no_checks = NO_IDS
             else:
-                trial.verdicts = check_estimator(name, HostedEstimator(checked), checks=checks)
+                estimator = HostedEstimator(checked)
+                trial.verdicts = check_estimator(name, estimator, checks=settings.rubric.needed_checks)
         except UserError as error:
             is_done = len(trial.scores) == len(runs)
             which = "small recording of the checks: " if is_done else f"run {len(trial.scores)}: " if trial.form else ""
@@ -131,32 +121,29 @@ def run_trial(
 
 
 def _run_all(trial: Trial, host: Host, prefixes: Host, name: str, scenario: Scenario, runs: Sequence[Run]) -> None:
-    """Add the scores of all runs to a trial; the first, the middle and the last one are checked for causality."""
+    """Add the scores of all runs to a trial; the first, the middle and the last one are checked for causality.
+
+    If the file has other noise, the runs are repeated with it; these scores are left out if it fails with that noise.
+    """
     estimator, has_own_noise = HostedEstimator(host), False
     for number, run in enumerate(runs):
         truth, recording = simulate(scenario, run.seed)
         estimate, seconds = run_estimator(name, estimator, recording, remarked=False)
-        if number == 0 and estimator.last is not None:
-            trial.settings, has_own_noise = estimator.remarks, estimator.last.replaces_noise
+        if number == 0:
+            trial.settings, has_own_noise = [*estimator.remarks], estimator.replaces_noise
         if number in (0, len(runs) // 2, len(runs) - 1):
             require_causal(prefixes, recording, estimate)
         trial.scores.append(_scored(truth, recording, estimate, run.optimum, seconds))
     if has_own_noise:
-        trial.own_noise = _own_noise_scores(host, name, scenario, runs)
+        with suppress(UserError):
+            trial.own_noise = [_own_noise_score(host, name, scenario, run) for run in runs]
 
 
-def _own_noise_scores(host: Host, name: str, scenario: Scenario, runs: Sequence[Run]) -> list[Score]:
-    """Return the scores with the noise of the file; without scores if it fails with that noise."""
-    scores: list[Score] = []
+def _own_noise_score(host: Host, name: str, scenario: Scenario, run: Run) -> Score:
+    truth, recording = simulate(scenario, run.seed)
     estimator = HostedEstimator(host, noise="file")
-    for run in runs:
-        truth, recording = simulate(scenario, run.seed)
-        try:
-            estimate, seconds = run_estimator(f"{name}, noise of the file", estimator, recording, remarked=False)
-        except UserError:
-            return []
-        scores.append(_scored(truth, recording, estimate, None, seconds))
-    return scores
+    estimate, seconds = run_estimator(f"{name}, noise of the file", estimator, recording, remarked=False)
+    return _scored(truth, recording, estimate, None, seconds)
 
 
 def _scored(truth: Truth, recording: Recording, estimate: Estimate, optimum: Estimate | None, seconds: float) -> Score:

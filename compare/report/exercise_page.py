@@ -1,7 +1,8 @@
-"""Page of the exercise: the answer to each question, tables, figures with numbers, and links to the replays."""
+"""Page of the exercise, its figures, and run 0 of each setting with a replay, as `slamgauge run` writes it."""
 
 from __future__ import annotations
 
+from concurrent.futures import Executor, as_completed
 from dataclasses import replace
 from pathlib import Path
 from shutil import copy
@@ -10,17 +11,85 @@ from urllib.parse import quote
 
 import numpy as np
 
+from slamgauge.compare.estimators.loading import load_estimators
 from slamgauge.compare.exercise import tables
 from slamgauge.compare.exercise.results import Exercise, QuestionResult, SettingResult
-from slamgauge.compare.exercise.settings import CAUSAL, CAUSAL_OF_EKF, DEAD_RECKONING, EKF, GTSAM, QUESTIONS
-from slamgauge.compare.figures.exercise_figures import save_closure_figure, save_nees_figure
-from slamgauge.compare.report.page import TERMS, render
-from slamgauge.compare.report.page_elements import Line, Page, Section, origin, pictures, said
-from slamgauge.compare.scoring.runs import Runs
+from slamgauge.compare.exercise.settings import (
+    CAUSAL,
+    CAUSAL_OF_EKF,
+    DEAD_RECKONING,
+    EKF,
+    FILTERS,
+    GTSAM,
+    OPTIMA,
+    QUESTIONS,
+    Setting,
+)
+from slamgauge.compare.figures.study_figures import save_closure_figure, save_nees_figure, save_setting_figure
+from slamgauge.compare.report.page import Line, Page, Section, origin, pages_of, pictures, render, said, write_pages
+from slamgauge.compare.report.run_pages import TERMS
+from slamgauge.compare.scenarios.scenario import Scenario, scenario_text
+from slamgauge.compare.scenarios.simulation import simulate, simulate_informed
+from slamgauge.compare.scoring.comparison import compare_estimators, digest, metrics, write_comparison
 from slamgauge.compare.storage.files import read_json
+from slamgauge.compare.storage.progress import counted
 from slamgauge.compare.storage.result_files import EXERCISE, METRICS, REPORT, RUN_0
 from slamgauge.compare.storage.result_files import origin as provenance
-from slamgauge.compare.storage.staged_folder import decorate
+from slamgauge.compare.storage.staged_folder import decorate, staged_folder
+from slamgauge.compare.studies.study_run import run_seed
+from slamgauge.version import __version__
+
+FRAMES = 240  # maps that the filter stores for the replay
+DRAWN = (DEAD_RECKONING, EKF, GTSAM)
+MEASUREMENTS = (
+    "{} independent runs of each setting, the start drawn from the prior. In each run all estimators "
+    "use the same measurements; causal and gtsam-batch also receive the true noise and associations."
+)
+
+
+def publish_first_runs(settings: list[SettingResult], seed: int, out: Path, executor: Executor) -> None:
+    """Write run 0 of the settings into `out`, each into the folder of its figure; complete folders are kept.
+
+    Raises:
+        UserError: a foreign file would be replaced, or a folder cannot be written.
+    """
+    folder = out / RUN_0
+    tasks = [(each.setting, each.scenario, run_seed(seed, 0), folder / each.setting.figure) for each in settings]
+    missing = [task for task in tasks if not _is_complete(*task)]
+    with counted(len(tasks), "setting", "run 0 with replay", len(tasks) - len(missing)) as progress:
+        for done in as_completed([executor.submit(publish_first_run, *task) for task in missing]):
+            done.result()
+            progress.update()
+
+
+def publish_first_run(setting: Setting, scenario: Scenario, seed: int, folder: Path) -> None:
+    """Write a run of a setting into `folder`: estimates, metrics, the handout's figure, and a page with a replay."""
+    names = _estimators_of(setting)
+    truth, recording, exact = simulate_informed(scenario, seed)
+    estimators = load_estimators(names, scenario.association, scenario.initialisation_settings, FRAMES)
+    comparison = compare_estimators(truth, recording, estimators, exact)
+    content = metrics(comparison, scenario.name, seed, scenario_text(scenario))
+    title = f"Figure {setting.figure}, {setting.title} ({setting.scenario}), run 0"
+    with staged_folder(folder, METRICS) as stage:
+        write_comparison(stage, comparison, content)
+        drawn = {name: comparison.estimates[name] for name in DRAWN if name in comparison.estimates}
+        save_setting_figure(stage / "figure", truth, recording, drawn, title)
+        write_pages(stage, pages_of(stage / METRICS))
+
+
+def _estimators_of(setting: Setting) -> list[str]:
+    return [*FILTERS, *OPTIMA, *setting.extra]
+
+
+def _is_complete(setting: Setting, scenario: Scenario, seed: int, folder: Path) -> bool:
+    """Return whether the folder has the results of this run by this version."""
+    if not (folder / METRICS).is_file():
+        return False
+    content = read_json(folder / METRICS, "exercise")
+    known = {*content.get("estimators", ()), *(each["estimator"] for each in content.get("failures", ()))}
+    if content.get("version") != __version__ or known != {*_estimators_of(setting)}:
+        return False
+    return content.get("digest") == digest(simulate(scenario, seed)[1])
 
 
 def publish_exercise(out: Path, exercise: Exercise) -> bool:
@@ -36,13 +105,13 @@ def publish_exercise(out: Path, exercise: Exercise) -> bool:
             copy(out / RUN_0 / figure / "figure.png", stage / f"figure-{figure}.png")
 
     def write(stage: Path) -> None:
-        (stage / REPORT).write_text(exercise_page(stage, out / RUN_0, exercise), encoding="utf-8", newline="\n")
+        write_pages(stage, {REPORT: render(exercise_page(stage, out / RUN_0, exercise))})
 
     return decorate(out, {"figures": draw, "report": write}, EXERCISE)
 
 
-def exercise_page(figures: Path, run_0: Path, exercise: Exercise) -> str:
-    """Return the page of the exercise, HTML.
+def exercise_page(figures: Path, run_0: Path, exercise: Exercise) -> Page:
+    """Return the page of the exercise: the answer to each question, tables, figures, and links to the replays.
 
     Args:
         figures: folder of the figures of the questions.
@@ -51,60 +120,47 @@ def exercise_page(figures: Path, run_0: Path, exercise: Exercise) -> str:
     """
     overview = replace(tables.scores(exercise.settings), id="overview")
     doubts = [*(each.doubt for each in exercise.settings if each.doubt), *exercise.failures]
-    page = Page(
+    sections = [Section("All settings", "all", tables=[overview])] if len(exercise.questions) > 1 else []
+    for each in exercise.questions:
+        sections += [_question(figures, each), *(_setting(run_0, ran) for ran in each.settings)]
+    return Page(
         kind="the exercise next to its optimum",
         title="TP4: EKF-SLAM next to GTSAM batch",
         lead=[Line(f"Question {each.name[1:]}", each.answer(), f"#{each.name}") for each in exercise.questions],
-        notes=said([_measurements(exercise), *doubts]),
-        sections=[
-            *([Section("All settings", "all", tables=[overview])] if len(exercise.questions) > 1 else []),
-            *(section for each in exercise.questions for section in _sections(figures, run_0, each)),
-        ],
-        terms=TERMS["run"],
+        notes=said([MEASUREMENTS.format(exercise.runs), *doubts]),
+        sections=sections,
+        terms=TERMS,
         origin=origin({**provenance(None), "seed": exercise.seed}, [("Runs of each setting", str(exercise.runs))]),
     )
-    return render(page)
 
 
-def _measurements(exercise: Exercise) -> str:
-    return (
-        f"{exercise.runs} independent runs of each setting, the start drawn from the prior. In each run all estimators "
-        "use the same measurements; causal and gtsam-batch also receive the true noise and associations."
-    )
-
-
-def _sections(figures: Path, run_0: Path, found: QuestionResult) -> list[Section]:
-    """Return the section of a question: task, tables, and figures of all its settings; then those of its settings."""
+def _question(figures: Path, found: QuestionResult) -> Section:
+    """Return the section of a question: task, tables, and figures of all its settings."""
     name, question = found.name, QUESTIONS[found.name]
-    known = {
-        f"{name}-nees.png": (
-            "Mean NEES of EKF and causal optimum over time in each setting, with the band of consistent filters",
-            "NEES over time: a filter above the band is overconfident, one below it is cautious.",
-        ),
-        f"{name}-closures.png": (
-            "Position errors and three sigma of EKF and optimum just before and at the loop closures of each setting",
-            "The first loop closure of each lap: RMS position error (dots) and 3σ (bars), before and at the closure.",
-        ),
+    captions = {
+        f"{name}-nees.png": "Mean NEES of EKF and causal optimum over time in each setting: a filter above the band of "
+        "consistent filters is overconfident, one below it is cautious.",
+        f"{name}-closures.png": "The first loop closure of each lap: RMS position error (dots) and 3σ (bars) of EKF "
+        "and optimum, just before and at the closure.",
     }
-    shown = tables.tables_of(found, with_ratio=True)
-    section = Section(
+    shown = enumerate(tables.tables_of(found, with_ratio=True))
+    return Section(
         f"Question {name[1:]}: {question.title}",
         name,
         texts=[*filter(None, (question.task, found.largest_correction()))],
-        tables=[replace(table, id=f"{name}-{place}") for place, table in enumerate(shown)],
-        pictures=pictures(figures, known),
+        tables=[replace(table, id=f"{name}-{place}") for place, table in shown],
+        pictures=pictures(figures, captions),
     )
-    return [section, *(_setting(run_0, each) for each in found.settings)]
 
 
 def _setting(run_0: Path, ran: SettingResult) -> Section:
     """Return the section of a setting: its figure, what it shows, and the link to its replay."""
     setting, folder = ran.setting, run_0 / ran.setting.figure
-    alt = f"Figure {setting.figure}: map with truth, dead reckoning, EKF and GTSAM batch, and errors in ±3σ bounds"
+    caption = "Run 0: map with truth, dead reckoning, EKF and GTSAM batch, and errors in their ±3σ bounds."
     return Section(
         f"Figure {setting.figure}: {setting.title} ({setting.scenario})",
         texts=[what_the_figure_shows(ran, read_json(folder / METRICS, "exercise"))],
-        pictures=pictures(folder, {"figure.png": (alt, "Run 0: map, and errors in their ±3σ bounds.")}),
+        pictures=pictures(folder, {"figure.png": caption}),
         link=f"{RUN_0}/{quote(setting.figure)}/{REPORT}",
         level=3,
     )
@@ -112,9 +168,16 @@ def _setting(run_0: Path, ran: SettingResult) -> Section:
 
 def what_the_figure_shows(ran: SettingResult, metrics: dict[str, Any]) -> str:
     """Return the numbers of run 0: errors, share of the steps outside the 3-sigma bounds, landmarks, associations."""
-    names = [name for name in (EKF, GTSAM, DEAD_RECKONING) if len(ran.runs[name].run) and ran.runs[name].run[0] == 0]
-    ates = [f"{ran.runs[name].figures['ate_m'][0]:.2f} m ({name})" for name in names]
-    outside = [f"{_share_outside(ran.runs[name]):.0%} ({name})" for name in names if name != DEAD_RECKONING]
+    ates, outside = list[str](), list[str]()
+    for name in (EKF, GTSAM, DEAD_RECKONING):
+        runs = ran.runs[name]
+        if len(runs.run) and runs.run[0] == 0:
+            ates.append(f"{runs.figures['ate_m'][0]:.2f} m ({name})")
+            error, sigma = (
+                np.array([runs.series[f"{what}_{axis}"][0] for axis in "xy"]) for what in ("error", "sigma")
+            )
+            share = (np.abs(error) > 3.0 * sigma).any(axis=0).mean()
+            outside += [] if name == DEAD_RECKONING else [f"{share:.0%} ({name})"]
     parts = [
         f"Run 0: the RMS position error is {', '.join(ates)}; x or y is outside its ±3σ bound at {', '.join(outside)} "
         "of the steps."
@@ -122,16 +185,9 @@ def what_the_figure_shows(ran: SettingResult, metrics: dict[str, Any]) -> str:
     entries = metrics["estimators"]
     if EKF in entries:
         ekf = entries[EKF]
-        text = f"The EKF maps {ekf['landmarks_mapped']} landmarks of {ekf['landmarks_true']}"
-        wrong = ekf["wrong_associations"]
-        parts.append(f"{text} with {wrong} wrong associations." if wrong else f"{text}.")
+        wrong = f" with {ekf['wrong_associations']} wrong associations" if ekf["wrong_associations"] else ""
+        parts.append(f"The EKF maps {ekf['landmarks_mapped']} landmarks of {ekf['landmarks_true']}{wrong}.")
     if CAUSAL_OF_EKF in entries:
         ratio = entries[CAUSAL_OF_EKF]["ate_m"] / entries[CAUSAL]["ate_m"]
         parts.append(f"With the associations of the EKF the error of the causal optimum is {ratio:.2f} times as large.")
     return " ".join(parts)
-
-
-def _share_outside(runs: Runs) -> float:
-    """Return the share of the steps of the first run at which the error in x or y exceeds three sigma."""
-    error, sigma = (np.array([runs.series[f"{what}_{axis}"][0] for axis in "xy"]) for what in ("error", "sigma"))
-    return float((np.abs(error) > 3.0 * sigma).any(axis=0).mean())

@@ -9,13 +9,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float, Int, distinct
-from slamgauge.compare.figures.error_panels import reference_of
-from slamgauge.compare.figures.map_contents import MapRows, first_seen, map_at, map_limits
-from slamgauge.compare.figures.plot_style import DEAD_RECKONING
-from slamgauge.compare.report.page import pack
-from slamgauge.compare.report.page_elements import Look
+from slamgauge.compare.figures.maps import MapRows, first_seen, map_at
+from slamgauge.compare.figures.run_figures import Reference, reference_of, run_limits
+from slamgauge.compare.report.page import Look, pack
 from slamgauge.compare.scoring.consistency import chi2_band, distances, pose_errors, squared_mahalanobis
-from slamgauge.compare.scoring.measured import Measured, closure_steps, pose_covs_of
+from slamgauge.compare.scoring.measured import Measured
+from slamgauge.compare.scoring.run_arrays import closure_steps, pose_covs_of
 from slamgauge.compare.storage.files import Results
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
@@ -37,16 +36,6 @@ class ShownObservations(NamedTuple):
     body: Float  # (m, 2) positions in the body frame [m]; for a bearing a point in its direction
 
 
-class _Run(NamedTuple):
-    """Data that all estimates of a run share."""
-
-    recording: Recording
-    truth: Truth
-    reference: Float  # (N+1, 3) poses from which errors are measured
-    observations: ShownObservations
-    shown: Int  # (T,) shown steps
-
-
 def replay_data(results: Results, looks: Sequence[Look], room: int) -> dict[str, Any]:
     """Return the data of a run with as many frames as `room` allows.
 
@@ -61,13 +50,12 @@ def replay_data(results: Results, looks: Sequence[Look], room: int) -> dict[str,
 
 
 def _data(results: Results, looks: Sequence[Look], shown: Int) -> dict[str, Any]:
-    recording, truth = results.recording, Truth() if results.truth is None else results.truth
-    world = _world(results, truth)
-    observations = shown_observations(recording, shown, float((world[1] - world[0]).max()))
+    recording, truth = results.recording, results.truth or Truth()
+    low, high = run_limits(truth, recording, results.estimates)
+    observations = shown_observations(recording, shown, float((high - low).max()))
     reference = reference_of(truth, recording, results.estimates)
     closures = closure_steps(truth, recording)
     named = "error" if reference.name is None else f"difference to {reference.name}"
-    run = _Run(recording, truth, reference.poses, observations, shown)
     return {
         "step": pack(shown, "i4"),
         "time": pack(recording.stamps[shown] - recording.stamps[0]),
@@ -80,21 +68,25 @@ def _data(results: Results, looks: Sequence[Look], shown: Int) -> dict[str, Any]
             "body": pack(observations.body),
             "bearingOnly": not SENSORS[recording.sensor].places_landmarks,
         },
-        "estimates": [_estimate(results.estimates[look.name], look, run) for look in looks],
+        "estimates": [_estimate(results, look, reference, observations, shown) for look in looks],
         "closures": pack([] if closures is None else np.unique(np.searchsorted(shown, closures)), "i4"),
-        "world": {"low": world[0].tolist(), "high": world[1].tolist()},
+        "world": {"low": low.tolist(), "high": high.tolist()},
         "errorTitle": f"position {named} [m]",
         "neesBand": list(chi2_band(STEP_LEVEL, 3)),
     }
 
 
-def _estimate(estimate: Estimate, look: Look, run: _Run) -> dict[str, Any]:
-    recording, truth, reference, observations, shown = run
-    errors, covs = pose_errors(reference[shown], estimate.poses[shown]), pose_covs_of(estimate)[shown]
-    nees = squared_mahalanobis(errors, covs) if truth.poses is not None else errors[:, 0] * np.nan
-    wrong = Measured(truth, recording, estimate).wrong
+def _estimate(
+    results: Results, look: Look, reference: Reference, observations: ShownObservations, shown: Int
+) -> dict[str, Any]:
+    recording, estimate = results.recording, results.estimates[look.name]
+    errors, covs = pose_errors(reference.poses[shown], estimate.poses[shown]), pose_covs_of(estimate)[shown]
+    wrong = Measured(results.truth or Truth(), recording, estimate).wrong
     wrong_frames = [] if wrong is None else distinct(np.searchsorted(shown, recording.observation_step[wrong]))
     given = recording.landmark if estimate.association is None else estimate.association
+    nis = np.full(len(estimate.poses), np.nan)
+    if estimate.nis is not None and estimate.nis_dof is not None:
+        nis = np.divide(estimate.nis, estimate.nis_dof, out=nis, where=estimate.nis_dof > 0)
     return {
         "name": look.name,
         "color": look.color,
@@ -104,8 +96,8 @@ def _estimate(estimate: Estimate, look: Look, run: _Run) -> dict[str, Any]:
         "predicted": pack(_predicted(recording, estimate, shown)),
         "covs": None if estimate.pose_covs is None else pack(triangle(covs)),
         "error": pack(distances(errors)),
-        "nees": pack(nees),
-        "nis": pack(_nis(estimate)[shown]),
+        "nees": pack(squared_mahalanobis(errors, covs) if reference.name is None else errors[:, 0] * np.nan),
+        "nis": pack(nis[shown]),
         "rows": packed_map(recording, estimate, shown),
         "association": None if given is None else pack(given[observations.observation], "i4"),
         "wrong": None if wrong is None else pack(wrong[observations.observation], "u1"),
@@ -120,23 +112,6 @@ def _predicted(recording: Recording, estimate: Estimate, shown: Int) -> Float:
     later = shown[shown > 0]
     moved = compose(estimate.poses[later - 1], recording.odometry[later - 1])
     return np.concatenate([np.repeat(recording.prior_mean[None], len(shown) - len(later), axis=0), moved])
-
-
-def _nis(estimate: Estimate) -> Float:
-    """Return NIS over degrees of freedom (N+1,), NaN without an update."""
-    none = np.full(len(estimate.poses), np.nan)
-    if estimate.nis is None or estimate.nis_dof is None:
-        return none
-    return np.divide(estimate.nis, estimate.nis_dof, out=none, where=estimate.nis_dof > 0)
-
-
-def _world(results: Results, truth: Truth) -> tuple[Float, Float]:
-    """Return limits (2,) [m] of all paths and landmarks; a drifted dead reckoning does not widen them."""
-    known = [each for each in (truth.poses, truth.landmarks) if each is not None]
-    paths = {name: each.poses for name, each in results.estimates.items()}
-    drift = paths.pop(DEAD_RECKONING, None)
-    known += list(paths.values()) or ([] if drift is None else [drift])
-    return map_limits([each[:, :2] for each in known], [] if drift is None else [drift[:, :2]])
 
 
 def frame_steps(steps: int, count: int) -> Int:

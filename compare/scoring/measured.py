@@ -1,21 +1,17 @@
-"""An estimate with what it is compared with. Arrays that several metrics need are computed once."""
+"""Metrics of an estimate: the name of a method is the key, its docstring the meaning in the manual."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
-from slamgauge.arrays import Float, Int, Marks
-from slamgauge.compare.scoring.consistency import distances, pose_errors, squared_mahalanobis
-from slamgauge.compare.scoring.intervals import number
-from slamgauge.estimate import Estimate
-from slamgauge.recording import Recording
-from slamgauge.truth import NOBODY, Truth
-
-ABSENCE = 10.0  # s: a step closes a loop if it re-observes a landmark that was not observed for this time
-ROUNDING = 1e-6  # rounding error [s] of stamps such as 0.1 k
+from slamgauge.compare.scoring.consistency import distances, is_inside, pose_errors, squared_mahalanobis, step_errors
+from slamgauge.compare.scoring.intervals import ROUNDING, mean, number, rms
+from slamgauge.compare.scoring.metric import Column, of_run
+from slamgauge.compare.scoring.run_arrays import RunArrays, closure_steps, pose_covs_of
+from slamgauge.compare.scoring.runs import late_coverage, mean_heading_rmse, mean_seconds, over_optimum, total_nis
 
 
 @dataclass(frozen=True)
@@ -33,199 +29,152 @@ class LoopClosure:
     sigma_after_m: float | None
 
 
-@dataclass(frozen=True)
-class Measured:
-    """An estimate, the known part of the truth, and the optima. A mapped landmark with its observations is a track.
+class Measured(RunArrays):
+    """An estimate, the known part of the truth, and the optima; metrics are None if they need an unknown part."""
 
-    Attributes:
-        truth: known part of the truth; figures that need another part are undefined.
-        recording: input of the estimator.
-        estimate: output of the estimator.
-        optimum: estimate of `causal` if `estimate` is filtered, of `batch` if it is smoothed; None: not compared.
-        batch: the hindsight optimum, for the distance of the last pose.
-        compared: (N+1,) the steps of which a stored trajectory has a pose; None: all.
-    """
+    @of_run(Column("ATE [m]", run=1, study=1, sweep=1), averaged=True)
+    def ate_m(self) -> float | None:
+        """RMS position error over the poses with truth, without alignment."""
+        return rms(self.off)
 
-    truth: Truth
-    recording: Recording
-    estimate: Estimate
-    optimum: Estimate | None = None
-    batch: Estimate | None = None
-    compared: Marks | None = None
+    @of_run(Column("heading [rad]", "heading error [rad]", form="{:.4f}", run=6, study=8), mean_heading_rmse)
+    def heading_rmse_rad(self) -> float | None:
+        """RMS heading error; in studies, mean over steps of the RMS over runs."""
+        return rms(self.errors[:, 2])
 
-    @cached_property
-    def reference(self) -> Float:
-        """True poses (N+1, 3); NaN where they are not known or not compared."""
-        poses = self.truth.poses
-        if poses is None:
-            return np.full(self.estimate.poses.shape, np.nan)
-        return poses if self.compared is None else np.where(self.compared[:, None], poses, np.nan)
+    @of_run(Column("end [m]", "final position error [m]", run=7, study=9), averaged=True)
+    def final_position_error_m(self) -> float | None:
+        """Position error of the last pose."""
+        return number(self.off[self.last])
 
-    @property
-    def last(self) -> int:
-        """Last step that is compared."""
-        return len(self.estimate.poses) - 1 if self.compared is None else int(np.flatnonzero(self.compared)[-1])
+    @of_run()
+    def rpe_m(self) -> float | None:
+        """RMS translation error of single steps, in the body frame."""
+        return rms(step_errors(self.reference, self.estimate.poses))
 
-    @cached_property
-    def errors(self) -> Float:
-        """Additive errors (N+1, 3) of the poses [m, m, rad]."""
-        return pose_errors(self.reference, self.estimate.poses)
+    @of_run(Column("NEES", form="{:.2f}", run=3))
+    def nees_pose(self) -> float | None:
+        """Mean over time of the pose NEES: about 3 if the estimate is consistent."""
+        return mean(self.nees)
 
-    @cached_property
-    def off(self) -> Float:
-        """Position errors (N+1,) [m]."""
-        return distances(self.errors)
+    @of_run(Column("NEES xy", form="{:.2f}", run=3))
+    def nees_position(self) -> float | None:
+        """Mean over time of the position NEES: about 2 if consistent (a column if headings are unknown)."""
+        return mean(self.nees_xy)
 
-    @cached_property
-    def covs(self) -> Float:
-        """Covariances (N+1, 3, 3) of the poses, all NaN if the estimator returns none."""
-        return pose_covs_of(self.estimate)
+    @of_run(Column("in 95% ellipse", form="{:.1%}", run=4, study=6), late_coverage)
+    def coverage_95(self) -> float | None:
+        """Share of the positions inside their 95 % ellipses; in studies from the 11th step on."""
+        return mean(is_inside(self.nees_xy, 0.95))
 
-    @cached_property
-    def sigmas(self) -> Float:
-        """Standard deviations (N+1, 3) of x, y [m] and heading [rad]."""
-        return np.sqrt(np.diagonal(self.covs, axis1=1, axis2=2).clip(min=0))
-
-    @cached_property
-    def nees(self) -> Float:
-        """NEES (N+1,) of the poses."""
-        return squared_mahalanobis(self.errors, self.covs)
-
-    @cached_property
-    def nees_position(self) -> Float:
-        """NEES (N+1,) of the positions."""
-        return squared_mahalanobis(self.errors[:, :2], self.covs[:, :2, :2])
-
-    @property
+    @of_run(stored=True)
     def nis_total(self) -> float:
         """Sum of the NIS of all steps."""
         return 0.0 if self.estimate.nis is None else float(self.estimate.nis.sum())
 
-    @property
+    @of_run(stored=True)
     def nis_dof_total(self) -> int:
         """Degrees of freedom of the NIS of all steps."""
         return 0 if self.estimate.nis_dof is None else int(self.estimate.nis_dof.sum())
 
-    @property
+    @of_run(Column("NIS/dof", run=5, study=7), total_nis)
     def nis_per_dof(self) -> float | None:
-        """NIS over its degrees of freedom; None without any."""
-        return self.nis_total / self.nis_dof_total if self.nis_dof_total > 0 else None
+        """NIS over its degrees of freedom: about 1 if the assumed noise is right."""
+        return self.nis_total() / self.nis_dof_total() if self.nis_dof_total() else None
 
-    # --- landmarks ---------------------------------------------------------------------------------
+    @of_run(Column("map [m]", "map error [m]", run=9), averaged=True)
+    def landmark_rmse_m(self) -> float | None:
+        """RMS distance of the mapped landmarks from the true ones, at the end."""
+        return rms(self.map_off)
 
-    @cached_property
-    def observed(self) -> Int | None:
-        """Distinct true ids of the observed landmarks; None if unknown."""
-        return None if self.truth.association is None else np.setdiff1d(self.truth.association, NOBODY)
+    @of_run(Column("map NEES/2", "landmark NEES/2", form="{:.2f}", study=10), averaged=True)
+    def landmark_nees_per_dof(self) -> float | None:
+        """Mean NEES of the mapped landmarks over its 2 degrees of freedom."""
+        return mean(self.map_nees / 2)
 
-    @cached_property
-    def tracks(self) -> tuple[Int, Int] | None:
-        """Accepted observations (m,) and the rows (m,) of their tracks in the map; None without associations."""
-        given, ids = self.estimate.association, self.estimate.landmark_ids
-        if given is None:
-            return None
-        accepted, order = np.flatnonzero(given != NOBODY), np.argsort(ids)
-        return accepted, order[np.searchsorted(ids, given[accepted], sorter=order)]
+    @of_run(stored=True)
+    def landmark_sigma_near_m(self) -> float | None:
+        """RMS sigma of the half of the map that is nearer to the start."""
+        return rms(self.map_sigmas[self.halves[0]])
 
-    def _counts(self, names: Int) -> Int:
-        """Return numbers (L, T) of observations of the true landmarks `names` (T,) in each track."""
-        counts = np.zeros((len(self.estimate.landmark_ids), len(names)), dtype=np.int64)
-        if self.tracks is not None and self.truth.association is not None:
-            accepted, rows = self.tracks
-            true = self.truth.association[accepted]
-            known = np.isin(true, names)
-            np.add.at(counts, (rows[known], np.searchsorted(names, true[known])), 1)
-        return counts
+    @of_run(stored=True)
+    def landmark_sigma_far_m(self) -> float | None:
+        """RMS sigma of the farther half of the map."""
+        return rms(self.map_sigmas[self.halves[1]])
 
-    @cached_property
-    def true_ids(self) -> Int:
-        """True ids (L,) of the mapped landmarks, -1 if unknown.
+    @of_run(stored=True)
+    def landmark_error_near_m(self) -> float | None:
+        """RMS error of the nearer half of the map."""
+        return rms(self.map_off[self.halves[0]])
 
-        A recording with ids names the landmarks. Without ids, tracks and true landmarks are matched one to one, with as
-        many right associations as possible, and among these matches with as few wrong ones as possible.
-        """
-        if self.recording.landmark is not None:
-            return self.estimate.landmark_ids
-        owners = np.full(len(self.estimate.landmark_ids), NOBODY)
-        if self.observed is not None and self.tracks is not None:
-            from scipy.optimize import linear_sum_assignment  # here: scipy is slow to start
+    @of_run(stored=True)
+    def landmark_error_far_m(self) -> float | None:
+        """RMS error of the farther half of the map."""
+        return rms(self.map_off[self.halves[1]])
 
-            counts = self._counts(self.observed)
-            whole = np.bincount(self.tracks[1], minlength=len(owners))
-            foreign = whole[:, None] - counts
-            rows, columns = linear_sum_assignment(counts - 1e-9 * foreign, maximize=True)
-            met = counts[rows, columns] > 0
-            owners[rows[met]] = self.observed[columns[met]]
-        return owners
+    @of_run(Column("mapped", "mapped landmarks", form="{:.1f}", run=10, study=12, sweep=7), averaged=True)
+    def landmarks_mapped(self) -> int:
+        """Number of landmarks in the map."""
+        return len(self.estimate.landmark_ids)
 
-    @cached_property
-    def wrong(self) -> Marks | None:
-        """Observations (M,) assigned to a track of another landmark; None if unknown.
+    @of_run(Column("of", "true landmarks", run=11), stored=True)
+    def landmarks_true(self) -> int | None:
+        """Number of distinct landmarks that were observed."""
+        return None if self.observed is None else len(self.observed)
 
-        A track belongs to the landmark, or to clutter, from which most of its observations come.
-        """
-        true, ids = self.truth.association, self.estimate.landmark_ids
-        if true is None or self.tracks is None:
-            return None
-        if self.recording.landmark is not None:
-            main = np.where(np.isin(ids, true), ids, NOBODY)
-        else:
-            names = np.unique(true)
-            main = names[self._counts(names).argmax(axis=1)] if len(names) else np.full(len(ids), NOBODY)
-        accepted, rows = self.tracks
-        wrong = np.zeros(len(true), dtype=np.bool_)
-        wrong[accepted] = main[rows] != true[accepted]
-        return wrong
-
-    @property
-    def missed(self) -> int | None:
-        """Number of observed landmarks without a counterpart in the map; None if unknown."""
+    @of_run(averaged=True)
+    def landmarks_missed(self) -> int | None:
+        """Number of observed landmarks without a counterpart in the map."""
         is_known = self.tracks is not None or self.recording.landmark is not None
         return len(np.setdiff1d(self.observed, self.true_ids)) if self.observed is not None and is_known else None
 
-    def from_truth(self, ids: Int, points: Float) -> Float:
-        """Return differences (n, 2) [m] between points and the true landmarks of these ids; NaN without one."""
-        errors = np.full(points.shape, np.nan)
-        known, places = self.truth.landmark_ids, self.truth.landmarks
-        if known is None or places is None or not len(known):
-            return errors
-        names, first = np.unique(known, return_index=True)
-        slot = np.searchsorted(names, ids).clip(max=len(names) - 1)
-        common = (names[slot] == ids) & (ids != NOBODY)
-        errors[common] = points[common] - places[first[slot[common]]]
-        return errors
+    @of_run(Column("wrong", "wrong associations", form="{:.1f}", run=8, study=11, sweep=8), averaged=True)
+    def wrong_associations(self) -> int | None:
+        """Number of observations that are assigned to another landmark than their own."""
+        return None if self.wrong is None else int(self.wrong.sum())
 
-    @cached_property
-    def map_errors(self) -> Float:
-        """Errors (L, 2) of the mapped landmarks [m]; NaN for those of unknown truth."""
-        return self.from_truth(self.true_ids, self.estimate.landmarks)
+    @of_run(Column("x optimum", form="{:.2f}", run=2, relative=True), over_optimum)
+    def ratio_to_optimum(self) -> float | None:
+        """ATE over that of the optimum of the same kind, paired run by run."""
+        if self.optimum is None:
+            return None
+        ate, best = self.ate_m(), rms(distances(pose_errors(self.reference, self.optimum.poses)))
+        return ate / best if ate is not None and best is not None and best > ROUNDING else None
 
-    @cached_property
-    def map_covs(self) -> Float:
-        """Covariances (L, 2, 2) of the mapped landmarks, all NaN if the estimator returns none."""
-        covs = self.estimate.landmark_covs
-        return np.full((len(self.map_errors), 2, 2), np.nan) if covs is None else covs
+    @of_run(Column("d to optimum", "Mahalanobis distance² to the optimum", form="{:.3g}", run=12, relative=True))
+    def mahalanobis_to_optimum(self) -> float | None:
+        """Mean over time of the squared Mahalanobis distance to the optimum, under its covariance."""
+        if self.optimum is None:
+            return None
+        differences = pose_errors(self.optimum.poses, self.estimate.poses)
+        squares = squared_mahalanobis(differences, pose_covs_of(self.optimum))
+        return mean(squares if self.compared is None else squares[self.compared])
 
-    @property
-    def map_sigmas(self) -> Float:
-        """Position sigmas (L,) of the mapped landmarks [m]."""
-        return np.sqrt(np.trace(self.map_covs, axis1=1, axis2=2).clip(min=0))
+    @of_run(Column("end to batch [m]", "final distance to batch [m]", run=13))
+    def final_distance_to_batch_m(self) -> float | None:
+        """Distance of the last position from batch's."""
+        last, batch = self.last, self.batch
+        return None if batch is None else number(math.dist(self.estimate.poses[last, :2], batch.poses[last, :2]))
 
-    @cached_property
-    def map_nees(self) -> Float:
-        """NEES (L,) of the mapped landmarks."""
-        return squared_mahalanobis(self.map_errors, self.map_covs)
+    @of_run(stored=True)
+    def optimum_check_sigma(self) -> float | None:
+        """Distance of a causal optimum's last pose and sigmas from the hindsight optimum's, in sigmas of the latter."""
+        return self.estimate.optimum_check
 
-    @cached_property
-    def halves(self) -> tuple[Marks, Marks]:
-        """Which mapped landmarks (L,) are in the half nearer to the true start, and which in the farther half."""
-        far = distances(self.from_truth(self.true_ids, np.tile(self.reference[0, :2], (len(self.true_ids), 1))))
-        middle = np.nan if np.isnan(far).all() else np.nanmedian(far)
-        return far <= middle, far > middle
+    @of_run()
+    def yardstick_check_sigma(self) -> float | None:
+        """`optimum_check_sigma` of the optimum with which the estimate is compared."""
+        return None if self.optimum is None else self.optimum.optimum_check
 
-    @property
-    def loop_closures(self) -> tuple[LoopClosure, ...] | None:
-        """Errors and sigmas at the loop closures; None without ids."""
+    @of_run(averaged=True)
+    def chi_square_per_dof(self) -> float | None:
+        """Squared residuals of an optimum over their degrees of freedom: about 1 if the stated noise is right."""
+        chi_square, dof = self.estimate.chi_square, self.estimate.chi_square_dof
+        return chi_square / dof if chi_square is not None and dof else None
+
+    @of_run()
+    def loop_closure(self) -> tuple[LoopClosure, ...] | None:
+        """One entry per loop closure (`measured.LoopClosure`)."""
         steps = closure_steps(self.truth, self.recording)
         if steps is None:
             return None
@@ -233,21 +182,7 @@ class Measured:
         rows = np.column_stack([self.off[steps - 1], self.off[steps], sigmas[steps - 1], sigmas[steps]])
         return tuple(LoopClosure(step, *map(number, row)) for step, row in zip(steps.tolist(), rows, strict=True))
 
-
-def closure_steps(truth: Truth | None, recording: Recording) -> Int | None:
-    """Return the increasing steps of the loop closures, by the recording's ids or the truth's; None without ids."""
-    ids = recording.landmark
-    if ids is None:
-        ids = None if truth is None else truth.association
-    if ids is None:
-        return None
-    observed = np.flatnonzero(ids != NOBODY)
-    order = observed[np.argsort(ids[observed], kind="stable")]  # sorted by landmark, then by time
-    step = recording.observation_step[order]
-    is_absent = np.diff(recording.stamps[step]) >= ABSENCE - ROUNDING
-    return np.unique(step[1:][is_absent & (np.diff(ids[order]) == 0)])
-
-
-def pose_covs_of(estimate: Estimate) -> Float:
-    """Return the pose covariances (N+1, 3, 3), all NaN if the estimator returns none."""
-    return np.full((len(estimate.poses), 3, 3), np.nan) if estimate.pose_covs is None else estimate.pose_covs
+    @of_run(Column("time [s]", "computing time [s]", form="{:.2f}", run=14), mean_seconds, stored=True)
+    def seconds_total(self) -> float | None:
+        """Computing time."""
+        return None if self.estimate.seconds is None else float(self.estimate.seconds.sum())

@@ -10,10 +10,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from slamgauge.arrays import Float
-from slamgauge.compare.scoring.consistency import chi2_band, distances, pose_errors, squared_mahalanobis
-from slamgauge.compare.scoring.intervals import LEVEL, ROUNDING, Interval, is_above, is_below, mean, rms
-from slamgauge.compare.scoring.measured import Measured, pose_covs_of
+from slamgauge.compare.scoring.consistency import chi2_band
+from slamgauge.compare.scoring.intervals import LEVEL, Interval, is_above, is_below
+from slamgauge.compare.scoring.runs import CHECK_LIMIT
 from slamgauge.compare.scoring.table import MARK, interval_cell
 from slamgauge.display import counted
 from slamgauge.estimate import Estimate
@@ -21,39 +20,12 @@ from slamgauge.recording import Recording
 from slamgauge.sensors import SENSORS
 from slamgauge.truth import NOBODY, Truth
 
-CHECK_LIMIT = 0.05  # sigmas: a causal optimum that is farther from the hindsight optimum at the end is in doubt
 FIT_LEVEL = 0.95  # probability of the two-sided chi-square band of the fit
 MISFIT_LEVEL = 0.999  # probability of the two-sided chi-square band outside of which residuals are implausible
 MISFIT = 0.05  # least deviation of chi2/dof from 1 that causes a warning
 SURE = 0.999  # probability of the two-sided interval: one in 2000 estimators with the optimum's accuracy is reported
 WHY = "no filter can be; check whether it uses the truth, later measurements or the scenario"
 MARKED = f": figures relative to it are marked {MARK}"
-
-
-# --- figures for the catalogue -------------------------------------------------------------------
-
-
-def chi_square_per_dof(estimate: Estimate) -> float | None:
-    """Return chi2/dof of an optimum; None without a degree of freedom."""
-    dof = estimate.chi_square_dof
-    return estimate.chi_square / dof if estimate.chi_square is not None and dof else None
-
-
-def ratio_to_optimum(found: Measured) -> float | None:
-    """Return the ATE over that of the optimum; None if the latter is not above ROUNDING."""
-    if found.optimum is None:
-        return None
-    ate, best = rms(found.off), rms(distances(pose_errors(found.reference, found.optimum.poses)))
-    return ate / best if ate is not None and best is not None and best > ROUNDING else None
-
-
-def mahalanobis_to_optimum(found: Measured) -> float | None:
-    """Return the mean squared Mahalanobis distance of the poses to those of the optimum, under its covariance."""
-    if found.optimum is None:
-        return None
-    differences = pose_errors(found.optimum.poses, found.estimate.poses)
-    squares = squared_mahalanobis(differences, pose_covs_of(found.optimum))
-    return mean(squares if found.compared is None else squares[found.compared])
 
 
 # --- fit of the model ----------------------------------------------------------------------------
@@ -89,10 +61,8 @@ def fit_of_the_model(title: str, optimum: Estimate) -> str | None:
     figure = optimum.chi_square / dof
     low, high = (bound / dof for bound in chi2_band(FIT_LEVEL, dof))
     digits = max(2, 1 - math.floor(math.log10(high - low)))  # at least two digits of the band's width
-    verdict = ""
-    if figure > high:
-        verdict = ", above it: the stated noise is too small, or there are outliers"
-    elif figure < low:
+    verdict = ", above it: the stated noise is too small, or there are outliers" if figure > high else ""
+    if figure < low:
         verdict = ", below it: the stated noise is too large"
     return (
         f"fit of the model: chi2/dof of the {title} {figure:.{digits}f} ({dof} degrees of freedom, "
@@ -109,24 +79,15 @@ def mean_fit(title: str, fit: Interval | None) -> str | None:
 
 
 def left_out(name: str, truth: Truth | None, recording: Recording, optimum: Estimate) -> str | None:
-    """Return how many landmarks and observations an optimum leaves out; None if it uses all, or this is unknown.
-
-    True outliers and clutter are not counted.
-    """
+    """Return how many observations an optimum leaves out, besides true outliers and clutter; None if none."""
     if optimum.association is None:
         return None
-    misleading = None if truth is None else truth.misleading
     unused = optimum.association == NOBODY
-    observations = int(np.sum(unused if misleading is None else unused & ~misleading))
-    if not observations:
-        return None
-    ids = recording.landmark
-    if truth is not None and truth.association is not None and (ids is None or misleading is not None):
-        ids = truth.association[truth.association != NOBODY]  # the associations that optima receive
-    landmarks = 0 if ids is None else len(np.setdiff1d(ids, optimum.landmark_ids))
-    counts = [counted(landmarks, "landmark")] * (landmarks > 0) + [counted(observations, "observation")]
+    if truth is not None and truth.misleading is not None:
+        unused &= ~truth.misleading
+    count = int(np.sum(unused))
     why = "" if SENSORS[recording.sensor].places_landmarks else " that bearings do not determine"
-    return f"{name} leaves out {' and '.join(counts)}{why}"
+    return f"{name} leaves out {counted(count, 'observation')}{why}" if count else None
 
 
 def without_misleading(names: Sequence[str], truth: Truth | None) -> str | None:
@@ -144,11 +105,6 @@ def without_misleading(names: Sequence[str], truth: Truth | None) -> str | None:
 def is_in_doubt(check: float | None) -> bool:
     """Return whether an optimum was checked and is too far from the hindsight optimum."""
     return check is not None and check > CHECK_LIMIT
-
-
-def share_of_doubt(checks: Float) -> float | None:
-    """Return the share of the checked runs (R,) whose optimum is in doubt; NaN is not checked."""
-    return mean(np.where(np.isnan(checks), np.nan, checks > CHECK_LIMIT))
 
 
 def doubt(name: str, check: float | None, then: str = "") -> str | None:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from slamgauge.arrays import Float, Int
-from slamgauge.compare.estimators.registry import BOUND_OF, OPTIMA
+from slamgauge.compare.estimators.registry import BOUND_OF, CAUSAL, OPTIMA
 from slamgauge.compare.scoring.consistency import chi2_band, is_inside
 from slamgauge.compare.scoring.intervals import (
     Interval,
@@ -19,6 +19,7 @@ from slamgauge.compare.scoring.intervals import (
     mean_interval,
     ratio_interval,
 )
+from slamgauge.compare.scoring.metric import Column, of_study
 
 # stored for every step: errors and sigmas [m, m, rad], NEES, and the NIS with its degrees of freedom
 SERIES = (
@@ -26,6 +27,7 @@ SERIES = (
     *("nees_pose", "nees_position", "nees_heading", "nis", "nis_dof"),
 )
 BAND_LEVEL = 0.999  # probability of the chi-square band, for the share of steps inside
+CHECK_LIMIT = 0.05  # sigmas: a causal optimum that is farther from the hindsight optimum at the end is in doubt
 FIRST_STEP = 11  # first step of NEES means: before it the start still dominates
 
 
@@ -44,9 +46,6 @@ class Runs:
     kind: str
     figures: dict[str, Float]
     series: dict[str, Float]
-
-
-OverRuns = Callable[[Runs, Mapping[str, Runs]], Any]  # arguments: the estimator's runs, and those of all by name
 
 
 def paired(runs: Runs, optimum: Runs) -> tuple[Int, Int]:
@@ -92,15 +91,14 @@ class PerStep(NamedTuple):
 
 def nees_per_step(runs: Runs) -> PerStep:
     """Return the mean pose NEES over runs, 3 if consistent, in a chi-square band."""
-    nees = runs.series["nees_pose"]
-    count = (~np.isnan(nees)).sum(axis=0)
-    return _per_step(np.nansum(nees, axis=0), 3 * count, count)
+    count = (~np.isnan(runs.series["nees_pose"])).sum(axis=0)
+    return _per_step(runs.series["nees_pose"], 3 * count, count)
 
 
 def nis_per_step(runs: Runs) -> PerStep:
     """Return the NIS over its degrees of freedom, 1 if innovations are as large as expected, in a chi-square band."""
     dof = np.nansum(runs.series["nis_dof"], axis=0).astype(np.int64)
-    return _per_step(np.nansum(runs.series["nis"], axis=0), dof, dof)
+    return _per_step(runs.series["nis"], dof, dof)
 
 
 def rmse_per_step(runs: Runs) -> PerStep:
@@ -113,30 +111,51 @@ def rmse_per_step(runs: Runs) -> PerStep:
     return PerStep(np.sqrt(middle), np.sqrt(np.maximum(middle - half, 0.0)), np.sqrt(middle + half))
 
 
-def _per_step(total: Float, dof: Int, unit: Int) -> PerStep:
-    """Return sums with `dof` degrees of freedom (N+1,) and their band, divided by `unit`."""
+def _per_step(series: Float, dof: Int, unit: Int) -> PerStep:
+    """Return sums over runs with `dof` degrees of freedom (N+1,) and their band, divided by `unit`."""
     bands = {each: chi2_band(BAND_LEVEL, each) if each else (np.nan, np.nan) for each in np.unique(dof).tolist()}
     low, high = np.array([bands[each] for each in dof.tolist()]).reshape(-1, 2).T
     divisor = np.where(unit > 0, unit, np.nan)
-    return PerStep(total / divisor, low / divisor, high / divisor)
+    return PerStep(np.nansum(series, axis=0) / divisor, low / divisor, high / divisor)
 
 
-# --- for the catalogue ---------------------------------------------------------------------------
+# --- metrics of studies --------------------------------------------------------------------------
 
 
-def mean_of(key: str) -> OverRuns:
-    """Return a function for the mean over runs of a stored figure."""
-    return lambda runs, _: mean_interval(runs.figures[key])
+@of_study(Column("RMSE [m]", study=2, sweep=2, of_bounds=True))
+def position_rmse_m(runs: Runs, _: Mapping[str, Runs]) -> Interval | None:
+    """Mean over steps of the RMS position error over runs (as in the literature)."""
+    return jackknife_interval(_mean_root, _squares(runs, "error_x", "error_y"))
 
 
-def mean_root_of(*series: str) -> OverRuns:
-    """Return a function for the mean over steps of the RMS over runs of an error with these components."""
-    return lambda runs, _: jackknife_interval(_mean_root, _squares(runs, *series))
+def mean_heading_rmse(runs: Runs, _: Mapping[str, Runs]) -> Interval | None:
+    """Return the mean over steps of the RMS heading error over runs."""
+    return jackknife_interval(_mean_root, _squares(runs, "error_heading"))
 
 
-def late_mean_of(series: str, dof: int) -> OverRuns:
-    """Return a function for the mean of a NEES over its degrees of freedom, from step FIRST_STEP on."""
-    return lambda runs, _: mean_interval(late_means(runs.series[series] / dof))
+@of_study(Column("NEES/3", form="{:.2f}", study=5, sweep=5))
+def nees_pose_per_dof(runs: Runs, _: Mapping[str, Runs]) -> Interval | None:
+    """Mean over runs and steps from the 11th on of the pose NEES over 3."""
+    return mean_interval(late_means(runs.series["nees_pose"] / 3))
+
+
+@of_study()
+def nees_position_per_dof(runs: Runs, _: Mapping[str, Runs]) -> Interval | None:
+    """Mean over runs and steps from the 11th on of the position NEES over 2."""
+    return mean_interval(late_means(runs.series["nees_position"] / 2))
+
+
+@of_study()
+def nees_heading(runs: Runs, _: Mapping[str, Runs]) -> Interval | None:
+    """Mean over runs and steps from the 11th on of the heading NEES."""
+    return mean_interval(late_means(runs.series["nees_heading"]))
+
+
+@of_study(Column(f"NEES in {BAND_LEVEL:.1%} band", form="{:.1%}", study=14))
+def nees_share_inside_band(runs: Runs, _: Mapping[str, Runs]) -> float | None:
+    """Share of steps whose mean pose NEES over runs is in its chi-square band."""
+    average, low, high = nees_per_step(runs)
+    return mean(np.where(np.isnan(average), np.nan, (average >= low) & (average <= high)))
 
 
 def late_coverage(runs: Runs, _: Mapping[str, Runs]) -> Interval | None:
@@ -144,18 +163,32 @@ def late_coverage(runs: Runs, _: Mapping[str, Runs]) -> Interval | None:
     return mean_interval(late_means(is_inside(runs.series["nees_position"], 0.95)))
 
 
-def over_optimum(name: str | None = None) -> OverRuns:
-    """Return a function for mean ATE over that of an optimum on the same runs; by default the one of the same kind."""
-
-    def ratio(runs: Runs, others: Mapping[str, Runs]) -> Interval | None:
-        optimum = others.get(name or OPTIMA.get(runs.kind, ""))
-        return None if optimum is None else ratio_interval(*paired_figures("ate_m", runs, optimum))
-
-    return ratio
+def total_nis(runs: Runs, _: Mapping[str, Runs]) -> Interval | None:
+    """Return the NIS over its degrees of freedom."""
+    dof = runs.figures["nis_dof_total"]
+    return ratio_interval(runs.figures["nis_total"], np.where(dof > 0, dof, np.nan))
 
 
-def over_bound(runs: Runs, others: Mapping[str, Runs]) -> Interval | None:
-    """Return the mean over steps of the RMS position error over runs, divided by that of the bound of the same kind."""
+def mean_seconds(runs: Runs, _: Mapping[str, Runs]) -> float | None:
+    """Return the mean computing time [s]."""
+    return mean(runs.figures["seconds_total"])
+
+
+def over_optimum(runs: Runs, others: Mapping[str, Runs], name: str | None = None) -> Interval | None:
+    """Return mean ATE over that of an optimum on the same runs; by default the one of the same kind."""
+    optimum = others.get(name or OPTIMA.get(runs.kind, ""))
+    return None if optimum is None else ratio_interval(*paired_figures("ate_m", runs, optimum))
+
+
+@of_study(Column("x causal", study=3, sweep=3, relative=True))
+def ratio_to_causal(runs: Runs, others: Mapping[str, Runs]) -> Interval | None:
+    """ATE over that of the causal optimum."""
+    return over_optimum(runs, others, CAUSAL)
+
+
+@of_study(Column("x bound", study=4, sweep=4, of_bounds=True))
+def ratio_to_bound(runs: Runs, others: Mapping[str, Runs]) -> Interval | None:
+    """`position_rmse_m` over that of the Cramer-Rao bound of the same kind, over the same runs."""
     bound = others.get(BOUND_OF.get(runs.kind, ""))
     if bound is None:
         return None
@@ -169,18 +202,23 @@ def over_bound(runs: Runs, others: Mapping[str, Runs]) -> Interval | None:
     return jackknife_interval(ratio, np.concatenate(squares, axis=1))
 
 
+@of_study(Column("sigma [m]", "reported position sigma [m]", sweep=6))
+def position_sigma_m(runs: Runs, _: Mapping[str, Runs]) -> Interval | None:
+    """RMS position sigma that the estimator reports."""
+    return mean_interval(reported_sigma(runs))
+
+
+@of_study()
+def optimum_check_share(runs: Runs, _: Mapping[str, Runs]) -> float | None:
+    """Share of the runs in which the optimum's check is above 0.05 sigma."""
+    return share_of_doubt(runs.figures["optimum_check_sigma"])
+
+
+def share_of_doubt(checks: Float) -> float | None:
+    """Return the share of the checked runs (R,) whose optimum is in doubt; NaN is not checked."""
+    return mean(np.where(np.isnan(checks), np.nan, checks > CHECK_LIMIT))
+
+
 def _mean_root(sums: Float, count: int) -> Float:
     """Return the mean over steps of the root of the mean over runs."""
     return np.sqrt(np.maximum(sums, 0.0) / count).mean(axis=-1)
-
-
-def total_nis(runs: Runs, _: Mapping[str, Runs]) -> Interval | None:
-    """Return the NIS over its degrees of freedom."""
-    dof = runs.figures["nis_dof_total"]
-    return ratio_interval(runs.figures["nis_total"], np.where(dof > 0, dof, np.nan))
-
-
-def share_inside_band(runs: Runs, _: Mapping[str, Runs]) -> float | None:
-    """Return the share of steps whose mean pose NEES over runs is in its chi-square band."""
-    average, low, high = nees_per_step(runs)
-    return mean(np.where(np.isnan(average), np.nan, (average >= low) & (average <= high)))

@@ -41,8 +41,8 @@ from slamgauge.compare.estimators.registry import CAUSAL
 from slamgauge.compare.estimators.stored_trajectory import OwnPoses
 from slamgauge.compare.scoring.consistency import pose_errors, squared_mahalanobis
 from slamgauge.compare.scoring.intervals import defined_mean, number
-from slamgauge.compare.scoring.measured import pose_covs_of
 from slamgauge.compare.scoring.own_stamps import optimum_at
+from slamgauge.compare.scoring.run_arrays import pose_covs_of
 from slamgauge.covariances import square_roots
 from slamgauge.ekf import riekf
 from slamgauge.errors import UserError

@@ -27,14 +27,9 @@ from slamgauge.compare.scenarios.schema import Assumed
 from slamgauge.compare.scenarios.simulation import simulate_informed
 from slamgauge.compare.scoring.consistency import pose_errors, squared_distances
 from slamgauge.compare.scoring.intervals import Interval, bootstrap_interval, mean_interval
-from slamgauge.compare.scoring.optimum_notes import (
-    MARK,
-    at_places,
-    chi_square_per_dof,
-    is_misfit_in_runs,
-    misfits,
-    share_of_doubt,
-)
+from slamgauge.compare.scoring.measured import Measured
+from slamgauge.compare.scoring.optimum_notes import MARK, at_places, is_misfit_in_runs, misfits
+from slamgauge.compare.scoring.runs import share_of_doubt
 from slamgauge.compare.scoring.table import Cell, Head, Table, from_to, marked
 from slamgauge.compare.scoring.text_page import Page
 from slamgauge.compare.storage import progress
@@ -204,7 +199,7 @@ def rung_errors(scenario: Scenario, seed: int, chosen: str | Asked, lag: int | N
     rungs = (hindsight, causal, assuming, associating, *windows, estimate)
     errors = np.array([squared_distances(pose_errors(truth.poses, each.poses)).mean() for each in rungs])
     checks = np.array([each.optimum_check for each in rungs], dtype=np.float64)
-    fit = chi_square_per_dof(hindsight)
+    fit = Measured(truth, recording, hindsight).chi_square_per_dof()
     return RungErrors(errors, checks, np.nan if fit is None else fit)
 
 

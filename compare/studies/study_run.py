@@ -112,7 +112,7 @@ def step_series(found: Measured) -> Float:
         *found.errors.T,
         *found.sigmas.T,
         found.nees,
-        found.nees_position,
+        found.nees_xy,
         squared_mahalanobis(found.errors[:, 2:], found.covs[:, 2:, 2:]),
         undefined if estimate.nis is None else estimate.nis,
         undefined if estimate.nis_dof is None else estimate.nis_dof,

@@ -9,8 +9,9 @@ from typing import Any
 from pydantic_core import to_jsonable_python
 
 from slamgauge.compare.estimators.registry import BOUND, BOUNDS, CAUSAL, HINDSIGHT, HINDSIGHT_BOUND, REGISTRY, is_ours
-from slamgauge.compare.scoring.catalogue import BY_KEY, TableName, empty_columns, figure_cells, heads
+from slamgauge.compare.scoring.catalogue import BY_KEY, empty_columns, figure_cells, heads
 from slamgauge.compare.scoring.intervals import Interval
+from slamgauge.compare.scoring.metric import TableName
 from slamgauge.compare.scoring.optimum_notes import (
     beats_the_optimum,
     doubt_in_runs,

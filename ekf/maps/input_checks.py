@@ -7,7 +7,7 @@ numbers (`kernels.soundness`); if a number is invalid, they change nothing. Then
 
 from __future__ import annotations
 
-from typing import TypeGuard, cast
+from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,7 +30,10 @@ TOO_FAR_APART = (
 TOO_LARGE = f"a number must be below {LARGEST:g}"
 LARGEST_ROUNDING = 1e-3  # largest rounding error of a correlation after a subtraction; see `kernels.precision`
 TOLERATED = 1e-9  # negative eigenvalue of a correlation that `slamgauge.validation` accepts
-INCREMENT = "give an increment (dx, dy, dtheta) of the body frame in m, m, rad"
+INCREMENT = (
+    "give an increment (dx, dy, dtheta) of the body frame in m, m, rad; "
+    "of speed v and yaw rate omega over dt it is (v dt, 0, omega dt)"
+)
 
 
 def start_of(prior_mean: ArrayLike, prior_cov: ArrayLike) -> tuple[Float, Float, Float]:
@@ -75,23 +78,21 @@ def load_increment(increment: ArrayLike, cov: ArrayLike, to: Float, cov_to: Floa
     Raises:
         UserError: wrong shapes, or not real numbers.
     """
-    if _is_plain(increment, (3,)) and _is_plain(cov, (3, 3)):  # almost every step
-        to[:], cov_to[:] = increment, cov
-        return
-    given = as_numbers("increment", increment, INCREMENT)
-    if given.shape != (3,):
-        controls = "; of controls (v, omega) over dt that is (v dt, 0, omega dt)" if given.size == 2 else ""
-        raise UserError(f"increment: shape {given.shape} does not fit; {INCREMENT}{controls}")
-    remedy = "give shape (3, 3), of variances alone numpy.diag"
-    given_cov = as_numbers("increment_cov", cov, remedy)
-    if given_cov.shape != (3, 3):
-        raise UserError(f"increment_cov: shape {given_cov.shape} does not fit; {remedy}")
-    to[:], cov_to[:] = given, given_cov
+    to[:] = _shaped("increment", increment, (3,), INCREMENT)
+    cov_to[:] = _shaped("increment_cov", cov, (3, 3), "give shape (3, 3), of variances alone numpy.diag")
 
 
-def _is_plain(value: ArrayLike, shape: tuple[int, ...]) -> TypeGuard[NDArray[np.generic]]:
-    """Return whether a value is an array of real numbers with this shape."""
-    return isinstance(value, np.ndarray) and value.dtype.kind in REAL and value.shape == shape
+def _shaped(name: str, value: ArrayLike, shape: tuple[int, ...], remedy: str = "") -> NDArray[np.generic]:
+    """Return an array of real numbers; refuse another shape. At almost every step the value is such an array."""
+    if isinstance(value, np.ndarray) and value.dtype.kind in REAL and value.shape == shape:
+        return value
+    remedy = remedy or f"give shape {shape}"
+    given = as_numbers(name, value, remedy)
+    if given.shape == (0,) and shape[0] == 0:  # an empty list
+        return given.reshape(shape)
+    if given.shape != shape:
+        raise UserError(f"{name}: shape {given.shape} does not fit; {remedy}")
+    return given
 
 
 def explain_increment(increment: Float, cov: Float) -> UserError:
@@ -135,20 +136,11 @@ def rows_of(observations: Observations, dim: int) -> tuple[NDArray[np.generic], 
         raise UserError(
             f"observations: a {kind} is not a scan; give slamgauge.Observations(landmark, value, cov)"
         ) from None
-    count = len(values) if isinstance(values, np.ndarray) and values.ndim else 0
-    if _is_plain(values, (count, dim)) and _is_plain(covs, (count, dim, dim)):  # almost every step
-        return values, covs
-    given = as_numbers("observation", values, f"give shape (any, {dim})")
-    given = given.reshape(0, dim) if given.shape == (0,) else given
-    count = len(given) if given.ndim else 1
-    if given.shape != (count, dim):
-        raise UserError(f"observation: shape {given.shape} does not fit this sensor; give shape ({count}, {dim})")
-    remedy = f"give shape ({count}, {dim}, {dim})"
-    given_covs = as_numbers("observation_cov", covs, remedy)
-    given_covs = given_covs.reshape(0, dim, dim) if given_covs.shape == (0,) else given_covs
-    if given_covs.shape != (count, dim, dim):
-        raise UserError(f"observation_cov: shape {given_covs.shape} does not fit {count} observations; {remedy}")
-    return given, given_covs
+    if not isinstance(values, np.ndarray):
+        values = as_numbers("observation", values, f"give shape (any, {dim})")
+    count = len(values) if values.ndim else 1
+    shaped = _shaped("observation", values, (count, dim))
+    return shaped, _shaped("observation_cov", covs, (count, dim, dim))
 
 
 def explain_scan(sensor: str, values: ArrayLike, covs: ArrayLike, nis: float, variances: Float) -> UserError:

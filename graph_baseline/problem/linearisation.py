@@ -39,6 +39,13 @@ class GraphArrays(NamedTuple):
     slot: Int  # (M,) index of the landmark, -1 for an unused observation
 
 
+class Scans(NamedTuple):
+    """Observations by pose."""
+
+    first: Int  # (N+2,) row of pose k's first observation
+    slot: Int  # (M,) index of the landmark, -1 for an unused observation
+
+
 class LinearModel(NamedTuple):
     """dx_k = [I, lever_k; 0, 1] dx_{k-1} + c_k + w_k with w_k ~ N(0, W_k); 0 = Hx dx + Hm dm + r + e with e ~ N(0, I).
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float, Int
-from slamgauge.graph_baseline.problem.linearisation import LinearModel, empty_model, graph_arrays, linearise
+from slamgauge.graph_baseline.problem.linearisation import LinearModel, Scans, empty_model, graph_arrays, linearise
 from slamgauge.graph_baseline.problem.preparation import Problem, prepare
 from slamgauge.graph_baseline.problem.retraction import MotionNoise
 from slamgauge.recording import Recording
@@ -34,10 +34,12 @@ class Objective:
         problem: as given.
         noise: of start and motions.
         arrays: the problem as arrays for kernels.
+        scans: observations by pose.
     """
 
     def __init__(self, problem: Problem) -> None:
         self.problem, self.noise, self.arrays = problem, MotionNoise(problem), graph_arrays(problem)
+        self.scans = Scans(self.arrays.first, self.arrays.slot)
 
     def at(self, poses: Float, landmarks: Float) -> Point:
         """Return poses (N+1, 3) and landmarks (L, 2) with cost and model; an undefined cost is infinite."""

@@ -7,18 +7,11 @@ from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from typing import NoReturn
 
-from slamgauge.arrays import Float
 from slamgauge.errors import UserError
 
 
 class UndeterminedError(UserError):
-    """The measurements do not determine the optimum, or it was not reached.
-
-    Attributes:
-        path: (N+1, 3) last path of a search that did not converge.
-    """
-
-    path: Float | None = None
+    """The measurements do not determine the optimum, or it was not reached."""
 
 
 @contextmanager

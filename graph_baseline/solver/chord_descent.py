@@ -16,13 +16,12 @@ from numpy.linalg import LinAlgError
 from scipy.linalg import get_lapack_funcs, solve_triangular
 
 from slamgauge.arrays import Float
-from slamgauge.graph_baseline.problem.linearisation import GraphArrays, empty_model, linearise
+from slamgauge.graph_baseline.problem.linearisation import GraphArrays, Scans, empty_model, linearise
 from slamgauge.graph_baseline.solver import chord_kernels
 from slamgauge.graph_baseline.solver.active_landmarks import ActiveLandmarks, State
 from slamgauge.graph_baseline.solver.anderson import AndersonAcceleration
-from slamgauge.graph_baseline.solver.elimination import Scans, eliminate_poses, empty_chain, empty_frontier
-from slamgauge.graph_baseline.solver.multifrontal import LOST_PIVOT
-from slamgauge.graph_baseline.solver.smoother import EXACT, NOT_DAMPED, POSES_TOGETHER, own_blocks
+from slamgauge.graph_baseline.solver.elimination import eliminate_poses, empty_chain, empty_frontier
+from slamgauge.graph_baseline.solver.smoother import EXACT, LOST_PIVOT, NOT_DAMPED, POSES_TOGETHER, own_blocks
 from slamgauge.jit import direct
 
 factorise, solve_factored, solve_lower = get_lapack_funcs(("potrf", "potrs", "trtrs"), dtype=np.float64)

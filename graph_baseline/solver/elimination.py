@@ -1,9 +1,9 @@
 """Elimination of the poses of a linearised graph, compiled. It leaves a linear system of the landmarks.
 
-Given the unknowns u (landmarks; in pieces of a long path also the poses at its cuts) the poses are a Markov chain. The
-mean of pose k, given the measurements before its scan, is an affine map M_k (1, u), and its covariance P_k. A scan
-depends on three numbers of its pose: with Hx = Q R it is reduced to three rows R dx + X (1, u), X = Q' [r, Hm], of unit
-noise; the rest of the information is Hm' Hm - X' X. With S = I + R P R' = L L' and T = L^-1 R,
+Given the landmarks u the poses are a Markov chain. The mean of pose k, given the measurements before its scan, is an
+affine map M_k (1, u), and its covariance P_k. A scan depends on three numbers of its pose: with Hx = Q R it is reduced
+to three rows R dx + X (1, u), X = Q' [r, Hm], of unit noise; the rest of the information is Hm' Hm - X' X. With
+S = I + R P R' = L L' and T = L^-1 R,
 
     B = T M + L^-1 X,   information += B' B,   M <- M - P T' B,   P <- P - P T' T P,   M <- F M + c,   P <- F P F' + W.
 
@@ -22,20 +22,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.linalg import LinAlgError
 
-from slamgauge.arrays import Float, Int
-from slamgauge.graph_baseline.problem.linearisation import LinearModel, Triple
+from slamgauge.arrays import Float
+from slamgauge.graph_baseline.problem.linearisation import LinearModel, Scans, Triple
 from slamgauge.jit import inner, kernel
 
 DEPENDENT = 1e-24  # a squared column of Hx whose remaining share is smaller is a combination of the columns before it
-
 INEXACT = 1e-3  # smaller entries of I - Q Q' are computed without a difference
-
-
-class Scans(NamedTuple):
-    """Observations by pose."""
-
-    first: Int  # (N+2,) row of pose k's first observation
-    slot: Int  # (M,) index of the landmark, -1 for an unused observation
 
 
 class Chain(NamedTuple):
@@ -46,7 +38,7 @@ class Chain(NamedTuple):
 
 
 class Frontier(NamedTuple):
-    """The newest eliminated pose, and the information about the unknowns; column 0 is the constant."""
+    """The newest eliminated pose, and the information about the landmarks; column 0 is the constant."""
 
     M: Float  # (3, n+1) map of the newest pose, after its scan
     P: Float  # (3, 3) its covariance
@@ -312,19 +304,6 @@ def correct(front: Frontier, T: Float, B: Float, width: int) -> None:
             P[i, j] -= V[i, 0] * V[j, 0] + V[i, 1] * V[j, 1] + V[i, 2] * V[j, 2]
         for j in range(width):
             M[i, j] -= V[i, 0] * B[0, j] + V[i, 1] * B[1, j] + V[i, 2] * B[2, j]
-
-
-@kernel
-def noise_between(model: LinearModel, cuts: Int) -> Float:
-    """Return the covariance (J, 3, 3) that the motions since the previous cut add to the pose at each cut (J,)."""
-    noise, front, k = np.zeros((len(cuts), 3, 3)), Frontier(np.zeros((3, 1)), np.zeros((3, 3)), np.zeros((1, 1))), 1
-    for j in range(len(cuts)):
-        front.P[:] = 0.0
-        while k <= cuts[j]:
-            predict(model, front, 1, k)
-            k += 1
-        noise[j] = front.P
-    return noise
 
 
 @kernel

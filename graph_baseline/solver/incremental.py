@@ -41,8 +41,8 @@ LOWER = 1.0 - 1e-6  # another minimum counts as lower if its squared residuals a
 NEXT_SEARCH = 1.2  # step of the next search, relative to the step of the last one
 
 
-class MinimumSwitch(NamedTuple):
-    """A switch to another minimum: its path (k+1, 3), and the ids (L,) of the landmarks that were active before."""
+class Change(NamedTuple):
+    """A change of minimum or map: the path (k+1, 3) after it, and the ids (L,) of the landmarks active before."""
 
     path: Float
     landmark_ids: Int
@@ -85,7 +85,7 @@ class IncrementalOptimum:
     Attributes:
         converged: whether the minimum was found at the last step.
         unconverged_steps: number of steps without a minimum; their poses are dead reckoning from the last minimum.
-        switches: switches to another minimum so far.
+        changes: switches to another minimum so far, and in short bearing-only recordings changes of the map.
     """
 
     def __init__(self, recording: Recording) -> None:
@@ -97,11 +97,12 @@ class IncrementalOptimum:
         self._mapped = ActiveLandmarks(problem, self._arrays, self._state)
         self._descent = ChordDescent(self._arrays, self._state, self._mapped)
         self._schedule = Schedule()
-        self.converged = True
-        self.unconverged_steps = 0
         self._next_search = 0  # step before which no other search begins
         self._freedom = 0  # degrees of freedom of the last minimum
-        self.switches: list[MinimumSwitch] = []
+        self._has_switched = False  # to another minimum, since the last recorded change
+        self.converged = True
+        self.unconverged_steps = 0
+        self.changes: list[Change] = []
 
     # --- results ---------------------------------------------------------------------------------
 
@@ -138,7 +139,7 @@ class IncrementalOptimum:
 
     def add_step(self) -> None:
         """Add the next pose and its scan. After a failed search they are only stored until the next search."""
-        k = self._newest + 1
+        k, before = self._newest + 1, self._checked_ids()
         start = self._arrays.start
         self._descent.add_pose(_moved(self._state.poses[k - 1], self._arrays.motion[k]) if k else start)
         if not self.converged:
@@ -148,9 +149,11 @@ class IncrementalOptimum:
         else:
             self._add_scan()
         self.unconverged_steps += not self.converged
+        self._record_change(before)
 
     def finish(self) -> None:
         """Converge to the minimum of all measurements, and relinearise all poses there."""
+        before = self._checked_ids()
         if self.converged:
             self._converge(relinearise=True)
         else:
@@ -158,6 +161,18 @@ class IncrementalOptimum:
         if not self._places_landmarks:
             self._converge_with_placed_landmarks()
         self.converged = self.converged and self._descent.relinearise()
+        self._record_change(before)
+
+    def _checked_ids(self) -> Int:
+        """Return the ids (L,) of the active landmarks of a bearing-only recording, whose changes are recorded."""
+        return np.zeros(0, dtype=np.int64) if self._places_landmarks else self._mapped.ids
+
+    def _record_change(self, before: Int) -> None:
+        """Record a switch of minimum or, in a short recording, a change of the landmarks active `before` (L,)."""
+        has_changed = self._problem.steps <= SHORT and not np.array_equal(before, self._checked_ids())
+        if self._newest > 0 and (has_changed or self._has_switched):
+            self.changes.append(Change(self._state.poses[: self._newest + 1].copy(), before))
+        self._has_switched = False
 
     def _add_scan(self) -> None:
         """Add the newest scan; take chord steps if they are due."""
@@ -280,7 +295,7 @@ class IncrementalOptimum:
 
     def _move_to(self, taken: Int, found: Minimum) -> bool:
         """Go to the minimum of a search; return whether the linear system there determines all landmarks."""
-        self.switches.append(MinimumSwitch(found.poses, self._mapped.ids))
+        self._has_switched = True
         self._state.poses[: self._newest + 1] = found.poses
         self._mapped.set_mapped(self._newest, np.unique(taken[taken >= 0]), found.landmarks)
         self._mapped.recheck_all()
@@ -291,6 +306,6 @@ class IncrementalOptimum:
 def _moved(pose: Float, increment: Float) -> Float:
     """Return `se2.compose` of one pose (3,) and one increment (3,), in a tenth of its time."""
     (x, y, heading), (dx, dy, turn) = pose.tolist(), increment.tolist()
-    c, s = float(np.cos(heading)), float(np.sin(heading))
+    c, s = math.cos(heading), math.sin(heading)
     end = heading + turn
     return np.array([x + (c * dx - s * dy), y + (s * dx + c * dy), end if -math.pi < end <= math.pi else wrap(end)])

@@ -16,13 +16,10 @@ from slamgauge.graph_baseline.problem.linearisation import LinearModel
 from slamgauge.graph_baseline.problem.objective import Objective, Point
 from slamgauge.graph_baseline.problem.placement import least_known_landmark
 from slamgauge.graph_baseline.problem.preparation import Problem
-from slamgauge.graph_baseline.problem.retraction import MotionNoise, retract_by_motions, retract_pointwise
+from slamgauge.graph_baseline.problem.retraction import retract_by_motions, retract_pointwise
 from slamgauge.graph_baseline.problem.undetermined import UndeterminedError, undetermined_variable
 from slamgauge.graph_baseline.solver.anderson import AndersonAcceleration, largest_entry
-from slamgauge.graph_baseline.solver.elimination import Scans
-from slamgauge.graph_baseline.solver.partition import Plan, plan
 from slamgauge.graph_baseline.solver.smoother import EXACT, NOT_DAMPED, Damping, Solution, damped_step, solve
-from slamgauge.se2 import wrap
 from slamgauge.sensors import SENSORS
 
 MAX_DAMPED_STEPS = 200
@@ -58,13 +55,13 @@ def damped_descent(objective: Objective, poses: Float, landmarks: Float, most: i
         most: largest number of steps.
     """
     point = objective.at(objective.noise.satisfying_constraints(poses), landmarks)
-    planned, factor, expected = planned_at(objective, point), 0.0, 1.0 + objective.problem.observation.size / 2.0
+    factor, expected = 0.0, 1.0 + objective.problem.observation.size / 2.0
     for _ in range(most):
         scale = _mean_information(point.model, objective.problem)
-        tried = _damped_trial(objective, point, planned, scale, factor)
+        tried = _damped_trial(objective, point, scale, factor)
         while tried.cost > point.cost and factor < 1.0 / UNDAMPED:
             factor = max(STRONGER * factor, GENTLE)
-            tried = _damped_trial(objective, point, planned, scale, factor)
+            tried = _damped_trial(objective, point, scale, factor)
         if tried.cost > point.cost or tried.cost == np.inf:
             break
         decrease, point = point.cost - tried.cost, tried
@@ -74,33 +71,24 @@ def damped_descent(objective: Objective, poses: Float, landmarks: Float, most: i
     return point
 
 
-def planned_at(objective: Objective, point: Point) -> Plan:
-    """Return the order in which the linear problem is solved."""
-    return plan(scans_of(objective), point.model, len(point.landmarks))
-
-
-def scans_of(objective: Objective) -> Scans:
-    """Return the observations by pose."""
-    return Scans(objective.arrays.first, objective.arrays.slot)
-
-
-def solved_at(objective: Objective, point: Point) -> Solution:
-    """Return step and covariances at a point.
+def minimum_at(objective: Objective, point: Point) -> Minimum:
+    """Return a point with its covariances.
 
     Raises:
         UndeterminedError: the observations do not determine the landmarks.
     """
     try:
-        return solve(point.model, scans_of(objective), planned_at(objective, point))
+        solution = solve(point.model, objective.scans, len(point.landmarks))
     except LinAlgError:
         raise undetermined_variable("l", least_known_landmark(objective.problem)[0]) from None
+    return Minimum(point.poses, point.landmarks, solution, point.cost)
 
 
-def _damped_trial(objective: Objective, point: Point, planned: Plan, scale: Damping, factor: float) -> Point:
+def _damped_trial(objective: Objective, point: Point, scale: Damping, factor: float) -> Point:
     """Return the point after a damped step with the better retraction; its cost is infinite if no step exists."""
     damping = Damping(factor * scale.pose, factor * scale.landmark, factor * scale.motion)
     try:
-        step = damped_step(point.model, scans_of(objective), planned, damping)
+        step = damped_step(point.model, objective.scans, len(point.landmarks), damping)
         ways = [
             retract(objective.problem, objective.noise, point.poses, point.landmarks, *step)
             for retract in (retract_pointwise, retract_by_motions)
@@ -130,27 +118,29 @@ def gauss_newton_minimum(objective: Objective, start: Point) -> Minimum:
         UndeterminedError: no minimum exists, or rounding prevents convergence.
     """
     _refuse_landmarks_at_poses(objective.problem, start)
-    weight = 1.0 / np.concatenate([each.ravel() for each in _sigmas(solved_at(objective, start))])
-    planned, acceleration = planned_at(objective, start), AndersonAcceleration()
+    weight, acceleration = _inverse_sigmas(minimum_at(objective, start).solution), AndersonAcceleration()
     point, best, smallest, stalled = start, start, np.inf, 0
     for _ in range(MAX_NEWTON_STEPS):
         try:
-            step = damped_step(point.model, scans_of(objective), planned, NOT_DAMPED)
+            dx, dm = damped_step(point.model, objective.scans, len(point.landmarks), NOT_DAMPED)
         except LinAlgError:
             break
-        ahead = retract_pointwise(objective.problem, objective.noise, point.poses, point.landmarks, *step)
-        move = _apart(ahead, point[:2])
-        size = largest_entry(weight * move)
+        step = np.concatenate([dx.ravel(), dm.ravel()])
+        size = largest_entry(weight * step)
         stalled = 0 if size < smallest else stalled + 1
         if size < smallest:
             best, smallest = point, size
-        if size < NEGLIGIBLE:
-            best = objective.at(*ahead)
-        if size < NEGLIGIBLE or stalled > STALLED or not size < HOPELESS:
+        if stalled > STALLED or not size < HOPELESS:
             break
-        reached = _displaced(point, acceleration.accelerate(move, weight * move), objective.noise)
-        acceleration.record(_apart(reached, point[:2]))
-        point = objective.at(*reached)
+        move = step if size < NEGLIGIBLE else acceleration.accelerate(step, weight * step)
+        acceleration.record(move)
+        moves = move[: dx.size].reshape(-1, 3), move[dx.size :].reshape(-1, 2)
+        point = objective.at(
+            *retract_pointwise(objective.problem, objective.noise, point.poses, point.landmarks, *moves)
+        )
+        if size < NEGLIGIBLE:
+            best = point
+            break
     misfit = np.sqrt(2.0 * start.cost / max(objective.problem.observation.size, 1))
     if not smallest < RESOLVED * np.clip(misfit, 1.0, LARGEST_MISFIT):
         raise UndeterminedError(_why_no_minimum(objective, best, smallest))
@@ -159,28 +149,14 @@ def gauss_newton_minimum(objective: Objective, start: Point) -> Minimum:
             f"batch: no minimum, the last steps increase the cost by {best.cost - start.cost:.2g} nats: the "
             "measurements hardly determine a direction; add observations with smaller covariances or from other places"
         )
-    return Minimum(best.poses, best.landmarks, solved_at(objective, best), best.cost)
+    return minimum_at(objective, best)
 
 
-def _apart(one: tuple[Float, Float], other: tuple[Float, Float]) -> Float:
-    """Return the difference (3N+3+2L,) of poses and landmarks."""
-    poses, landmarks = one[0] - other[0], one[1] - other[1]
-    poses[:, 2] = wrap(poses[:, 2])
-    return np.concatenate([poses.ravel(), landmarks.ravel()])
-
-
-def _displaced(point: Point, move: Float, noise: MotionNoise) -> tuple[Float, Float]:
-    """Return poses and landmarks after a move (3N+3+2L,), projected on the constraints of zero variances."""
-    path = point.poses + move[: point.poses.size].reshape(-1, 3)
-    path[:, 2] = wrap(path[:, 2])
-    return noise.satisfying_constraints(path), point.landmarks + move[point.poses.size :].reshape(-1, 2)
-
-
-def _sigmas(solution: Solution) -> tuple[Float, Float]:
-    """Return standard deviations of poses (N+1, 3) and landmarks (L, 2); zeros are replaced by infinity."""
+def _inverse_sigmas(solution: Solution) -> Float:
+    """Return 1 / sigma of all poses and landmarks, (3N+3+2L,); zero for exact ones."""
     covs = (solution.pose_covs, solution.landmark_covs)
-    poses, landmarks = (np.sqrt(np.maximum(np.diagonal(each, axis1=1, axis2=2), 0.0)) for each in covs)
-    return np.where(poses > EXACT, poses, np.inf), np.where(landmarks > EXACT, landmarks, np.inf)
+    sigmas = np.sqrt(np.maximum(np.concatenate([np.diagonal(each, axis1=1, axis2=2).ravel() for each in covs]), 0.0))
+    return np.divide(1.0, sigmas, out=np.zeros_like(sigmas), where=sigmas > EXACT)
 
 
 def _refuse_landmarks_at_poses(problem: Problem, point: Point) -> None:

@@ -17,13 +17,13 @@ from slamgauge.graph_baseline.solver.levenberg_marquardt import (
     Minimum,
     damped_descent,
     gauss_newton_minimum,
-    solved_at,
+    minimum_at,
 )
 from slamgauge.sensors import SENSORS
 
 UNLIKELY = 5e-4  # probability of a cost that counts as too high, under the stated noise
 LONG = 100  # steps; bearings of shorter recordings may have several minima that noise explains
-SAME_COST = 1e-6  # largest relative difference of the costs of two starts that lead to the same minimum
+SAME_COST = 1e-6  # largest difference of the costs of two starts that lead to the same minimum, relative above 1
 
 Start = Callable[[], tuple[Float, Float]]  # poses (N+1, 3), and landmarks (L, 2) in increasing id order
 Starts = Callable[[Problem, Float], Iterable[Start]]  # from a problem and a path (N+1, 3)
@@ -33,97 +33,68 @@ def placed_minimum(problem: Problem, path: Float, starts: Starts) -> tuple[Int, 
     """Return the lowest minimum with the landmarks that their bearings place, first from a path (N+1, 3).
 
     Landmarks that the minimum places are added, each at most once, until there are no more. Then landmarks that it does
-    not place are removed. If a search fails, landmarks that its last path does not place are removed.
+    not place are removed.
 
     Returns:
         Association (M,), -1 for landmarks that their bearings do not place, and the minimum without these landmarks.
     """
 
-    def minimum(taken: Marks, path: Float) -> tuple[Marks, Minimum]:
-        while True:
-            part = problem if taken.all() else problem.only(taken)
-            try:
-                return taken, lowest_minimum(part, starts(part, path))
-            except UndeterminedError as error:
-                taken = _placed_after_failure(error, problem, taken)
+    def minimum(taken: Marks, path: Float) -> Minimum:
+        part = problem if taken.all() else problem.only(taken)
+        return lowest_minimum(part, starts(part, path))
 
-    taken, found = minimum(are_placed(problem, path), path)
-    tried, placed = taken, are_placed(problem, found.poses)
-    while (placed & ~tried).any():
-        tried = tried | placed
-        taken, found = minimum(taken | placed, found.poses)
+    taken = are_placed(problem, path)
+    found = minimum(taken, path)
+    placed = are_placed(problem, found.poses)
+    while (placed & ~taken).any():
+        taken = taken | placed
+        found = minimum(taken, found.poses)
         placed = are_placed(problem, found.poses)
     if (taken & ~placed).any():
-        taken, found = minimum(taken & placed, found.poses)
+        taken = taken & placed
+        found = minimum(taken, found.poses)
     return np.where(taken, problem.landmark, -1), found
 
 
-def _placed_after_failure(error: UndeterminedError, problem: Problem, taken: Marks) -> Marks:
-    """Return a mask (M,) of the observations to keep after a failed search with `taken` (M,); raise if it is empty."""
-    if error.path is None:
-        raise error
-    left = taken & are_placed(problem, error.path)
-    if left.sum() == taken.sum():
-        raise error
-    return left
-
-
 def lowest_minimum(problem: Problem, starts: Iterable[Start]) -> Minimum:
-    """Return the first minimum whose cost noise explains, or else the lowest minimum of all starts.
+    """Return the lowest minimum of the starts that are tried.
 
-    Bearings of a short recording may have several minima that noise explains. There the search ends when two starts
-    have led to the lowest minimum so far. If two starts lead to the same cost, more starts are not tried: no path and
-    map fits data that contradict the model. In such data a misread id may move a landmark to a pose that observes it,
-    where the cost is not smooth; then the result is the lowest point found.
+    The search ends if noise explains the cost; bearings of a short recording may have several such minima. It also ends
+    if two starts have led to the lowest cost: no path and map fits data that contradict the model. In such data a
+    misread id may move a landmark to a pose that observes it, where the cost is not smooth; then the result is the
+    lowest point found.
 
     Raises:
-        UndeterminedError: no start leads to a minimum; the message is that of the start with the lowest cost.
+        UndeterminedError: no start leads to a minimum.
     """
     objective, one_suffices = Objective(problem), problem.steps >= LONG or SENSORS[problem.sensor].places_landmarks
-    explained: list[Minimum] = []
-    near: list[Point] = []
+    points: list[Point] = []
     mistakes: list[UndeterminedError] = []
+    unsettled: list[UndeterminedError] = []
     for start in starts:
         try:
-            point = damped_descent(objective, *start())
-            if is_low(problem, point.cost):
-                explained.append(_minimum_at(objective, point))
-                if one_suffices or _is_lowest(explained):
-                    break
-            else:
-                near.append(point)
+            points.append(damped_descent(objective, *start()))
         except UndeterminedError as error:
             mistakes.append(error)
-        if one_suffices and len(near) == 2 and abs(near[0].cost - near[1].cost) <= SAME_COST * near[0].cost:
+            continue
+        points.sort(key=lambda point: point.cost)
+        if _is_found_twice(points) or (one_suffices and is_low(problem, points[0].cost)):
             break
-    if explained:
-        return min(explained, key=lambda minimum: minimum.cost)
-    near.sort(key=lambda point: point.cost)
-    unsettled: list[UndeterminedError] = []
-    for each in near:
+    for point in points:
         try:
-            return _minimum_at(objective, each)
+            return gauss_newton_minimum(objective, point)
         except UndeterminedError as error:
             unsettled.append(error)
-    if near and one_suffices:
+    if points and one_suffices and not is_low(problem, points[0].cost):
         with suppress(UndeterminedError):
-            return Minimum(near[0].poses, near[0].landmarks, solved_at(objective, near[0]), near[0].cost)
+            return minimum_at(objective, points[0])
     raise [*unsettled, *mistakes][0]
 
 
-def _is_lowest(minima: list[Minimum]) -> bool:
-    """Return whether the lowest of the minima is zero or was found twice."""
-    first, second = sorted([*(minimum.cost for minimum in minima), np.inf])[:2]
+def _is_found_twice(points: list[Point]) -> bool:
+    """Return whether the lowest cost is zero or that of two points."""
+    first, second = [*(point.cost for point in points), np.inf][:2]
     return first <= SAME_COST or second - first <= SAME_COST * max(first, 1.0)
-
-
-def _minimum_at(objective: Objective, point: Point) -> Minimum:
-    """Return `gauss_newton_minimum`; its error gets the path from which it started."""
-    try:
-        return gauss_newton_minimum(objective, point)
-    except UndeterminedError as error:
-        error.path = point.poses
-        raise
 
 
 def is_low(problem: Problem, cost: float) -> bool:

@@ -1,9 +1,8 @@
 """Solution of a linearised graph by its Schur complement: the step and all covariances.
 
-Poses are eliminated piece by piece (`elimination`); usually the whole path is one piece. The remaining information
-about the landmarks, and about poses at cuts of a long path, is factorised (`multifrontal`). Then cov(landmarks) is its
-inverse, and cov(pose) = V + A cov(landmarks) A' with the smoothed map A and covariance V of the pose given the
-landmarks. In a piece, an unknown last pose is treated as a noise-free observation of that pose.
+The poses are eliminated (`elimination`), and the remaining information about the landmarks is factorised. Then
+cov(landmarks) is its inverse, and cov(pose) = V + A cov(landmarks) A' with the smoothed map A and covariance V of the
+pose given the landmarks.
 
 Cost: O(N L^2) in two products with matrices of (3N, 2L), and recursions of 3 x 3 matrices.
 """
@@ -13,26 +12,29 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import get_blas_funcs, solve_triangular
+from numpy.linalg import LinAlgError
+from scipy.linalg import cho_solve, get_blas_funcs, solve_triangular
 
-from slamgauge.arrays import Float, Int
-from slamgauge.graph_baseline.problem.linearisation import LinearModel
+from slamgauge.arrays import Float
+from slamgauge.graph_baseline.problem.linearisation import LinearModel, Scans
+from slamgauge.graph_baseline.problem.preparation import Problem
 from slamgauge.graph_baseline.solver.elimination import (
     Chain,
-    Scans,
     eliminate_poses,
     empty_chain,
     empty_frontier,
     run_adjoints,
     smooth_covariances,
 )
-from slamgauge.graph_baseline.solver.multifrontal import Factor, covariance_roots, factorise, minimise
-from slamgauge.graph_baseline.solver.partition import Piece, Plan
+from slamgauge.memory import require_memory
 
 (multiply_triangular,) = get_blas_funcs(("trmm",), dtype=np.float64)
 
 POSES_TOGETHER = 128  # poses that are processed together; their rows take a few megabytes
 EXACT = 1e-9  # m or rad; a smaller standard deviation is treated as zero
+LOST_PIVOT = 1e-12  # a pivot below this share of a landmark's information is rounding
+SPARSE = ("gtsam-batch", "isam2")  # estimators that eliminate variables in the order of least memory
+MAPS, MATRICES = 6.0, 6.0  # largest number of arrays (N+1, 3, 2L) and (2L, 2L) in memory at the same time
 
 
 class Damping(NamedTuple):
@@ -56,23 +58,17 @@ class Solution(NamedTuple):
 
 
 class Eliminated(NamedTuple):
-    """A piece with n unknowns u after the elimination of its K poses."""
+    """A linear model after the elimination of its poses."""
 
     model: LinearModel
     chain: Chain
-    maps: Float  # (K, 3, n+1) predicted poses as affine maps of (1, u)
-    rows: Float  # (K, 3, n+1) whitened innovations of the scans, as affine maps
+    maps: Float  # (N+1, 3, 2L+1) predicted poses as affine maps of (1, landmarks)
+    rows: Float  # (N+1, 3, 2L+1) whitened innovations of the scans, as affine maps
+    root: Float  # (2L, 2L) lower triangular factor of the landmarks' information
+    at: Float  # (2L+1,) the constant 1, and the landmarks at the minimum
 
 
-class System(NamedTuple):
-    """All pieces, and their joint information about the unknowns."""
-
-    pieces: list[Eliminated]
-    factor: Factor
-    unknowns: Float  # (n+1,) at the minimum: landmarks (L, 2), poses at cuts (J, 3), and the constant 1
-
-
-def damped_step(model: LinearModel, scans: Scans, planned: Plan, damping: Damping) -> tuple[Float, Float]:
+def damped_step(model: LinearModel, scans: Scans, landmarks: int, damping: Damping) -> tuple[Float, Float]:
     """Return the damped step of poses (N+1, 3) and landmarks (L, 2).
 
     Up to a constant, |w + dw|^2 + d |dw|^2 is (1 + d) |dw + w / (1 + d)|^2: damping d of a motion reduces its noise.
@@ -81,85 +77,51 @@ def damped_step(model: LinearModel, scans: Scans, planned: Plan, damping: Dampin
         numpy.linalg.LinAlgError: the observations do not determine the landmarks.
     """
     share = 1.0 / (1.0 + damping.motion)
-    return _step(_eliminated(model._replace(c=share * model.c, W=share * model.W), scans, planned, damping), planned)
+    return _step(_without_poses(model._replace(c=share * model.c, W=share * model.W), scans, landmarks, damping))
 
 
-def solve(model: LinearModel, scans: Scans, planned: Plan) -> Solution:
+def solve(model: LinearModel, scans: Scans, landmarks: int) -> Solution:
     """Minimise the linear model over all poses and landmarks; errors as in `damped_step`."""
-    system = _eliminated(model, scans, planned, NOT_DAMPED)
-    step = _step(system, planned)
-    pose_covs, landmark_covs = np.empty((len(model.c), 3, 3)), np.empty((len(step[1]), 2, 2))
-    for number, place, root in covariance_roots(system.factor, np.zeros((0, 0))):
-        piece, order = planned.pieces[number], np.argsort(place)
-        landmark_covs[piece.slots] = own_blocks(root[place[: 2 * len(piece.slots)]])
-        pose_covs[piece.poses] = _pose_covs(system.pieces[number], order, root)
-    return Solution(*step, pose_covs, landmark_covs)
+    system = _without_poses(model, scans, landmarks, NOT_DAMPED)
+    step = _step(system)
+    root = solve_triangular(system.root, np.eye(2 * landmarks), trans=1, lower=True, check_finite=False)
+    return Solution(*step, _pose_covs(system, root), own_blocks(root))
 
 
-def _eliminated(model: LinearModel, scans: Scans, planned: Plan, damping: Damping) -> System:
-    landmarks = planned.landmarks
-    damping_of, own = np.zeros(planned.unknowns), np.zeros(planned.unknowns)
-    damping_of[: 2 * landmarks] = damping.landmark
+def _without_poses(model: LinearModel, scans: Scans, landmarks: int, damping: Damping) -> Eliminated:
+    poses, size = len(model.c), 2 * landmarks + 1
+    chain, front = empty_chain(poses), empty_frontier(size - 1)
+    maps, rows = np.empty((2, poses, 3, size))
+    eliminate_poses(scans, model, damping.pose, chain, front, (0, poses), maps, rows)
+    stacked = rows.reshape(-1, size)
+    information = np.tril(front.information) + np.tril(front.information, -1).T + stacked.T @ stacked
+    information[np.arange(1, size), np.arange(1, size)] += damping.landmark
+    root = np.asarray(np.linalg.cholesky(information[1:, 1:]), dtype=np.float64)
     squares = np.square(model.Hm).sum(axis=1)
-    own[: 2 * landmarks] = np.column_stack([np.bincount(scans.slot, each, landmarks) for each in squares.T]).ravel()
-    pieces: dict[int, Eliminated] = {}
-
-    def information_of(number: int) -> Float:
-        pieces[number], information = _without_poses(model, scans, planned.pieces[number], damping.pose)
-        return information
-
-    factor, _ = factorise(planned.front, information_of, damping_of, own + damping_of)
-    unknowns = np.append(np.zeros(planned.unknowns), 1.0)
-    minimise(factor, unknowns)
-    return System([pieces[number] for number in range(len(pieces))], factor, unknowns)
+    own = np.column_stack([np.bincount(scans.slot, each, landmarks) for each in squares.T]).ravel() + damping.landmark
+    if (np.square(np.diag(root)) < LOST_PIVOT * own).any():
+        raise LinAlgError("the remaining information of a landmark is rounding")
+    at = np.append(1.0, -cho_solve((root, True), information[1:, 0], check_finite=False))
+    return Eliminated(model, chain, maps, rows, root, at)
 
 
-def _without_poses(model: LinearModel, scans: Scans, piece: Piece, damping: Float) -> tuple[Eliminated, Float]:
-    """Eliminate the poses of a piece; return it, and the information (n+1, n+1) about unknowns and the constant."""
-    poses, rows = piece.poses, piece.rows
-    part = LinearModel(*(each[poses] for each in model[:3]), *(each[rows] for each in model[3:]))
-    first = np.minimum(scans.first[poses.start : poses.stop + 1], rows.stop) - rows.start
-    size, count = len(piece.columns) + 1, len(part.c)
-    front, chain = empty_frontier(size - 1), empty_chain(count)
-    if piece.begins:  # the motion to the first pose belongs to the piece before
-        part = part._replace(lever=part.lever.copy(), c=part.c.copy(), W=part.W.copy())
-        part.lever[0], part.c[0], part.W[0] = 0.0, 0.0, 0.0
-        begin = 1 + 2 * len(piece.slots)
-        front.M[:, begin : begin + 3] = np.eye(3)
-    maps, innovations = np.empty((2, count, 3, size))
-    local = Scans(first, np.searchsorted(piece.slots, scans.slot[rows]))
-    eliminate_poses(local, part, damping, chain, front, (0, count), maps, innovations)
-    if piece.ends:  # the last pose equals an unknown
-        chain.T[-1] = solve_triangular(np.linalg.cholesky(chain.P[-1]), np.eye(3), lower=True, check_finite=False)
-        innovations[-1] = chain.T[-1] @ maps[-1]
-        innovations[-1, :, -3:] -= chain.T[-1]
-    information = np.tril(front.information) + np.tril(front.information, -1).T
-    stacked = innovations.reshape(-1, size)
-    information += stacked.T @ stacked
-    return Eliminated(part, chain, maps, innovations), np.roll(information, (-1, -1), axis=(0, 1))
-
-
-def _step(system: System, planned: Plan) -> tuple[Float, Float]:
+def _step(system: Eliminated) -> tuple[Float, Float]:
     """Return the step of all poses (N+1, 3) and landmarks (L, 2)."""
-    dx = np.empty((planned.pieces[-1].poses.stop, 3))
-    for piece, (model, chain, maps, rows) in zip(planned.pieces, system.pieces, strict=True):
-        at = system.unknowns[np.append(-1, piece.columns)]
-        adjoints = (rows @ at)[:, :, None]
-        run_adjoints(model, chain, adjoints)
-        dx[piece.poses] = maps @ at - (chain.P @ adjoints)[:, :, 0]
-    return dx, system.unknowns[: 2 * planned.landmarks].reshape(-1, 2)
+    adjoints = (system.rows @ system.at)[:, :, None]
+    run_adjoints(system.model, system.chain, adjoints)
+    return system.maps @ system.at - (system.chain.P @ adjoints)[:, :, 0], system.at[1:].reshape(-1, 2)
 
 
-def _pose_covs(piece: Eliminated, order: Int, root: Float) -> Float:
-    """Return covariances (K, 3, 3) of the poses of a piece; `root` is that of its unknowns in the given order (n,)."""
-    model, chain, maps, adjoints = piece
+def _pose_covs(system: Eliminated, root: Float) -> Float:
+    """Return covariances (N+1, 3, 3) of the poses; `root` (2L, 2L) is that of the landmarks' covariance."""
+    model, chain, maps, adjoints = system[:4]
     run_adjoints(model, chain, adjoints)
     covs = np.empty((len(maps), 3, 3))
     smooth_covariances(model, chain, covs)
     for first in range(0, len(maps), POSES_TOGETHER):
         part = slice(first, first + POSES_TOGETHER)
-        A = (maps[part] - chain.P[part] @ adjoints[part])[:, :, 1 + order].reshape(3 * len(maps[part]), len(order))
-        spread = multiply_triangular(1.0, root.T, A.T, lower=1, overwrite_b=1).T.reshape(len(maps[part]), 3, len(order))
+        A = (maps[part] - chain.P[part] @ adjoints[part])[:, :, 1:].reshape(3 * len(maps[part]), len(root))
+        spread = multiply_triangular(1.0, root.T, A.T, lower=1, overwrite_b=1).T.reshape(len(maps[part]), 3, len(root))
         covs[part] += spread @ spread.swapaxes(1, 2)
     return covs
 
@@ -169,3 +131,17 @@ def own_blocks(root: Float) -> Float:
     x, y = root[0::2], root[1::2]
     xx, xy, yy = ((one * other).sum(axis=1) for one, other in ((x, x), (x, y), (y, y)))
     return np.stack([np.stack([xx, xy], axis=-1), np.stack([xy, yy], axis=-1)], axis=-2)
+
+
+def require_memory_for(problem: Problem, name: str) -> None:
+    """Require enough free memory for the dense matrices of all poses and landmarks, which those in SPARSE do without.
+
+    Raises:
+        UserError: there is not enough memory for the estimator `name`.
+    """
+    if name in SPARSE:
+        return
+    landmarks, poses = len(problem.landmark_ids), problem.steps + 1
+    needed = 8.0 * (MAPS * 3 * poses * 2 * landmarks + MATRICES * (2 * landmarks) ** 2)
+    what = f"{name} of {landmarks} landmarks in {poses} poses"
+    require_memory(needed, what, "use gtsam-batch or isam2, whose matrices are sparse, or give a part of the recording")

@@ -42,12 +42,6 @@ SMALLEST = {
         "q3-scale-0.1-landmarks 3.1 wrong ",
         "sum wrong ",
     ),
-    "large_optima": (  # 7 s
-        "--landmarks 20,40",
-        "landmarks scans seen batch [s] one [s] pieces front memory [GB] chi2/dof",
-        "20 ",
-        "from 20 to 37: batch landmarks^",
-    ),
     "literature": (  # 6 s
         "--runs 2 --only zhang2017-stationary --jobs 1",
         "claim ratio interval verdict hypothesis",

@@ -15,7 +15,7 @@ from slamgauge.graph_baseline.solver.search import is_low
 from tests.reference.agreement import COST_BAR
 from tests.reference.drawn_recordings import draw
 from tests.reference.least_squares import Model, placed_only
-from tests.reference.optimum_agreement import grown_once, judge_optima, lowest, of_estimate
+from tests.reference.optimum_agreement import judge_optima, lowest, of_estimate
 
 pytestmark = pytest.mark.full  # long recordings; tests/graph_baseline has scipy and GTSAM
 
@@ -136,14 +136,6 @@ def test_the_check_of_a_causal_optimum_reports_a_landmark_that_only_batch_had_ma
     """At step 4 `batch` maps a landmark that the incremental optimum finds a step later."""
     check = causal(draw(2038, 174).recording.first(6)).optimum_check
     assert check is not None and check > 1.0
-
-
-def test_batch_on_first_steps_is_the_same_with_one_incremental_run():
-    recording = draw(2036, 40).recording
-    with grown_once(recording):
-        found = [batch(recording.first(k)).poses for k in (4, 9)]
-    for k, poses in zip((4, 9), found, strict=True):
-        np.testing.assert_array_equal(poses, batch(recording.first(k)).poses)
 
 
 def test_newton_steps_do_not_end_uphill():

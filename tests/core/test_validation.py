@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import FrozenInstanceError, fields
 from typing import Any
 
@@ -15,124 +15,114 @@ from slamgauge.errors import CovarianceError, UserError
 from slamgauge.validation import as_covariances
 from tests.reference.example_records import estimate, history, rays, recording, truth
 
-
-def in_row(row: int, value: Any, array: Any) -> Float:
-    """Return `array` with one row replaced."""
-    changed = np.array(array, dtype=float)
-    changed[row] = value
-    return changed
+RECORDS = (recording, truth, estimate, rays, history)
+EVERY = pytest.mark.parametrize("make", RECORDS)
 
 
-def covs(count: int, row: int, matrix: Any) -> Float:
-    """Return `count` unit covariances with one replaced."""
-    return in_row(row, matrix, np.tile(np.eye(len(matrix)), (count, 1, 1)))
+def arrays_of(make: Callable[..., Any]) -> Iterator[tuple[str, str, Any]]:
+    """Yield the name, the label in errors and a copy of each array of a record."""
+    record, prefix = make(), f"{make.__name__}." if make in (rays, history) else ""
+    for field in fields(record):
+        value = getattr(record, field.name)
+        if isinstance(value, np.ndarray):
+            yield field.name, prefix + field.name, value.copy()
 
 
-ASYMMETRIC = [[1.0, 0.2, 0.0], [0.1, 1.0, 0.0], [0.0, 0.0, 1.0]]
-INDEFINITE = [[1.0, 1.1, 0.0], [1.1, 1.0, 0.0], [0.0, 0.0, 1.0]]
-NEGATIVE = np.diag([1.0, 1.0, -0.1])
-MIXED_UNITS_NEGATIVE = np.diag([1e6, 1e6, -1e-4])
-MIXED_UNITS_INDEFINITE = [[1e6, 0.0, 0.0], [0.0, 1e-8, 2e-8], [0.0, 2e-8, 1e-8]]
+def assert_refused(make: Callable[..., Any], changes: dict[str, Any], start: str, words: str) -> None:
+    with pytest.raises(ValueError) as caught:
+        make(**changes)
+    message = str(caught.value)
+    assert type(caught.value) is (CovarianceError if "_cov" in start or ".cov" in start else UserError)
+    assert "\n" not in message
+    assert message.startswith(start), message
+    assert words in message, message
+
+
+@EVERY
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+def test_numbers_must_be_finite(make: Callable[..., Any], value: float) -> None:
+    for name, label, array in arrays_of(make):
+        wrong = array.astype(float)
+        wrong[-1, ...].flat[0] = value
+        if name != "distances":  # NaN for a ray with fewer members
+            assert_refused(make, {name: wrong}, f"{label}[{len(array) - 1}]", "finite")
+
+
+ANY_LENGTH = (truth, "poses"), (truth, "association"), (estimate, "association"), (rays, "members")
+
+
+@EVERY
+def test_arrays_have_their_shape(make: Callable[..., Any]) -> None:
+    for name, label, array in arrays_of(make):
+        assert_refused(make, {name: array[None]}, f"{label}: shape", "does not fit; give shape (")
+        assert_refused(make, {name: "far"}, f"{label}: not an array of numbers", "; give shape (")
+        if (make, name) not in ANY_LENGTH:
+            with pytest.raises(UserError, match=r"^[\w.]+: shape \(.*\) does not fit; give shape \("):
+                make(**{name: array[:-1]})
+
+
+@EVERY
+def test_steps_and_ids_are_whole_numbers(make: Callable[..., Any]) -> None:
+    for name, label, array in arrays_of(make):
+        if array.dtype == np.int64:
+            wrong = array.astype(float)
+            wrong[-1] += 0.5
+            assert_refused(make, {name: wrong}, f"{label}[{len(array) - 1}]", "whole number")
+
+
+BLOCKS: list[tuple[Any, str]] = [  # the first entries of a covariance
+    ([[1.0, 0.2], [0.1, 1.0]], "symmetric; use (P + P.T) / 2"),
+    ([[1.0, 1.1], [1.1, 1.0]], "negative eigenvalue"),
+    ([[-0.1, 0.0], [0.0, 1.0]], "negative variance"),
+    ([[-1e-4, 0.0], [0.0, 1e6]], "negative variance"),  # in mixed units
+    ([[1e-8, 2e-8], [2e-8, 1e-8]], "negative eigenvalue"),
+    ([[1e-4, 9e-5], [0.0, 1e-4]], "symmetric"),  # each pair has its own tolerance
+]
+
+
+@EVERY
+def test_covariances_are_symmetric_and_semidefinite(make: Callable[..., Any]) -> None:
+    for name, label, array in arrays_of(make):
+        if not name.endswith("cov") and not name.endswith("covs"):
+            continue
+        for block, words in BLOCKS:
+            wrong, whole = array.copy(), np.diag([1e6] * array.shape[-1])
+            whole[:2, :2] = block
+            wrong[-1 if array.ndim == 3 else ...] = whole
+            assert_refused(make, {name: wrong}, f"{label}[1]" if array.ndim == 3 and len(array) == 2 else label, words)
+
 
 # (constructor, changes, field and row that the message must begin with, words of the rule or remedy)
 RULES: list[tuple[Callable[..., object], dict[str, Any], str, str]] = [
-    # numbers
-    (recording, {"stamps": [0.0, math.nan, 0.2]}, "stamps[1]", "finite"),
-    (recording, {"stamps": [0.0, 0.1, math.inf]}, "stamps[2]", "finite"),
-    (recording, {"prior_mean": [0.0, math.inf, 0.0]}, "prior_mean[1]", "finite"),
-    (recording, {"prior_cov": np.diag([1.0, 1.0, math.nan])}, "prior_cov[2]", "finite"),
-    (recording, {"odometry": [[0.1, 0.0, 0.0], [0.1, math.nan, 0.0]]}, "odometry[1]", "finite"),
-    (recording, {"odometry_cov": covs(2, 1, np.diag([1.0, math.inf, 1.0]))}, "odometry_cov[1]", "finite"),
-    (recording, {"observation": [[2, 0], [3, 0], [math.nan, 3]]}, "observation[2]", "finite"),
-    (recording, {"observation_cov": covs(3, 2, np.diag([math.nan, 1.0]))}, "observation_cov[2]", "finite"),
-    (recording, {"observation_step": [0, math.nan, 1]}, "observation_step[1]", "finite"),
-    (recording, {"landmark": [4, math.inf, 9]}, "landmark[1]", "finite"),
-    (truth, {"poses": [[0, 0, 0], [0, math.nan, 0], [0, 0, 0]]}, "poses[1]", "NaN in the whole row"),
-    (truth, {"poses": [[0, 0, 0], [0, 0, 0], [math.inf] * 3]}, "poses[2]", "finite"),
-    (truth, {"landmarks": [[1.0, 2.0], [math.nan, 4.0]]}, "landmarks[1]", "finite"),
-    (truth, {"association": [4, math.nan, 9]}, "association[1]", "finite"),
-    (estimate, {"poses": in_row(2, math.nan, np.zeros((3, 3)))}, "poses[2]", "finite"),
-    (estimate, {"pose_covs": covs(3, 1, np.full((3, 3), math.nan))}, "pose_covs[1]", "finite"),
-    (estimate, {"landmarks": [[1.0, 2.0], [-math.inf, 4.0]]}, "landmarks[1]", "finite"),
-    (estimate, {"landmark_covs": covs(2, 0, np.diag([math.inf, 1.0]))}, "landmark_covs[0]", "finite"),
-    (estimate, {"nis": [0.0, math.nan, 2.0]}, "nis[1]", "finite"),
-    (estimate, {"nis_dof": [0, math.nan, 2]}, "nis_dof[1]", "finite"),
-    (estimate, {"seconds": [0.0, math.inf, 0.0]}, "seconds[1]", "finite"),
-    # not numbers at all
-    (recording, {"odometry": "far"}, "odometry", "not an array of numbers; give shape (any, 3)"),
     (recording, {"observation": [[1.0, 0.0], [1.0]]}, "observation", "not an array of numbers; give shape (any, 2)"),
     (recording, {"odometry": None}, "odometry", "give shape (any, 3)"),
-    (estimate, {"poses": object()}, "poses", "not an array of numbers; give shape (any, 3)"),
-    # shapes
-    (recording, {"stamps": [0.0, 0.1]}, "stamps", "shape (2,) does not fit; give shape (3,)"),
-    (recording, {"prior_mean": [0.0, 0.0]}, "prior_mean", "shape (2,) does not fit; give shape (3,)"),
-    (recording, {"prior_cov": np.eye(2)}, "prior_cov", "shape (2, 2) does not fit; give shape (3, 3)"),
-    (recording, {"odometry": np.zeros((2, 2))}, "odometry", "shape (2, 2) does not fit; give shape (any, 3)"),
-    (recording, {"odometry": np.zeros(3)}, "odometry", "shape (3,) does not fit; give shape (any, 3)"),
     (recording, {"odometry_cov": np.eye(2)}, "odometry_cov", "shape (2, 2, 2) does not fit; give shape (2, 3, 3)"),
-    (recording, {"observation": np.ones((3, 1))}, "observation", "shape (3, 1) does not fit; give shape (any, 2)"),
     (recording, {"sensor": "bearing"}, "observation", "shape (3, 2) does not fit; give shape (any, 1)"),
-    (recording, {"observation_cov": np.ones((3, 1, 1))}, "observation_cov", "give shape (3, 2, 2)"),
-    (recording, {"observation_step": [0, 1]}, "observation_step", "give shape (3,)"),
-    (recording, {"landmark": [4, 9]}, "landmark", "give shape (3,)"),
-    (truth, {"poses": np.zeros((3, 2))}, "poses", "give shape (any, 3)"),
-    (truth, {"landmarks": np.zeros((3, 2))}, "landmarks", "give shape (2, 2)"),
+    (recording, {"observation_cov": np.diag([0.0, 1.0])}, "observation_cov[0]", "positive definite here"),
+    (recording, {"observation_cov": np.ones((2, 2))}, "observation_cov[0]", "positive definite here"),
+    (recording, {"prior_cov": [[0.0, 0.1, 0.0], [0.1, 1.0, 0.0], [0.0, 0.0, 1.0]]}, "prior_cov", "negative eigenv"),
     (truth, {"landmark_ids": None}, "landmarks", "give landmark_ids and landmarks together"),
     (truth, {"landmarks": None}, "landmarks", "give landmark_ids and landmarks together"),
-    (truth, {"association": [[4, 9]]}, "association", "give shape (any,)"),
-    (estimate, {"poses": np.zeros((3, 2))}, "poses", "give shape (any, 3)"),
-    (estimate, {"pose_covs": np.zeros((2, 3, 3))}, "pose_covs", "give shape (3, 3, 3)"),
-    (estimate, {"landmarks": np.zeros((1, 2))}, "landmarks", "give shape (2, 2)"),
-    (estimate, {"landmarks": None}, "landmarks", "give shape (2, 2)"),
-    (estimate, {"landmark_ids": None}, "landmark_ids", "give shape (any,)"),
-    (estimate, {"landmark_covs": np.zeros((3, 2, 2))}, "landmark_covs", "give shape (2, 2, 2)"),
-    (estimate, {"association": 4}, "association", "give shape (any,)"),
-    (estimate, {"nis": [0.0, 1.0]}, "nis", "give shape (3,)"),
-    (estimate, {"nis_dof": [0, 2]}, "nis_dof", "give shape (3,)"),
+    (estimate, {"landmark_ids": []}, "landmark_ids", "give the id of each row"),
     (estimate, {"nis_dof": None}, "nis", "give nis and nis_dof together"),
     (estimate, {"nis": None}, "nis", "give nis and nis_dof together"),
-    (estimate, {"seconds": [0.0]}, "seconds", "give shape (3,)"),
-    # covariances
-    (recording, {"prior_cov": ASYMMETRIC}, "prior_cov", "symmetric; use (P + P.T) / 2"),
-    (recording, {"prior_cov": INDEFINITE}, "prior_cov", "negative eigenvalue"),
-    (recording, {"prior_cov": NEGATIVE}, "prior_cov", "negative variance"),
-    (recording, {"prior_cov": MIXED_UNITS_NEGATIVE}, "prior_cov", "negative variance"),
-    (recording, {"prior_cov": MIXED_UNITS_INDEFINITE}, "prior_cov", "negative eigenvalue"),
-    (recording, {"odometry_cov": covs(2, 1, ASYMMETRIC)}, "odometry_cov[1]", "symmetric"),
-    (recording, {"odometry_cov": covs(2, 1, INDEFINITE)}, "odometry_cov[1]", "negative eigenvalue"),
-    (recording, {"odometry_cov": covs(2, 1, MIXED_UNITS_NEGATIVE)}, "odometry_cov[1]", "negative variance"),
-    (recording, {"observation_cov": covs(3, 2, [[1.0, 0.5], [0.4, 1.0]])}, "observation_cov[2]", "symmetric"),
-    (recording, {"observation_cov": covs(3, 2, [[1.0, 2.0], [2.0, 1.0]])}, "observation_cov[2]", "negative eigen"),
-    (recording, {"observation_cov": covs(3, 2, np.diag([-1.0, 1.0]))}, "observation_cov[2]", "negative variance"),
-    (recording, {"observation_cov": covs(3, 1, np.diag([0.0, 1.0]))}, "observation_cov[1]", "positive definite here"),
-    (recording, {"observation_cov": covs(3, 1, np.ones((2, 2)))}, "observation_cov[1]", "positive definite here"),
-    (estimate, {"pose_covs": covs(3, 2, ASYMMETRIC)}, "pose_covs[2]", "symmetric"),
-    (estimate, {"pose_covs": covs(3, 2, INDEFINITE)}, "pose_covs[2]", "negative eigenvalue"),
-    (estimate, {"pose_covs": covs(3, 2, NEGATIVE)}, "pose_covs[2]", "negative variance"),
-    (estimate, {"landmark_covs": covs(2, 1, [[1.0, 2.0], [2.0, 1.0]])}, "landmark_covs[1]", "negative eigenvalue"),
     # order and range
     (recording, {"stamps": [0.0, 0.1, 0.1]}, "stamps[2]", "increase strictly; sort the steps"),
-    (recording, {"stamps": [0.0, -0.1, 0.2]}, "stamps[1]", "increase strictly"),
     (recording, {"observation_step": [0, 1, 3]}, "observation_step[2]", "must lie in 0..2"),
     (recording, {"observation_step": [-1, 1, 1]}, "observation_step[0]", "must lie in 0..2"),
     (recording, {"observation_step": [1, 0, 2]}, "observation_step[1]", "must not decrease; sort"),
-    (recording, {"observation_step": [0, 0.5, 1]}, "observation_step[1]", "whole number"),
     (recording, {"observation": [[2, 0], [-1e-9, 0], [1, 3]]}, "observation[1]", "a range cannot be negative"),
+    (history, {"step": [2, 0]}, "history.step[1]", "must not decrease; sort"),
+    (history, {"weight": [1.0, 1.1]}, "history.weight[1]", "a weight is a probability"),
     # ids
     (recording, {"landmark": [4, -1, 9]}, "landmark[1]", "id must be >= 0; use landmark=None"),
-    (recording, {"landmark": [4, 4, 9.5]}, "landmark[2]", "whole number"),
     (truth, {"landmark_ids": [4, 4]}, "landmark_ids[1]", "distinct"),
     (truth, {"landmark_ids": [4, -9]}, "landmark_ids[1]", ">= 0"),
-    (truth, {"landmark_ids": [4.5, 9]}, "landmark_ids[0]", "whole number"),
     (truth, {"association": [4, 5, 9]}, "association[1]", "among landmark_ids"),
     (truth, {"association": [4, -2, 9]}, "association[1]", "among landmark_ids"),
-    (truth, {"association": [4, 4.5, 9]}, "association[1]", "whole number"),
+    (truth, {"outlier": [0, 2, 1]}, "outlier[1]", "give 1 for an outlier"),
     (estimate, {"landmark_ids": [9, 9]}, "landmark_ids[1]", "distinct"),
-    (estimate, {"landmark_ids": [-9, 4]}, "landmark_ids[0]", ">= 0"),
-    (estimate, {"landmark_ids": [9, 0.1]}, "landmark_ids[1]", "whole number"),
     (estimate, {"association": [4, 5, 9]}, "association[1]", "-1 for a rejected observation"),
-    (estimate, {"association": [4, -2, 9]}, "association[1]", "-1 for a rejected observation"),
-    (estimate, {"nis_dof": [0, 0.5, 2]}, "nis_dof[1]", "whole number"),
     # rays and history, alone and on the path
     (rays, {"birth": [0, -1]}, "rays.birth[1]", "give the step at which the ray began"),
     (rays, {"birth": [1, 1], "end": [0, -1]}, "rays.end[0]", "cannot end before its birth"),
@@ -143,30 +133,24 @@ RULES: list[tuple[Callable[..., object], dict[str, Any], str, str]] = [
     (estimate, {"rays": rays(end=[3, -1])}, "rays.end[0] = 3", "must lie in 0..2"),
     (estimate, {"rays": rays(members=[3, 5])}, "rays.members", "give shape (3,)"),
     (estimate, {"history": history(step=[0, 3])}, "history.step[1] = 3", "must lie in 0..2"),
-    (estimate, {"landmark_ids": []}, "landmark_ids", "give the id of each row"),
-    # names
+    # names and figures
     (recording, {"sensor": "lidar"}, "sensor: 'lidar'", "use one of range-bearing, bearing, position"),
-    (recording, {"sensor": None}, "sensor: None", "use one of"),
     (estimate, {"kind": "predicted"}, "kind: 'predicted'", "use 'filtered' or 'smoothed'"),
+    (estimate, {"optimum_check": -0.1}, "optimum_check: -0.1 does not fit; give a number >= 0, or None", ""),
+    (estimate, {"optimum_check": math.nan}, "optimum_check: nan does not fit; give a number >= 0, or None", ""),
+    (estimate, {"optimum_check": "far"}, "optimum_check: not an array of numbers; ", ""),
+    (estimate, {"optimum_check": [0.1, 0.2]}, "optimum_check: shape (2,) does not fit; ", ""),
+    (estimate, {"chi_square": math.inf, "chi_square_dof": 4}, "chi_square: inf does not fit", "number >= 0, or None"),
+    (estimate, {"chi_square": 1.0, "chi_square_dof": 4.5}, "chi_square_dof: 4.5", "give a whole number >= 0"),
+    (estimate, {"chi_square": 1.0}, "chi_square: give chi_square and chi_square_dof together, or neither", ""),
 ]
 
 
-def label(rule: tuple[Callable[..., object], dict[str, Any], str, str]) -> str:
-    make, _, start, words = rule
-    return f"{make.__name__} {start} {words}"
-
-
-@pytest.mark.parametrize(("make", "changes", "start", "words"), RULES, ids=map(label, RULES))
+@pytest.mark.parametrize(("make", "changes", "start", "words"), RULES)
 def test_a_broken_rule_is_one_line_that_names_field_row_and_remedy(
     make: Callable[..., object], changes: dict[str, Any], start: str, words: str
 ) -> None:
-    with pytest.raises(ValueError) as caught:
-        make(**changes)
-    message = str(caught.value)
-    assert type(caught.value) is (CovarianceError if "_cov" in start else UserError)
-    assert "\n" not in message
-    assert message.startswith(start)
-    assert words in message
+    assert_refused(make, changes, start, words)
 
 
 def test_the_first_bad_row_is_named_with_its_value() -> None:
@@ -174,20 +158,9 @@ def test_the_first_bad_row_is_named_with_its_value() -> None:
         recording(odometry=[[0.1, 0.0, 0.0], [0.1, math.nan, 0.0]])
 
 
-def test_the_examples_themselves_are_valid() -> None:
-    assert (recording().steps, recording().odometry.shape) == (2, (2, 3))
-    assert truth().association is not None
-    assert estimate().nis_dof is not None
-
-
 def test_ids_too_large_for_whole_float64_numbers_are_not_merged_silently() -> None:
-    """Different ids stay different, or are refused."""
-    try:
-        landmark = recording(landmark=[2**53, 2**53 + 1, 2**53 + 2]).landmark
-    except ValueError:
-        return
-    assert landmark is not None
-    assert len(np.unique(landmark)) == 3
+    with pytest.raises(UserError, match=r"^landmark\[0\] = .*: every entry must be a whole number below 2\*\*53$"):
+        recording(landmark=[2**53, 2**53 + 1, 2**53 + 2])
 
 
 @pytest.mark.parametrize(
@@ -205,82 +178,51 @@ def test_extreme_but_legal_covariances_are_accepted_unchanged(matrix: Float) -> 
     accepted = recording(prior_cov=matrix, odometry_cov=np.tile(matrix, (2, 1, 1)))
     np.testing.assert_array_equal(accepted.prior_cov, matrix)
     np.testing.assert_array_equal(accepted.odometry_cov[1], matrix)
-    np.testing.assert_array_equal(estimate(pose_covs=np.tile(matrix, (3, 1, 1))).pose_covs, np.tile(matrix, (3, 1, 1)))
 
 
 def test_rounding_of_a_symmetric_matrix_is_removed() -> None:
     skewed = np.array([[2.0, 1.0, 0.0], [1.0 + 1e-15, 2.0, 0.0], [0.0, 0.0, 1.0]])
-    assert not np.array_equal(skewed, skewed.T)
     accepted = recording(prior_cov=skewed).prior_cov
+    assert not np.array_equal(skewed, skewed.T)
     assert np.array_equal(accepted, accepted.T)
 
 
-def test_an_asymmetric_block_next_to_a_large_variance_is_refused() -> None:
-    """Units differ within a covariance, so that each pair has its own tolerance."""
-    with pytest.raises(ValueError, match="symmetric"):
-        recording(prior_cov=[[1e6, 0.0, 0.0], [0.0, 1e-4, 9e-5], [0.0, 0.0, 1e-4]])
-
-
-def test_an_entry_of_zero_variance_has_no_correlation() -> None:
-    with pytest.raises(ValueError, match="eigenvalue"):
-        recording(prior_cov=[[0.0, 0.1, 0.0], [0.1, 1.0, 0.0], [0.0, 0.0, 1.0]])
-
-
-@pytest.mark.parametrize("make", [recording, truth, estimate, rays, history])
+@EVERY
 def test_arrays_are_copied_and_read_only(make: Callable[..., Any]) -> None:
-    plain = make()
-    names = [field.name for field in fields(plain) if isinstance(getattr(plain, field.name), np.ndarray)]
-    given_arrays = {name: np.array(getattr(plain, name)) for name in names}
-    value = make(**given_arrays)
-    assert len(names) >= 4
-    for name, array in given_arrays.items():
+    given = {name: array for name, _, array in arrays_of(make)}
+    value = make(**given)
+    assert len(given) >= 4
+    for name, array in given.items():
         own = getattr(value, name)
-        kept = own.copy()
         assert not np.shares_memory(own, array)
-        array += 1
-        np.testing.assert_array_equal(own, kept)
         with pytest.raises(ValueError, match="read-only"):
             own[...] = 0
         assert own.dtype in (np.float64, np.int64)
 
 
-@pytest.mark.parametrize("make", [recording, truth, estimate, rays, history])
-def test_fields_cannot_be_replaced_or_added(make: Callable[..., Any]) -> None:
-    value = make()
-    for field in fields(value):
-        with pytest.raises(FrozenInstanceError):
-            setattr(value, field.name, None)
-    assert not hasattr(value, "__dict__")
-
-
-@pytest.mark.parametrize("make", [recording, truth, estimate, rays, history])
-def test_values_are_equal_field_by_field_and_not_hashable(make: Callable[..., Any]) -> None:
+@EVERY
+def test_records_are_frozen_compared_by_value_and_not_hashable(make: Callable[..., Any]) -> None:
     one, other = make(), make()
     assert one == other
-    assert (one != other) is False
     assert one != 3
     with pytest.raises(TypeError, match="unhashable"):
         hash(one)
+    for field in fields(one):
+        with pytest.raises(FrozenInstanceError):
+            setattr(one, field.name, None)
+    assert not hasattr(one, "__dict__")
 
 
-def test_equal_values_have_their_gaps_at_the_same_places() -> None:
-    gap = truth(poses=[[0, 0, 0], [math.nan] * 3, [0, 0, 0]])
-    assert gap == truth(poses=[[0, 0, 0], [math.nan] * 3, [0, 0, 0]])
-    assert gap != truth(poses=[[0, 0, 0], [0, 0, 0], [math.nan] * 3])
-    assert gap != truth(poses=None)
-    assert rays() == rays()
-    assert rays() != rays(distances=[[1.0, 2.0, math.nan], [1.0, 2.0, math.nan]])
-
-
-def test_an_estimate_is_equal_down_to_its_rays_and_history() -> None:
+def test_equal_values_have_equal_gaps_rays_and_histories() -> None:
+    gaps = [truth(poses=np.roll([[0, 0, 0], [math.nan] * 3, [0, 0, 0]], k, axis=0)) for k in (0, 0, 1)]
+    assert gaps[0] == gaps[1]
+    assert gaps[0] != gaps[2]
     assert estimate(rays=rays(), history=history()) == estimate(rays=rays(), history=history())
     assert estimate(rays=rays()) != estimate(rays=rays(members=[3, 5, 3]))
-    assert estimate(rays=rays()) != estimate()
-    assert recording() != recording(sensor="position")
     assert recording() != recording(landmark=None)
 
 
-def test_errors_of_a_long_recording_name_the_row():
+def test_errors_of_a_long_recording_name_the_row() -> None:
     many = np.tile(np.eye(2), (150_000, 1, 1))
     np.testing.assert_array_equal(as_covariances("cov", many, (None, 2, 2), definite=True), many)
     many[140_000] = [[1.0, 2.0], [2.0, 1.0]]
@@ -288,7 +230,7 @@ def test_errors_of_a_long_recording_name_the_row():
         as_covariances("cov", many, (None, 2, 2))
 
 
-def test_covariances_at_the_limits_of_doubles_cause_no_warning():
+def test_covariances_at_the_limits_of_doubles_cause_no_warning() -> None:
     with np.errstate(all="raise", under="ignore"):
         whole = as_covariances("cov", 1.5e308 * np.eye(3)[None], (None, 3, 3))
         np.testing.assert_array_equal(whole, 1.5e308 * np.eye(3)[None])

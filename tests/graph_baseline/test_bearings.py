@@ -9,26 +9,20 @@ import pytest
 from scipy.optimize import least_squares
 
 from slamgauge import load_scenario, simulate
-from slamgauge.arrays import Float, Int, Marks
+from slamgauge.arrays import Float, Int
 from slamgauge.compare.studies.study_run import run_seed
 from slamgauge.estimate import Estimate
-from slamgauge.graph_baseline import UndeterminedError, batch, causal, cost, robust_batch
+from slamgauge.graph_baseline import batch, causal, cost, robust_batch
 from slamgauge.graph_baseline.problem.objective import Objective
 from slamgauge.graph_baseline.problem.placement import SURE
-from slamgauge.graph_baseline.problem.preparation import Problem, prepare
-from slamgauge.graph_baseline.solver import search
-from slamgauge.graph_baseline.solver.levenberg_marquardt import (
-    Minimum,
-    damped_descent,
-    gauss_newton_minimum,
-    solved_at,
-)
+from slamgauge.graph_baseline.problem.preparation import prepare
+from slamgauge.graph_baseline.solver.levenberg_marquardt import damped_descent, gauss_newton_minimum
 from slamgauge.recording import Recording
-from slamgauge.se2 import chain, wrap
+from slamgauge.se2 import wrap
 from slamgauge.triangulation import triangulate
 from tests.marks import in_full
 from tests.reference.least_squares import Model
-from tests.reference.random_recordings import random_recording, recording_of
+from tests.reference.random_recordings import recording_of
 from tests.reference.small_problems import answer, cost_of
 
 pytestmark = pytest.mark.slow
@@ -193,35 +187,3 @@ def test_a_given_association_may_contain_landmarks_that_bearings_do_not_place(
     assert not (given == single).any()
     assert (given[given >= 0] == association[given >= 0]).all()
     assert (given >= 0).sum() > len(given) / 3
-
-
-def test_the_search_adds_each_landmark_at_most_once(monkeypatch: pytest.MonkeyPatch):
-    """Each of two landmarks is placed by the minimum with the other; a search with both removes one of them."""
-    recording = prepare(random_recording(0, steps=10, landmarks=2)[1])
-    landmark = recording.landmark
-    first, second = np.unique(landmark)
-    path = chain(recording.prior_mean, recording.odometry)
-    failure = UndeterminedError("no minimum")
-    failure.path = path + 1.0
-    found: list[int] = []
-
-    def placed(_: Problem, at: Float) -> Marks:
-        if not found:
-            return landmark == first
-        return landmark != found[-1] if at is failure.path else np.ones(len(landmark), dtype=bool)
-
-    def lowest(part: Problem, _: object) -> Minimum:
-        if len(part.landmark_ids) == 2:
-            raise failure
-        found.append(part.landmark_ids[0])
-        assert len(found) < 10, "the search does not end"
-        positions, objective = np.ones((1, 2)), Objective(part)
-        return Minimum(path, positions, solved_at(objective, objective.at(path, positions)), 1.0)
-
-    def no_starts(_: Problem, __: Float) -> list[search.Start]:
-        return []
-
-    monkeypatch.setattr(search, "are_placed", placed)
-    monkeypatch.setattr(search, "lowest_minimum", lowest)
-    association = search.placed_minimum(recording, path, no_starts)[0]
-    assert set(association) == {-1, second}

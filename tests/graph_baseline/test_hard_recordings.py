@@ -193,5 +193,5 @@ def test_large_odometry_noise_needs_few_searches(monkeypatch: pytest.MonkeyPatch
     for _ in range(recording.steps + 1):
         optimum.add_step()
     optimum.finish()
-    assert len(optimum.switches) <= 5
+    assert len(optimum.changes) <= 5
     np.testing.assert_allclose(optimum.newest_pose(), batch(recording).poses[-1], atol=1e-3)

@@ -16,8 +16,7 @@ from slamgauge.graph_baseline.problem.objective import Objective
 from slamgauge.graph_baseline.problem.preparation import Problem, prepare, require_known_landmarks
 from slamgauge.graph_baseline.solver import incremental
 from slamgauge.graph_baseline.solver.chord_descent import ChordDescent
-from slamgauge.graph_baseline.solver.incremental import IncrementalOptimum, MinimumSwitch
-from slamgauge.graph_baseline.solver.levenberg_marquardt import planned_at, scans_of
+from slamgauge.graph_baseline.solver.incremental import Change, IncrementalOptimum
 from slamgauge.graph_baseline.solver.smoother import Damping, damped_step
 from slamgauge.se2 import chain
 from tests.reference.random_recordings import random_recording
@@ -96,7 +95,7 @@ def test_damping_limits_motions_between_poses_without_observations() -> None:
     path = chain(recording.prior_mean, recording.odometry + rng.normal(0.0, 0.05, recording.odometry.shape))
     objective = Objective(problem)
     point = objective.at(path, rng.normal(size=(len(problem.landmark_ids), 2)))
-    problem_at = point.model, scans_of(objective), planned_at(objective, point)
+    problem_at = point.model, objective.scans, len(point.landmarks)
     strong = damped_step(*problem_at, Damping(np.full(3, 1e12), 1e12, 1e12))
     assert max(np.abs(each).max() for each in strong) < 1e-6
     free = damped_step(*problem_at, Damping(np.full(3, 1e12), 1e12, 0.0))
@@ -134,7 +133,7 @@ def test_optimum_check_includes_the_pose_before_a_switch_of_minimum(
         add_step(incremental)
         path = incremental.path_and_map()[0]
         if len(path) == 22:
-            incremental.switches.append(MinimumSwitch(path, ids))
+            incremental.changes.append(Change(path, ids))
 
     def wrong_pose(incremental: IncrementalOptimum) -> Float:
         is_wrong = len(incremental.path_and_map()[0]) == 21

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from matplotlib.figure import Figure
 
-from slamgauge.compare.cli import steps
+from slamgauge.compare.studies import executors
 
 SAVE = Figure.savefig
 
@@ -20,7 +20,7 @@ SAVE = Figure.savefig
 def studies_in_a_thread() -> Generator[None]:
     """Run studies in a thread of this process, because a worker process takes two seconds to start."""
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(steps, "local_processes", one_thread)
+        patched.setattr(executors, "local_processes", one_thread)
         yield
 
 

@@ -15,10 +15,9 @@ from slamgauge.compare.cli.main import main
 from slamgauge.compare.exercise import results
 from slamgauge.compare.exercise.results import run_exercise
 from slamgauge.compare.figures.publishing import write_study
+from slamgauge.compare.grading.grades import FIGURES
 from slamgauge.compare.noise.noise_json import noise_json
-from slamgauge.compare.report.exercise_page import publish_exercise
-from slamgauge.compare.report.exercise_runs import publish_first_runs
-from slamgauge.compare.report.grade_page import FIGURES
+from slamgauge.compare.report.exercise_page import publish_exercise, publish_first_runs
 from slamgauge.compare.scoring.comparison import metrics, write_comparison
 from slamgauge.compare.storage.files import write_json
 from slamgauge.compare.storage.staged_folder import begin_folder
@@ -82,16 +81,26 @@ def bench(folder: Path) -> None:
 def grades(folder: Path) -> None:
     """Write the grade of a submission."""
     begin_folder(folder)
-    (folder / "submissions").mkdir()
-    row = {"submission": 'a "<b>', "passed": "false", "graded": "true", "reason": f"{SCRIPT_NAME}; two"}
+    name = 'a "<b>'
+    row = {"submission": name, "passed": "false", "graded": "true", "reason": f"{SCRIPT_NAME}; two"}
     row |= {"points": "47", "max_points": "100", "remarks": 'same "<i>" figures', "settings": "Q of the file <b>"}
     row |= {"failed_checks": "heading-wrap", "seconds_per_run": "0.5", "seed": "7", "digest": "of q1-long-dense"}
-    row |= {key: "" for key, *_ in FIGURES} | {"ate_m": "0.3"}
+    row |= {f"{head.key}{end}": "" for head in FIGURES for end in ("", "_low", "_high")} | {"ate_m": "0.3"}
     with (folder / "grades.csv").open("w", encoding="utf-8", newline="") as file:
         table = csv.DictWriter(file, row)
         table.writeheader()
         table.writerow(row)
-    (folder / "submissions" / f"{row['submission']}.md").write_text(f"# {SCRIPT_NAME}\n")
+    item = {
+        "name": "heading-wrap",
+        "score": 0.0,
+        "max_score": 3.0,
+        "output": f"the wrap {SCRIPT_NAME}",
+        "status": "failed",
+    }
+    content = {"score": 47.0, "max_score": 100.0, "output": f"{SCRIPT_NAME}\ntwo", "tests": [item]}
+    (folder / "gradescope" / name).mkdir(parents=True)
+    extra = {"remarks": ['same "<i>" figures'], "printed": SCRIPT_NAME}
+    write_json(folder / "gradescope" / name / "results.json", {**content, "extra_data": extra})
 
 
 def exercise(folder: Path) -> None:

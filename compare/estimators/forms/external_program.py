@@ -49,12 +49,13 @@ class ExternalProgram(Form):
             write_recording_csv(given, recording)
             words = [word.replace(RECORDING, str(given)).replace(ESTIMATE, str(made)) for word in self.command]
             self._run(words, Path(name) / "output")
-            if not made.exists():
-                raise UserCodeError(f"{self.command[0]} has written no {ESTIMATE}; write the poses to that file")
             try:
                 estimate = read_estimate_csv(made, self.kind, recording.steps)
             except UserError as error:
-                raise UserCodeError(f"{self.command[0]}: {str(error).replace(f'{made.parent}{os.sep}', '')}") from None
+                if not made.exists():
+                    what = f"has written no {ESTIMATE}; write the poses to that file"
+                    raise UserCodeError(f"{words[0]} {what}") from None
+                raise UserCodeError(f"{words[0]}: {str(error).replace(f'{made.parent}{os.sep}', '')}") from None
         ids = recording.landmark
         is_whole = ids is not None and np.isin(ids, estimate.landmark_ids).all()
         return replace(estimate, association=ids if is_whole else None)
@@ -62,20 +63,17 @@ class ExternalProgram(Form):
     def _run(self, words: list[str], printed: Path) -> None:
         """Run the command to its end, with standard error in the file `printed`."""
         with printed.open("wb") as output:
+            streams = {"stdin": subprocess.DEVNULL, "stdout": subprocess.DEVNULL, "stderr": output}
             try:
-                process = subprocess.Popen(
-                    words, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=output, start_new_session=True
-                )
+                process = subprocess.Popen(words, **streams, start_new_session=True)
             except OSError as error:
-                reason = error.strerror or str(error)
-                raise UserCodeError(
-                    f"{words[0]} cannot be started ({reason}); check its path and permissions"
-                ) from None
+                what = f"cannot be started ({error.strerror or error}); check its path and permissions"
+                raise UserCodeError(f"{words[0]} {what}") from None
             try:
                 status = process.wait(self.timeout)
             except subprocess.TimeoutExpired:
-                remedy = "give a longer timeout, or make it faster"
-                raise UserCodeError(f"{words[0]} was not done after {self.timeout:g} s; {remedy}") from None
+                what = f"was not done after {self.timeout:g} s; give a longer timeout, or make it faster"
+                raise UserCodeError(f"{words[0]} {what}") from None
             finally:
                 end_group(process)
         if status:

@@ -23,8 +23,15 @@ import numpy as np
 
 from slamgauge.arrays import Float
 from slamgauge.compare.estimators.forms.signatures import Callee, Form, Noise, parameters, required
-from slamgauge.compare.estimators.forms.step_settings import SETTINGS, STATE_AND_INPUT, StepSettings, step_length
-from slamgauge.compare.estimators.forms.step_source import names_read, starts_where_called, width_of_bearings
+from slamgauge.compare.estimators.forms.step_settings import (
+    SETTINGS,
+    STATE_AND_INPUT,
+    StepSettings,
+    names_read,
+    starts_where_called,
+    step_length,
+    width_of_bearings,
+)
 from slamgauge.compare.estimators.user_errors import UserCodeError
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate

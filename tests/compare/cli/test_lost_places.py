@@ -1,4 +1,4 @@
-"""The command line: folders that cannot be written, disks that are full, and interrupts."""
+"""A full disk, Ctrl-C and SIGTERM lose no finished result, and leave no half-written folder."""
 
 from __future__ import annotations
 
@@ -7,12 +7,15 @@ import signal
 import subprocess
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 
 from slamgauge.compare.cli.doctor import WARM_UPS, run_shortly
 from slamgauge.compare.storage.staged_folder import MARK
+from slamgauge.compare.studies.study import load_runs
+from slamgauge.errors import UserError
 from tests.reference.command_line import Refuse, command_after, contents
 
 pytestmark = pytest.mark.slow
@@ -46,38 +49,51 @@ def test_a_disk_that_fills_up_at_the_figure_costs_that_alone(stored: Path, refus
     }
 
 
+def signalled(number: int, happened: Callable[[], bool], *arguments: object) -> tuple[int, str, str]:
+    """Send a signal to a command half a second after something has happened; return its status and output."""
+    # pytest may run in the background, where interrupts are ignored
+    heed = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    process = subprocess.Popen(command_after(heed, *arguments), **pipes, text=True)
+    try:
+        while not happened():
+            assert process.poll() is None
+            time.sleep(0.02)
+        time.sleep(0.5)
+        process.send_signal(number)
+        out, err = process.communicate()
+    finally:
+        process.kill()
+    return process.returncode, out, err
+
+
+INTERRUPTED = "slamgauge: interrupted; the same command runs again, a study from its finished runs on\n"
+
+
 @pytest.mark.parametrize(
     ("refuse", "number", "status"),
-    [
-        ("new folder", signal.SIGINT, 130),
-        ("older results", signal.SIGINT, 130),
-        pytest.param("new folder", signal.SIGTERM, 143, marks=pytest.mark.full),
-        ("older results", signal.SIGHUP, 129),
-    ],
+    [("new folder", signal.SIGINT, 130), ("older results", signal.SIGTERM, 143), ("older results", signal.SIGHUP, 129)],
     indirect=["refuse"],
 )
 def test_a_run_that_is_interrupted_or_terminated_leaves_nothing_behind(refuse: Refuse, number: int, status: int):
     before = contents(refuse.out.parent)
     run_shortly(*WARM_UPS["graph"])  # compilation sometimes swallows an interrupt
-    arguments = ("q1-long-dense", "--set", "trajectory.duration=500", "--estimators", "causal", "--out", refuse.out)
-    # pytest may run in the background, where interrupts are ignored
-    heed = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
-    process = subprocess.Popen(
-        command_after(heed, "run", *arguments), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )
-    try:
-        wait_for(lambda: contents(refuse.out.parent) != before)  # until the staging folder exists
-        time.sleep(0.5)  # `causal` now runs, for many seconds
-        process.send_signal(number)
-        out, err = process.communicate(timeout=30)
-    finally:
-        process.kill()
-    assert (process.returncode, out, err) == (status, "", "slamgauge: interrupted; nothing was written\n")
+    words = ("run", "q1-long-dense", "--set", "trajectory.duration=500", "--estimators", "causal", "--out", refuse.out)
+    ended = signalled(number, lambda: contents(refuse.out.parent) != before, *words)  # the staging folder exists
+    assert ended == (status, "", INTERRUPTED)
     assert contents(refuse.out.parent) == before
 
 
-def wait_for(happened: Callable[[], bool], seconds: float = 60.0) -> None:
-    end = time.monotonic() + seconds
-    while not happened():
-        assert time.monotonic() < end
-        time.sleep(0.02)
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_study_that_is_interrupted_keeps_its_finished_runs(tmp_path: Path, number: int):
+    words = ("study", "q1-short-dense", "--runs", 10_000, "--jobs", 1, "--estimators", "dead-reckoning")
+
+    def stored() -> int:
+        with suppress(UserError):  # the store does not exist yet
+            return len(load_runs("q1-short-dense", 10_000, 0, ["dead-reckoning"], tmp_path / "study").popitem()[1].run)
+        return 0
+
+    status, out, err = signalled(number, lambda: stored() > 0, *words, "--out", tmp_path / "study")
+    assert (status, out, err.splitlines(keepends=True)[-1]) == (128 + number, "", INTERRUPTED)
+    assert stored() > 0
+    assert {path.name for path in (tmp_path / "study").iterdir()} <= {MARK, "study.sqlite", "study.sqlite-lock"}

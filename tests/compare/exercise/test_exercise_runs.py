@@ -19,7 +19,7 @@ from slamgauge.compare.exercise import results
 from slamgauge.compare.exercise.results import Exercise, first_closures, run_exercise
 from slamgauge.compare.exercise.settings import CAUSAL, EKF, FILTERS, GTSAM, OPTIMA, QUESTIONS, SETTINGS
 from slamgauge.compare.exercise.tables import exercise_page
-from slamgauge.compare.report import exercise_runs
+from slamgauge.compare.report import exercise_page as exercise_pages
 from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
 from slamgauge.compare.scenarios.simulation import informed, simulate
 from slamgauge.compare.scoring.measured import closure_steps
@@ -181,7 +181,7 @@ def test_the_command_writes_results_figures_and_pages_and_continues(
             *FILTERS,
             *OPTIMA,
         }
-    monkeypatch.setattr(exercise_runs, "publish_first_run", _fails)
+    monkeypatch.setattr(exercise_pages, "publish_first_run", _fails)
     monkeypatch.setattr(study, "run_once", _fails)
     assert main(words) == 0
     assert json.loads(capsys.readouterr().out) == printed

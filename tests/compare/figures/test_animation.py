@@ -13,10 +13,9 @@ from matplotlib.axes import Axes
 from PIL import Image
 
 from slamgauge.compare.cli.main import main
-from slamgauge.compare.figures.scene import Scene
+from slamgauge.compare.figures.maps import Scene
 from slamgauge.compare.storage.files import Results, save
 from slamgauge.compare.storage.staged_folder import begin_folder
-from slamgauge.compare.studies.stored_study import load_study
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.truth import Truth
@@ -83,11 +82,11 @@ def test_estimators_shown_with_paths_and_maps(
     monkeypatch.chdir(tmp_path)
     given_names: list[str] = []
 
-    def look(_: Axes, __: Results, *given: dict[str, Estimate]) -> None:
+    def look(_: Results, *given: dict[str, Estimate]) -> None:
         given_names.extend(",".join(each) for each in given)
         raise UserError("stop here")
 
-    monkeypatch.setattr("slamgauge.compare.figures.animation.Scene", look)
+    monkeypatch.setattr("slamgauge.compare.figures.frames.Scene", look)
     assert animate(tmp_path / "out", *(["--estimators", arguments] if arguments else [])) == 2
     assert given_names == [shown, mapped]
 
@@ -122,35 +121,21 @@ def test_a_short_run_has_fewer_frames(tmp_path: Path):
         assert gif.n_frames == 4  # pyrefly: ignore[missing-attribute]
 
 
-@pytest.mark.usefixtures("studies_in_a_thread", "empty_pictures")
-def test_the_worst_run_of_a_study_is_shown(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    words = ("study", "q1-short-dense", "--set", "trajectory.duration=3", "--runs", "3", "--estimators", "ekf,causal")
-    assert main([*words, "--jobs", "1", "--no-report", "--out", str(tmp_path)]) == 0
-    runs = load_study(tmp_path).runs["causal"]
-    worst = int(np.argmax(runs.figures["ate_m"]))
-    capsys.readouterr()
-    assert animate(tmp_path, "--estimators", "causal", *SHORT) == 0
-    assert f"run {worst}, the worst of causal:" in capsys.readouterr().err
-    found = json.loads((tmp_path / "worst-run/metrics.json").read_text())
-    assert found["estimators"]["causal"]["ate_m"] == pytest.approx(runs.figures["ate_m"][worst], rel=1e-9)
-    assert (tmp_path / "worst-run/animation.gif").exists()
-
-
 def test_an_interrupted_animation_leaves_nothing(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
     (folder / "animation.gif").write_bytes(b"old")
     before = contents(folder)
-    show = Scene.show
+    draw = Scene.draw
 
-    def interrupted(scene: Scene, step: int) -> None:
+    def interrupted(scene: Scene, ax: Axes, step: int, after: int) -> None:
         if step > 100:
             raise KeyboardInterrupt
-        show(scene, step)
+        draw(scene, ax, step, after)
 
-    monkeypatch.setattr(Scene, "show", interrupted)
+    monkeypatch.setattr(Scene, "draw", interrupted)
     assert animate(folder, *SHORT) == 130
-    assert capsys.readouterr().err == "slamgauge: interrupted; nothing was written\n"
+    assert capsys.readouterr().err.startswith("slamgauge: interrupted; ")
     assert contents(folder) == before
 
 

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
 import subprocess
 import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
-
-from slamgauge.compare.cli.main import main
 
 pytestmark = pytest.mark.slow
 
@@ -59,30 +56,3 @@ def test_the_autograder_explains_a_submission_that_cannot_run(tmp_path: Path):
     assert found["output"].startswith(
         "nothing could be graded; submission: cannot be loaded, it raised ZeroDivisionError"
     )
-
-
-@pytest.mark.usefixtures("studies_in_a_thread")
-def test_results_of_a_class_have_points_per_item_and_hide_remarks_from_students(tmp_path: Path):
-    (tmp_path / "class").mkdir()
-    (tmp_path / "short.toml").write_text(SCENARIO)
-    for name in ("anna", "bert"):
-        shutil.copy(ROOT / "examples/student_ekf_no_wrap.py", tmp_path / f"class/{name}.py")
-    (tmp_path / "class/carl.py").write_text("def estimate(recording):\n    raise ValueError('later')\n")
-    words = ["--scenario", str(tmp_path / "short.toml"), "--runs", "2", "--seed", "1", "--out", str(tmp_path / "out")]
-    assert main(["grade", str(tmp_path / "class"), *words]) == 1
-    assert not (tmp_path / "out/results.json").exists()
-    anna, carl = (
-        json.loads((tmp_path / f"out/gradescope/{name}/results.json").read_text()) for name in ("anna", "carl")
-    )
-    tests = {each["name"]: each for each in anna["tests"]}
-    assert (tests["innovation-wrap"]["score"], tests["innovation-wrap"]["status"]) == (0, "failed")
-    assert "wrap z - h(x)" in tests["innovation-wrap"]["output"]
-    assert tests["truth-recovered"]["score"] == tests["truth-recovered"]["max_score"] == 6
-    assert anna["score"] == pytest.approx(sum(each["score"] for each in anna["tests"]), abs=0.1)
-    assert 40 < anna["score"] < 60
-    assert anna["extra_data"]["remarks"] == ["same figures as bert"]
-    visible = json.dumps({key: value for key, value in anna.items() if key != "extra_data"})
-    assert "same figures" not in visible
-    assert "same figures" not in (tmp_path / "out/submissions/anna.md").read_text()
-    assert (carl["score"], carl["max_score"]) == (0, 100)
-    assert "ValueError: later" in carl["output"]

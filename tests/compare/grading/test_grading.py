@@ -15,9 +15,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from slamgauge import simulate
+from slamgauge import load_scenario, simulate
 from slamgauge.compare.cli.main import main
-from slamgauge.compare.cli.steps import overridden_scenario
 from slamgauge.compare.estimators.requests import Address
 from slamgauge.compare.grading import grading
 from slamgauge.compare.grading.grades import grade
@@ -126,23 +125,32 @@ def test_a_right_filter_agrees_with_the_reference(graded: Path):
         assert float(row[f"{key}_low"]) <= float(row[key]) <= float(row[f"{key}_high"])
 
 
-def test_pages_of_submissions(graded: Path):
-    page = (graded / "submissions/student_ekf_wrong_jacobian.md").read_text()
-    assert page.startswith("# student_ekf_wrong_jacobian: FAILED\n\nlittle, 3 of 3 runs; reference: ekf.\n")
-    assert "\n    prediction-jacobian: " in page  # the part with the mistake
-    assert "| ATE [m] | " in page
-    own = (graded / "submissions/own_noise.md").read_text()
-    assert "not judged: it ignores the odometry noise of the" in own  # and the line ends
-    assert re.search(r"truth-recovered +passed", own)
-    assert (graded / "submissions/broken.md").read_text().startswith("# broken: not graded\n")
-    assert {path.name for path in graded.iterdir()} == {
-        "grades.csv",
-        "gradescope",
-        "rubric.toml",
-        "submissions",
-        "report.html",
-        ".slamgauge.json",
-    }
+def test_pages_and_files_of_submissions(graded: Path):
+    page = (graded / "submissions/student_ekf_wrong_jacobian.html").read_text()
+    assert "<h1>student_ekf_wrong_jacobian: FAILED, " in page
+    assert "the Jacobian F of the prediction" in page
+    own = (graded / "submissions/own_noise.html").read_text()
+    assert "not judged: it ignores the odometry noise of the recording" in own
+    assert "<h1>broken: not graded, 0 of 100 points</h1>" in (graded / "submissions/broken.html").read_text()
+    assert (graded / "rubric.toml").read_text() == RUBRIC.to_toml()
+    files = {"grades.csv", "gradescope", "rubric.toml", "submissions", "report.html", ".slamgauge.json"}
+    assert {path.name for path in graded.iterdir()} == files
+
+
+def test_results_for_gradescope_have_points_per_item_and_hide_remarks_from_students(graded: Path):
+    results = {path.parent.name: json.loads(path.read_text()) for path in graded.glob("gradescope/*/results.json")}
+    assert results.keys() == rows(graded).keys()
+    wrong, copied, shifted = (results[name] for name in ("student_ekf_wrong_jacobian", "student_ekf", "shifted"))
+    tests = {each["name"]: each for each in wrong["tests"]}
+    assert (tests["prediction-jacobian"]["score"], tests["prediction-jacobian"]["status"]) == (0, "failed")
+    assert re.match(r"[\d.e-]+ instead of at most 0.001: the Jacobian F", tests["prediction-jacobian"]["output"])
+    assert tests["truth-recovered"]["score"] == tests["truth-recovered"]["max_score"] > 6
+    assert wrong["score"] == pytest.approx(sum(each["score"] for each in wrong["tests"]), abs=0.1)
+    assert (shifted["score"], shifted["max_score"]) == (0, 100)
+    assert "uses the future" in shifted["output"]
+    assert copied["extra_data"]["remarks"] == ["same figures as package, several"]
+    visible = json.dumps({key: value for key, value in copied.items() if key != "extra_data"})
+    assert "same figures" not in visible + (graded / "submissions/student_ekf.html").read_text()
 
 
 @pytest.mark.usefixtures("studies_in_a_thread")
@@ -157,9 +165,7 @@ def test_all_graded_is_status_0_and_json_has_the_rows(
     assert main(["grade", str(tmp_path / "class"), *words, "--jobs", "1", "--json", "--out", str(tmp_path / "o")]) == 0
     content = json.loads(capsys.readouterr().out)
     assert [(each["submission"], each["passed"]) for each in content] == [("anna", True), ("bert", False)]
-    assert {(each["seed"], each["digest"]) for each in content} == {
-        (7, digest(overridden_scenario(str(scenario), []), 7))
-    }
+    assert {(each["seed"], each["digest"]) for each in content} == {(7, digest(load_scenario(str(scenario)), 7))}
     assert content[0]["ate_ratio"] == 1.0  # the reference is the same filter
 
 
@@ -169,7 +175,7 @@ def test_the_middle_run_is_checked_and_too_much_memory_is_a_reason(
     scenario: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
     (tmp_path / "class").mkdir()
-    _, middle = simulate(overridden_scenario(str(scenario), []), run_seed(0, 1))
+    _, middle = simulate(load_scenario(str(scenario)), run_seed(0, 1))
     shifted = SHIFTED_IN_RUN.replace("FIRST", repr(float(middle.odometry[0, 0])))
     for name, source in {"greedy": GREEDY, "in_the_middle": shifted}.items():
         (tmp_path / f"class/{name}.py").write_text(source)
@@ -240,7 +246,7 @@ def test_an_error_of_slamgauge_costs_one_submission_its_grade(
     reason = found["'=anna"]["reason"]
     assert re.fullmatch(r"ZeroDivisionError: <b>zero</b> \(test_grading.py, line \d+; a defect of .*\)", reason)
     assert found["deep"]["reason"].startswith("cannot be loaded, it raised ")
-    for page in ("submissions/=anna.md", "submissions/=anna.html", "report.html"):
+    for page in ("submissions/=anna.html", "report.html"):
         assert "&lt;b&gt;zero&lt;/b&gt;" in (out / page).read_text()
         assert "<b>zero" not in (out / page).read_text()
 
@@ -249,7 +255,7 @@ def test_figures_that_are_not_finite_are_missing():
     theirs = scores(ate=1.0, spread=0.1)
     found = grade("mine", Trial(scores=theirs), theirs, RUBRIC)
     assert found.to_json()["ate_m"] == pytest.approx(1.0, abs=0.1)
-    row = replace(found, ate_m=Interval(math.inf, math.nan, None)).to_json()
+    row = replace(found, figures={"ate_m": Interval(math.inf, math.nan, None)}).to_json()
     assert (row["ate_m"], row["ate_m_low"], row["ate_m_high"]) == (None, None, None)
 
 
@@ -301,7 +307,7 @@ def test_other_noise_of_a_file_is_graded_too_and_the_same_noise_is_not(
 ):
     """A square is missing in the Q of `root`: with the noise of the file it is more cautious."""
     (tmp_path / "class").mkdir()
-    recording = simulate(overridden_scenario(str(scenario), []), 0)[1]
+    recording = simulate(load_scenario(str(scenario)), 0)[1]
     dt = recording.stamps[1] - recording.stamps[0]
     Q, Py = np.diag(recording.odometry_cov[0])[[0, 2]] / dt**2, np.diag(recording.observation_cov[0])
     source = (EXAMPLES / "student_ekf.py").read_text()
@@ -317,6 +323,6 @@ def test_other_noise_of_a_file_is_graded_too_and_the_same_noise_is_not(
     assert 0.8 < root["own_noise_nees_ratio"] / root["nees_ratio"] < 0.97
     assert root["points"] == same["points"] == 100  # they count the noise of the recording
     assert root["remarks"] == "same figures as same"
-    page = (tmp_path / "out/submissions/root.md").read_text()
-    assert "With the noise of the file instead: ATE is " in page
-    assert "- Q of the file, diag(" in page
+    page = (tmp_path / "out/submissions/root.html").read_text()
+    assert "NEES x, own noise" in page
+    assert "<li>Q of the file, diag(" in page

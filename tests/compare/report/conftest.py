@@ -14,7 +14,7 @@ from selenium.webdriver.chrome.service import Service
 
 from slamgauge import compare_estimators, load_estimators, load_scenario, simulate
 from slamgauge.compare.figures.publishing import draw_stored
-from slamgauge.compare.report.publishing import pages_of, write_pages
+from slamgauge.compare.report.page import pages_of, write_pages
 from slamgauge.compare.scoring.comparison import metrics, write_comparison
 from slamgauge.compare.storage.staged_folder import begin_folder
 from tests.reference.external_programs import program

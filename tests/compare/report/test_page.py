@@ -14,11 +14,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from slamgauge.compare.report.page import ASSETS, MODULES, json_text, pack, program, render
-from slamgauge.compare.report.page_elements import Page, Section
-from slamgauge.compare.report.publishing import pages_of
-from slamgauge.compare.report.run_page import closure_table
-from slamgauge.compare.report.study_page import command_of_run
+from slamgauge.compare.report.page import ASSETS, MODULES, Page, Section, json_text, pack, pages_of, program, render
+from slamgauge.compare.report.run_pages import closure_table
+from slamgauge.compare.report.study_pages import command_of_run
 from slamgauge.compare.scoring.table import Cell, Head, Table
 from slamgauge.compare.storage.staged_folder import begin_folder, decorate
 from slamgauge.compare.studies.stored_study import load_study
@@ -164,7 +162,7 @@ def test_a_page_of_other_results_is_refused_and_the_results_are_kept(
         ("budget.json", "written by another version, or changed by hand"),
     ):
         main = tmp_path / file
-        assert not decorate(tmp_path, {"report": lambda _, main=main: pages_of(main)}, ["report.html"])
+        assert not decorate(tmp_path, {"report": lambda _, main=main: pages_of(main)}, file)
         assert message in capsys.readouterr().err
         assert main.exists()
 

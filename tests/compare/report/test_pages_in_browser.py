@@ -199,7 +199,7 @@ def test_a_page_can_be_printed_and_read_without_javascript(reader: Reader, run_p
 def test_pages_link_to_the_pages_of_values_submissions_and_replays(reader: Reader, page_of: PageOf):
     for kind, link, title in (
         ("sweep", "#sweep tbody tr:nth-child(3) a, #sweep tbody tr:nth-child(2) a", "q1-short-dense at assumed.scale="),
-        ("grades", "#grades a", 'a "<b>: not passed'),
+        ("grades", "#grades a", 'a "<b>: FAILED'),
         ("exercise", "h3 + p a", "q3-scale-0.1, seed "),
     ):
         reader.open(page_of(kind))

@@ -11,8 +11,8 @@ import pytest
 
 from slamgauge import Recording, compare_estimators, load_estimators, load_scenario, simulate
 from slamgauge.arrays import Float
-from slamgauge.compare.figures.map_contents import map_at
-from slamgauge.compare.report.page_elements import looks
+from slamgauge.compare.figures.maps import map_at
+from slamgauge.compare.report.page import looks
 from slamgauge.compare.report.replay_data import frame_steps, replay_data, shown_observations
 from slamgauge.compare.storage.files import Results
 

@@ -1,4 +1,4 @@
-"""The catalogue has each metric once; a new metric needs only an entry; empty columns are named."""
+"""A new metric needs only a decorated function; empty columns are named."""
 
 from __future__ import annotations
 
@@ -11,10 +11,11 @@ import pytest
 from slamgauge.compare.estimators.loading import load_estimators
 from slamgauge.compare.scenarios.scenario import load_scenario
 from slamgauge.compare.scenarios.simulation import simulate, simulate_informed
-from slamgauge.compare.scoring import catalogue
-from slamgauge.compare.scoring.catalogue import Column, Metric, TableName, heads
+from slamgauge.compare.scoring.catalogue import BY_KEY, STORED, heads
 from slamgauge.compare.scoring.comparison import compare_estimators, metrics, table
-from slamgauge.compare.scoring.runs import SERIES, Runs, mean_of
+from slamgauge.compare.scoring.measured import Measured
+from slamgauge.compare.scoring.metric import Column, TableName, of_run
+from slamgauge.compare.scoring.runs import SERIES, Runs
 from slamgauge.compare.studies.study_run import run_once
 from slamgauge.compare.studies.summary import Summary, summarise, summary_table
 from slamgauge.estimate import Estimate
@@ -23,11 +24,10 @@ from slamgauge.recording import Recording
 SHORT = ["start=sampled", "trajectory.duration=2"]
 
 
-def test_every_metric_is_in_the_catalogue_once():
-    assert len(catalogue.BY_KEY) == len(catalogue.CATALOGUE)
-    assert all(each.help and each.help[-1] != "." for each in catalogue.CATALOGUE)
-    for suffix, unit in (("_m", "m"), ("_rad", "rad")):
-        assert all(each.unit == unit for each in catalogue.CATALOGUE if each.key.endswith(suffix))
+def test_every_metric_has_a_meaning_and_its_unit():
+    assert all(each.key == key and each.help and each.help[-1] != "." for key, each in BY_KEY.items())
+    assert {BY_KEY[key].unit for key in ("ate_m", "rpe_m")} == {"m"}
+    assert [BY_KEY[key].unit for key in ("heading_rmse_rad", "seconds_total", "nees_pose")] == ["rad", "s", ""]
 
 
 @pytest.mark.parametrize(
@@ -50,17 +50,13 @@ def test_columns_are_in_their_places(where: TableName, titles: str):
     assert ",".join(head.title for head in heads(where)) == titles
 
 
-def test_a_new_metric_needs_only_its_entry(monkeypatch: pytest.MonkeyPatch):
-    new = Metric(
-        "way_m",
-        "length of the estimated path",
-        lambda found: float(np.linalg.norm(np.diff(found.estimate.poses[:, :2], axis=0))),
-        mean_of("way_m"),
-        stored=True,
-        column=Column("way [m]", form="{:.1f}", run=99, study=99),
-    )
-    monkeypatch.setattr(catalogue, "CATALOGUE", (*catalogue.CATALOGUE, new))
-    monkeypatch.setitem(catalogue.BY_KEY, "way_m", new)
+def test_a_new_metric_needs_only_a_decorated_function(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setitem(BY_KEY, "way_m", BY_KEY["ate_m"])  # the key is removed at the end
+
+    @of_run(Column("way [m]", form="{:.1f}", run=99, study=99), averaged=True)
+    def way_m(found: Measured) -> float:
+        """Length of the estimated path."""
+        return float(np.linalg.norm(np.diff(found.estimate.poses[:, :2], axis=0)))
 
     scenario = load_scenario("q1-short-dense", SHORT)
     found = compare_estimators(*simulate(scenario, 0), load_estimators(["dead-reckoning"]))
@@ -72,9 +68,8 @@ def test_a_new_metric_needs_only_its_entry(monkeypatch: pytest.MonkeyPatch):
     outcomes = [run_once(scenario, seed, ["dead-reckoning"])[0] for seed in (0, 1)]
     ways = [each.figures["way_m"] for each in outcomes]
     assert ways[0] == way
-    figures = {
-        key: np.array([each.figures.get(key) for each in outcomes], dtype=float) for key in (*catalogue.STORED, "way_m")
-    }
+    keys = (*STORED, "way_m")
+    figures = {key: np.array([each.figures.get(key) for each in outcomes], dtype=float) for key in keys}
     series = np.array([np.frombuffer(each.series, dtype=np.float32) for each in outcomes], dtype=float)
     rows = np.moveaxis(series.reshape(2, len(SERIES), -1), 1, 0)
     runs = Runs(np.arange(2), "filtered", figures, dict(zip(SERIES, rows, strict=True)))

@@ -15,8 +15,9 @@ from slamgauge.compare.scenarios.schema import Association
 from slamgauge.compare.scenarios.simulation import simulate, simulate_informed
 from slamgauge.compare.scoring.comparison import compare_estimators, metrics, table
 from slamgauge.compare.scoring.intervals import Interval
-from slamgauge.compare.scoring.measured import Measured, closure_steps
+from slamgauge.compare.scoring.measured import Measured
 from slamgauge.compare.scoring.optimum_notes import is_misfit, is_misfit_in_runs
+from slamgauge.compare.scoring.run_arrays import closure_steps
 from slamgauge.compare.studies.budget import rung_errors
 from slamgauge.compare.studies.study import run_study
 from slamgauge.compare.studies.summary import misfit_optima, summary_table
@@ -143,7 +144,7 @@ def test_clutter_is_rejected_or_a_false_track_or_wrong(
     landmarks = {"landmark_ids": ids, "landmarks": np.zeros((len(ids), 2)), "landmark_covs": None}
     estimate = examples.estimate(association=association, **landmarks)
     found = Measured(SEEN, examples.recording(landmark=landmark), estimate)
-    assert (given(found.wrong).sum(), len(given(found.observed)), found.missed) == (wrong, 2, 0)
+    assert (found.wrong_associations(), found.landmarks_true(), found.landmarks_missed()) == (wrong, 2, 0)
 
 
 def test_clutter_closes_no_loop() -> None:

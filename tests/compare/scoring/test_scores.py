@@ -14,9 +14,10 @@ from hypothesis import strategies as st
 from slamgauge.arrays import Float
 from slamgauge.compare.scenarios.scenario import load_scenario
 from slamgauge.compare.scenarios.simulation import simulate
-from slamgauge.compare.scoring.catalogue import CATALOGUE
+from slamgauge.compare.scoring.catalogue import BY_KEY
 from slamgauge.compare.scoring.intervals import mean
-from slamgauge.compare.scoring.measured import LoopClosure, closure_steps
+from slamgauge.compare.scoring.measured import LoopClosure
+from slamgauge.compare.scoring.run_arrays import closure_steps
 from slamgauge.compare.scoring.scores import evaluate
 from slamgauge.ekf import ekf_slam
 from slamgauge.estimate import Estimate
@@ -27,7 +28,7 @@ from tests.reference.given import given as there
 
 from .builders import path, straight
 
-METRICS_JSON = {"kind", *(each.key for each in CATALOGUE if each.measure is not None)} - {"rays"}
+METRICS_JSON = {"kind", *(key for key, each in BY_KEY.items() if each.measure is not None)} - {"rays"}
 true: Any = Truth  # Any: lists instead of arrays
 filtered: Any = partial(Estimate, "filtered")
 smoothed: Any = partial(Estimate, "smoothed")

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.estimators.loading import load_estimators
 from slamgauge.compare.estimators.registry import FIXED_LAG
-from slamgauge.compare.figures.budget_figure import save_budget_figure
+from slamgauge.compare.figures.result_figures import save_budget_figure
 from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
 from slamgauge.compare.scenarios.simulation import simulate
 from slamgauge.compare.scoring.intervals import Interval

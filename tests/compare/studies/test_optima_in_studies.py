@@ -16,8 +16,8 @@ from matplotlib.figure import Figure
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.estimators.loading import load_estimators
 from slamgauge.compare.figures.publishing import write_study
+from slamgauge.compare.figures.result_figures import save_sweep_figure
 from slamgauge.compare.figures.study_figures import study_drawings
-from slamgauge.compare.figures.sweep_figure import save_sweep_figure
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.scenarios.simulation import informed, simulate
 from slamgauge.compare.studies.study_run import run_seed

@@ -15,13 +15,14 @@ from slamgauge.arrays import Float
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.estimators.loading import load_estimators
 from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
-from slamgauge.compare.scoring.intervals import NORMAL, Interval, compare_paired, ratio_interval, runs_to_resolve
+from slamgauge.compare.scoring.intervals import Interval, compare_paired, needed_runs, ratio_interval
 from slamgauge.compare.scoring.runs import FIRST_STEP, Runs
 from slamgauge.compare.studies.study import load_runs
 from slamgauge.compare.studies.summary import Summary, summary_table
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
+from tests.reference.given import given
 
 pytestmark = pytest.mark.slow
 
@@ -94,11 +95,10 @@ def test_a_study_prints_how_many_runs_a_ratio_needs_that_is_not_significant(run:
     ratios = {label: found["ate_m"].ratio for label, found in summary.against["ekf"].items()}
     widths = {label: width(ratio) for label, ratio in ratios.items()}
     assert widths["mine"] == widths["iekf"] < 0.1 < widths["dead-reckoning"]
-    needed = runs_to_resolve(widths["dead-reckoning"] / 2 / NORMAL * np.sqrt(8))
     below, mine, _ = str(summary_table(summary)).splitlines()[-3:]
-    assert below == (
-        f"dead-reckoning against ekf: x ATE is not significant: about {needed} runs are needed to know it to 5 %"
-    )
+    needed = needed_runs(given(ratios["dead-reckoning"]), 8)
+    assert needed
+    assert below == f"dead-reckoning against ekf: x ATE is not significant{needed}"
     assert mine.endswith("times that of ekf on the same 8 runs (95 % interval): the difference is not significant")
     ((_, few),) = run(3, {"ekf": "ekf", "mine": chosen["mine"]}).comparisons
     assert re.search(r": the difference is not significant: about \d+ runs are needed to know it to 5 %$", few)

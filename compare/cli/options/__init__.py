@@ -1,1 +1,0 @@
-"""What each command accepts on the command line, without slow imports."""

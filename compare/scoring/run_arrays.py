@@ -1,0 +1,211 @@
+"""An estimate with what it is compared with: the arrays from which its metrics follow, each computed once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from slamgauge.arrays import Float, Int, Marks
+from slamgauge.compare.scoring.consistency import distances, pose_errors, squared_mahalanobis
+from slamgauge.estimate import Estimate
+from slamgauge.recording import Recording
+from slamgauge.truth import NOBODY, Truth
+
+ABSENCE = 10.0  # s: a step closes a loop if it re-observes a landmark that was not observed for this time
+ROUNDING = 1e-6  # rounding error [s] of stamps such as 0.1 k
+
+
+@dataclass(frozen=True)
+class RunArrays:
+    """An estimate, the known part of the truth, and the optima. A mapped landmark with its observations is a track.
+
+    Attributes:
+        truth: known part of the truth; figures that need another part are undefined.
+        recording: input of the estimator.
+        estimate: output of the estimator.
+        optimum: estimate of `causal` if `estimate` is filtered, of `batch` if it is smoothed; None: not compared.
+        batch: the hindsight optimum, for the distance of the last pose.
+        compared: (N+1,) the steps of which a stored trajectory has a pose; None: all.
+    """
+
+    truth: Truth
+    recording: Recording
+    estimate: Estimate
+    optimum: Estimate | None = None
+    batch: Estimate | None = None
+    compared: Marks | None = None
+
+    @cached_property
+    def reference(self) -> Float:
+        """True poses (N+1, 3); NaN where they are not known or not compared."""
+        poses = self.truth.poses
+        if poses is None:
+            return np.full(self.estimate.poses.shape, np.nan)
+        return poses if self.compared is None else np.where(self.compared[:, None], poses, np.nan)
+
+    @property
+    def last(self) -> int:
+        """Last step that is compared."""
+        return len(self.estimate.poses) - 1 if self.compared is None else int(np.flatnonzero(self.compared)[-1])
+
+    @cached_property
+    def errors(self) -> Float:
+        """Additive errors (N+1, 3) of the poses [m, m, rad]."""
+        return pose_errors(self.reference, self.estimate.poses)
+
+    @cached_property
+    def off(self) -> Float:
+        """Position errors (N+1,) [m]."""
+        return distances(self.errors)
+
+    @cached_property
+    def covs(self) -> Float:
+        """Covariances (N+1, 3, 3) of the poses, all NaN if the estimator returns none."""
+        return pose_covs_of(self.estimate)
+
+    @cached_property
+    def sigmas(self) -> Float:
+        """Standard deviations (N+1, 3) of x, y [m] and heading [rad]."""
+        return np.sqrt(np.diagonal(self.covs, axis1=1, axis2=2).clip(min=0))
+
+    @cached_property
+    def nees(self) -> Float:
+        """NEES (N+1,) of the poses."""
+        return squared_mahalanobis(self.errors, self.covs)
+
+    @cached_property
+    def nees_xy(self) -> Float:
+        """NEES (N+1,) of the positions."""
+        return squared_mahalanobis(self.errors[:, :2], self.covs[:, :2, :2])
+
+    # --- landmarks ---------------------------------------------------------------------------------
+
+    @cached_property
+    def observed(self) -> Int | None:
+        """Distinct true ids of the observed landmarks; None if unknown."""
+        return None if self.truth.association is None else np.setdiff1d(self.truth.association, NOBODY)
+
+    @cached_property
+    def tracks(self) -> tuple[Int, Int] | None:
+        """Accepted observations (m,) and the rows (m,) of their tracks in the map; None without associations."""
+        given, ids = self.estimate.association, self.estimate.landmark_ids
+        if given is None:
+            return None
+        accepted, order = np.flatnonzero(given != NOBODY), np.argsort(ids)
+        return accepted, order[np.searchsorted(ids, given[accepted], sorter=order)]
+
+    def _counts(self, names: Int) -> Int:
+        """Return numbers (L, T) of observations of the true landmarks `names` (T,) in each track."""
+        counts = np.zeros((len(self.estimate.landmark_ids), len(names)), dtype=np.int64)
+        if self.tracks is not None and self.truth.association is not None:
+            accepted, rows = self.tracks
+            true = self.truth.association[accepted]
+            known = np.isin(true, names)
+            np.add.at(counts, (rows[known], np.searchsorted(names, true[known])), 1)
+        return counts
+
+    @cached_property
+    def true_ids(self) -> Int:
+        """True ids (L,) of the mapped landmarks, -1 if unknown.
+
+        A recording with ids names the landmarks. Without ids, tracks and true landmarks are matched one to one, with as
+        many right associations as possible, and among these matches with as few wrong ones as possible.
+        """
+        if self.recording.landmark is not None:
+            return self.estimate.landmark_ids
+        owners = np.full(len(self.estimate.landmark_ids), NOBODY)
+        if self.observed is not None and self.tracks is not None:
+            from scipy.optimize import linear_sum_assignment  # here: scipy is slow to start
+
+            counts = self._counts(self.observed)
+            whole = np.bincount(self.tracks[1], minlength=len(owners))
+            foreign = whole[:, None] - counts
+            rows, columns = linear_sum_assignment(counts - 1e-9 * foreign, maximize=True)
+            met = counts[rows, columns] > 0
+            owners[rows[met]] = self.observed[columns[met]]
+        return owners
+
+    @cached_property
+    def wrong(self) -> Marks | None:
+        """Observations (M,) assigned to a track of another landmark; None if unknown.
+
+        A track belongs to the landmark, or to clutter, from which most of its observations come.
+        """
+        true, ids = self.truth.association, self.estimate.landmark_ids
+        if true is None or self.tracks is None:
+            return None
+        if self.recording.landmark is not None:
+            main = np.where(np.isin(ids, true), ids, NOBODY)
+        else:
+            names = np.unique(true)
+            main = names[self._counts(names).argmax(axis=1)] if len(names) else np.full(len(ids), NOBODY)
+        accepted, rows = self.tracks
+        wrong = np.zeros(len(true), dtype=np.bool_)
+        wrong[accepted] = main[rows] != true[accepted]
+        return wrong
+
+    def from_truth(self, ids: Int, points: Float) -> Float:
+        """Return differences (n, 2) [m] between points and the true landmarks of these ids; NaN without one."""
+        errors = np.full(points.shape, np.nan)
+        known, places = self.truth.landmark_ids, self.truth.landmarks
+        if known is None or places is None or not len(known):
+            return errors
+        names, first = np.unique(known, return_index=True)
+        slot = np.searchsorted(names, ids).clip(max=len(names) - 1)
+        common = (names[slot] == ids) & (ids != NOBODY)
+        errors[common] = points[common] - places[first[slot[common]]]
+        return errors
+
+    @cached_property
+    def map_errors(self) -> Float:
+        """Errors (L, 2) of the mapped landmarks [m]; NaN for those of unknown truth."""
+        return self.from_truth(self.true_ids, self.estimate.landmarks)
+
+    @cached_property
+    def map_off(self) -> Float:
+        """Position errors (L,) of the mapped landmarks [m]."""
+        return distances(self.map_errors)
+
+    @cached_property
+    def map_covs(self) -> Float:
+        """Covariances (L, 2, 2) of the mapped landmarks, all NaN if the estimator returns none."""
+        covs = self.estimate.landmark_covs
+        return np.full((len(self.map_errors), 2, 2), np.nan) if covs is None else covs
+
+    @property
+    def map_sigmas(self) -> Float:
+        """Position sigmas (L,) of the mapped landmarks [m]."""
+        return np.sqrt(np.trace(self.map_covs, axis1=1, axis2=2).clip(min=0))
+
+    @cached_property
+    def map_nees(self) -> Float:
+        """NEES (L,) of the mapped landmarks."""
+        return squared_mahalanobis(self.map_errors, self.map_covs)
+
+    @cached_property
+    def halves(self) -> tuple[Marks, Marks]:
+        """Which mapped landmarks (L,) are in the half nearer to the true start, and which in the farther half."""
+        far = distances(self.from_truth(self.true_ids, np.tile(self.reference[0, :2], (len(self.true_ids), 1))))
+        middle = np.nan if np.isnan(far).all() else np.nanmedian(far)
+        return far <= middle, far > middle
+
+
+def closure_steps(truth: Truth | None, recording: Recording) -> Int | None:
+    """Return the increasing steps of the loop closures, by the recording's ids or the truth's; None without ids."""
+    ids = recording.landmark
+    if ids is None:
+        ids = None if truth is None else truth.association
+    if ids is None:
+        return None
+    observed = np.flatnonzero(ids != NOBODY)
+    order = observed[np.argsort(ids[observed], kind="stable")]  # sorted by landmark, then by time
+    step = recording.observation_step[order]
+    is_absent = np.diff(recording.stamps[step]) >= ABSENCE - ROUNDING
+    return np.unique(step[1:][is_absent & (np.diff(ids[order]) == 0)])
+
+
+def pose_covs_of(estimate: Estimate) -> Float:
+    """Return the pose covariances (N+1, 3, 3), all NaN if the estimator returns none."""
+    return np.full((len(estimate.poses), 3, 3), np.nan) if estimate.pose_covs is None else estimate.pose_covs
