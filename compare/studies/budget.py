@@ -43,7 +43,7 @@ from slamgauge.estimate import Estimate
 from slamgauge.memory import require_memory
 from slamgauge.recording import Recording
 from slamgauge.truth import NOBODY
-from slamgauge.validation import require_lag
+from slamgauge.validation import as_whole
 
 RUNGS = {
     "hindsight optimum": "unavoidable, even with all measurements",
@@ -145,7 +145,7 @@ def error_budget(
     scenario = as_scenario(scenario)
     (asked,) = ask([filter_name])
     if lag is not None:
-        require_lag(lag)
+        as_whole("lag", lag, "steps leave no window", 1)
     if isinstance(asked, BuiltIn) and asked.name not in FILTERS:
         raise UserError(
             f"filter: {filter_name!r} is not a filter whose error can be split; use {', '.join(FILTERS)}, or your own"
