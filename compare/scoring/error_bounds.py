@@ -1,13 +1,4 @@
-"""Bounds on an estimator's errors as one assertion, for tests of filters and for grading.
-
-A bound relative to a reference on the same runs fails if the whole 95 % interval of a paired ratio is beyond it.
-Otherwise the estimator passes; more runs narrow the interval.
-
-    ATE            at most 1.05 times the reference's
-    NEES           at most 1.2 times the reference's, unless its own interval reaches down to a consistent estimate's
-    sigma          0.9 to 1.1 times the reference's, of position and of heading, unless the NEES is nearer to a
-                   consistent estimate's than the reference's: then the reference's sigma is wrong
-"""
+"""Bounds on an estimator's errors as one assertion, for tests of filters and for grading."""
 
 from __future__ import annotations
 
@@ -17,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from slamgauge.arrays import Float, Int, Marks
+from slamgauge.arrays import Float, Int
 from slamgauge.compare.scoring.consistency import chi2_band
 from slamgauge.compare.scoring.intervals import (
     Interval,
@@ -32,9 +23,6 @@ from slamgauge.compare.scoring.runs import FIRST_STEP, share_of_doubt
 from slamgauge.compare.scoring.scores import Score
 from slamgauge.errors import UserError
 
-MOST_ATE = 1.05
-MOST_NEES = 1.2
-LEAST_SIGMA, MOST_SIGMA = 0.9, 1.1
 NO_COVS = "returns no pose_covs, so consistency cannot be checked; return them"
 
 
@@ -74,18 +62,22 @@ def assert_error_bounds(
     if (max_ate_m, max_ratio_to_optimum, nees_level, nis_level, reference) == (None,) * 5:
         raise UserError("no bound given; pass max_ate_m, max_ratio_to_optimum, nees_level, nis_level or reference")
     last = np.array([each.nees[-1] for each in scores])
-    total, dof = (np.array([each[key] for each in scores]) for key in ("nis_total", "nis_dof_total"))
+    total, dof = (_figures(scores, key) for key in ("nis_total", "nis_dof_total"))
     regular = "it needs the true last pose and an Estimate with a regular pose_covs[-1]"
     broken = [
         _mean_above(scores, "ate_m", max_ate_m, "evaluate with a Truth that has poses"),
         _mean_above(scores, "ratio_to_optimum", max_ratio_to_optimum, "evaluate with a Truth and an optimum"),
         _outside("pose NEES at the last step", last, np.full(len(last), 3), len(last), nees_level, regular),
-        _outside("NIS", total, dof, dof.sum(), nis_level, "return an Estimate with nis and nis_dof"),
+        _outside("NIS", total, dof.astype(int), dof.sum(), nis_level, "return an Estimate with nis and nis_dof"),
         *([] if reference is None else against_reference(scores, reference).broken),
     ]
     failures = [f"  {text}" for text in broken if text]
     if failures:
         raise AssertionError("\n".join([f"{len(failures)} error bound(s) failed:", *failures]))
+
+
+def _figures(scores: Sequence[Score], key: str) -> Float:
+    return np.array([each[key] for each in scores], dtype=np.float64)
 
 
 def _mean_above(scores: list[Score], key: str, bound: float | None, remedy: str) -> str:
@@ -94,36 +86,30 @@ def _mean_above(scores: list[Score], key: str, bound: float | None, remedy: str)
         return ""
     if not bound > 0:
         raise UserError(f"max_{key} = {bound}: no error can keep it; give a bound > 0")
-    checks = np.array([each["yardstick_check_sigma"] for each in scores], dtype=np.float64)
-    reason = doubt_in_runs("the optimum", share_of_doubt(checks), "")
-    if key == "ratio_to_optimum" and reason is not None:
-        return f"{key} cannot be evaluated, as {reason}: give max_ate_m instead"
-    figures = np.array([score[key] for score in scores], dtype=np.float64)
-    if np.isnan(figures).any():
-        return _missing(key, np.isnan(figures), remedy)
+    doubt = doubt_in_runs("the optimum", share_of_doubt(_figures(scores, "yardstick_check_sigma")), "")
+    if key == "ratio_to_optimum" and doubt is not None:
+        return f"{key} cannot be evaluated, as {doubt}: give max_ate_m instead"
+    figures = _figures(scores, key)
     average = float(figures.mean())
+    if np.isnan(average):
+        return f"{key} is missing in {np.isnan(figures).sum()} of {len(figures)} run(s): {remedy}"
     return "" if average <= bound else f"{key} = {average:.6g}{_runs(figures)} exceeds max_{key} = {bound:.6g}"
 
 
-def _outside(name: str, totals: Float, dof: Int, count: int, level: float | None, remedy: str) -> str:
+def _outside(name: str, totals: Float, dof: Int, count: float, level: float | None, remedy: str) -> str:
     """Return why the sum of chi-square totals, shown divided by `count`, is outside its band, or nothing."""
     if level is None:
         return ""
     low, high = chi2_band(level, max(dof.sum(), 1))
-    missing = np.isnan(totals) | (dof <= 0)
+    missing, total = np.isnan(totals) | (dof <= 0), float(totals.sum())
     if missing.any():
-        return _missing(name, missing, remedy)
-    total = float(totals.sum())
+        return f"{name} is missing in {missing.sum()} of {len(missing)} run(s): {remedy}"
     if low <= total <= high:
         return ""
     return (
         f"{name}{_runs(totals)} = {total / count:.4g} is outside [{low / count:.4g}, {high / count:.4g}], "
         f"the {100 * level:g} % chi-square band: the estimator is too {'sure' if total > high else 'cautious'}"
     )
-
-
-def _missing(name: str, missing: Marks, remedy: str) -> str:
-    return f"{name} is missing in {missing.sum()} of {len(missing)} run(s): {remedy}"
 
 
 def _runs(figures: Float) -> str:
@@ -147,39 +133,46 @@ class AgainstReference(NamedTuple):
 
 
 def against_reference(scores: Sequence[Score], reference: Sequence[Score]) -> AgainstReference:
-    """Compare the runs of an estimator with those of a reference.
+    """Compare the runs of an estimator with those of a reference on the same runs, in the same order.
 
-    Args:
-        scores: of independent runs.
-        reference: of the same runs, in the same order.
+    A bound fails if the whole 95 % interval of a paired ratio is beyond it: the ATE may be 1.05 times the reference's;
+    the NEES 1.2 times, unless its own interval reaches down to a consistent estimate's; the sigmas of position and
+    heading 0.9 to 1.1 times, unless the NEES is nearer to a consistent estimate's than the reference's.
 
     Raises:
         UserError: other runs, or a single one, which has no interval.
     """
-    if len(scores) != len(reference) or [len(each.nees) for each in scores] != [len(each.nees) for each in reference]:
-        raise UserError(
-            f"reference: {len(reference)} scores for {len(scores)} of other runs; score both on the same runs"
-        )
+    if [len(each.nees) for each in scores] != [len(each.nees) for each in reference]:
+        other = f"{len(reference)} scores for {len(scores)} of other runs"
+        raise UserError(f"reference: {other}; score both on the same runs")
     if len(scores) < 2:
         raise UserError("reference: a single run has no interval; give the scores of at least 2 runs")
     compared = (ates, late_nees, partial(_late_sigma, of=[0, 1]), partial(_late_sigma, of=[2]))
-    ate, nees, position, heading = (ratio_interval(figure(scores), figure(reference)) for figure in compared)
+    ratios = [ratio_interval(figure(scores), figure(reference)) for figure in compared]
     own, other = (mean_interval(late_nees(each)) for each in (scores, reference))
-    rules = [("ATE", ate, 0.0, MOST_ATE)]
-    if is_above(own, 1.0):
-        rules.append(("NEES", nees, 0.0, MOST_NEES))
-    if own is not None and other is not None and _off(own) >= _off(other):
-        rules.append(("sigma of the position", position, LEAST_SIGMA, MOST_SIGMA))
-        rules.append(("sigma of the heading", heading, LEAST_SIGMA, MOST_SIGMA))
-    broken = [_beyond(*rule) for rule in rules]
-    if own is None and other is not None:
-        broken.append(NO_COVS)
-    return AgainstReference(ate, nees, position, heading, tuple(text for text in broken if text))
+    is_above_3 = is_above(own, 1.0)
+    is_further_off = own is not None and other is not None and _off(own) >= _off(other)
+    rules = (
+        ("ATE", 0.0, 1.05, True),
+        ("NEES", 0.0, 1.2, is_above_3),
+        ("sigma of the position", 0.9, 1.1, is_further_off),
+        ("sigma of the heading", 0.9, 1.1, is_further_off),
+    )
+    broken = [NO_COVS] if own is None and other is not None else []
+    for ratio, (name, least, most, is_judged) in zip(ratios, rules, strict=True):
+        if ratio is None or ratio.low is None or not is_judged:
+            continue
+        text = f"{name} is {ratio.mean:.3g} ± {ratio.mean - ratio.low:.2g} times the reference's"
+        if is_below(ratio, least):
+            broken.append(f"{text}, less than {least:g}: it is too sure")
+        elif is_above(ratio, most):
+            broken.append(f"{text}, more than {most:g}{': it is too cautious' if least else ''}")
+    return AgainstReference(*ratios, tuple(broken))
 
 
 def ates(scores: Sequence[Score]) -> Float:
     """Return the ATE [m] of runs (R,), NaN if undefined."""
-    return np.array([each["ate_m"] for each in scores], dtype=np.float64)
+    return _figures(scores, "ate_m")
 
 
 def late_nees(scores: Sequence[Score]) -> Float:
@@ -196,14 +189,3 @@ def _late_sigma(scores: Sequence[Score], of: list[int]) -> Float:
 def _off(nees: Interval) -> float:
     """Return how far a NEES over its degrees of freedom is from 1, in either direction."""
     return float(abs(np.log(max(nees.mean, np.finfo(float).tiny))))
-
-
-def _beyond(name: str, ratio: Interval | None, least: float, most: float) -> str:
-    """Return that the whole interval of a ratio is beyond a bound, or nothing; too small a sigma is too sure."""
-    if ratio is None or ratio.low is None:
-        return ""
-    text = f"{name} is {ratio.mean:.3g} ± {ratio.mean - ratio.low:.2g} times the reference's"
-    if is_below(ratio, least):
-        return f"{text}, less than {least:g}: it is too sure"
-    cautious = ": it is too cautious" if least else ""
-    return f"{text}, more than {most:g}{cautious}" if is_above(ratio, most) else ""

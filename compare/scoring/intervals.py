@@ -14,7 +14,6 @@ import numpy as np
 from slamgauge.arrays import Float
 
 LEVEL = 0.95  # probability of intervals, if no other is given
-NORMAL = 1.959964  # standard deviations of a 95 % interval
 ROUNDING = 1e-9  # m, rad: errors and sigmas of an optimum below this are rounding, so nothing is divided by them
 WORTH = 0.05  # least relative deviation that is stated, and the precision that a study should reach
 
@@ -125,15 +124,9 @@ class Paired:
 
 
 def compare_paired(first: Float, second: Float, level: float = LEVEL) -> Paired | None:
-    """Compare a figure of two estimators run by run: variation that runs share cancels in the difference.
+    """Compare a figure (R,) of two estimators run by run: variation that runs share cancels in the difference.
 
-    Args:
-        first: (R,) figures of the runs; pairs with NaN are left out.
-        second: (R,) figures of the same runs.
-        level: probability of both intervals.
-
-    Returns:
-        None if no run has both figures.
+    Pairs with NaN are left out; None if no run has both figures.
     """
     from scipy.special import stdtr  # here: scipy is slow to start
 
@@ -159,19 +152,14 @@ def is_below(ratio: Interval | None, bound: float) -> bool:
     return ratio is not None and ratio.high is not None and ratio.high < bound
 
 
-def runs_to_resolve(scatter: float) -> int:
-    """Return the runs until a 95 % interval is ±WORTH, for a standard deviation `scatter` between runs; two digits."""
-    runs = round((NORMAL * scatter / WORTH) ** 2, 6)  # 400, not 400.0000001
-    step = 10 ** max(0, math.floor(math.log10(max(runs, 1))) - 1)
-    return math.ceil(runs / step) * step
-
-
 def needed_runs(ratio: Interval, runs: int) -> str:
-    """Return how many runs a 95 % interval of ±WORTH needs, for the interval of a ratio over `runs` runs.
+    """Return how many runs a 95 % interval of ±WORTH needs, to two digits, for a ratio's interval over `runs` runs.
 
     Empty if `runs` are enough, or if the ratio has no interval.
     """
     if ratio.low is None or ratio.high is None:
         return ""
-    needed = runs_to_resolve((ratio.high - ratio.low) / 2 / NORMAL * math.sqrt(runs))
+    needed = round(runs * ((ratio.high - ratio.low) / 2 / WORTH) ** 2, 6)  # 400, not 400.0000001
+    step = 10 ** max(0, math.floor(math.log10(max(needed, 1))) - 1)
+    needed = math.ceil(needed / step) * step
     return f": about {needed} runs are needed to know it to {100 * WORTH:g} %" if needed > runs else ""

@@ -61,10 +61,8 @@ def fit_of_the_model(title: str, optimum: Estimate) -> str | None:
     figure = optimum.chi_square / dof
     low, high = (bound / dof for bound in chi2_band(FIT_LEVEL, dof))
     digits = max(2, 1 - math.floor(math.log10(high - low)))  # at least two digits of the band's width
-    verdict = ""
-    if figure > high:
-        verdict = ", above it: the stated noise is too small, or there are outliers"
-    elif figure < low:
+    verdict = ", above it: the stated noise is too small, or there are outliers" if figure > high else ""
+    if figure < low:
         verdict = ", below it: the stated noise is too large"
     return (
         f"fit of the model: chi2/dof of the {title} {figure:.{digits}f} ({dof} degrees of freedom, "
@@ -81,24 +79,15 @@ def mean_fit(title: str, fit: Interval | None) -> str | None:
 
 
 def left_out(name: str, truth: Truth | None, recording: Recording, optimum: Estimate) -> str | None:
-    """Return how many landmarks and observations an optimum leaves out; None if it uses all, or this is unknown.
-
-    True outliers and clutter are not counted.
-    """
+    """Return how many observations an optimum leaves out, besides true outliers and clutter; None if none."""
     if optimum.association is None:
         return None
-    misleading = None if truth is None else truth.misleading
     unused = optimum.association == NOBODY
-    observations = int(np.sum(unused if misleading is None else unused & ~misleading))
-    if not observations:
-        return None
-    ids = recording.landmark
-    if truth is not None and truth.association is not None and (ids is None or misleading is not None):
-        ids = truth.association[truth.association != NOBODY]  # the associations that optima receive
-    landmarks = 0 if ids is None else len(np.setdiff1d(ids, optimum.landmark_ids))
-    counts = [counted(landmarks, "landmark")] * (landmarks > 0) + [counted(observations, "observation")]
+    if truth is not None and truth.misleading is not None:
+        unused &= ~truth.misleading
+    count = int(np.sum(unused))
     why = "" if SENSORS[recording.sensor].places_landmarks else " that bearings do not determine"
-    return f"{name} leaves out {' and '.join(counts)}{why}"
+    return f"{name} leaves out {counted(count, 'observation')}{why}" if count else None
 
 
 def without_misleading(names: Sequence[str], truth: Truth | None) -> str | None:

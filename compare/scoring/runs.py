@@ -91,15 +91,14 @@ class PerStep(NamedTuple):
 
 def nees_per_step(runs: Runs) -> PerStep:
     """Return the mean pose NEES over runs, 3 if consistent, in a chi-square band."""
-    nees = runs.series["nees_pose"]
-    count = (~np.isnan(nees)).sum(axis=0)
-    return _per_step(np.nansum(nees, axis=0), 3 * count, count)
+    count = (~np.isnan(runs.series["nees_pose"])).sum(axis=0)
+    return _per_step(runs.series["nees_pose"], 3 * count, count)
 
 
 def nis_per_step(runs: Runs) -> PerStep:
     """Return the NIS over its degrees of freedom, 1 if innovations are as large as expected, in a chi-square band."""
     dof = np.nansum(runs.series["nis_dof"], axis=0).astype(np.int64)
-    return _per_step(np.nansum(runs.series["nis"], axis=0), dof, dof)
+    return _per_step(runs.series["nis"], dof, dof)
 
 
 def rmse_per_step(runs: Runs) -> PerStep:
@@ -112,12 +111,12 @@ def rmse_per_step(runs: Runs) -> PerStep:
     return PerStep(np.sqrt(middle), np.sqrt(np.maximum(middle - half, 0.0)), np.sqrt(middle + half))
 
 
-def _per_step(total: Float, dof: Int, unit: Int) -> PerStep:
-    """Return sums with `dof` degrees of freedom (N+1,) and their band, divided by `unit`."""
+def _per_step(series: Float, dof: Int, unit: Int) -> PerStep:
+    """Return sums over runs with `dof` degrees of freedom (N+1,) and their band, divided by `unit`."""
     bands = {each: chi2_band(BAND_LEVEL, each) if each else (np.nan, np.nan) for each in np.unique(dof).tolist()}
     low, high = np.array([bands[each] for each in dof.tolist()]).reshape(-1, 2).T
     divisor = np.where(unit > 0, unit, np.nan)
-    return PerStep(total / divisor, low / divisor, high / divisor)
+    return PerStep(np.nansum(series, axis=0) / divisor, low / divisor, high / divisor)
 
 
 # --- metrics of studies --------------------------------------------------------------------------

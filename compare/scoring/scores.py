@@ -61,8 +61,8 @@ class Score(FiguresByKey):
     sigmas: Float
 
     def __repr__(self) -> str:
-        known = (("ATE", "ate_m", " m"), ("NEES", "nees_pose", ""), ("NIS/dof", "nis_per_dof", ""))
-        parts = [f"{title} {self[key]:.3g}{unit}" for title, key, unit in known if self[key] is not None]
+        known = {"ATE [m]": self["ate_m"], "NEES": self["nees_pose"], "NIS/dof": self["nis_per_dof"]}
+        parts = [f"{title} {value:.3g}" for title, value in known.items() if value is not None]
         return f"Score({', '.join([self['kind'], *parts])})"
 
     def _repr_html_(self) -> str:

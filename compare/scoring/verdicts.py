@@ -30,7 +30,14 @@ from slamgauge.compare.scoring.intervals import (
 )
 from slamgauge.compare.scoring.measured import Measured
 from slamgauge.compare.scoring.optimum_notes import is_misfit_in_runs
-from slamgauge.compare.scoring.runs import Runs, late_coverage, late_means, paired_figures, share_of_doubt, total_nis
+from slamgauge.compare.scoring.runs import (
+    Runs,
+    late_coverage,
+    late_means,
+    optimum_check_share,
+    paired_figures,
+    total_nis,
+)
 
 BAND_LEVEL = 0.99  # probability of the two-sided chi-square bands of NEES and NIS
 
@@ -82,7 +89,7 @@ def _is_off(figure: float | None, dof: int) -> bool:
 
 def verdict(evidence: Evidence) -> str | None:
     """Return the sentence, without a full stop; None if there is nothing to state."""
-    return "; ".join(sentence for _, sentence in findings(evidence)) or None
+    return "; ".join(sentence for _, sentence in findings(evidence) if sentence) or None
 
 
 def faults(evidence: Evidence) -> tuple[str, ...]:
@@ -91,9 +98,8 @@ def faults(evidence: Evidence) -> tuple[str, ...]:
 
 
 def findings(evidence: Evidence) -> list[tuple[str, str]]:
-    """Return what the figures show: a fault without its size, or nothing, and a part of the verdict."""
-    found = (_sigma(evidence), _ratio(evidence), _cause(evidence), _innovations(evidence))
-    return [(fault, sentence) for fault, sentence in found if sentence]
+    """Return what the figures show: faults without their sizes, and the parts of the verdict; both may be empty."""
+    return [_sigma(evidence), _ratio(evidence), _cause(evidence), _innovations(evidence)]
 
 
 def verdict_lines(verdicts: Mapping[str, str | None]) -> list[str]:
@@ -146,12 +152,12 @@ def _ratio(evidence: Evidence) -> tuple[str, str]:
 
 def _cause(evidence: Evidence) -> tuple[str, str]:
     """Return the cause of an error, by elimination of what the figures show to be right."""
-    wrong = evidence.wrong_associations
-    if wrong and (evidence.is_worse or evidence.is_sigma_off):
+    wrong, is_sigma_off = evidence.wrong_associations, evidence.is_sigma_off
+    if wrong and (evidence.is_worse or is_sigma_off):
         count = f"{wrong:{'.0f' if wrong >= 10 else '.2g'}}"
         each = " per run" * (evidence.runs != 1)
         return "wrong associations", f"{count} wrong association{'s' * (count != '1')}{each}"
-    is_too_sure = evidence.is_sigma_off and (evidence.nees_per_dof or 0.0) > 1
+    is_too_sure = is_sigma_off and (evidence.nees_per_dof or 0.0) > 1
     if wrong == 0 and evidence.is_worse and is_too_sure and evidence.nis_dof and not evidence.is_nis_off:
         return "", "associations and noise are right, so the cause is its linearisation or a bug"
     return "", ""
@@ -161,11 +167,10 @@ def _innovations(evidence: Evidence) -> tuple[str, str]:
     if evidence.nis_per_dof is None or not evidence.is_nis_off:
         return "", "NIS does not show this" if evidence.is_sigma_off and evidence.nis_dof else ""
     factor = math.sqrt(evidence.nis_per_dof)
-    size, cause = "smaller", "the stated noise is too large, or a gate rejects large ones"
+    text = f"innovations are {factor:.2g} times as large as it expects: the stated noise is too"
     if factor > 1:
-        size, cause = "larger", "the stated noise is too small, or associations are wrong"
-    text = f"innovations are {factor:.2g} times as large as it expects: {cause}"
-    return f"innovations {size} than it expects", text
+        return "innovations larger than it expects", f"{text} small, or associations are wrong"
+    return "innovations smaller than it expects", f"{text} large, or a gate rejects large ones"
 
 
 # --- for the catalogue ---------------------------------------------------------------------------
@@ -197,27 +202,20 @@ def faults_over_runs(runs: Runs, others: Mapping[str, Runs]) -> tuple[str, ...]:
 
 def _evidence(runs: Runs, others: Mapping[str, Runs]) -> Evidence:
     nees = late_means(runs.series["nees_pose"])
-    figures = mean_interval(nees / 3), late_coverage(runs, others), total_nis(runs, others)
-    nees_per_dof, coverage, nis_per_dof = (None if each is None else each.mean for each in figures)
+    intervals = mean_interval(nees / 3), late_coverage(runs, others), total_nis(runs, others)
     name = OPTIMA[runs.kind]
     optimum, ratio, common = others.get(name), None, 0
-    if optimum is not None and optimum is not runs and not _is_doubtful(optimum):
+    if optimum is not None and optimum is not runs and not optimum_check_share(optimum, others):
         ates = paired_figures("ate_m", runs, optimum)
-        ratio, common = ratio_interval(*ates), len(ates[0])
+        if not is_misfit_in_runs(mean_interval(optimum.figures["chi_square_per_dof"])):
+            ratio, common = ratio_interval(*ates), len(ates[0])
+    means = (None if each is None else each.mean for each in intervals)
     return Evidence(
         runs=int(np.sum(~np.isnan(nees))),
-        nees_per_dof=nees_per_dof,
-        coverage_95=coverage,
-        nis_per_dof=nis_per_dof,
+        **dict(zip(("nees_per_dof", "coverage_95", "nis_per_dof"), means, strict=True)),
         nis_dof=int(np.nansum(runs.figures["nis_dof_total"])),
         ratio=ratio,
         ratio_runs=common,
         optimum=REGISTRY[name].title,
         wrong_associations=mean(runs.figures["wrong_associations"]),
     )
-
-
-def _is_doubtful(optimum: Runs) -> bool:
-    """Return whether an optimum is in doubt in some runs, or does not fit the stated noise."""
-    is_misfit = is_misfit_in_runs(mean_interval(optimum.figures["chi_square_per_dof"]))
-    return is_misfit or bool(share_of_doubt(optimum.figures["optimum_check_sigma"]))

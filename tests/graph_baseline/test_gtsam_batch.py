@@ -117,11 +117,6 @@ def test_an_initial_estimate_of_something_else_is_refused(initial: Callable[...,
         gtsam_batch(recording, initial=initial(recording))
 
 
-@pytest.mark.parametrize(("sensor", "tolerance"), [("range-bearing", 1e-5), ("position", 0.06)])
-def test_without_zero_variances_only_the_position_sensor_differs(sensor: str, tolerance: float) -> None:
-    assert largest_difference(*both(recording_of(sensor, 1, slip=True))) < tolerance
-
-
 def test_a_start_far_from_the_origin_costs_no_accuracy() -> None:
     recording = recording_of("range-bearing", 2, slip=False)
     moved = replace(recording, prior_mean=np.array([4e6, -3e6, 2.0]), prior_cov=0.01 * np.eye(3))

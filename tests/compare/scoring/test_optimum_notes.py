@@ -123,20 +123,16 @@ def test_the_fit_is_that_of_the_hindsight_optimum_or_else_of_the_causal_one():
 # --- observations left out -----------------------------------------------------------------------
 
 
-def test_landmarks_and_observations_left_out_are_counted():
+def test_observations_left_out_are_counted():
     bearings = examples.recording(
         sensor="bearing", observation=np.zeros((3, 1)), observation_cov=np.tile(np.eye(1), (3, 1, 1))
     )
-    one = {"landmark_ids": np.array([9]), "landmarks": np.array([[1.0, 2.0]]), "landmark_covs": None}
-    less = replace(BATCH, association=np.array([-1, -1, 9]), **one)
-    said = "batch leaves out 1 landmark and 2 observations"
+    less = replace(BATCH, association=np.array([-1, -1, 9]))
+    said = "batch leaves out 2 observations"
     assert said_on_optima(compared(CAUSAL, less, recording=bearings)) == [f"{said} that bearings do not determine"]
     assert left_out("batch", None, examples.recording(), less) == said
-    assert left_out("batch", examples.truth(), examples.recording(landmark=None), less) == said
-    assert left_out("batch", None, examples.recording(landmark=None), less) == "batch leaves out 2 observations"
-    assert left_out("batch", None, bearings, replace(CAUSAL, association=np.array([4, -1, 9]))) == (
-        "batch leaves out 1 observation that bearings do not determine"
-    )
+    one = replace(CAUSAL, association=np.array([4, -1, 9]))
+    assert left_out("batch", None, bearings, one) == "batch leaves out 1 observation that bearings do not determine"
 
 
 def test_an_optimum_that_uses_all_has_no_note():

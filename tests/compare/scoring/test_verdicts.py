@@ -10,7 +10,7 @@ import pytest
 from scipy import stats
 
 from slamgauge.compare.scoring.consistency import chi2_band
-from slamgauge.compare.scoring.intervals import WORTH, Interval, runs_to_resolve
+from slamgauge.compare.scoring.intervals import WORTH, Interval, needed_runs
 from slamgauge.compare.scoring.verdicts import (
     BAND_LEVEL,
     SCATTER,
@@ -126,8 +126,9 @@ def test_small_deviations_are_not_stated():
 
 def test_the_number_of_runs_for_five_percent():
     """Rayleigh-distributed errors, which last a whole run; bounds of a variance of 420 draws, twice 0.1 %."""
-    assert runs_to_resolve(SCATTER) == 420
-    assert runs_to_resolve(0.01) == 1
+    half = 1.959964 * SCATTER / math.sqrt(20)
+    assert needed_runs(Interval(1.0, 1.0 - half, 1.0 + half), 20).startswith(": about 420 runs are needed")
+    assert needed_runs(Interval(1.0, 0.95, 1.05), 20) == needed_runs(Interval(1.0, None, None), 1) == ""
     assert single_run("") == "One run: from run to run the ATE varies by about 52 % of its mean"
     assert single_run("slamgauge study x").endswith(" of its mean. For conclusions use many runs: slamgauge study x")
     rng = np.random.default_rng(3)
