@@ -97,7 +97,7 @@ def test_gate_1_maps_many_duplicates():
             marks=pytest.mark.xfail(
                 strict=True,
                 raises=AssertionError,
-                reason="merging in pairs leaves duplicates in a quarter of the maps; 0.5 compared all landmarks jointly",
+                reason="merging in pairs leaves duplicates in a quarter of the maps; 0.5 compared all jointly",
             ),
         ),
     ],
