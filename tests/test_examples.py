@@ -51,14 +51,6 @@ def rows(text: str) -> dict[str, dict[str, str]]:
     return {line[0]: dict(zip(titles, line, strict=True)) for line in lines}
 
 
-@pytest.fixture(scope="module")
-def own_table(folder: Path) -> dict[str, dict[str, str]]:
-    """Run the example, and return the table that it prints."""
-    printed, errors = run(folder, "own_estimator.py")
-    assert errors == ""
-    return rows(printed)
-
-
 @pytest.mark.gtsam
 def test_exercise(folder: Path):
     """On these ten runs GTSAM batch, which also uses later measurements, has the smaller error."""
@@ -77,27 +69,14 @@ def test_fej2_ekf(folder: Path):
     assert list(rows(printed)) == ["ekf", "projected", "inflated"]
 
 
-@pytest.mark.full  # the README's commands run it
-def test_own_estimator(own_table: dict[str, dict[str, str]]):
+def test_own_estimator(folder: Path):
     """On one fixed run the naive filter is worse than the optimum and very overconfident."""
-    assert list(own_table) == ["own", "causal", "batch"]
-    assert 1.2 < float(own_table["own"]["x optimum"]) < 3.0
-    assert float(own_table["own"]["NEES"]) > 30.0
-    assert 0.0 < float(own_table["causal"]["NEES"]) < 5.0
-
-
-@pytest.mark.full  # tests/compare/cli has user code in `evaluate`
-def test_own_estimator_in_evaluate(folder: Path, own_table: dict[str, dict[str, str]]):
-    """`evaluate` prints the same figures; the naive filter follows the robot."""
-    run(folder, "-m", "slamgauge", "run", "q1-long-dense", "--estimators", "dead-reckoning", "--out", "first-run")
-    arguments = ("--estimators", "dead-reckoning,riekf,own_estimator:estimate")
-    printed, _ = run(folder, "-m", "slamgauge", "evaluate", "first-run/recording.npz", *arguments)
-    again = rows(printed)
-    assert list(again) == ["dead-reckoning", "riekf", "own_estimator:estimate"]
-    own = again["own_estimator:estimate"]
-    columns = ("kind", "ATE [m]", "NEES", "in 95% ellipse")
-    assert [own[column] for column in columns] == [own_table["own"][column] for column in columns]
-    assert float(again["riekf"]["ATE [m]"]) < float(own["ATE [m]"]) < float(again["dead-reckoning"]["ATE [m]"]) / 5
+    printed, errors = run(folder, "own_estimator.py")
+    table = rows(printed)
+    assert (errors, list(table)) == ("", ["own", "causal", "batch"])
+    assert 1.2 < float(table["own"]["x optimum"]) < 3.0
+    assert float(table["own"]["NEES"]) > 30.0
+    assert 0.0 < float(table["causal"]["NEES"]) < 5.0
 
 
 def test_own_estimator_refuses_other_sensors(

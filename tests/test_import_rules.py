@@ -89,13 +89,10 @@ NAMES = [name for name in SOURCES if name not in LAZY]
 
 
 @cache
-def imports_of(name: str, *, as_program: bool = False) -> set[str]:
-    """Return all modules that a module imports, or with `as_program` only those that it imports as a program."""
-    statements = ast.parse(SOURCES[name].read_text(encoding="utf-8")).body
-    programs = ["__name__ == '__main__'" in ast.unparse(each).partition("\n")[0] for each in statements]
-    chosen = [each for each, program in zip(statements, programs, strict=True) if program == as_program]
+def imports_of(name: str) -> set[str]:
+    """Return all modules that a module imports."""
     found: set[str] = set()
-    for node in ast.walk(ast.Module(chosen, [])):
+    for node in ast.walk(ast.parse(SOURCES[name].read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
@@ -137,14 +134,6 @@ def test_modules_import_from_below() -> None:
 def test_no_imports_in_circles() -> None:
     graph = {name: {other for other in ours(name) if other in NAMES} - {name} for name in NAMES}
     TopologicalSorter(graph).prepare()  # raises an error that names the circle
-
-
-def test_only_programs_import_the_public_names() -> None:
-    """`slamgauge` has the names of all packages, above a module too; a module imports from the name's home."""
-    shown = [name for name in NAMES if "slamgauge" in imports_of(name)]
-    assert shown == ["slamgauge.ekf", "slamgauge.compare"]  # these packages show public names
-    used = {other for name in NAMES for other in imports_of(name, as_program=True)}
-    assert used - sys.stdlib_module_names == {"slamgauge"}
 
 
 def test_modules_import_the_libraries_of_their_folder() -> None:
