@@ -25,24 +25,15 @@ def motion_noise(recording: Recording, regularising: float) -> list[gtsam.noiseM
     covs = np.concatenate([prior_cov_in_body(recording)[None], recording.odometry_cov])
     largest = covs.max(axis=(1, 2))
     largest[0] = largest[:2].max()
-    return _noise_models(covs, regularising * np.sqrt(largest))
+    minimum_sigmas = regularising * np.sqrt(largest)
+    return [_noise_model(cov, minimum) for cov, minimum in zip(covs, minimum_sigmas.tolist(), strict=True)]
 
 
 def observation_noise(covs: Float) -> list[gtsam.noiseModel.Base]:
     """Return the noise models of covariances (M, d, d) of range and bearing; GTSAM's order is bearing, then range."""
     if is_one_for_all(covs):
-        return len(covs) * observation_noise(covs[:1])
-    return _noise_models(covs[:, ::-1, ::-1], np.zeros(len(covs)))
-
-
-def _noise_models(covs: Float, minimum_sigmas: Float) -> list[gtsam.noiseModel.Base]:
-    """Return a noise model for each covariance; rows with equal values share one model."""
-    models: dict[tuple[bytes, float], gtsam.noiseModel.Base] = {}
-    keys = [(cov.tobytes(), minimum) for cov, minimum in zip(covs, minimum_sigmas.tolist(), strict=True)]
-    for key, cov in zip(keys, covs, strict=True):
-        if key not in models:
-            models[key] = _noise_model(cov, key[1])
-    return [models[key] for key in keys]
+        return len(covs) * [_noise_model(cov, 0.0) for cov in covs[:1, ::-1, ::-1]]
+    return [_noise_model(cov, 0.0) for cov in covs[:, ::-1, ::-1]]
 
 
 def _noise_model(covariance: Float, minimum_sigma: float) -> gtsam.noiseModel.Base:
