@@ -1,4 +1,4 @@
-"""Noise models, values and covariances: from arrays to GTSAM's objects, and back."""
+"""Noise models, values and marginal covariances: from arrays to GTSAM's objects, and back."""
 
 from __future__ import annotations
 
@@ -63,6 +63,21 @@ def make_values(poses: Float, landmark_ids: Int, landmarks: Float) -> gtsam.Valu
 def read_values(values: gtsam.Values) -> tuple[Float, Float]:
     """Return poses (N+1, 3) and landmarks (L, 2) in increasing id order."""
     return gtsam.utilities.extractPose2(values), gtsam.utilities.extractPoint2(values).reshape(-1, 2)
+
+
+def marginals_of(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> gtsam.Marginals | gtsam.ISAM2:
+    """Return an object with GTSAM's marginal covariances of a graph at its optimum.
+
+    On long paths the Cholesky factorisation of `Marginals` loses the digits of regularising noise, which QR keeps.
+    """
+    try:
+        return gtsam.Marginals(graph, values)
+    except RuntimeError:
+        parameters = gtsam.ISAM2Params()
+        parameters.setFactorization("QR")
+        isam = gtsam.ISAM2(parameters)
+        isam.update(graph, values)
+        return isam
 
 
 def pose_array(pose: gtsam.Pose2) -> Float:
