@@ -36,21 +36,19 @@ def far_run(truth: Truth, recording: Recording) -> tuple[Truth, Recording]:
     return moved, replace(recording, prior_mean=recording.prior_mean + FAR)
 
 
-def assert_same(far: Any, near: Any, name: str = "") -> None:
-    """Assert equality to a millionth, except for rounding errors."""
+def assert_same(far: Any, near: Any) -> None:
+    """Assert equality to a millionth, except for rounding errors: neighbouring doubles are 1e-9 m apart there."""
     if isinstance(near, dict):
         assert far.keys() == near.keys()
         for key in near:
             if "seconds" not in key:
-                assert_same(far[key], near[key], key)
+                assert_same(far[key], near[key])
     elif isinstance(near, list):
         assert len(far) == len(near)
         for one, other in zip(far, near, strict=True):
-            assert_same(one, other, name)
-    elif isinstance(near, float):
-        assert far == pytest.approx(near, rel=SAME, abs=1e-8), name  # neighbouring doubles are 1e-9 m apart there
+            assert_same(one, other)
     else:
-        assert far == near, name
+        assert far == (pytest.approx(near, rel=SAME, abs=1e-8) if isinstance(near, float) else near)
 
 
 @pytest.mark.parametrize("name", ["q1-short-dense", "q2-short-dense", "q4-three-landmarks"])
