@@ -13,7 +13,7 @@ from slamgauge.compare.scenarios.simulation import simulate
 from slamgauge.compare.scoring.measured import Measured
 from slamgauge.compare.scoring.scores import evaluate
 from slamgauge.compare.studies.study_run import step_series
-from slamgauge.ekf import Delayed, FilterSettings, ekf_slam, riekf
+from slamgauge.ekf import ekf_slam, riekf
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.truth import Truth
@@ -64,12 +64,3 @@ def test_a_run_far_away_has_the_same_scores(name: str) -> None:
     np.testing.assert_allclose(far.nees, near.nees, rtol=SAME, atol=SAME)
     series = step_series(Measured(*moved, far_estimate(estimate))), step_series(Measured(truth, recording, estimate))
     np.testing.assert_allclose(*series, rtol=SAME, atol=1e-8)
-
-
-@pytest.mark.parametrize("settings", [FilterSettings(), FilterSettings(initialisation=Delayed())])
-def test_a_filter_run_far_away_has_the_same_scores(settings: FilterSettings) -> None:
-    name = "q4-ring" if isinstance(settings.initialisation, Delayed) else "q1-short-dense"
-    truth, recording = simulate(load_scenario(name, ["start=sampled", "trajectory.duration=12"]), 0)
-    near = evaluate(truth, recording, riekf(recording, settings))
-    moved = far_run(truth, recording)
-    assert_same(evaluate(*moved, riekf(moved[1], settings)).to_json(), near.to_json())
