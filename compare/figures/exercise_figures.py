@@ -25,7 +25,7 @@ from slamgauge.compare.figures.plot_style import (
 )
 from slamgauge.compare.figures.ray_strip import RayStrip, has_rays
 from slamgauge.compare.figures.run_figures import HEIGHTS, draw_map_and_errors
-from slamgauge.compare.scoring.runs import BAND_LEVEL, nees_per_step
+from slamgauge.compare.scoring.runs import BAND_LEVEL
 from slamgauge.compare.storage.files import Results
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
@@ -60,7 +60,7 @@ def save_nees_figure(path: Path, settings: Sequence[SettingResult], title: str) 
     """Write the mean pose NEES over 3 of EKF and causal optimum against time as PNG, a panel for each setting."""
     with _panels(path, [each.setting for each in settings], title) as (figure, panels):
         for axes, ran in zip(panels, settings, strict=True):
-            found = {name: nees_per_step(ran.runs[name]) for name in (EKF, CAUSAL)}
+            found = {name: ran.runs[name].nees_per_step() for name in (EKF, CAUSAL)}
             time = ran.scenario.trajectory.step * np.arange(len(found[EKF].value))
             band(axes, time, found[EKF].low / 3, found[EKF].high / 3, f"{BAND_LEVEL:.1%} band")
             for name, style in styles(found).items():

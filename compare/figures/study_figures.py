@@ -27,7 +27,7 @@ from slamgauge.compare.figures.plot_style import (
     three_sigma,
 )
 from slamgauge.compare.scoring.optimum_notes import MARK, doubt_in_runs, misfits
-from slamgauge.compare.scoring.runs import BAND_LEVEL, PerStep, Runs, nees_per_step, nis_per_step, paired, rmse_per_step
+from slamgauge.compare.scoring.runs import BAND_LEVEL, PerStep, Runs, paired
 from slamgauge.compare.storage.staged_folder import Drawing
 from slamgauge.compare.studies.summary import Summary, is_marked_against, misfit_optima, share_in_doubt
 
@@ -45,8 +45,8 @@ def study_drawings(summary: Summary, runs: Mapping[str, Runs], step: float) -> d
     doubtful = {name for name in (CAUSAL, HINDSIGHT) if is_marked_against(summary, name)}
     nees, nis = "mean pose NEES (3 when consistent)", "NIS / degrees of freedom (1 when right)"
     return {
-        "nees": lambda out: _draw_against_band(out / "nees", title, ran, step, nees_per_step, nees, is_log=True),
-        "nis": lambda out: _draw_against_band(out / "nis", title, ran, step, nis_per_step, nis),
+        "nees": lambda out: _draw_against_band(out / "nees", title, ran, step, Runs.nees_per_step, nees, is_log=True),
+        "nis": lambda out: _draw_against_band(out / "nis", title, ran, step, Runs.nis_per_step, nis),
         "rmse": lambda out: _draw_rmse(out / "rmse", title, ran, step),
         "errors": lambda out: _draw_errors(out / "errors", title, ran, step),
         "ratios": lambda out: _draw_ratios(out / "ratios", doubted_title, ran, doubtful),
@@ -88,7 +88,7 @@ def _draw_rmse(path: Path, title: str, runs: Mapping[str, Runs], step: float) ->
         return
     with printed(path, 3.2, title) as figure:
         axes = figure.subplots()
-        found = {name: rmse_per_step(each) for name, each in runs.items()}
+        found = {name: each.rmse_per_step() for name, each in runs.items()}
         height = _draw_curves(axes, found, runs, step)
         for name, style in styles(runs).items():
             time = step * np.arange(len(found[name].value))

@@ -58,8 +58,8 @@ def test_distances_are_limited() -> None:
 @pytest.mark.parametrize(("size", "ratio"), [(1e-12, None), (1e-8, pytest.approx(3.0))])
 def test_nothing_is_divided_by_the_rounding_errors_of_an_optimum(size: float, ratio: float | None) -> None:
     paths = (np.tile([error, 0.0, 0.0], (4, 1)) for error in (3.0 * size, size))
-    estimates = (Estimate("filtered", poses, np.tile(np.eye(3), (4, 1, 1))) for poses in paths)
-    assert evaluate(Truth(poses=np.zeros((4, 3))), straight(3), *estimates)["ratio_to_optimum"] == ratio
+    estimate, optimum = (Estimate("filtered", poses, np.tile(np.eye(3), (4, 1, 1))) for poses in paths)
+    assert evaluate(Truth(poses=np.zeros((4, 3))), straight(3), estimate, optimum)["ratio_to_optimum"] == ratio
 
 
 @pytest.mark.parametrize(("runs", "low", "high"), [(20, 2.02, 4.17), (50, 2.36, 3.72), (100, 2.54, 3.50)])
