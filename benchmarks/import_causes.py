@@ -87,7 +87,7 @@ def import_of(files: Files) -> str:
         for file, content in files.items():
             (folder / file).write_text(content)
         try:
-            return "\n".join(examine(read_csv_log(folder), folder).warnings)
+            return "\n".join(examine(read_csv_log(folder), folder)[1])
         except UserError as error:
             return str(error)
 

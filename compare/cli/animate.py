@@ -9,7 +9,7 @@ from pathlib import Path
 import tyro
 
 from slamgauge.compare.cli.common import split_names
-from slamgauge.compare.figures import animation
+from slamgauge.compare.figures import frames
 
 
 @dataclass
@@ -35,6 +35,6 @@ class Command:
     fps: int = 10
 
     def run(self) -> int:
-        animation.animate(self.folder, split_names(self.estimators), self.seconds, self.fps)
-        print(f"written to {self.folder}: {animation.GIF}", file=sys.stderr)
+        frames.animate(self.folder, split_names(self.estimators), self.seconds, self.fps)
+        print(f"written to {self.folder}: {frames.GIF}", file=sys.stderr)
         return 0

@@ -11,15 +11,7 @@ from typing import Annotated, Any
 import tyro
 
 from slamgauge.compare.cli.common import Repeated, flattened, results_of
-from slamgauge.compare.datasets import (
-    bag_log,
-    csv_log,
-    g2o,
-    imported_log,
-    lost_in_the_woods,
-    mrclam,
-    plausibility,
-)
+from slamgauge.compare.datasets import bag_log, csv_log, g2o, imported_log, lost_in_the_woods, mrclam, plausibility
 from slamgauge.compare.storage import files, staged_folder, toml_tables
 from slamgauge.compare.storage.result_files import MAPPING, RECORDING, TRUTH
 
@@ -50,18 +42,18 @@ class Format:
         out = self.out or results_of("import", self.path)
         staged_folder.require_ours(out)  # before long files are read
         log = self.read()
-        examination = plausibility.examine(log, self.path)
+        facts, doubts = plausibility.examine(log, self.path)
         with staged_folder.staged_folder(out, RECORDING) as folder:
             files.save(folder / RECORDING, log.recording)
             if log.truth is not None:
                 files.save(folder / TRUTH, log.truth)
             if log.mapping is not None:
                 toml_tables.write_toml(folder / MAPPING, log.mapping)
-        facts = [f"{name:<34}{value}" for name, value in examination.facts.items()]
-        warnings = [f"warning: {warning}" for warning in examination.warnings]
+        table = [f"{name:<34}{value}" for name, value in facts.items()]
+        warnings = [f"warning: {doubt}" for doubt in doubts]
         counts = f"{log.recording.steps} steps, {len(log.recording.observation)} observations"
         written = f"{counts}, {'no' if log.truth is None else 'with'} ground truth: written to {out}"
-        print(*log.notes, *facts, *warnings, written, sep="\n", file=sys.stderr)
+        print(*log.notes, *table, *warnings, written, sep="\n", file=sys.stderr)
         return 0
 
 

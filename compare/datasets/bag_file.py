@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import sqlite3
 import struct
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Collection, Generator, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,46 +30,47 @@ TREES = ("/tf", "/tf_static")  # topics that are read as observations only if th
 
 @dataclass(frozen=True)
 class Bag:
-    """An open bag; `clock` is the source of stamps, header or recording."""
+    """An open bag.
+
+    Attributes:
+        path: the bag, for messages.
+        reader: of rosbags.
+        topics: type and number of messages of each topic; a topic with several types has the type `several`.
+        clock: source of stamps, header or recording.
+    """
 
     path: Path
     reader: AnyReader
+    topics: dict[str, tuple[str, int]]
     clock: str = "header"
 
-    def topics(self) -> dict[str, tuple[str, int]]:
-        """Return type and number of messages of each topic; a topic with several types has the type `several`."""
-        return {name: (info.msgtype or "several", info.msgcount) for name, info in sorted(self.reader.topics.items())}
-
-    def of_types(self, types: Sequence[str]) -> list[str]:
+    def of_types(self, types: Collection[str]) -> list[str]:
         """Return the topics that have one of the types and at least one message."""
-        topics = self.topics().items()
-        return [name for name, (kind, messages) in topics if kind in types and messages and name not in TREES]
+        topics = self.topics.items()
+        return [name for name, (kind, count) in topics if kind in types and count and name not in TREES]
 
-    def topic_of(self, types: Sequence[str], key: str, stated: str | None = None) -> str:
+    def topic_of(self, types: Collection[str], key: str, stated: str | None = None) -> str:
         """Return a stated topic, or the only one with one of the types.
 
         Raises:
             UserError: the stated topic has another type, or without one several topics fit, or none.
         """
         found = self.of_types(types)
-        if stated is None and len(found) == 1:
-            return found[0]
-        if stated is None:
-            fits = ", ".join(found)
-            reason = f"several topics fit ({fits})" if found else f"no topic has a known type ({', '.join(types)})"
-            raise UserError(f"{self.path}: {reason}; give --set {key}=TOPIC, `--list` lists all topics")
-        kind = self.type_of(stated)
-        if kind not in types:
-            raise UserError(f"{self.path}: {key}: {stated} has the type {kind}; {did_you_mean(kind, types)}")
-        return stated
+        if stated is None and len(found) != 1:
+            what = f"several topics fit ({', '.join(found)})" if found else "no topic has a known type"
+            raise UserError(f"{self.path}: {what}; give --set {key}=TOPIC, `--list` lists all topics")
+        topic = stated or found[0]
+        if self.type_of(topic) not in types:
+            remedy = did_you_mean(self.type_of(topic), types)
+            raise UserError(f"{self.path}: {key}: {topic} has the type {self.type_of(topic)}; {remedy}")
+        return topic
 
     def type_of(self, topic: str) -> str:
         """Return the type of a topic; raise UserError if the bag does not have it."""
-        topics = self.topics()
-        if topic not in topics:
-            remedy = did_you_mean(topic, topics, "`slamgauge import bag PATH --list` lists all topics")
+        if topic not in self.topics:
+            remedy = did_you_mean(topic, self.topics, "`slamgauge import bag PATH --list` lists all topics")
             raise UserError(f"{self.path}: has no topic {topic}; {remedy}")
-        return topics[topic][0]
+        return self.topics[topic][0]
 
     def messages(self, topic: str) -> Iterator[tuple[int, Any]]:
         """Yield time of recording [ns] and content of the messages of a topic, in the order of recording.
@@ -77,7 +78,7 @@ class Bag:
         A message that repeats an earlier one byte by byte is dropped if it has a stamp: bags contain latched messages
         once for each part of a recording.
         """
-        kind, count = self.type_of(topic), self.topics()[topic][1]
+        kind, count = self.topics[topic]
         connections = [each for each in self.reader.connections if each.topic == topic]
         if count and kind not in self.reader.typestore.fielddefs:
             what = f"{topic}: the bag has no definition of {kind}"
@@ -94,20 +95,15 @@ class Bag:
             what = f"{read} of {count} messages of {topic} are in it: it is cut"
             raise UserError(f"{self.path}: {what}; copy it again, or repair its metadata with `ros2 bag reindex`")
 
-    def in_order(self, topic: str, times: Sequence[tuple[int, int]]) -> tuple[Int, Int, list[str]]:
-        """Return the sorted stamps (n,) [ns] of a topic, the order (n,) that sorts it, and notes.
+    def in_order(self, topic: str, times: Sequence[tuple[int, int]], notes: list[str]) -> tuple[Int, Int]:
+        """Return the sorted stamps (n,) [ns] of a topic, and the order (n,) that sorts it; add notes.
 
-        Topics without stamps have their time of recording.
-
-        Args:
-            topic: for messages.
-            times: n stamps in headers, 0 without one, and times of recording [ns].
+        `times` are n stamps in headers, 0 without one, and times of recording [ns]. Topics without stamps have these.
 
         Raises:
             UserError: the clock of the stamps jumps by more than `JUMP` between two messages, in either direction.
         """
         stamps, received = np.array(times, dtype=np.int64).reshape(-1, 2).T
-        notes = list[str]()
         jumps = 1e-9 * (np.diff(stamps) - np.diff(received))
         if self.clock == "recording" or not stamps.any():
             if self.clock == "header" and len(stamps):
@@ -123,7 +119,7 @@ class Bag:
             what = "messages have a stamp before that of the message before them"
             notes.append(f"{topic}: {late} {what}; sorted by stamps")
         order = np.argsort(stamps, kind="stable")
-        return stamps[order], order, notes
+        return stamps[order], order
 
 
 def header_stamp(content: Any) -> int:
@@ -176,19 +172,13 @@ def opened(path: Path, msgs: Sequence[Path] = ()) -> Generator[Bag]:
             if any(each.msgdef.format == MessageDefinitionFormat.NONE for each in reader.connections):
                 missing = {k: v for k, v in default.fielddefs.items() if k not in reader.typestore.fielddefs}
                 reader.typestore.register(missing)
-            yield Bag(path, reader)
-    except FileNotFoundError as error:
-        if path.is_dir():
-            remedy = "give its .mcap or .db3 file, or run `ros2 bag reindex`"
-            raise UserError(f"{path}: has no metadata.yaml, so it is no ROS 2 bag; {remedy}") from None
-        raise UserError(
-            f"{path}: not found, or not a bag ({error}); give a .bag, .mcap or .db3 file, or a ROS 2 folder"
-        ) from None
+            topics = {name: (info.msgtype or "several", info.msgcount) for name, info in reader.topics.items()}
+            yield Bag(path, reader, dict(sorted(topics.items())))
     except damaged as error:
         what = " ".join(str(error).split())[:200] or type(error).__name__
-        raise UserError(
-            f"{path}: cannot be read ({what}); repair it with `rosbag reindex`, `ros2 bag reindex` or `mcap recover`"
-        ) from None
+        remedy = "give a .bag, .mcap or .db3 file, or a ROS 2 folder with its metadata.yaml"
+        repair = "repair it with `rosbag reindex`, `ros2 bag reindex` or `mcap recover`"
+        raise UserError(f"{path}: cannot be read ({what}); {remedy}, or {repair}") from None
 
 
 def _definitions(folder: Path) -> Iterator[tuple[str, str]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
@@ -15,13 +15,13 @@ import numpy as np
 from slamgauge.arrays import Float, Int
 from slamgauge.compare.datasets.bag_file import SAME, Bag, header_stamp, opened, seconds_of
 from slamgauge.compare.datasets.bag_observations import read_observations
-from slamgauge.compare.datasets.imported_log import Imported, Log, TruePath, with_sigmas
+from slamgauge.compare.datasets.imported_log import Imported, Log, with_sigmas
 from slamgauge.compare.datasets.log_settings import BagMapping, ObservationsTopic, load_settings
-from slamgauge.compare.datasets.synchronisation import Odometry, constant_twist
+from slamgauge.compare.datasets.synchronisation import Odometry
 from slamgauge.compare.storage.toml_tables import Table, toml_text
 from slamgauge.compare.storage.trajectories import Trajectory, planar_covariances, planar_poses
 from slamgauge.errors import UserError
-from slamgauge.se2 import between, rotation
+from slamgauge.se2 import between, exp, rotation
 
 ODOMETRIES = (
     "nav_msgs/msg/Odometry",
@@ -57,7 +57,7 @@ def read_bag(
         bag = replace(bag, clock=settings.frames.clock)
         notes: list[str] = []
         odometry, settings = _read_odometry(bag, settings, notes)
-        settings = replace(settings, observations=_completed(bag, settings.observations))
+        settings = settings.changed(observations=_completed(bag, settings.observations))
         seen = read_observations(bag, settings, notes)
         true_path = _true_path(bag, settings, notes)
     log = Log(
@@ -67,6 +67,7 @@ def read_bag(
         start=settings.start.pose,
         prior_cov=np.diag(settings.start.sigmas) ** 2,
         path=true_path,
+        max_gap=settings.truth.max_gap,
         notes=notes,
     )
     return log.imported(settings)
@@ -83,21 +84,16 @@ def read_bag_trajectory(path: Path, topic: str) -> Trajectory:
 def topics_text(path: Path, msgs: Sequence[Path] = ()) -> str:
     """Return a table of the topics of a bag, and a proposed mapping as TOML."""
     with opened(path, msgs) as bag:
-        topics = bag.topics()
-        first = {
-            "odometry": bag.of_types(ODOMETRIES),
-            "observations": bag.of_types(tuple(_shipped())),
-            "truth": [name for name in bag.of_types(POSES) if "truth" in name],
-        }
+        topics, observations = bag.topics, bag.of_types(_shipped())
+        truths = [name for name in bag.of_types(POSES) if "truth" in name]
+        first = {"odometry": bag.of_types(ODOMETRIES), "observations": observations, "truth": truths}
     width = max(map(len, topics), default=0)
     wide = max((len(kind) for kind, _ in topics.values()), default=0)
     lines = [f"{name:<{width}}  {kind:<{wide}}  {messages:>8}" for name, (kind, messages) in topics.items()]
     sections: dict[str, Table] = {name: {"topic": found[0]} for name, found in first.items() if found}
     if "observations" in sections:
         sections["observations"] |= _shipped()[topics[sections["observations"]["topic"]][0]]
-    missing = [name for name in ("odometry", "observations") if name not in sections]
-    remarks = [f"# no topic of a known type for [{name}]: state its topic and paths" for name in missing]
-    return "\n".join([*lines, "", "# proposed mapping", *remarks, toml_text(sections)])
+    return "\n".join([*lines, "", "# proposed mapping", toml_text(sections)])
 
 
 @cache
@@ -108,11 +104,10 @@ def _shipped() -> dict[str, Table]:
 
 def _completed(bag: Bag, section: ObservationsTopic) -> ObservationsTopic:
     """Return the section with its topic, and with the shipped paths of its type where none are stated."""
-    topic = section.topic or bag.topic_of(tuple(_shipped()), "observations.topic")
+    topic = section.topic or bag.topic_of(_shipped(), "observations.topic")
     kind = bag.type_of(topic)
-    stated: Table = {name: value for name, value in asdict(section).items() if value is not None}
-    complete: Table = _shipped().get(kind, {}) | stated | {"topic": topic}
-    known = ObservationsTopic(**complete)
+    stated = section.model_dump(exclude_none=True) | {"topic": topic}
+    known = ObservationsTopic(**(_shipped().get(kind, {}) | stated))
     if (known.bearing is None) == (known.x is None) or (known.x is None) != (known.y is None):
         paths = "observations.x and y, or observations.range and bearing, or observations.bearing"
         raise UserError(f"{bag.path}: give paths of {topic} ({kind}): {paths}")
@@ -147,7 +142,7 @@ def _read_odometry(bag: Bag, mapping: BagMapping, notes: list[str]) -> tuple[Odo
     if section.kind == "twist":
         if has_poses:
             _require_twists_of_the_robot(where, twists, poses[rows, 2], seconds, increments)
-        increments = constant_twist(twists, seconds)
+        increments = exp(twists * seconds[:, None])
     covs = covs[rows] * seconds[:, None, None] ** 2
     noise, sigmas = mapping.noise, list[Float | None]()
     for axis, name in enumerate(("forward", "lateral", "turn")):
@@ -157,38 +152,34 @@ def _read_odometry(bag: Bag, mapping: BagMapping, notes: list[str]) -> tuple[Odo
             raise UserError(f"{where}: its messages have no variance of noise.{name}; {remedy}")
         sigmas.append(None if stated is None else stated * noise.growth(seconds))
     base = mapping.frames.base or children[-1] or "base_link"
-    in_force = replace(mapping, odometry=replace(section, topic=topic), frames=replace(mapping.frames, base=base))
+    in_force = mapping.changed(odometry=section.changed(topic=topic), frames=mapping.frames.changed(base=base))
     return Odometry(seconds_of(stamps), increments, with_sigmas(covs, sigmas)), in_force
 
 
-def _require_twists_of_the_robot(
-    where: str, velocities: Float, headings: Float, seconds: Float, motions: Float
-) -> None:
+def _require_twists_of_the_robot(where: str, twists: Float, headings: Float, seconds: Float, motions: Float) -> None:
     """Refuse twists (N, 3) that contradict the motions (N, 3) between the poses of the same messages.
 
     They do if all are 0, or if the motions agree with them only once they are turned from the world's frame by the
     headings (N,).
     """
-    if not velocities.any() and motions.any():
-        raise UserError(f"{where}: all twists are 0, but the poses move; give --set odometry.kind=poses")
-    turned = velocities.copy()
-    turned[:, :2] = np.einsum("nji,nj->ni", rotation(headings), velocities[:, :2])
+    turned = twists.copy()
+    turned[:, :2] = np.einsum("nji,nj->ni", rotation(headings), twists[:, :2])
     as_read, of_world = (
-        float(np.sum((constant_twist(each, seconds) - motions)[:, :2] ** 2)) for each in (velocities, turned)
+        float(np.sum((exp(each * seconds[:, None]) - motions)[:, :2] ** 2)) for each in (twists, turned)
     )
-    if as_read > CONTRADICTS * float(np.sum(motions[:, :2] ** 2)) and of_world < CONTRADICTS * as_read:
+    if as_read > CONTRADICTS * float(np.sum(motions[:, :2] ** 2)) and (
+        of_world < CONTRADICTS * as_read or not twists.any()
+    ):
         what = "the twists contradict the poses of the same messages, unless they are in the world's frame"
         raise UserError(f"{where}: {what}; give --set odometry.kind=poses")
 
 
-def _true_path(bag: Bag, mapping: BagMapping, notes: list[str]) -> TruePath | None:
+def _true_path(bag: Bag, mapping: BagMapping, notes: list[str]) -> Trajectory | None:
     if mapping.truth.topic is None:
         return None
     topic = bag.topic_of(POSES, "truth.topic", mapping.truth.topic)
     stamps, poses, _ = _samples(bag, topic, _pose_of, notes)
-    if not len(stamps):
-        raise UserError(f"{bag.path}: {topic}: has no messages; leave truth.topic out")
-    return TruePath(seconds_of(stamps), planar_poses(poses), mapping.truth.max_gap)
+    return Trajectory(topic, seconds_of(stamps), planar_poses(poses))
 
 
 def _pose_of(content: Any) -> tuple[list[float], Float]:
@@ -214,9 +205,8 @@ def _samples(
         row, cov = sample(content)
         numbers.append(row)
         covs.append(cov)
-    stamps, order, more = bag.in_order(topic, times)
-    is_new = np.append(True, np.diff(stamps) > SAME)[: len(order)]
-    notes += more
+    stamps, order = bag.in_order(topic, times, notes)
+    is_new = np.diff(stamps, prepend=stamps[:1] - 2 * SAME) > SAME
     if not is_new.all():
         notes.append(f"{topic}: {np.sum(~is_new)} messages repeat the stamp of another one and are dropped")
     rows = order[is_new]

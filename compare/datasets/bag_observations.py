@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections import Counter
 from collections.abc import Callable, Iterator
+from contextlib import suppress
+from itertools import chain
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -41,17 +42,11 @@ def read_observations(bag: Bag, mapping: BagMapping, notes: list[str]) -> Observ
     Raises:
         UserError: a path does not exist, a frame is not connected to the base, or noise is missing.
     """
-    section, topic = mapping.observations, mapping.observations.topic or ""
+    section, where = mapping.observations, f"{bag.path}: {mapping.observations.topic}"
     sensor: Sensor = "position" if section.x else "range-bearing" if section.range else "bearing"
-    groups = Counter[str]()
-    rows = list(_rows(bag, section, groups))
-    stamps, order, more = bag.in_order(topic, [row.times for row in rows])
-    notes += more
-    if len(groups) > 1:
-        notes.append(f"{topic}: " + ", ".join(f"{count} {name}" for name, count in groups.items()))
-    rows = [rows[each] for each in order]
-    names = SENSORS[sensor].sigmas
-    where = f"{bag.path}: {topic}"
+    rows = list(_rows(bag, section))
+    stamps, order = bag.in_order(section.topic or "", [row.times for row in rows], notes)
+    rows, names = [rows[each] for each in order], SENSORS[sensor].sigmas
     values, covs = _in_base(rows, sensor, _frames(bag, mapping), mapping.frames.base or "", where)
     covs = with_sigmas(covs, [getattr(mapping.noise, name) for name in names])
     missing = np.isnan(covs).any(axis=(1, 2))
@@ -62,38 +57,31 @@ def read_observations(bag: Bag, mapping: BagMapping, notes: list[str]) -> Observ
     return Observed(sensor, seconds_of(stamps), [row.id for row in rows], values, covs)
 
 
-def _rows(bag: Bag, section: ObservationsTopic, groups: Counter[str]) -> Iterator[_Row]:
-    """Yield the elements of all messages, and count them by the array that they are in."""
+def _rows(bag: Bag, section: ObservationsTopic) -> Iterator[_Row]:
+    """Yield the elements of all messages."""
     values = [_getter(path) for path in (section.x, section.y, section.z, section.range, section.bearing) if path]
-    arrays = {name: _getter(name) for name in _listed(section.array)} or {"": lambda content: [content]}
+    arrays = [_getter(path) for path in _listed(section.array)] or [lambda content: [content]]
     ids = [_getter(path) for path in _listed(section.id)]
     covariance = _getter(section.covariance) if section.covariance else lambda _: ()
-    pattern = re.compile(section.pattern or "")
+    pattern = re.compile(section.pattern or "(.*)")
     for received, content in bag.messages(section.topic or ""):
         stamp, frame = header_stamp(content), frame_of(content)
         try:
-            for name, array in arrays.items():
-                for element in array(content):
-                    if getattr(element, "action", MARKER_ADD) != MARKER_ADD:
-                        continue
-                    found = _first(ids, element)
-                    if section.pattern is not None:
-                        match = pattern.search(str(found))
-                        if match is None:
-                            continue
-                        found = match[1] if pattern.groups else match[0]
-                    groups[name] += 1
-                    yield _Row(
-                        (stamp or header_stamp(element), received),
-                        frame or frame_of(element),
-                        found,
-                        [float(get(element)) for get in values],
-                        np.asarray(covariance(element), dtype=np.float64),
-                    )
+            for element in chain.from_iterable(array(content) for array in arrays):
+                name = _first(ids, element)
+                match = pattern.search(str(name))
+                if match is None or getattr(element, "action", MARKER_ADD) != MARKER_ADD:
+                    continue
+                yield _Row(
+                    (stamp or header_stamp(element), received),
+                    frame or frame_of(element),
+                    match[pattern.groups and 1] if section.pattern else name,
+                    [float(get(element)) for get in values],
+                    np.asarray(covariance(element), dtype=np.float64),
+                )
         except (AttributeError, IndexError, TypeError) as error:
-            raise UserError(
-                f"{bag.path}: {section.topic}: a path does not fit its messages: {error}; correct it"
-            ) from None
+            what = f"a path does not fit its messages: {error}"
+            raise UserError(f"{bag.path}: {section.topic}: {what}; correct it") from None
 
 
 def _getter(path: str) -> Getter:
@@ -115,19 +103,17 @@ def _listed(paths: Paths | None) -> list[str]:
 def _first(getters: list[Getter], element: Any) -> int | str | None:
     """Return the first id that exists and is not an empty text; None without any."""
     for get in getters:
-        try:
+        with suppress(AttributeError, IndexError):
             found = get(element)
-        except (AttributeError, IndexError):
-            continue
-        if found != "":
-            return found if isinstance(found, str) else int(found)
+            if found != "":
+                return found if isinstance(found, str) else int(found)
     return None
 
 
 def _frames(bag: Bag, mapping: BagMapping) -> Frames:
     """Return the static transforms of a bag; stated poses in the base frame replace them."""
     frames: Frames = {}
-    for _, content in bag.messages(STATIC) if STATIC in bag.topics() else ():
+    for _, content in bag.messages(STATIC) if STATIC in bag.topics else ():
         for each in content.transforms:
             place, turn, pose = each.transform.translation, each.transform.rotation, np.eye(4)
             pose[:3, :3] = rotations(np.array([[turn.x, turn.y, turn.z, turn.w]]))[0]
@@ -140,16 +126,23 @@ def _frames(bag: Bag, mapping: BagMapping) -> Frames:
     return frames
 
 
-def _in_root(frames: Frames, frame: str, where: str) -> tuple[str, Float]:
-    """Return the root of a frame's tree, and the pose (4, 4) of the frame in it."""
-    pose, visited = np.eye(4), {frame}
-    while frame in frames:
-        frame, step = frames[frame]
-        pose = step @ pose
-        if frame in visited:
-            raise UserError(f"{where}: the transforms of {STATIC} make a circle at {frame}; correct them")
-        visited.add(frame)
-    return frame, pose
+def _pose_in(base: str, frame: str, frames: Frames, where: str) -> Float:
+    """Return the pose (4, 4) of a frame in the frame `base`."""
+    found = list[tuple[str, Float]]()
+    for name in (frame, base):
+        root, pose, visited = name, np.eye(4), {name}
+        while root in frames:
+            root, step = frames[root]
+            pose = step @ pose
+            if root in visited:
+                raise UserError(f"{where}: the transforms of {STATIC} make a circle at {root}; correct them")
+            visited.add(root)
+        found.append((root, pose))
+    (root, pose), (root_of_base, pose_of_base) = found
+    if root != root_of_base:
+        remedy = f"give its pose with --set transforms.{frame}=[x,y,heading], or another frames.base"
+        raise UserError(f"{where}: no static transform from {frame} to {base} on {STATIC}; {remedy}")
+    return np.linalg.inv(pose_of_base) @ pose
 
 
 def _in_base(rows: list[_Row], sensor: Sensor, frames: Frames, base: str, where: str) -> tuple[Float, Float]:
@@ -159,51 +152,45 @@ def _in_base(rows: list[_Row], sensor: Sensor, frames: Frames, base: str, where:
     """
     model = SENSORS[sensor]
     values, covs = np.empty((len(rows), model.dim)), np.full((len(rows), model.dim, model.dim), np.nan)
-    root_of_base, pose_of_base = _in_root(frames, base, where)
     names = np.array([row.frame or base for row in rows])
     for frame in dict.fromkeys(names.tolist()):
         here = np.flatnonzero(names == frame)
-        measured = np.array([rows[each].values for each in here])
-        cov = _matrices([rows[each].covariance for each in here], where)
-        root, pose = _in_root(frames, frame, where)
-        if root != root_of_base:
-            remedy = f"give its pose with --set transforms.{frame}=[x,y,heading], or another frames.base"
-            raise UserError(f"{where}: no static transform from {frame} to {base} on {STATIC}; {remedy}")
-        pose = np.eye(4) if frame == base else np.linalg.inv(pose_of_base) @ pose
-        turn, place = pose[:3, :3], pose[:3, 3]
+        measured, cov = np.array([rows[each].values for each in here]), _matrices([rows[each] for each in here], where)
+        pose = np.eye(4) if frame == base else _pose_in(base, frame, frames, where)
         if sensor == "position":
             points = np.pad(measured, ((0, 0), (0, 3 - measured.shape[1])))
-            values[here] = (points @ turn.T + place)[:, :2]
-            covs[here] = (turn @ cov @ turn.T)[:, :2, :2]
-        elif frame == base:
-            values[here], covs[here] = measured, cov[:, : model.dim, : model.dim]
-        else:
-            if np.abs(turn[2, :2]).max() > LEVEL:
-                raise UserError(f"{where}: {frame} is tilted, and bearings are in its plane; map x, y and z instead")
-            if sensor == "bearing" and place[:2].any():
-                what = f"{frame} is not at the base, and bearings cannot be moved"
-                raise UserError(f"{where}: {what}; give --set frames.base={frame}")
-            moved = inverse(sensor, measured) @ turn[:2, :2].T + place[:2]
-            change = jacobian(sensor, moved) @ turn[:2, :2] @ inverse_jacobian(sensor, measured)
-            values[here] = predict(sensor, moved)
-            covs[here] = change @ cov[:, : model.dim, : model.dim] @ change.swapaxes(1, 2)
+            values[here] = (points @ pose[:3, :3].T + pose[:3, 3])[:, :2]
+            covs[here] = (pose[:3, :3] @ cov @ pose[:3, :3].T)[:, :2, :2]
+            continue
+        values[here], covs[here] = measured, cov[:, : model.dim, : model.dim]
+        if frame == base:
+            continue
+        if np.abs(pose[2, :2]).max() > LEVEL:
+            raise UserError(f"{where}: {frame} is tilted, and bearings are in its plane; map x, y and z instead")
+        if sensor == "bearing" and pose[:2, 3].any():
+            what = f"{frame} is not at the base, and bearings cannot be moved"
+            raise UserError(f"{where}: {what}; give --set frames.base={frame}")
+        moved = inverse(sensor, measured) @ pose[:2, :2].T + pose[:2, 3]
+        change = jacobian(sensor, moved) @ pose[:2, :2] @ inverse_jacobian(sensor, measured)
+        values[here] = predict(sensor, moved)
+        if sensor != "bearing":
+            covs[here] = change @ covs[here] @ change.swapaxes(1, 2)
     return np.where(model.is_angle, wrap(values), values), covs
 
 
-def _matrices(flat: list[Float], where: str) -> Float:
+def _matrices(rows: list[_Row], where: str) -> Float:
     """Return covariances (m, 3, 3) of the first numbers, from those of messages; NaN if they are not stated.
 
     A position has 36 numbers (of a pose), 9 (x, y, z) or 4 (x, y), row by row. ROS states an unknown covariance by
     zeros, or by a first number of -1.
     """
-    made, sizes = np.full((len(flat), 3, 3), np.nan), {each.size for each in flat}
-    side = round(max(sizes, default=0) ** 0.5)
-    if len(sizes) > 1 or side**2 not in sizes:
+    made, sizes = np.full((len(rows), 3, 3), np.nan), {row.covariance.size for row in rows}
+    side = round(max(sizes) ** 0.5)
+    if {side**2} != sizes:
         raise UserError(f"{where}: a covariance of {max(sizes)} numbers; give the path of a square matrix")
-    if not side:
-        return made
-    square, used = np.array(flat).reshape(-1, side, side), min(side, 3)
-    stated = (square[:, 0, 0] > 0.0) & np.isfinite(square).all(axis=(1, 2))
-    made[stated] = 0.0
-    made[stated, :used, :used] = square[stated, :used, :used]
+    if side:
+        square, used = np.array([row.covariance for row in rows]).reshape(-1, side, side), min(side, 3)
+        stated = (square[:, 0, 0] > 0.0) & np.isfinite(square).all(axis=(1, 2))
+        made[stated] = 0.0
+        made[stated, :used, :used] = square[stated, :used, :used]
     return made

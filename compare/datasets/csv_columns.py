@@ -63,11 +63,12 @@ class CsvTable:
         Raises:
             UserError: the file cannot be read or has no header, or a name is unknown.
         """
-        lines = csv_lines(Path(path), read_whole(Path(path)))
+        self.path = Path(path)
+        lines = csv_lines(self.path, read_whole(self.path))
         if not lines:
             raise UserError(f"{path}: no line in it; write a header and rows")
         self.header, self.rows = lines[0], lines[1:]
-        if all(_is_time(word) or not isnan(number_of(word)) for word in self.header.words):
+        if not any(isnan(number_of(word)) for word in self.header.words):
             raise self.header.refused("no header", "write a line with the names of the columns")
         require_width(lines)
         for name in names:
@@ -81,8 +82,7 @@ class CsvTable:
     def unused(self) -> list[str]:
         """Return a note about the columns that nothing has read, if there are any."""
         texts = [text for at, text in enumerate(self.header.words) if at not in self.used and text]
-        name = Path(self.header.path).name
-        return [f"{name}: columns that are not used: {', '.join(texts)}"] if texts else []
+        return [f"{self.path.name}: columns that are not used: {', '.join(texts)}"] if texts else []
 
     def has(self, *names: str) -> bool:
         """Return whether the file has all of these columns; headings may be quaternions."""
@@ -94,11 +94,6 @@ class CsvTable:
             return np.full(len(self.rows), default)
         at = self._used(name)
         return self._factor(name, at) * np.array([line.number_at(at) for line in self.rows])
-
-    def steps(self) -> Float:
-        """Return the whole numbers (n,) of the column `step`."""
-        at = self._used("step")
-        return np.array([line.id_at(at) for line in self.rows], dtype=np.float64)
 
     def sigmas(self, name: str) -> Float | None:
         """Return the standard deviations (n,) of a column in each row, from `range_std` or `range_sigma`."""
@@ -132,15 +127,8 @@ class CsvTable:
 
     def ids(self) -> list[int | str]:
         """Return the ids of landmarks: whole numbers from -1, or texts; -1 in all rows without the column."""
-        if not self.has("landmark"):
-            return [-1] * len(self.rows)
-        at = self._used("landmark")
-        words = [line.words[at] for line in self.rows]
-        are_texts = [word != "" and isnan(number_of(word)) and word.lower() != "nan" for word in words]
-        return [
-            word if is_text else line.id_at(at, least=-1)
-            for word, is_text, line in zip(words, are_texts, self.rows, strict=True)
-        ]
+        at = self._used("landmark") if self.has("landmark") else None
+        return [-1 if at is None else _id(line, at) for line in self.rows]
 
     def _place(self, name: str) -> int | None:
         """Return the place of a column of ours: with the file's own name for it, else ours or another word for it."""
@@ -194,6 +182,12 @@ def _name_and_unit(text: str) -> tuple[str, str]:
     name, _, unit = text.rpartition("_")  # range_mm
     is_ours = any(name.lower() in (ours, *WORDS[ours]) for ours in QUANTITIES)
     return (name, unit) if is_ours and any(unit in units for units in UNITS.values()) else (text, "")
+
+
+def _id(line: Line, at: int) -> int | str:
+    word = line.words[at]
+    is_text = isnan(number_of(word)) and word.lower() not in ("", "nan")
+    return word if is_text else line.id_at(at, least=-1)
 
 
 def _is_time(word: str) -> bool:

@@ -8,9 +8,8 @@ drives arcs: it keeps its speed and yaw rate between two rows.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
@@ -20,20 +19,18 @@ from slamgauge.compare.datasets.imported_log import (
     Imported,
     Log,
     Observed,
-    TrueMap,
-    TruePath,
     checked,
     require_order,
     with_sigmas,
 )
-from slamgauge.compare.datasets.log_settings import CsvMapping, Motion, load_settings
-from slamgauge.compare.datasets.synchronisation import Odometry, constant_twist
+from slamgauge.compare.datasets.log_settings import CsvMapping, Motion, ObservationsTable, OdometryTable, load_settings
+from slamgauge.compare.datasets.synchronisation import Odometry
 from slamgauge.compare.storage.csv_folder import OBSERVED, POSE_COV
 from slamgauge.compare.storage.result_files import MAPPING
 from slamgauge.compare.storage.safe_names import shown
-from slamgauge.compare.storage.text_lines import Line
+from slamgauge.compare.storage.trajectories import Trajectory
 from slamgauge.errors import UserError
-from slamgauge.se2 import between
+from slamgauge.se2 import between, exp
 from slamgauge.sensors import SENSORS, Sensor
 
 MOTIONS: dict[Motion, tuple[str, ...]] = {
@@ -53,15 +50,6 @@ FILES = (  # sections and keys of files, and names that are read if they exist
 Kind = TypeVar("Kind", Motion, Sensor)
 
 
-class Driven(NamedTuple):
-    """Odometry, the lines (N,) of its increments, its kind, and its file."""
-
-    odometry: Odometry
-    lines: Sequence[Line]
-    kind: Motion
-    table: CsvTable
-
-
 def read_csv_log(path: Path, overrides: Sequence[str] = ()) -> Imported:
     """Read the recording of CSV files, its truth if there is one, and the mapping in force.
 
@@ -74,27 +62,26 @@ def read_csv_log(path: Path, overrides: Sequence[str] = ()) -> Imported:
     """
     notes: list[str] = []
     mapping, prior_cov = _with_start(_load(path, overrides))
-    driven = _read_odometry(mapping, notes)
+    kind, odometry, clock = _read_odometry(mapping, notes)
     seen, table = _read_observations(mapping, notes)
     has_steps = table.has("step") and not table.has("stamp")
     log = Log(
         where=path,
-        odometry=driven.odometry,
-        lines=driven.lines,
-        seen=seen if has_steps else seen._replace(times=_on_clock(table, seen.times, driven, notes)),
+        odometry=odometry,
+        seen=seen if has_steps else seen._replace(times=_on_clock(clock, table, seen.times, notes)),
         has_steps=has_steps,
         start=mapping.start.pose,
         prior_cov=prior_cov,
-        path=_true_path(mapping, driven, notes),
+        path=_true_path(mapping, clock, notes),
+        max_gap=mapping.truth.max_gap,
         map=_true_map(mapping, notes),
         notes=notes,
     )
-    in_force = replace(
-        mapping,
-        odometry=replace(mapping.odometry, kind=driven.kind),
-        observations=replace(mapping.observations, kind=seen.sensor),
-    )
-    found = log.imported(in_force)
+    by_kind = {
+        "odometry": mapping.odometry.changed(kind=kind),
+        "observations": mapping.observations.changed(kind=seen.sensor),
+    }
+    found = log.imported(mapping.changed(**by_kind))
     for section, key, _ in FILES:
         tables = found.mapping or {}
         if tables[section][key] is not None:
@@ -112,7 +99,7 @@ def _load(path: Path, overrides: Sequence[str]) -> CsvMapping:
         table = getattr(mapping, section)
         name = getattr(table, key) or (usual if (where.parent / usual).exists() else None)
         if name is not None:
-            mapping = replace(mapping, **{section: replace(table, **{key: str(where.parent / name)})})
+            mapping = mapping.changed(**{section: table.changed(**{key: str(where.parent / name)})})
     return mapping
 
 
@@ -124,14 +111,14 @@ def _with_start(mapping: CsvMapping) -> tuple[CsvMapping, Float]:
     table = CsvTable(start.file, mapping.odometry, {})
     if len(table.rows) != 1:
         raise UserError(f"{start.file}: has {len(table.rows)} rows; write one, the prior of the start pose")
-    covs, (x, y, heading) = table.covariances(POSE_COV), table.poses()[0].tolist()
+    covs, pose = table.covariances(POSE_COV), start.pose or tuple(table.poses()[0].tolist())
     stamp = float(table.stamps()[0]) if start.stamp is None else start.stamp
-    stated = replace(start, pose=start.pose or (x, y, heading), stamp=stamp)
-    return replace(mapping, start=stated), cov if covs is None or cov.any() else covs[0]
+    stated = mapping.changed(start=start.changed(pose=pose, stamp=stamp))
+    return stated, cov if covs is None or cov.any() else covs[0]
 
 
-def _read_odometry(mapping: CsvMapping, notes: list[str]) -> Driven:
-    """Read the odometry, and add notes.
+def _read_odometry(mapping: CsvMapping, notes: list[str]) -> tuple[Motion, Odometry, float | None]:
+    """Return the kind of odometry, the odometry, and its first stamp [s] if stamps are times of ISO 8601; add notes.
 
     Rows of increments describe the time before their stamp, and begin at `start.stamp` if that is stated.
     """
@@ -143,7 +130,7 @@ def _read_odometry(mapping: CsvMapping, notes: list[str]) -> Driven:
     values = table.poses() if kind == "poses" else _columns(table, MOTIONS[kind])
     of_rows = [None if kind == "poses" else table.sigmas(name) for name in MOTIONS[kind]]
     covs = table.covariances(POSE_COV) if kind == "increments" else None
-    if table.has("step") and (table.steps() != np.arange(1, len(stamps) + 1)).any():
+    if table.has("step") and (table.numbers("step") != np.arange(1, len(stamps) + 1)).any():
         raise table.header.refused("the steps are not 1, 2, 3, ...", "sort the rows, and number them from 1")
     notes += table.unused()
     looks_back = kind == "increments" or (kind == "velocities" and section.holds == "since-last")
@@ -151,27 +138,25 @@ def _read_odometry(mapping: CsvMapping, notes: list[str]) -> Driven:
         raise UserError(f"{section.file}: start.stamp: the log starts at the first row of {kind}; remove it")
     if start is not None and len(stamps) and not start < stamps[0]:
         raise table.rows[0].refused(f"is not after the start at {start:.9g} s", "correct start.stamp")
-    stamps = stamps if start is None else np.concatenate([[start], stamps])
+    stamps = stamps if start is None else np.append(start, stamps)
     if len(stamps) < 2:
         raise UserError(f"{section.file}: fewer than two stamps; give the whole log")
     steps, seconds = len(stamps) - 1, np.diff(stamps)
-    rows = slice(steps) if kind == "velocities" and not looks_back else slice(len(values) - steps, None)
-    if kind == "poses":
-        increments = between(values[:-1], values[1:])
-    else:
-        increments = values[rows] if kind == "increments" else constant_twist(values[rows], seconds)
+    rows = slice(len(values) - steps, None) if looks_back or kind == "poses" else slice(steps)
+    increments = values[rows]
+    if kind != "increments":
+        increments = between(values[:-1], values[1:]) if kind == "poses" else exp(increments * seconds[:, None])
     if covs is None:
         growth, of_row = mapping.noise.growth(seconds), seconds if kind == "velocities" else 1.0
-        covs = with_sigmas(
-            np.zeros((steps, 3, 3)),
+        covs = np.zeros((len(values), 3, 3))
+        covs[rows] = with_sigmas(
+            covs[rows],
             [
-                _stated(mapping, name, section.file) * growth if sigmas is None else sigmas[rows] * of_row
-                for name, sigmas in zip(("forward", "lateral", "turn"), of_rows, strict=True)
+                _stated(mapping, name, section) * growth if each is None else each[rows] * of_row
+                for name, each in zip(("forward", "lateral", "turn"), of_rows, strict=True)
             ],
         )
-    else:
-        covs = covs[rows]
-    return Driven(Odometry(stamps, increments, covs), table.rows[rows], kind, table)
+    return kind, Odometry(stamps, increments, covs[rows], table.rows[rows]), stamps[0] if table.has_times else None
 
 
 def _read_observations(mapping: CsvMapping, notes: list[str]) -> tuple[Observed, CsvTable]:
@@ -180,42 +165,35 @@ def _read_observations(mapping: CsvMapping, notes: list[str]) -> tuple[Observed,
     table = CsvTable(section.file, section, section.columns)
     sensor = _kind(table, SENSED, section.kind, "observations")
     model = SENSORS[sensor]
-    has_steps = table.has("step") and not table.has("stamp")
-    times = table.steps() if has_steps else table.stamps()
+    times = table.stamps() if table.has("stamp") or not table.has("step") else table.numbers("step")
     require_order(table.rows, times, strict=False)
     values, ids = checked(sensor, table.rows, _columns(table, model.columns)), table.ids()
-    if has_steps and 0 < ids.count(-1) < len(ids):
-        raise table.rows[ids.index(-1)].refused("only some ids are -1", "write -1 in all rows, or ids from 0")
     covs = table.covariances(OBSERVED[sensor][model.dim :])
     if covs is None:
-        of_rows = zip(map(table.sigmas, model.columns), model.sigmas, strict=True)
-        sigmas = [_stated(mapping, name, section.file) if each is None else each for each, name in of_rows]
+        of_rows = zip(model.sigmas, map(table.sigmas, model.columns), strict=True)
+        sigmas = [_stated(mapping, name, section) if each is None else each for name, each in of_rows]
         covs = with_sigmas(np.zeros((len(times), model.dim, model.dim)), sigmas)
     notes += table.unused()
-    seen = Observed(sensor, times, ids, values, covs)
-    zero = np.flatnonzero(values[:, 0] == 0.0) if model.has_range else []
-    if not len(zero):
-        return seen, table
-    what = f"{len(zero)} observations have range 0 m (no detection?), the first in line {table.rows[zero[0]].number}"
-    if not section.drop_zero_ranges:
-        notes.append(f"warning: {what}; leave them out with --set observations.drop_zero_ranges=true")
-        return seen, table
-    notes.append(f"{what}; they are left out")
-    kept = np.flatnonzero(values[:, 0])
+    kept, zero = np.arange(len(times)), np.flatnonzero(values[:, 0] == 0.0) if model.has_range else []
+    if len(zero):
+        line = table.rows[zero[0]].number
+        what = f"{len(zero)} observations have range 0 m (no detection?), the first in line {line}"
+        remedy = "leave them out with --set observations.drop_zero_ranges=true"
+        notes.append(f"{what}; they are left out" if section.drop_zero_ranges else f"warning: {what}; {remedy}")
+        kept = np.flatnonzero(values[:, 0]) if section.drop_zero_ranges else kept
     return Observed(sensor, times[kept], [ids[at] for at in kept.tolist()], values[kept], covs[kept]), table
 
 
-def _on_clock(table: CsvTable, times: Float, driven: Driven, notes: list[str]) -> Float:
+def _on_clock(clock: float | None, table: CsvTable, times: Float, notes: list[str]) -> Float:
     """Return stamps (n,) on the odometry's clock: seconds count from its first row if that has a time of day."""
-    first = driven.odometry.stamps[0]
-    if not driven.table.has_times or table.has_times or not len(times) or times.max() >= first:
+    if clock is None or table.has_times or not len(times) or times.max() >= clock:
         return times
-    name = Path(table.header.path).name
-    notes.append(f"{name}: stamps are seconds, those of the odometry times: they count from its first row")
-    return times + first
+    what = "stamps are seconds, those of the odometry times: they count from its first row"
+    notes.append(f"{table.path.name}: {what}")
+    return times + clock
 
 
-def _true_path(mapping: CsvMapping, driven: Driven, notes: list[str]) -> TruePath | None:
+def _true_path(mapping: CsvMapping, clock: float | None, notes: list[str]) -> Trajectory | None:
     section = mapping.truth
     if section.file is None:
         return None
@@ -223,17 +201,15 @@ def _true_path(mapping: CsvMapping, driven: Driven, notes: list[str]) -> TruePat
     times, poses = table.stamps(), table.poses()
     require_order(table.rows, times, strict=True)
     notes += table.unused()
-    if not len(poses):
-        raise UserError(f"{section.file}: has no rows; write some, or remove the file")
-    return TruePath(_on_clock(table, times, driven, notes), poses, section.max_gap)
+    return Trajectory(section.file, _on_clock(clock, table, times, notes), poses)
 
 
-def _true_map(mapping: CsvMapping, notes: list[str]) -> TrueMap | None:
+def _true_map(mapping: CsvMapping, notes: list[str]) -> tuple[Path, list[int | str], Float] | None:
     section = mapping.truth
     if section.landmarks is None:
         return None
     table = CsvTable(section.landmarks, section, section.landmark_columns)
-    found = TrueMap(Path(section.landmarks), table.ids(), _columns(table, ("x", "y")))
+    found = table.path, table.ids(), _columns(table, ("x", "y"))
     notes += table.unused()
     return found
 
@@ -258,10 +234,10 @@ def _columns(table: CsvTable, names: Sequence[str]) -> Float:
     return np.column_stack([table.numbers(name, 0.0 if name in OPTIONAL else None) for name in names])
 
 
-def _stated(mapping: CsvMapping, name: str, file: str) -> float:
-    """Return a standard deviation of [noise]; raise `UserError` if it is missing there and in the rows of a file."""
+def _stated(mapping: CsvMapping, name: str, section: OdometryTable | ObservationsTable) -> float:
+    """Return a standard deviation of [noise]; raise `UserError` if it is missing there and in the rows."""
     value = getattr(mapping.noise, name)
     if value is None:
         remedy = f"give --set noise.{name}=SIGMA, or add it to {MAPPING}"
-        raise UserError(f"{file}: its rows have no noise, and noise.{name} is missing; {remedy}")
+        raise UserError(f"{section.file}: its rows have no noise, and noise.{name} is missing; {remedy}")
     return value

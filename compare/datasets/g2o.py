@@ -1,17 +1,14 @@
 """Pose graphs with landmarks in the text form of g2o, with the tags of g2o, TORO, GTSAM and iSAM.
 
 `FORMS` has their lines: i and j are poses, l is a landmark. VERTEX_... is a first guess. An edge is pose j, landmark l
-or its bearing in the frame of pose i. FIX i names poses that are known exactly. I are entries of the information
-matrix, c of the covariance; EDGE2 has TORO's order of entries. Sources: g2o's wiki (File Format SLAM 2D), TORO's
-README, GTSAM's dataset.cpp for BR and for the endings of ODOMETRY and LANDMARK. iSAM ends these two and EDGE2 with the
-square root of the information, R of R'R.
+or its bearing in the frame of pose i. FIX i is a pose that is known exactly. I are entries of the information matrix, c
+of the covariance; EDGE2 has TORO's order of entries. Sources: g2o's wiki (File Format SLAM 2D), TORO's README, GTSAM's
+dataset.cpp for BR and for the endings of ODOMETRY and LANDMARK. iSAM ends these two and EDGE2 with the square root of
+the information, R of R'R.
 
-In g2o and GTSAM the error of an edge is the pose z^-1 x_i^-1 x_j, and its matrix weighs that in the frame of the pose
-to which z leads. Our optima do the same, so that `batch` of a recording has the cost of its graph. Filters take the
-matrix in the frame of pose i, which differs by the turn of one step. A prior is of z^-1 x_i, and turned to the world's
-frame.
-
-Vertices are a first guess, not a truth. The start is that of EDGE_PRIOR_SE2; else the vertex, and fixed; else the
+The error of an edge is the pose z^-1 x_i^-1 x_j in g2o, GTSAM and our optima, so that `batch` of a recording has the
+cost of its graph. Filters take its matrix in the frame of pose i, which differs by the turn of one step. A prior is of
+z^-1 x_i, and turned to the world's frame. The start is that of EDGE_PRIOR_SE2; else the vertex, and fixed; else the
 origin. Graphs have no time stamps: step k is at k seconds.
 """
 
@@ -19,32 +16,26 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
-from slamgauge.arrays import Float
-from slamgauge.compare.datasets.imported_log import (
-    Imported,
-    checked,
-    diagonal_covariances,
-    of_file,
-    require_max_range,
-    require_rows,
-)
-from slamgauge.compare.datasets.pose_chain import path_along, reversed_where
+from slamgauge.arrays import Float, Marks
+from slamgauge.compare.datasets.imported_log import Imported, checked, of_file, require_rows, with_sigmas
 from slamgauge.compare.storage.csv_folder import from_triangles
 from slamgauge.compare.storage.text_lines import Line, read_tagged
 from slamgauge.covariances import inverted, scale_of
 from slamgauge.errors import UserError
 from slamgauge.recording import Recording
 from slamgauge.se2 import between, chain, compose, pose_rotation
-from slamgauge.sensors import Sensor
+from slamgauge.sensors import SENSORS, Sensor
 
 FORMS = {
     "VERTEX_SE2": "VERTEX_SE2 i x y theta",
     "VERTEX2": "VERTEX2 i x y theta",
     "VERTEX_XY": "VERTEX_XY l x y",
+    "FIX": "FIX i",
     "EDGE_PRIOR_SE2": "EDGE_PRIOR_SE2 i x y theta Ixx Ixy Ixt Iyy Iyt Itt",
     "EDGE_SE2": "EDGE_SE2 i j x y theta Ixx Ixy Ixt Iyy Iyt Itt",
     "EDGE2": "EDGE2 i j x y theta Ixx Ixy Iyy Itt Ixt Iyt",
@@ -54,7 +45,7 @@ FORMS = {
     "EDGE_BEARING_SE2_XY": "EDGE_BEARING_SE2_XY i l bearing I",
     "BR": "BR i l bearing range bearing-sigma range-sigma",
 }
-POSES, PRIOR = ("VERTEX_SE2", "VERTEX2"), "EDGE_PRIOR_SE2"
+VERTICES, PRIOR = ("VERTEX_SE2", "VERTEX2"), "EDGE_PRIOR_SE2"
 MOTIONS = ("EDGE_SE2", "EDGE2", "ODOMETRY")
 SENSED: dict[str, Sensor] = {
     "EDGE_SE2_XY": "position",
@@ -87,45 +78,31 @@ def read_g2o(path: Path, *, drop_loop_edges: bool = False, isam: bool = False) -
     Raises:
         UserError: With the file, the line and the remedy.
     """
-    lines = read_tagged(path, FORMS | dict.fromkeys(("FIX", *RAW), ""), UNSUPPORTED)
+    lines = read_tagged(path, FORMS | dict.fromkeys(RAW, ""), UNSUPPORTED)
     notes = _renumber(lines)
-    for line in _of(lines, FORMS):
-        line.numbers(1)
     motions, seen = _of(lines, MOTIONS), _of(lines, SENSED)
     for what, tags, found in (("edge between poses", MOTIONS, motions), ("observation of a landmark", SENSED, seen)):
         if not found:
             raise UserError(f"{path}: no {what} in it; give a graph with {', '.join(tags)}")
     known = _known(lines)
-    ids = np.array([[line.id_at(1), line.id_at(2)] for line in motions], dtype=np.int64)
-    poses, edges = path_along(motions, ids, known if lines[PRIOR] else None, drop_others=drop_loop_edges)
-    numbers = np.array([line.numbers(3) for line in motions])
-    covs = _covariances(motions, numbers[:, 3:], 3, isam=isam)
-    increments, covs = reversed_where(ids[edges, 0] != poses[:-1], numbers[edges, :3], covs[edges])
+    poses, edges, backwards = _path_along(motions, known if lines[PRIOR] else None, drop_others=drop_loop_edges)
     step_of = {pose: step for step, pose in enumerate(poses)}
-    vertices: dict[int, Line] = {}
-    for line in _of(lines, POSES):
-        if vertices.setdefault(line.id_at(1), line) is not line:
-            raise line.refused(f"vertex {line.words[1]} was there before", "give every vertex one line")
-    for line in (*vertices.values(), *lines["FIX"], *lines[PRIOR], *seen):
-        if line.id_at(1) not in step_of:
-            raise line.refused(f"pose {line.words[1]} is on no edge of the path", "correct the id, or join the pose")
-        if line.words[0] in ("EDGE_SE2_XY", "EDGE_BEARING_SE2_XY") and line.id_at(2) in vertices:
-            raise line.refused(f"vertex {line.words[2]} is a pose, not a landmark", "correct the id")
-    if lines[PRIOR] and known != poses[0]:
-        what = f"pose {known} is known, but the path begins at {poses[0]}"
-        raise lines[PRIOR][0].refused(what, "give that one the prior")
+    _require_on_path(lines, step_of)
+    numbers = np.array([motions[edge].numbers(3) for edge in edges])
+    covs = _covariances([motions[edge] for edge in edges], numbers[:, 3:], 3, isam=isam)
+    increments, covs = _reversed(backwards, numbers[:, :3], covs)
+    fixed = poses[0] if known is None else known
     if lines[PRIOR] and not lines["FIX"]:
         (prior,) = np.array([lines[PRIOR][0].numbers(2)])
         turn = pose_rotation(prior[2])
-        prior_cov = turn @ _covariances(lines[PRIOR], prior[None, 3:], 3)[0] @ turn.T
-        prior_mean = prior[:3]
+        prior_mean, prior_cov = prior[:3], turn @ _covariances(lines[PRIOR], prior[None, 3:], 3)[0] @ turn.T
     else:
-        fixed = poses[0] if known is None else known
-        vertex = np.array(vertices[fixed].numbers(2)) if fixed in vertices else np.zeros(3)
+        vertices = {line.id_at(1): line.numbers(2) for line in _of(lines, VERTICES)}
         reached = chain(np.zeros(3), increments[: step_of[fixed]])[-1]
-        prior_mean, prior_cov = compose(vertex, between(reached, np.zeros(3))), np.zeros((3, 3))
-        if fixed != poses[0]:
-            notes.append(f"pose {fixed} in mid-path is fixed: the start is placed so that dead reckoning reaches it")
+        prior_mean = compose(vertices.get(fixed, np.zeros(3)), between(reached, np.zeros(3)))
+        prior_cov = np.zeros((3, 3))
+    if fixed != poses[0]:
+        notes.append(f"pose {fixed} in mid-path is fixed: the start is placed so that dead reckoning reaches it")
     if len(edges) < len(motions):
         notes.append(f"{len(motions) - len(edges)} edges between poses that are not on the path are dropped")
     notes += [f"{len(lines[tag])} lines {tag} are not used" for tag in RAW if lines[tag]]
@@ -150,27 +127,15 @@ def read_g2o(path: Path, *, drop_loop_edges: bool = False, isam: bool = False) -
 
 
 def read_victoria_park(path: str | Path, *, max_range: float = math.inf) -> Recording:
-    """Read the Victoria Park recording (ACFR, Sydney) in the text form that GTSAM distributes.
+    """Read the Victoria Park recording (ACFR, Sydney) in the text form that GTSAM distributes, a graph.
 
-    It is a graph of lines ODOMETRY and LANDMARK: `position` sensor, association known, step k at k seconds. The first
-    pose is the origin and fixed. The ids of poses increase along the path; some ids between are landmarks.
-
-    Args:
-        path: The text file.
-        max_range: Observations of landmarks beyond this range [m] are dropped.
+    The first pose is the origin and fixed. Observations of landmarks beyond `max_range` [m] are dropped.
 
     Raises:
         UserError: With the file, the line and the remedy.
     """
-    require_max_range(max_range)
-    reached: int | None = None
-    for line in read_tagged(Path(path), {tag: FORMS[tag] for tag in ("ODOMETRY", "LANDMARK")})["ODOMETRY"]:
-        start, end = line.id_at(1), line.id_at(2)
-        if end <= start or reached not in (None, start):
-            raise line.refused(f"leads from pose {start} to {end}, after pose {reached}", "sort the edges by ids")
-        reached = end
     recording = read_g2o(Path(path)).recording
-    return recording.only(np.hypot(*recording.observation.T) <= max_range)
+    return recording.only(np.linalg.norm(recording.observation, axis=1) <= max_range)
 
 
 def _of(lines: Lines, tags: Iterable[str]) -> list[Line]:
@@ -185,8 +150,7 @@ def _renumber(lines: Lines) -> list[str]:
     numbers. The numbers of other letters follow after a power of ten: with 300 poses, landmark l7 has the id 1007.
     """
     places = [(line, at) for line in _of(lines, (*MOTIONS, *SENSED)) for at in (1, 2)]
-    places += [(line, 1) for line in _of(lines, (*POSES, "VERTEX_XY", PRIOR))]
-    places += [(line, at) for line in lines["FIX"] for at in range(1, len(line.words))]
+    places += [(line, 1) for line in _of(lines, (*VERTICES, "VERTEX_XY", "FIX", PRIOR))]
     keys = {word: int(word) for line, at in places if (word := line.words[at]).isdecimal() and len(word) < 20}
     symbols = {word: (chr(key >> KEY_BITS), key & ((1 << KEY_BITS) - 1)) for word, key in keys.items()}
     letters = list(dict.fromkeys(letter for letter, _ in symbols.values()))
@@ -203,18 +167,82 @@ def _renumber(lines: Lines) -> list[str]:
 
 def _known(lines: Lines) -> int | None:
     """Return the pose that is fixed or has a prior; None without such a pose."""
-    for line in lines["FIX"]:
-        if len(line.words) == 1:
-            raise line.refused("fixes nothing", "write FIX i")
-    found = [(line.id_at(at), line) for line in lines["FIX"] for at in range(1, len(line.words))]
+    found = [(line.id_at(1), line) for line in (*lines["FIX"], *lines[PRIOR])]
     landmarks = {line.id_at(1) for line in lines["VERTEX_XY"]}
     for name, line in found:
         if name in landmarks:
             raise line.refused(f"landmark {name} is fixed, which is not supported", "remove the line, and fix a pose")
-    found += [(line.id_at(1), line) for line in lines[PRIOR]]
-    if len({pose for pose, _ in found}) > 1 or len(lines[PRIOR]) > 1:
-        raise found[-1][1].refused("more poses than the start are fixed or have a prior", "fix one pose, the first")
+        if name != found[0][0] or len(lines[PRIOR]) > 1:
+            raise line.refused("more poses than the start are fixed or have a prior", "fix one pose, the first")
     return found[0][0] if found else None
+
+
+def _path_along(lines: list[Line], start: int | None, *, drop_others: bool) -> tuple[list[int], list[int], Marks]:
+    """Return the poses of the path along edges, its edges as indices, and which of them (n,) lead backwards.
+
+    If all poses make up a single path, it is this one, and ids may have any order. It begins at the pose with a prior,
+    which must be its end, else at the end with the smaller id. Otherwise the path goes from id to id in increasing
+    order, by the first edge between each two. All other edges close loops; they are refused or dropped.
+    """
+    ids = [(line.id_at(1), line.id_at(2)) for line in lines]
+    joined: dict[int, dict[int, int]] = {}  # the first edge from each pose to each neighbour
+    for edge, (i, j) in enumerate(ids):
+        joined.setdefault(i, {}).setdefault(j, edge)
+        joined.setdefault(j, {}).setdefault(i, edge)
+    ends = sorted(pose for pose, neighbours in joined.items() if len(neighbours) == 1)
+    poses = [start if start in ends else min(ends, default=-1)]
+    if len(ends) == 2 and max(map(len, joined.values())) <= 2:
+        while further := [each for each in joined[poses[-1]] if each not in poses[-2:]]:
+            poses.append(further[0])
+    if len(poses) != len(joined):
+        poses = sorted(joined)
+    for i, j in pairwise(poses):
+        if j not in joined[i]:
+            what = f"no edge joins the poses {i} and {j}, and the edges are not a single path"
+            raise lines[min(joined[j].values())].refused(what, "join all poses to one path, their ids in its order")
+    path = [joined[i][j] for i, j in pairwise(poses)]
+    others = sorted({*range(len(lines))} - {*path})
+    if others and not drop_others:
+        i, j = ids[others[0]]
+        what = f"the edge between the poses {i} and {j} is not on the path; only landmarks may connect other poses"
+        if joined[i][j] in path:
+            what = f"a second edge between the poses {i} and {j}; merge both, weighted by their information"
+        raise lines[others[0]].refused(what, "drop such edges with `import g2o --drop-loop-edges`")
+    if start not in (None, poses[0]):
+        raise UserError(f"{lines[0].path}: pose {start} has a prior, but the path begins at {poses[0]}; move the prior")
+    return poses, path, np.array([ids[edge][0] != pose for edge, pose in zip(path, poses, strict=False)])
+
+
+def _require_on_path(lines: Lines, step_of: dict[int, int]) -> None:
+    """Refuse repeated vertices, poses that are not on the path, and observations of poses."""
+    vertices: dict[int, Line] = {}
+    for line in _of(lines, (*VERTICES, "FIX", PRIOR, *SENSED)):
+        tag, name = line.words[0], line.id_at(1)
+        if tag in VERTICES and vertices.setdefault(name, line) is not line:
+            raise line.refused(f"vertex {name} was there before", "give every vertex one line")
+        if name not in step_of:
+            raise line.refused(f"pose {name} is on no edge of the path", "correct the id, or join the pose")
+    for line in _of(lines, ("EDGE_SE2_XY", "EDGE_BEARING_SE2_XY")):
+        if line.id_at(2) in vertices:
+            raise line.refused(f"vertex {line.words[2]} is a pose, not a landmark", "correct the id")
+
+
+def _reversed(backwards: Marks, increments: Float, covs: Float) -> tuple[Float, Float]:
+    """Reverse the increments (n, 3), with covariances (n, 3, 3), that are marked `backwards` (n,).
+
+    The error of a reversed edge is -Ad(z) times what it was, and its cost is the same.
+    """
+    adjoint = adjoints(increments[backwards])
+    covs[backwards] = adjoint @ covs[backwards] @ adjoint.swapaxes(1, 2)
+    return np.where(backwards[:, None], between(increments, np.zeros(3)), increments), covs
+
+
+def adjoints(increments: Float) -> Float:
+    """Return adjoints Ad(z) (n, 3, 3) of increments z (n, 3): z exp(v) = exp(Ad(z) v) z, v = (x, y, heading)."""
+    x, y, heading = increments.T
+    adjoint = pose_rotation(heading)
+    adjoint[:, 0, 2], adjoint[:, 1, 2] = y, -x
+    return adjoint
 
 
 def _measured(lines: list[Line], *, isam: bool) -> tuple[Sensor, Float, Float]:
@@ -225,13 +253,14 @@ def _measured(lines: list[Line], *, isam: bool) -> tuple[Sensor, Float, Float]:
             what = f"a sensor of kind {SENSED[line.words[0]]}, and others of kind {sensor}"
             raise line.refused(what, "keep the edges of one kind")
     numbers = np.array([line.numbers(3) for line in lines])
-    if sensor == "range-bearing":
-        sigmas = numbers[:, [3, 2]]
-        require_rows(lines, sigmas.min(axis=1) <= 0.0, "a sigma is not > 0", "correct it")
-        return sensor, checked(sensor, lines, numbers[:, [1, 0]]), diagonal_covariances(sigmas)
-    dim = 2 if sensor == "position" else 1
-    covs = _covariances(lines, numbers[:, dim:], dim, isam=isam)
-    return sensor, checked(sensor, lines, numbers[:, :dim]), covs
+    dim = SENSORS[sensor].dim
+    if sensor != "range-bearing":
+        covs = _covariances(lines, numbers[:, dim:], dim, isam=isam)
+        return sensor, checked(sensor, lines, numbers[:, :dim]), covs
+    bearings, ranges, *sigmas = numbers.T
+    require_rows(lines, np.min(sigmas, axis=0) <= 0.0, "a sigma is not > 0", "correct it")
+    covs = with_sigmas(np.zeros((len(lines), dim, dim)), sigmas[::-1])
+    return sensor, checked(sensor, lines, np.column_stack([ranges, bearings])), covs
 
 
 def _covariances(lines: list[Line], entries: Float, size: int, *, isam: bool = False) -> Float:
@@ -247,8 +276,8 @@ def _covariances(lines: list[Line], entries: Float, size: int, *, isam: bool = F
         has_cov[:] = False
     variances = np.diagonal(matrices, axis1=1, axis2=2)
     smallest = np.linalg.eigvalsh(matrices / scale_of(matrices))[:, 0]
-    may_be_singular = has_cov & (size == 3)
-    wrong = np.where(may_be_singular, smallest < -1e-9, (variances <= 0.0).any(axis=1) | (smallest <= 1e-12))
+    is_definite = (variances > 0.0).all(axis=1) & (smallest > 1e-12)
+    wrong = np.where(has_cov & (size == 3), smallest < -1e-9, ~is_definite)
     for kind, what in ((has_cov, "the covariance"), (~has_cov, "the information matrix")):
         require_rows(lines, wrong & kind, f"{what} is not positive definite", REMEDY)
     matrices[~has_cov] = inverted(matrices[~has_cov])

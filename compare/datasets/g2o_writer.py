@@ -44,15 +44,12 @@ def write_g2o(path: Path, recording: Recording, *, lend: float | None = None) ->
     poses = np.arange(first_pose, first_pose + recording.steps + 1)
     path_guess = chain(recording.prior_mean, recording.odometry)
     information = upper_triangles(inverted(_regular(recording.odometry_cov, "odometry_cov", lend)))
+    motions = np.column_stack([recording.odometry, information])
     seen = np.column_stack([poses[recording.observation_step], recording.landmark])
     lines = [
         *_written("VERTEX_SE2", poses[:, None], path_guess),
         *_written("VERTEX_XY", ids[:, None], recording.positions_seen(first, path_guess)),
-        *_written(
-            "EDGE_SE2",
-            np.column_stack([poses[:-1], poses[1:]]),
-            np.column_stack([recording.odometry, information]),
-        ),
+        *_written("EDGE_SE2", np.column_stack([poses[:-1], poses[1:]]), motions),
         *_written(EDGES.get(recording.sensor, "BR"), seen, _observations(recording)),
     ]
     if recording.prior_cov.any():

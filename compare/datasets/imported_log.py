@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,7 +14,7 @@ from slamgauge.arrays import Float, Int, Marks
 from slamgauge.compare.datasets.log_settings import BagMapping, CsvMapping
 from slamgauge.compare.datasets.synchronisation import Odometry, joined, shown_stamp
 from slamgauge.compare.storage.text_lines import Line
-from slamgauge.compare.storage.trajectories import interpolated
+from slamgauge.compare.storage.trajectories import Trajectory, interpolated
 from slamgauge.errors import UserError
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain, wrap
@@ -40,7 +40,7 @@ class Imported(NamedTuple):
     recording: Recording
     truth: Truth | None = None
     notes: tuple[str, ...] = ()
-    mapping: dict[str, dict[str, Any]] | None = None
+    mapping: dict[str, Any] | None = None
     unmatched: int = 0
 
 
@@ -54,22 +54,6 @@ class Observed(NamedTuple):
     covs: Float
 
 
-class TruePath(NamedTuple):
-    """True poses (n, 3) at stamps (n,) [s], headings NaN if unknown; the longest time [s] for interpolation."""
-
-    stamps: Float
-    poses: Float
-    max_gap: float
-
-
-class TrueMap(NamedTuple):
-    """Ids and places (L, 2) [m] of landmarks, and their file."""
-
-    file: Path
-    ids: Sequence[Id]
-    places: Float
-
-
 @dataclass(frozen=True, kw_only=True)
 class Log:
     """A robot's log.
@@ -78,24 +62,23 @@ class Log:
         where: file or folder, for messages.
         odometry: increments with stamps.
         seen: observations, sorted by their times.
-        lines: (N,) lines of the increments, for messages, if the odometry is a text.
         has_steps: whether the times of observations are steps of the odometry.
         start: x, y [m] and heading [rad] of the start, if they are stated.
         prior_cov: (3, 3) of the start.
-        path: true poses.
-        map: true landmarks.
+        path: true poses, headings NaN if unknown; not interpolated over gaps longer than `max_gap` [s].
+        map: file, ids and places (L, 2) [m] of true landmarks.
         notes: sentences about dropped content.
     """
 
     where: Path
     odometry: Odometry
     seen: Observed
-    lines: Sequence[Line] = ()
     has_steps: bool = False
     start: Sequence[float] | None = None
     prior_cov: Float = field(default_factory=lambda: np.zeros((3, 3)))
-    path: TruePath | None = None
-    map: TrueMap | None = None
+    path: Trajectory | None = None
+    max_gap: float = 1.0
+    map: tuple[Path, Sequence[Id], Float] | None = None
     notes: Sequence[str] = ()
 
     def imported(self, mapping: CsvMapping | BagMapping | None = None) -> Imported:
@@ -106,38 +89,37 @@ class Log:
         Raises:
             UserError: the files do not fit each other.
         """
-        where, seen, true_map, notes = self.where, self.seen, self.map, [*self.notes]
-        ids = [*seen.ids, *(true_map.ids if true_map else ())]
-        numbers, texts = _numbered(ids, mapping.ids if mapping else {}, where)
+        seen, notes, count = self.seen, [*self.notes], len(self.seen.ids)
+        map_file, true_ids, places = self.map or (self.where, (), None)
+        with of_file(self.where):
+            numbers, texts = _numbered([*seen.ids, *true_ids], mapping.ids if mapping else {})
         if texts:
             notes.append(f"ids are texts, numbered from {min(texts.values())}: {', '.join(texts)}"[:200])
-        landmark, true_ids = np.split(numbers, [len(seen.ids)])
+        landmark = numbers[:count]
         has_ids = bool((landmark >= 0).any())
-        kept = np.flatnonzero(landmark >= 0) if has_ids else np.arange(len(landmark))
-        if len(kept) < len(landmark):
-            notes.append(f"{len(landmark) - len(kept)} of {len(landmark)} observations have no id and are dropped")
-        odometry, unmatched = self.odometry, 0
-        if self.has_steps:
-            steps = seen.times[kept].astype(np.int64)
-        else:
+        kept = np.flatnonzero(landmark >= 0) if has_ids else np.arange(count)
+        if len(kept) < count:
+            notes.append(f"{count - len(kept)} of {count} observations have no id and are dropped")
+        odometry, steps, unmatched = self.odometry, seen.times[kept], 0
+        if not self.has_steps:
             self._require_turns()
-            with of_file(where):
-                odometry, steps, inside, more = joined(odometry, seen.times[kept])
+            with of_file(self.where):
+                odometry, steps, inside, more = joined(odometry, steps)
             kept, unmatched = kept[inside], int(np.sum(~inside))
             notes += more
         truth, poses, association = None, None, landmark[kept] if has_ids else None
         if self.path:
-            poses = interpolated(self.path.stamps, self.path.poses, odometry.stamps, self.path.max_gap)
-        if true_map:
-            with of_file(true_map.file):
-                truth = Truth(poses=poses, landmark_ids=true_ids, landmarks=true_map.places, association=association)
-        elif poses is not None:
-            truth = Truth(poses=poses, association=association)
-        with of_file(where):
-            start, more = _start_pose(self.start, poses, odometry.increments)
+            if not len(self.path.stamps):
+                raise UserError(f"{self.where}: {self.path.where}: has no poses; leave the ground truth out")
+            poses = interpolated(self.path.stamps, self.path.poses, odometry.stamps, self.max_gap)
+        if self.path or self.map:
+            ids = numbers[count:] if self.map else None
+            with of_file(map_file):
+                truth = Truth(poses=poses, landmark_ids=ids, landmarks=places, association=association)
+        with of_file(self.where):
             recording = Recording(
                 stamps=odometry.stamps,
-                prior_mean=start,
+                prior_mean=_start_pose(self.start, poses, odometry.increments, notes),
                 prior_cov=self.prior_cov,
                 odometry=odometry.increments,
                 odometry_cov=odometry.covs,
@@ -147,8 +129,8 @@ class Log:
                 observation_cov=seen.covs[kept],
                 landmark=association,
             )
-        in_force = replace(mapping, ids=texts).sections() if mapping else None
-        return Imported(recording, truth, (*notes, *more), in_force, unmatched)
+        in_force = mapping.changed(ids=texts).model_dump() if mapping else None
+        return Imported(recording, truth, tuple(notes), in_force, unmatched)
 
     def _require_turns(self) -> None:
         """Refuse the first increment that turns by more than half a circle: odometry cannot resolve that."""
@@ -161,12 +143,12 @@ class Log:
         remedy = "check the units of angles and stamps, or write lines in between"
         if (np.abs(np.abs(turns[wild]) - 2.0 * np.pi) < UNWRAPPED).all():
             remedy = "these look like differences of headings from -pi to pi: wrap the differences into (-pi, pi]"
-        if self.lines:
-            raise self.lines[at].refused(what, remedy)
+        if self.odometry.lines:
+            raise self.odometry.lines[at].refused(what, remedy)
         raise UserError(f"{self.where}: {what}, before stamp {shown_stamp(self.odometry.stamps[at + 1])} s; {remedy}")
 
 
-def _numbered(ids: Sequence[Id], stated: Mapping[str, int], where: Path) -> tuple[Int, dict[str, int]]:
+def _numbered(ids: Sequence[Id], stated: Mapping[str, int]) -> tuple[Int, dict[str, int]]:
     """Return ids (M,) as numbers, -1 for None, and the numbers of texts.
 
     Texts of digits are numbers. Another text has the number that is stated. If no number is stated, texts are numbered
@@ -174,38 +156,38 @@ def _numbered(ids: Sequence[Id], stated: Mapping[str, int], where: Path) -> tupl
     """
     ids = [int(each) if isinstance(each, str) and each.isdecimal() else each for each in ids]
     texts = sorted({each for each in ids if isinstance(each, str)})
-    first = 1 + max((each for each in ids if isinstance(each, int)), default=-1)
-    table = dict(stated) or {text: number for number, text in enumerate(texts, max(first, 0))}
+    largest = max((each for each in ids if isinstance(each, int)), default=-1)
+    table = dict(stated) or {text: number for number, text in enumerate(texts, max(largest, -1) + 1)}
     missing = [text for text in texts if text not in table]
     if missing:
-        raise UserError(f"{where}: the id {missing[0]!r} has no number; add it to [ids], or leave [ids] out")
+        raise UserError(f"the id {missing[0]!r} has no number; add it to [ids], or leave [ids] out")
     numbers = [-1 if each is None else table[each] if isinstance(each, str) else each for each in ids]
     if min(numbers, default=0) < -1:
-        raise UserError(f"{where}: the id {min(numbers)} is negative; ids start at 0, and -1 stands for a missing id")
+        raise UserError(f"the id {min(numbers)} is negative; ids start at 0, and -1 stands for a missing id")
     return np.array(numbers, dtype=np.int64), table
 
 
-def _start_pose(stated: Sequence[float] | None, truth: Float | None, odometry: Float) -> tuple[Float, tuple[str, ...]]:
-    """Return the start pose (3,), as stated, else the true one, else the origin, and notes.
+def _start_pose(stated: Sequence[float] | None, truth: Float | None, odometry: Float, notes: list[str]) -> Float:
+    """Return the start pose (3,), as stated, else the true one, else the origin.
 
-    If the true poses (N+1, 3) have no headings, the increments (N, 3) suggest one.
+    If the true poses (N+1, 3) have no headings, a note states the heading that the increments (N, 3) suggest.
     """
     if stated is not None:
-        return np.array(stated, dtype=np.float64), ()
-    if truth is None:
-        return np.zeros(3), ()
-    if np.isnan(truth[0, 0]):
+        return np.array(stated, dtype=np.float64)
+    start = np.zeros(3) if truth is None else truth[0]
+    if np.isnan(start[0]):
         raise UserError("start.pose: the ground truth has no pose at the start; state it, or cut the log")
-    if not np.isnan(truth[0, 2]):
-        return truth[0], ()
-    start = np.array([*truth[0, :2], 0.0])
+    if truth is None or not np.isnan(start[2]):
+        return start
+    start = np.array([*start[:2], 0.0])
     driven = chain(start, odometry) - start
     near = np.cumsum(np.hypot(*np.diff(driven[:, :2], axis=0).T)) < BEGINNING
     ours, theirs = driven[1:, :2][near], truth[1:, :2][near] - start[:2]
     dot, cross = np.nansum(ours * theirs), np.nansum(ours[:, 0] * theirs[:, 1] - ours[:, 1] * theirs[:, 0])
     x, y, heading = *start[:2], np.arctan2(cross, dot)
     fit = f"the first {BEGINNING:g} m suggest {heading:.3g} rad (--set start.pose=[{x:.6g},{y:.6g},{heading:.3g}])"
-    return start, (f"the ground truth has no headings: the start has the heading 0; {fit}",)
+    notes.append(f"the ground truth has no headings: the start has the heading 0; {fit}")
+    return start
 
 
 # --- parts of readers -------------------------------------------------------------------------------
@@ -218,11 +200,6 @@ def of_file(path: Path | str) -> Generator[None]:
         yield
     except UserError as error:
         raise UserError(f"{path}: {error}") from None
-
-
-def diagonal_covariances(sigmas: Float) -> Float:
-    """Return diagonal covariances (n, d, d) with standard deviations (n, d)."""
-    return sigmas[:, :, None] ** 2 * np.eye(sigmas.shape[1])
 
 
 def with_sigmas(covs: Float, sigmas: Sequence[Float | float | None]) -> Float:
@@ -245,11 +222,9 @@ def require_rows(lines: Sequence[Line], wrong: Marks, what: str, remedy: str, va
 def require_order(lines: Sequence[Line], stamps: Float, *, strict: bool) -> None:
     """Refuse the first line whose stamp [s] is before that of the line above, or equal to it if `strict`."""
     seconds = np.diff(stamps, prepend=-np.inf)
-    if strict:
-        what = "stamp {:.9f} is not after that of the line above"
-        require_rows(lines, seconds <= 0.0, what, "sort the lines by time, one for each stamp", stamps)
-    what = "stamp {:.9f} is before that of the line above"
-    require_rows(lines, seconds < 0.0, what, "sort the lines by time", stamps)
+    wrong = seconds <= 0.0 if strict else seconds < 0.0
+    what = f"stamp {{:.9f}} is {'not after' if strict else 'before'} that of the line above"
+    require_rows(lines, wrong, what, f"sort the lines by time{', one for each stamp' if strict else ''}", stamps)
 
 
 def checked(sensor: str, lines: Sequence[Line], values: Float) -> Float:
@@ -262,16 +237,3 @@ def checked(sensor: str, lines: Sequence[Line], values: Float) -> Float:
         remedy = "correct the unit (in csv: bearing [deg] in the header, or observations.angle), or wrap it"
         require_rows(lines, np.abs(values[:, -1]) > 2.0 * np.pi, what, remedy, values[:, -1])
     return np.where(model.is_angle, wrap(values), values)
-
-
-def require_sigmas(**sigmas: float) -> None:
-    """Raise UserError for an option that is not a standard deviation: a finite number > 0, or >= 0 for a motion."""
-    for name, sigma in sigmas.items():
-        if not 0.0 <= sigma < np.inf or (sigma == 0.0 and name in ("range", "bearing")):
-            raise UserError(f"{name.replace('_', '-')}: {sigma:g} is not a standard deviation; give a number > 0")
-
-
-def require_max_range(max_range: float) -> None:
-    """Raise UserError unless the option `max-range` [m] is above 0; it may be infinite."""
-    if not max_range > 0.0:
-        raise UserError(f"max-range: {max_range:g} m excludes every landmark; give metres above 0")

@@ -7,75 +7,79 @@ to more than `CONVINCING`. The size of noise is the answer of `slamgauge noise`.
 from __future__ import annotations
 
 import io
+from collections.abc import Sequence
 from contextlib import redirect_stderr
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.stats import chi2
 
 from slamgauge.ekf import riekf
 from slamgauge.errors import UserError
-from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.se2 import exp, log
 from slamgauge.sensors import SENSORS
 
+FEW = 20  # observations: fewer show no doubts
 BOUND = 0.999  # probability of the largest normalised innovation that agrees
 DOUBTED = 0.75  # share of observations that agree, below which mistakes are tried
-CONVINCING = 0.9  # smallest share with which a mistake is found
-INSIDE = 0.7  # share of the observations that an offset must leave within the steps
+CONVINCING = 0.9  # smallest share with which a mistake is found; below it a log without one is warned of
+POOR_BEARINGS = 0.5  # the same for bearing-only landmarks, with which the filter of the pass is itself inconsistent
+DIFFERS, FACTOR = 3.0, 0.1  # deviation of the mean NIS in its standard deviations, and from 1: the noise does not fit
+INSIDE = 0.7  # smallest share of the observations that an offset leaves within the steps
 SMALL = 0.4  # median of NIS / dof, about 0.8 if the noise is right; lower if lengths are so small that anything agrees
 RESOLVED = 3.0  # smallest ratio of typical lengths and their standard deviation, below which no mistake is found
-SHIFTS = tuple(0.5 * each for each in range(-10, 11) if each)  # s: offsets of two clocks that are tried
 DEGREE = np.pi / 180
-SIGN = "change the sign of those that are clockwise"
-UNIT = "correct the unit (in recording.toml: angle, length, time)"
+PLACE = "of the observations agree with one place per landmark"
 
 
 class Mistake(NamedTuple):
-    """A mistake, the remedy, and the factors that undo it.
+    """A mistake as a sentence about the log, and what undoes it.
 
-    Attributes:
-        what: the mistake, as a sentence about the log.
-        remedy: end of the error text.
-        bearing: factor of bearings; -1 also mirrors positions in the body frame.
-        length: factor of observed lengths.
-        turn: factor of the turns of odometry.
-        way: factor of its distances.
-        rates: whether the turns come from yaw rates, so that the distances are chords of arcs.
+    `late` is added to the stamps of observations [s]. The factor `bearing` -1 also mirrors positions in the body frame,
+    `length` is for observed lengths, `turn` and `way` are for the odometry. `rates` is whether the turns come from yaw
+    rates, so that the distances are chords of arcs.
     """
 
     what: str
-    remedy: str
+    late: float = 0.0
     bearing: float = 1.0
     length: float = 1.0
     turn: float = 1.0
     way: float = 1.0
     rates: bool = False
 
-    @property
-    def size(self) -> float:
-        """Size of the numbers without the mistake, relative to those with it."""
-        return round(abs(self.bearing) * self.length * self.turn * self.way, 9)
+    def undone(self, recording: Recording) -> Recording:
+        """Return a recording without the mistake; observations beyond its time are left out."""
+        stamps, of_column = recording.stamps, dict.fromkeys(("range", "x", "y"), self.length)
+        of_column |= {"y": self.length * np.sign(self.bearing), "bearing": self.bearing}
+        factors = np.array([of_column[name] for name in SENSORS[recording.sensor].columns])
+        ways = np.array([self.way, self.way, self.turn])
+        odometry = exp(log(recording.odometry) * ways) if self.rates else recording.odometry * ways
+        at = stamps[recording.observation_step] + self.late
+        inside = (at >= stamps[0]) & (at <= stamps[-1])
+        steps = np.rint(np.interp(at[inside], stamps, np.arange(len(stamps)))).astype(np.int64)
+        changed = replace(recording, odometry=odometry, observation=recording.observation * factors)
+        return replace(changed.only(inside), observation_step=steps)
 
 
-def _of_lengths(what: str, names: tuple[str, ...], scale: str, undone: float) -> Mistake:
-    factors: dict[str, Any] = dict.fromkeys(names, undone)
-    return Mistake(f"{what} are {scale}", UNIT, **factors)
-
-
+OFFSETS = tuple(
+    Mistake(f"their stamps are {abs(each):g} s {'late' if each < 0.0 else 'early'}", late=each)
+    for each in 0.5 * np.arange(-10, 11)
+    if each
+)
 MISTAKES = (
-    Mistake("observations and odometry count angles in opposite directions", SIGN, bearing=-1.0),
-    Mistake("bearings are in degrees, read as radians", UNIT, bearing=DEGREE),
-    Mistake("turns are in degrees, read as radians", UNIT, turn=DEGREE),
-    Mistake("yaw rates are in deg/s, read as rad/s", UNIT, turn=DEGREE, rates=True),
-    Mistake("bearings and turns are in degrees, read as radians", UNIT, bearing=DEGREE, turn=DEGREE),
-    Mistake("bearings are in radians, read as degrees", UNIT, bearing=1 / DEGREE),
-    Mistake("turns are in radians, read as degrees", UNIT, turn=1 / DEGREE),
-    Mistake("bearings and turns are in radians, read as degrees", UNIT, bearing=1 / DEGREE, turn=1 / DEGREE),
+    Mistake("observations and odometry count angles in opposite directions", bearing=-1.0),
+    Mistake("bearings are in degrees, read as radians", bearing=DEGREE),
+    Mistake("turns are in degrees, read as radians", turn=DEGREE),
+    Mistake("yaw rates are in deg/s, read as rad/s", turn=DEGREE, rates=True),
+    Mistake("bearings and turns are in degrees, read as radians", bearing=DEGREE, turn=DEGREE),
+    Mistake("bearings are in radians, read as degrees", bearing=1 / DEGREE),
+    Mistake("turns are in radians, read as degrees", turn=1 / DEGREE),
+    Mistake("bearings and turns are in radians, read as degrees", bearing=1 / DEGREE, turn=1 / DEGREE),
     *(
-        _of_lengths(what, names, f"{factor:g} times too {size}", undone)
+        Mistake(f"{what} are {factor:g} times too {size}")._replace(**dict.fromkeys(names, undone))
         for what, names in {
             "observed lengths": ("length",),
             "distances of the odometry": ("way",),
@@ -89,98 +93,86 @@ MISTAKES = (
 
 
 class Fit(NamedTuple):
-    """How well an estimate fits the observations; 0 without an estimate."""
+    """Share of observations that agree; median and mean of NIS / dof; deviation of the mean from 1, in its sigmas."""
 
-    share: float  # share of the observations that agree
-    nis: float  # median of NIS / dof of the steps
-    mean: float  # mean of NIS / dof; 1 with the right noise
-    deviation: float  # deviation of the mean from 1, in its standard deviations
+    share: float
+    nis: float
+    mean: float
+    deviation: float
 
 
-def quick_fit(recording: Recording) -> tuple[Fit, Estimate | None]:
-    """Return how well the filter fits observations that do not add landmarks, and its estimate (None if it fails)."""
+NO_ESTIMATE, NOTHING_SEEN_TWICE = Fit(0.0, 0.0, 0.0, 0.0), Fit(1.0, 0.0, 1.0, 0.0)
+
+
+def agreement(recording: Recording) -> tuple[float, str]:
+    """Return the share of observations that agree with one place per landmark, and a doubt; "" without one.
+
+    Raises:
+        UserError: they agree once a mistake of units or signs is undone; with the mistake and its remedy.
+    """
+    is_bearing = recording.sensor == "bearing"
+    if SENSORS[recording.sensor].has_range:
+        recording = recording.only(recording.observation[:, 0] > 0.0)  # sensors write 0 where they detect nothing
+    fit = _fit(recording)
+    if len(recording.observation) < FEW:
+        return fit.share, ""
+    if fit is NOTHING_SEEN_TWICE:
+        return fit.share, "no landmark is observed at two steps: nothing corrects the path; check the ids"
+    if fit.share < DOUBTED:
+        if offset := _found(OFFSETS, recording):
+            return fit.share, f"{fit.share:.1%} {PLACE}, but {offset}"
+        if mistake := _found(MISTAKES, recording):
+            raise UserError(f"{fit.share:.1%} {PLACE}, but {mistake}")
+    if fit.share < (POOR_BEARINGS if is_bearing else CONVINCING):
+        remedy = "check units, signs, stamps and ids, and the noise (`slamgauge noise`)"
+        return fit.share, f"only {fit.share:.1%} {PLACE}; {remedy}"
+    if not is_bearing and abs(fit.deviation) > DIFFERS and abs(fit.mean - 1.0) > FACTOR:
+        what = f"the measurements do not fit their stated noise (the mean NIS / dof is {fit.mean:.2g} instead of 1)"
+        return fit.share, f"{what}: `slamgauge noise RECORDING` finds the noise that they support"
+    return fit.share, ""
+
+
+def _fit(recording: Recording) -> Fit:
+    """Return how well the filter fits observations that do not add landmarks."""
     with redirect_stderr(io.StringIO()), np.errstate(all="ignore"):
         try:
             estimate = riekf(recording)
         except UserError:
-            return Fit(0.0, 0.0, 0.0, 0.0), None
+            return NO_ESTIMATE
     nis, dof = estimate.nis, estimate.nis_dof
     if nis is None or dof is None or not dof.any():
-        return Fit(1.0, 0.0, 1.0, 0.0), estimate
+        return NOTHING_SEEN_TWICE
     counts = np.bincount(recording.observation_step, minlength=recording.steps + 1)[dof > 0]
     nis, dof = nis[dof > 0], dof[dof > 0]
     share = float(np.average(nis < chi2.ppf(BOUND, dof), weights=counts))
     mean = float(nis.sum() / dof.sum())
-    return Fit(share, float(np.median(nis / dof)), mean, (mean - 1.0) * float(np.sqrt(dof.sum() / 2.0))), estimate
+    return Fit(share, float(np.median(nis / dof)), mean, (mean - 1.0) * float(np.sqrt(dof.sum() / 2.0)))
 
 
-def refuse_mistakes(recording: Recording, stated: Fit) -> None:
-    """Refuse a recording that agrees with one place per landmark once a mistake of units or signs is undone.
+def _found(mistakes: Sequence[Mistake], recording: Recording) -> str:
+    """Return the mistake without which the observations agree, with its remedy; "" without one."""
+    undone = ((each, each.undone(recording)) for each in mistakes)
+    least = INSIDE * len(recording.observation)
+    fits = {each: _fit(other) for each, other in undone if len(other.observation) > least and _are_lengths(other)}
 
-    Raises:
-        UserError: with the mistake and its remedy.
-    """
-    if stated.share >= DOUBTED:
-        return
-    undone = ((each, _without(recording, each)) for each in MISTAKES)
-    fits = {each: quick_fit(other)[0] for each, other in undone if not _lengths_are_noise(other)}
-    found = {each: fit for each, fit in fits.items() if fit.share > CONVINCING and fit.nis > SMALL}
-    # small numbers agree with everything, so the largest are the strongest evidence
-    best = max(found, key=lambda each: (each.size, -abs(np.log(found[each].nis))), default=None)
-    if best:
-        what = f"{stated.share:.1%} of the observations agree with one place per landmark"
-        raise UserError(f"{what}, but {found[best].share:.1%} if {best.what}; {best.remedy}")
+    def evidence(each: Mistake) -> tuple[float, float, float]:  # small numbers agree with everything
+        size = abs(each.bearing) * each.length * each.turn * each.way
+        return round(size, 9), fits[each].share, -fits[each].mean
 
-
-def clock_offset(recording: Recording, stated: Fit) -> str:
-    """Return with which offset of their stamps the observations agree with one place per landmark; "" if with none."""
-    if stated.share >= DOUBTED or _lengths_are_noise(recording):
+    found = [each for each, fit in fits.items() if fit.share > CONVINCING and fit.nis > SMALL]
+    best = max(found, key=evidence, default=None)
+    if best is None:
         return ""
-    fits = {shift: quick_fit(_shifted(recording, shift))[0] for shift in SHIFTS if _most_are_inside(recording, shift)}
-    if not fits:
-        return ""
-    best = max(fits, key=lambda shift: (fits[shift].share, -fits[shift].mean))
-    if fits[best].share <= CONVINCING:
-        return ""
-    what = f"{stated.share:.1%} of the observations agree with one place per landmark, but {fits[best].share:.1%}"
-    remedy = "give both files the same clock"
-    return f"{what} if their stamps are {abs(best):g} s {'late' if best < 0.0 else 'early'}; {remedy}"
+    remedy = "correct the unit (in recording.toml: angle, length, time)"
+    if best.bearing < 0.0 or best.late:
+        remedy = "give both files the same clock" if best.late else "change the sign of those that are clockwise"
+    return f"{fits[best].share:.1%} if {best.what}; {remedy}"
 
 
-def _most_are_inside(recording: Recording, shift: float) -> bool:
-    """Return whether most observations are within the steps if they are shifted by some seconds."""
-    at = recording.stamps[recording.observation_step] + shift
-    return float(np.mean((at >= recording.stamps[0]) & (at <= recording.stamps[-1]))) > INSIDE
-
-
-def _lengths_are_noise(recording: Recording) -> bool:
-    """Return whether typical observed lengths are below `RESOLVED` standard deviations: most paths agree with them."""
-    lengths = [column != "bearing" for column in SENSORS[recording.sensor].columns]
+def _are_lengths(recording: Recording) -> bool:
+    """Return whether typical observed lengths are above `RESOLVED` sigmas: with smaller ones most paths agree."""
     sigmas = np.sqrt(np.diagonal(recording.observation_cov, axis1=1, axis2=2))
-    return any(lengths) and bool(np.median(np.abs(recording.observation / sigmas)[:, lengths]) < RESOLVED)
-
-
-def _without(recording: Recording, mistake: Mistake) -> Recording:
-    """Return the recording without a mistake."""
-    columns = SENSORS[recording.sensor].columns
-    of_column = dict.fromkeys(("range", "x", "y"), mistake.length) | {"bearing": mistake.bearing}
-    if mistake.bearing < 0.0:
-        of_column["y"] *= mistake.bearing
-    observation = recording.observation * np.array([of_column[name] for name in columns])
-    factors = np.array([mistake.way, mistake.way, mistake.turn])
-    odometry = exp(log(recording.odometry) * factors) if mistake.rates else recording.odometry * factors
-    return replace(recording, odometry=odometry, observation=observation)
-
-
-def _shifted(recording: Recording, shift: float) -> Recording:
-    """Return the recording with its observations at the steps nearest to `shift` seconds later, if they exist."""
-    stamps, rows = recording.stamps, recording.observation_step
-    at = stamps[rows] + shift
-    kept = (at >= stamps[0]) & (at <= stamps[-1])
-    return replace(
-        recording,
-        observation_step=np.rint(np.interp(at[kept], stamps, np.arange(len(stamps)))).astype(rows.dtype),
-        observation=recording.observation[kept],
-        observation_cov=recording.observation_cov[kept],
-        landmark=None if recording.landmark is None else recording.landmark[kept],
-    )
+    ratios = np.abs(recording.observation / sigmas)[
+        :, [name != "bearing" for name in SENSORS[recording.sensor].columns]
+    ]
+    return not ratios.size or float(np.median(ratios)) >= RESOLVED

@@ -7,11 +7,10 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Annotated, Literal, TypeVar, get_type_hints
+from typing import Annotated, Any, Literal, Self, TypeVar
 
-from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from slamgauge.arrays import Float
 from slamgauge.compare.storage.toml_tables import Table, override, read_toml
@@ -32,27 +31,27 @@ Ids = dict[str, Annotated[int, Field(ge=0)]]  # numbers of landmarks whose ids a
 Pose = tuple[Number, Number, Number]
 Motion = Literal["increments", "velocities", "poses"]
 Holds = Literal["until-next", "since-last"]  # how long a velocity is valid
-Settings = TypeVar("Settings")
+Per = Literal["step", "second", "speed"]  # what the noise of motions belongs to
+Settings = TypeVar("Settings", bound="Section")
 
 
-class Section:
-    """Base of dataclasses of settings: unknown keys are refused."""
+class Section(BaseModel):
+    """Base of settings: unknown keys are refused."""
 
-    __pydantic_config__ = ConfigDict(extra="forbid")
+    model_config = ConfigDict(extra="forbid", frozen=True)
 
-    def sections(self) -> dict[str, Table]:
-        """Return the sections that are not empty as tables."""
-        return {name: table for name, table in asdict(self).items() if table}  # pyrefly: ignore[bad-argument-type]
+    def changed(self, **values: Any) -> Self:
+        """Return the settings with other values."""
+        return self.model_copy(update=values)
 
 
-@dataclass(frozen=True)
 class Noise(Section):
     """Standard deviations [m, rad] of a row of odometry, of a second of it, or of its speeds, and of the sensor."""
 
     forward: Sigma | None = None
     lateral: Sigma | None = 0.0
     turn: Sigma | None = None
-    per: Literal["step", "second", "speed"] = "step"
+    per: Per = "step"
     range: SensorSigma | None = None
     bearing: SensorSigma | None = None
     position: SensorSigma | None = None
@@ -62,7 +61,6 @@ class Noise(Section):
         return seconds ** {"step": 0.0, "second": 0.5, "speed": 1.0}[self.per]
 
 
-@dataclass(frozen=True)
 class Start(Section):
     """Pose [m, m, rad] (by default the true one) and standard deviations of the start."""
 
@@ -73,17 +71,15 @@ class Start(Section):
 # --- CSV files --------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
 class FileTable(Section):
     """Units of a file where its header has none, and the names of its columns."""
 
     time: Literal["s", "ms", "us", "ns"] = "s"
     length: Literal["m", "cm", "mm"] = "m"
     angle: Literal["rad", "deg"] = "rad"
-    columns: Columns = field(default_factory=Columns)
+    columns: Columns = {}
 
 
-@dataclass(frozen=True)
 class OdometryTable(FileTable):
     """The file of odometry."""
 
@@ -92,7 +88,6 @@ class OdometryTable(FileTable):
     holds: Holds = "until-next"
 
 
-@dataclass(frozen=True)
 class ObservationsTable(FileTable):
     """The file of observations."""
 
@@ -101,17 +96,15 @@ class ObservationsTable(FileTable):
     drop_zero_ranges: bool = False
 
 
-@dataclass(frozen=True)
 class TruthTable(FileTable):
     """The files of ground truth. Poses are not interpolated over gaps longer than `max_gap` [s]."""
 
     file: Text | None = None
     landmarks: Text | None = None
     max_gap: Sigma = 1.0
-    landmark_columns: Columns = field(default_factory=Columns)
+    landmark_columns: Columns = {}
 
 
-@dataclass(frozen=True)
 class FileStart(Start):
     """The start of a log: its time [s] (by default that of the first row of odometry), or a file with a row of it."""
 
@@ -119,30 +112,27 @@ class FileStart(Start):
     file: Text | None = None
 
 
-@dataclass(frozen=True)
 class CsvMapping(Section):
     """All sections for CSV files."""
 
-    odometry: OdometryTable = field(default_factory=OdometryTable)
-    observations: ObservationsTable = field(default_factory=ObservationsTable)
-    noise: Noise = field(default_factory=Noise)
-    start: FileStart = field(default_factory=FileStart)
-    truth: TruthTable = field(default_factory=TruthTable)
-    ids: Ids = field(default_factory=Ids)
+    odometry: OdometryTable = OdometryTable()
+    observations: ObservationsTable = ObservationsTable()
+    noise: Noise = Noise()
+    start: FileStart = FileStart()
+    truth: TruthTable = TruthTable()
+    ids: Ids = {}
 
 
 # --- ROS bags ---------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
 class BagNoise(Noise):
     """The same standard deviations; those that are not stated are those of the messages."""
 
     lateral: Sigma | None = None
-    per: Literal["step", "second", "speed"] = "speed"
+    per: Per = "speed"
 
 
-@dataclass(frozen=True)
 class OdometryTopic(Section):
     """Odometry: increments from twists, or from differences of poses."""
 
@@ -151,7 +141,6 @@ class OdometryTopic(Section):
     holds: Holds = "since-last"
 
 
-@dataclass(frozen=True)
 class ObservationsTopic(Section):
     """Observations: paths into a message, and from there into an element of `array`, as results.0.pose.position.x.
 
@@ -171,7 +160,6 @@ class ObservationsTopic(Section):
     covariance: Text | None = None
 
 
-@dataclass(frozen=True)
 class TruthTopic(Section):
     """Poses of the ground truth. They are not interpolated over gaps longer than `max_gap` [s]."""
 
@@ -179,7 +167,6 @@ class TruthTopic(Section):
     max_gap: Sigma = 1.0
 
 
-@dataclass(frozen=True)
 class Frames(Section):
     """Frame of the robot (by default the child frame of the odometry, else base_link) and the source of stamps."""
 
@@ -187,25 +174,24 @@ class Frames(Section):
     clock: Literal["header", "recording"] = "header"
 
 
-@dataclass(frozen=True)
 class BagMapping(Section):
     """All sections for bags; `transforms` are poses of sensor frames in the frame of the robot [m, m, rad]."""
 
-    odometry: OdometryTopic = field(default_factory=OdometryTopic)
-    observations: ObservationsTopic = field(default_factory=ObservationsTopic)
-    noise: BagNoise = field(default_factory=BagNoise)
-    start: Start = field(default_factory=Start)
-    truth: TruthTopic = field(default_factory=TruthTopic)
-    frames: Frames = field(default_factory=Frames)
-    transforms: dict[str, Pose] = field(default_factory=dict[str, Pose])
-    ids: Ids = field(default_factory=Ids)
+    odometry: OdometryTopic = OdometryTopic()
+    observations: ObservationsTopic = ObservationsTopic()
+    noise: BagNoise = BagNoise()
+    start: Start = Start()
+    truth: TruthTopic = TruthTopic()
+    frames: Frames = Frames()
+    transforms: dict[str, Pose] = {}
+    ids: Ids = {}
 
 
 def load_settings(kind: type[Settings], file: Path | None, overrides: Sequence[str]) -> Settings:
-    """Load settings of a dataclass of sections.
+    """Load settings.
 
     Args:
-        kind: The dataclass; its sections are dataclasses or tables.
+        kind: Their class; its fields are sections or tables.
         file: A TOML file; None for defaults only.
         overrides: `section.key=value`, on top of the file.
 
@@ -221,13 +207,14 @@ def load_settings(kind: type[Settings], file: Path | None, overrides: Sequence[s
 def validated(kind: type[Settings], table: Table, file: Path | str) -> Settings:
     """Return the settings of a table of `file`; raise `UserError` as `load_settings`."""
     try:
-        return TypeAdapter(kind).validate_json(json.dumps(table, default=str), strict=True)
+        return kind.model_validate_json(json.dumps(table, default=str), strict=True)
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
     *sections, key = map(str, first["loc"])
     where = f"{file}: {'.'.join([*sections, key])[:LONGEST_KEY]}"
-    if first["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
-        known = get_type_hints(get_type_hints(kind)[sections[0]] if sections else kind)
-        raise UserError(f"{where}: unknown {'key' if sections else 'section'}; {did_you_mean(key, known)}")
+    if first["type"] == "extra_forbidden":
+        known: Any = kind.model_fields[sections[0]].annotation if sections else kind
+        remedy = did_you_mean(key, known.model_fields)
+        raise UserError(f"{where}: unknown {'key' if sections else 'section'}; {remedy}")
     rule = f"{first['msg'][0].lower()}{first['msg'][1:]}"
     raise UserError(f"{where}: {rule}, not {str(first['input'])[:LONGEST_VALUE]!r}; correct it")

@@ -8,7 +8,7 @@
 
 Odometry, Measurement and Groundtruth may have the robot's prefix, as in the archive: `Robot1_Odometry.dat`. Subjects 1
 to 5 are robots, not landmarks. With ground truth the log begins at the first odometry that has a true pose, and the
-start is known exactly; else it begins at the origin. `synchronisation` splits steps at observations.
+start is known exactly; else it begins at the origin.
 """
 
 from __future__ import annotations
@@ -18,21 +18,12 @@ from pathlib import Path
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.compare.datasets.imported_log import (
-    Imported,
-    Log,
-    Observed,
-    TrueMap,
-    TruePath,
-    checked,
-    diagonal_covariances,
-    require_order,
-    require_sigmas,
-)
-from slamgauge.compare.datasets.synchronisation import Odometry, constant_twist
+from slamgauge.compare.datasets.imported_log import Imported, Log, Observed, checked, require_order, with_sigmas
+from slamgauge.compare.datasets.synchronisation import Odometry
 from slamgauge.compare.storage.text_lines import Line, read_table
-from slamgauge.compare.storage.trajectories import interpolated
+from slamgauge.compare.storage.trajectories import Trajectory, interpolated
 from slamgauge.errors import UserError
+from slamgauge.se2 import exp
 
 ROBOTS = 5
 MAX_GAP = 1.0  # s: ground truth is not interpolated over longer gaps
@@ -50,30 +41,30 @@ def read_mrclam(
 ) -> Imported:
     """Read the recording of one robot, `range-bearing` and with subjects as ids, and its ground truth.
 
-    The files do not contain the noise; the defaults are starting values, not measurements. Each of the seven parameters
-    is an option of `slamgauge import mrclam`.
-
     Args:
         folder: Folder of the files.
         robot: Number of the robot in the files' names; None if the folder has one robot.
-        forward: Standard deviation of the forward motion in one second [m]; its variance grows with time.
-        lateral: Standard deviation of the sideways motion in one second [m].
-        turn: Standard deviation of the turn in one second [rad].
+        forward: Standard deviation of the forward motion in one second [m]; its variance grows with time. The files do
+            not contain the noise; the defaults are starting values, not measurements.
+        lateral: The same of the sideways motion [m].
+        turn: The same of the turn [rad].
         range_sigma: Standard deviation of ranges [m].
         bearing_sigma: Standard deviation of bearings [rad].
 
     Raises:
         UserError: With the file, the line and the remedy.
     """
-    require_sigmas(forward=forward, lateral=lateral, turn=turn, range=range_sigma, bearing=bearing_sigma)
-    prefix, notes = _prefix(folder, robot), list[str]()
-    truth, path, true_map = folder / f"{prefix}Groundtruth.dat", None, None
-    file = folder / f"{prefix}Odometry.dat"
-    lines, commands = _in_time(file, "time velocity yaw-rate")
-    begin = 0
+    found = sorted(folder.glob("*Odometry.dat" if robot is None else f"Robot{robot}_Odometry.dat"))
+    if len(found) != 1:
+        names = ", ".join(path.name for path in found)
+        what = f"logs of several robots ({names})" if found else "no Odometry.dat of the robot in it"
+        raise UserError(f"{folder}: {what}; give the folder of an MRCLAM data set, and choose a robot with --robot")
+    prefix, notes = found[0].name.removesuffix("Odometry.dat"), list[str]()
+    truth, path, true_map, begin = folder / f"{prefix}Groundtruth.dat", None, None, 0
+    lines, commands = _in_time(found[0], "time velocity yaw-rate")
     if truth.exists():
         _, ground = _in_time(truth, "time x y heading")
-        path = TruePath(ground[:, 0], ground[:, 1:], MAX_GAP)
+        path = Trajectory(str(truth), ground[:, 0], ground[:, 1:])
         known = ~np.isnan(interpolated(path.stamps, path.poses, commands[:, 0], MAX_GAP)[:, 0])
         if not known.any():
             raise UserError(f"{truth}: no pose for any time of the odometry; give files of one data set, or no truth")
@@ -81,39 +72,20 @@ def read_mrclam(
         places = folder / "Landmark_Groundtruth.dat"
         if places.exists():
             rows, table = read_table(places, "subject x y x-sigma y-sigma")
-            true_map = TrueMap(places, [line.id_at(0) for line in rows], table[:, 1:3])
+            true_map = places, [line.id_at(0) for line in rows], table[:, 1:3]
     if len(commands) < begin + 2:
-        raise UserError(f"{file}: fewer than two stamps of odometry; give the whole log")
+        raise UserError(f"{found[0]}: fewer than two stamps of odometry; give the whole log")
     if begin:
         notes.append(f"{begin} lines of odometry are before the ground truth and are dropped")
-    lines, (stamps, speeds, rates) = lines[begin:], commands[begin:].T
+    stamps, speeds, rates = commands[begin:].T
     seconds = np.diff(stamps)
-    increments = constant_twist(np.column_stack([speeds[:-1], np.zeros(len(seconds)), rates[:-1]]), seconds)
-    covs = diagonal_covariances(np.array([forward, lateral, turn]) * np.sqrt(seconds)[:, None])
-    log = Log(
-        where=folder,
-        odometry=Odometry(stamps, increments, covs),
-        lines=lines,
-        seen=_read_observations(folder, prefix, [range_sigma, bearing_sigma], notes),
-        path=path,
-        map=true_map,
-        notes=notes,
-    )
+    twists = np.column_stack([speeds[:-1], np.zeros(len(seconds)), rates[:-1]])
+    covs = with_sigmas(np.zeros((len(seconds), 3, 3)), [each * np.sqrt(seconds) for each in (forward, lateral, turn)])
+    seen = _read_observations(folder, prefix, notes)
+    seen = seen._replace(covs=with_sigmas(seen.covs, [range_sigma, bearing_sigma]))
+    odometry = Odometry(stamps, exp(twists * seconds[:, None]), covs, lines[begin:])
+    log = Log(where=folder, odometry=odometry, seen=seen, path=path, max_gap=MAX_GAP, map=true_map, notes=notes)
     return log.imported()
-
-
-def _prefix(folder: Path, robot: int | None) -> str:
-    """Return the prefix of the names of the robot's files."""
-    if robot is not None:
-        return f"Robot{robot}_"
-    if (folder / "Odometry.dat").exists():
-        return ""
-    found = sorted(path.name.removesuffix("Odometry.dat") for path in folder.glob("Robot*_Odometry.dat"))
-    if len(found) == 1:
-        return found[0]
-    robots = ", ".join(name[5:-1] for name in found)
-    remedy = f"choose one of {robots} with --robot" if found else "give the folder of an MRCLAM data set"
-    raise UserError(f"{folder}: {'logs of several robots' if found else 'no Odometry.dat in it'}; {remedy}")
 
 
 def _in_time(path: Path, form: str) -> tuple[list[Line], Float]:
@@ -124,20 +96,20 @@ def _in_time(path: Path, form: str) -> tuple[list[Line], Float]:
     return [lines[at] for at in np.flatnonzero(last)], table[last]
 
 
-def _read_observations(folder: Path, prefix: str, sigmas: list[float], notes: list[str]) -> Observed:
-    """Read the observations of landmarks, and add notes about others."""
+def _read_observations(folder: Path, prefix: str, notes: list[str]) -> Observed:
+    """Read the observations of landmarks, without their noise, and add notes about others."""
     barcodes, _ = read_table(folder / "Barcodes.dat", "subject barcode")
     subject_of = {line.id_at(1): line.id_at(0) for line in barcodes}
     lines, table = read_table(folder / f"{prefix}Measurement.dat", "time barcode range bearing")
     require_order(lines, table[:, 0], strict=False)
     values = checked("range-bearing", lines, table[:, 2:])
     subjects = np.array([subject_of.get(line.id_at(1), -1) for line in lines], dtype=np.int64)
-    are_robots, are_unknown = (subjects >= 1) & (subjects <= ROBOTS), subjects == -1
-    for dropped, why in (
-        (are_robots, "are of other robots"),
-        (are_unknown, "have a barcode that is not in Barcodes.dat"),
+    kept = subjects > ROBOTS
+    for count, why in (
+        (np.sum((subjects >= 1) & ~kept), "are of other robots"),
+        (np.sum(subjects < 1), "have a barcode that is not in Barcodes.dat"),
     ):
-        notes += [f"{dropped.sum()} observations {why} and are dropped"] if dropped.any() else []
-    kept = ~(are_robots | are_unknown)
-    covs = diagonal_covariances(np.tile(sigmas, (int(kept.sum()), 1)))
-    return Observed("range-bearing", table[kept, 0], subjects[kept].tolist(), values[kept], covs)
+        notes += [f"{count} observations {why} and are dropped"] if count else []
+    return Observed(
+        "range-bearing", table[kept, 0], subjects[kept].tolist(), values[kept], np.zeros((kept.sum(), 2, 2))
+    )

@@ -40,13 +40,11 @@ def path_doubts(poses: Float, recording: Recording) -> Iterator[str]:
     ):
         odometry = recording.odometry[known][:, columns]
         squares = float(np.sum(odometry**2))
-        if squares <= SIGNAL * float(np.sum(variances[known][:, columns])):
-            continue
-        ratio = float(np.sum(odometry * motions[known][:, columns])) / squares
-        if not 1.0 / MOST <= ratio <= MOST:
+        ratio = float(np.sum(odometry * motions[known][:, columns])) / (squares or 1.0)
+        if squares > SIGNAL * float(np.sum(variances[known][:, columns])) and not 1.0 / MOST <= ratio <= MOST:
             yield f"has {ratio:.3g} times the {what} of the odometry; {remedy}"
             agrees = False
-    late = _delay(poses, recording) if agrees else 0.0
+    late = _delay(poses, recording) if agrees and known.any() else 0.0
     if late:
         yield f"turns {abs(late):.3g} s {'after' if late > 0.0 else 'before'} the odometry; check its stamps"
 
@@ -57,22 +55,17 @@ def _delay(poses: Float, recording: Recording) -> float:
     Turns in a second are compared at delays of up to `SHIFTS` half seconds; steps that take longer have longer delays.
     """
     known, stamps = np.isfinite(poses).all(axis=1), recording.stamps
-    if not known.any():
-        return 0.0
     window = max(1.0, 2.0 * float(np.median(np.diff(stamps))))
     shifts = 0.5 * window * np.arange(-SHIFTS, SHIFTS + 1)
     times = np.arange(stamps[0] - shifts[0], stamps[-1] - shifts[-1] - window, 0.5 * window)
     if len(times) < 4 * SHIFTS:
         return 0.0
-    driven = np.concatenate([[0.0], np.cumsum(recording.odometry[:, 2])])
-
-    def turns(shift: float, headings: Float, at: Float) -> Float:
-        return np.interp(times + shift + window, at, headings) - np.interp(times + shift, at, headings)
-
-    headings = np.unwrap(poses[known, 2])
-    found = np.array(
-        [np.mean((turns(each, headings, stamps[known]) - turns(0.0, driven, stamps)) ** 2) for each in shifts]
-    )
+    driven, path = np.append(0.0, np.cumsum(recording.odometry[:, 2])), np.unwrap(poses[known, 2])
+    turns = np.interp(times + window, stamps, driven) - np.interp(times, stamps, driven)
+    found = list[float]()
+    for shift in shifts:
+        begin, end = np.interp([times + shift, times + shift + window], stamps[known], path)
+        found.append(float(np.mean((end - begin - turns) ** 2)))
     best = int(np.argmin(found))
-    clear = found[SHIFTS] > CLEARLY * found[best] and found[SHIFTS] > TURNING**2
-    return float(shifts[best]) if clear else 0.0
+    is_clear = found[SHIFTS] > CLEARLY * found[best] and found[SHIFTS] > TURNING**2
+    return float(shifts[best]) if is_clear else 0.0

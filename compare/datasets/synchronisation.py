@@ -7,11 +7,13 @@ whole step, and each has a share of its noise in proportion to its duration.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from slamgauge.arrays import Float, Int, Marks
+from slamgauge.compare.storage.text_lines import Line
 from slamgauge.compare.storage.trajectories import SAME
 from slamgauge.errors import UserError
 from slamgauge.se2 import exp, log
@@ -21,25 +23,18 @@ FEW, SHORTEST = 20, 0.01  # observations; share of the odometry's time that they
 
 
 class Odometry(NamedTuple):
-    """Increments with their times.
+    """Stamps (N+1,) [s], strictly increasing, body-frame increments (N, 3) [m, m, rad] and covariances (N, 3, 3).
 
-    Attributes:
-        stamps: (N+1,) [s], strictly increasing.
-        increments: (N, 3) body-frame increments (dx, dy, dtheta) [m, m, rad], each turning by less than a circle.
-        covs: (N, 3, 3) of the increments.
+    `lines` (N,) are the lines of a text that the increments are from, for messages.
     """
 
     stamps: Float
     increments: Float
     covs: Float
+    lines: Sequence[Line] = ()
 
 
-def constant_twist(velocities: Float, seconds: Float) -> Float:
-    """Return increments (n, 3) at constant velocities (n, 3) (forward, to the left, yaw rate) for seconds (n,)."""
-    return exp(velocities * seconds[:, None])
-
-
-def joined(odometry: Odometry, times: Float) -> tuple[Odometry, Int, Marks, tuple[str, ...]]:
+def joined(odometry: Odometry, times: Float) -> tuple[Odometry, Int, Marks, list[str]]:
     """Split odometry at the times (M,) [s] of observations.
 
     Returns:
@@ -58,23 +53,18 @@ def joined(odometry: Odometry, times: Float) -> tuple[Odometry, Int, Marks, tupl
         spans = f"observations from {begin} to {end} s, odometry from {first} to {last} s"
         raise UserError(f"{spans}; give each file the unit of its stamps, and both the same clock")
     share = f", {outside / len(times):.0%}: check units and clocks of the files" if outside > 0.1 * len(times) else ""
-    notes = (f"{outside} observations outside the odometry's time are dropped{share}",) if outside else ()
-    return *split_at(odometry, times[inside]), inside, (*notes, *_gap(odometry.stamps))
+    notes = [f"{outside} observations outside the odometry's time are dropped{share}"] if outside else []
+    seconds = np.diff(odometry.stamps)
+    longest = int(np.argmax(seconds))
+    if seconds[longest] >= max(GAP, MANY_ROWS * float(np.median(seconds))):
+        where = f"{seconds[longest]:.3g} s from {shown_stamp(odometry.stamps[longest])} s on"
+        notes.append(f"the odometry has no row for {where}: constant speeds are assumed there")
+    return *split_at(odometry, times[inside]), inside, notes
 
 
 def shown_stamp(seconds: float) -> str:
     """Return a stamp [s] with all its digits, at most nine behind the point."""
     return np.format_float_positional(seconds, precision=9, trim="-")
-
-
-def _gap(stamps: Float) -> tuple[str, ...]:
-    """Return a note about the longest time without odometry, if that is much longer than others."""
-    seconds = np.diff(stamps)
-    longest = int(np.argmax(seconds))
-    if seconds[longest] < max(GAP, MANY_ROWS * float(np.median(seconds))):
-        return ()
-    where = f"{seconds[longest]:.3g} s from {shown_stamp(stamps[longest])} s on"
-    return (f"the odometry has no row for {where}: constant speeds are assumed there",)
 
 
 def split_at(odometry: Odometry, times: Float) -> tuple[Odometry, Int]:
@@ -84,15 +74,10 @@ def split_at(odometry: Odometry, times: Float) -> tuple[Odometry, Int]:
     new = new[np.diff(new, prepend=-np.inf) > SAME]
     finer = np.sort(np.concatenate([stamps, new]))
     whole = np.searchsorted(stamps, finer[:-1], side="right") - 1
-    fraction = np.diff(finer) / np.diff(stamps)[whole]
-    increments = _part(odometry.increments[whole], fraction)
-    return Odometry(finer, increments, fraction[:, None, None] * odometry.covs[whole]), _nearest(finer, times)
-
-
-def _part(increments: Float, fraction: Float) -> Float:
-    """Return the first `fraction` (n,) of increments (n, 3), driven at constant twist; whole ones are unchanged."""
-    whole = fraction[:, None] == 1.0
-    return np.where(whole, increments, exp(fraction[:, None] * log(increments)))
+    share = (np.diff(finer) / np.diff(stamps)[whole])[:, None]
+    increments, covs = odometry.increments[whole], odometry.covs[whole]
+    parts = np.where(share == 1.0, increments, exp(share * log(increments)))  # whole steps are unchanged
+    return Odometry(finer, parts, share[:, None] * covs), _nearest(finer, times)
 
 
 def _nearest(stamps: Float, times: Float) -> Int:

@@ -198,8 +198,8 @@ class Scene:
         A map is that of the history, or else the final map of the landmarks that were observed so far.
         """
         ax.clear()
-        limits: dict[str, Any] = dict(zip(("xlim", "ylim"), zip(self.low, self.high, strict=True), strict=True))
-        ax.set(aspect="equal", xlabel="x [m]", ylabel="y [m]", **limits)
+        ax.set(aspect="equal", xlabel="x [m]", ylabel="y [m]")
+        ax.set(xlim=(self.low[0], self.high[0]), ylim=(self.low[1], self.high[1]))
         draw_true_landmarks(ax, self._truth.landmarks)
         if self._truth.poses is not None:
             self._draw_robot(ax, self._truth.poses[: step + 1], TRUE_ROBOT, "truth")

@@ -104,28 +104,23 @@ class Sheet(NamedTuple):
         return self.width == "column"
 
 
-_SHEET: ContextVar[Sheet] = ContextVar("_SHEET", default=Sheet())  # noqa: B039 a tuple does not change
-
-
-def sheet() -> Sheet:
-    """Return the current sheet."""
-    return _SHEET.get()
+SHEET: ContextVar[Sheet] = ContextVar("SHEET", default=Sheet())  # noqa: B039 a tuple does not change
 
 
 @contextmanager
 def printed_on(chosen: Sheet) -> Generator[None]:
     """Use the sheet for all figures of the block."""
-    token = _SHEET.set(chosen)
+    token = SHEET.set(chosen)
     try:
         yield
     finally:
-        _SHEET.reset(token)
+        SHEET.reset(token)
 
 
 @contextmanager
 def printed(path: Path, height: float, title: str = "") -> Generator[Figure]:
     """Yield a new figure of a height [in] in the print style, and write it at the end (see `save_printed`)."""
-    inches = sheet().inches
+    inches = SHEET.get().inches
     with mpl.rc_context(PRINT):
         figure = Figure(figsize=(inches, height), layout="constrained")
         lines = [textwrap.fill(line, int(CHARACTERS * inches)) for line in title.splitlines()]
@@ -139,15 +134,15 @@ def save_printed(figure: Figure, path: Path) -> None:
     if (engine := figure.get_layout_engine()) is not None:
         engine.execute(figure)  # it places the parts, once for all formats
         figure.set_layout_engine(None)  # with "none" each format would be drawn twice
-    for form in sheet().formats:
+    for form in SHEET.get().formats:
         figure.savefig(path.with_suffix(f".{form}"), metadata=UNDATED[form])
 
 
 def legend_below(figure: FigureBase, handles: Sequence[Any]) -> None:
     """Draw a legend below all axes of the figure, in rows of about equal length."""
-    in_row = max(int(sheet().inches / ENTRY), 1)
+    in_row = max(int(SHEET.get().inches / ENTRY), 1)
     longest = max((len(each.get_label()) for each in handles), default=0)
-    in_row = max(min(in_row, int(CHARACTERS * sheet().inches) // (longest + 6)), 1)
+    in_row = max(min(in_row, int(CHARACTERS * SHEET.get().inches) // (longest + 6)), 1)
     rows = -(-len(handles) // in_row)
     figure.legend(handles=handles, loc="outside lower center", ncols=-(-len(handles) // max(rows, 1)) or 1)
 

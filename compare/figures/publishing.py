@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 
 from slamgauge.compare.estimators.requests import labels_among
-from slamgauge.compare.figures.ray_strip import has_rays, save_ray_strip
+from slamgauge.compare.figures.frames import has_rays, save_ray_strip
 from slamgauge.compare.figures.result_figures import (
+    NO_RESULTS,
     save_bench_figure,
     save_budget_figure,
     save_consistency_figure,
@@ -17,7 +18,7 @@ from slamgauge.compare.figures.result_figures import (
 from slamgauge.compare.figures.run_figures import save_figure
 from slamgauge.compare.figures.study_figures import study_drawings
 from slamgauge.compare.scoring.runs import Runs
-from slamgauge.compare.storage.files import load_results, of_this_version, read_json, write_json
+from slamgauge.compare.storage.files import load_results, read_json, write_json
 from slamgauge.compare.storage.result_files import BENCH, BUDGET, METRICS, NOISE, SUMMARY, SWEEP
 from slamgauge.compare.storage.staged_folder import Drawing, decorate, staged_folder
 from slamgauge.compare.studies.budget import read_budget
@@ -27,7 +28,6 @@ from slamgauge.compare.studies.sweep import Sweep, read_sweep
 from slamgauge.errors import UserError
 
 Drawings = dict[str, Drawing]
-NO_RESULTS = "has no results in the folder"
 
 
 def write_study(out: str | Path, summary: Summary, runs: dict[str, Runs], step: float) -> bool:
@@ -74,7 +74,7 @@ def drawings_of(folder: Path, names: Sequence[str] = ()) -> Drawings:
 def _of_run(folder: Path, names: Sequence[str]) -> Drawings:
     """Return functions that draw map and errors, the test without ground truth, and rays of the first with any."""
     results = load_results(folder)
-    chosen = labels_among(names or [*results.estimates], results.estimates, NO_RESULTS)
+    chosen = _chosen(names, results.estimates)
     results = results._replace(estimates={name: results.estimates[name] for name in chosen})
     title, truth, recording, estimates = results
     drawings: Drawings = {"figure": lambda out: save_figure(out, truth, recording, estimates, title)}
@@ -90,14 +90,12 @@ def _of_run(folder: Path, names: Sequence[str]) -> Drawings:
 
 def _of_study(folder: Path, names: Sequence[str]) -> Drawings:
     study = load_study(folder)
-    chosen = labels_among(names or [*study.runs], study.runs, NO_RESULTS)
-    return study_drawings(study.summary, {name: study.runs[name] for name in chosen}, study.step)
+    return study_drawings(study.summary, {name: study.runs[name] for name in _chosen(names, study.runs)}, study.step)
 
 
 def _of_sweep(folder: Path, names: Sequence[str]) -> Drawings:
     sweep = read_sweep(folder)
-    there = sweep.summaries[0].estimators
-    sweep = sweep.of(labels_among(names or [*there], there, NO_RESULTS))
+    sweep = sweep.of(_chosen(names, sweep.summaries[0].estimators))
     return {"sweep": lambda out: save_sweep_figure(out, sweep)}
 
 
@@ -106,22 +104,8 @@ def _of_budget(folder: Path, _: Sequence[str]) -> Drawings:
     return {"budget": lambda out: save_budget_figure(out, budget)}
 
 
-def _of_noise(folder: Path, _: Sequence[str]) -> Drawings:
-    def draw(out: Path) -> None:
-        with of_this_version(folder / NOISE):
-            save_noise_figure(out, read_json(folder / NOISE, "noise"))
-
-    return {"noise": draw}
-
-
-def _of_bench(folder: Path, names: Sequence[str]) -> Drawings:
-    def draw(out: Path) -> None:
-        with of_this_version(folder / BENCH):
-            measured = read_json(folder / BENCH, "bench")["estimators"]
-            chosen = labels_among(names or [*measured], measured, NO_RESULTS)
-            save_bench_figure(out, {name: measured[name] for name in chosen})
-
-    return {"bench": draw}
+def _chosen(names: Sequence[str], there: Collection[str]) -> list[str]:
+    return labels_among(names or [*there], there, NO_RESULTS)
 
 
 KINDS: dict[str, Callable[[Path, Sequence[str]], Drawings]] = {
@@ -129,6 +113,6 @@ KINDS: dict[str, Callable[[Path, Sequence[str]], Drawings]] = {
     SUMMARY: _of_study,
     SWEEP: _of_sweep,
     BUDGET: _of_budget,
-    NOISE: _of_noise,
-    BENCH: _of_bench,
+    NOISE: lambda folder, _: {"noise": lambda out: save_noise_figure(out, folder)},
+    BENCH: lambda folder, names: {"bench": lambda out: save_bench_figure(out, folder, names)},
 }

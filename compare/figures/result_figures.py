@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +12,10 @@ from matplotlib.axes import Axes
 from slamgauge.arrays import Float
 from slamgauge.compare.bench.step_times import step_time
 from slamgauge.compare.estimators.registry import BOUNDS, CAUSAL, FIXED_LAG, REGISTRY, is_optimum
+from slamgauge.compare.estimators.requests import labels_among
 from slamgauge.compare.figures.plot_style import (
     MARK_COLOR,
+    SHEET,
     TRUTH_COLOR,
     Style,
     band,
@@ -21,13 +23,14 @@ from slamgauge.compare.figures.plot_style import (
     legend_below,
     logarithmic,
     printed,
-    sheet,
     styles,
 )
 from slamgauge.compare.noise.tables import verdict as verdict_on_noise
 from slamgauge.compare.scoring.intervals import Interval
 from slamgauge.compare.scoring.optimum_notes import MARK, at_places
-from slamgauge.compare.studies.budget import ErrorBudget, doubts, verdict
+from slamgauge.compare.storage.files import of_this_version, read_json
+from slamgauge.compare.storage.result_files import BENCH, NOISE
+from slamgauge.compare.studies.budget import ErrorBudget, notes, verdict
 from slamgauge.compare.studies.sweep import Sweep, shares_in_doubt
 
 BASE, COST, GAIN = "#777777", "#CC3311", "#009988"
@@ -52,13 +55,14 @@ LOOKS: dict[str, dict[str, Any]] = {  # by the keys of noise.json: values with t
     "after": {"color": FOUND, "fillstyle": "full"},
 }
 WORDS = {"before": "assumed", "after": "found"}
+NO_RESULTS = "has no results in the folder"
 SHOWN = 20.0  # largest ratio of estimated and assumed sigma on the axis
 
 
 def save_budget_figure(out: Path, budget: ErrorBudget) -> None:
     """Write the figure `budget`, a waterfall in which each bar starts at the end of the previous one."""
-    narrow, last = sheet().is_narrow, len(budget.rungs)
-    lines = [verdict(budget).replace("; ", ";\n", 1), *doubts(budget)]
+    narrow, last = SHEET.get().is_narrow, len(budget.rungs)
+    lines = [verdict(budget).replace("; ", ";\n", 1), *notes(budget)]
     number: dict[str, Any] = {"textcoords": "offset points", "ha": "center", "fontsize": 5.5 if narrow else 7.5}
     with printed(out / "budget", 3.4, "\n".join(lines)) as figure:
         axes = figure.subplots()
@@ -84,7 +88,7 @@ def save_budget_figure(out: Path, budget: ErrorBudget) -> None:
 
 def save_sweep_figure(out: Path, sweep: Sweep) -> None:
     """Write the figure `sweep`: error, consistency, reported sigma and map size against the value of the key."""
-    rows, columns, height = (4, 1, 8.0) if sheet().is_narrow else (2, 2, 5.0)
+    rows, columns, height = (4, 1, 8.0) if SHEET.get().is_narrow else (2, 2, 5.0)
     title = f"{sweep.scenario}, {sweep.runs} runs at each value (bars: 95 % intervals)"
     title = "\n".join([title, *at_places(CAUSAL, shares_in_doubt(sweep), then="")])
     try:
@@ -115,35 +119,26 @@ def save_sweep_figure(out: Path, sweep: Sweep) -> None:
 
 def _draw_intervals(axes: Axes, places: Float, intervals: list[Interval | None], name: str, style: Style) -> Float:
     """Draw means with their intervals, of optima and bounds as lines without markers; return the means."""
-    found = [(place, each) for place, each in zip(places, intervals, strict=True) if each is not None]
-    mean = np.array([each.mean for _, each in found])
-    ends = _floats([end for _, each in found for end in (each.low, each.high)]).reshape(-1, 2).T
-    if not found:
-        return mean
-    is_line = is_optimum(name) or name in BOUNDS
-    axes.errorbar(
-        [place for place, _ in found],
-        mean,
-        yerr=np.abs(np.where(np.isnan(ends), 0.0, ends - mean)),
-        color=TRUTH_COLOR if is_line else style.color,
-        linestyle=style.dashes,
-        linewidth=0.9,
-        marker="" if is_line else "o",
-        markersize=2.5,
-        capsize=2,
-        label=REGISTRY[name].title if is_optimum(name) else name,
-    )
-    return mean
+    ends = [(each.mean, each.low, each.high) if each else (None, None, None) for each in intervals]
+    mean, low, high = np.array(ends, dtype=np.float64).T
+    if is_optimum(name) or name in BOUNDS:
+        style = Style(TRUTH_COLOR, style.dashes)
+        curve(axes, places, mean, style, REGISTRY[name].title if is_optimum(name) else name)
+    else:
+        curve(axes, places, mean, style, name, marker="o", markersize=2.5)
+    axes.vlines(places, low, high, color=style.color, linewidth=0.9)
+    return mean[~np.isnan(mean)]
 
 
 def _is_wide(values: Float) -> bool:
     return bool(values.size and values.min() > 0 and values.max() > WIDE * values.min())
 
 
-def save_noise_figure(out: Path, content: dict[str, Any]) -> None:
-    """Write the figure `noise`: sigmas, and NIS by landmark; `content` is that of noise.json."""
-    shape, height = ((2, 1), 4.6) if sheet().is_narrow else ((1, 2), 2.9)
-    with printed(out / "noise", height) as figure:
+def save_noise_figure(out: Path, folder: Path) -> None:
+    """Write the figure `noise` of the results in a folder: sigmas, and NIS by landmark."""
+    shape, height = ((2, 1), 4.6) if SHEET.get().is_narrow else ((1, 2), 2.9)
+    with of_this_version(folder / NOISE), printed(out / "noise", height) as figure:
+        content = read_json(folder / NOISE, "noise")
         sigmas, nis = figure.subplots(*shape).flat
         _draw_sigmas(sigmas, content["parameters"])
         _draw_nis(nis, content["nis_by_landmark"])
@@ -193,20 +188,21 @@ def _draw_nis(axes: Axes, nis_by_landmark: dict[str, Any]) -> None:
     axes.set_xticks([])
 
 
-def save_bench_figure(out: Path, estimators: dict[str, Any]) -> None:
-    """Write the figure `bench`: step times and their 95 % quantiles against map size, on logarithmic axes.
+def save_bench_figure(out: Path, folder: Path, names: Sequence[str]) -> None:
+    """Write the figure `bench` of the results in a folder: step times and their 95 % quantiles against map size.
 
-    Step times are medians, or the mean over a run for estimators without steps; `estimators` is from bench.json.
+    Step times are medians, or the mean over a run for estimators without steps. Without `names` all are drawn.
     """
-    with printed(out / "bench", 3.4) as figure:
-        axes = figure.subplots()
-        for name, style in styles(estimators).items():
-            sizes = [int(size) for size in estimators[name]]
-            times = 1e3 * np.array([step_time(figures) for figures in estimators[name].values()])
-            high = 1e3 * np.array([figures.get("p95_s", np.nan) for figures in estimators[name].values()])
+    with of_this_version(folder / BENCH), printed(out / "bench", 3.4) as figure:
+        axes, measured = figure.subplots(), read_json(folder / BENCH, "bench")["estimators"]
+        chosen = styles(labels_among(names or [*measured], measured, NO_RESULTS))
+        for name, style in chosen.items():
+            sizes = [int(size) for size in measured[name]]
+            times = 1e3 * np.array([step_time(figures) for figures in measured[name].values()])
+            high = 1e3 * np.array([figures.get("p95_s", np.nan) for figures in measured[name].values()])
             curve(axes, sizes, times, style, name, marker="o")
             axes.plot(sizes, high, color=style.color, linestyle="none", marker="_", markersize=6)
-        every = sorted({int(size) for by_size in estimators.values() for size in by_size})
+        every = sorted({int(size) for name in chosen for size in measured[name]})
         axes.set(xscale="log", yscale="log", xlabel="landmarks", ylabel="ms per step (dash: 95 %)")
         axes.set_xticks(every, [str(size) for size in every], minor=False)
         axes.minorticks_off()

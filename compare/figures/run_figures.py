@@ -25,13 +25,13 @@ from slamgauge.compare.figures.maps import (
 )
 from slamgauge.compare.figures.plot_style import (
     MARK_COLOR,
+    SHEET,
     TRUTH_COLOR,
     curve,
     exceeding,
     legend_below,
     printed,
     robust_limits,
-    sheet,
     styles,
     three_sigma,
 )
@@ -84,7 +84,7 @@ def save_figure(
     doubts = [misfits([name for name in OPTIMA.values() if name in estimates and is_misfit(estimates[name])])]
     doubts += [doubt(name, estimate.optimum_check) for name, estimate in estimates.items()]
     title = "\n".join([title, *filter(None, doubts)])
-    with printed(Path(folder) / "figure", HEIGHTS[sheet().width], title) as figure:
+    with printed(Path(folder) / "figure", HEIGHTS[SHEET.get().width], title) as figure:
         draw_map_and_errors(figure, truth, recording, estimates)
 
 
@@ -92,7 +92,7 @@ def draw_map_and_errors(
     figure: FigureBase, truth: Truth | None, recording: Recording, estimates: Mapping[str, Estimate]
 ) -> None:
     """Draw the map, the errors and their legend into an empty figure; arguments as for `plot_errors`."""
-    if sheet().is_narrow:
+    if SHEET.get().is_narrow:
         parts = figure.subfigures(2, 1, height_ratios=(1, 1.1))
     else:
         parts = figure.subfigures(1, 2, width_ratios=(1.25, 1))

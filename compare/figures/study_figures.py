@@ -1,39 +1,57 @@
-"""Figures of a study: consistency over time, errors with 3-sigma bounds, ratios to the optimum."""
+"""Figures of many runs: of a study, and of the settings of the exercise."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Generator, Iterable, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure, SubFigure
 
 from slamgauge.arrays import Float
 from slamgauge.compare.estimators.registry import BOUNDS, CAUSAL, HINDSIGHT
+from slamgauge.compare.exercise.results import Closure, SettingResult
+from slamgauge.compare.exercise.settings import EKF, GTSAM, Setting
+from slamgauge.compare.figures.frames import RayStrip, has_rays
 from slamgauge.compare.figures.plot_style import (
     DIVERGED,
     DIVERGED_LOG,
     MARK_COLOR,
+    SHEET,
+    Sheet,
     band,
     curve,
     exceeding,
     legend_below,
     logarithmic,
     printed,
+    printed_on,
     robust_limits,
-    sheet,
     styles,
     three_sigma,
 )
+from slamgauge.compare.figures.run_figures import HEIGHTS, draw_map_and_errors
 from slamgauge.compare.scoring.optimum_notes import MARK, doubt_in_runs, misfits
 from slamgauge.compare.scoring.runs import BAND_LEVEL, PerStep, Runs, paired
+from slamgauge.compare.storage.files import Results
 from slamgauge.compare.storage.staged_folder import Drawing
 from slamgauge.compare.studies.summary import Summary, is_marked_against, misfit_optima, share_in_doubt
+from slamgauge.estimate import Estimate
+from slamgauge.recording import Recording
+from slamgauge.truth import Truth
 
 USUAL = 0.99  # share of the errors inside the limits; a diverged run may exceed them
 RUNS_DRAWN = 50  # error curves; more are not distinguishable
 COMPONENTS = (("x [m]", "x", 1.0), ("y [m]", "y", 1.0), ("heading [°]", "heading", 180.0 / np.pi))
+PNG = Sheet(formats=("png",))
+PANEL_HEIGHT, FOOT = 2.2, 0.9  # [in] of a row of panels, and of title and legend
+BEFORE, AFTER = 0.35, 0.85  # opacities of the bars before and at a loop closure
+BAR = 0.15  # width of a bar; a lap has the width 1
+PLACES = {EKF: -0.25, CAUSAL: 0.1, GTSAM: 0.35}  # place of an estimator in a lap
 
 
 def study_drawings(summary: Summary, runs: Mapping[str, Runs], step: float) -> dict[str, Drawing]:
@@ -43,71 +61,54 @@ def study_drawings(summary: Summary, runs: Mapping[str, Runs], step: float) -> d
     doubts = (misfits(misfit_optima(summary)), doubt_in_runs(CAUSAL, share_in_doubt(summary)))
     doubted_title = "\n".join(filter(None, (title, *doubts)))
     doubtful = {name for name in (CAUSAL, HINDSIGHT) if is_marked_against(summary, name)}
-    nees, nis = "mean pose NEES (3 when consistent)", "NIS / degrees of freedom (1 when right)"
+
+    def over_time(name: str, statistic: Callable[[Runs], PerStep], label: str) -> Drawing:
+        return lambda out: _draw_over_time(
+            out / name, title, {key: statistic(each) for key, each in ran.items()}, step, label
+        )
+
     return {
-        "nees": lambda out: _draw_against_band(out / "nees", title, ran, step, Runs.nees_per_step, nees, is_log=True),
-        "nis": lambda out: _draw_against_band(out / "nis", title, ran, step, Runs.nis_per_step, nis),
-        "rmse": lambda out: _draw_rmse(out / "rmse", title, ran, step),
+        "nees": over_time("nees", Runs.nees_per_step, "mean pose NEES (3 when consistent)"),
+        "nis": over_time("nis", Runs.nis_per_step, "NIS / degrees of freedom (1 when right)"),
+        "rmse": over_time("rmse", Runs.rmse_per_step, "RMS position error, 95 % band [m]"),
         "errors": lambda out: _draw_errors(out / "errors", title, ran, step),
         "ratios": lambda out: _draw_ratios(out / "ratios", doubted_title, ran, doubtful),
     }
 
 
-def _draw_against_band(
-    path: Path,
-    title: str,
-    runs: Mapping[str, Runs],
-    step: float,
-    statistic: Callable[[Runs], PerStep],
-    label: str,
-    *,
-    is_log: bool = False,
-) -> None:
-    """Draw a curve for each estimator that has the statistic, and the widest of their chi-square bands."""
-    found = {name: statistic(each) for name, each in runs.items()}
-    found = {name: each for name, each in found.items() if not np.isnan(each.value).all()}
+def _draw_over_time(path: Path, title: str, drawn: Mapping[str, PerStep], step: float, label: str) -> None:
+    """Draw a curve for each estimator that has the statistic.
+
+    Errors have a 95 % band each, other statistics the widest of their chi-square bands; limits ignore diverged curves.
+    """
+    is_error, is_log = path.name == "rmse", path.name == "nees"
+    found = {name: each for name, each in drawn.items() if not np.isnan(each.value).all()}
     if not found:
         return
     with printed(path, 3.2, title) as figure:
         axes = figure.subplots()
-        low = np.fmin.reduce([each.low for each in found.values()])
-        high = np.fmax.reduce([each.high for each in found.values()])
-        band(axes, step * np.arange(len(low)), low, high, f"{BAND_LEVEL:.1%} band")
-        height = _draw_curves(axes, found, runs, step, DIVERGED_LOG if is_log else DIVERGED)
-        axes.set(ylabel=label, yscale="log" if is_log else "linear")
-        if height is not None:
-            axes.set_ylim(top=1.3 * max(height, np.nanmax(high)))
+        heights, diverged = robust_limits(
+            {name: np.array([np.nanmax(each.value)]) for name, each in found.items()},
+            DIVERGED_LOG if is_log else DIVERGED,
+        )
+        height = heights[0]
+        if not is_error:
+            low = np.fmin.reduce([each.low for each in found.values()])
+            high = np.fmax.reduce([each.high for each in found.values()])
+            height = max(height, np.nanmax(high))
+            band(axes, step * np.arange(len(low)), low, high, f"{BAND_LEVEL:.1%} band")
+        for name, style in styles(drawn).items():
+            if name in found:
+                each = found[name]
+                time = step * np.arange(len(each.value))
+                curve(axes, time, each.value, style, name)
+                if is_error:
+                    band(axes, time, each.low, each.high, color=style.color)
+        axes.set(xlabel="time [s]", ylabel=label, title=exceeding(diverged), yscale="log" if is_log else "linear")
+        axes.set_ylim(bottom=0.0 if is_error else None, top=1.3 * height if diverged else None)
         if is_log:
             logarithmic(axes, "y")
         legend_below(figure, axes.get_legend_handles_labels()[0])
-
-
-def _draw_rmse(path: Path, title: str, runs: Mapping[str, Runs], step: float) -> None:
-    """Draw the RMS position error over runs against time with its 95 % interval; bounds are the smallest errors."""
-    if not runs:
-        return
-    with printed(path, 3.2, title) as figure:
-        axes = figure.subplots()
-        found = {name: each.rmse_per_step() for name, each in runs.items()}
-        height = _draw_curves(axes, found, runs, step)
-        for name, style in styles(runs).items():
-            time = step * np.arange(len(found[name].value))
-            band(axes, time, found[name].low, found[name].high, color=style.color)
-        axes.set(ylabel="RMS position error, 95 % band [m]", ylim=(0.0, None if height is None else 1.1 * height))
-        legend_below(figure, axes.get_legend_handles_labels()[0])
-
-
-def _draw_curves(
-    axes: Axes, found: Mapping[str, PerStep], runs: Mapping[str, Runs], step: float, factor: float = DIVERGED
-) -> float | None:
-    """Draw curves against time in the styles of all `runs`; return their height without diverged ones, if any."""
-    for name, style in styles(runs).items():
-        if name in found:
-            curve(axes, step * np.arange(len(found[name].value)), found[name].value, style, name)
-    peaks = {name: np.array([np.nanmax(each.value)]) for name, each in found.items()}
-    heights, diverged = robust_limits(peaks, factor)
-    axes.set(xlabel="time [s]", title=exceeding(diverged))
-    return heights[0] if diverged else None
 
 
 def _draw_errors(path: Path, title: str, runs: Mapping[str, Runs], step: float) -> None:
@@ -129,7 +130,7 @@ def _draw_errors(path: Path, title: str, runs: Mapping[str, Runs], step: float) 
                     LineCollection(lines, colors=MARK_COLOR, linewidths=0.3, alpha=0.5, rasterized=True)
                 )
                 three_sigma(axes, time, sigma, style, filled=True)
-                axes.locator_params(nbins=3 if sheet().is_narrow else 5)
+                axes.locator_params(nbins=3 if SHEET.get().is_narrow else 5)
                 usual = np.nanquantile(np.abs(errors), USUAL) if np.isfinite(errors).any() else 0.0
                 extents[name][place] = np.nanmax([usual, 3.0 * np.nanmax(sigma, initial=0.0)])
             row[0].set_ylabel(name)
@@ -178,3 +179,89 @@ def _run_ratios(runs: Runs, optimum: Runs) -> Float:
     ours, theirs = paired(runs, optimum)
     ratios = runs.figures["ate_m"][ours] / optimum.figures["ate_m"][theirs]
     return ratios[np.isfinite(ratios)]
+
+
+def save_setting_figure(
+    path: Path, truth: Truth, recording: Recording, estimates: Mapping[str, Estimate], title: str
+) -> None:
+    """Write a figure as PNG: map with truth, errors in their 3-sigma bounds, and rays of the EKF if it has any."""
+    height = HEIGHTS["page"]
+    with printed_on(PNG):
+        if not has_rays(estimates[EKF]):
+            with printed(path, height, title) as figure:
+                draw_map_and_errors(figure, truth, recording, estimates)
+            return
+        strip = RayStrip(Results(title, truth, recording, dict(estimates)), EKF)
+        with printed(path, height + strip.height, title) as figure:
+            parts = figure.subfigures(2, 1, height_ratios=(height, strip.height))
+            above, below = cast("Iterable[SubFigure]", parts)
+            draw_map_and_errors(above, truth, recording, estimates)
+            strip.draw(below)
+
+
+def save_nees_figure(path: Path, settings: Sequence[SettingResult], title: str) -> None:
+    """Write the mean pose NEES over 3 of EKF and causal optimum against time as PNG, a panel for each setting."""
+    with _panels(path, [each.setting for each in settings], title) as (figure, panels):
+        for axes, ran in zip(panels, settings, strict=True):
+            found = {name: Runs.nees_per_step(ran.runs[name]) for name in (EKF, CAUSAL)}
+            time = ran.scenario.trajectory.step * np.arange(len(found[EKF].value))
+            band(axes, time, found[EKF].low / 3, found[EKF].high / 3, f"{BAND_LEVEL:.1%} band")
+            for name, style in styles(found).items():
+                curve(axes, time, found[name].value / 3, style, name)
+            axes.set_xlabel("time [s]")
+            logarithmic(axes, "y")
+        figure.supylabel("mean pose NEES / 3 (1 when consistent)", fontsize=7.5)
+        legend_below(figure, panels[0].get_legend_handles_labels()[0])
+
+
+def save_closure_figure(path: Path, settings: Sequence[SettingResult], title: str) -> None:
+    """Write errors and 3-sigma bounds just before and at the first loop closure of each lap as PNG.
+
+    Settings without a loop closure have no panel; nothing is written if no setting has one.
+    """
+    closed = [each for each in settings if each.closures]
+    if not closed:
+        return
+    with _panels(path, [each.setting for each in closed], title) as (figure, panels):
+        for axes, each in zip(panels, closed, strict=True):
+            for closure in each.closures:
+                _draw_closure(axes, closure)
+            laps = [closure.lap for closure in each.closures]
+            axes.set_xticks(laps, [f"lap {closure.lap}\n{closure.time_s:.0f} s" for closure in each.closures])
+            axes.set(xlim=(min(laps) - 0.5, max(laps) + 0.5), ylim=(0.0, None))
+        figure.supylabel("position [m]", fontsize=7.5)
+        labelled = dict(zip(*reversed(panels[0].get_legend_handles_labels()), strict=True))  # each label once
+        figure.legend(handles=[*labelled.values()], loc="outside lower center", ncols=4)
+
+
+def _draw_closure(axes: Axes, closure: Closure) -> None:
+    """Draw bars of 3 sigma before and at the closure, with dots at the errors; of GTSAM batch the error only."""
+    for name, style in styles(PLACES).items():
+        found, center = closure.estimators[name], closure.lap + PLACES[name]
+        dot: dict[str, Any] = {"markersize": 4.5, "color": "w", "markeredgecolor": style.color, "markeredgewidth": 1.2}
+        dot |= {"marker": "D" if name == GTSAM else "o", "linestyle": "none"}
+        error = np.array([found.error_before_m, found.error_after_m], dtype=np.float64)
+        if name == GTSAM:
+            axes.plot(center, error[1], label=f"RMS error of {name}", **dot)
+            continue
+        places = center + BAR * np.array([-0.5, 0.5])
+        bounds = np.array([found.three_sigma_before_m, found.three_sigma_after_m], dtype=np.float64)
+        moments = (("before", BEFORE), ("at the closure", AFTER))
+        for place, bound, (when, opacity) in zip(places, bounds, moments, strict=True):
+            axes.bar(place, bound, 0.9 * BAR, color=style.color, alpha=opacity, label=f"3σ of {name} {when}")
+        axes.plot(places, error, label=f"RMS error of {name}", **dot)
+
+
+@contextmanager
+def _panels(path: Path, settings: Sequence[Setting], title: str) -> Generator[tuple[Figure, list[Axes]]]:
+    """Yield a figure, which is written as PNG at the end, with a panel for each setting."""
+    count = len(settings)
+    columns = count if count < 4 else 2 if count == 4 else 3
+    rows = -(-count // columns)
+    with printed_on(PNG), printed(path, rows * PANEL_HEIGHT + FOOT, title) as figure:
+        grid: list[Axes] = list(figure.subplots(rows, columns, squeeze=False).flat)
+        for axes, setting in zip(grid, settings, strict=False):
+            axes.set_title(f"{setting.figure}: {setting.title}")
+        for axes in grid[count:]:
+            axes.set_axis_off()
+        yield figure, grid[:count]

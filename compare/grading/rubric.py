@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 from typing import Annotated
@@ -23,7 +23,6 @@ DEFAULT_TEXT = (files("slamgauge.compare.grading") / "rubric.toml").read_text(en
 Weight = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
 
 
-@dataclass(frozen=True)
 class Scale(Section):
     """Partial credit for a ratio: all points up to `full`, none from `zero` on, linear between them."""
 
@@ -62,7 +61,6 @@ class Mark:
         return round(sum(each.points for each in self.items), 2)
 
 
-@dataclass(frozen=True)
 class Rubric(Section):
     """Weights of the items of a mark."""
 
@@ -80,7 +78,7 @@ class Rubric(Section):
 
     def to_toml(self) -> str:
         """Return the file of this rubric."""
-        table = asdict(self)
+        table = self.model_dump()
         return toml_text({"": {"total": table.pop("total")}, **table})
 
     def mark(

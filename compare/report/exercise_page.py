@@ -25,9 +25,9 @@ from slamgauge.compare.exercise.settings import (
     QUESTIONS,
     Setting,
 )
-from slamgauge.compare.figures.exercise_figures import save_closure_figure, save_nees_figure, save_setting_figure
+from slamgauge.compare.figures.study_figures import save_closure_figure, save_nees_figure, save_setting_figure
 from slamgauge.compare.report.page import Line, Page, Section, origin, pages_of, pictures, render, said, write_pages
-from slamgauge.compare.report.run_page import TERMS
+from slamgauge.compare.report.run_pages import TERMS
 from slamgauge.compare.scenarios.scenario import Scenario, scenario_text
 from slamgauge.compare.scenarios.simulation import simulate, simulate_informed
 from slamgauge.compare.scoring.comparison import compare_estimators, digest, metrics, write_comparison

@@ -32,12 +32,12 @@ from slamgauge.version import __version__
 # function of a folder of results, for each main file, that returns its page, or its pages by file name; it is imported
 # when it is needed, because it imports this module
 PAGES = {
-    METRICS: "run_page:run_page",
-    SUMMARY: "study_page:study_page",
-    SWEEP: "table_pages:sweep_page",
-    BUDGET: "table_pages:budget_page",
+    METRICS: "run_pages:run_page",
+    SUMMARY: "study_pages:study_page",
+    SWEEP: "study_pages:sweep_page",
+    BUDGET: "study_pages:budget_page",
     GRADES: "grade_page:grade_pages",
-    NOISE: "table_pages:noise_page",
+    NOISE: "run_pages:noise_page",
 }
 ASSETS = files("slamgauge.compare.report") / "assets"
 # each module imports only modules before it
@@ -45,20 +45,6 @@ MODULES = (
     *("unpack", "colours", "surface", "ticks", "download", "tables", "panel", "camera", "scene", "timeline", "player"),
     *("replay", "start"),
 )
-TERMS = {
-    "run": (
-        ("causal optimum", "best estimate from the measurements up to each step, with the true noise (causal)"),
-        ("hindsight optimum", "best estimate from all measurements (batch)"),
-        (
-            "3-sigma ellipse",
-            "region that contains the true position with probability 98.9 % if the covariance is right",
-        ),
-    ),
-    "study": (
-        ("\u00b1", "half the width of the 95 % interval of the mean over runs"),
-        ("band", "interval of the mean for consistent estimates, at the stated level"),
-    ),
-}
 KINDS = {"f4": "<f4", "i4": "<i4", "u2": "<u2", "u1": "u1"}  # numpy types by their names in `unpack.js`
 IMPORT = re.compile(r"^import .*;\n", re.MULTILINE)
 EXPORT = re.compile(r"^export (?=function|class|const)", re.MULTILINE)
@@ -125,7 +111,6 @@ class Page:
     looks: Sequence[Look] = ()
     terms: Sequence[tuple[str, str]] = ()  # terms of the glossary, besides the columns of the tables
     back: str = ""  # link to the page above
-    legend: str = ""  # explanation of the replay
     data: dict[str, Any] = field(default_factory=dict)  # JSON for the scripts
 
 

@@ -86,8 +86,8 @@ def test_park_observations_out_of_range_are_dropped(park: Write):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("ODOMETRY 1 3", "ODOMETRY 2 3", "line 2: leads from pose 2 to 3, after pose 1; sort the edges by ids"),
-        ("ODOMETRY 1 3", "ODOMETRY 1 0", "line 2: leads from pose 1 to 0, after pose 1; sort the edges by ids"),
+        ("ODOMETRY 1 3", "ODOMETRY 2 3", "line 2: no edge joins the poses 1 and 2"),
+        ("ODOMETRY 1 3", "ODOMETRY 1 0", "line 2: a second edge between the poses 1 and 0"),
         ("LANDMARK 3 2", "LANDMARK 4 2", "line 3: pose 4 is on no edge of the path; correct the id"),
         ("LANDMARK 3 2 3", "LANDMARK 3 2", "line 3: has 7 words, not 8; write LANDMARK i l x y cxx cxy cyy"),
         ("LANDMARK 3 2", "LANDMARK 3 -2", "line 3, column 3: '-2' is not an id"),
@@ -97,7 +97,6 @@ def test_park_observations_out_of_range_are_dropped(park: Write):
         *(("ODOMETRY 0 1", f"ODOMETRY 0 {name}", f"line 1, column 3: '{name[:40]}' is not a") for name in NO_IDS),
         ("LANDMARK 0", "BEACON 0", "line 5: 'BEACON' is an unknown tag"),
         ("0.4 0.1 0.5", "0.4 0.1 -0.5", "line 3: the covariance is not positive definite"),
-        (PARK[PARK.index("LANDMARK") :], "BR 3 2 0.1 4 0.1 0.1\n", "line 3: 'BR' is an unknown tag"),
         (PARK, "", "no edge between poses in it"),
         (PARK, "\x00\xff", "line 1: not a text"),
     ],
@@ -107,13 +106,6 @@ def test_malformed_parks_are_refused_with_their_line(park: Write, old: str, new:
     with pytest.raises(ValueError, match=r"^[^\n]+$") as caught:
         read_victoria_park(path)
     assert re.match(rf"{path}[:,] {re.escape(message)}", str(caught.value))
-
-
-@pytest.mark.parametrize("reach", [np.nan, -1.0, 0.0])
-def test_ranges_that_exclude_every_landmark_are_refused(park: Write, tmp_path: Path, reach: float):
-    for read_it, path in ((read_victoria_park, park(PARK)), (read_lost_in_the_woods, tmp_path / "none.mat")):
-        with pytest.raises(ValueError, match=r"^max-range: (nan|-1|0) m excludes every landmark; give metres above 0$"):
-            read_it(path, max_range=reach)
 
 
 # --- Lost in the Woods -------------------------------------------------------------------------
@@ -130,7 +122,7 @@ def woods(**changes: Any) -> dict[str, Any]:
     return {name: value for name, value in (fields | changes).items() if value is not None}
 
 
-DAMAGED, NOT_REAL = "not a whole dataset2.mat of Lost in the Woods", "is not a matrix of real numbers; correct it"
+DAMAGED = "not a whole dataset2.mat of Lost in the Woods"
 EMPTY = ("v", "om", "x_true", "y_true", "th_true", "true_valid", "r", "b")  # columns of the steps, except t
 
 
@@ -178,19 +170,19 @@ def test_woods_observations(tmp_path: Path):
     ("changes", "message"),
     [
         ({"v": None}, f"{DAMAGED} ('v')"),
-        ({"v": np.ones((3, 1))}, "field v has shape (3, 1), not (4, 1) with steps; correct it"),
-        ({"r": np.ones((4, 2))}, "field r has shape (4, 2), not (4, 1) with steps; correct it"),
-        ({"om": np.full((4, 1), np.nan)}, "field om must have finite numbers; correct it"),
-        ({"d": "half"}, f"field d {NOT_REAL}"),
-        ({"r": csc_matrix(np.eye(4)[:, :1])}, f"field r {NOT_REAL}"),
-        ({"om": np.full((4, 1), 1 + 1e-9j)}, f"field om {NOT_REAL}"),
-        ({"t": {"a": 1}}, f"field t {NOT_REAL}"),
-        ({"t": np.ones((4, 1, 2))}, "field t has shape (4, 1, 2), not (4, 1)"),
+        ({"v": np.ones((3, 1))}, "field v must be (4, 1) finite real numbers; correct it"),
+        ({"r": np.ones((4, 2))}, "field r must be (4, 1) finite"),
+        ({"om": np.full((4, 1), np.nan)}, "field om must be (4, 1) finite"),
+        ({"d": "half"}, "field d must be (1, 1) finite"),
+        ({"r": csc_matrix(np.eye(4)[:, :1])}, "field r must be (4, 1) finite"),
+        ({"om": np.full((4, 1), 1 + 1e-9j)}, "field om must be (4, 1) finite"),
+        ({"t": {"a": 1}}, "field t must be (1, 1) finite"),
+        ({"t": np.ones((4, 1, 2))}, "field t must be (4, 1) finite"),
         (
             {"t": np.zeros((0, 1))} | dict.fromkeys(EMPTY, np.zeros((0, 1))),
-            "field t has shape (0, 1), not (0, 1) with steps",
+            "field t must be (0, 1) finite",
         ),
-        ({"v": np.full((4, 1), 1e60)}, "field v must have finite numbers; correct it"),
+        ({"v": np.full((4, 1), 1e60)}, "field v must be (4, 1) finite"),
         ({"true_valid": np.zeros((4, 1))}, "true_valid: no ground truth at the first step"),
         ({"t": np.ones((4, 1))}, "stamps[1]"),
     ],

@@ -13,10 +13,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from slamgauge.arrays import Float
 from slamgauge.compare.cli.main import main
-from slamgauge.compare.datasets.g2o import read_g2o
+from slamgauge.compare.datasets.g2o import adjoints, read_g2o
 from slamgauge.compare.datasets.g2o_writer import write_g2o
 from slamgauge.compare.datasets.imported_log import Imported
-from slamgauge.compare.datasets.pose_chain import adjoints
 from slamgauge.compare.storage.csv_folder import from_triangles, upper_triangles
 from slamgauge.compare.storage.files import save
 from slamgauge.errors import UserError
@@ -164,14 +163,14 @@ def test_a_path_may_have_ids_in_any_order(read: Read):
     ("old", "new", "message"),
     [
         ("EDGE_SE2_XY 15 4 2 1 25 5 16\nEDGE_SE2_XY 10 4 4 -1 25 0 25\n", "", "no observation of a landmark in it"),
-        ("EDGE_SE2 11 15", "EDGE_SE2 15 15", "line 7: pose 15 is joined to itself"),
+        ("EDGE_SE2 11 15", "EDGE_SE2 15 15", "no edge joins the poses 11 and 15"),
         ("VERTEX_SE2 15", "VERTEX_SE2 11", "line 4: vertex 11 was there before; give every vertex one line"),
         ("VERTEX_SE2 15 3", "VERTEX_SE2 99 3", "line 4: pose 99 is on no edge of the path"),
         ("EDGE_SE2_XY 15", "EDGE_SE2_XY 16", "line 9: pose 16 is on no edge of the path; correct the id"),
         ("EDGE_SE2_XY 15 4", "EDGE_SE2_XY 15 11", "line 9: vertex 11 is a pose, not a landmark"),
-        ("FIX 10", "FIX", "line 6: fixes nothing; write FIX i"),
-        ("VERTEX_XY 4 5 5", "VERTEX_XY 4 nan 5", "line 5, column 3: 'nan' is not a finite number"),
-        ("FIX 10", "FIX 10 15", "line 6: more poses than the start are fixed"),
+        ("FIX 10", "FIX", "line 6: has 1 words, not 2; write FIX i"),
+        ("VERTEX_SE2 10 1 2", "VERTEX_SE2 10 nan 2", "line 2, column 3: 'nan' is not a finite number"),
+        ("FIX 10", "FIX 10\nFIX 15", "line 7: more poses than the start are fixed"),
         ("100 10 0 200 0 300", "100 200 0 200 0 300", "line 8: the information matrix is not positive definite"),
         ("100 10 0 200 0 300", "100 10 0 200 0 0", "line 8: the information matrix is not positive definite"),
         ("25 5 16", "25 5 inf", "line 9, column 8: 'inf' is not a finite number"),

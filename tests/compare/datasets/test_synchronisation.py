@@ -6,10 +6,9 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
-from scipy.linalg import expm
 
 from slamgauge.arrays import Float
-from slamgauge.compare.datasets.synchronisation import Odometry, constant_twist, joined, split_at
+from slamgauge.compare.datasets.synchronisation import Odometry, joined, split_at
 from slamgauge.compare.storage.trajectories import interpolated
 from slamgauge.se2 import chain, wrap
 
@@ -20,15 +19,6 @@ START = np.array([1.0, -2.0, 3.0])
 
 def one_step(increment: Float, seconds: float = 2.0) -> Odometry:
     return Odometry(np.array([5.0, 5.0 + seconds]), increment[None], np.diag([0.4, 0.0, 0.2])[None])
-
-
-@given(lengths, lengths, angles)
-def test_constant_twist_is_the_exponential(v: float, vy: float, omega: float):
-    twist = np.array([v, vy, omega])
-    found = constant_twist(twist[None], np.array([1.0]))[0]
-    exact = expm(np.array([[0, -omega, v], [omega, 0, vy], [0, 0, 0]]))
-    assert_allclose(found[:2], exact[:2, 2], atol=1e-12)
-    assert found[2] == omega
 
 
 @given(lengths, lengths, angles, st.lists(st.floats(0.001, 1.999), max_size=5))
@@ -70,9 +60,7 @@ def test_observations_outside_the_odometry_are_dropped():
     _, steps, inside, notes = joined(one_step(np.ones(3)), np.array([4.9, 5.0, 7.0, 7.1]))
     assert_array_equal(inside, [False, True, True, False])
     assert_array_equal(steps, [0, 1])
-    assert notes == (
-        "2 observations outside the odometry's time are dropped, 50%: check units and clocks of the files",
-    )
+    assert notes == ["2 observations outside the odometry's time are dropped, 50%: check units and clocks of the files"]
 
 
 def test_truth_is_not_interpolated_outside_it_or_in_gaps():

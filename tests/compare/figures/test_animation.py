@@ -86,7 +86,7 @@ def test_estimators_shown_with_paths_and_maps(
         given_names.extend(",".join(each) for each in given)
         raise UserError("stop here")
 
-    monkeypatch.setattr("slamgauge.compare.figures.animation.Scene", look)
+    monkeypatch.setattr("slamgauge.compare.figures.frames.Scene", look)
     assert animate(tmp_path / "out", *(["--estimators", arguments] if arguments else [])) == 2
     assert given_names == [shown, mapped]
 

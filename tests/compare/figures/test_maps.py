@@ -15,8 +15,8 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 
 from slamgauge import arrays
+from slamgauge.compare.figures.frames import caption, has_rays, ray_moments, save_ray_strip
 from slamgauge.compare.figures.maps import FAINTEST, NEVER, Scene, draw_map, first_seen, map_at, sight_lines
-from slamgauge.compare.figures.ray_strip import has_rays, ray_frames, save_ray_strip
 from slamgauge.compare.storage.files import Results
 from slamgauge.estimate import Estimate, MapHistory, RayLog
 from tests.reference.example_rays import AGES, BIRTHS, LANDMARKS, NOTED, STEPS, Fate, estimate_with_rays, half_loop
@@ -122,10 +122,9 @@ def test_opacity_of_members_grows_with_their_weight():
 
 
 def test_the_strip_follows_the_oldest_ray_that_became_a_point():
-    frames = ray_frames(WITH_RAYS)
-    assert [frame.step for frame in frames] == [0, 12, 26, 30, 70, 130]
-    assert {frame.landmark for frame in frames} == {0}
-    assert [frame.caption for frame in frames] == [
+    name, steps = ray_moments(WITH_RAYS)
+    assert (name, steps) == (0, [0, 12, 26, 30, 70, 130])
+    assert [caption(WITH_RAYS, step, name) for step in steps] == [
         "1 ray; landmark 0: 4 members",
         "2 rays; landmark 0: 3 members",
         "2 rays; landmark 0: 3 members",
@@ -138,13 +137,13 @@ def test_the_strip_follows_the_oldest_ray_that_became_a_point():
 @pytest.mark.parametrize("fates", [("ray", "ray", "ray"), ("lost",), ("lost", "ray", "point"), ("ray",), ("point",)])
 def test_every_strip_has_six_moments_in_order_or_as_many_as_there_are_records(fates: tuple[Fate, ...]):
     estimate = estimate_with_rays(fates)
-    steps = [frame.step for frame in ray_frames(estimate)]
+    _, steps = ray_moments(estimate)
     assert steps == sorted(set(steps))
     assert (len(steps), steps[0]) == (6, 0)
     if "ray" in fates:  # the strip goes on to the last record
         assert estimate.history is not None
         few = with_history(estimate, np.isin(estimate.history.step, [0, STEPS]))
-        assert [frame.step for frame in ray_frames(few)] == [0, STEPS]
+        assert ray_moments(few)[1] == [0, STEPS]
 
 
 def test_rays_need_a_log_and_a_history():

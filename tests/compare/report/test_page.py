@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 
 from slamgauge.compare.report.page import ASSETS, MODULES, Page, Section, json_text, pack, pages_of, program, render
-from slamgauge.compare.report.run_page import closure_table
-from slamgauge.compare.report.study_page import command_of_run
+from slamgauge.compare.report.run_pages import closure_table
+from slamgauge.compare.report.study_pages import command_of_run
 from slamgauge.compare.scoring.table import Cell, Head, Table
 from slamgauge.compare.storage.staged_folder import begin_folder, decorate
 from slamgauge.compare.studies.stored_study import load_study

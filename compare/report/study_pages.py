@@ -1,10 +1,10 @@
-"""Page of a study: summary of each estimator over many runs, charts, and its worst and median runs."""
+"""Pages of a study, with its worst and median runs, of a sweep, and of an error budget."""
 
 from __future__ import annotations
 
 import shlex
-from dataclasses import replace
 from pathlib import Path
+from urllib.parse import quote
 
 import numpy as np
 
@@ -13,6 +13,9 @@ from slamgauge.compare.scoring.catalogue import BY_KEY
 from slamgauge.compare.scoring.ray_figures import describe
 from slamgauge.compare.scoring.runs import Runs
 from slamgauge.compare.scoring.table import ESTIMATOR, Cell, Head, Table, figure
+from slamgauge.compare.storage.files import read_json
+from slamgauge.compare.storage.result_files import BUDGET, REPORT, SWEEP
+from slamgauge.compare.studies.budget import notes, read_budget, rung_table, verdict
 from slamgauge.compare.studies.paired_comparisons import against_tables
 from slamgauge.compare.studies.stored_study import StoredStudy, load_study
 from slamgauge.compare.studies.study_run import run_seed
@@ -25,12 +28,16 @@ from slamgauge.compare.studies.summary import (
     optimum_lines,
     too_good_lines,
 )
+from slamgauge.compare.studies.sweep import faults, read_sweep, value_table
+from slamgauge.compare.studies.sweep import notes as sweep_notes
 
 PICTURES = {
     "rmse.png": "RMS position error over runs against time, with 95 % intervals, and the bounds.",
     "nees.png": "Mean pose NEES over runs against time, with its chi-square band.",
     "nis.png": "NIS of all runs together over its degrees of freedom, with its band.",
     "errors.png": "Errors of single runs within the mean 3-sigma bounds.",
+    "sweep.png": "Error, consistency, reported sigma and size of the map against the value; bars are 95 % intervals.",
+    "budget.png": "Each bar starts at the end of the previous one; its line is the 95 % interval.",
     "ratios.png": "ATE of each run over the optimum's in that run, as box plots.",
 }
 TERMS = (
@@ -49,13 +56,13 @@ def study_page(folder: Path) -> Page:
     first, *others = [*pictures(folder, PICTURES), None]
     every, entries = run_table(study), summary.estimators.items()
     rays = [Line(name, f"a run's {describe(each['rays'])}.") for name, each in entries if each["rays"]]
-    notes = [*optimum_lines(summary), *empty_column_lines([summary], "study")]
+    lines = [*optimum_lines(summary), *empty_column_lines([summary], "study")]
     tables = [estimator_table(summary), *against_tables(summary.against)]
     return Page(
         kind="a study",
         title=f"{summary.scenario}{value}, {summary.runs} runs",
         lead=[Line(name, f"{each['verdict']}.") for name, each in entries if each["verdict"]],
-        notes=said([*notes, *too_good_lines(summary), *failure_lines(summary)]),
+        notes=said([*lines, *too_good_lines(summary), *failure_lines(summary)]),
         picture=first,
         sections=[
             Section("Metrics of each estimator", "figures", tables=tables),
@@ -70,16 +77,45 @@ def study_page(folder: Path) -> Page:
     )
 
 
-def request_of(summary: Summary) -> Request:
-    """Return how a run is repeated, with the value of a sweep; settings of a study run from Python are unknown."""
-    request = summary.request or Request(summary.scenario, (), ",".join(summary.estimators))
-    return replace(request, settings=(*request.settings, *filter(None, [request.swept])))
+def sweep_page(folder: Path) -> Page:
+    """Return the page of the results of `study --sweep` in a folder."""
+    sweep, content = read_sweep(folder), read_json(folder / SWEEP, "study --sweep")
+    digests = [(f"Digest at {value}", each.digest) for value, each in zip(sweep.values, sweep.summaries, strict=True)]
+    links = {value: f"{quote(f'{sweep.key}={value}')}/{REPORT}" for value in sweep.values}
+    return Page(
+        kind="a sweep",
+        title=f"{sweep.scenario} over {sweep.key}, {sweep.runs} runs at each value",
+        lead=[Line(*each) for each in faults(sweep).items()],
+        notes=said(["each value in the table links to the page of its study, with all runs", *sweep_notes(sweep)]),
+        sections=[
+            Section("Values", "values", tables=[value_table(sweep, links)]),
+            Section("Figure", "pictures", pictures=pictures(folder, PICTURES)),
+        ],
+        origin=origin(content, [("Runs at each value", str(sweep.runs)), *digests]),
+    )
+
+
+def budget_page(folder: Path) -> Page:
+    """Return the page of the results of `budget` in a folder."""
+    budget, content = read_budget(folder), read_json(folder / BUDGET, "budget")
+    return Page(
+        kind="an error budget",
+        title=f"Where the error of {budget.filter} comes from: {budget.scenario}",
+        lead=said([verdict(budget)]),
+        notes=said(notes(budget)),
+        sections=[
+            Section("Parts of the error", "parts", tables=[rung_table(budget)]),
+            Section("Figure", "pictures", pictures=pictures(folder, PICTURES)),
+        ],
+        origin=origin(content, [("Filter", budget.filter), ("Runs", str(budget.runs))]),
+    )
 
 
 def command_of_run(summary: Summary, seed: int) -> str:
     """Return the `slamgauge run` command of a run; a comment at its end warns of settings that may be missing."""
-    request = request_of(summary)
-    overrides = ["--set", *request.settings] if request.settings else []
+    request = summary.request or Request(summary.scenario, (), ",".join(summary.estimators))
+    settings = [*request.settings, *filter(None, [request.swept])]
+    overrides = ["--set", *settings] if settings else []
     words = ("run", request.scenario, "--seed", str(seed), *overrides, "--estimators", request.estimators)
     known = "" if summary.request else "  # add the --set options of the study, if any"
     return f"{shlex.join(('slamgauge', *words))}{known}"

@@ -1,4 +1,4 @@
-"""Page of a run: summary, tables, figures and replay."""
+"""Pages of a run, with a replay, and of the noise of a recording."""
 
 from __future__ import annotations
 
@@ -8,12 +8,13 @@ from typing import Any
 
 from slamgauge.compare.estimators.registry import OPTIMA, REGISTRY
 from slamgauge.compare.figures.plot_style import DEAD_RECKONING
+from slamgauge.compare.noise.tables import noise_table
 from slamgauge.compare.report.page import Line, Page, Section, looks, origin, pictures, render, said
 from slamgauge.compare.report.replay_data import replay_data
 from slamgauge.compare.scoring.comparison import doubtful_kinds, run_table
 from slamgauge.compare.scoring.table import ESTIMATOR, Cell, Head, Table, cell, figure
-from slamgauge.compare.storage.files import Results, load_results, read_json
-from slamgauge.compare.storage.result_files import METRICS
+from slamgauge.compare.storage.files import load_results, read_json
+from slamgauge.compare.storage.result_files import METRICS, NOISE
 from slamgauge.estimate import Kind
 
 LARGEST = 2_950_000  # bytes of a page: 3 MB minus what a browser may add when it saves the page
@@ -21,6 +22,7 @@ MOST_CLOSURES = 500  # rows of the table of loop closures
 PICTURES = {
     "figure.png": "The map with paths, landmarks and 3-sigma ellipses, and the errors within their 3-sigma bounds.",
     "consistency.png": "The test without ground truth: a filter above the band of simulated twins is overconfident.",
+    "noise.png": "Estimated divided by assumed sigmas with intervals, and NIS of each landmark.",
     "rays.png": "How rays of a bearing-only map begin, lose members and become landmarks.",
 }
 TERMS = (
@@ -51,7 +53,6 @@ def run_page(folder: Path) -> Page:
             Section("Further figures", "pictures", pictures=[each for each in others if each is not None]),
         ],
         looks=looks(estimates, hidden=(DEAD_RECKONING,) if len(estimates) > 1 else ()),
-        legend=legend(results),
         terms=TERMS,
         origin=origin(metrics, [("Steps", str(recording.steps)), ("Sensor", recording.sensor)]),
     )
@@ -95,11 +96,18 @@ def closure_table(metrics: dict[str, Any]) -> Table:
     return Table([ESTIMATOR, step, *columns.values()], rows, caption, "closures")
 
 
-def legend(results: Results) -> str:
-    """Return an explanation of the maps in the replay."""
-    mapped = {name: each for name, each in results.estimates.items() if len(each.landmark_ids)}
-    stored = [name for name, each in mapped.items() if each.history is not None and len(each.history.step)]
-    last = [name for name in mapped if name not in stored]
-    parts = [f"maps of {', '.join(stored)} are those of the shown moment"] if stored else []
-    parts += [f"those of {', '.join(last)} are final maps (faint), because no history was stored"] if last else []
-    return f"{'; '.join([*parts, 'thick lines are innovations, from the mapped landmark to the observed position'])}."
+def noise_page(folder: Path) -> Page:
+    """Return the page of the results of `noise --out` in a folder."""
+    content = read_json(folder / NOISE, "noise")
+    found = noise_table(content)
+    return Page(
+        kind="the noise of a recording",
+        title="Noise estimated from the measurements",
+        lead=[Line(row[0].text, row[3].text) for row in found.rows],
+        notes=said(content["notes"]),
+        sections=[
+            Section("Noise of the measurements", "sigmas", tables=[found]),
+            Section("Figure", "pictures", pictures=pictures(folder, PICTURES)),
+        ],
+        origin=origin(content),
+    )
