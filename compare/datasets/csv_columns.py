@@ -68,8 +68,6 @@ class CsvTable:
         if not lines:
             raise UserError(f"{path}: no line in it; write a header and rows")
         self.header, self.rows = lines[0], lines[1:]
-        if not any(isnan(number_of(word)) for word in self.header.words):
-            raise self.header.refused("no header", "write a line with the names of the columns")
         require_width(lines)
         for name in names:
             if name not in WORDS:

@@ -19,6 +19,7 @@ from slamgauge.compare.datasets.imported_log import (
     Imported,
     Log,
     Observed,
+    TrueMap,
     checked,
     require_order,
     with_sigmas,
@@ -50,31 +51,32 @@ FILES = (  # sections and keys of files, and names that are read if they exist
 Kind = TypeVar("Kind", Motion, Sensor)
 
 
-def read_csv_log(path: Path, overrides: Sequence[str] = ()) -> Imported:
+def read_csv_log(folder: Path, overrides: Sequence[str] = ()) -> Imported:
     """Read the recording of CSV files, its truth if there is one, and the mapping in force.
 
     Args:
-        path: The folder, or a recording.toml with any name.
+        folder: The folder, or a recording.toml with any name.
         overrides: `section.key=value`, on top of recording.toml.
 
     Raises:
         UserError: With the file, the line and the remedy.
     """
     notes: list[str] = []
-    mapping, prior_cov = _with_start(_load(path, overrides))
+    mapping, prior_cov = _with_start(_load(folder, overrides))
     kind, odometry, clock = _read_odometry(mapping, notes)
     seen, table = _read_observations(mapping, notes)
+    path, true_map = _truth(mapping, clock, notes)
     has_steps = table.has("step") and not table.has("stamp")
     log = Log(
-        where=path,
+        where=folder,
         odometry=odometry,
         seen=seen if has_steps else seen._replace(times=_on_clock(clock, table, seen.times, notes)),
         has_steps=has_steps,
         start=mapping.start.pose,
         prior_cov=prior_cov,
-        path=_true_path(mapping, clock, notes),
+        path=path,
         max_gap=mapping.truth.max_gap,
-        map=_true_map(mapping, notes),
+        map=true_map,
         notes=notes,
     )
     by_kind = {
@@ -193,25 +195,20 @@ def _on_clock(clock: float | None, table: CsvTable, times: Float, notes: list[st
     return times + clock
 
 
-def _true_path(mapping: CsvMapping, clock: float | None, notes: list[str]) -> Trajectory | None:
-    section = mapping.truth
-    if section.file is None:
-        return None
-    table = CsvTable(section.file, section, section.columns)
-    times, poses = table.stamps(), table.poses()
-    require_order(table.rows, times, strict=True)
-    notes += table.unused()
-    return Trajectory(section.file, _on_clock(clock, table, times, notes), poses)
-
-
-def _true_map(mapping: CsvMapping, notes: list[str]) -> tuple[Path, list[int | str], Float] | None:
-    section = mapping.truth
-    if section.landmarks is None:
-        return None
-    table = CsvTable(section.landmarks, section, section.landmark_columns)
-    found = table.path, table.ids(), _columns(table, ("x", "y"))
-    notes += table.unused()
-    return found
+def _truth(mapping: CsvMapping, clock: float | None, notes: list[str]) -> tuple[Trajectory | None, TrueMap | None]:
+    """Return the true path and the true map, if the log has them; add notes."""
+    section, path, true_map = mapping.truth, None, None
+    if section.file is not None:
+        table = CsvTable(section.file, section, section.columns)
+        times, poses = table.stamps(), table.poses()
+        require_order(table.rows, times, strict=True)
+        path = Trajectory(section.file, _on_clock(clock, table, times, notes), poses)
+        notes += table.unused()
+    if section.landmarks is not None:
+        table = CsvTable(section.landmarks, section, section.landmark_columns)
+        true_map = table.path, table.ids(), _columns(table, ("x", "y"))
+        notes += table.unused()
+    return path, true_map
 
 
 def _kind(table: CsvTable, kinds: Mapping[Kind, Sequence[str]], stated: Kind | None, section: str) -> Kind:

@@ -175,7 +175,7 @@ LOGS: dict[str, tuple[Callable[[Files], Mapping[str, str | bytes]], str]] = {
     "another column of the truth": (cells(TRUTH, lambda line: [*line, "fix"]), "columns that are not used: fix"),
     "other order": (cells(SEEN, lambda line: line[::-1]), READ),
     "exponents": (rows(SEEN, lambda lines: [f"{line}e0" for line in lines]), READ),
-    "no header": (text(SEEN, lambda t: t.split("\n", 1)[1]), "no header; write a line"),
+    "no header": (text(SEEN, lambda t: t.split("\n", 1)[1]), "line 1: does not have the columns"),
     "Latin-1": (
         lambda files: encoded("latin-1", SEEN)(files | {SEEN: f"# Größe\n{files[SEEN]}"}),
         "observations.csv, line 1: not a text in UTF-8",
