@@ -63,14 +63,13 @@ def read_csv_log(folder: Path, overrides: Sequence[str] = ()) -> Imported:
     """
     notes: list[str] = []
     mapping, prior_cov = _with_start(_load(folder, overrides))
-    kind, odometry, clock = _read_odometry(mapping, notes)
-    seen, table = _read_observations(mapping, notes)
+    odometry, clock = _read_odometry(mapping, notes)
+    seen, has_steps = _read_observations(mapping, clock, notes)
     path, true_map = _truth(mapping, clock, notes)
-    has_steps = table.has("step") and not table.has("stamp")
     log = Log(
         where=folder,
         odometry=odometry,
-        seen=seen if has_steps else seen._replace(times=_on_clock(clock, table, seen.times, notes)),
+        seen=seen,
         has_steps=has_steps,
         start=mapping.start.pose,
         prior_cov=prior_cov,
@@ -79,13 +78,9 @@ def read_csv_log(folder: Path, overrides: Sequence[str] = ()) -> Imported:
         map=true_map,
         notes=notes,
     )
-    by_kind = {
-        "odometry": mapping.odometry.changed(kind=kind),
-        "observations": mapping.observations.changed(kind=seen.sensor),
-    }
-    found = log.imported(mapping.changed(**by_kind))
+    found = log.imported(mapping)
+    tables = found.mapping or {}
     for section, key, _ in FILES:
-        tables = found.mapping or {}
         if tables[section][key] is not None:
             tables[section][key] = shown(str(Path(tables[section][key]).absolute()))
     return found
@@ -119,8 +114,8 @@ def _with_start(mapping: CsvMapping) -> tuple[CsvMapping, Float]:
     return stated, cov if covs is None or cov.any() else covs[0]
 
 
-def _read_odometry(mapping: CsvMapping, notes: list[str]) -> tuple[Motion, Odometry, float | None]:
-    """Return the kind of odometry, the odometry, and its first stamp [s] if stamps are times of ISO 8601; add notes.
+def _read_odometry(mapping: CsvMapping, notes: list[str]) -> tuple[Odometry, float | None]:
+    """Return the odometry, and its first stamp [s] if stamps are times of ISO 8601; add notes.
 
     Rows of increments describe the time before their stamp, and begin at `start.stamp` if that is stated.
     """
@@ -158,17 +153,19 @@ def _read_odometry(mapping: CsvMapping, notes: list[str]) -> tuple[Motion, Odome
                 for name, each in zip(("forward", "lateral", "turn"), of_rows, strict=True)
             ],
         )
-    return kind, Odometry(stamps, increments, covs[rows], table.rows[rows]), stamps[0] if table.has_times else None
+    return Odometry(stamps, increments, covs[rows], table.rows[rows]), stamps[0] if table.has_times else None
 
 
-def _read_observations(mapping: CsvMapping, notes: list[str]) -> tuple[Observed, CsvTable]:
-    """Read the observations, without those of range 0 on request, and add notes."""
+def _read_observations(mapping: CsvMapping, clock: float | None, notes: list[str]) -> tuple[Observed, bool]:
+    """Return the observations, without those of range 0 on request, and whether their times are steps; add notes."""
     section = mapping.observations
     table = CsvTable(section.file, section, section.columns)
     sensor = _kind(table, SENSED, section.kind, "observations")
     model = SENSORS[sensor]
-    times = table.stamps() if table.has("stamp") or not table.has("step") else table.numbers("step")
+    has_steps = table.has("step") and not table.has("stamp")
+    times = table.numbers("step") if has_steps else table.stamps()
     require_order(table.rows, times, strict=False)
+    times = times if has_steps else _on_clock(clock, table, times, notes)
     values, ids = checked(sensor, table.rows, _columns(table, model.columns)), table.ids()
     covs = table.covariances(OBSERVED[sensor][model.dim :])
     if covs is None:
@@ -183,7 +180,7 @@ def _read_observations(mapping: CsvMapping, notes: list[str]) -> tuple[Observed,
         remedy = "leave them out with --set observations.drop_zero_ranges=true"
         notes.append(f"{what}; they are left out" if section.drop_zero_ranges else f"warning: {what}; {remedy}")
         kept = np.flatnonzero(values[:, 0]) if section.drop_zero_ranges else kept
-    return Observed(sensor, times[kept], [ids[at] for at in kept.tolist()], values[kept], covs[kept]), table
+    return Observed(sensor, times[kept], [ids[at] for at in kept.tolist()], values[kept], covs[kept]), has_steps
 
 
 def _on_clock(clock: float | None, table: CsvTable, times: Float, notes: list[str]) -> Float:
