@@ -53,16 +53,7 @@ class CsvTable:
     """A CSV file with its rows; `has_times` is whether stamps that were read are times of ISO 8601."""
 
     def __init__(self, path: str, section: FileTable, names: Mapping[str, str]) -> None:
-        """Read a file.
-
-        Args:
-            path: The file.
-            section: Units where the header has none.
-            names: The file's own names of our columns.
-
-        Raises:
-            UserError: the file cannot be read or has no header, or a name is unknown.
-        """
+        """Read a file; `section` has units where the header has none, `names` the file's own names of our columns."""
         self.path = Path(path)
         lines = csv_lines(self.path, read_whole(self.path))
         if not lines:

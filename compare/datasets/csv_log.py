@@ -7,7 +7,7 @@ drives arcs: it keeps its speed and yaw rate between two rows.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TypeVar
 
@@ -24,7 +24,7 @@ from slamgauge.compare.datasets.imported_log import (
     require_order,
     with_sigmas,
 )
-from slamgauge.compare.datasets.log_settings import CsvMapping, Motion, ObservationsTable, OdometryTable, load_settings
+from slamgauge.compare.datasets.log_settings import CsvMapping, Motion, Noise, load_settings
 from slamgauge.compare.datasets.synchronisation import Odometry
 from slamgauge.compare.storage.csv_folder import OBSERVED, POSE_COV
 from slamgauge.compare.storage.result_files import MAPPING
@@ -125,11 +125,8 @@ def _read_odometry(mapping: CsvMapping, notes: list[str]) -> tuple[Odometry, flo
     stamps = table.stamps()
     require_order(table.rows, stamps, strict=True)
     values = table.poses() if kind == "poses" else _columns(table, MOTIONS[kind])
-    of_rows = [None if kind == "poses" else table.sigmas(name) for name in MOTIONS[kind]]
-    covs = table.covariances(POSE_COV) if kind == "increments" else None
     if table.has("step") and (table.numbers("step") != np.arange(1, len(stamps) + 1)).any():
         raise table.header.refused("the steps are not 1, 2, 3, ...", "sort the rows, and number them from 1")
-    notes += table.unused()
     looks_back = kind == "increments" or (kind == "velocities" and section.holds == "since-last")
     if start is not None and not looks_back:
         raise UserError(f"{section.file}: start.stamp: the log starts at the first row of {kind}; remove it")
@@ -143,16 +140,12 @@ def _read_odometry(mapping: CsvMapping, notes: list[str]) -> tuple[Odometry, flo
     increments = values[rows]
     if kind != "increments":
         increments = between(values[:-1], values[1:]) if kind == "poses" else exp(increments * seconds[:, None])
-    if covs is None:
-        growth, of_row = mapping.noise.growth(seconds), seconds if kind == "velocities" else 1.0
-        covs = np.zeros((len(values), 3, 3))
-        covs[rows] = with_sigmas(
-            covs[rows],
-            [
-                _stated(mapping, name, section) * growth if each is None else each[rows] * of_row
-                for name, each in zip(("forward", "lateral", "turn"), of_rows, strict=True)
-            ],
-        )
+    lasts = np.ones(len(values))
+    lasts[rows] = seconds
+    named = zip(("", "", "") if kind == "poses" else MOTIONS[kind], ("forward", "lateral", "turn"), strict=True)
+    triangle, of_row = POSE_COV if kind == "increments" else (), lasts if kind == "velocities" else 1.0
+    covs = _covariances(table, mapping.noise, named, triangle, mapping.noise.growth(lasts), of_row)
+    notes += table.unused()
     return Odometry(stamps, increments, covs[rows], table.rows[rows]), stamps[0] if table.has_times else None
 
 
@@ -167,11 +160,8 @@ def _read_observations(mapping: CsvMapping, clock: float | None, notes: list[str
     require_order(table.rows, times, strict=False)
     times = times if has_steps else _on_clock(clock, table, times, notes)
     values, ids = checked(sensor, table.rows, _columns(table, model.columns)), table.ids()
-    covs = table.covariances(OBSERVED[sensor][model.dim :])
-    if covs is None:
-        of_rows = zip(model.sigmas, map(table.sigmas, model.columns), strict=True)
-        sigmas = [_stated(mapping, name, section) if each is None else each for name, each in of_rows]
-        covs = with_sigmas(np.zeros((len(times), model.dim, model.dim)), sigmas)
+    named = zip(model.columns, model.sigmas, strict=True)
+    covs = _covariances(table, mapping.noise, named, OBSERVED[sensor][model.dim :])
     notes += table.unused()
     kept, zero = np.arange(len(times)), np.flatnonzero(values[:, 0] == 0.0) if model.has_range else []
     if len(zero):
@@ -228,10 +218,26 @@ def _columns(table: CsvTable, names: Sequence[str]) -> Float:
     return np.column_stack([table.numbers(name, 0.0 if name in OPTIONAL else None) for name in names])
 
 
-def _stated(mapping: CsvMapping, name: str, section: OdometryTable | ObservationsTable) -> float:
-    """Return a standard deviation of [noise]; raise `UserError` if it is missing there and in the rows."""
-    value = getattr(mapping.noise, name)
-    if value is None:
-        remedy = f"give --set noise.{name}=SIGMA, or add it to {MAPPING}"
-        raise UserError(f"{section.file}: its rows have no noise, and noise.{name} is missing; {remedy}")
-    return value
+def _covariances(
+    table: CsvTable,
+    noise: Noise,
+    named: Iterable[tuple[str, str]],
+    triangle: Sequence[str],
+    growth: Float | float = 1.0,
+    of_row: Float | float = 1.0,
+) -> Float:
+    """Return covariances (n, d, d): those of rows, else of the stated noise; `named` are columns and names of it.
+
+    `triangle` are columns of covariances. `growth` and `of_row` are factors (n,) of stated sigmas and of those of rows.
+    """
+    covs = table.covariances(triangle) if triangle else None
+    if covs is not None:
+        return covs
+    sigmas = list[Float | float]()
+    for column, name in named:
+        of_rows, stated = table.sigmas(column), getattr(noise, name)
+        if of_rows is None and stated is None:
+            remedy = f"give --set noise.{name}=SIGMA, or add it to {MAPPING}"
+            raise UserError(f"{table.path}: its rows have no noise, and noise.{name} is missing; {remedy}")
+        sigmas.append(stated * growth if of_rows is None else of_rows * of_row)
+    return with_sigmas(np.zeros((len(table.rows), len(sigmas), len(sigmas))), sigmas)
