@@ -14,7 +14,6 @@ origin. Graphs have no time stamps: step k is at k seconds.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 from itertools import pairwise
 from pathlib import Path
@@ -22,12 +21,12 @@ from pathlib import Path
 import numpy as np
 
 from slamgauge.arrays import Float, Marks
-from slamgauge.compare.datasets.imported_log import Imported, checked, of_file, require_rows, with_sigmas
+from slamgauge.compare.datasets.imported_log import Imported, Log, Observed, checked, require_rows, with_sigmas
+from slamgauge.compare.datasets.synchronisation import Odometry
 from slamgauge.compare.storage.csv_folder import from_triangles
 from slamgauge.compare.storage.text_lines import Line, read_tagged
 from slamgauge.covariances import inverted, scale_of
 from slamgauge.errors import UserError
-from slamgauge.recording import Recording
 from slamgauge.se2 import between, chain, compose, pose_rotation
 from slamgauge.sensors import SENSORS, Sensor
 
@@ -107,36 +106,19 @@ def read_g2o(path: Path, *, drop_loop_edges: bool = False, isam: bool = False) -
     if len(edges) < len(motions):
         notes.append(f"{len(motions) - len(edges)} edges between poses that are not on the path are dropped")
     notes += [f"{len(lines[tag])} lines {tag} are not used" for tag in RAW if lines[tag]]
-    sensor, values, observation_covs = _measured(seen, isam=isam)
-    steps = np.array([step_of[line.id_at(1)] for line in seen], dtype=np.int64)
-    landmark = np.array([line.id_at(2) for line in seen], dtype=np.int64)
-    order = np.argsort(steps, kind="stable")
-    with of_file(path):
-        recording = Recording(
-            stamps=np.arange(len(poses), dtype=np.float64),
-            prior_mean=prior_mean,
-            prior_cov=prior_cov,
-            odometry=increments,
-            odometry_cov=covs,
-            sensor=sensor,
-            observation_step=steps[order],
-            observation=values[order],
-            observation_cov=observation_covs[order],
-            landmark=landmark[order],
-        )
-    return Imported(recording, notes=tuple(notes))
-
-
-def read_victoria_park(path: str | Path, *, max_range: float = math.inf) -> Recording:
-    """Read the Victoria Park recording (ACFR, Sydney) in the text form that GTSAM distributes, a graph.
-
-    The first pose is the origin and fixed. Observations of landmarks beyond `max_range` [m] are dropped.
-
-    Raises:
-        UserError: With the file, the line and the remedy.
-    """
-    recording = read_g2o(Path(path)).recording
-    return recording.only(np.linalg.norm(recording.observation, axis=1) <= max_range)
+    seen.sort(key=lambda line: step_of[line.id_at(1)])
+    sensor, values, of_seen = _measured(seen, isam=isam)
+    steps = np.array([step_of[line.id_at(1)] for line in seen], dtype=np.float64)
+    log = Log(
+        where=path,
+        odometry=Odometry(np.arange(len(poses), dtype=np.float64), increments, covs),
+        seen=Observed(sensor, steps, [line.id_at(2) for line in seen], values, of_seen),
+        has_steps=True,
+        start=prior_mean.tolist(),
+        prior_cov=prior_cov,
+        notes=notes,
+    )
+    return log.imported()
 
 
 def _of(lines: Lines, tags: Iterable[str]) -> list[Line]:

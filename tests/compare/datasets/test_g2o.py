@@ -178,7 +178,7 @@ def test_a_path_may_have_ids_in_any_order(read: Read):
         (
             "EDGE_SE2_XY 10 4 4 -1 25 0 25",
             "BR 10 4 1 1 1 1",
-            "a sensor of kind range-bearing, and others of kind position",
+            "a sensor of kind position, and others of kind range-bearing",
         ),
         ("EDGE_SE2_XY 10", "EDGE_SE_XY 10", "line 10: 'EDGE_SE_XY' is an unknown tag; did you mean EDGE_SE2_XY?"),
         ("EDGE_SE2 1", "# EDGE_SE2 1", "no edge between poses in it"),

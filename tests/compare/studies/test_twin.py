@@ -53,7 +53,7 @@ def test_a_twin_has_the_logs_stamps_sightings_and_noise_on_the_path_of_its_optim
     np.testing.assert_array_equal(simulated.observation_step, known.observation_step)
     np.testing.assert_allclose(simulated.observation_cov, known.observation_cov, rtol=1e-12)
     optimum = batch(recording)
-    assert truth.poses is not None
+    assert truth is not None and truth.poses is not None
     assert truth.landmarks is not None
     assert truth.association is not None
     np.testing.assert_allclose(truth.poses, optimum.poses, atol=1e-9)
@@ -67,7 +67,7 @@ def test_the_noise_of_a_twin_has_the_covariance_of_each_step(tmp_path: Path) -> 
     recording = log(steps=400)
     write_twin(tmp_path, make_twin(recording), "a log")
     truth, simulated = simulate(load_scenario(tmp_path / "twin.toml"), 5)
-    assert truth.poses is not None
+    assert truth is not None and truth.poses is not None
     noise = simulated.odometry - between(truth.poses[:-1], truth.poses[1:])
     white = np.linalg.solve(np.linalg.cholesky(recording.odometry_cov), noise[:, :, None])
     assert abs(np.mean(white**2) - 1.0) < 3.9 * np.sqrt(2 / white.size)
@@ -121,10 +121,10 @@ def test_a_log_without_ids_is_associated_first(tmp_path: Path, capsys: pytest.Ca
 @pytest.mark.skipif(not WOODS.exists(), reason=f"{WOODS.name} is not there")
 def test_the_twin_of_lost_in_the_woods_predicts_its_error(tmp_path: Path) -> None:
     """The position RMSE of the right-invariant filter, mean of thirty runs, within a quarter of the real one."""
-    recording, truth = read_lost_in_the_woods(WOODS)
+    recording, truth, *_ = read_lost_in_the_woods(WOODS)
     write_twin(tmp_path, make_twin(recording), "woods")
     scenario = load_scenario(tmp_path / "twin.toml")
-    assert truth.poses is not None
+    assert truth is not None and truth.poses is not None
     known = ~np.isnan(truth.poses[:, 0])
     actual = np.sqrt(((riekf(recording).poses - truth.poses)[known, :2] ** 2).sum(axis=1).mean())
     predicted = []
