@@ -17,11 +17,8 @@ import os
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import sys
-from collections.abc import Iterator, Sequence
-from concurrent.futures import as_completed
 from functools import partial
 from pathlib import Path
-from time import perf_counter
 
 sys.path.insert(0, str(Path(__file__).parents[1]))  # for the references
 
@@ -30,42 +27,33 @@ import tyro
 from tqdm import tqdm
 
 from slamgauge import local_processes
-from tests.reference.agreement import Judged, bad_ones, describe, table
+from tests.reference.agreement import Outcome, table
 from tests.reference.drawn_recordings import draw
 from tests.reference.filter_agreement import judge_filters
 from tests.reference.optimum_agreement import judge_optima
 
 
 def main(recordings: int = 200, seed: int = 0, only: int | None = None, jobs: int = 2) -> int:
-    numbers = range(recordings) if only is None else [only]
-    judged: list[Judged] = []
-    for each in tqdm(judge_all(seed, numbers, jobs), total=len(numbers), disable=None):
-        judged.append(each)
-        for outcome in each.outcomes if only is not None else bad_ones(each):
-            tqdm.write(describe(each, outcome), file=sys.stderr)
-    seconds = sum(each.seconds for each in judged)
-    print(f"{len(judged)} recordings, {seconds / max(1, len(judged)):.2f} s each\n")
-    print(table(judged))
+    numbers, found = range(recordings) if only is None else [only], list[Outcome]()
+    with local_processes(jobs) as executor:
+        judged = executor.map(partial(judge, seed), numbers)
+        for number, outcomes in zip(numbers, tqdm(judged, total=len(numbers), disable=None), strict=True):
+            found += outcomes
+            for each in outcomes:
+                if only is not None or each.verdict in ("worse", "failed"):
+                    head = f"{each.estimator} {each.verdict} {each.difference:.1e}"
+                    tags = ", ".join(draw(seed, number).tags)
+                    tqdm.write(f"{head:36} --seed {seed} --only {number}: {tags}\n    {each.note}", file=sys.stderr)
+    print(f"{len(numbers)} recordings\n")
+    print(table(found))
     return 0
 
 
-def judge_all(seed: int, numbers: Sequence[int], jobs: int) -> Iterator[Judged]:
-    """Yield the results of these recordings as they are ready; one job runs in this process."""
-    if jobs == 1 or len(numbers) <= 1:
-        yield from map(partial(judge, seed), numbers)
-        return
-    with local_processes(jobs) as executor:
-        for future in as_completed([executor.submit(judge, seed, number) for number in numbers]):
-            yield future.result()
-
-
-def judge(seed: int, number: int) -> Judged:
+def judge(seed: int, number: int) -> list[Outcome]:
     """Draw a recording and compare every estimator with its reference."""
-    begin = perf_counter()
     drawn = draw(seed, number)
     with np.errstate(all="ignore"):  # a diverging start may overflow; the comparisons find values that are not finite
-        outcomes = [*judge_filters(drawn.recording), *judge_optima(drawn)]
-    return Judged(seed, number, drawn.recording.steps, drawn.tags, outcomes, perf_counter() - begin)
+        return [*judge_filters(drawn.recording), *judge_optima(drawn)]
 
 
 if __name__ == "__main__":

@@ -4,8 +4,6 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from threadpoolctl import threadpool_limits
-
 VARIABLES = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 
 
@@ -24,5 +22,8 @@ def one_blas_thread() -> Iterator[None]:
     if any(variable in os.environ for variable in VARIABLES):
         yield
         return
+    # here: `python -m slamgauge` must not import libraries while the user's folder is the first place for modules
+    from threadpoolctl import threadpool_limits
+
     with threadpool_limits(limits=1, user_api="blas"):
         yield

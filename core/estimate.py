@@ -12,13 +12,13 @@ from slamgauge.display import counted, data_frame, fact_table
 from slamgauge.errors import UserError
 from slamgauge.recording import Recording
 from slamgauge.validation import (
+    Record,
     are_among,
     as_array,
     as_covariances,
     as_distinct_ids,
     as_floats,
     as_ints,
-    equal,
     require_rows,
     store,
     wrap_headings,
@@ -29,13 +29,11 @@ AXES = ("x", "y", "heading")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MapHistory:
+class MapHistory(Record):
     """The map at some steps, in the world frame.
 
     A row is a landmark with one position (a point), or a member of a ray: one of several weighted Gaussian hypotheses
     for the position of a bearing-only landmark.
-
-    Compared by value, and not hashable.
 
     Attributes:
         step: (K,) in increasing order.
@@ -70,17 +68,12 @@ class MapHistory:
             cov=as_covariances("history.cov", self.cov, (len(step), 2, 2)),
         )
 
-    def __eq__(self, other: object) -> bool:
-        return equal(self, other)
-
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RayLog:
+class RayLog(Record):
     """Start, end and members of every ray of a bearing-only estimate.
 
     Before a bearing-only landmark becomes a point, it is a ray of members: hypotheses at different distances.
-
-    Compared by value, and not hashable.
 
     Attributes:
         landmark: (B,) id of each ray's landmark.
@@ -111,15 +104,10 @@ class RayLog:
         require_rows("rays.members", members >= 0, members, "a number of members cannot be negative")
         store(self, landmark=landmark, birth=birth, end=end, survivor=survivor, distances=distances, members=members)
 
-    def __eq__(self, other: object) -> bool:
-        return equal(self, other)
-
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Estimate:
+class Estimate(Record):
     """The result of an estimator; only `kind` and `poses` are required.
-
-    Compared by value, and not hashable.
 
     Attributes:
         kind: `filtered` (pose k uses the measurements up to step k) or `smoothed` (uses all).
@@ -169,23 +157,22 @@ class Estimate:
         if not len(ids) and np.size(self.landmarks):
             raise UserError("landmark_ids: missing for the given landmarks; give the id of each row")
         store(self, poses=poses, landmark_ids=ids, landmarks=as_floats("landmarks", self.landmarks, (len(ids), 2)))
-        if self.pose_covs is not None:
-            store(self, pose_covs=as_covariances("pose_covs", self.pose_covs, (count, 3, 3)))
-        if self.landmark_covs is not None:
-            store(self, landmark_covs=as_covariances("landmark_covs", self.landmark_covs, (len(ids), 2, 2)))
-        if self.association is not None:
-            association = as_ints("association", self.association, (None,))
-            known = are_among(association, ids) | (association == -1)
-            require_rows(
-                "association", known, association, "give an id of landmark_ids, or -1 for a rejected observation"
-            )
-            store(self, association=association)
         if (self.nis is None) != (self.nis_dof is None):
             raise UserError("nis: give nis and nis_dof together, or neither")
-        if self.nis is not None and self.nis_dof is not None:
-            store(self, nis=as_floats("nis", self.nis, (count,)), nis_dof=as_ints("nis_dof", self.nis_dof, (count,)))
-        if self.seconds is not None:
-            store(self, seconds=as_floats("seconds", self.seconds, (count,)))
+        for name, check, shape in (
+            ("pose_covs", as_covariances, (count, 3, 3)),
+            ("landmark_covs", as_covariances, (len(ids), 2, 2)),
+            ("association", as_ints, (None,)),
+            ("nis", as_floats, (count,)),
+            ("nis_dof", as_ints, (count,)),
+            ("seconds", as_floats, (count,)),
+        ):
+            if getattr(self, name) is not None:
+                store(self, **{name: check(name, getattr(self, name), shape)})
+        if self.association is not None:
+            known = are_among(self.association, ids) | (self.association == -1)
+            rule = "give an id of landmark_ids, or -1 for a rejected observation"
+            require_rows("association", known, self.association, rule)
         for name in ("chi_square", "chi_square_dof", "optimum_check"):
             if getattr(self, name) is not None:
                 store(self, **{name: _as_figure(name, getattr(self, name))})
@@ -214,9 +201,6 @@ class Estimate:
             sigmas = np.sqrt(np.diagonal(self.pose_covs, axis1=1, axis2=2).clip(min=0))
             columns |= {f"sigma_{name}": sigma for name, sigma in zip(AXES, sigmas.T, strict=True)}
         return data_frame(columns)
-
-    def __eq__(self, other: object) -> bool:
-        return equal(self, other)
 
 
 def _as_figure(name: str, value: object) -> float | int:

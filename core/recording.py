@@ -8,14 +8,13 @@ from itertools import pairwise
 from typing import Any, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
-from slamgauge.arrays import Float, Int, chunks, distinct
+from slamgauge.arrays import Float, Int, Marks, chunks, distinct
 from slamgauge.display import counted, data_frame, fact_table
 from slamgauge.errors import UserError
 from slamgauge.se2 import compose
 from slamgauge.sensors import SENSORS, Sensor, inverse
-from slamgauge.validation import as_covariances, as_floats, as_ints, equal, for_all, require_rows, store
+from slamgauge.validation import Record, as_covariances, as_floats, as_ints, for_all, require_rows, store
 
 
 class Observations(NamedTuple):
@@ -27,10 +26,8 @@ class Observations(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Recording:
+class Recording(Record):
     """Everything an estimator receives: N odometry increments and M landmark observations.
-
-    Compared by value, and not hashable.
 
     Attributes:
         stamps: (N+1,) [s], strictly increasing; step k leads from stamp k-1 to stamp k.
@@ -99,9 +96,6 @@ class Recording:
             landmark=landmark,
         )
 
-    def __eq__(self, other: object) -> bool:
-        return equal(self, other)
-
     def __repr__(self) -> str:
         return f"Recording({', '.join(str(each) for each in self._facts().values())})"
 
@@ -133,18 +127,10 @@ class Recording:
     def first(self, steps: int) -> Self:
         """Return the recording up to pose `steps`, with the observations of that pose."""
         last = int(np.searchsorted(self.observation_step, steps, side="right"))
-        return replace(
-            self,
-            stamps=self.stamps[: steps + 1],
-            odometry=self.odometry[:steps],
-            odometry_cov=self.odometry_cov[:steps],
-            observation_step=self.observation_step[:last],
-            observation=self.observation[:last],
-            observation_cov=self.observation_cov[:last],
-            landmark=None if self.landmark is None else self.landmark[:last],
-        )
+        steps_only = {name: getattr(self, name)[:steps] for name in ("odometry", "odometry_cov")}
+        return replace(self.only(slice(last)), stamps=self.stamps[: steps + 1], **steps_only)
 
-    def only(self, kept: NDArray[np.bool_]) -> Self:
+    def only(self, kept: Marks | slice) -> Self:
         """Return the recording with the observations marked in `kept` (M,) only."""
         return replace(
             self,

@@ -23,17 +23,6 @@ class Triangulation(NamedTuple):
     placed: bool
 
 
-class _Found(NamedTuple):
-    """Final position and last step [m], distance of the nearest pose [m], share of poses that have it in front."""
-
-    x: float
-    y: float
-    sigma: float
-    step: float
-    nearest: float
-    ahead: float
-
-
 def triangulate(poses: Float, bearings: Float, variances: Float, sure: float) -> Triangulation:
     """Return the maximum likelihood landmark: Gauss-Newton, started at the point nearest to all bearing lines.
 
@@ -46,14 +35,19 @@ def triangulate(poses: Float, bearings: Float, variances: Float, sure: float) ->
     Returns:
         The landmark. If it is `placed`, it lies in front of the poses.
     """
-    found = _searched(np.ascontiguousarray(poses), np.ascontiguousarray(bearings), np.ascontiguousarray(variances))
-    settled = found.step < FOUND * found.sigma < FOUND * sure * found.nearest
-    return Triangulation(np.array([found.x, found.y]), found.sigma, placed=bool(found.ahead > 0.5 and settled))
+    given = np.ascontiguousarray(poses), np.ascontiguousarray(bearings), np.ascontiguousarray(variances)
+    x, y, sigma, step, nearest, ahead = _searched(*given)
+    settled = step < FOUND * sigma < FOUND * sure * nearest
+    return Triangulation(np.array([x, y]), sigma, placed=bool(ahead > 0.5 and settled))
 
 
 @kernel
-def _searched(poses: Float, bearings: Float, variances: Float) -> _Found:
-    """Run Gauss-Newton; without a solution return infinite sigma and a point 1 m from the last pose."""
+def _searched(poses: Float, bearings: Float, variances: Float) -> tuple[float, float, float, float, float, float]:
+    """Run Gauss-Newton; without a solution return infinite sigma and a point 1 m from the last pose.
+
+    Returns x, y, their largest standard deviation, the length of the last step, the distance of the nearest pose [m],
+    and the share of poses that have the landmark in front.
+    """
     count = len(poses)
     origin_x, origin_y = GRID * np.round(poses[0, 0] / GRID), GRID * np.round(poses[0, 1] / GRID)
     angle, residual = poses[:, 2] + bearings, np.empty(count)
@@ -76,7 +70,7 @@ def _searched(poses: Float, bearings: Float, variances: Float) -> _Found:
         weakest = (a * d - b * b) / strongest
         if not weakest > 1e-12 * (a + d):
             x, y = poses[-1, 0] + along[-1, 0], poses[-1, 1] + along[-1, 1]
-            return _Found(x, y, math.inf, math.inf, 0.0, 0.0)
+            return x, y, math.inf, math.inf, 0.0, 0.0
         determinant = strongest * weakest
         move_x, move_y = (d * pull_x - b * pull_y) / determinant, (a * pull_y - b * pull_x) / determinant
         x, y = x + move_x, y + move_y
@@ -90,4 +84,4 @@ def _searched(poses: Float, bearings: Float, variances: Float) -> _Found:
             ahead += (forward > 0.0) / count
             gradient[i, 0], gradient[i, 1] = -north / squared, east / squared
             residual[i] = -math.atan2(left, forward)
-    return _Found(origin_x + x, origin_y + y, sigma, step, math.sqrt(nearest), ahead)
+    return origin_x + x, origin_y + y, sigma, step, math.sqrt(nearest), ahead

@@ -10,12 +10,12 @@ from slamgauge.arrays import Float, Int, Marks
 from slamgauge.errors import UserError
 from slamgauge.recording import Recording
 from slamgauge.validation import (
+    Record,
     are_among,
     as_array,
     as_distinct_ids,
     as_floats,
     as_ints,
-    equal,
     require_rows,
     store,
     wrap_headings,
@@ -25,10 +25,8 @@ NOBODY = -1  # landmark of clutter
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Truth:
+class Truth(Record):
     """Ground truth of a run, which only the scores receive; a field without ground truth is None.
-
-    Compared by value, and not hashable.
 
     Attributes:
         poses: (N+1, 3); a row of NaN in a gap of the ground truth, a heading of NaN where only the position is known.
@@ -74,9 +72,6 @@ class Truth:
             outlier = as_ints("outlier", self.outlier, (None,))
             require_rows("outlier", (outlier == 0) | (outlier == 1), outlier, "give 1 for an outlier, 0 for none")
             store(self, outlier=outlier == 1)
-
-    def __eq__(self, other: object) -> bool:
-        return equal(self, other)
 
     @property
     def misleading(self) -> Marks | None:

@@ -5,7 +5,6 @@ An invalid value raises ``UserError`` with field, row, value and remedy in one l
 
 from __future__ import annotations
 
-import operator
 from dataclasses import fields, is_dataclass
 from typing import TypeGuard, TypeVar
 
@@ -31,11 +30,15 @@ def store(instance: object, **fields: object) -> None:
         object.__setattr__(instance, name, value)
 
 
-def equal(one: object, other: object) -> bool:
-    """Return whether two dataclasses have the same type and equal fields; NaN is equal to NaN."""
-    if type(one) is not type(other) or not is_dataclass(one):
-        return False
-    return all(_same(getattr(one, field.name), getattr(other, field.name)) for field in fields(one))
+class Record:
+    """Base of the records: compared by value, NaN is equal to NaN; not hashable."""
+
+    __slots__ = ()
+
+    def __eq__(self, other: object) -> bool:
+        if type(self) is not type(other) or not is_dataclass(self):
+            return False
+        return all(_same(getattr(self, field.name), getattr(other, field.name)) for field in fields(self))
 
 
 def _same(one: object, other: object) -> bool:
@@ -216,16 +219,8 @@ def require_rows(name: str, good: ArrayLike, rows: NDArray[np.generic], rule: st
         raise UserError(f"{name}[{first + bad[0]}] = {value}: {rule}")
 
 
-def require_lag(lag: int) -> int:
-    """Return the number of steps of a window as an int.
-
-    Raises:
-        UserError: it is not a whole number of at least 1.
-    """
-    try:
-        steps = operator.index(lag)
-    except TypeError:
-        steps = 0
-    if steps < 1 or isinstance(lag, bool):
-        raise UserError(f"lag: {lag!r} steps leave no window; give a whole number, at least 1")
-    return steps
+def as_whole(name: str, value: object, why: str, least: int) -> int:
+    """Return a whole number of at least `least` as an int; else refuse it, with the reason `why`."""
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
+        raise UserError(f"{name}: {value!r} {why}; give a whole number, at least {least}")
+    return int(value)

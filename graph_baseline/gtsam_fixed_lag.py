@@ -17,7 +17,7 @@ from slamgauge.graph_baseline.gtsam_incremental import IncrementalGraph, newest_
 from slamgauge.graph_baseline.problem.preparation import prepare, relative_to_start, with_association
 from slamgauge.recording import Recording
 from slamgauge.sensors import SENSORS
-from slamgauge.validation import require_lag
+from slamgauge.validation import as_whole
 
 LAG = 20  # steps
 RELINEARIZED_ABOVE = 1e-3  # m or rad, checked at every step
@@ -43,7 +43,7 @@ def fixed_lag(recording: Recording, association: Int | None = None, lag: int = L
     problem = prepare(recording, association)
     if not SENSORS[problem.sensor].places_landmarks:
         raise UserError("fixed_lag: a window of bearings is overconfident and diverges; use isam2 for this recording")
-    lag = min(require_lag(lag), max(problem.steps, 1))
+    lag = min(as_whole("lag", lag, "steps leave no window", 1), max(problem.steps, 1))
     parameters = gtsam.ISAM2Params()
     parameters.setRelinearizeThreshold(RELINEARIZED_ABOVE)
     parameters.relinearizeSkip = 1

@@ -12,15 +12,7 @@ import numpy as np
 import tyro
 
 from slamgauge.compare.cli.common import Repeated, flattened, results_of
-from slamgauge.compare.datasets import (
-    bag_log,
-    csv_log,
-    g2o,
-    imported_log,
-    lost_in_the_woods,
-    mrclam,
-    plausibility,
-)
+from slamgauge.compare.datasets import bag_log, csv_log, g2o, imported_log, lost_in_the_woods, mrclam, plausibility
 from slamgauge.compare.storage import files, staged_folder, toml_tables
 from slamgauge.compare.storage.result_files import MAPPING, RECORDING, TRUTH
 

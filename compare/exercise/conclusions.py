@@ -109,6 +109,7 @@ def _claim(id: str, text: str, asserted: tuple[float, float], settings: Sequence
     return Conclusion(id, text, asserted, tuple(Measure(name, each) for name in names for each in settings))
 
 
+MAP = {what: [f"{what} of the {half} half of the map" for half in HALVES] for what in WHAT}
 ERROR, SIGMA = ({each: f"position {what} {each}" for each in STRETCHES} for what in WHAT)
 MAPPED, FOUND = ("mapped landmarks", "true landmarks"), ("landmarks found", "true landmarks")
 GATE = "with gate 9 the {} map looks as with known association"
@@ -118,15 +119,9 @@ CONCLUSIONS = (
         "landmarks near the start are better localised than far ones",
         MORE,
         ["2.2"],
-        *(f"error of the {half} half of the map" for half in HALVES),
+        *MAP["error"],
     ),
-    _claim(
-        "q1-near-landmarks-sigma",
-        "their uncertainty is smaller",
-        MORE,
-        ["2.2"],
-        *(f"sigma of the {half} half of the map" for half in HALVES),
-    ),
+    _claim("q1-near-landmarks-sigma", "their uncertainty is smaller", MORE, ["2.2"], *MAP["sigma"]),
     _claim("q1-error-grows", "the error accumulates along the loop", MORE, ["2.2"], ERROR[HALF], ERROR[START]),
     _claim("q1-sigma-grows", "so does the uncertainty", MORE, ["2.2"], SIGMA[HALF], SIGMA[START]),
     _claim("q1-error-falls", "the error is corrected at the start point", LESS, ["2.2"], ERROR[BACK], ERROR[HALF]),

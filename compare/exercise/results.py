@@ -75,18 +75,14 @@ class Closure:
 
 @dataclass(frozen=True)
 class SettingResult:
-    """Figures of a setting: the stored `runs` of each estimator, their summaries, and the loop closures."""
+    """Figures of a setting: `runs` and summary of each estimator, loop closures, mean number of observed landmarks."""
 
     setting: Setting
     scenario: Scenario
     runs: Mapping[str, Runs]
     estimators: dict[str, EstimatorSummary]
     closures: list[Closure]
-
-    @property
-    def landmarks_true(self) -> float | None:
-        """Mean number of distinct landmarks that were observed."""
-        return mean(self.runs[EKF].figures["landmarks_true"])
+    landmarks_true: float | None
 
     @property
     def consistency(self) -> str:
@@ -102,15 +98,6 @@ class SettingResult:
     def doubt(self) -> str | None:
         """Return that the causal optimum, the reference of the ratio, is in doubt in some runs; None if it is not."""
         return doubt_in_runs(f"{self.setting.figure}: {CAUSAL}", self.estimators[CAUSAL]["optimum_check_share"])
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the entry of the setting in exercise.json."""
-        return {
-            **{key: getattr(self.setting, key) for key in ("figure", "scenario", "title")},
-            **{key: getattr(self, key) for key in ("consistency", "landmarks_true")},
-            "estimators": {name: each.to_json() for name, each in self.estimators.items()},
-            "loop_closures": self.closures,
-        }
 
 
 @dataclass(frozen=True)
@@ -155,20 +142,6 @@ class QuestionResult:
             f"{closure.estimators[CAUSAL]}."
         )
 
-    def to_json(self) -> dict[str, Any]:
-        """Return the entry of the question in exercise.json."""
-        return {
-            "title": QUESTIONS[self.name].title,
-            "task": QUESTIONS[self.name].task,
-            "answer": self.answer(),
-            "largest_correction": self.largest_correction(),
-            "settings": [each.to_json() for each in self.settings],
-            "conclusions": [
-                {**{key: getattr(each, key) for key in ("id", "text", "hypothesis", "asserted")}, **asdict(found)}
-                for each, found in self.judgements
-            ],
-        }
-
 
 @dataclass(frozen=True)
 class Exercise:
@@ -186,9 +159,29 @@ class Exercise:
 
     def to_json(self) -> dict[str, Any]:
         """Return the content of exercise.json."""
-        questions = {each.name: each.to_json() for each in self.questions}
-        content = {"runs": self.runs, "seed": self.seed, "questions": questions, "failures": self.failures}
-        return to_jsonable_python({**origin(None), **content}, inf_nan_mode="null")
+        content: dict[str, Any] = {
+            **origin(None),
+            "runs": self.runs,
+            "seed": self.seed,
+            "questions": {},
+            "failures": self.failures,
+        }
+        for question in self.questions:
+            entry = {key: getattr(QUESTIONS[question.name], key) for key in ("title", "task")}
+            entry |= {"answer": question.answer(), "largest_correction": question.largest_correction()}
+            entry["settings"] = [
+                {key: getattr(each.setting, key) for key in ("figure", "scenario", "title")}
+                | {"consistency": each.consistency, "landmarks_true": each.landmarks_true}
+                | {"estimators": {name: found.to_json() for name, found in each.estimators.items()}}
+                | {"loop_closures": each.closures}
+                for each in question.settings
+            ]
+            keys = ("id", "text", "hypothesis", "asserted")
+            entry["conclusions"] = [
+                {key: getattr(each, key) for key in keys} | asdict(found) for each, found in question.judgements
+            ]
+            content["questions"][question.name] = entry
+        return to_jsonable_python(content | {"failures": self.failures}, inf_nan_mode="null")
 
 
 def run_exercise(names: Sequence[str], runs: int, seed: int, out: str | Path, executor: Executor) -> Exercise:
@@ -214,7 +207,9 @@ def run_exercise(names: Sequence[str], runs: int, seed: int, out: str | Path, ex
         loaded |= {(setting.figure, name): each for name, each in summary.loaded.items()}
         if setting in chosen:
             closures = _closures(scenario, [run_seed(seed, run) for run in range(runs)], summary.loaded)
-            found[setting.figure] = SettingResult(setting, scenario, summary.loaded, summary.estimators, closures)
+            landmarks = mean(summary.loaded[EKF].figures["landmarks_true"])
+            parts = (summary.loaded, summary.estimators, closures, landmarks)
+            found[setting.figure] = SettingResult(setting, scenario, *parts)
     results = [
         QuestionResult(
             name,

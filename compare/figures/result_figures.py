@@ -30,7 +30,7 @@ from slamgauge.compare.scoring.intervals import Interval
 from slamgauge.compare.scoring.optimum_notes import MARK, at_places
 from slamgauge.compare.storage.files import of_this_version, read_json
 from slamgauge.compare.storage.result_files import BENCH, NOISE
-from slamgauge.compare.studies.budget import ErrorBudget, doubts, verdict
+from slamgauge.compare.studies.budget import ErrorBudget, notes, verdict
 from slamgauge.compare.studies.sweep import Sweep, shares_in_doubt
 
 BASE, COST, GAIN = "#777777", "#CC3311", "#009988"
@@ -62,7 +62,7 @@ SHOWN = 20.0  # largest ratio of estimated and assumed sigma on the axis
 def save_budget_figure(out: Path, budget: ErrorBudget) -> None:
     """Write the figure `budget`, a waterfall in which each bar starts at the end of the previous one."""
     narrow, last = SHEET.get().is_narrow, len(budget.rungs)
-    lines = [verdict(budget).replace("; ", ";\n", 1), *doubts(budget)]
+    lines = [verdict(budget).replace("; ", ";\n", 1), *notes(budget)]
     number: dict[str, Any] = {"textcoords": "offset points", "ha": "center", "fontsize": 5.5 if narrow else 7.5}
     with printed(out / "budget", 3.4, "\n".join(lines)) as figure:
         axes = figure.subplots()

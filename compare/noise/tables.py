@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import Any
 
 from slamgauge.compare.scoring.intervals import Interval
-from slamgauge.compare.scoring.table import Cell, Head, Table, figure, from_to
+from slamgauge.compare.scoring.table import Cell, Head, Table, figure
 from slamgauge.compare.scoring.text_page import Page
 
 SIGNIFICANT = "significant"
@@ -18,13 +18,6 @@ HEADS = (
     Head("95 % interval", help="interval of the profile likelihood", words=True),
     Head("verdict", help="comparison of the interval with the assumed value", words=True, wraps=True),
     Head("assumed", help="value in the recording", words=True),
-)
-NIS_HEADS = (
-    Head("channel", help="measured value", words=True),
-    Head("NIS as assumed", help="squared innovations divided by their variance, with the assumed noise; 1 if right"),
-    Head("NIS as found", help="the same with the estimated noise"),
-    Head("95 % band", help="interval of the NIS for the right noise"),
-    Head("rows", help="number of innovations"),
 )
 
 
@@ -45,18 +38,6 @@ def noise_table(content: dict[str, Any]) -> Table:
         cells = (figure(found.mean, "{:+.3g}"), _ends(found), systematic_verdict(found), "0")
         rows.append([f"{name} [{each['unit']}]", *cells])
     return Table.of(HEADS, rows, "Noise of the measurements", "noise")
-
-
-def nis_table(content: dict[str, Any]) -> Table:
-    """Return the NIS of each channel with the assumed and with the estimated noise."""
-    rows = [
-        [
-            *(Cell(channel), figure(each["before"], "{:.3f}"), figure(each["after"], "{:.3f}")),
-            *(from_to(each["low"], each["high"], "{:.3f}"), Cell(str(each["rows"]), each["rows"])),
-        ]
-        for channel, each in content["nis_by_channel"].items()
-    ]
-    return Table(NIS_HEADS, rows, "Fit of the innovations", "nis")
 
 
 def _ends(found: Interval) -> str:

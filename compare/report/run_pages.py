@@ -8,7 +8,7 @@ from typing import Any
 
 from slamgauge.compare.estimators.registry import OPTIMA, REGISTRY
 from slamgauge.compare.figures.plot_style import DEAD_RECKONING
-from slamgauge.compare.noise.tables import nis_table, noise_table
+from slamgauge.compare.noise.tables import noise_table
 from slamgauge.compare.report.page import Line, Page, Section, looks, origin, pictures, render, said
 from slamgauge.compare.report.replay_data import replay_data
 from slamgauge.compare.scoring.comparison import doubtful_kinds, run_table
@@ -106,7 +106,7 @@ def noise_page(folder: Path) -> Page:
         lead=[Line(row[0].text, row[3].text) for row in found.rows],
         notes=said(content["notes"]),
         sections=[
-            Section("Noise of the measurements", "sigmas", tables=[found, nis_table(content)]),
+            Section("Noise of the measurements", "sigmas", tables=[found]),
             Section("Figure", "pictures", pictures=pictures(folder, PICTURES)),
         ],
         origin=origin(content),

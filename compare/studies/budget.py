@@ -28,13 +28,7 @@ from slamgauge.compare.scenarios.simulation import simulate_informed
 from slamgauge.compare.scoring.consistency import pose_errors, squared_distances
 from slamgauge.compare.scoring.intervals import Interval, bootstrap_interval, mean_interval
 from slamgauge.compare.scoring.measured import Measured
-from slamgauge.compare.scoring.optimum_notes import (
-    MARK,
-    at_places,
-    is_misfit_in_runs,
-    misfits,
-)
-from slamgauge.compare.scoring.ray_figures import RayFigures, describe, mean_figures, ray_figures
+from slamgauge.compare.scoring.optimum_notes import MARK, at_places, is_misfit_in_runs, misfits
 from slamgauge.compare.scoring.runs import share_of_doubt
 from slamgauge.compare.scoring.table import Cell, Head, Table, from_to, marked
 from slamgauge.compare.scoring.text_page import Page
@@ -49,7 +43,7 @@ from slamgauge.estimate import Estimate
 from slamgauge.memory import require_memory
 from slamgauge.recording import Recording
 from slamgauge.truth import NOBODY
-from slamgauge.validation import require_lag
+from slamgauge.validation import as_whole
 
 RUNGS = {
     "hindsight optimum": "unavoidable, even with all measurements",
@@ -93,9 +87,8 @@ class ErrorBudget:
     """Error budget of a filter on a scenario.
 
     `rungs` split the mean squared error of `filter` over the `runs` of `scenario` into its causes [m²]; `costliest` is
-    the rung after the first that adds most. `fit` is chi2/dof of the hindsight optimum, `rays` the figures of the
-    rays of a bearing-only filter, both means over runs; `scenario_text` is the scenario as a TOML file, `seed` the
-    root seed, `digest` that of both.
+    the rung after the first that adds most. `fit` is the mean chi2/dof of the hindsight optimum, `scenario_text` the
+    scenario as a TOML file, `seed` the root seed, `digest` that of both.
     """
 
     scenario: str
@@ -104,18 +97,14 @@ class ErrorBudget:
     rungs: tuple[Rung, ...]
     costliest: str
     fit: Interval | None
-    rays: RayFigures | None = None
     scenario_text: str | None = None
     seed: int | None = None
     digest: str | None = None
 
     def to_json(self) -> dict[str, Any]:
-        """Return the content of budget.json; `rays` only for bearing-only filters."""
+        """Return the content of budget.json."""
         content: dict[str, Any] = to_jsonable_python(self) | origin(self.scenario_text)
-        content |= {"chi_square_per_dof": content.pop("fit"), "verdict": verdict(self), "notes": notes(self)}
-        if self.rays is None:
-            del content["rays"]
-        return content
+        return content | {"chi_square_per_dof": content.pop("fit"), "verdict": verdict(self), "notes": notes(self)}
 
 
 def read_budget(folder: Path) -> ErrorBudget:
@@ -131,15 +120,11 @@ def read_budget(folder: Path) -> ErrorBudget:
 
 
 class RungErrors(NamedTuple):
-    """One run of a budget: mean squared errors (n,) [m^2] of the rungs, checks (n,) of their optima, and the rays.
-
-    `fit` is chi2/dof of the hindsight optimum; NaN if unknown.
-    """
+    """One run of a budget: mean squared errors (n,) [m^2] of the rungs, and checks (n,) and `fit` of their optima."""
 
     errors: Float
     checks: Float
-    fit: float
-    rays: RayFigures | None
+    fit: float  # chi2/dof of the hindsight optimum; NaN if unknown
 
 
 def error_budget(
@@ -160,7 +145,7 @@ def error_budget(
     scenario = as_scenario(scenario)
     (asked,) = ask([filter_name])
     if lag is not None:
-        require_lag(lag)
+        as_whole("lag", lag, "steps leave no window", 1)
     if isinstance(asked, BuiltIn) and asked.name not in FILTERS:
         raise UserError(
             f"filter: {filter_name!r} is not a filter whose error can be split; use {', '.join(FILTERS)}, or your own"
@@ -170,10 +155,10 @@ def error_budget(
     seeds = [run_seed(seed, run) for run in range(runs)]
     results = executor.map(rung_errors, repeat(scenario), seeds, repeat(asked), repeat(lag))
     shown = progress.counted(runs, "run", scenario.name, leave=True, items=results)
-    errors, checks, fits, rays = zip(*shown, strict=True)
+    errors, checks, fits = zip(*shown, strict=True)
     budget = summarise_budget(scenario.name, asked.label, np.array(errors), np.array(checks), np.array(fits))
     found = {"scenario_text": scenario_text(scenario), "seed": seed, "digest": digest(scenario, seed)}
-    return replace(budget, rays=mean_figures(rays), **found)
+    return replace(budget, **found)
 
 
 def summarise_budget(scenario: str, filter_name: str, table: Float, checks: Float, fits: Float) -> ErrorBudget:
@@ -215,7 +200,7 @@ def rung_errors(scenario: Scenario, seed: int, chosen: str | Asked, lag: int | N
     errors = np.array([squared_distances(pose_errors(truth.poses, each.poses)).mean() for each in rungs])
     checks = np.array([each.optimum_check for each in rungs], dtype=np.float64)
     fit = Measured(truth, recording, hindsight).chi_square_per_dof()
-    return RungErrors(errors, checks, np.nan if fit is None else fit, ray_figures(Measured(truth, recording, estimate)))
+    return RungErrors(errors, checks, np.nan if fit is None else fit)
 
 
 def _run(name: str, recording: Recording) -> Estimate:
@@ -241,11 +226,6 @@ def rung_table(budget: ErrorBudget) -> Table:
 
 
 def notes(budget: ErrorBudget) -> list[str]:
-    """Return notes on the rays and on doubts."""
-    return [*([] if budget.rays is None else [f"Per run {describe(budget.rays)}."]), *doubts(budget)]
-
-
-def doubts(budget: ErrorBudget) -> list[str]:
     """Return lines on optima that do not fit the stated noise, and on rungs whose optima are in doubt."""
     misfit = misfits([HINDSIGHT, CAUSAL]) if is_misfit_in_runs(budget.fit) else None
     lines = at_places(CAUSAL, {rung.name: rung.optimum_check_share for rung in budget.rungs})

@@ -52,13 +52,6 @@ def require_sensor(sensor: str, known: tuple[str, ...]) -> None:
         raise UserError(f"sensor: {sensor!r} does not fit this filter; use one of {', '.join(known)}")
 
 
-def require_room(landmarks: int) -> int:
-    """Return a number of landmarks >= 0 as an int; refuse anything else."""
-    if isinstance(landmarks, bool) or not isinstance(landmarks, (int, np.integer)) or landmarks < 0:
-        raise UserError(f"landmarks: {landmarks!r} is not a number of landmarks; give a whole number, at least 0")
-    return int(landmarks)
-
-
 def require_gate(gate: float | None) -> None:
     """Refuse a gate outside the limits of `Association.gate`; None is allowed."""
     if gate is not None:

@@ -19,9 +19,9 @@ from numpy.typing import ArrayLike
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf.kernels.belief import ROBOT, Belief, allocate_belief, enlarged
 from slamgauge.ekf.maps.correction_table import Rule
-from slamgauge.ekf.maps.input_checks import require_room, start_of
+from slamgauge.ekf.maps.input_checks import start_of
 from slamgauge.memory import require_memory
-from slamgauge.validation import LARGEST
+from slamgauge.validation import LARGEST, as_whole
 
 
 class NewEntries(NamedTuple):
@@ -57,7 +57,7 @@ class MapState:
 
     def __init__(self, prior_mean: ArrayLike, prior_cov: ArrayLike, rule: Rule, landmarks: int) -> None:
         self.origin, start, cov = start_of(prior_mean, prior_cov)
-        room = require_room(landmarks)
+        room = as_whole("landmarks", landmarks, "is not a number of landmarks", 0)
         self.belief: Belief = allocate_belief(room, first_estimates=rule.first_estimates, form=rule.jacobians)
         self.belief.state[:3] = self.belief.point[:3] = start
         self.belief.cov[:3, :3] = cov

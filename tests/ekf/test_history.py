@@ -58,15 +58,11 @@ def test_frames_are_spread_evenly_from_first_to_last(steps: int) -> None:
 def test_without_frames_there_is_no_history_and_frames_change_nothing_else(bearing: bool) -> None:
     recording = ring() if bearing else random_recording(0)[1]
     without, with_frames = ekf_slam(recording), ekf_slam(recording, FilterSettings(frames=20))
-    assert without.history is None
-    np.testing.assert_array_equal(with_frames.poses, without.poses)
-    np.testing.assert_array_equal(with_frames.landmarks, without.landmarks)
-
-
-def test_a_map_without_landmarks_has_no_rows() -> None:
-    _, recording = random_recording(0, steps=10)
+    assert (without.history, without.rays is not None) == (None, bearing)
     nothing = recording.only(np.zeros(len(recording.observation), dtype=bool))
     assert len(history_of(ekf_slam(nothing, FilterSettings(frames=5))).step) == 0
+    np.testing.assert_array_equal(with_frames.poses, without.poses)
+    np.testing.assert_array_equal(with_frames.landmarks, without.landmarks)
 
 
 # --- maps ----------------------------------------------------------------------------------------
@@ -149,11 +145,6 @@ def test_the_log_agrees_with_the_maps() -> None:
     assert outcomes["point"] > 5
     assert {*log.landmark.tolist()} >= {*np.asarray(estimate.landmark_ids).tolist()}
     assert sum(outcomes.values()) == len(log.landmark)
-
-
-def test_without_rays_there_is_no_log() -> None:
-    assert ekf_slam(ring(), FilterSettings(initialisation=Delayed())).rays is None
-    assert ekf_slam(random_recording(0)[1]).rays is None
 
 
 def test_a_landmark_that_starts_twice_has_two_rows() -> None:

@@ -146,7 +146,7 @@ def test_the_errors_of_the_optima_reach_the_bound_as_noise_shrinks(estimator: Es
     assert chi2.ppf(0.0005, 180) < total < chi2.ppf(0.9995, 180)
 
 
-def test_clutter_and_outliers_are_ignored() -> None:
+def test_clutter_and_outliers_are_ignored_and_ids_may_have_any_order() -> None:
     truth, recording = small_run(4, "range-bearing")
     assert truth.association is not None
     outlier = np.arange(len(truth.association)) % 5 == 0
@@ -155,27 +155,12 @@ def test_clutter_and_outliers_are_ignored() -> None:
     rest = replace(truth, association=truth.association[~outlier])
     expected = causal_bound(rest, recording.only(~outlier))
     np.testing.assert_allclose(causal_bound(marked, recording), expected, rtol=1e-12)
-
-
-def test_landmark_ids_may_have_any_order() -> None:
-    truth, recording = small_run(5, "range-bearing")
-    assert truth.association is not None
-    assert truth.landmarks is not None
     names = np.array([30, 7, 99, 2])
-    renamed = replace(truth, landmark_ids=names, association=names[truth.association])
-    np.testing.assert_allclose(causal_bound(renamed, recording), causal_bound(truth, recording), rtol=1e-9)
+    renamed = replace(rest, landmark_ids=names, association=names[rest.association])
+    np.testing.assert_allclose(causal_bound(renamed, recording.only(~outlier)), expected, rtol=1e-9)
 
 
 def test_a_truth_without_landmarks_is_refused() -> None:
     truth, recording = small_run(6, "range-bearing")
     with pytest.raises(UserError, match="truth: the bound needs all true poses, landmarks and associations"):
         causal_bound(replace(truth, landmark_ids=None, landmarks=None), recording)
-
-
-def test_without_observations_both_bounds_are_equal_and_grow() -> None:
-    truth, recording = small_run(7, "range-bearing")
-    nothing = np.zeros(len(recording.observation), dtype=bool)
-    truth, recording = replace(truth, association=np.zeros(0, dtype=np.int64)), recording.only(nothing)
-    causal = causal_bound(truth, recording)
-    np.testing.assert_allclose(hindsight_bound(truth, recording), causal, rtol=1e-12)
-    assert (np.diff(np.trace(causal[:, :2, :2], axis1=1, axis2=2)) > 0).all()

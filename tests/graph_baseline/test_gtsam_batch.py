@@ -117,17 +117,23 @@ def test_an_initial_estimate_of_something_else_is_refused(initial: Callable[...,
         gtsam_batch(recording, initial=initial(recording))
 
 
-@pytest.mark.parametrize(("sensor", "tolerance"), [("range-bearing", 1e-5), ("position", 0.06)])
-def test_without_zero_variances_only_the_position_sensor_differs(sensor: str, tolerance: float) -> None:
-    assert largest_difference(*both(recording_of(sensor, 1, slip=True))) < tolerance
-
-
 def test_a_start_far_from_the_origin_costs_no_accuracy() -> None:
     recording = recording_of("range-bearing", 2, slip=False)
     moved = replace(recording, prior_mean=np.array([4e6, -3e6, 2.0]), prior_cov=0.01 * np.eye(3))
     found, optimum = both(moved)
     assert largest_difference(found, optimum) < 1e-3
     assert_same_covariances(found.pose_covs, optimum.pose_covs, 1e-3)
+
+
+def test_where_marginals_lose_digits_covariances_come_from_qr(monkeypatch: pytest.MonkeyPatch) -> None:
+    """So does GTSAM on a path of 1350 poses without slip."""
+
+    def loses_digits(*_: object) -> None:
+        raise RuntimeError("Indeterminate linear system detected while working near variable (Symbol: x3)")
+
+    monkeypatch.setattr("gtsam.Marginals", loses_digits)
+    recording = recording_of("range-bearing", 2, slip=False)
+    assert_same_optimum(answer(gtsam_batch(recording)), answer(batch(recording)))
 
 
 def test_an_undetermined_landmark_is_named() -> None:

@@ -14,12 +14,11 @@ from gtsam.symbol_shorthand import L, X
 from slamgauge import load_scenario, simulate
 from slamgauge.ekf import dead_reckoning
 from slamgauge.estimate import Estimate
-from slamgauge.graph_baseline import UndeterminedError, batch, causal, hindsight
+from slamgauge.graph_baseline import UndeterminedError, batch, causal
 from slamgauge.graph_baseline.gtsam_batch import REGULARISING_NOISE
-from slamgauge.graph_baseline.problem.preparation import Problem, require_known_landmarks
+from slamgauge.graph_baseline.problem.preparation import require_known_landmarks
 from slamgauge.graph_baseline.problem.undetermined import explained
 from slamgauge.graph_baseline.solver import incremental
-from slamgauge.graph_baseline.solver.robust_fit import RobustFit
 from slamgauge.recording import Recording
 from slamgauge.se2 import between
 from tests.reference.least_squares import Model
@@ -142,23 +141,6 @@ def test_causal_accepts_few_observations_with_long_gaps(observed: tuple[int, ...
     last = answer(batch(sparse))
     off = between(last.poses, answer(causal(sparse)).poses)[-1]
     assert (np.abs(off) < 0.02 * np.sqrt(np.diag(last.pose_covs[-1]))).all()
-
-
-def test_a_second_start_is_tried_only_if_noise_does_not_explain_the_cost(monkeypatch: pytest.MonkeyPatch) -> None:
-    calls: list[int] = []
-    original = hindsight.robust_fit
-
-    def counted(recording: Problem) -> RobustFit:
-        calls.append(recording.steps)
-        return original(recording)
-
-    monkeypatch.setattr(hindsight, "robust_fit", counted)
-    recording = problem(0, "range-bearing", True)[1]
-    for factor in (1.0, 10.0):
-        batch(replace(recording, observation_cov=recording.observation_cov * factor))
-    assert not calls
-    batch(replace(recording, observation_cov=recording.observation_cov * 0.1))
-    assert len(calls) == 1
 
 
 def test_a_landmark_at_the_robots_position_is_named() -> None:

@@ -12,13 +12,10 @@ from slamgauge.arrays import Float
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline import UndeterminedError, batch, causal
-from slamgauge.graph_baseline.problem.objective import Objective
-from slamgauge.graph_baseline.problem.preparation import Problem, prepare, require_known_landmarks
+from slamgauge.graph_baseline.problem.preparation import Problem, require_known_landmarks
 from slamgauge.graph_baseline.solver import incremental
 from slamgauge.graph_baseline.solver.chord_descent import ChordDescent
 from slamgauge.graph_baseline.solver.incremental import Change, IncrementalOptimum
-from slamgauge.graph_baseline.solver.smoother import Damping, damped_step
-from slamgauge.se2 import chain
 from tests.reference.random_recordings import random_recording
 
 pytestmark = pytest.mark.slow
@@ -86,20 +83,6 @@ def test_an_observed_position_of_zero_is_valid(optimum: Callable[..., Estimate])
     changed = replace(recording, observation=observation)
     near = replace(recording, observation=np.where(observation == 0.0, 1e-7, observation))
     np.testing.assert_allclose(optimum(changed).poses, optimum(near).poses, atol=1e-4)
-
-
-def test_damping_limits_motions_between_poses_without_observations() -> None:
-    recording = random_recording(1, steps=20)[1]
-    recording = recording.only((recording.observation_step < 5) | (recording.observation_step > 15))
-    rng, problem = np.random.default_rng(0), prepare(recording)
-    path = chain(recording.prior_mean, recording.odometry + rng.normal(0.0, 0.05, recording.odometry.shape))
-    objective = Objective(problem)
-    point = objective.at(path, rng.normal(size=(len(problem.landmark_ids), 2)))
-    problem_at = point.model, objective.scans, len(point.landmarks)
-    strong = damped_step(*problem_at, Damping(np.full(3, 1e12), 1e12, 1e12))
-    assert max(np.abs(each).max() for each in strong) < 1e-6
-    free = damped_step(*problem_at, Damping(np.full(3, 1e12), 1e12, 0.0))
-    assert np.abs(free[0]).max() > 1e-3
 
 
 def test_an_unlikely_increase_of_the_cost_starts_a_search_for_a_lower_minimum(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -24,25 +24,14 @@ def without_gtsam(*words: str) -> subprocess.CompletedProcess[str]:
 
 
 def test_the_three_estimators_of_gtsam_name_an_alternative_and_all_others_run(tmp_path: Path) -> None:
-    words = (
-        "run",
-        "q1-short-dense",
-        "--set",
-        "trajectory.duration=3",
-        "--estimators",
-        "ekf,causal,batch,robust-batch,fixed-lag,isam2,gtsam-batch",
-    )
-    done = without_gtsam("-m", "slamgauge", *words, "--no-report", "--wide", "--out", str(tmp_path / "run"))
-    for name, other in (
-        ("gtsam-batch", "batch"),
-        ("fixed-lag", "causal"),
-        ("isam2", "causal"),
-    ):
+    words = ["run", "q1-short-dense", "--set", "trajectory.duration=3", "--estimators"]
+    words += ["ekf,causal,batch,robust-batch,fixed-lag,isam2,gtsam-batch", "--no-report", "--wide"]
+    done = without_gtsam("-m", "slamgauge", *words, "--out", str(tmp_path / "run"))
+    for name, other in {"gtsam-batch": "batch", "fixed-lag": "causal", "isam2": "causal"}.items():
         reason = f"estimator {name}: needs GTSAM, which cannot be imported (there is no gtsam); use {other}"
         assert reason in done.stdout
     assert done.returncode == 1
     assert "Traceback" not in done.stderr
     rows = {line.split()[0]: line.split()[1] for line in done.stdout.splitlines() if line}
-    assert [rows[name] for name in ("ekf", "causal", "batch", "robust-batch")] == [
-        *("filtered", "filtered", "smoothed", "smoothed")
-    ]
+    assert all(rows[name] == "filtered" for name in ("ekf", "causal"))
+    assert all(rows[name] == "smoothed" for name in ("batch", "robust-batch"))

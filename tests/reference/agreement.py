@@ -44,18 +44,6 @@ class Outcome:
     unflagged: int = 0
 
 
-@dataclass(frozen=True)
-class Judged:
-    """All outcomes of a recording, and the seconds that they took."""
-
-    seed: int
-    number: int
-    steps: int
-    tags: tuple[str, ...]
-    outcomes: list[Outcome]
-    seconds: float
-
-
 def attempt(estimator: Callable[[Recording], Estimate], recording: Recording) -> Estimate | str:
     """Return the estimate, or the error message of a `UserError` or of an exception that should have been one."""
     try:
@@ -66,16 +54,15 @@ def attempt(estimator: Callable[[Recording], Estimate], recording: Recording) ->
         return f"{type(error).__name__}: {error}"
 
 
-def table(judged: Sequence[Judged]) -> str:
+def table(outcomes: Sequence[Outcome]) -> str:
     """Return a row per estimator: number of recordings per verdict, and the largest finite difference."""
     lines = [f"{'estimator':14}" + "".join(f"{each:>14}" for each in VERDICTS) + f"{'largest difference':>28}"]
-    for name in dict.fromkeys(outcome.estimator for each in judged for outcome in each.outcomes):
-        outcomes = [outcome for each in judged for outcome in each.outcomes if outcome.estimator == name]
-        counts = Counter(each.verdict for each in outcomes)
-        largest = max((each.difference for each in outcomes if math.isfinite(each.difference)), default=math.nan)
+    for name in dict.fromkeys(each.estimator for each in outcomes):
+        own = [each for each in outcomes if each.estimator == name]
+        counts = Counter(each.verdict for each in own)
+        largest = max((each.difference for each in own if math.isfinite(each.difference)), default=math.nan)
         row = "".join(f"{counts[each]:14d}" for each in VERDICTS)
         lines.append(f"{name:14}{row}{largest:>14.1e} {UNITS.get(name, 'sigma'):13}".rstrip())
-    outcomes = [outcome for each in judged for outcome in each.outcomes]
     compared, off, unflagged = (
         sum(getattr(each, key) for each in outcomes) for key in ("steps", "steps_off", "unflagged")
     )
@@ -83,15 +70,3 @@ def table(judged: Sequence[Judged]) -> str:
         lines += ["", f"causal steps: {compared}, more than {STEP_BAR} sigma off: {off} ({off / compared:.2%})"]
         lines[-1] += f", of these in estimates without a flag: {unflagged}"
     return "\n".join(lines)
-
-
-def bad_ones(judged: Judged) -> list[Outcome]:
-    """Return the outcomes that are worse than the reference, or failed."""
-    return [each for each in judged.outcomes if each.verdict in ("worse", "failed")]
-
-
-def describe(judged: Judged, outcome: Outcome) -> str:
-    """Return an outcome in two lines."""
-    head = f"{outcome.estimator} {outcome.verdict} {outcome.difference:.1e}"
-    where = f"--seed {judged.seed} --only {judged.number}: {judged.steps} steps, {', '.join(judged.tags)}"
-    return f"{head:36} {where}\n    {outcome.note}"

@@ -33,13 +33,6 @@ ROUNDINGS = 8  # random roundings of a covariance
 ANOTHER_MINIMUM = 1e-3  # sigma; smaller differences belong to the same minimum
 
 
-class Pair(NamedTuple):
-    """A filter of ours and its textbook form."""
-
-    ours: Estimator
-    textbook: Estimator
-
-
 class Path(NamedTuple):
     """Poses (N+1, 3) relative to the prior's mean position, and sigmas (N+1, 3) of the additive error."""
 
@@ -47,23 +40,23 @@ class Path(NamedTuple):
     sigmas: Float
 
 
-PAIRS = {
-    "ekf": Pair(ekf_slam, textbook_ekf),
-    "fej-ekf": Pair(fej_ekf, textbook_fej_ekf),
-    "oc-ekf": Pair(oc_ekf, textbook_oc_ekf),
-    "iekf": Pair(iekf, textbook_iekf),
-    "riekf": Pair(riekf, textbook_riekf),
+PAIRS: dict[str, tuple[Estimator, Estimator]] = {  # our filter and its textbook form
+    "ekf": (ekf_slam, textbook_ekf),
+    "fej-ekf": (fej_ekf, textbook_fej_ekf),
+    "oc-ekf": (oc_ekf, textbook_oc_ekf),
+    "iekf": (iekf, textbook_iekf),
+    "riekf": (riekf, textbook_riekf),
 }
 
 
 def judge_filters(recording: Recording) -> list[Outcome]:
     """Return an outcome for each of `PAIRS`, and `iekf minimum`: whether `iekf` ends in a minimum of its cost."""
     if recording.sensor == "bearing":  # rays have no textbook form: the filters must run
-        estimates = {name: attempt(pair.ours, recording) for name, pair in PAIRS.items()}
-        failed = {
-            name: Outcome(name, "failed", math.inf, note) for name, note in estimates.items() if isinstance(note, str)
-        }
-        return [failed.get(name, Outcome(name, "not compared")) for name in PAIRS]
+        notes = {name: attempt(ours, recording) for name, (ours, _) in PAIRS.items()}
+        return [
+            Outcome(name, "failed", math.inf, note) if isinstance(note, str) else Outcome(name, "not compared")
+            for name, note in notes.items()
+        ]
     return [*(judge_filter(recording, name) for name in PAIRS), judge_minimum(recording)]
 
 
@@ -73,14 +66,14 @@ def judge_filter(recording: Recording, name: str) -> Outcome:
     The result is undecided where the textbook form loses digits, and where an update of `iekf` has several minima, of
     which both find different ones: `judge_minimum` judges the updates alone.
     """
-    estimate = attempt(PAIRS[name].ours, recording)
+    estimate = attempt(PAIRS[name][0], recording)
     reference, turned = (_textbook(recording, name, turn) for turn in (0.0, TURN))
     if reference is None or turned is None:
         return Outcome(name, "undecided", math.inf, "the textbook form has no answer")
     lost = float(differences(turned, reference, recording).max())
     if isinstance(estimate, str):
         return Outcome(name, "failed" if lost <= FILTER_BAR else "undecided", math.inf, estimate)
-    apart = differences(_path(estimate, recording), reference, recording)
+    apart = differences(_path(estimate, np.append(recording.prior_mean[:2], 0.0)), reference, recording)
     largest = float(apart.max())
     if largest <= FILTER_BAR:
         return Outcome(name, "agrees", largest)
@@ -98,19 +91,17 @@ def _textbook(recording: Recording, name: str, turn: float) -> Path | None:
     mean = np.array([0.0, 0.0, wrap(recording.prior_mean[2] + turn)])
     moved = replace(recording, prior_mean=mean, prior_cov=T @ recording.prior_cov @ T.T)
     with np.errstate(all="ignore"):
-        estimate = attempt(PAIRS[name].textbook, moved)
-    if isinstance(estimate, str) or estimate.pose_covs is None:
-        return None
-    poses = estimate.poses @ T
-    poses[:, 2] = wrap(estimate.poses[:, 2] - turn)
-    return Path(poses, sigmas_of(T.T @ estimate.pose_covs @ T))
+        estimate = attempt(PAIRS[name][1], moved)
+    return None if isinstance(estimate, str) else _path(estimate, np.append(mean[:2], turn))
 
 
-def _path(estimate: Estimate, recording: Recording) -> Path:
+def _path(estimate: Estimate, origin: Float) -> Path:
+    """Return the path of an estimate relative to an origin (3,) and in its frame."""
     assert estimate.pose_covs is not None
-    poses = estimate.poses.copy()
-    poses[:, :2] -= recording.prior_mean[:2]
-    return Path(poses, sigmas_of(estimate.pose_covs))
+    T = pose_rotation(origin[2])
+    poses = (estimate.poses - origin) @ T
+    poses[:, 2] = wrap(poses[:, 2])
+    return Path(poses, sigmas_of(T.T @ estimate.pose_covs @ T))
 
 
 def sigmas_of(covs: Float) -> Float:

@@ -1,4 +1,4 @@
-"""The optimum by damped dense least squares, independent of GTSAM and of the project's solvers.
+"""The optimum by dense least squares with MINPACK, independent of GTSAM and of the project's solvers.
 
 Unknowns are the landmarks and unit-variance coordinates a, w_k of the noise of the start and of each motion:
 x_0 = mean Exp(B_0 a), x_k = x_{k-1} u_k Exp(B_k w_k) with B B' = Q. A direction without variance has no unknown, so
@@ -16,14 +16,15 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import solve_triangular
+from scipy.optimize import least_squares
 
 from slamgauge.arrays import Float, Int
 from slamgauge.recording import Recording
 from slamgauge.se2 import between, compose, rotation, wrap
 
 ARRIVED = 1e-8  # length of a step [standard deviations], over all unknowns
-MAX_ITERATIONS = 200
-GIVE_UP = 1e12  # damping, for columns of unit length
+EVALUATIONS = 400  # of the residuals, at most
+NEWTON_STEPS = 10
 
 
 class Minimum(NamedTuple):
@@ -185,7 +186,7 @@ class Model:
 
     def start(self, poses: Float) -> Float:
         """Return the unknowns at relative poses (N+1, 3) and landmarks computed from observations at these poses."""
-        return self.unknowns(poses, self.sighted(self.poses(self.unknowns(poses, np.zeros((len(self.ids), 2))))))
+        return self.drawn_start(self.unknowns(poses, np.zeros((len(self.ids), 2)))[: self.noises])
 
     def drawn_start(self, noise: Float) -> Float:
         """Return unknowns with these noise coordinates (noises,), and landmarks computed from observations."""
@@ -225,60 +226,36 @@ class Model:
         stacked = np.column_stack([self.jacobian(unknowns), self.residuals(unknowns)])
         if len(stacked) < self.size:
             raise NoMinimumError("fewer observations than unknowns")
-        factor = triangle(stacked)
+        factor = np.asarray(np.linalg.qr(stacked, mode="r"), dtype=np.float64)
         return factor[: self.size, : self.size], factor[: self.size, -1]
 
-    def minimum(self, start: Float, iterations: int = MAX_ITERATIONS) -> Minimum:
-        """Take Levenberg-Marquardt steps from `start` until a full step is shorter than `ARRIVED`.
+    def minimum(self, start: Float, evaluations: int = EVALUATIONS) -> Minimum:
+        """Take MINPACK's Levenberg-Marquardt steps from `start`, then Gauss-Newton steps until they are negligible.
 
         Raises:
-            NoMinimumError: the last step was longer than a thousandth of a sigma.
+            NoMinimumError: the next step would be longer than a thousandth of a sigma.
         """
-        at, cost, damping, distance = start, self.cost(start), 1e-4, np.inf
-        for _ in range(iterations):
+        at = least_squares(
+            self.residuals, start, self.jacobian, method="lm", xtol=1e-12, ftol=1e-12, gtol=1e-12, max_nfev=evaluations
+        ).x
+        best, distance = at, np.inf
+        for _ in range(NEWTON_STEPS):
             R, projected = self.factored(at)
-            distance = float(np.linalg.norm(projected))
-            if distance < ARRIVED:
+            length = float(np.linalg.norm(projected))
+            if length < distance:
+                best, distance = at, length
+            if distance < ARRIVED or length > distance or not np.diag(R).all():
                 break
-            trial = 0.0 if distance < 1e-2 else damping
-            rounding = 1e-12 * cost if distance < 1e-5 else 0.0
-            after = at + _damped_step(R, projected, trial)
-            while not (self.cost(after) < cost + rounding) and trial < GIVE_UP:
-                trial = max(4.0 * trial, 1e-15)
-                after = at + _damped_step(R, projected, trial)
-            if trial >= GIVE_UP:
-                break
-            at, cost, damping = after, self.cost(after), max(trial / 10.0, 1e-15)
-        if distance > 1e-3:
+            at = at - solve_triangular(R, projected)
+        if not distance < 1e-3:
             raise NoMinimumError(f"the next step has {distance:.1e} sigma")
-        return Minimum(at, cost, distance)
+        return Minimum(best, self.cost(best), distance)
 
 
 def placed_only(recording: Recording, ids: Int) -> Recording:
     """Return the recording with the observations of the landmarks `ids` only."""
     assert recording.landmark is not None
     return recording.only(np.isin(recording.landmark, ids))
-
-
-def triangle(matrix: Float) -> Float:
-    """Return R of matrix = Q R."""
-    return np.asarray(np.linalg.qr(matrix, mode="r"), dtype=np.float64)
-
-
-def _damped_step(R: Float, projected: Float, damping: float) -> Float:
-    """Return the step -(R'R + damping diag(R'R))^-1 R' projected, by QR."""
-    scale = np.linalg.norm(R, axis=0)
-    scale[scale == 0.0] = 1.0
-    stacked, right = R / scale, projected
-    if damping > 0.0:
-        stacked = np.vstack([stacked, np.sqrt(damping) * np.eye(len(R))])
-        right = np.concatenate([projected, np.zeros(len(R))])
-    factor = triangle(np.column_stack([stacked, right]))
-    size = len(R)
-    diagonal = np.abs(np.diag(factor[:size, :size]))
-    if diagonal.min(initial=1.0) < 1e-15:
-        return np.zeros(size)
-    return -solve_triangular(factor[:size, :size], factor[:size, -1]) / scale
 
 
 def _exp_jacobian(tangent: Float) -> Float:

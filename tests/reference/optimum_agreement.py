@@ -21,14 +21,14 @@ from slamgauge.recording import Recording
 from slamgauge.se2 import chain, wrap
 from tests.reference.agreement import COST_BAR, STEP_BAR, Outcome, attempt
 from tests.reference.drawn_recordings import Drawn
-from tests.reference.least_squares import MAX_ITERATIONS, Minimum, Model, NoMinimumError, placed_only
+from tests.reference.least_squares import EVALUATIONS, Minimum, Model, NoMinimumError, placed_only
 
 WELL_PLACED = 0.05  # sigma over distance of a landmark that is placed for certain by bearings from the true path
 PLACED = 0.3  # the same by bearings from the path of a minimum with the landmark
 UNLIKELY = 5e-4  # probability of larger residuals, below which noise does not explain them
 SMALLEST_SIGMA = 1e-6  # m or rad; lower limit of sigmas in comparisons
 PERTURBED = 3  # starts
-PREFIX_ITERATIONS = 50
+PREFIX_EVALUATIONS = 100
 
 
 def judge_optima(drawn: Drawn) -> list[Outcome]:
@@ -70,12 +70,12 @@ def of_estimate(model: Model, estimate: Estimate) -> Float:
     return model.unknowns(model.relative(estimate.poses), model.relative(estimate.landmarks)[order])
 
 
-def lowest(model: Model, begin: Iterable[Float], iterations: int = MAX_ITERATIONS) -> Minimum | None:
+def lowest(model: Model, begin: Iterable[Float], evaluations: int = EVALUATIONS) -> Minimum | None:
     """Return the lowest minimum found from the starts, None if no start ends in a minimum."""
     found: list[Minimum] = []
     for start in begin:
         try:
-            found.append(model.minimum(start, iterations))
+            found.append(model.minimum(start, evaluations))
         except (NoMinimumError, np.linalg.LinAlgError, ValueError):
             continue
     return min(found, key=lambda each: each.cost, default=None)
@@ -165,10 +165,10 @@ def _judge_causal(drawn: Drawn, model: Model, minimum: Minimum | None) -> Outcom
         part = model if k == count - 1 else _first_steps(drawn, k)
         if part is None:
             continue
-        found = minimum if part is model else lowest(part, [carried(part, warm)], PREFIX_ITERATIONS)
+        found = minimum if part is model else lowest(part, [carried(part, warm)], PREFIX_EVALUATIONS)
         if part is not model and not _newest_apart(part, found, estimate) <= STEP_BAR:
             more = starts(part, drawn.truth.poses, attempt(batch, part.recording))
-            both = (found, lowest(part, more, PREFIX_ITERATIONS))
+            both = (found, lowest(part, more, PREFIX_EVALUATIONS))
             found = min((each for each in both if each), key=lambda each: each.cost, default=None)
         if found is not None:
             apart[k], warm = _newest_apart(part, found, estimate), (part, found.unknowns)

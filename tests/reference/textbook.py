@@ -7,8 +7,7 @@ They share formulas with `slamgauge.ekf.textbook`, the EKF of the exercise. `Den
   and Roumeliotis, IJRR 2010);
 * `observable`: the unobservable directions N are propagated by F of the first-estimates filter, step by step, and every
   row of H, at the newest estimate, is projected so that H N = 0 (same paper);
-* `iterated`: minimises the cost of the prior and the observations of one step (Bell and Cathey 1993), with another
-  method than the fast filter;
+* `iterated`: minimises the cost of the prior and the observations of one step (Bell and Cathey 1993) with MINPACK;
 * `invariant`: works in the coordinates of the right-invariant error (Barrau and Bonnabel, arXiv 1510.06263): F = I,
   noise on every landmark, updates by exp(K r), additive covariances at the end.
 """
@@ -22,6 +21,7 @@ from typing import Literal
 import numpy as np
 import pytest
 from scipy.linalg import block_diag
+from scipy.optimize import least_squares
 
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf import ekf_slam, fej_ekf, iekf, oc_ekf, riekf, textbook, textbook_ekf
@@ -243,7 +243,7 @@ def unobservable(point: Float) -> Float:
 def update_iterated(
     sensor: str, x: Float, P: Float, slots: list[int], z: Float, R: Float
 ) -> tuple[Float, Float, float]:
-    """Minimise u'u + v' R^-1 v at x + Lu, P = LL', by Levenberg-Marquardt from u = 0."""
+    """Minimise u'u + v' R^-1 v at x + Lu, P = LL', with MINPACK from u = 0."""
 
     def at(x: Float) -> tuple[Float, Float]:
         return textbook.stack(textbook.linearise(sensor, x, np.array(slots), z, R), len(x))[:2]
@@ -252,28 +252,19 @@ def update_iterated(
     L = axes * np.sqrt(variances.clip(min=0.0))
     root = np.linalg.inv(np.linalg.cholesky(block_diagonal(R)))
 
-    def residuals(u: Float) -> tuple[Float, Float]:
-        v, H = at(x + L @ u)
-        return np.concatenate([u, root @ v]), np.vstack([np.eye(len(u)), -root @ H @ L])
+    def residuals(u: Float) -> Float:
+        return np.concatenate([u, root @ at(x + L @ u)[0]])
+
+    def jacobian(u: Float) -> Float:
+        return np.vstack([np.eye(len(u)), -root @ at(x + L @ u)[1] @ L])
 
     v, H = at(x)
     nis = float(v @ np.linalg.solve(H @ P @ H.T + block_diagonal(R), v))
-    u, damping = np.zeros(len(x)), 0.0
-    for _ in range(1000):
-        r, A = residuals(u)
-        step = -np.linalg.solve(A.T @ A + damping * np.eye(len(u)), A.T @ r)
-        if np.abs(step).max() < 1e-7:
-            break
-        if np.sum(residuals(u + step)[0] ** 2) <= np.sum(r**2) * (1.0 + 1e-15):
-            u, damping = u + step, damping / 10.0 if damping > 1e-6 else 0.0
-        else:
-            damping = max(10.0 * damping, 1e-3)
-    length = np.inf
-    while True:  # Newton steps as long as they become shorter: the cost does not show the last digits
-        r, A = residuals(u)
-        bent = curvature(sensor, x + L @ u, slots, z, root.T @ r[len(u) :])
-        step = -np.linalg.solve(A.T @ A - L.T @ bent @ L, A.T @ r)
-        if not np.abs(step).max() < 0.5 * length:
+    start = np.zeros(len(x))
+    u, length = least_squares(residuals, start, jacobian, method="lm", xtol=1e-15, ftol=1e-15, gtol=1e-15).x, np.inf
+    while True:  # Gauss-Newton steps as long as they become shorter: the cost does not show the last digits
+        step = np.linalg.lstsq(jacobian(u), -residuals(u))[0]
+        if not np.abs(step).max() < 0.9 * length:
             break
         u, length = u + step, np.abs(step).max()
     minimum = x + L @ u
@@ -282,20 +273,6 @@ def update_iterated(
     P = (np.eye(len(x)) - K @ H) @ P
     minimum[2] = wrap(minimum[2])
     return minimum, (P + P.T) / 2, nis
-
-
-def curvature(sensor: str, x: Float, slots: list[int], z: Float, weights: Float) -> Float:
-    """Return the sum of weights_k d^2 h_k / dx^2 (n, n) by differences of H' weights per observation."""
-    C, h, no_noise = np.zeros((len(x), len(x))), 1e-5, np.zeros((1, 2, 2))
-    for a, slot in enumerate(slots):
-        of_one = slice(2 * a, 2 * a + 2)
-        for column in (0, 1, 2, 3 + 2 * slot, 4 + 2 * slot):
-            ahead, behind = x.copy(), x.copy()
-            ahead[column], behind[column] = x[column] + h, x[column] - h
-            seen = (textbook.linearise(sensor, p, np.array([slot]), z[a : a + 1], no_noise) for p in (ahead, behind))
-            H = (textbook.stack(each, len(x))[1] for each in seen)
-            C[:, column] += np.subtract(*(each.T @ weights[of_one] for each in H)) / (2 * h)
-    return (C + C.T) / 2
 
 
 def exp_action(xi: Float, x: Float) -> Float:

@@ -1,4 +1,4 @@
-"""Tables fit pipes and terminals, colours stay on terminals."""
+"""Tables fit pipes and terminals, colours stay on terminals, and poor or closed streams do no harm."""
 
 from __future__ import annotations
 
@@ -18,22 +18,14 @@ from tests.reference import fast_commands
 pytestmark = pytest.mark.slow
 
 COMMAND = [sys.executable, "-m", "slamgauge"]
-RUN = ("run", "q1-short-dense", "--set", "trajectory.duration=1", "--estimators", "ekf", "--out", "out")
 STUDY = ["study", "q1-short-dense", "--set", "trajectory.duration=1", "--runs", "2", "--jobs", "1"]
 ESTIMATORS = ["--estimators", "dead-reckoning,ekf,causal,batch"]
-
-
-pictures_empty = pytest.mark.usefixtures("empty_pictures")
-
-
-@pytest.fixture(scope="module", autouse=True)
-def compiled_kernels() -> None:
-    compile_kernels()
 
 
 @pytest.fixture(scope="module")
 def study(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
     """A command whose runs are stored already."""
+    compile_kernels()
     command = [*STUDY, *ESTIMATORS, "--out", str(tmp_path_factory.mktemp("study") / "out")]
     with fast_commands.studies_in_a_thread(), fast_commands.empty_pictures():
         assert main(command) == 0
@@ -42,12 +34,12 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
 
 def printed(capsys: pytest.CaptureFixture[str], *words: str) -> list[str]:
     capsys.readouterr()
-    assert main(words) == 0
+    assert main([*words, "--no-report"]) == 0
     return capsys.readouterr().out.splitlines()
 
 
-@pictures_empty
-def test_a_study_in_a_pipe_has_no_line_over_80_characters(
+@pytest.mark.usefixtures("empty_pictures")
+def test_tables_fit_pipes_and_terminals(
     study: list[str], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setattr(terminal, "PIPED", 80)
@@ -59,12 +51,6 @@ def test_a_study_in_a_pipe_has_no_line_over_80_characters(
     whole = printed(capsys, *study, "--wide")
     assert "NEES in 99.9% band" in whole[0]
     assert not any("\x1b" in line for line in (*lines, *whole))
-
-
-@pictures_empty
-def test_a_wide_terminal_shows_all_columns(
-    study: list[str], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-):
     monkeypatch.setattr(terminal.sys.stdout, "isatty", lambda: True, raising=False)
     monkeypatch.setenv("NO_COLOR", "1")
     monkeypatch.setenv("COLUMNS", "250")
@@ -73,7 +59,6 @@ def test_a_wide_terminal_shows_all_columns(
     assert len(printed(capsys, *study)[0]) > 60
 
 
-@pictures_empty
 @pytest.mark.parametrize(
     ("color", "environment", "is_terminal", "coloured"),
     [
@@ -92,27 +77,23 @@ def test_colours(
     coloured: bool,
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
-    study: list[str],
 ):
     for name, value in ({"TERM": "xterm", "NO_COLOR": ""} | environment).items():
         monkeypatch.setenv(name, value)
-    capsys.readouterr()
     monkeypatch.setattr(terminal.sys.stdout, "isatty", lambda: is_terminal, raising=False)
-    assert printed(capsys, *study, "--color", color)[0].startswith("\x1b[1mestimator") == coloured
+    assert main(["check", "dead-reckoning", "--color", color]) in (0, 1)
+    assert capsys.readouterr().out.startswith("\x1b[1mcheck") == coloured
 
 
-@pytest.mark.parametrize("encoding", ["ascii", "latin-1", "cp1252"])
-def test_a_poor_encoding_and_no_home(encoding: str, study: list[str]):
+def test_a_poor_encoding_and_no_home(study: list[str]):
     """A table has signs that ASCII lacks; matplotlib needs a home folder, and a progress bar a terminal."""
-    poor = {"PYTHONIOENCODING": encoding, "LANG": "C", "LC_ALL": "C", "HOME": "/nowhere", "TERM": ""}
+    poor = {"PYTHONIOENCODING": "ascii", "LANG": "C", "LC_ALL": "C", "HOME": "/nowhere", "TERM": ""}
     ended = subprocess.run([*COMMAND, *study], env=os.environ | poor, capture_output=True, check=False)
-    assert ended.returncode == 0
-    assert b"Traceback" not in ended.stderr
-    assert (b"\\xb1" if encoding == "ascii" else "±".encode(encoding)) in ended.stdout
+    assert (ended.returncode, b"Traceback" in ended.stderr, b"\\xb1" in ended.stdout) == (0, False, True)
     assert (Path(study[-1]) / "nees.png").exists()
 
 
-@pytest.mark.parametrize("words", [["--help"], ["study", "--help"], ["scenarios"]])
+@pytest.mark.parametrize("words", [["study", "--help"], ["scenarios"]])
 def test_a_closed_pipe_is_not_an_error(words: list[str]):
     reading, writing = os.pipe()
     os.close(reading)

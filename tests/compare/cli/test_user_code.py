@@ -8,12 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from slamgauge import dead_reckoning
-from slamgauge.compare.checks.examination import CHECKS, OVERDUE, check_estimator
+from slamgauge.compare.checks.examination import CHECKS, OVERDUE
 from slamgauge.compare.cli.main import main
-from slamgauge.compare.estimators.user_errors import OverdueError
-from slamgauge.estimate import Estimate
-from slamgauge.recording import Recording
 from tests.reference.command_line import Module, Refuse, run
 
 pytestmark = pytest.mark.slow
@@ -41,7 +37,6 @@ def estimate(recording):
 """,
     "right": RIGHT,
 }
-SHORT = ("--set", "trajectory.duration=4", "start=sampled")
 
 
 @pytest.fixture
@@ -57,29 +52,22 @@ def own(*names: str) -> str:
     return ",".join(f"{name}={name}.py:estimate" for name in names)
 
 
-def reasons(out: Path, *done: str) -> list[str]:
-    """Return the errors of failed estimators; those in `done` did not fail."""
-    content = json.loads((out / "metrics.json").read_text())
-    assert {*done} == content["estimators"].keys()
-    return [each["error"] for each in content["failures"]]
-
-
-@pytest.mark.usefixtures("empty_pictures")
-def test_run_and_evaluate(folder: Path):
-    looked_at = ("--estimators", f"ekf,{own('right', 'shifted')}", "--strict", "--timeout", "60")
-    too_slow = ("--estimators", f"ekf,{own('endless')}", "--strict", "--timeout", "3")
-    for command, out in ((("run", "q1-short-dense", *SHORT), "run"), (("evaluate", "run/recording.npz"), "evaluated")):
-        assert main([*command, *looked_at, "--out", out]) == 1
-        (shifted,) = reasons(folder / out, "ekf", "right")
-        assert shifted.startswith("estimator shifted: uses the future: from the recording up to step ")
-        assert main([*command, *too_slow, "--out", f"{out}-too-long"]) == 1
-        assert reasons(folder / f"{out}-too-long", "ekf") == [
-            "estimator endless: it was not done after 3 s; make it faster, or give a longer --timeout"
-        ]
+def test_strict_and_timeout_of_a_run(folder: Path):
+    words = ("run", "q1-short-dense", "--set", "trajectory.duration=4", "start=sampled", "--strict", "--no-report")
+    for names, timeout, reason in (
+        (("right", "shifted"), "60", "estimator shifted: uses the future: from the recording up to step "),
+        (("endless",), "3", "estimator endless: it was not done after 3 s; make it faster, or give a longer --timeout"),
+    ):
+        estimators = f"ekf,{own(*names)}"
+        assert main([*words, "--timeout", timeout, "--estimators", estimators, "--out", timeout]) == 1
+        content = json.loads((folder / timeout / "metrics.json").read_text())
+        assert content["estimators"].keys() == {"ekf", *names[:-1]}
+        (failure,) = content["failures"]
+        assert failure["error"].startswith(reason)
 
 
 @pytest.mark.usefixtures("studies_in_a_thread", "empty_pictures")
-def test_study(folder: Path):
+def test_strict_of_a_study(folder: Path):
     words = ("--runs", "2", "--jobs", "1", "--estimators", f"ekf,{own('right', 'shifted')}", "--out", "study")
     for strict, expected in (((), set[str]()), (("--strict",), {"shifted"})):  # not one from the other's store
         command = ["study", "q1-short-dense", "--set", "trajectory.duration=4", *words, *strict]
@@ -100,28 +88,12 @@ def test_check_ends_at_the_check_that_takes_too_long(capsys: pytest.CaptureFixtu
     assert {(each["passed"], each["blame"]) for each in rows[first + 1 :]} == {(None, f"not judged: {OVERDUE}")}
 
 
-def test_a_check_after_one_that_took_too_long_is_not_run():
-    runs: list[int] = []
-
-    def estimator(recording: Recording) -> Estimate:
-        if len(recording.observation):
-            return dead_reckoning(recording)
-        runs.append(recording.steps)
-        raise OverdueError("it was not done after 1 s")
-
-    verdicts = {each.name: each.passed for each in check_estimator("slow", estimator)}
-    assert (verdicts["prediction-jacobian"], verdicts["odometry-noise-frame"]) == (False, None)
-    assert len(runs) == 1
-
-
 # --- code that fails ---------------------------------------------------------------------------
 
 ESTIMATE = "from slamgauge import Estimate\nimport numpy as np\nimport sys\n\ndef estimate(recording):\n    "
 BODIES = {
     "raise KeyError('gain\\nof\\nthe filter')": r"it raised KeyError: .*gain.* \(OWN.py, line 6\); mend it",
-    "raise RuntimeError('a\\nb')": r"it raised RuntimeError: a b \(OWN.py, line 6\); mend it",
     "return None": "returned a NoneType; return a slamgauge.Estimate",
-    "return recording.odometry": "returned a ndarray; return a slamgauge.Estimate",
     "return Estimate('filtered', np.zeros((5, 3)))": (
         "returned 5 poses; return 151, one for the start and one for every step"
     ),
@@ -131,22 +103,18 @@ BODIES = {
     "return Estimate('filtered', np.full((151, 3), np.nan))": r"it raised UserError: poses\[0\] = \[nan, nan, nan\]: .*"
     r" \(OWN.py, line 6\); mend it and run again",
     "recording.odometry[0] = 0.0": r"it raised ValueError: assignment destination is read-only \(OWN.py, line 6\)",
-    "recording.stamps += 1.0": r"it raised ValueError: .*read-only \(OWN.py, line 6\)",
     "recording.odometry = None": r"it raised FrozenInstanceError: .* \(OWN.py, line 6\)",
-    "sys.exit(0)": r"it raised SystemExit: 0 \(OWN.py, line 6\); mend it and run again",
     "sys.exit()": r"it raised SystemExit: \(no message\) \(OWN.py, line 6\)",
 }
 MODULES = {
     "import sys\nsys.exit(0)": r"cannot be loaded, it raised SystemExit: 0 \(OWN.py, line 2\)",
     "def estimate(recording)\n": r"cannot be loaded, it raised SyntaxError: .*OWN.py, line 1\)",
-    "1 / 0": r"cannot be loaded, it raised ZeroDivisionError: division by zero \(OWN.py, line 1\)",
     "%matplotlib inline": r"cannot be loaded, it raised SyntaxError: .*; remove the lines that only a notebook can run",
     "get_ipython()": r"cannot be loaded, it raised NameError: .*; remove the lines that only a notebook can run",
     "print 'a'": r"cannot be loaded, it raised SyntaxError: .*; this is code of Python 2; convert it to Python 3",
     "xrange(3)": r"cannot be loaded, it raised NameError: .*; this is code of Python 2; convert it to Python 3",
     "import nowhere_at_all": r"cannot be loaded, it raised ModuleNotFoundError: .* \(OWN.py, line 1\)",
     "def estimates(recording): ...": "OWN has no 'estimate'; did you mean estimates?",
-    "": "OWN has no 'estimate'; name a callable Recording -> Estimate of that module",
     "estimate = 3": "is a int; give a callable Recording -> Estimate",
 }
 
@@ -160,8 +128,7 @@ def test_estimators_that_fail_are_rows_with_their_reasons(
     names = [module(source) for source, _ in SOURCES]
     estimators = ",".join(["dead-reckoning", *(f"{name}:estimate" for name in names)])
     assert run("evaluate", stored / "recording.npz", "--estimators", estimators) == 1
-    head, ours, *lines = capsys.readouterr().out.splitlines()
-    assert head.split()[0] == "estimator"
+    _, ours, *lines = capsys.readouterr().out.splitlines()
     assert ours.split()[:2] == ["dead-reckoning", "filtered"]
     failed = [line.split()[0] for line in lines if line.split()[1:2] == ["failed"]]
     assert sorted(failed) == sorted(f"{name}:estimate" for name in names)
@@ -174,9 +141,7 @@ def test_estimators_that_fail_are_rows_with_their_reasons(
     ("path", "message"),
     [
         ("nowhere_at_all:estimate", "no module 'nowhere_at_all' is found; run in its folder or install it"),
-        ("nowhere.at.all:estimate", "no module 'nowhere' is found; "),
         (":estimate", "write FILE.py:callable or module:callable, for example my_filter.py:estimate"),
-        (".relative:estimate", "cannot be loaded, it raised TypeError"),
     ],
 )
 def test_import_paths_that_do_not_exist(stored: Path, refuse: Refuse, module: Module, path: str, message: str):

@@ -237,7 +237,7 @@ WITH_SETTINGS = spy("assert M_DIST_TH == 4.0 and KNOWN_DATA_ASSOCIATION == 1 and
     "def ekf_slam(xEst, PEst, u, y)", f"M_DIST_TH = 4.0\ndef ekf_slam(xEst, PEst, {PARAMETERS}"
 )
 WITH_WEIGHTS = BEARING.format(Py="np.eye(1)", read="pass").replace("u, y, rays):", "u, y, rays, weights):")
-BEARING_ONLY = r"it is a bearing-only file, .* use `study` or `grade` on a bearing-only scenario \(q4-ring\); "
+BEARING_ONLY = "its Py is one variance, that of bearings, .* use `study` or `grade` on q4-ring, or write Py of 2 rows"
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,7 @@ from slamgauge.compare.noise.diagnosis import autocorrelation
 from slamgauge.compare.noise.estimation import Noise
 from slamgauge.compare.noise.likelihood import Fit, NoiseModel
 from slamgauge.compare.noise.noise_json import noise_json
+from slamgauge.compare.noise.outliers import fit_without_outliers
 from slamgauge.compare.noise.parameters import SYSTEMATIC
 from slamgauge.compare.noise.tables import noise_page
 from slamgauge.compare.scoring.intervals import Interval
@@ -114,14 +115,16 @@ def test_outliers_are_named_and_do_not_increase_a_sigma(share: float):
     assert f"outliers: {named.sum()} of {len(wrong)} observations" in " ".join(text_of(found).split())
 
 
-def test_a_landmark_that_starts_with_an_outlier_starts_again():
-    recording = recording_of(duration=15.0)
+@pytest.mark.parametrize(("seed", "place", "error"), [(4, 0, 4.0), (1, 4, 1.5), (2, 0, 1.5), (2, 15, 1.5)])
+def test_a_landmark_that_starts_with_an_outlier_starts_again(seed: int, place: int, error: float):
+    """The wrong observation is named, not those after it, which disagree with it."""
+    recording = recording_of("assumed.scale=1", duration=10.0, seed=seed)
     assert recording.landmark is not None
-    wrong = int(np.flatnonzero(recording.landmark == recording.landmark[0])[0])
+    wrong = int(np.flatnonzero(recording.landmark == place)[0])
     observation = recording.observation.copy()
-    observation[wrong, 0] += 4.0
-    found = find_noise(replace(recording, observation=observation))
-    assert [each.observation for each in found.outliers] == [wrong]
+    observation[wrong, 0] += error
+    _, found = fit_without_outliers(NoiseModel(replace(recording, observation=observation)))
+    assert [each.observation for each in found] == [wrong]
 
 
 def test_noise_that_is_less_likely_on_the_held_out_half_is_not_written():

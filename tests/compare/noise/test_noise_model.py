@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from slamgauge import Recording, UserError, load_scenario, riekf, simulate
+from slamgauge import Recording, load_scenario, riekf, simulate
 from slamgauge.compare.noise.likelihood import NoiseModel
 from slamgauge.compare.noise.parameters import SYSTEMATIC, NoiseParameters, odometry_form
 from slamgauge.se2 import rotation, wrap
@@ -97,10 +97,3 @@ def test_a_position_is_corrected_like_range_and_bearing():
     polar, cartesian = (NoiseParameters(each).recording_with(values).observation for each in (recording, there))
     np.testing.assert_allclose(np.hypot(*cartesian.T), polar[:, 0], atol=1e-12)
     np.testing.assert_allclose(np.sin(np.arctan2(*cartesian.T[::-1]) - polar[:, 1]), 0.0, atol=1e-9)
-
-
-def test_a_recording_without_steps_or_observations_is_refused():
-    recording = recording_of()
-    for empty in (recording.only(np.zeros(len(recording.observation), dtype=bool)), recording.first(0)):
-        with pytest.raises(UserError, match=r"no steps or no observations.*give a longer one"):
-            NoiseParameters(empty)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pickle
+
 import numpy as np
 import pytest
 
@@ -43,9 +45,10 @@ def test_durations_between_whole_steps_are_rounded_with_a_notice(capsys: pytest.
     ]
 
 
-def test_scenarios_are_immutable_and_survive_a_dump():
-    scenario = load_scenario("q1-short-dense")
-    assert type(scenario).model_validate(scenario.model_dump()) == scenario
+@pytest.mark.parametrize("name", ["q1-short-dense", "q4-ring"])
+def test_scenarios_are_immutable_and_survive_a_dump(name: str):
+    scenario = load_scenario(name)
+    assert type(scenario).model_validate(scenario.model_dump()) == pickle.loads(pickle.dumps(scenario)) == scenario
     with pytest.raises(ValueError, match="frozen"):
         setattr(scenario, "start", "sampled")  # noqa: B010 type checkers refuse an assignment
 

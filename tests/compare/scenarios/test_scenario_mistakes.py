@@ -39,10 +39,6 @@ def test_unknown_keys_are_found_in_every_section(write: Write, section: str):
     assert mistake.startswith(f"{section}.zzz: unknown key; use ".removeprefix("."))
 
 
-def test_a_file_does_not_name_itself(write: Write):
-    assert mistakes(write("name = 'x'\n" + GOOD)) == ["name: unknown key; the file's own name is the scenario's name"]
-
-
 @pytest.mark.parametrize(
     ("old", "new", "mistake"),
     [
@@ -57,6 +53,7 @@ def test_a_file_does_not_name_itself(write: Write):
         ("step = 0.1", "step = 0.1\nspeed = 1.0", "trajectory: has both forms; give segments, or speed, yaw_rate"),
         ("step = 0.1", "step = 1e-9", "trajectory: duration / step comes to more than 1000000 steps"),
         ("[motion]", "[motions]", "motions: unknown key; did you mean motion?"),
+        ("description", "name = 'x'\ndescription", "name: unknown key; the file's own name is the scenario's name"),
         ("sigma_speed = 0.1", "sigma_speed = true", "motion.sigma_speed: input should be a valid number, not True"),
         ("[[1, 2], [3.5, -1]]", "[[1, 2], 3.5]", "landmarks.positions[1]: input should be a valid tuple, not 3.5"),
         ("[motion]", "[prior]\nmean = [0, 0, 0, 0]\n[motion]", "prior.mean: tuple should have at most 3 items"),
@@ -78,17 +75,13 @@ OVERRIDES = {  # by scenario: override, and its line, or the begin of a long one
         "trajectory={kind='spiral', step=1}": "trajectory: kind is not known; use one of segments, waypoints, ",
         "trajectory.radius=3": "trajectory.radius: a trajectory of the kind segments has none; remove it or change",
         "trajectory={kind='waypoints', step=1, points=[], speed=1, yaw_rate=1}": "trajectory.points: tuple should",
-        "trajectory={kind='figure-eight', step=1, radius=-1, speed=1}": "trajectory.radius: input should be greater",
         "trajectory={kind='csv', file='none.csv'}": "trajectory.file: none.csv: cannot be read (No such file",
         "trajectory.speed=1e60": "trajectory.speed: must be at most 1e+50 in size, not 1e+60",
         "trajectory.step=fast": "trajectory.step: input should be a valid number, not 'fast'",
         "trajectory.sped=2": "trajectory.sped: unknown key; did you mean speed?",
-        "sensor.field_of_view_deg=0": "sensor.field_of_view_deg: input should be greater than 0, not 0",
         "sensor.outlier_rate=1.2": "sensor.outlier_rate: input should be less than or equal to 1, not 1.2",
-        "sensor.outlier=cauchy": "sensor.outlier: input should be 'uniform' or 'wide', not 'cauchy'",
         f"sensor.{'a' * 5000}=1": f"sensor.{'a' * 80}",
         f"sensor.max_range={'1' * 5000}": "sensor.max_range: input should be a valid number, not '1111",
-        "motion.slip_rat=1": "motion.slip_rat: unknown key; did you mean slip_rate?",
         "prior.covariance=[[1,0,0],[0,-1,0],[0,0,1]]": "prior.covariance: covariance[0] = ",
         "landmarks={positions=[[1, 2]], random={count=3, box=[0,0,1,1]}}": "landmarks: has both forms; give positions",
         "landmarks={}": "landmarks: has no landmarks; give positions ([] for none), or random",
@@ -99,7 +92,6 @@ OVERRIDES = {  # by scenario: override, and its line, or the begin of a long one
     "q2-long-dense": {
         "association.method=nearest": "association.method: input should be 'known', 'nearest-neighbour' or 'jcbb'",
         "association.gate=0": "association.gate: 0.0 is out of range; choose it above 0",
-        "association.gat=9": "association.gat: unknown key; did you mean gate?",
     },
     "q4-ring": {
         "fis.s_max=5": "fis.s_max = 5.0 m is shorter than sensor.max_range = 10.0 m; farther landmarks would be lost",
@@ -108,7 +100,6 @@ OVERRIDES = {  # by scenario: override, and its line, or the begin of a long one
         "fis.alpha=1": "fis.alpha: 1.0 is out of range; choose it above 0 and below 1",
         "fis.beta=1": "fis.beta: 1.0 is out of range; choose it above 1",
         "fis.beta=1.000001": f"fis.beta: 1.000001 gives 693149 {TOO_MANY}",
-        "initialisation=ekf": "initialisation: input should be 'fis' or 'delayed', not 'ekf'",
         "delayed.poses=2": "delayed.poses: 2 is out of range; choose it at least 3",
         "sensor.sigma_range=1": "sensor.sigma_range: a bearing sensor has none; remove it or change kind",
     },
@@ -123,50 +114,43 @@ def test_a_mistake_is_one_short_line(scenario: str, override: str, line: str) ->
     assert str(caught.value).startswith(f"{scenario}: {line}")
 
 
-def test_joint_compatibility_needs_rays() -> None:
-    line = 'association.method = "jcbb" needs rays; set initialisation = "fis", or the method "known"'
-    assert mistakes("q4-ring", "association.method=jcbb", "initialisation=delayed") == [line]
-
-
-@pytest.mark.parametrize("value", ["[" * 3000 + "]" * 3000, "1" * 5000])
-def test_values_beyond_the_limits_of_python_are_a_line(write: Write, value: str) -> None:
-    path = write(f'extends = "q1-short-dense"\n[sensor]\nmax_range = {value}\n')
-    with pytest.raises(UserError, match=r"^[^\n]{1,299}$"):
-        load_scenario(path)
-
-
 def test_unknown_names_list_near_misses_or_all() -> None:
     assert "did you mean q1-long-dense" in mistakes("q1-long-dens")[0]
     assert all(name in mistakes("zzz")[0] for name, _ in shipped_scenarios())
 
 
-@pytest.mark.parametrize("override", ["start", "=1"])
-def test_an_override_without_key_and_value(override: str) -> None:
-    with pytest.raises(UserError, match=rf"^{override}: not an override; write dotted\.key=value$"):
-        load_scenario("q1-long-sparse", [override])
-
-
-@pytest.mark.parametrize(("text", "line"), [("a = 1\nb = = 2\n", 2), ("a = 1\n\n[motion", 3)])
-def test_syntax_errors_name_file_and_line(write: Write, text: str, line: int):
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        ("a = 1\nb = = 2\n", r"not valid TOML: [^\n]* \(at line 2, [^\n]*"),
+        ("a = 1\n\n[motion", r"not valid TOML: [^\n]* \(at line 3, [^\n]*"),
+        (f"[sensor]\nmax_range = {'[' * 3000}{']' * 3000}\n", r"not valid TOML: [^\n]{1,200}"),
+        (f"[sensor]\nmax_range = {'1' * 5000}\n", r"not valid TOML: [^\n]{1,200}"),
+        (
+            'extends = "q2-long-dens"',
+            "extends: 'q2-long-dens' is not a shipped scenario; did you mean q2-long-dense\\?",
+        ),
+        *(
+            (f"extends = {wrong}", r"extends: [^\n]+ is not a shipped scenario; [^\n]+")
+            for wrong in ("3", "[1]", "{a = 1}")
+        ),
+        (f"extends = {'1' * 4000}", r"extends: '.{100}' is not a shipped scenario; [^\n]+"),
+    ],
+)
+def test_texts_that_are_no_scenario_are_a_line(write: Write, text: str, line: str):
     [mistake] = mistakes(write(text))
-    assert mistake.startswith("not valid TOML: ")
-    assert f"at line {line}," in mistake
+    assert re.fullmatch(line, mistake)
 
 
-def test_files_that_cannot_be_read(tmp_path: Path):
+def test_files_and_overrides_that_cannot_be_read(tmp_path: Path):
     assert mistakes(str(tmp_path / "none.toml")) == ["cannot be read (No such file or directory); check the path"]
     (tmp_path / "latin.toml").write_bytes(b'description = "\xe9"')
     assert mistakes(str(tmp_path / "latin.toml")) == ["not a UTF-8 text; save it as UTF-8"]
-
-
-def test_only_shipped_scenarios_can_be_extended(write: Write):
-    assert mistakes(write('extends = "q2-long-dens"')) == [
-        "extends: 'q2-long-dens' is not a shipped scenario; did you mean q2-long-dense?"
-    ]
-    for wrong in ("3", '["q1-long-dense"]', "{a = 1}"):
-        assert "is not a shipped scenario; " in mistakes(write(f"extends = {wrong}"))[0]
-    for long in ("1" * 4000, f'"{"q" * 5000}"', f"[[{'1' * 4000}]]"):
-        assert re.match(r"extends: '.{100}' is not a shipped scenario; ", mistakes(write(f"extends = {long}"))[0])
+    for override in ("start", "=1"):
+        with pytest.raises(UserError, match=rf"^{override}: not an override; write dotted\.key=value$"):
+            load_scenario("q1-long-sparse", [override])
+    line = 'association.method = "jcbb" needs rays; set initialisation = "fis", or the method "known"'
+    assert mistakes("q4-ring", "association.method=jcbb", "initialisation=delayed") == [line]
 
 
 @pytest.mark.parametrize(
@@ -177,20 +161,17 @@ def test_only_shipped_scenarios_can_be_extended(write: Write):
         ("stamp,x,y,theta\n0,0,0,0\n1,1,0,nan\n", "path.csv, line 3, column 4: 'nan' is not a finite number"),
         ("stamp,x,y,theta\n0,0,0,0\n1,1,0,0\n1,2,0,0\n", "path.csv, line 4: stamps must increase; sort the rows"),
         ("stamp,x,y,theta\n0,1,0,0\n1,1,0,0\n", "prior.mean: [0.0, 0.0, 0.0] is not where the path of path.csv"),
+        (
+            "step,cov_xx,cov_xy,cov_xt,cov_yy,cov_yt,cov_tt\n1,1,0,0,1,0,1\n",
+            "motion.sigma_speed: motion.covariances has",
+        ),
     ],
 )
 def test_mistakes_in_files_of_a_scenario_are_located(tmp_path: Path, path: str, line: str) -> None:
     (tmp_path / "path.csv").write_text(path)
-    (tmp_path / "my.toml").write_text("extends = 'q1-short-dense'\ntrajectory = {kind = 'csv', file = 'path.csv'}\n")
+    section = "motion = {covariances" if path.startswith("step") else "trajectory = {kind = 'csv', file"
+    (tmp_path / "my.toml").write_text(f"extends = 'q1-short-dense'\n{section} = 'path.csv'}}\n")
     with pytest.raises(UserError) as caught:
         load_scenario(tmp_path / "my.toml")
     (message,) = str(caught.value).splitlines()
     assert line in message
-
-
-def test_a_table_of_covariances_excludes_sigmas(tmp_path: Path) -> None:
-    (tmp_path / "noise.csv").write_text("step,cov_xx,cov_xy,cov_xt,cov_yy,cov_yt,cov_tt\n1,1,0,0,1,0,1\n")
-    (tmp_path / "my.toml").write_text("extends = 'q1-short-dense'\n[motion]\ncovariances = 'noise.csv'\n")
-    with pytest.raises(UserError) as caught:
-        load_scenario(tmp_path / "my.toml")
-    assert "motion.sigma_speed: motion.covariances has the noise already; remove one of them" in str(caught.value)

@@ -14,6 +14,7 @@ from scipy.stats import binom, poisson
 
 from slamgauge.compare.storage.files import load_truth, save
 from slamgauge.truth import NOBODY, Truth
+from tests.reference.given import given
 
 from .conftest import FALSE_ALARM_RATE, run
 
@@ -28,14 +29,11 @@ def test_an_option_changes_no_other_draws(option: str) -> None:
     plain_truth, plain = run("start=sampled")
     truth, recording = run("start=sampled", option)
     np.testing.assert_array_equal(truth.poses, plain_truth.poses)
-    assert truth.association is not None
-    assert plain_truth.association is not None
     sound = np.flatnonzero(~truth.misleading) if truth.misleading is not None else np.arange(0)
-    known = {
-        key: row
-        for row, key in enumerate(zip(plain.observation_step.tolist(), plain_truth.association.tolist(), strict=True))
+    rows = {
+        key: row for row, key in enumerate(zip(plain.observation_step, given(plain_truth.association), strict=True))
     }
-    same = [known[int(recording.observation_step[i]), int(truth.association[i])] for i in sound]
+    same = [rows[recording.observation_step[i], given(truth.association)[i]] for i in sound]
     np.testing.assert_array_equal(recording.observation[sound], plain.observation[same])
     if not option.startswith("motion"):
         np.testing.assert_array_equal(recording.odometry, plain.odometry)
@@ -43,9 +41,7 @@ def test_an_option_changes_no_other_draws(option: str) -> None:
 
 
 def test_a_higher_rate_keeps_the_outliers_of_a_lower_rate() -> None:
-    few, many = run("sensor.outlier_rate=0.02")[0].outlier, run("sensor.outlier_rate=0.1")[0].outlier
-    assert few is not None
-    assert many is not None
+    few, many = (given(run(f"sensor.outlier_rate={rate}")[0].outlier) for rate in (0.02, 0.1))
     assert many[few].all()
     assert 0 < few.sum() < many.sum()
 
@@ -57,9 +53,9 @@ def assert_count(count: int, trials: int, probability: float) -> None:
 
 def test_outliers_have_the_stated_rate_and_are_uniform() -> None:
     truth, recording = run(*OUTLIERS, "sensor.field_of_view_deg=180", "sensor.min_range=1")
-    assert truth.outlier is not None
-    assert_count(int(truth.outlier.sum()), len(truth.outlier), 0.1)
-    ranges, bearings = recording.observation[truth.outlier].T
+    outlier = given(truth.outlier)
+    assert_count(int(outlier.sum()), len(outlier), 0.1)
+    ranges, bearings = recording.observation[outlier].T
     assert 1.0 <= ranges.min() < 2.0 < 9.0 < ranges.max() <= 10.0
     assert_count(int((bearings > 0).sum()), len(bearings), 0.5)
     assert 1.4 < np.abs(bearings).max() <= np.pi / 2
@@ -67,26 +63,22 @@ def test_outliers_have_the_stated_rate_and_are_uniform() -> None:
 
 def test_wide_outliers_have_ten_times_the_noise() -> None:
     truth, recording = run("sensor.outlier_rate=1", "sensor.outlier=wide", "sensor.min_range=5")
-    assert truth.poses is not None
-    assert truth.landmarks is not None
-    offsets = truth.landmarks[truth.association] - truth.poses[recording.observation_step, :2]
+    offsets = given(truth.landmarks)[truth.association] - given(truth.poses)[recording.observation_step, :2]
     noise = (recording.observation[:, 0] - np.hypot(*offsets.T)) / 1.0
     assert abs(noise.std() - 1.0) < 3.9 / np.sqrt(2 * len(noise))
 
 
 def test_clutter_is_of_no_landmark_and_has_new_ids() -> None:
     truth, recording = run(*CLUTTER, "sensor.first_step=10")
-    assert truth.association is not None
-    assert truth.landmark_ids is not None
-    clutter = truth.association == NOBODY
+    association, ids = given(truth.association), given(recording.landmark)
+    clutter = association == NOBODY
     mean = 0.5 * (recording.steps + 1 - 10)
     low, high = poisson.ppf([FALSE_ALARM_RATE / 2, 1 - FALSE_ALARM_RATE / 2], mean)
     assert low <= clutter.sum() <= high
     assert recording.observation_step.min() >= 10
-    assert recording.landmark is not None
-    assert not np.isin(recording.landmark[clutter], truth.landmark_ids).any()
-    assert len(np.unique(recording.landmark[clutter])) == clutter.sum()
-    np.testing.assert_array_equal(recording.landmark[~clutter], truth.association[~clutter])
+    assert not np.isin(ids[clutter], given(truth.landmark_ids)).any()
+    assert len(np.unique(ids[clutter])) == clutter.sum()
+    np.testing.assert_array_equal(ids[~clutter], association[~clutter])
     assert recording.observation[clutter, 0].max() <= 10.0
 
 

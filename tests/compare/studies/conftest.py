@@ -42,8 +42,7 @@ def run(scenario: Scenario, thread: ThreadPoolExecutor, tmp_path: Path) -> Calla
     def run(
         runs: int, names: Chosen, where: str = "", seed: int = 0, executor: Executor = thread, **options: Any
     ) -> Summary:
-        chosen = options.pop("scenario", scenario)
-        return run_study(chosen, runs, seed, names, tmp_path / where, executor, **options)
+        return run_study(options.pop("scenario", scenario), runs, seed, names, tmp_path / where, executor, **options)
 
     return run
 

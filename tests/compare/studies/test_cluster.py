@@ -88,18 +88,15 @@ def test_a_scheduler_that_is_killed_is_one_line_within_seconds(
     assert client_log.isEnabledFor(logging.ERROR)
 
 
-@pytest.mark.parametrize(
-    ("address", "line"),
-    [
-        ("tcp://127.0.0.1:1", r"scheduler tcp://127.0.0.1:1: [^\n]*; give a running one"),
-        ("tls://127.0.0.1:1", r"scheduler tls://\S+: tls needs certificates; name them in the environment: [^\n]+"),
-        *(
-            (address, rf"scheduler '{address}' is not an address; give tcp://host:port or tls://host:port")
-            for address in ("nonsense", "ftp://127.0.0.1:1", "tcp://127.0.0.1:x", "127.0.0.1:8786", "")
-        ),
-    ],
-)
-def test_addresses_without_a_scheduler_are_refused_in_a_line(address: str, line: str, monkeypatch: pytest.MonkeyPatch):
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "tls://127.0.0.1:1"])
+def test_addresses_without_a_scheduler_are_refused_in_a_line(address: str, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(cluster, "CONNECT", 0.5)
-    with pytest.raises(UserError, match=f"^{line}$"):
+    with pytest.raises(UserError, match=rf"^scheduler {address}: [^\n]*; give a running one$"):
+        dask_cluster(address).__enter__()
+
+
+@pytest.mark.parametrize("address", ["nonsense", "ftp://127.0.0.1:1", "tcp://127.0.0.1:x", "127.0.0.1:8786", ""])
+def test_texts_that_are_no_address_are_refused(address: str):
+    line = f"^scheduler '{address}' is not an address; give tcp://host:port or tls://host:port$"
+    with pytest.raises(UserError, match=line):
         dask_cluster(address).__enter__()

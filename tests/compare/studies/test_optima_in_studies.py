@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from textwrap import fill
@@ -14,27 +13,27 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+from slamgauge.compare.cli.main import main
 from slamgauge.compare.estimators.loading import load_estimators
 from slamgauge.compare.figures.publishing import write_study
 from slamgauge.compare.figures.result_figures import save_sweep_figure
 from slamgauge.compare.figures.study_figures import study_drawings
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.scenarios.simulation import informed, simulate
-from slamgauge.compare.scoring.runs import Runs
 from slamgauge.compare.studies.study_run import run_seed
 from slamgauge.compare.studies.summary import Summary, summary_table
-from slamgauge.compare.studies.sweep import Sweep, run_sweep, sweep_table
+from slamgauge.compare.studies.sweep import Sweep, sweep_table
 from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline import causal_bound, hindsight_bound
 from slamgauge.recording import Recording
 
 pytestmark = pytest.mark.slow
 
+Run = Callable[..., Summary]
 NAMES = ("ekf", "batch", "bound")
-SHORT = ["start=sampled", "trajectory.duration=4"]
 
 
-def test_ratios_to_the_bound_are_those_of_the_runs(scenario: Scenario, run: Callable[..., Summary]) -> None:
+def test_ratios_to_the_bound_are_those_of_the_runs(scenario: Scenario, run: Run) -> None:
     misled = scenario.model_copy(update={"assumed": scenario.assumed.model_copy(update={"scale": 4.0})})
     content = run(5, NAMES, seed=3, scenario=misled).to_json()
     squares: dict[str, list[np.ndarray]] = {"causal": [], "hindsight": []}
@@ -55,36 +54,26 @@ def test_ratios_to_the_bound_are_those_of_the_runs(scenario: Scenario, run: Call
 
 
 def test_columns_rows_and_lines_of_bounds_exist_if_they_are_requested(
-    scenario: Scenario,
-    run: Callable[..., Summary],
-    load: Callable[..., dict[str, Runs]],
-    drawn: dict[str, Figure],
-    tmp_path: Path,
+    scenario: Scenario, run: Run, drawn: dict[str, Figure], tmp_path: Path
 ) -> None:
     summary = run(2, NAMES)
-    text = str(summary_table(summary))
-    assert "RMSE [m]" in text
-    assert "x bound" in text
-    write_study(tmp_path, summary, load(2, NAMES), 0.1)
+    without = run(2, ("ekf", "batch"))
+    for title in ("RMSE [m]", "x bound"):
+        assert title in str(summary_table(summary))
+        assert title not in str(summary_table(without))
+    assert "bound" not in without.to_json()
+    write_study(tmp_path, summary, dict(summary.loaded), 0.1)
     lines = {str(line.get_label()): line for line in drawn["rmse"].axes[0].lines}
     assert {*lines} == {"ekf", "batch", "bound", "hindsight-bound"}
     first = np.sqrt(np.trace(causal_bound(*simulate(scenario, run_seed(0, 0)))[0, :2, :2]))
     assert np.asarray(lines["bound"].get_ydata())[0] == pytest.approx(first, rel=1e-6)
     assert {axes.get_ylabel() for axes in drawn["errors"].axes} - {""} == {"ekf", "batch"}
-    without = run(2, ("ekf", "batch"))
-    assert "bound" not in without.to_json()
-    assert "x bound" not in str(summary_table(without))
-    assert "RMSE [m]" not in str(summary_table(without))
 
 
-def test_values_of_a_sweep_share_their_bounds(thread: ThreadPoolExecutor, tmp_path: Path) -> None:
-    sweep = run_sweep("q1-long-dense", SHORT, "assumed.scale=1,4", 2, 0, ("ekf", "bound"), tmp_path, thread)
-    once, again = (each.to_json()["bound"] for each in sweep.summaries)
-    assert once == again
-    assert len([*(tmp_path / "optimum").iterdir()]) == 1
-    text = str(sweep_table(sweep))
-    assert "x bound" in text
-    assert "bound: nothing wrong" not in text
+def test_a_single_run_has_no_bound(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    words = ["run", "q1-short-dense", "--estimators", "dead-reckoning,bound", "--set", "trajectory.duration=2"]
+    assert main([*words, "--no-report", "--out", str(tmp_path / "out")]) == 1
+    assert "bound: is a bound, which estimates nothing" in capsys.readouterr().out
 
 
 WIDTH = 91  # characters of a line in a figure of 7 in
@@ -95,9 +84,7 @@ NOTE = (
 
 
 @pytest.fixture
-def studied(
-    scenario: Scenario, run: Callable[..., Summary], monkeypatch: pytest.MonkeyPatch
-) -> Callable[[list[float], str], Summary]:
+def studied(scenario: Scenario, run: Run, monkeypatch: pytest.MonkeyPatch) -> Callable[[list[float], str], Summary]:
     """A study in which the causal optimum returns these checks, one for each run."""
     causal = load_estimators(["causal"])["causal"]
 
@@ -138,20 +125,14 @@ def test_the_share_of_runs_in_doubt_is_below_the_table(studied: Callable[..., Su
 
 
 def test_figures_have_the_same_marks_and_notes(
-    studied: Callable[..., Summary], load: Callable[..., dict[str, Runs]], tmp_path: Path, drawn: dict[str, Figure]
+    studied: Callable[[list[float], str], Summary], tmp_path: Path, drawn: dict[str, Figure]
 ) -> None:
-    summaries = []
-    for name, check in (("sure", 0.01), ("doubtful", 0.31)):
-        summary = studied([0.01, check], name)
-        for draw in study_drawings(summary, load(2, ("ekf", "causal"), name), 0.1).values():
+    sure, doubtful = studied([0.01, 0.01], "sure"), studied([0.01, 0.31], "doubtful")
+    for summary, label, note in ((sure, "ekf / causal", ""), (doubtful, "ekf / causal?", fill(NOTE, WIDTH))):
+        for draw in study_drawings(summary, dict(summary.loaded), 0.1).values():
             draw(tmp_path)
-        drawn[name] = drawn["ratios"]
-        summaries.append(summary)
-    labels = [[tick.get_text() for tick in drawn[name].axes[0].get_yticklabels()] for name in ("sure", "doubtful")]
-    assert labels == [["ekf / causal"], ["ekf / causal?"]]
-    notes = [drawn[name].get_suptitle().partition("\n")[2] for name in ("sure", "doubtful", "nees")]
-    assert notes == ["", fill(NOTE, WIDTH), ""]
-    for values, places in (((0, 0), ""), ((0, 1), "a.b=2: "), ((1, 1), "a.b=1, a.b=2: ")):
-        save_sweep_figure(tmp_path, Sweep("x", "a.b", 2, 0, ("1", "2"), tuple(summaries[value] for value in values)))
-        line = places and places + NOTE.rpartition(": ")[0]
-        assert drawn["sweep"].get_suptitle().partition("\n")[2] == fill(line, WIDTH)
+        assert [tick.get_text() for tick in drawn["ratios"].axes[0].get_yticklabels()] == [label]
+        assert drawn["ratios"].get_suptitle().partition("\n")[2] == note
+    save_sweep_figure(tmp_path, Sweep("x", "a.b", 2, 0, ("1", "2"), (sure, doubtful)))
+    line = f"a.b=2: {NOTE.rpartition(': ')[0]}"
+    assert drawn["sweep"].get_suptitle().partition("\n")[2] == fill(line, WIDTH)

@@ -11,11 +11,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from slamgauge.arrays import Float
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.estimators.loading import load_estimators
 from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
 from slamgauge.compare.scoring.intervals import Interval, compare_paired, needed_runs, ratio_interval
 from slamgauge.compare.scoring.runs import FIRST_STEP, Runs
+from slamgauge.compare.studies.study import load_runs
 from slamgauge.compare.studies.summary import Summary, summary_table
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
@@ -25,34 +27,45 @@ from tests.reference.given import given
 pytestmark = pytest.mark.slow
 
 Run = Callable[..., Summary]
-Load = Callable[..., dict[str, Runs]]
 
+SHORT = ["start=sampled", "trajectory.duration=3"]
 NAMES = ("ekf", "riekf", "dead-reckoning")
 
 
 @pytest.fixture
 def scenario() -> Scenario:
-    return load_scenario("q1-long-dense", ["start=sampled", "trajectory.duration=3"])
+    return load_scenario("q1-long-dense", SHORT)
 
 
-def test_pairs_are_those_of_the_stored_runs(run: Run, load: Load):
-    summary = run(6, NAMES, against=["ekf"])
-    runs = load(6, NAMES)
-    assert {name: [*others] for name, others in summary.against.items()} == {"ekf": ["riekf", "dead-reckoning"]}
-    for label, found in summary.against["ekf"].items():
-        ours, theirs = runs[label], runs["ekf"]
-        assert found["ate_m"] == compare_paired(ours.figures["ate_m"], theirs.figures["ate_m"])
-        nees = [each.series["nees_pose"][:, FIRST_STEP:].mean(axis=1) / 3 for each in (ours, theirs)]
-        expected = compare_paired(*nees)
-        assert expected is not None
-        assert found["nees_pose_per_dof"].difference == pytest.approx(expected.difference)
-        assert found["nees_pose_per_dof"].p_value == pytest.approx(expected.p_value)
-    entry = summary.to_json()["against"]["ekf"]["riekf"]["ate_m"]
-    assert {*entry} == {"runs", "difference", "ratio", "p_value"}
-    assert "\nagainst ekf" in str(summary_table(summary))
+@pytest.mark.usefixtures("studies_in_a_thread", "empty_pictures")
+def test_pairs_are_those_of_the_stored_runs(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    words = ["study", "q1-long-dense", "--set", "trajectory.duration=3", "--jobs", "1", "--runs", "6"]
+    words += ["--estimators", ",".join(NAMES), "--against", "ekf", "--out", str(tmp_path / "out")]
+    assert main(words) == 0
+    assert "\nagainst ekf " in capsys.readouterr().out
+    against = json.loads((tmp_path / "out/summary.json").read_text())["against"]
+    assert {name: [*others] for name, others in against.items()} == {"ekf": ["riekf", "dead-reckoning"]}
+    runs = load_runs(load_scenario("q1-long-dense", SHORT), 6, 0, NAMES, tmp_path / "out")
+    for label, found in against["ekf"].items():
+        for key, figures in (("ate_m", ates), ("nees_pose_per_dof", late_nees)):
+            expected = compare_paired(figures(runs[label]), figures(runs["ekf"]))
+            assert expected is not None
+            assert found[key]["runs"] == 6
+            assert found[key]["difference"] == pytest.approx(vars(expected.difference))
+            assert found[key]["p_value"] == pytest.approx(expected.p_value)
+    assert main([*words, "--sweep", "association.gate=1,9"]) == 2
+    assert "sweep: takes no --against" in capsys.readouterr().err
 
 
-def test_a_study_ends_with_a_comparison_of_user_code_with_built_in_filters(run: Run, load: Load):
+def ates(runs: Runs) -> Float:
+    return runs.figures["ate_m"]
+
+
+def late_nees(runs: Runs) -> Float:
+    return runs.series["nees_pose"][:, FIRST_STEP:].mean(axis=1) / 3
+
+
+def test_a_study_ends_with_a_comparison_of_user_code_with_built_in_filters(run: Run):
     """User code is not compared with optima, dead reckoning or estimates of another kind."""
     ekf = load_estimators(["ekf"])["ekf"]
 
@@ -61,11 +74,9 @@ def test_a_study_ends_with_a_comparison_of_user_code_with_built_in_filters(run: 
         return replace(estimate, poses=estimate.poses + np.array([1.0, 0.0, 0.0]))
 
     chosen = {name: name for name in ("ekf", "dead-reckoning", "causal", "batch")} | {"same": ekf, "worse": worse}
-    summary, runs = run(8, chosen), load(8, chosen)
-    ratio = ratio_interval(runs["worse"].figures["ate_m"], runs["ekf"].figures["ate_m"])
-    assert ratio is not None
-    assert ratio.low is not None
-    assert ratio.low > 1
+    summary = run(8, chosen)
+    ratio = ratio_interval(ates(summary.loaded["worse"]), ates(summary.loaded["ekf"]))
+    assert ratio is not None and ratio.low is not None and ratio.low > 1
     assert str(summary_table(summary)).splitlines()[-2:] == [
         "the ATE of same is 1.000 ± 0.000 times that of ekf on the same 8 runs (95 % interval): "
         "the difference is not significant",
@@ -102,16 +113,3 @@ def test_an_unknown_reference_is_refused_before_anything_is_written(run: Run, tm
     with pytest.raises(UserError, match="'riekf': is not among --estimators; choose from ekf"):
         run(5, ["ekf"], "out", against=["riekf"])
     assert not (tmp_path / "out").exists()
-
-
-@pytest.mark.usefixtures("studies_in_a_thread", "empty_pictures")
-def test_the_command_compares(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    out = str(tmp_path / "out")
-    words = ["study", "q1-long-dense", "--set", "trajectory.duration=2", "--jobs", "1", "--out", out, "--runs", "3"]
-    assert main([*words, "--estimators", "ekf,riekf", "--against", "ekf"]) == 0
-    assert "\nagainst ekf  runs" in capsys.readouterr().out
-    content = json.loads((tmp_path / "out/summary.json").read_text())
-    assert content["against"]["ekf"]["riekf"]["ate_m"]["runs"] == content["runs"] == 3
-    assert np.isfinite(content["against"]["ekf"]["riekf"]["ate_m"]["p_value"])
-    assert main([*words, "--sweep", "association.gate=1,9", "--against", "ekf"]) == 2
-    assert "sweep: takes no --against" in capsys.readouterr().err

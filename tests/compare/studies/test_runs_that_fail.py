@@ -19,7 +19,7 @@ from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.scenarios.simulation import simulate
 from slamgauge.compare.scoring.runs import Runs
 from slamgauge.compare.studies import study_run as study_run
-from slamgauge.compare.studies.executors import local_processes, lost_worker
+from slamgauge.compare.studies.executors import local_processes
 from slamgauge.compare.studies.study import AGAIN
 from slamgauge.compare.studies.study_run import Outcome, run_once, run_seed
 from slamgauge.compare.studies.summary import Summary, summary_table
@@ -58,39 +58,21 @@ def test_an_error_is_stored_as_a_line_that_distinguishes_mistakes_from_defects_a
 
 
 @pytest.mark.parametrize("error", [MemoryError("too large"), OSError(errno.ENOSPC, "No space left on device")])
+@pytest.mark.parametrize("place", ["slamgauge.ekf.riekf", "slamgauge.compare.studies.study_run.simulate_informed"])
 def test_a_failure_of_the_machine_is_reported_and_the_same_command_repeats_the_run(
-    scenario: Scenario, run: Run, monkeypatch: pytest.MonkeyPatch, error: Exception
+    run: Run, monkeypatch: pytest.MonkeyPatch, place: str, error: Exception
 ) -> None:
-    """The other estimator's result of the run is stored."""
-    whole = run(3, BOTH, "whole")
-    riekf = load_estimators(["riekf"])["riekf"]
-    estimates = [riekf(simulate(scenario, run_seed(0, number))[1]) for number in (1, 2)]
+    """What did not fail is stored."""
     with monkeypatch.context() as patched:
-        patched.setattr("slamgauge.ekf.riekf", Mock(side_effect=[error, *estimates]))
-        summary = run(3, BOTH, "parts")
-    (failure,) = summary.failures
-    assert (failure.run, failure.estimator, failure.error) == (0, "riekf", f"{type(error).__name__}: {error} ({AGAIN})")
-    assert (summary.estimators["ekf"]["runs"], summary.estimators["riekf"]["runs"]) == (3, 2)
-    again = run(3, BOTH, "parts")
-    assert not again.failures
-    assert again.estimators["riekf"]["ate_m"] == whole.estimators["riekf"]["ate_m"]
-
-
-@pytest.mark.parametrize(
-    ("error", "line", "is_stored"),
-    [
-        (MemoryError("too large"), f"simulation: MemoryError: too large ({AGAIN})", False),
-        (UserError("seed: too large"), "simulation: seed: too large", True),
-    ],
-)
-def test_a_failed_simulation_is_a_failure_of_every_estimator(
-    run: Run, monkeypatch: pytest.MonkeyPatch, error: Exception, line: str, is_stored: bool
-) -> None:
-    with monkeypatch.context() as patched:
-        patched.setattr(study_run, "simulate_informed", Mock(side_effect=error))
+        patched.setattr(place, Mock(side_effect=error))
         summary = run(1, BOTH)
-    assert [failure.error for failure in summary.failures] == [line] * 2
-    assert run(1, BOTH).failures == (summary.failures if is_stored else ())
+    line = f"{type(error).__name__}: {error} ({AGAIN})"
+    failed = [("riekf", line)] if "riekf" in place else [(name, f"simulation: {line}") for name in BOTH]
+    assert [(each.estimator, each.error) for each in summary.failures] == failed
+    assert summary.estimators["ekf"]["runs"] == (1 if "riekf" in place else 0)
+    again = run(1, BOTH)
+    assert not again.failures
+    assert again.estimators["riekf"]["runs"] == 1
 
 
 def test_an_estimator_that_changes_the_kind_of_its_estimates_is_refused_with_all_its_runs(run: Run, load: Load) -> None:
@@ -156,14 +138,6 @@ def test_a_worker_that_dies_while_another_starts_loses_only_its_own_run(monkeypa
         assert executor.submit(abs, -3).result(60.0) == 3
         assert isinstance(own.exception(60.0), BrokenExecutor)
     assert not refusals
-
-
-def test_only_errors_about_dead_workers_count_as_lost_workers() -> None:
-    from distributed.scheduler import KilledWorker
-
-    assert lost_worker(KilledWorker("run", None, 4))  # pyrefly: ignore[bad-argument-type]
-    assert lost_worker(BrokenExecutor())
-    assert not lost_worker(ValueError())
 
 
 def leave_at_once(*_: object) -> None:

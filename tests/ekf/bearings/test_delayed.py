@@ -187,12 +187,15 @@ def clones_in(slam: BearingFilter) -> int:
 
 @CORRECTIONS
 def test_covariances_stay_semidefinite_and_the_window_bounded(correction: Correction) -> None:
-    """A loop among landmarks that are observed with probability 0.7; at the end no landmark waits."""
+    """A loop among landmarks that are observed with probability 0.7; at the end no landmark waits.
+
+    The hidden ids of clones are used once.
+    """
     rng = np.random.default_rng(5)
     angles = rng.uniform(-np.pi, np.pi, 25)
     landmarks = rng.uniform(6.5, 9.0, (25, 1)) * np.column_stack([np.cos(angles), np.sin(angles)]) + [0.0, 5.0]
     slam, pose = started(Delayed(poses=10, spacing=0.2), correction), np.zeros(3)
-    largest, steps = 0, 220
+    largest, steps, retired, before = 0, 220, set[int](), set[int]()
     for k in range(steps):
         if k:
             increment = np.array([0.3, 0.0, 0.06])
@@ -200,12 +203,17 @@ def test_covariances_stay_semidefinite_and_the_window_bounded(correction: Correc
             slam.predict(increment + np.sqrt(np.diag(Q)) * rng.normal(size=3), Q)
         near = np.hypot(*(landmarks - pose[:2]).T) < 6.0
         slam.update(sights(pose, landmarks, np.flatnonzero(near & (rng.random(25) < 0.7)).tolist(), rng))
-        largest = max(largest, clones_in(slam))
+        largest, ids = max(largest, clones_in(slam)), slam.map.ids.tolist()
+        retired |= before - {*ids}
+        before = {*ids}
+        assert len(before) == len(ids)
+        assert not retired & before
         P = slam.cov
         np.testing.assert_array_equal(P, P.T)
         assert np.linalg.eigvalsh(P)[0] >= -1e-12 * np.trace(P)
         assert len(P) == 3 + 2 * len(slam.landmark_ids) + 4 * clones_in(slam)
     assert largest == 10
+    assert len(retired) > 50
     assert len(slam.landmark_ids) == 25
     assert len(slam.cov) == 3 + 2 * 25
     if correction in ("standard", "right-invariant"):
@@ -250,24 +258,3 @@ def test_a_standing_robot_adds_no_poses() -> None:
     slam.update(sights(np.array([0.2, 0.0, 0.0]), landmarks, [0, 1], rng))
     assert clones_in(slam) == 2
     assert slam.provisional == {0: 0, 1: 0}
-
-
-def test_hidden_ids_of_clones_are_used_once() -> None:
-    rng = np.random.default_rng(9)
-    slam, pose = BearingFilter(np.zeros(3), np.zeros((3, 3)), "standard", Delayed(poses=5, spacing=0.2)), np.zeros(3)
-    landmarks = np.column_stack([0.5 * np.arange(40.0), rng.uniform(1.5, 3.0, 40)])
-    landmarks[::2, 1] *= -1.0
-    retired, before = set[int](), set[int]()
-    for k in range(150):
-        if k:
-            pose = compose(pose, [0.1, 0.0, 0.0])
-            slam.predict([0.1, 0.0, 0.0], 1e-2 * Q)
-        slam.update(sights(pose, landmarks, np.flatnonzero(np.hypot(*(landmarks - pose[:2]).T) < 4.0).tolist(), rng))
-        ids = slam.map.ids.tolist()
-        assert len({*ids}) == len(ids)
-        retired |= before - {*ids}
-        assert not retired & {*ids}
-        before = {*ids}
-    assert len(retired) > 50
-    assert len(slam.landmark_ids) > 20
-    assert np.hypot(*(slam.landmarks - landmarks[slam.landmark_ids]).T).max() < 1.0
