@@ -59,10 +59,10 @@ def _noise_model(covariance: Float, minimum_sigma: float) -> gtsam.noiseModel.Ba
     return gtsam.noiseModel.Gaussian.Covariance(covariance, False)
 
 
-def make_values(poses: Float, landmark_ids: Int, landmarks: Float, first: int = 0) -> gtsam.Values:
-    """Return poses (n, 3) of steps `first`, `first` + 1, ... and landmarks (L, 2) as GTSAM's values."""
+def make_values(poses: Float, landmark_ids: Int, landmarks: Float) -> gtsam.Values:
+    """Return poses (N+1, 3) and landmarks (L, 2) as GTSAM's values."""
     values = gtsam.Values()
-    for k, pose in enumerate(poses.tolist(), start=first):
+    for k, pose in enumerate(poses.tolist()):
         values.insert(X(k), gtsam.Pose2(*pose))
     for name, landmark in zip(landmark_ids.tolist(), landmarks.tolist(), strict=True):
         values.insert(L(name), gtsam.Point2(*landmark))

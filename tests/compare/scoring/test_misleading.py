@@ -32,12 +32,6 @@ SHORT = ("start=sampled", "trajectory.duration=20")
 BAD = ("sensor.outlier_rate=0.05", "sensor.clutter_rate=0.3")
 
 
-@pytest.fixture
-def thread():
-    with ThreadPoolExecutor(1) as executor:
-        yield executor
-
-
 @pytest.mark.parametrize("method", ["known", "jcbb"])
 def test_the_optima_leave_outliers_and_clutter_out(method: str) -> None:
     """They are the optima of the recording without them; other estimators receive all observations."""
@@ -70,13 +64,13 @@ def test_a_stored_recording_and_its_truth_give_the_same_optimum() -> None:
     np.testing.assert_allclose(other.poses, one.poses, atol=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("per_dof", "dof", "expected"),
-    [(1.0, 1000, False), (1.04, 10**6, False), (1.2, 100, False), (1.2, 10_000, True), (0.8, 10_000, True)],
-)
-def test_residuals_are_implausible_if_significantly_and_much_off(per_dof: float, dof: int, expected: bool) -> None:
-    optimum = replace(examples.estimate(kind="smoothed"), chi_square=per_dof * dof, chi_square_dof=dof)
-    assert is_misfit(optimum) is expected
+def test_residuals_are_implausible_if_significantly_and_much_off() -> None:
+    cases = {(1.0, 1000): False, (1.04, 10**6): False, (1.2, 100): False, (1.2, 10_000): True, (0.8, 10_000): True}
+    for (per_dof, dof), expected in cases.items():
+        optimum = replace(examples.estimate(kind="smoothed"), chi_square=per_dof * dof, chi_square_dof=dof)
+        assert is_misfit(optimum) is expected
+    fits = [Interval(2.0, None, None), Interval(1.2, 1.04, 1.36), Interval(1.2, 1.1, 1.3), Interval(0.5, 0.4, 0.6)]
+    assert [is_misfit_in_runs(fit) for fit in (None, *fits)] == [False, False, False, True, True]
 
 
 def test_an_optimum_whose_residuals_contradict_the_noise_is_named_and_marked() -> None:
@@ -93,23 +87,16 @@ def test_an_optimum_whose_residuals_contradict_the_noise_is_named_and_marked() -
     assert [row.count("?") for row in rows] == [2, 2, 2]  # x optimum, d to optimum
 
 
-def test_a_study_names_and_marks_them_too(thread: ThreadPoolExecutor, tmp_path: Path) -> None:
+def test_a_study_names_and_marks_them_too(tmp_path: Path) -> None:
     names = ("riekf", "causal", "batch")
-    bad = load_scenario("q1-short-dense", [*SHORT, "motion.scale_error=0.5"])
-    doubtful = run_study(bad, 3, 0, names, tmp_path / "bad", thread)
-    assert misfit_optima(doubtful) == ["batch", "causal"]
-    rows = str(summary_table(doubtful)).splitlines()
-    assert [row.count("?") for row in rows[1:4]] == [1, 1, 1]  # x causal
-    assert "the residuals of batch and causal contradict the stated noise" in str(summary_table(doubtful))
-    assert "optimum" not in str(doubtful.estimators["riekf"]["verdict"])
-    told = run_study(load_scenario("q1-short-dense", [*SHORT, *BAD]), 3, 0, names, tmp_path / "told", thread)
-    assert misfit_optima(told) == []
-    assert "?" not in str(summary_table(told))
-
-
-def test_over_runs_the_whole_interval_must_be_much_off() -> None:
-    fits = [Interval(2.0, None, None), Interval(1.2, 1.04, 1.36), Interval(1.2, 1.1, 1.3), Interval(0.5, 0.4, 0.6)]
-    assert [is_misfit_in_runs(fit) for fit in (None, *fits)] == [False, False, False, True, True]
+    for more, misfits, marks in (("motion.scale_error=0.5",), ["batch", "causal"], 1), (BAD, [], 0):
+        with ThreadPoolExecutor(1) as thread:
+            found = run_study(load_scenario("q1-short-dense", [*SHORT, *more]), 3, 0, names, tmp_path / more[0], thread)
+        assert misfit_optima(found) == misfits
+        page = str(summary_table(found))
+        assert [row.count("?") for row in page.splitlines()[1:4]] == [marks] * 3  # x causal
+        assert ("the residuals of batch and causal contradict the stated noise" in page) == bool(misfits)
+        assert ("optimum" not in str(found.estimators["riekf"]["verdict"])) == bool(misfits)
 
 
 @pytest.mark.full  # many runs
