@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -80,7 +81,7 @@ class LandmarkMap(MapState):
         return direct(predict, self.belief, self._increment, self._increment_cov)
 
     @cached_property
-    def update_kernels(self) -> tuple[Callable[..., int], Callable[..., tuple[float, ...]]]:
+    def update_kernels(self) -> tuple[Callable[..., int], Callable[..., tuple[Any, ...]]]:
         """Machine code of `update.find_slots` and of the update of the rule."""
         form, work = self.form, self._work
         found = update_iterated if form.iterated else update
@@ -128,10 +129,11 @@ class LandmarkMap(MapState):
         nis, informative, *passes = correct(self.code, self.belief, count, self.form.invariant, work)
         if not math.isfinite(nis):
             raise explain_scan(self.sensor, values, covs, nis, self.variances)
-        self.require_settled(*passes)
+        for each in passes:  # of the iterated filter
+            self.require_settled(each)
         return nis, informative
 
-    def require_settled(self, passes: int = 1) -> None:
+    def require_settled(self, passes: int) -> None:
         """Print a notice, once, if an update of the iterated filter did not settle in its number of passes."""
         if passes == PASSES:
             tell_once(UNSETTLED.format(self.rule.estimator, PASSES))
