@@ -21,7 +21,7 @@ from slamgauge.ekf.kernels.prediction import predict
 from slamgauge.ekf.kernels.soundness import are_sound
 from slamgauge.ekf.kernels.student_t import inflate_noise
 from slamgauge.ekf.kernels.update import PASSES, find_slots, retract, update, update_iterated
-from slamgauge.ekf.maps.correction_table import Correction, Rule, rule_of
+from slamgauge.ekf.maps.correction_table import Correction, rule_of
 from slamgauge.ekf.maps.input_checks import (
     DIVERGED,
     explain_increment,
@@ -46,7 +46,7 @@ class LandmarkMap(MapState):
         sensor: `range-bearing`, `position` or `bearing` (see `slamgauge.Recording`).
         prior_mean: (3,) start pose.
         prior_cov: (3, 3) its covariance; zero is legal.
-        correction: name or rule; see `correction_table`.
+        correction: see `correction_table`.
         landmarks: initial capacity; the map grows as needed.
         tails: degrees of freedom of the observations' noise (see `kernels.student_t`).
 
@@ -63,7 +63,7 @@ class LandmarkMap(MapState):
         sensor: str,
         prior_mean: ArrayLike,
         prior_cov: ArrayLike,
-        correction: Correction | Rule,
+        correction: Correction,
         landmarks: int = 32,
         tails: float = math.inf,
     ) -> None:

@@ -34,7 +34,7 @@ def test_fields_of_records_may_be_missing() -> None:
     assert [getattr(Truth(), field.name) for field in fields(Truth)] == [None] * 5
     assert truth(landmark_ids=None, landmarks=None, association=[7, 7]).association is not None
     none = truth(landmark_ids=[], landmarks=np.zeros((0, 2)), association=[])
-    assert np.shape(none.landmarks) == (0, 2)
+    assert np.asarray(none.landmarks).shape == (0, 2)
 
 
 def test_a_truth_may_have_gaps_and_positions_without_headings() -> None:
