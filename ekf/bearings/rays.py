@@ -122,7 +122,7 @@ class RayInitialiser:
 
     def __init__(self, landmarks: LandmarkMap, settings: Rays) -> None:
         self._map, self._settings = landmarks, settings
-        self._rays: dict[int, Ray] = {}  # by landmark
+        self._rays: dict[int, Ray] = {}  # key: landmark
         self._ended: list[Ray] = []
         self.step = 0
 

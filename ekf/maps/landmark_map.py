@@ -129,7 +129,7 @@ class LandmarkMap(MapState):
         nis, informative, *passes = correct(self.code, self.belief, count, self.form.invariant, work)
         if not math.isfinite(nis):
             raise explain_scan(self.sensor, values, covs, nis, self.variances)
-        for each in passes:  # of the iterated filter
+        for each in passes:  # only the iterated filter returns them
             self.require_settled(each)
         return nis, informative
 
