@@ -79,12 +79,12 @@ MISTAKES = (
     Mistake("turns are in radians, read as degrees", turn=1 / DEGREE),
     Mistake("bearings and turns are in radians, read as degrees", bearing=1 / DEGREE, turn=1 / DEGREE),
     *(
-        Mistake(f"{what} are {factor:g} times too {size}")._replace(**dict.fromkeys(names, undone))
-        for what, names in {
-            "observed lengths": ("length",),
-            "distances of the odometry": ("way",),
-            "all lengths": ("length", "way"),
-            "turns and distances of the odometry": ("turn", "way"),
+        Mistake(f"{what} are {factor:g} times too {size}", length=undone**length, turn=undone**turn, way=undone**way)
+        for what, (length, turn, way) in {
+            "observed lengths": (1, 0, 0),
+            "distances of the odometry": (0, 0, 1),
+            "all lengths": (1, 0, 1),
+            "turns and distances of the odometry": (0, 1, 1),
         }.items()
         for factor in (1000, 100)
         for size, undone in (("large", 1 / factor), ("small", float(factor)))
