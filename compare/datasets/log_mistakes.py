@@ -107,8 +107,7 @@ NO_ESTIMATE, NOTHING_SEEN_TWICE = Fit(0.0, 0.0, 0.0, 0.0), Fit(1.0, 0.0, 1.0, 0.
 def agreement(recording: Recording) -> tuple[float, str]:
     """Return the share of observations that agree with one place per landmark, and a doubt; "" without one.
 
-    Raises:
-        UserError: they agree once a mistake of units or signs is undone; with the mistake and its remedy.
+    A mistake of units or signs is a UserError.
     """
     is_bearing = recording.sensor == "bearing"
     if SENSORS[recording.sensor].has_range:

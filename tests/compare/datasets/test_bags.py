@@ -197,7 +197,7 @@ def test_late_and_repeated_messages_change_nothing(tmp_path: Path):
     latched = [(topic, time + 5, kind, fields) for topic, time, kind, fields in seen[:4]]
     found = read_bag(bag(tmp_path, moves, seen, latched, kind="ros1"))
     assert_same(found.recording, RECORDING)
-    assert found.notes == ("/odom: 1 messages have a stamp before that of the message before them; sorted by stamps",)
+    assert found.notes == ()
 
 
 def test_a_clock_that_jumps(tmp_path: Path):
@@ -269,9 +269,7 @@ def test_a_bag_without_messages_is_one_line(kind: str, tmp_path: Path):
 def test_a_folder_without_metadata_is_one_line(kind: str, tmp_path: Path):
     path = bag(tmp_path, kind=kind)
     (path / "metadata.yaml").unlink()
-    with pytest.raises(
-        UserError, match=r"run: cannot be read .*, or a ROS 2 folder with its metadata\.yaml"
-    ):
+    with pytest.raises(UserError, match=r"run: cannot be read .*, or a ROS 2 folder with its metadata\.yaml"):
         read_bag(path)
     (file,) = path.iterdir()
     assert_same(read_bag(file).recording, RECORDING)
