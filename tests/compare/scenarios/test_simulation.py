@@ -13,9 +13,7 @@ from slamgauge.arrays import Float, Int
 from slamgauge.compare.scenarios.scenario import Scenario, load_scenario, shipped_scenarios
 from slamgauge.compare.scenarios.simulation import simulate
 from slamgauge.compare.scenarios.trajectory import Segments
-from slamgauge.recording import Recording
-from slamgauge.se2 import chain, rotation, wrap
-from slamgauge.truth import Truth
+from slamgauge.se2 import between, chain, in_body, rotation, wrap
 from tests.reference.given import given
 
 from .conftest import FALSE_ALARM_RATE
@@ -31,24 +29,6 @@ def assert_chi_square(normalised: Float) -> None:
     """Assert that the sum of squares of supposed independent standard normal numbers is inside the bounds."""
     low, high = chi2.ppf([FALSE_ALARM_RATE / 2, 1 - FALSE_ALARM_RATE / 2], normalised.size)
     assert low < np.sum(normalised**2) < high
-
-
-def true_body(truth: Truth, recording: Recording) -> Float:
-    """Return the observed landmarks (M, 2) in the body frames of the true poses."""
-    poses = given(truth.poses)[recording.observation_step]
-    offsets = given(truth.landmarks)[given(truth.association)] - poses[:, :2]
-    return np.einsum("nji,nj->ni", rotation(poses[:, 2]), offsets)
-
-
-def sensor_noise(truth: Truth, recording: Recording) -> Float:
-    body = true_body(truth, recording)
-    if recording.sensor == "position":
-        return recording.observation - body
-    ranges = recording.observation[:, 0] - np.linalg.norm(body, axis=1)
-    return np.column_stack([ranges, wrap(recording.observation[:, 1] - np.arctan2(body[:, 1], body[:, 0]))])
-
-
-# --- truth -------------------------------------------------------------------------------------
 
 
 def test_segments_follow_one_another():
@@ -73,9 +53,6 @@ def test_a_map_without_landmarks():
     truth, recording = simulate(scenario("landmarks.positions=[]"), 0)
     assert given(truth.landmarks).shape == (0, 2)
     assert recording.observation.shape == (0, 2)
-
-
-# --- streams -----------------------------------------------------------------------------------
 
 
 def test_a_seed_gives_the_same_run_and_another_seed_another():
@@ -108,29 +85,15 @@ def test_a_negative_seed_is_refused():
         simulate(scenario(), -1)
 
 
-# --- noise -------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(("overrides", "sigmas"), [((), [0.1, np.deg2rad(5)]), ((POSITION,), [0.2, 0.2])])
-def test_sensor_noise_has_the_stated_size(overrides: tuple[str, ...], sigmas: list[float]):
-    truth, recording = simulate(scenario(*overrides), 12)
-    for component in (sensor_noise(truth, recording) / sigmas).T:
-        assert_chi_square(component)
-        assert_chi_square(np.array([component.mean() * np.sqrt(len(component))]))
-
-
-def test_landmarks_have_independent_noise():
-    truth, recording = simulate(scenario("sensor.max_range=1000"), 13)
-    noise = sensor_noise(truth, recording)[:, 0].reshape(1258, 37) / 0.1
-    correlation = np.asarray(np.corrcoef(noise, rowvar=False))[np.triu_indices(37, 1)]
-    assert_chi_square(correlation * np.sqrt(1258))
-
-
-def test_streams_are_independent_of_one_another():
-    truth, recording = simulate(scenario("sensor.max_range=1000"), 14)
-    motion = (recording.odometry[:, 0] - 0.1) / 0.03
-    sensor = sensor_noise(truth, recording)[:, 0].reshape(1258, 37)[1:] / 0.1
-    assert_chi_square(motion @ sensor / np.sqrt(np.sum(sensor**2, axis=0)))
+def test_noise_has_the_stated_size_and_no_mean():
+    truth, recording = simulate(scenario(POSITION), 11)
+    path, seen = given(truth.poses), recording.observation_step
+    odometry = recording.odometry - between(path[:-1], path[1:])
+    np.testing.assert_allclose(odometry[:, 1], 0.0, atol=1e-12)
+    sensor = recording.observation - in_body(path[seen], given(truth.landmarks)[given(recording.landmark)])
+    for noise in (odometry[:, 0] / 0.03, odometry[:, 2] / np.deg2rad(0.3), *(sensor / 0.2).T):
+        assert_chi_square(noise)
+        assert_chi_square(np.array([noise.mean() * np.sqrt(len(noise))]))
 
 
 def test_estimators_receive_the_scaled_covariances():

@@ -140,22 +140,6 @@ def test_foreign_databases_are_refused_and_unchanged(run: Run, load: Load, tmp_p
     assert [each.name for each in tmp_path.iterdir()] == [path.name]
 
 
-@pytest.mark.parametrize("step", ["begin_folder", "open_store"])
-def test_a_study_killed_while_it_makes_its_store_continues(
-    run: Run, monkeypatch: pytest.MonkeyPatch, step: str
-) -> None:
-
-    def killed(*_: Any, **__: Any) -> None:
-        raise KeyboardInterrupt
-
-    with monkeypatch.context() as patch:
-        patch.setattr(f"slamgauge.compare.studies.study.{step}", killed)
-        with pytest.raises(KeyboardInterrupt):
-            run(1, ("ekf",))
-    for runs in (1, 2):
-        assert run(runs, ("ekf",)).estimators["ekf"]["runs"] == runs
-
-
 @pytest.mark.parametrize(("runs", "seed", "names"), [(0, 0, ["ekf"]), (1, -1, ["ekf"]), (1, 0, ["efk"]), (1, 0, [])])
 def test_bad_input_is_refused_before_anything_is_written(
     run: Run, tmp_path: Path, runs: int, seed: int, names: list[str]
