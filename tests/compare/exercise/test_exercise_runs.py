@@ -207,7 +207,7 @@ def keys_of(value: Any) -> set[str]:
 
 
 def test_settings_are_those_of_the_handout():
-    """`scenarios/test_shipped_scenarios` has the gates and the assumed noise of questions 2 and 3."""
+    """`scenarios/test_scenario` has the gates and the assumed noise of questions 2 and 3."""
     scenarios = {figure: load_scenario(setting.scenario) for figure, setting in SETTINGS.items()}
     assert [*scenarios] == ["1.1", *(f"2.{k}" for k in range(1, 9)), *(f"3.{k}" for k in range(1, 5)), "4.1", "ring"]
     unknown = [figure for figure, each in scenarios.items() if each.association.method == "nearest-neighbour"]
