@@ -27,21 +27,14 @@ class OtherModelError(Exception):
 
 @dataclass
 class Subject:
-    """The estimator under test.
+    """The estimator under test."""
 
-    Attributes:
-        name: name in error messages.
-        estimator: any callable `Recording -> Estimate`.
-        ignored: inputs that do not change its estimates (see `ignored_inputs`).
-        is_confused: whether its own association confused landmarks in a run, or it did not show its landmarks.
-        cause: name of the check of the part that explains a failure of `truth-recovered`; empty if it is unknown.
-    """
-
-    name: str
-    estimator: Estimator
-    ignored: Set[Need] = frozenset()
-    is_confused: bool = False
-    cause: str = ""
+    name: str  # in error messages
+    estimator: Estimator  # any callable `Recording -> Estimate`
+    ignored: Set[Need] = frozenset()  # inputs that do not change its estimates (see `ignored_inputs`)
+    is_confused: bool = False  # its own association confused landmarks in a run, or it did not show its landmarks
+    is_overdue: bool = False  # it exceeded the time limit in an earlier check
+    cause: str = ""  # name of the check of the part that explains a failure of `truth-recovered`, if it is known
 
     def ignores(self, *needs: Need) -> bool:
         """Return whether it ignores any of these inputs."""
@@ -79,28 +72,19 @@ def pose_covs_of(estimate: Estimate) -> Float:
 
 
 def landmark_of(estimate: Estimate, name: int) -> Float:
-    """Return the position (2,) [m], world frame, of the landmark with the id `name`.
-
-    Raises:
-        NotJudgedError: the estimate has no landmarks.
-        UserError: the estimate has landmarks, but not this one.
-    """
+    """Return the position (2,) [m], world frame, of the landmark with the id `name` (see `_row`)."""
     return estimate.landmarks[_row(estimate, name)]
 
 
 def landmark_cov_of(estimate: Estimate, name: int) -> Float:
-    """Return the covariance (2, 2) [m^2] of the landmark with the id `name`.
-
-    Raises:
-        NotJudgedError: the estimate has no landmarks, or no landmark covariances.
-        UserError: the estimate has landmarks, but not this one.
-    """
+    """Return the covariance (2, 2) [m^2] of a landmark (see `_row`); raise NotJudgedError if the estimate has none."""
     if estimate.landmark_covs is None:
         raise NotJudgedError("the estimate has no landmark_covs")
     return estimate.landmark_covs[_row(estimate, name)]
 
 
 def _row(estimate: Estimate, name: int) -> int:
+    """Return the row of a landmark; raise NotJudgedError without landmarks, UserError if only this one is missing."""
     if not len(estimate.landmark_ids):
         raise NotJudgedError("the estimate has no landmarks")
     rows = np.flatnonzero(estimate.landmark_ids == name)
@@ -116,27 +100,18 @@ Measure = Callable[[Subject, np.random.Generator], float]
 class Check:
     """A property that every correct filter has, measured by one number, the figure.
 
-    Attributes:
-        measure: function that computes the figure of an estimator. It draws random recordings from the generator.
-        figure: text that names the measured quantity and its unit. 0 is perfect unless the text states another value.
-        bound: largest figure that passes.
-        blame: printed after a failure: the part of the filter that usually causes it.
-        excused_to: a figure with `bound` < figure <= `excused_to` is a limit of the textbook method, not a failure. The
-            default -inf excuses no figure.
-        limit: printed instead of `blame` for such a figure: explanation of the limit.
-        needs: inputs without which a right filter may fail the check; a filter that ignores one of them is not judged.
-        after: names of checks that it presupposes. If one of them fails, or one that these presuppose, the failure of
-            this check may follow from it and is not judged.
+    A figure with `bound` < figure <= `excused_to` is a limit of the textbook method, not a failure. If a check that it
+    presupposes fails, or one that these presuppose, its failure may follow from that one and is not judged.
     """
 
-    measure: Measure
-    figure: str
-    bound: float
-    blame: str
-    excused_to: float = -np.inf
-    limit: str = ""
-    needs: tuple[Need, ...] = ()
-    after: tuple[str, ...] = ()
+    measure: Measure  # computes the figure of an estimator; draws random recordings from the generator
+    figure: str  # the measured quantity and its unit; 0 is perfect unless the text states another value
+    bound: float  # largest figure that passes
+    blame: str  # printed after a failure: the part of the filter that usually causes it
+    excused_to: float = -np.inf  # excuses no figure
+    limit: str = ""  # printed instead of `blame` for an excused figure
+    needs: tuple[Need, ...] = ()  # a right filter that ignores one of these inputs may fail: it is not judged
+    after: tuple[str, ...] = ()  # names of checks that it presupposes
 
     @property
     def name(self) -> str:

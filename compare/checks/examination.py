@@ -3,19 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from slamgauge.compare.checks import (
-    covariance_checks,
-    exact_measurement_checks,
-    id_and_frame_checks,
-    prediction_checks,
-    update_checks,
-)
-from slamgauge.compare.checks.check import Check, Need, NotJudgedError, OtherModelError, Subject
-from slamgauge.compare.checks.ignored_inputs import ignored_inputs, reason_not_judged
+from slamgauge.compare.checks import covariance_checks, mean_checks, update_checks
+from slamgauge.compare.checks.check import Check, NotJudgedError, OtherModelError, Subject
+from slamgauge.compare.checks.ignored_inputs import ignored_inputs
 from slamgauge.compare.estimators.user_errors import OverdueError
 from slamgauge.compare.scoring.table import Head, Table, cell
 from slamgauge.compare.scoring.text_page import Page
@@ -24,10 +18,10 @@ from slamgauge.estimate import Estimator
 
 OVERDUE = "the estimator exceeded the time limit in an earlier check"
 CHECKS = (
-    *exact_measurement_checks.CHECKS,
-    *prediction_checks.CHECKS,
+    *mean_checks.CHECKS,
+    *covariance_checks.PREDICTION_CHECKS,
     *update_checks.CHECKS,
-    *id_and_frame_checks.CHECKS,
+    *mean_checks.EQUIVALENCE_CHECKS,
     *covariance_checks.CHECKS,
 )
 
@@ -77,19 +71,12 @@ def check_estimator(name: str, estimator: Estimator, seed: int = 0, checks: Sequ
     ignored = ignored_inputs(Subject(name, estimator))
     found, refused, causes, is_overdue = list[Verdict](), set[str](), dict[str, str](), False
     for each in checks:
-        if is_overdue:
-            found.append(_not_judged(each, OVERDUE))
-            continue
-        lacking: list[Need] = [need for need in each.needs if need in ignored]
-        if lacking:
-            found.append(_not_judged(each, reason_not_judged(lacking[0])))
-            continue
-        subject = Subject(name, estimator, ignored)
+        subject = Subject(name, estimator, ignored, is_overdue=is_overdue)
         try:
             found.append(_verdict(each, subject, np.random.default_rng([seed, *each.name.encode()])))
             causes[each.name] = subject.cause
         except NotJudgedError as reason:
-            found.append(_not_judged(each, str(reason)))
+            found.append(Verdict(each.name, None, None, each.bound, f"not judged: {reason}"))
         except OtherModelError as model:
             found.append(Verdict(each.name, True, None, each.bound, str(model), limit_of_method=True))
         except UserError as error:
@@ -100,6 +87,21 @@ def check_estimator(name: str, estimator: Estimator, seed: int = 0, checks: Sequ
     return _without_consequences(found, refused, causes)
 
 
+def _verdict(check: Check, subject: Subject, rng: np.random.Generator) -> Verdict:
+    lacking = next((need for need in check.needs if subject.ignores(need)), "")
+    if subject.is_overdue or lacking:
+        own = " and associates on its own" if lacking == "ids" else ""
+        raise NotJudgedError(OVERDUE if subject.is_overdue else f"it ignores the {lacking} of the recording{own}")
+    figure = check.measure(subject, rng)
+    if figure <= check.bound:
+        return Verdict(check.name, True, figure, check.bound, check.blame)
+    if figure <= check.excused_to:
+        return Verdict(check.name, True, figure, check.bound, check.limit, limit_of_method=True)
+    if subject.is_confused:
+        raise NotJudgedError("its own association may have confused landmarks")
+    return Verdict(check.name, False, figure if np.isfinite(figure) else None, check.bound, check.blame)
+
+
 def _without_consequences(verdicts: list[Verdict], refused: set[str], causes: Mapping[str, str]) -> list[Verdict]:
     """Replace failures of checks that presuppose a failed check, and invalid covariances that another failure explains.
 
@@ -107,21 +109,19 @@ def _without_consequences(verdicts: list[Verdict], refused: set[str], causes: Ma
     estimate of any recording invalid, also where only the mean is measured. If a check found its cause, another failed
     check (`causes`), the failures that presuppose it follow from that one.
     """
-    failed = [each for each in verdicts if each.is_failure]
-    direct = [each for each in failed if each.name not in refused] or failed
+    failed = {each.name for each in verdicts if each.is_failure}
+    direct = failed - refused or failed
     for name, cause in causes.items():
-        if cause in {each.name for each in failed}:
-            direct = [each for each in direct if each.name == cause or name not in {each.name} | presupposed(each.name)]
-    roots = [each for each in direct if not presupposed(each.name) & {other.name for other in direct}]
+        if cause in failed:
+            direct = {each for each in direct if each == cause or name not in {each} | presupposed(each)}
+    roots = [each.name for each in verdicts if each.name in direct and not presupposed(each.name) & direct]
     kept: list[Verdict] = []
     for each in verdicts:
-        is_invalid = each.is_failure and each not in direct
-        above = [root.name for root in roots if is_invalid or root.name in presupposed(each.name)]
+        above = [root for root in roots if each.name not in direct or root in presupposed(each.name)]
         if each.is_failure and above:
             reason = f"not judged: {above[0]} fails, and this may follow from it"
-            kept.append(replace(each, passed=None, figure=None, blame=reason))
-        else:
-            kept.append(each)
+            each = replace(each, passed=None, figure=None, blame=reason)
+        kept.append(each)
     return kept
 
 
@@ -129,26 +129,6 @@ def presupposed(name: str) -> set[str]:
     """Return the names of all checks that a check presupposes, directly or through others."""
     direct = next((each.after for each in CHECKS if each.name == name), ())
     return {*direct}.union(*map(presupposed, direct))
-
-
-def _verdict(check: Check, subject: Subject, rng: np.random.Generator) -> Verdict:
-    figure = check.measure(subject, rng)
-    if figure <= check.bound:
-        return Verdict(check.name, True, figure, check.bound, check.blame)
-    if figure <= check.excused_to:
-        return Verdict(check.name, True, figure, check.bound, check.limit, limit_of_method=True)
-    if subject.is_confused:
-        return _not_judged(check, "its own association may have confused landmarks")
-    return Verdict(check.name, False, figure if np.isfinite(figure) else None, check.bound, check.blame)
-
-
-def _not_judged(check: Check, reason: str) -> Verdict:
-    return Verdict(check.name, None, None, check.bound, f"not judged: {reason}")
-
-
-def verdicts_json(verdicts: Sequence[Verdict]) -> list[dict[str, bool | float | str | None]]:
-    """Return the verdicts as `slamgauge check --json` prints them."""
-    return [asdict(verdict) for verdict in verdicts]
 
 
 def verdicts_table(verdicts: Sequence[Verdict]) -> Page:

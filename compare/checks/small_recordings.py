@@ -25,27 +25,16 @@ Observed = tuple[tuple[int, int], ...]
 
 @dataclass(frozen=True, kw_only=True)
 class World:
-    """A path among landmarks.
+    """A path among landmarks."""
 
-    Attributes:
-        moves: (N, 2) forward motion [m] and turn [rad] of each step.
-        move_sigmas: (N, 2) sigmas that estimators assume; the moves themselves are exact.
-        landmarks: (L, 2) [m].
-        observed: step and landmark of each observation, steps in increasing order.
-        start: (3,) true start pose, the mean of the prior.
-        prior_cov: (3, 3).
-        step_s: time between poses [s].
-        is_arc: whether the robot turns while it moves, on an arc; by default it turns afterwards.
-    """
-
-    moves: Float
-    move_sigmas: Float
-    landmarks: Float
-    observed: Observed
-    start: Float = field(default_factory=lambda: np.zeros(3))
-    prior_cov: Float = field(default_factory=lambda: KNOWN_START)
-    step_s: float = 1.0
-    is_arc: bool = False
+    moves: Float  # (N, 2) forward motion [m] and turn [rad] of each step
+    move_sigmas: Float  # (N, 2) sigmas that estimators assume; the moves themselves are exact
+    landmarks: Float = field(default_factory=lambda: np.zeros((0, 2)))  # (L, 2) [m]
+    observed: Observed = ()  # step and landmark of each observation, steps in increasing order
+    start: Float = field(default_factory=lambda: np.zeros(3))  # (3,) true start pose, the mean of the prior
+    prior_cov: Float = field(default_factory=lambda: KNOWN_START)  # (3, 3)
+    step_s: float = 1.0  # time between poses [s]
+    is_arc: bool = False  # the robot turns while it moves, on an arc; by default it turns afterwards
 
     @property
     def increments(self) -> Float:
@@ -86,11 +75,36 @@ class World:
             landmark=names,
         )
 
+    def noisy(self, rng: np.random.Generator, noise: float = SIGMA, sigma: float = SIGMA) -> Recording:
+        """Return ranges and bearings with Gaussian noise; estimators assume `sigma`."""
+        return self.recording(rng.normal(0.0, noise, (len(self.observed), 2)), sigma)
+
 
 def at_rest(start: Float, prior_cov: Float, landmarks: Float, observed: Observed) -> World:
     """Return a world in which the robot does not move, with exact odometry."""
     rest = np.zeros((max(step for step, _ in observed), 2))
     return World(start=start, prior_cov=prior_cov, moves=rest, move_sigmas=rest, landmarks=landmarks, observed=observed)
+
+
+def walk(rng: np.random.Generator, landmarks: Float, steps: int = 9, each: int = 1, turn: float = 0.0) -> World:
+    """Return a walk from the origin along x with turns of ± `turn` [rad].
+
+    Each scan observes the next `each` landmarks, and starts again after the last one.
+    """
+    turns = turn * np.array([1, -1, -1, 1, 1, -1, -1, 1, 1])[:steps]
+    moves = np.column_stack([rng.uniform(0.3, 0.6, steps), turns])
+    return World(
+        prior_cov=correlated(SIGMA * np.array([2.0, 2.0, 1.0]), rng),
+        moves=moves,
+        move_sigmas=np.tile([10.0 * SIGMA, 5.0 * SIGMA], (steps, 1)),
+        landmarks=landmarks,
+        observed=tuple((step, (step * each + k) % len(landmarks)) for step in range(steps + 1) for k in range(each)),
+    )
+
+
+def ahead(rng: np.random.Generator) -> Float:
+    """Return three landmarks (3, 2) that stay ahead of a walk from the origin along x."""
+    return np.column_stack([rng.uniform(8.0, 10.0, 3), np.array([-5.0, 0.5, 6.0]) + rng.uniform(-0.5, 0.5, 3)])
 
 
 def around(pose: Float, distance: Float, bearing: Float) -> Float:

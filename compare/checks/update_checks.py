@@ -29,12 +29,6 @@ SHARE = 0.01  # largest relative difference of a motion; second order is less
 SAME_CORRECTION = 0.02  # largest relative difference of two corrections
 
 
-def _observation_jacobian(start: Float, landmark: Float) -> Float:
-    """Return the Jacobian (2, 2) of a landmark's position by range and bearing from the pose `start`."""
-    dx, dy = landmark - start[:2]
-    return np.array([[dx, -dy], [dy, dx]]) / [np.hypot(dx, dy), 1.0]
-
-
 @check(
     figure="covariance of a landmark observed once: largest difference from J_r P J_r' + J_z R J_z' [sigma^2]",
     bound=0.02,
@@ -52,7 +46,7 @@ def first_sight(subject: Subject, rng: np.random.Generator) -> float:
     landmarks = around(start, rng.uniform(3.0, 6.0, 1), rng.uniform(-1.0, 1.0, 1))
     world = at_rest(start, correlated(SIGMA * np.array([2.0, 2.0, 1.0]), rng), landmarks, ((1, 0),))
     dx, dy = landmarks[0] - start[:2]
-    Jr, Jz = np.array([[1.0, 0.0, -dy], [0.0, 1.0, dx]]), _observation_jacobian(start, landmarks[0])
+    Jr, Jz = np.array([[1.0, 0.0, -dy], [0.0, 1.0, dx]]), np.array([[dx, -dy], [dy, dx]]) / [np.hypot(dx, dy), 1.0]
     from_pose, from_observation = Jr @ world.prior_cov @ Jr.T, SIGMA**2 * Jz @ Jz.T
     found = landmark_cov_of(subject(world.recording()), 0)
     if not subject.has_own_noise:
@@ -74,16 +68,15 @@ def cross_covariance(subject: Subject, rng: np.random.Generator) -> float:
     The robot observes landmark 0 from the known start, and landmark 1 after 30 noisy moves along x. Then a range to
     landmark 0 moves the robot. A filter with its own noise may add that of one more step to the robot: 1/31.
     """
-    sigma = LOOSE
     landmarks = np.array([[rng.uniform(6.0, 9.0), 0.0], [rng.uniform(3.0, 5.0), rng.uniform(1.0, 3.0)]])
     moving = np.repeat([0.0, 1.0, 0.0], [1, MOVES, 1])[:, None]
     world = World(
         moves=moving * [1.0 / MOVES, 0.0],
-        move_sigmas=moving * [sigma / np.sqrt(MOVES), 0.0],
+        move_sigmas=moving * [LOOSE / np.sqrt(MOVES), 0.0],
         landmarks=landmarks,
         observed=((1, 0), (MOVES + 1, 1), (MOVES + 2, 0)),
     )
-    shift = rng.choice([-1.0, 1.0]) * rng.uniform(0.5, 1.5) * sigma
+    shift = rng.choice([-1.0, 1.0]) * rng.uniform(0.5, 1.5) * LOOSE
     recording = world.recording(np.array([[0.0, 0.0], [0.0, 0.0], [shift, 0.0]]))
     before, after = subject(recording.first(MOVES + 1)), subject(recording)
     robot = after.poses[-1, :2] - before.poses[-1, :2]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 
 import tyro
 
@@ -41,5 +41,5 @@ class Command:
         limits = requests.Limits(require_timeout(self.timeout))
         (asked,) = requests.with_limits(requests.ask([self.estimator]), limits)
         verdicts = examination.check_estimator(asked.label, loading.load(asked), self.seed)
-        self.output.show(examination.verdicts_json(verdicts), examination.verdicts_table(verdicts))
+        self.output.show([asdict(each) for each in verdicts], examination.verdicts_table(verdicts))
         return 1 if any(verdict.is_failure for verdict in verdicts) else 0

@@ -167,7 +167,8 @@ def against_reference(scores: Sequence[Score], reference: Sequence[Score]) -> Ag
             broken.append(f"{text}, less than {least:g}: it is too sure")
         elif is_above(ratio, most):
             broken.append(f"{text}, more than {most:g}{': it is too cautious' if least else ''}")
-    return AgainstReference(*ratios, tuple(broken))
+    ate, nees, position, heading = ratios
+    return AgainstReference(ate, nees, position, heading, tuple(broken))
 
 
 def ates(scores: Sequence[Score]) -> Float:

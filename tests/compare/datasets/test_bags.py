@@ -33,7 +33,6 @@ from tests.reference.bags import (
     scan_messages,
     six,
     xyz,
-    yaw,
 )
 from tests.reference.command_line import run
 from tests.reference.random_recordings import random_recording
@@ -222,16 +221,6 @@ def test_late_and_repeated_messages_change_nothing(tmp_path: Path):
     assert found.notes == ("/odom: 1 messages have a stamp before that of the message before them; sorted by stamps",)
 
 
-def test_a_latched_message_from_before_the_start_is_dropped(tmp_path: Path):
-    recording = simulated()
-    topic, _, kind, fields = detections(recording)[0]
-    old = (topic, nanoseconds(1000.0), kind, fields | {"header": header(995.0)})
-    path = Bags("ros1").write(tmp_path / "run", in_order([old], odometry_messages(recording), detections(recording)))
-    found = read_bag(path)
-    assert_same(found.recording, recording)
-    assert found.unmatched == len(fields["detections"])
-
-
 def test_a_clock_that_jumps(tmp_path: Path):
     recording = simulated()
     moves = odometry_messages(recording)
@@ -315,24 +304,6 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     assert "agree with one place per landmark" in capsys.readouterr().err
 
 
-def test_cones_without_ids_from_the_bag_to_the_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    """Filters associate cones; the optima have the associations of the first filter, which a note states."""
-    recording = replace(simulated(), landmark=None)
-    scans = scan_messages(recording, "/cones", "eufs_msgs/msg/ConeArrayWithCovariance", cone, "blue_cones")
-    for *_, fields in scans:  # the first cone of each message is yellow
-        fields["yellow_cones"] = [fields["blue_cones"].pop(0)]
-    path = Bags("mcap").write(tmp_path / "run", in_order(odometry_messages(recording), scans))
-    assert run("import", "bag", path, "--out", tmp_path / "out") == 0
-    capsys.readouterr()
-    stored = tmp_path / "out/recording.npz"
-    assert load_recording(stored).landmark is None
-    command = ("evaluate", stored, "--estimators", "ekf,batch", "--set")
-    assert run(*command, "association.method=jcbb", "association.gate=16") == 0
-    printed = capsys.readouterr().out
-    assert "batch@ekf" in printed
-    assert "no ids, and no true associations: compared with batch@ekf" in " ".join(printed.split())
-
-
 def test_a_topic_as_an_estimate(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     recording = simulated()
     bag = Bags("mcap").write(tmp_path / "run", odometry_messages(recording, "/ekf/odom"))
@@ -393,57 +364,3 @@ def test_without_stamps_in_headers_the_times_of_recording_are_used(kind: str, tm
     found = read_bag(Bags(kind).write(tmp_path / "run", messages))
     assert "/odom: no stamps in its headers; times of recording are used" in " ".join(found.notes)
     assert_same(found.recording, recording)
-
-
-def test_odometry_at_100_hz_and_detections_at_5_hz(tmp_path: Path):
-    """Each detection is between two odometry messages, which then has another step."""
-    drawn = simulated(steps=400)
-    recording = replace(drawn, stamps=np.linspace(1000.0, 1004.0, 401)).only(drawn.observation_step % 20 == 10)
-    seen = detections(recording)
-    for *_, fields in seen:
-        stamp = fields["header"]["stamp"]
-        stamp["nanosec"] += 3_000_000  # 3 ms after the step
-    found = read_bag(Bags("mcap").write(tmp_path / "run", in_order(odometry_messages(recording), seen))).recording
-    assert found.steps == 400 + len(seen)
-    seconds = found.stamps[found.observation_step] - recording.stamps[recording.observation_step]
-    assert_allclose(seconds, 0.003, atol=1e-6)
-    ends = (chain(np.zeros(3), each.odometry)[-1] for each in (found, recording))
-    assert_allclose(*ends, atol=1e-9)
-
-
-def ordered(recording: Recording) -> Recording:
-    """Return a recording with the observations of each step in the order of their ids."""
-    assert recording.landmark is not None
-    rows = np.lexsort((recording.landmark, recording.observation_step))
-    fields = ("observation_step", "observation", "observation_cov", "landmark")
-    return replace(recording, **{name: getattr(recording, name)[rows] for name in fields})
-
-
-def test_two_cameras_with_static_transforms(tmp_path: Path):
-    """Detections of two cameras, each in its own frame, are those of one sensor at the base."""
-    recording = simulated()
-    mounts = {"left": (0.2, 0.1, 0.5), "right": (0.2, -0.1, -0.5)}
-    is_left = recording.observation[:, 1] > 0.0
-    messages = [odometry_messages(recording)]
-    for (frame, (x, y, heading)), rows in zip(mounts.items(), (is_left, ~is_left), strict=True):
-        part = recording.only(rows)
-        turn = rotation(np.array(heading))
-        mounted = replace(
-            part,
-            observation=(part.observation - [x, y]) @ turn,
-            observation_cov=turn.T @ part.observation_cov @ turn,
-        )
-        messages.append(detections(mounted))
-        for *_, fields in messages[-1]:
-            fields["header"]["frame_id"] = frame
-    transforms = [
-        {
-            "header": header(1000.0, "base_link"),
-            "child_frame_id": frame,
-            "transform": {"translation": xyz(x, y), "rotation": yaw(heading)},
-        }
-        for frame, (x, y, heading) in mounts.items()
-    ]
-    static = ("/tf_static", 1_000_000_000_000, "tf2_msgs/msg/TFMessage", {"transforms": transforms})
-    found = read_bag(Bags("mcap").write(tmp_path / "run", in_order([static], *messages))).recording
-    assert_same(ordered(found), ordered(recording))

@@ -68,11 +68,8 @@ def test_a_new_metric_needs_only_a_decorated_function(monkeypatch: pytest.Monkey
     outcomes = [run_once(scenario, seed, ["dead-reckoning"])[0] for seed in (0, 1)]
     ways = [each.figures["way_m"] for each in outcomes]
     assert ways[0] == way
-    keys = (*STORED, "way_m")
-    figures = {key: np.array([each.figures.get(key) for each in outcomes], dtype=float) for key in keys}
-    series = np.array([np.frombuffer(each.series, dtype=np.float32) for each in outcomes], dtype=float)
-    rows = np.moveaxis(series.reshape(2, len(SERIES), -1), 1, 0)
-    runs = Runs(np.arange(2), "filtered", figures, dict(zip(SERIES, rows, strict=True)))
+    figures = {key: np.array([each.figures.get(key) for each in outcomes], float) for key in (*STORED, "way_m")}
+    runs = Runs(np.arange(2), "filtered", figures, dict.fromkeys(SERIES, np.zeros((2, 3))))
     entries = summarise({"dead-reckoning": runs})
     assert entries["dead-reckoning"].to_json()["way_m"]["mean"] == pytest.approx(np.mean(ways))  # pyrefly: ignore[no-matching-overload]
     assert "way [m]" in str(summary_table(Summary("x", 2, 0, "", (), entries))).splitlines()[0]
