@@ -144,21 +144,10 @@ def _fails(_: object) -> None:
     raise UserError("no solution")
 
 
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (["q5"], "question 'q5' is not known; use q1, q2, q3, q4"),
-        (["q1", "--runs", "0"], "runs: 0 is too few; give at least 1"),
-        (["q1", "--seed", "-1"], "seed: -1 is negative; use a whole number >= 0"),
-        (["q1", "--jobs", "0"], "jobs: 0 is out of range; give 1 to 1024"),
-    ],
-)
-def test_mistakes_are_refused_in_one_line(
-    words: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-):
-    assert main(["exercise", *words, "--out", str(tmp_path / "out")]) == 2
-    assert capsys.readouterr().err == f"slamgauge: {message}\n"
-    assert not (tmp_path / "out" / "exercise.json").exists()
+def test_an_unknown_question_is_refused_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    assert main(["exercise", "q5", "--out", str(tmp_path / "out")]) == 2
+    assert capsys.readouterr().err == "slamgauge: question 'q5' is not known; use q1, q2, q3, q4\n"
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.usefixtures("studies_in_a_thread")

@@ -86,14 +86,6 @@ def test_a_key_that_changes_the_measurements_has_an_optimum_at_each_value(swept:
     assert first < second
 
 
-@pytest.mark.parametrize(("scenario", "has_effect"), [("q1-long-dense", False), ("q2-long-dense", True)])
-def test_a_sweep_names_a_key_without_effect(swept: Swept, scenario: str, has_effect: bool):
-    """A gate has no effect with known association."""
-    sweep = swept(scenario, "association.gate=1,9", 2)
-    line = "association.gate has no effect on ekf: the same figures at every value"
-    assert str(sweep_table(sweep)).splitlines().count(line) == sweep.to_json()["notes"].count(line) == (not has_effect)
-
-
 def test_more_values_later_run_no_optimum_again_and_failures_are_reported(
     swept: Swept, monkeypatch: pytest.MonkeyPatch
 ):
