@@ -258,15 +258,6 @@ def test_identical_figures_are_named_on_both_sides():
     }
 
 
-@pytest.mark.full  # tests/compare/estimators has this
-def test_no_file_of_the_folder_hides_a_library_from_the_others(
-    scenario: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-):
-    files = {"anna.py": STUDENT + "\nimport random\n\nrandom.seed(1)\n", "numpy.py": STUDENT, "random.py": STUDENT}
-    assert graded_class(tmp_path, scenario, files, "--runs", "2") == 0
-    assert capsys.readouterr().out.endswith("3 of 3 graded, 3 passed\n")
-
-
 @pytest.mark.full  # tests/compare/estimators has the noise of files
 def test_other_noise_of_a_file_is_graded_too_and_the_same_noise_is_not(
     scenario: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
