@@ -60,11 +60,9 @@ class Host:
         self._turn = threading.Lock()  # one run at a time
 
     def begin(self) -> str:
-        """Start the process and load the code; return the form of the code in words (see `adapters`).
+        """Start the process and load the code; return its form in words. `UserError`: this system has no wall.
 
-        Raises:
-            UserCodeError: the code cannot be loaded, or has none of the forms.
-            UserError: this system has no wall.
+        `UserCodeError`: the code cannot be loaded, or has none of the forms.
         """
         if self._process is None:
             try:

@@ -20,20 +20,13 @@ from pathlib import Path
 from slamgauge.errors import UserError
 
 LARGEST_FILE = 1_000_000  # bytes of a file
-MOST_FILES = 1000
 MOST_BYTES = 20_000_000  # total of all files; files that would exceed it are left out
 TRUTH = "truth.npz"
 
 
 @dataclass(frozen=True)
 class CodeFolder:
-    """Files of user code.
-
-    Attributes:
-        folder: absolute path.
-        module: name of the module, as code of the folder would import it.
-        files: (path relative to the folder, content) of each file.
-    """
+    """Files of user code: absolute path, name of the module that its code would import, and (path, content) of each."""
 
     folder: str
     module: str
@@ -56,19 +49,14 @@ class CodeFolder:
 
 
 def read_folder(folder: Path, module: str, only: Path | None = None) -> CodeFolder:
-    """Read the folder of a module, or one file or folder in it `only`.
-
-    Raises:
-        UserError: a Python file is too large.
-        OSError: a file cannot be read.
-    """
+    """Read the folder of a module, or one file or folder in it `only`; refuse a Python file that is too large."""
     folder, found, room = folder.resolve(), dict[str, bytes](), MOST_BYTES
     for path in [only.resolve()] if only is not None and only.is_file() else _listed((only or folder).resolve()):
         with suppress(FileNotFoundError):  # another program deletes it after the folder was listed
             size = path.stat().st_size
             if size > LARGEST_FILE and path.suffix == ".py":
                 raise UserError(f"{path.name}: has more than {LARGEST_FILE / 1e6:g} MB; keep data in other files")
-            if size <= min(LARGEST_FILE, room) and len(found) < MOST_FILES and path.is_relative_to(folder):
+            if size <= min(LARGEST_FILE, room) and path.is_relative_to(folder):
                 found[path.relative_to(folder).as_posix()] = path.read_bytes()
                 room -= size
     return CodeFolder(str(folder), module, tuple(sorted(found.items())))

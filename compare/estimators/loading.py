@@ -15,6 +15,7 @@ from functools import partial
 import numpy as np
 
 from slamgauge.arrays import Marks
+from slamgauge.compare.estimators.adapters import adapt
 from slamgauge.compare.estimators.child import Host, shared_host
 from slamgauge.compare.estimators.forms.signatures import Form, Noise
 from slamgauge.compare.estimators.registry import REGISTRY, UNDER, Entry, entry_of
@@ -48,17 +49,15 @@ class LoadedEstimator:
 
 
 class HostedEstimator(Form):
-    """User code as an estimator, which runs in its child process; remarks are those of the last run.
+    """User code as an estimator, which runs in its child process; `seconds` and remarks are those of the last run.
 
-    Args:
-        host: the process.
-        noise: noise that it assumes.
-        strict: whether filtered estimates are checked for use of the future; prefixes run in a process of their own.
+    If `strict`, filtered estimates are checked for use of the future; prefixes run in a process of their own.
     """
 
     def __init__(self, host: Host, noise: Noise = "recording", *, strict: bool = False) -> None:
         self.host, self.noise, self.strict = host, noise, strict
-        self.seconds: float | None = None  # of the last run
+        self.words = host.begin()
+        self.seconds: float | None = None
 
     def __call__(self, recording: Recording) -> Estimate:
         """Run the code; `UserCodeError`: it raised an error, exceeded its limits, or uses the future."""
@@ -140,16 +139,12 @@ def load(
         return _ours(entry_of(asked.name), settings)
     entry = Entry(name=asked.label, kind=None, role="user")
     if isinstance(asked, UserCode):
-        host = shared_host(asked.where, asked.limits)
-        form = host.begin()
-        estimator: Estimator = HostedEstimator(host, asked.noise, strict=asked.strict)
+        estimator: Estimator = HostedEstimator(shared_host(asked.where, asked.limits), asked.noise, strict=asked.strict)
+    elif (built_in := entry_behind(asked.call)) is not None:
+        return LoadedEstimator(built_in, asked.call)
     else:
-        if (built_in := entry_behind(asked.call)) is not None:
-            return LoadedEstimator(built_in, asked.call)
-        from slamgauge.compare.estimators.adapters import adapt  # here: it loads the filters
-
         estimator = adapt(asked.call, asked.label)
-        form = estimator.words if isinstance(estimator, Form) else ""
+    form = estimator.words if isinstance(estimator, Form) else ""
     if announced and form:
         print(f"{asked.label}: {form}", file=sys.stderr)
     return LoadedEstimator(entry, estimator, form)

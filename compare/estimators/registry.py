@@ -25,8 +25,6 @@ DEAD_RECKONING = "dead-reckoning"  # faint in figures, absent from pictures of a
 FIXED_LAG = "fixed-lag"  # fixed-lag-50: a window of 50 steps
 LAG = "0|[1-9][0-9]{0,8}"  # pattern of the steps at the end of a name
 UNDER = "@"  # causal@ekf: causal with the associations of ekf
-
-
 Role = Literal["estimator", "textbook", "filter", "graph", "informed", "optimum", "bound", "user"]
 
 
@@ -81,49 +79,28 @@ class Entry:
         return cast("Callable[[Truth, Recording], Float]", self.load())(truth, recording)
 
 
+_FILTER, _GRAPH = "slamgauge.ekf:", "slamgauge.graph_baseline:"
 _ENTRIES = (
-    Entry(DEAD_RECKONING, "slamgauge.ekf:dead_reckoning"),
-    Entry("textbook-ekf", "slamgauge.ekf:textbook_ekf", "textbook", note="the same as ekf in 200 lines, for reading"),
-    Entry("ekf", "slamgauge.ekf:ekf_slam", "filter"),
-    Entry("fej-ekf", "slamgauge.ekf:fej_ekf", "filter"),
-    Entry("oc-ekf", "slamgauge.ekf:oc_ekf", "filter"),
-    Entry("iekf", "slamgauge.ekf:iekf", "filter"),
-    Entry("riekf", "slamgauge.ekf:riekf", "filter"),
-    Entry(
-        FIXED_LAG,
-        "slamgauge.graph_baseline:fixed_lag",
-        "graph",
-        note=f"the last 20 steps smoothed; {FIXED_LAG}-5: the last 5",
-    ),
-    Entry("causal", "slamgauge.graph_baseline:causal", "optimum", note="causal optimum", title="causal optimum"),
-    Entry(
-        "batch",
-        "slamgauge.graph_baseline:batch",
-        "optimum",
-        kind="smoothed",
-        note="hindsight",
-        title="hindsight optimum",
-    ),
-    Entry("robust-batch", "slamgauge.graph_baseline:robust_batch", "graph", kind="smoothed"),
-    Entry("isam2", "slamgauge.graph_baseline:isam2", "graph", note="GTSAM's iSAM2"),
-    Entry(
-        "gtsam-batch",
-        "slamgauge.graph_baseline:gtsam_batch",
-        "informed",
-        kind="smoothed",
-        note="GTSAM's Levenberg-Marquardt",
-    ),
+    Entry(DEAD_RECKONING, f"{_FILTER}dead_reckoning"),
+    Entry("textbook-ekf", f"{_FILTER}textbook_ekf", "textbook", note="the same as ekf in 200 lines, for reading"),
+    Entry("ekf", f"{_FILTER}ekf_slam", "filter"),
+    Entry("fej-ekf", f"{_FILTER}fej_ekf", "filter"),
+    Entry("oc-ekf", f"{_FILTER}oc_ekf", "filter"),
+    Entry("iekf", f"{_FILTER}iekf", "filter"),
+    Entry("riekf", f"{_FILTER}riekf", "filter"),
+    Entry(FIXED_LAG, f"{_GRAPH}fixed_lag", "graph", note=f"the last 20 steps smoothed; {FIXED_LAG}-5: the last 5"),
+    Entry("causal", f"{_GRAPH}causal", "optimum", note="causal optimum", title="causal optimum"),
+    Entry("batch", f"{_GRAPH}batch", "optimum", kind="smoothed", note="hindsight", title="hindsight optimum"),
+    Entry("robust-batch", f"{_GRAPH}robust_batch", "graph", kind="smoothed"),
+    Entry("isam2", f"{_GRAPH}isam2", "graph", note="GTSAM's iSAM2"),
+    Entry("gtsam-batch", f"{_GRAPH}gtsam_batch", "informed", kind="smoothed", note="GTSAM's Levenberg-Marquardt"),
 )
 REGISTRY = {entry.name: entry for entry in _ENTRIES}
 BOUND, HINDSIGHT_BOUND = "bound", "hindsight-bound"
+_NOTE = "for studies: Cramer-Rao bounds, causal and in hindsight"
 BOUNDS = {  # for studies only: they need the truth and many runs
-    BOUND: Entry(
-        BOUND,
-        "slamgauge.graph_baseline:causal_bound",
-        "bound",
-        note="for studies: Cramer-Rao bounds, causal and in hindsight",
-    ),
-    HINDSIGHT_BOUND: Entry(HINDSIGHT_BOUND, "slamgauge.graph_baseline:hindsight_bound", "bound", kind="smoothed"),
+    BOUND: Entry(BOUND, f"{_GRAPH}causal_bound", "bound", note=_NOTE),
+    HINDSIGHT_BOUND: Entry(HINDSIGHT_BOUND, f"{_GRAPH}hindsight_bound", "bound", kind="smoothed"),
 }
 BOUND_OF = {str(entry.kind): entry.name for entry in BOUNDS.values()}  # kind of estimates -> bound
 FILTERS = tuple(entry.name for entry in _ENTRIES if entry.role == "filter")
@@ -139,11 +116,7 @@ HELP = (
 
 
 def entry_of(name: str) -> Entry:
-    """Return the entry of a name, also of `causal@ekf` (a graph with a filter's associations) and `fixed-lag-5`.
-
-    Raises:
-        UserError: the name is unknown.
-    """
+    """Return the entry of a name, also of `causal@ekf` (a graph with a filter's associations) and `fixed-lag-5`."""
     graph, under, filter_name = name.partition(UNDER)
     stem, _, steps = graph.rpartition("-")
     entry = (REGISTRY | BOUNDS).get(graph)

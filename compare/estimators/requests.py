@@ -21,8 +21,6 @@ from slamgauge.compare.storage.safe_names import LONGEST
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimator
 
-EXAMPLE = "write FILE.py:callable or module:callable, for example my_filter.py:estimate"
-
 
 class Address(NamedTuple):
     """Place of an estimator in user code.
@@ -85,13 +83,9 @@ class _User:
 
 @dataclass(frozen=True)
 class UserCode(_User):
-    """User code at an address, which runs in a child process (`child`).
+    """User code at an address, which runs in a child process, and the noise that it assumes.
 
-    Attributes:
-        where: its address.
-        noise: noise that it assumes.
-        limits: its time, and whether it runs behind a wall.
-        strict: whether filtered estimates are checked for use of the future (`loading`).
+    If `strict`, filtered estimates are checked for use of the future (`loading`).
     """
 
     where: Address
@@ -131,10 +125,7 @@ def ask(chosen: Chosen) -> list[Asked]:
     """Parse estimators: names, addresses `[LABEL=]FILE.py:callable`, or a mapping from labels to these or callables.
 
     `bound` means both bounds, causal and hindsight. The folder of user code is read now: later edits do not change the
-    request.
-
-    Raises:
-        UserError: an unknown name, an address of a wrong form, or two estimators with one label.
+    request. Unknown names, addresses of a wrong form and repeated labels are refused.
     """
     if isinstance(chosen, str):
         raise UserError(f"estimators: {chosen!r} is one text; give a list of names, or a dict by labels")
@@ -196,9 +187,6 @@ def address(text: str) -> Address:
     """Parse `[LABEL=]PLACE:callable` or `[LABEL=]FILE.py`; without a label it is the text without folders.
 
     The folder of the code is read now: later edits do not change the request.
-
-    Raises:
-        UserError: the text has another form, or the file does not exist.
     """
     place, _, attribute = (text, "", "") if text.endswith(".py") else text.rpartition(":")
     label, equals, rest = place.partition("=")
@@ -207,7 +195,8 @@ def address(text: str) -> Address:
     else:
         label = f"{Path(place).name}:{attribute}".rstrip(":")
     if not place or not (attribute or text.endswith(".py")):
-        raise UserError(f"estimator {text!r}: {EXAMPLE}")
+        remedy = "write FILE.py:callable or module:callable, for example my_filter.py:estimate"
+        raise UserError(f"estimator {text!r}: {remedy}")
     if place.endswith(".py") and "." in Path(place).stem:
         raise UserError(f"estimator {text!r}: no Python module can have a dot in its name; rename the file")
     _require_label(label, text)

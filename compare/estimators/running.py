@@ -55,11 +55,8 @@ def run_estimator(
 ) -> tuple[Estimate, float]:
     """Run an estimator; return its estimate and its computing time [s].
 
-    Remarks on user code are printed if `remarked`.
-
-    Raises:
-        UserError: the estimator raised an error, or its estimate does not fit the recording.
-        OverdueError, CovarianceError: of these kinds, if its reason is that.
+    Remarks on user code are printed if `remarked`. `UserError`, or of a kind of `user_errors`: the estimator raised an
+    error, or its estimate does not fit the recording.
     """
     entry = entry_behind(estimator)
     is_built_in = entry is not None and entry.role != "user"
@@ -127,11 +124,9 @@ class SideBySide:
         """Run an estimator, and store its estimate or the reason of its failure."""
         try:
             self.estimates[name], seconds = run_estimator(name, estimator, recording)
-        except UserError as error:
-            self.failures[name] = str(error)
-            return
         except Exception as error:  # noqa: BLE001 a defect of one estimator does not cost the results of the others
-            self.failures[name] = f"estimator {name}: {failure_text(error)}"
+            begin = "" if isinstance(error, UserError) else f"estimator {name}: "
+            self.failures[name] = f"{begin}{failure_text(error)}"
             return
         self.remarks[name] = remarks_of(estimator)
         if not (isinstance(estimator, LoadedEstimator) and isinstance(estimator.estimate, StoredEstimate)):

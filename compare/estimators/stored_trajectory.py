@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float, Int, Marks
-from slamgauge.compare.datasets.path_doubts import path_doubts
+from slamgauge.compare.datasets.plausibility import path_doubts
 from slamgauge.compare.storage.csv_folder import read_estimate_csv
 from slamgauge.compare.storage.files import load_estimate
 from slamgauge.compare.storage.trajectories import Trajectory, has_stamps, interpolated_covs, read_trajectory
@@ -65,16 +65,9 @@ class StoredEstimate:
 def load_stored(path: Path, recording: Recording, time_offset: float = 0.0, max_gap: float = MAX_GAP) -> StoredEstimate:
     """Read an estimate of a recording from a file, or from BAG:/TOPIC; all but npz files count as filtered.
 
-    Doubts about units, signs and frames of its path are printed.
-
-    Args:
-        path: npz, CSV, TUM, or a bag, a colon and a topic.
-        recording: its steps and odometry.
-        time_offset: added to the stamps of poses [s].
-        max_gap: longest time without a pose [s].
-
-    Raises:
-        UserError: the file is missing or does not fit the recording; the message names the line.
+    Doubts about units, signs and frames of its path are printed. `time_offset` [s] is added to the stamps of poses.
+    `UserError`: the file is missing, has a wrong line, or leaves the recording without a pose for more than `max_gap`
+    [s].
     """
     bag, colon, topic = str(path).partition(":/")
     if colon or (path.suffix != ".npz" and has_stamps(path)):
@@ -133,8 +126,7 @@ def _distinct(trajectory: Trajectory) -> Trajectory:
     """Return the trajectory without poses that have the stamp of the pose before."""
     where, stamps, poses, covs = trajectory
     first = np.diff(stamps, prepend=-np.inf) > 0.0
-    others = int(np.sum(~first[1:] & (np.diff(poses, axis=0) != 0.0).any(axis=1)))
-    if others:
+    if others := int(np.sum(~first[1:] & (np.diff(poses, axis=0) != 0.0).any(axis=1))):
         what = f"{others} poses have the stamp of the pose before, and another position or heading"
         tell_once(f"{where}: {what}; only the first of each stamp is used: write stamps with all digits")
     return Trajectory(where, stamps[first], poses[first], None if covs is None else covs[first])

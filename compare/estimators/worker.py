@@ -68,9 +68,8 @@ class Code:
         except (Exception, SystemExit) as error:
             missing = error.name or "" if isinstance(error, ModuleNotFoundError) else ""
             if missing and f"{self._where['module']}.".startswith(f"{missing}."):  # not one that the module imports
-                raise UserError(
-                    f"no module {missing!r} is found; run in its folder or install it, or give its file"
-                ) from None
+                remedy = "run in its folder or install it, or give its file"
+                raise UserError(f"no module {missing!r} is found; {remedy}") from None
             raise UserError(f"cannot be loaded, {reason_of(error, self._where['folder'])}") from error
         self._attribute = self._attribute or callable_of(module)
         if not hasattr(module, self._attribute):

@@ -90,16 +90,10 @@ def external(command: Sequence[str], timeout: float = 600.0, kind: Kind = "filte
         timeout: largest time of a run [s]; then the program is ended.
         kind: `filtered` or `smoothed`.
 
-    The folder contains
-
-        start.csv         stamp,x,y,theta,cov_xx,cov_xy,cov_xt,cov_yy,cov_yt,cov_tt
-        odometry.csv      step,stamp,dx,dy,dtheta,cov_xx,cov_xy,cov_xt,cov_yy,cov_yt,cov_tt
-        observations.csv  step,landmark,range,bearing,cov_rr,cov_rb,cov_bb
-
+    The folder contains `start.csv`, `odometry.csv` and `observations.csv` (docs/your_filter.md lists their columns).
     The program writes a file with the header `step,x,y,theta`, with or without the covariance of the pose
     `cov_xx,cov_xy,cov_xt,cov_yy,cov_yt,cov_tt`, and one row for each of the steps 0..N. It may write a map
-    into the same folder: `landmarks.csv` with the header `landmark,x,y`, with or without `cov_xx,cov_xy,cov_yy`. Units
-    are m, rad, s; see `slamgauge.compare.storage.csv_folder`.
+    into the same folder: `landmarks.csv` with the header `landmark,x,y`, with or without `cov_xx,cov_xy,cov_yy`.
 
     Raises:
         UserError: the command lacks one of both words, or the timeout or kind is wrong.

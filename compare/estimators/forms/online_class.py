@@ -32,13 +32,9 @@ def lacks(given: type) -> str:
 
     `pose` and `pose_cov` may be set by the constructor: they are read after every step.
     """
-    wanted = {"predict": ("increment", "cov"), "update": ("observations",)}
-    sizes = {"predict": (2,), "update": (1, len(Observations._fields))}
-    found: list[str] = []
-    for name, words in wanted.items():
-        method = getattr(given, name, None)
-        if not callable(method) or len(required(method)) - 1 not in sizes[name]:  # the first is `self`
-            found.append(f"{name}({', '.join(words)})")
+    predict, update = (required(getattr(given, name, None)) for name in ("predict", "update"))  # `self` is the first
+    found = ["predict(increment, cov)"] if len(predict) != 3 else []
+    found += ["update(observations)"] if len(update) not in (2, 1 + len(Observations._fields)) else []
     return ", ".join(found)
 
 
@@ -50,11 +46,7 @@ class OnlineClass(Form):
         self.words = f"online {spelt(kind)}"
 
     def __call__(self, recording: Recording) -> Estimate:
-        """Run a new object of the class over a recording, and return its estimate.
-
-        Raises:
-            FormError: see `_made`.
-        """
+        """Run a new object of the class over a recording, and return its estimate."""
         steps = recording.steps
         poses, pose_covs = np.empty((steps + 1, 3)), np.empty((steps + 1, 3, 3))
         nis, nis_dof, seconds = np.zeros(steps + 1), np.zeros(steps + 1, np.int64), np.zeros(steps + 1)
@@ -86,11 +78,7 @@ class OnlineClass(Form):
 
 
 def _made(kind: type, recording: Recording) -> Any:
-    """Return a new object of a class.
-
-    Raises:
-        FormError: its constructor has another required parameter, or it sets no pose or covariance.
-    """
+    """Return a new object of a class; refuse other required parameters, and a missing pose or covariance."""
     names = [each.name for each in parameters(kind)]
     if others := [name for name in required(kind) if name not in START]:
         raise no_form(kind, f"a constructor without {', '.join(others)}: it may have {', '.join(START)}")

@@ -13,7 +13,6 @@ With known association the n-th landmark of the state has the id that was observ
 
 from __future__ import annotations
 
-from collections.abc import Collection
 from copy import deepcopy
 from dataclasses import dataclass
 from time import perf_counter
@@ -23,15 +22,7 @@ import numpy as np
 
 from slamgauge.arrays import Float
 from slamgauge.compare.estimators.forms.signatures import Callee, Form, Noise, parameters, required
-from slamgauge.compare.estimators.forms.step_settings import (
-    SETTINGS,
-    STATE_AND_INPUT,
-    StepSettings,
-    names_read,
-    starts_where_called,
-    step_length,
-    width_of_bearings,
-)
+from slamgauge.compare.estimators.forms.step_settings import STATE_AND_INPUT, StepSettings, names_read, step_length
 from slamgauge.compare.estimators.user_errors import UserCodeError
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
@@ -94,9 +85,7 @@ class StepFunction(Form):
         """Run the function over a recording; for a scan at step 0, u and Q are zero.
 
         If numpy refuses an element of a column as a number, the run begins again with `Column`, which is slower.
-
-        Raises:
-            UserCodeError: u, y and globals cannot express the recording, or the function returns no state.
+        Recordings that u, y and globals cannot express are refused.
         """
         _require_expressible(recording)
         try:
@@ -120,10 +109,8 @@ class StepFunction(Form):
     def _run(self, recording: Recording, kind: type[np.ndarray]) -> Estimate:
         settings = StepSettings(self.function, recording, self.noise)
         self.remarks, self.replaces_noise = [*settings.remarks()], settings.replaces_noise
-        passed = _first_values(self.function, settings.named(), settings.space)
-        width = 3
-        if recording.observation.shape[1] == 1:
-            width = width_of_bearings(self.function, STATE_AND_INPUT - 1, settings.observation_cov)
+        passed = settings.passed_at_first()
+        needed = [name for name in passed if name in required(self.function)]
         poses, covs = np.empty((recording.steps + 1, 3)), np.empty((recording.steps + 1, 3, 3))
         seconds, ids, is_named = np.zeros(recording.steps + 1), list[int](), True
         poses[0], covs[0] = state, cov = recording.prior_mean, recording.prior_cov
@@ -133,9 +120,12 @@ class StepFunction(Form):
             if step == 0 and not len(scan.value):
                 continue
             settings.set(step, scan, heading=float(np.asarray(x).flat[2]))
-            given = (x, P, _input(recording, step), _observed(scan, settings.shows_ids, width))
+            moved = recording.odometry[step - 1, [0, 2]] if step else np.zeros(2)
+            u = moved.reshape(2, 1) / step_length(recording, step)
+            given = (x, P, u, _observed(scan, settings.shows_ids, settings.columns))
+            views = [each.view(kind) if type(each) is np.ndarray else each for each in given]  # others as they are
             start = perf_counter()
-            returned = self.function(*(_as(kind, each) for each in given), **settings.named() | passed)
+            returned = self.function(*views, **settings.named() | passed)
             seconds[step] = perf_counter() - start
             if not isinstance(returned, tuple | list) or len(returned) < 2:
                 kind_of = type(returned).__name__
@@ -146,7 +136,9 @@ class StepFunction(Form):
             if settings.shows_ids and scan.landmark is not None:
                 ids += [name for name in dict.fromkeys(scan.landmark.tolist()) if name not in ids]
                 is_named = is_named and len(ids) == (len(state) - 3) // 2
-            passed = _passed_on(self.function, passed, more)
+            if 0 < len(more) < len(needed):
+                raise UserCodeError(f"it returns {len(more)} of the values for {', '.join(needed)}; return all of them")
+            passed |= dict(zip(passed, more, strict=False))
         if (
             not settings.shows_ids and recording.landmark is None
         ):  # else 0, 1, ... would be read as ids of the recording
@@ -195,41 +187,6 @@ def _array(value: object) -> Float:
     return given.astype(np.float64) if given.dtype.kind in REAL else np.zeros(0)
 
 
-def _as(kind: type[np.ndarray], value: Any) -> Any:
-    """Return an array as one of another type; other values, matrices of numpy among them, are returned as they are."""
-    return value.view(kind) if type(value) is np.ndarray else value
-
-
-def _first_values(function: Callee, named: Collection[str], space: dict[str, Any]) -> dict[str, Any]:
-    """Return the start of the values that the function returns after state and covariance and takes again, by name.
-
-    It is the default of the parameter, a global of its name, or the value with which the file calls the function.
-
-    Raises:
-        UserCodeError: none of these exists.
-    """
-    rest = [pair for pair in enumerate(parameters(function)) if pair[0] >= STATE_AND_INPUT]
-    rest = [(number, each) for number, each in rest if each.name not in (*SETTINGS, *named)]
-    found: dict[str, Any] = {}
-    for number, each in [pair for pair in rest if pair[1].default is pair[1].empty] or rest[:1]:
-        starts = [each.default] if each.default is not each.empty else []
-        starts = starts or ([space[each.name]] if each.name in space else starts_where_called(function, number))
-        if not starts:
-            what = f"its parameter {each.name} has no value at the start"
-            raise UserCodeError(f"{what}; give it a default, or write a global {each.name} = ... in the file")
-        found[each.name] = starts[0]
-    return found
-
-
-def _passed_on(function: Callee, passed: dict[str, Any], returned: list[Any]) -> dict[str, Any]:
-    """Return the values of the next step: those that the function returned, or if it returned none those before."""
-    needed = [name for name in passed if name in required(function)]
-    if 0 < len(returned) < len(needed):
-        what = "only one value can" if len(returned) == 1 else f"only {len(returned)} values can"
-        raise UserCodeError(f"parameters {', '.join(needed)}: {what} be passed on from step to step")
-    return passed | dict(zip(passed, returned, strict=False))
-
-
 def _is_data(value: object) -> bool:
     """Return whether a value consists of numbers, texts and arrays."""
     if isinstance(value, dict):
@@ -237,13 +194,6 @@ def _is_data(value: object) -> bool:
     if isinstance(value, list | tuple | set | frozenset):
         return all(map(_is_data, value))
     return isinstance(value, PLAIN)
-
-
-def _input(recording: Recording, step: int) -> Float:
-    """Return the control u (2, 1): speed [m/s], yaw rate [rad/s]."""
-    if step == 0:
-        return np.zeros((2, 1))
-    return recording.odometry[step - 1, [0, 2]].reshape(2, 1) / step_length(recording, step)
 
 
 def _observed(scan: Observations, shows_ids: bool, width: int) -> Float:

@@ -47,21 +47,22 @@ class StepSettings:
 
     Attributes:
         space: globals of the function.
+        columns: number of columns of y.
         shows_ids: whether the function receives ids.
         replaces_noise: whether the noise of the recording replaces another one of the file.
 
-    Raises:
-        UserCodeError: a setting has no value.
+    A setting without a value is refused.
     """
 
     def __init__(self, function: Callee, recording: Recording, noise: Noise) -> None:
         self.space: dict[str, Any] = getattr(function, "__globals__", {})
-        self._recording, read = recording, names_read(function)
+        self._function, self._recording, read = function, recording, names_read(function)
         self._parameters = {each.name: each.default for each in parameters(function)[STATE_AND_INPUT:]}
         defaults = {name: each for name, each in self._parameters.items() if each is not Parameter.empty}
         given = {name: each for name, each in {**defaults, **self.space}.items() if name in SETTINGS}
         given |= {name: self.space[name] for name in read if _is_covariance(self.space.get(name))}
         self._file: dict[str, Any] = deepcopy(given)
+        self.columns = 3 if recording.observation.shape[1] == 2 else _columns_of_bearings(function, given.get("Py"))
         self._used = {*self.space, *self._parameters}
         self._motion, self._observation = EXERCISE
         if self._observation not in self._used and np.shape(self._file.get(POSE, 0)) == (3, 3):
@@ -86,17 +87,31 @@ class StepSettings:
             if name in SETTINGS and name not in known and default is Parameter.empty:
                 raise UserCodeError(f"no global has the value of its parameter {name}; give it a default")
 
-    @property
-    def observation_cov(self) -> Any:
-        """Covariance of an observation in the file; None if it has none."""
-        return self._file.get("Py")
-
     def named(self) -> dict[str, Any]:
         """Return arguments for parameters that have the name of a setting or global; containers are no settings."""
         found = {name: self.space[name] for name in self._parameters if name in self.space}
         return {
             name: each for name, each in found.items() if name in SETTINGS or not isinstance(each, list | dict | set)
         }
+
+    def passed_at_first(self) -> dict[str, Any]:
+        """Return the start of the values that the function returns after state and covariance and takes again, by name.
+
+        It is the default of the parameter, a global of its name, or the value with which the file calls the function.
+        """
+        rest = [pair for pair in enumerate(parameters(self._function)) if pair[0] >= STATE_AND_INPUT]
+        rest = [(number, each) for number, each in rest if each.name not in (*SETTINGS, *self.named())]
+        found: dict[str, Any] = {}
+        for number, each in [pair for pair in rest if pair[1].default is pair[1].empty] or rest[:1]:
+            if each.default is not each.empty:
+                starts = [each.default]
+            elif each.name in self.space:
+                starts = [self.space[each.name]]
+            elif not (starts := _starts_where_called(self._function, number)):
+                what = f"its parameter {each.name} has no value at the start"
+                raise UserCodeError(f"{what}; give it a default, or write a global {each.name} = ... in the file")
+            found[each.name] = starts[0]
+        return found
 
     def set(self, step: int, scan: Observations, heading: float) -> None:
         """Set the globals of a step that begins at a heading [rad]; step 0 has no motion."""
@@ -129,10 +144,9 @@ class StepSettings:
         if cov.size == 1 and cov > 0:  # None is NaN
             if len(given) == 1:
                 return given.reshape(cov.shape).copy()
-            what = f"it is a bearing-only file, since its {self._observation} is one variance"
-            remedy = "use `study` or `grade` on a bearing-only scenario (q4-ring)"
-            other = f"a file that takes ranges needs {self._observation} of {len(given)} rows"
-            raise UserCodeError(f"{what}; this recording, as those of `check`, has ranges; {remedy}; {other}")
+            what = f"its {self._observation} is one variance, that of bearings, and this recording has ranges"
+            remedy = f"use `study` or `grade` on q4-ring, or write {self._observation} of {len(given)} rows"
+            raise UserCodeError(f"{what}, as those of `check` have; {remedy}")
         if cov.ndim != 2 or len({*cov.shape}) != 1 or len(cov) < len(given):
             what = f"its {self._observation} must be a square matrix of at least {len(given)} rows"
             raise UserCodeError(f"{what}, for the noise of an observation; mend it, or take its own, --noise file")
@@ -224,12 +238,9 @@ def names_read(function: Callee) -> set[str]:
     return {name for each in found for name in each.co_names}
 
 
-def width_of_bearings(function: Callee, number: int, Py: Any) -> int:
-    """Return the columns of y, the parameter `number`, for bearings.
-
-    They follow from the highest column that the code reads, or else from the rows of Py.
-    """
-    name = parameters(function)[number].name
+def _columns_of_bearings(function: Callee, Py: Any) -> int:
+    """Return the columns of y for bearings: by the highest column that the code reads, or else by the rows of Py."""
+    name = parameters(function)[STATE_AND_INPUT - 1].name
     read = max((_last_column(node, name) for node in ast.walk(_tree(function))), default=0)
     if read:
         return 3 if read > 1 else 2
@@ -246,7 +257,7 @@ def _last_column(node: ast.AST, name: str) -> int:
     return value - isinstance(column, ast.Slice) if isinstance(value, int) else 0
 
 
-def starts_where_called(function: Callee, number: int) -> list[Any]:
+def _starts_where_called(function: Callee, number: int) -> list[Any]:
     """Return the value of the parameter `number` where the file calls the function; an empty list if it is not found.
 
     The value is an expression, or a variable that the calling function has assigned one before.
@@ -267,16 +278,11 @@ def starts_where_called(function: Callee, number: int) -> list[Any]:
 
 
 def _assigned(scope: ast.AST, name: str, before: int) -> ast.expr | None:
-    """Return the first expression that a function assigns to a name above a line."""
+    """Return the first expression that a function assigns to a name alone above a line."""
     for node in ast.walk(scope):
-        if isinstance(node, ast.Assign) and node.lineno < before:
-            for target in node.targets:
-                pairs = [(target, node.value)]
-                if isinstance(target, ast.Tuple) and isinstance(node.value, ast.Tuple):
-                    pairs = [*zip(target.elts, node.value.elts, strict=False)]
-                for each, value in pairs:
-                    if isinstance(each, ast.Name) and each.id == name:
-                        return value
+        names = [each.id for each in getattr(node, "targets", []) if isinstance(each, ast.Name)]
+        if isinstance(node, ast.Assign) and node.lineno < before and name in names:
+            return node.value
     return None
 
 

@@ -50,53 +50,21 @@ def test_a_program_of_any_language(tmp_path: Path):
     assert (estimate.kind, estimate.pose_covs, estimate.association) == ("filtered", None, None)
 
 
-@pytest.mark.parametrize("name", ["q1-short-dense", "q2-short-dense", "q4-ring", "ukfm-slam2d"])
-def test_the_files_contain_the_whole_recording(tmp_path: Path, name: str):
-    recording = short(name)
-    source = f"""
-import shutil, sys
-shutil.copytree(sys.argv[1], {str(tmp_path / "kept")!r})
-{PROGRAM}
-"""
-    run(tmp_path, source, recording)
-    start, odometry, observations = (
-        np.genfromtxt(tmp_path / f"kept/{name}.csv", delimiter=",", skip_header=1, ndmin=2)
-        for name in ("start", "odometry", "observations")
-    )
-    assert np.array_equal(start[0, :4], [recording.stamps[0], *recording.prior_mean])
-    assert np.array_equal(odometry[:, 1], recording.stamps[1:])
-    assert np.array_equal(odometry[:, 2:5], recording.odometry)
-    rows, columns = np.triu_indices(3)
-    assert np.array_equal(odometry[:, 5:], recording.odometry_cov[:, rows, columns])
-    dim = recording.observation.shape[1]
-    rows, columns = np.triu_indices(dim)
-    assert np.array_equal(observations[:, 0], recording.observation_step)
-    ids = np.full(len(observations), -1) if recording.landmark is None else recording.landmark
-    assert np.array_equal(observations[:, 1], ids)
-    assert np.array_equal(observations[:, 2 : 2 + dim], recording.observation)
-    assert np.array_equal(observations[:, 2 + dim :], recording.observation_cov[:, rows, columns])
-
-
 def test_covariances_and_a_map(tmp_path: Path):
     recording = short()
     assert recording.landmark is not None
     ids = np.unique(recording.landmark)
     source = f"""
 import os, sys
-with open(sys.argv[2], "w") as file:
-    file.write("step,x,y,theta,cov_xx,cov_xy,cov_xt,cov_yy,cov_yt,cov_tt\\n")
-    for step in range({recording.steps + 1}):
-        file.write(f"{{step}},1,2,3,4,0.5,0,5,0.25,6\\n")
-with open(os.path.join(os.path.dirname(sys.argv[2]), "landmarks.csv"), "w") as file:
-    file.write("landmark,x,y,cov_xx,cov_xy,cov_yy\\n")
-    for name in {ids.tolist()}:
-        file.write(f"{{name}},{{name}},2,3,1,4\\n")
+rows = "".join(f"{{step}},1,2,3,4,0.5,0,5,0.25,6\\n" for step in range({recording.steps + 1}))
+open(sys.argv[2], "w").write("step,x,y,theta,cov_xx,cov_xy,cov_xt,cov_yy,cov_yt,cov_tt\\n" + rows)
+rows = "".join(f"{{name}},{{name}},2,3,1,4\\n" for name in {ids.tolist()})
+place = os.path.join(os.path.dirname(sys.argv[2]), "landmarks.csv")
+open(place, "w").write("landmark,x,y,cov_xx,cov_xy,cov_yy\\n" + rows)
 """
     estimate = run(tmp_path, source, recording)
-    assert estimate.pose_covs is not None
-    assert estimate.landmark_covs is not None
-    assert estimate.pose_covs[2].tolist() == [[4.0, 0.5, 0.0], [0.5, 5.0, 0.25], [0.0, 0.25, 6.0]]
-    assert estimate.landmark_covs[1].tolist() == [[3.0, 1.0], [1.0, 4.0]]
+    assert np.asarray(estimate.pose_covs)[2].tolist() == [[4.0, 0.5, 0.0], [0.5, 5.0, 0.25], [0.0, 0.25, 6.0]]
+    assert np.asarray(estimate.landmark_covs)[1].tolist() == [[3.0, 1.0], [1.0, 4.0]]
     assert np.array_equal(estimate.landmarks[:, 0], ids)
     assert np.array_equal(np.asarray(estimate.association), recording.landmark)
 
@@ -111,30 +79,19 @@ WRITE = "import sys\nopen(sys.argv[2], 'w').write({!r})\n"
         ("raise RuntimeError('lost')", "ended with status 1: RuntimeError: lost; mend it"),
         ("pass", r"has written no {estimate}; write the poses to that file"),
         (
-            WRITE.format(""),
-            "estimate.csv: line 1 is not the header of this file; write step,x,y,theta, with or without cov_xx",
-        ),
-        (WRITE.format("step,x,y\n0,1,2\n"), "estimate.csv: line 1 is not the header"),
-        (
-            WRITE.format("step,x,y,theta\n0,0,0,0\n1,0,a,0\n"),
-            "estimate.csv, line 3, column 3: 'a' is not a finite number",
+            WRITE.format("step,x,y\n0,1,2\n"),
+            "estimate.csv: line 1 is not the header of this file; write step,x,y",
         ),
         (WRITE.format("step,x,y,theta\n0,0,0,nan\n"), "estimate.csv, line 2, column 4: 'nan' is not a finite number"),
-        (WRITE.format("step,x,y,theta\n0,0,0\n"), "estimate.csv, line 2: has 3 columns where the header has 4"),
-        (
-            WRITE.format("step,x,y,theta\n0,0,0,0\n2,0,0,0\n"),
-            "estimate.csv, line 3: step 2, expected 1; sort the rows by step",
-        ),
+        (WRITE.format("step,x,y,theta\n0,0,0,0\n2,0,0,0\n"), "estimate.csv, line 3: step 2, expected 1; sort the rows"),
         (WRITE.format("step,x,y,theta\n0,0,0,0\n"), "estimate.csv: has 1 rows; write 41, one for the start"),
     ],
 )
 def test_failures_are_one_line(tmp_path: Path, source: str, message: str):
-    with pytest.raises(slamgauge.UserError, match="estimator mine: ") as caught:
+    with pytest.raises(slamgauge.UserError, match=r"^estimator mine: [^\n]+$") as caught:
         run(tmp_path, source, short())
-    line = str(caught.value)
-    assert message in line
-    assert "\n" not in line
-    assert "slamgauge-" not in line
+    assert message in str(caught.value)
+    assert "slamgauge-" not in str(caught.value)
 
 
 def test_an_endless_program_is_ended_with_its_children(tmp_path: Path):

@@ -24,12 +24,6 @@ def npz(**arrays: object) -> bytes:
     return file.getvalue()
 
 
-def npy() -> bytes:
-    file = BytesIO()
-    np.save(file, 1.0)
-    return file.getvalue()
-
-
 def test_an_estimate_arrives_as_it_was_sent():
     stream = BytesIO(message({"seconds": 0.5, "remarks": ["one"]}, ESTIMATE) + message({"form": "two"}))
     first, second = read_answer(stream), read_answer(stream)
@@ -61,9 +55,8 @@ def test_times_that_no_run_takes_are_refused(value: str):
     ],
 )
 def test_what_is_no_message_is_refused(data: bytes, expected: str):
-    with pytest.raises(UserCodeError) as caught:
+    with pytest.raises(UserCodeError, match=expected):
         read_answer(BytesIO(data))
-    assert expected in str(caught.value)
 
 
 def test_texts_are_short_printable_lines():
@@ -80,21 +73,18 @@ def test_texts_are_short_printable_lines():
     [
         (b"", "its estimate is not an npz file"),
         (b"junk", "its estimate is not an npz file"),
-        (npy(), "its estimate is not an npz file"),
+        (b"\x93NUMPY\x01\x00", "its estimate is not an npz file"),
         (npz(kind=object()), "not a whole npz file of plain arrays"),
         (npz(kind="filtered", poses="x"), "poses"),
         (npz(kind="filtered", poses=np.zeros((2, 3)), more=1.0), "more"),
     ],
 )
 def test_what_is_no_estimate_is_refused(content: bytes, expected: str):
-    with pytest.raises(UserCodeError) as caught:
+    with pytest.raises(UserCodeError, match=rf"^[^\n]*{expected}[^\n]*$"):
         Answer({}, content).estimate()
-    assert expected in str(caught.value)
-    assert "\n" not in str(caught.value)
 
 
 def test_an_estimate_too_large_to_read_is_refused(monkeypatch: pytest.MonkeyPatch):
-    content = npz(kind="filtered", poses=np.zeros((1000, 3)))
     monkeypatch.setattr(answers, "MOST_BYTES", 1000)
     with pytest.raises(UserCodeError, match="its estimate has 0 MB; keep it below 0 MB"):
-        Answer({}, content).estimate()
+        Answer({}, npz(kind="filtered", poses=np.zeros((1000, 3)))).estimate()

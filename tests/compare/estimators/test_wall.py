@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 import os
-import signal
 import socket
 import subprocess
 import sys
@@ -177,38 +175,6 @@ def test_the_time_ends_all_that_it_has_started_also_in_other_sessions(walled: Wa
     assert "it was not done after 3 s" in reason(host)
     assert started and are_gone(started)
     assert not [each for each in descendants(os.getpid()) - before if "sleep" in Path(f"/proc/{each}/comm").read_text()]
-
-
-def test_a_killed_study_continues_with_the_runs_that_it_lacks(tmp_path: Path):
-    (tmp_path / "code").mkdir()
-    (tmp_path / "code/mine.py").write_text(  # a file that it writes into its folder would be another version of it
-        "import time\nfrom slamgauge import Estimate, chain\n"
-        "def estimate(recording):\n"
-        "    with open('../log.txt', 'a') as log:\n"
-        "        log.write(f'{recording.steps} {recording.observation[0]}\\n')\n"
-        "    time.sleep(0.5)\n"
-        "    return Estimate('filtered', chain(recording.prior_mean, recording.odometry))\n"
-    )
-    log = tmp_path / "log.txt"
-    words = ["study", "q1-short-dense", "--set", "trajectory.duration=3", "start=sampled", "--runs", "8", "--jobs", "1"]
-    words += ["--estimators", "dead-reckoning,mine=code/mine.py:estimate", "--no-report", "--out", "study"]
-    command = [sys.executable, "-m", "slamgauge", *words]
-
-    def full_runs() -> list[str]:
-        return [line for line in log.read_text().splitlines() if line.startswith("30 ")] if log.exists() else []
-
-    with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.DEVNULL, start_new_session=True) as first:
-        while len(full_runs()) < 3 and first.poll() is None:
-            sleep(0.05)
-        assert first.poll() is None
-        os.killpg(first.pid, signal.SIGKILL)
-    assert not (tmp_path / "study/summary.json").exists()
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=300)
-    assert done.returncode == 0, done.stderr
-    assert json.loads((tmp_path / "study/summary.json").read_text())["estimators"]["mine"]["runs"] == 8
-    repeated = len(full_runs()) - len({*full_runs()})
-    assert len({*full_runs()}) == 8
-    assert repeated <= 1  # the run that was killed
 
 
 def test_the_host_starts_again_after_the_end_of_its_process(walled: Walled):
