@@ -18,7 +18,6 @@ from slamgauge.compare.scoring.intervals import Interval
 from slamgauge.compare.scoring.measured import Measured
 from slamgauge.compare.scoring.optimum_notes import is_misfit, is_misfit_in_runs
 from slamgauge.compare.scoring.run_arrays import closure_steps
-from slamgauge.compare.studies.budget import rung_errors
 from slamgauge.compare.studies.study import run_study
 from slamgauge.compare.studies.summary import misfit_optima, summary_table
 from slamgauge.graph_baseline import batch
@@ -97,17 +96,6 @@ def test_a_study_names_and_marks_them_too(tmp_path: Path) -> None:
         assert [row.count("?") for row in page.splitlines()[1:4]] == [marks] * 3  # x causal
         assert ("the residuals of batch and causal contradict the stated noise" in page) == bool(misfits)
         assert ("optimum" not in str(found.estimators["riekf"]["verdict"])) == bool(misfits)
-
-
-@pytest.mark.full  # many runs
-def test_accepted_outliers_are_in_the_budget() -> None:
-    """They are in the rung of associations: the optimum with them is worse than the one without."""
-    shorter = (*SHORT, "trajectory.duration=8")
-    told = rung_errors(load_scenario("q1-short-dense", shorter), 2, "riekf")
-    misled = rung_errors(load_scenario("q1-short-dense", [*shorter, *BAD]), 2, "riekf")
-    assert told.errors[1] == told.errors[2] == told.errors[3]
-    assert misled.errors[1] == misled.errors[2]
-    assert misled.errors[3] > 2 * misled.errors[2]
 
 
 # --- clutter -----------------------------------------------------------------------------------
