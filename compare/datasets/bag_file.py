@@ -50,11 +50,7 @@ class Bag:
         return [name for name, (kind, count) in topics if kind in types and count and name not in TREES]
 
     def topic_of(self, types: Collection[str], key: str, stated: str | None = None) -> str:
-        """Return a stated topic, or the only one with one of the types.
-
-        Raises:
-            UserError: the stated topic has another type, or without one several topics fit, or none.
-        """
+        """Return a stated topic, or the only one with one of the types; raise UserError if none or several fit."""
         found = self.of_types(types)
         if stated is None and len(found) != 1:
             what = f"several topics fit ({', '.join(found)})" if found else "no topic has a known type"
@@ -114,10 +110,6 @@ class Bag:
             what = f"the clock of the stamps jumps by {jumps[at]:+.6g} s at stamp {1e-9 * stamps[at + 1]:.9f} s"
             remedy = "cut the bag there, or use times of recording: --set frames.clock=recording"
             raise UserError(f"{self.path}: {topic}: {what}; {remedy}")
-        late = int(np.sum(np.diff(stamps) < -SAME))
-        if late:
-            what = "messages have a stamp before that of the message before them"
-            notes.append(f"{topic}: {late} {what}; sorted by stamps")
         order = np.argsort(stamps, kind="stable")
         return stamps[order], order
 

@@ -141,11 +141,7 @@ class CsvTable:
         return at
 
     def _factor(self, name: str, at: int | None) -> float:
-        """Return the factor from a column to our unit: that of the header, else that of the settings.
-
-        Raises:
-            UserError: the header's unit is none of the quantity, or the settings state another unit.
-        """
+        """Return the factor from a column to our unit: that of the header, else that of the settings."""
         dimension = QUANTITIES.get(name)
         if dimension is None or at is None:
             return 1.0

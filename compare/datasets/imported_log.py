@@ -101,7 +101,8 @@ class Log:
         kept = np.flatnonzero(landmark >= 0) if has_ids else np.arange(count)
         if len(kept) < count:
             notes.append(f"{count - len(kept)} of {count} observations have no id and are dropped")
-        odometry, steps, unmatched = self.odometry, seen.times[kept], 0
+        odometry, unmatched = self.odometry, 0
+        steps: Any = seen.times[kept]
         if not self.has_steps:
             self._require_turns()
             with of_file(self.where):

@@ -27,12 +27,8 @@ def read_lost_in_the_woods(path: Path, *, max_range: float = 5.0, lateral_slip: 
     """Read the recording and its ground truth, with the body frame at the laser, `d` m ahead of the robot's centre.
 
     The start is the true first pose, fixed. Association is known. Control k moves the robot from pose k-1 to pose k.
-    Poses without valid ground truth are rows of NaN.
-
-    Args:
-        path: The MATLAB file (dataset2.mat).
-        max_range: Observations of landmarks beyond this range [m] are dropped.
-        lateral_slip: Standard deviation of the sideways velocity at the robot's centre [m/s], not in the file.
+    Poses without valid ground truth are rows of NaN. Observations beyond `max_range` [m] are dropped. `lateral_slip` is
+    the standard deviation of the sideways velocity at the robot's centre [m/s], which is not in the file.
 
     Raises:
         UserError: With the file, the field and the remedy.

@@ -16,11 +16,7 @@ from slamgauge.compare.scoring.runs import Runs
 
 @dataclass(frozen=True)
 class LoopClosure:
-    """Position error and uncertainty at a loop closure; None if unknown.
-
-    `error_before_m` and `sigma_before_m` are those of the pose before `step`, the others those of the pose at `step`.
-    A sigma is the root of the trace of the position covariance.
-    """
+    """Position error, and root of the trace of its covariance, before and at a loop closure; None if unknown."""
 
     step: int
     error_before_m: float | None
