@@ -1,19 +1,19 @@
 """Level and power of the consistency test without ground truth, on simulated recordings.
 
     python benchmarks/consistency_test.py [--scenario q1-short-dense] [--set KEY=VALUE] [--estimators causal,riekf,ekf]
-        [--runs 200] [--twins 199] [--own] [--q 1,1.5]
+        [--runs 200] [--twins 199] [--q 1,1.5]
 
 The start and the noise of every recording are random. The distribution of a consistent filter comes from `--twins`
-other seeds of the scenario, shared by all recordings. With `--own` it comes from `--twins` simulated twins of each
-recording, as in `slamgauge evaluate --twins`, which takes much longer. `--q` has values of the true covariance of the
-odometry divided by the one that filters and optimum assume. The estimator `bugs` means all bugs of
-`tests/reference/seeded_bugs.py` and the same EKF without a bug.
+other seeds of the scenario, shared by all recordings. `--q` has values of the true covariance of the odometry divided
+by the one that filters and optimum assume. The estimator `bugs` means all bugs of `tests/reference/seeded_bugs.py` and
+the same EKF without a bug.
 """
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -33,7 +33,6 @@ from slamgauge.compare.scoring.without_truth import (
     consistent_filter,
     figures,
     figures_of,
-    simulated_twins,
     step_statistics,
 )
 from slamgauge.errors import UserError
@@ -52,21 +51,17 @@ def main(
     estimators: str = "causal,riekf,ekf",
     runs: int = 200,
     twins: int = 199,
-    own: bool = False,
     q: str = "1",
 ) -> int:
     filters = BUGS if estimators == "bugs" else {name: FILTERS[name] for name in estimators.split(",")}
     assumed = load_scenario(scenario, set)
-    found: dict[str, Figures] = {}
-    if not own:
-        log = recording_of(assumed, 1.0, 0)
-        consistent = {name: (consistent_filter(name, log), None) for name in filters}
-        found = figures_of(consistent, (simulate(assumed, FIRST_TWIN + seed)[1] for seed in range(twins)))
+    log = recording_of(assumed, 1.0, 0)
+    consistent = {name: (consistent_filter(name, log), None) for name in filters}
+    found = figures_of(consistent, (simulate(assumed, FIRST_TWIN + seed)[1] for seed in range(twins)))
     print(f"{'estimator':42}{'tested':>7}{'sigmas':>9}{'consistent':>12}{'overconfident':>15}{'too cautious':>14}")
     for ratio in map(float, q.split(",")):
         recordings = (recording_of(assumed, ratio, seed) for seed in range(runs))
-        tests = tests_of(filters, recordings, twins, found)
-        for name, tested in tests.items():
+        for name, tested in tests_of(filters, recordings, found).items():
             print_row(name if ratio == 1.0 else f"{name}, true Q {ratio:g} times as large", tested)
     return 0
 
@@ -85,21 +80,16 @@ def recording_of(scenario: Scenario, ratio: float, seed: int) -> Recording:
 
 
 def tests_of(
-    filters: Mapping[str, Estimator], recordings: Iterable[Recording], twins: int, shared: Mapping[str, Figures]
+    filters: Mapping[str, Estimator], recordings: Iterable[Recording], found: Mapping[str, Figures]
 ) -> dict[str, list[ConsistencyTest]]:
-    """Test filters on recordings, with shared twins or with twins of each recording."""
+    """Test filters on recordings with the figures of twins."""
     tests: dict[str, list[ConsistencyTest]] = {name: [] for name in filters}
     for recording in recordings:
         optimum = batch(recording)
-        consistent = {name: (consistent_filter(name, recording), None) for name in filters}
-        found = shared or figures_of(consistent, simulated_twins(recording, optimum, twins))
         for name, filter_ in filters.items():
-            try:
-                with np.errstate(all="ignore"):  # bugs may overflow
-                    steps = step_statistics(filter_(recording), optimum)
-                    tests[name].append(ConsistencyTest(figures(recording, optimum, *steps), found[name]))
-            except (UserError, np.linalg.LinAlgError, ValueError):
-                pass  # bugs may raise errors
+            with suppress(UserError, np.linalg.LinAlgError, ValueError), np.errstate(all="ignore"):  # bugs
+                steps = step_statistics(filter_(recording), optimum)
+                tests[name].append(ConsistencyTest(figures(recording, optimum, *steps), found[name]))
     return tests
 
 

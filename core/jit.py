@@ -54,11 +54,6 @@ def inner(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
     return register_jitable(error_model="numpy")(function)
 
 
-def replaced_in_kernels(function: Callable[..., object], by: Callable[..., object]) -> None:
-    """Let kernels compile `by` where they call `function`; both have the same parameters."""
-    overload(function, jit_options={"error_model": "numpy"}, strict=False)(lambda *_: by)
-
-
 def direct(function: Callable[Arguments, Result], *arguments: object) -> Callable[Arguments, Result]:
     """Return the machine code of a kernel for arguments of these types, compiled if necessary.
 
@@ -154,4 +149,4 @@ def _choose(condition: Any, one: Any, other: Any) -> Any:
     return one if condition else other
 
 
-replaced_in_kernels(select, _choose)
+overload(select, jit_options={"error_model": "numpy"}, strict=False)(lambda *_: _choose)  # in kernels

@@ -145,11 +145,6 @@ class Recording(Record):
         kept = np.asarray(association) >= 0
         return replace(self, landmark=np.where(kept, association, 0)).only(kept)
 
-    def own_ids(self, association: Int) -> Int:
-        """Return the association (M,), as the recording's array of ids if both are equal: this saves a copy."""
-        ids = self.landmark
-        return ids if ids is not None and np.array_equal(association, ids) else association
-
     def positions_seen(self, rows: Int, path: Float) -> Float:
         """Return positions (n, 2) [m], world frame, of the landmarks of the observations `rows` from a path (N+1, 3).
 

@@ -4,7 +4,7 @@ A pose is ``(x, y, heading)`` in the world frame, metres and radians, heading in
 ``(dx, dy, dtheta)`` is in the body frame at the start of its step. A tangent vector ``(x, y, turn)`` is a constant
 body-frame velocity; in unit time it makes the increment exp(tangent) = (V(turn) (x, y), turn).
 
-The functions of the first part take numbers or arrays of equal shape; `slamgauge.se2_kernels` compiles the same
+The functions of the first part take numbers or arrays of equal shape; `slamgauge.formula_kernels` compiles the same
 functions for kernels. Source: Sola, Deray and Atchuthan, arXiv 1812.01537, equations 153 to 164.
 """
 

@@ -1,8 +1,8 @@
 """The formulas of each sensor, the table of sensors, and their models in numpy for a sensor by name.
 
 `delta` (..., 2) [m] is the landmark in the body frame, R(heading)' (l - p). An observation z (..., d) has the d numbers
-of its sensor. The formulas of the first part take numbers or arrays of equal shape; `slamgauge.sensor_kernels` compiles
-the same functions for kernels.
+of its sensor. The formulas of the first part take numbers or arrays of equal shape; `slamgauge.formula_kernels`
+compiles the same functions for kernels.
 """
 
 from __future__ import annotations

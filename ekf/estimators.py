@@ -28,16 +28,24 @@ ROOM = 1.5  # memory of a filter divided by that of its covariance
 def ekf_slam(recording: Recording, settings: FilterSettings = DEFAULTS) -> Estimate:
     """Textbook EKF-SLAM (the exercise, equation 1.1).
 
+    Example:
+        truth, recording = slamgauge.simulate(slamgauge.load_scenario("q1-long-dense"), seed=0)
+        estimate = slamgauge.ekf_slam(recording)
+        print(estimate.poses[-1], estimate.pose_covs[-1])
+
     Args:
-        recording: known or unknown association.
-        settings: association, initialisation of bearing-only landmarks, robustness, and frames of the map's history.
+        recording: prior, odometry and observations with their assumed covariances (`slamgauge.Recording`), with ids of
+            landmarks or without.
+        settings: `slamgauge.ekf.FilterSettings(association, initialisation, frames, robust)`. Without ids, the default
+            is the exercise's nearest neighbour with gate 9; bearing-only landmarks start as rays (FIS).
 
     Returns:
         Filtered estimate: at each of the steps 0..N the pose x, y [m], heading [rad] in the world frame (N+1, 3) from
         the measurements up to this step, its covariance (N+1, 3, 3) and NIS; the last map, and the association (M,).
 
     Raises:
-        UserError: a bearing-only recording without ids.
+        UserError: a bearing-only recording without ids; a map larger than the free memory; or an update that does not
+            exist in double precision, because standard deviations are too far apart or the filter has diverged.
     """
     return _run(recording, "ekf", settings)
 
@@ -113,7 +121,7 @@ def _driven(slam: OnlineFilter, recording: Recording, frames: int) -> Estimate:
         first = rows.stop
         if step in wanted:
             maps[step] = slam.whole_map()
-    association = recording.own_ids(slam.standing(association))
+    association = slam.standing(association)
     pose_covs = without_rounding("pose_covs", pose_covs)
     freeze(poses, pose_covs, nis, nis_dof, seconds)
     return Estimate(

@@ -48,7 +48,7 @@ class Order(NamedTuple):
 class Measured(NamedTuple):
     """Measurements with their assumed noise."""
 
-    sensor: int  # see `slamgauge.sensor_kernels`
+    sensor: int  # see `slamgauge.formula_kernels`
     increment: Float  # (N, 3) body frame [m, m, rad]
     increment_cov: Float  # (N, 3, 3)
     observation: Float  # (M, 2)

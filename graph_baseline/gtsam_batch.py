@@ -77,7 +77,7 @@ def gtsam_batch(recording: Recording, association: Int | None = None, initial: E
         parameters.setAbsoluteErrorTol(SMALLEST_DECREASE)
         result = gtsam.LevenbergMarquardtOptimizer(graph, initial_values, parameters).optimize()
 
-        marginals = marginals_of(graph, result)
+        marginals = convert.marginals_of(graph, result)
         pose_covs = np.array([marginals.marginalCovariance(X(k)) for k in range(problem.steps + 1)])
         landmark_covs = np.array([marginals.marginalCovariance(L(name)) for name in landmark_ids.tolist()])
     poses, landmarks = convert.read_values(result)
@@ -91,21 +91,6 @@ def gtsam_batch(recording: Recording, association: Int | None = None, initial: E
         association=np.where(used, problem.landmark, -1),
     )
     return preparation.with_association(preparation.in_world_frame(estimate, recording.prior_mean), association)
-
-
-def marginals_of(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> gtsam.Marginals | gtsam.ISAM2:
-    """Return an object with GTSAM's marginal covariances of a graph at its optimum.
-
-    On long paths the Cholesky factorisation of `Marginals` loses the digits of regularising noise, which QR keeps.
-    """
-    try:
-        return gtsam.Marginals(graph, values)
-    except RuntimeError:
-        parameters = gtsam.ISAM2Params()
-        parameters.setFactorization("QR")
-        isam = gtsam.ISAM2(parameters)
-        isam.update(graph, values)
-        return isam
 
 
 def motion_factors(problem: preparation.Problem, regularising: float = REGULARISING_NOISE) -> Factors:

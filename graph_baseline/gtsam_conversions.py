@@ -1,4 +1,4 @@
-"""Noise models, values and covariances: from arrays to GTSAM's objects, and back."""
+"""Noise models, values and marginal covariances: from arrays to GTSAM's objects, and back."""
 
 from __future__ import annotations
 
@@ -25,24 +25,15 @@ def motion_noise(recording: Recording, regularising: float) -> list[gtsam.noiseM
     covs = np.concatenate([prior_cov_in_body(recording)[None], recording.odometry_cov])
     largest = covs.max(axis=(1, 2))
     largest[0] = largest[:2].max()
-    return _noise_models(covs, regularising * np.sqrt(largest))
+    minimum_sigmas = regularising * np.sqrt(largest)
+    return [_noise_model(cov, minimum) for cov, minimum in zip(covs, minimum_sigmas.tolist(), strict=True)]
 
 
 def observation_noise(covs: Float) -> list[gtsam.noiseModel.Base]:
     """Return the noise models of covariances (M, d, d) of range and bearing; GTSAM's order is bearing, then range."""
     if is_one_for_all(covs):
-        return len(covs) * observation_noise(covs[:1])
-    return _noise_models(covs[:, ::-1, ::-1], np.zeros(len(covs)))
-
-
-def _noise_models(covs: Float, minimum_sigmas: Float) -> list[gtsam.noiseModel.Base]:
-    """Return a noise model for each covariance; rows with equal values share one model."""
-    models: dict[tuple[bytes, float], gtsam.noiseModel.Base] = {}
-    keys = [(cov.tobytes(), minimum) for cov, minimum in zip(covs, minimum_sigmas.tolist(), strict=True)]
-    for key, cov in zip(keys, covs, strict=True):
-        if key not in models:
-            models[key] = _noise_model(cov, key[1])
-    return [models[key] for key in keys]
+        return len(covs) * [_noise_model(cov, 0.0) for cov in covs[:1, ::-1, ::-1]]
+    return [_noise_model(cov, 0.0) for cov in covs[:, ::-1, ::-1]]
 
 
 def _noise_model(covariance: Float, minimum_sigma: float) -> gtsam.noiseModel.Base:
@@ -59,10 +50,10 @@ def _noise_model(covariance: Float, minimum_sigma: float) -> gtsam.noiseModel.Ba
     return gtsam.noiseModel.Gaussian.Covariance(covariance, False)
 
 
-def make_values(poses: Float, landmark_ids: Int, landmarks: Float, first: int = 0) -> gtsam.Values:
-    """Return poses (n, 3) of steps `first`, `first` + 1, ... and landmarks (L, 2) as GTSAM's values."""
+def make_values(poses: Float, landmark_ids: Int, landmarks: Float) -> gtsam.Values:
+    """Return poses (N+1, 3) and landmarks (L, 2) as GTSAM's values."""
     values = gtsam.Values()
-    for k, pose in enumerate(poses.tolist(), start=first):
+    for k, pose in enumerate(poses.tolist()):
         values.insert(X(k), gtsam.Pose2(*pose))
     for name, landmark in zip(landmark_ids.tolist(), landmarks.tolist(), strict=True):
         values.insert(L(name), gtsam.Point2(*landmark))
@@ -72,6 +63,21 @@ def make_values(poses: Float, landmark_ids: Int, landmarks: Float, first: int = 
 def read_values(values: gtsam.Values) -> tuple[Float, Float]:
     """Return poses (N+1, 3) and landmarks (L, 2) in increasing id order."""
     return gtsam.utilities.extractPose2(values), gtsam.utilities.extractPoint2(values).reshape(-1, 2)
+
+
+def marginals_of(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> gtsam.Marginals | gtsam.ISAM2:
+    """Return an object with GTSAM's marginal covariances of a graph at its optimum.
+
+    On long paths the Cholesky factorisation of `Marginals` loses the digits of regularising noise, which QR keeps.
+    """
+    try:
+        return gtsam.Marginals(graph, values)
+    except RuntimeError:
+        parameters = gtsam.ISAM2Params()
+        parameters.setFactorization("QR")
+        isam = gtsam.ISAM2(parameters)
+        isam.update(graph, values)
+        return isam
 
 
 def pose_array(pose: gtsam.Pose2) -> Float:

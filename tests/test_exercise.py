@@ -23,7 +23,7 @@ import pytest
 from slamgauge.arrays import Float
 from slamgauge.compare.exercise.results import run_setting
 from slamgauge.compare.exercise.settings import CAUSAL, EKF, SETTINGS
-from slamgauge.compare.scoring.runs import paired, reported_sigma
+from slamgauge.compare.scoring.runs import paired
 from slamgauge.compare.studies.executors import local_processes
 from tests.marks import in_full
 
@@ -77,7 +77,7 @@ def log_ratios(figure: str, folder: Path, seed: int, runs: int) -> tuple[Float, 
     found = study.loaded
     rows, others = paired(found[EKF], found[CAUSAL])
     errors = found[EKF].figures["ate_m"][rows] / found[CAUSAL].figures["ate_m"][others]
-    sigmas = reported_sigma(found[EKF])[rows] / reported_sigma(found[CAUSAL])[others]
+    sigmas = found[EKF].reported_sigma()[rows] / found[CAUSAL].reported_sigma()[others]
     return np.log(errors), np.log(sigmas)
 
 

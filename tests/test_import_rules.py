@@ -72,34 +72,26 @@ LIBRARIES = {
 }
 LAZY = ("slamgauge", "slamgauge.__main__")  # import names of all packages on first use
 SLOW_TO_START = ("numpy", "gtsam", "matplotlib", "numba", "scipy", "pydantic")
-
-
-def sources() -> dict[str, Path]:
-    """Return every module of the program by its import name."""
-    found: dict[str, Path] = {}
-    for folder, package in FOLDERS.items():
-        for path in sorted((ROOT / folder).rglob("*.py")):
-            name = ".".join((package, *path.relative_to(ROOT / folder).with_suffix("").parts))
-            found[name.removesuffix(".__init__")] = path
-    return found
-
-
-SOURCES = sources()
-NAMES = [name for name in SOURCES if name not in LAZY]
+FILES = {
+    ".".join((package, *path.relative_to(ROOT / folder).with_suffix("").parts)).removesuffix(".__init__"): path
+    for folder, package in FOLDERS.items()
+    for path in (ROOT / folder).rglob("*.py")
+}
+NAMES = [name for name in FILES if name not in LAZY]
 
 
 @cache
-def imports_of(name: str) -> set[str]:
+def imports_of(name: str) -> frozenset[str]:
     """Return all modules that a module imports."""
     found: set[str] = set()
-    for node in ast.walk(ast.parse(SOURCES[name].read_text(encoding="utf-8"))):
+    for node in ast.walk(ast.parse(FILES[name].read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0 and node.module is not None, f"{name}: a relative import"
             submodules = [f"{node.module}.{alias.name}" for alias in node.names]
-            found |= {each if each in SOURCES else node.module for each in submodules}
-    return found
+            found |= {each if each in FILES else node.module for each in submodules}
+    return frozenset(found)
 
 
 def ours(name: str) -> set[str]:
@@ -119,15 +111,10 @@ def level(name: str) -> int:
     return LEVELS.index(max((place for place in LEVELS if is_within(name, place)), key=len))
 
 
-def test_every_folder_is_a_level_and_every_level_exists() -> None:
-    folders = {name for name, path in SOURCES.items() if path.name == "__init__.py" and name.count(".") <= 2}
-    assert folders - {"slamgauge.compare.estimators.forms"} <= {*LEVELS} <= {*SOURCES}
-
-
 def test_modules_import_from_below() -> None:
+    assert {*LEVELS} <= {*FILES}
     assert not [(name, other) for name in NAMES for other in ours(name) if level(other) > level(name)]
     filters, graphs = ([name for name in NAMES if is_within(name, FOLDERS[each])] for each in ("ekf", "graph_baseline"))
-    assert len(filters) > 10 < len(graphs)
     assert not {other for name in graphs for other in ours(name)} & {*filters}
 
 
@@ -136,18 +123,15 @@ def test_no_imports_in_circles() -> None:
     TopologicalSorter(graph).prepare()  # raises an error that names the circle
 
 
-def test_modules_import_the_libraries_of_their_folder() -> None:
+def test_modules_import_the_libraries_of_their_folder_which_are_the_declared_ones() -> None:
     for name in NAMES:
         allowed = {library for place, those in LIBRARIES.items() if is_within(name, place) for library in those}
         assert (name, libraries(name) - allowed) == (name, set())
-
-
-def test_imported_libraries_are_the_declared_ones() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     extras = project["optional-dependencies"]
     declared = [*project["dependencies"], *extras["cluster"], *extras["frames"], *extras["ros"]]
     names = {re.split(r"[^\w-]", each, maxsplit=1)[0].replace("-", "_") for each in declared}
-    assert {library for name in SOURCES for library in libraries(name)} == names
+    assert {library for name in FILES for library in libraries(name)} == names
 
 
 def loaded_by(statement: str) -> set[str]:
@@ -158,27 +142,18 @@ def loaded_by(statement: str) -> set[str]:
 
 
 @pytest.mark.parametrize(
-    ("words", "status"),
-    [
-        ("--help", 0),
-        ("--version", 0),
-        ("run --help", 0),
-        ("runn", 2),
-        ("run q1-long-dense --sed 3", 2),
-        ("run no-such-scenario", 2),
-    ],
+    ("words", "status"), [("--help", 0), ("run --help", 0), ("run q1-long-dense --sed 3", 2), ("run no-such", 2)]
 )
-def test_help_version_and_mistakes_load_none_of_the_slow_libraries(words: str, status: int) -> None:
+def test_help_and_mistakes_load_none_of_the_slow_libraries(words: str, status: int) -> None:
     main = f"status = main({words.split()})\nexcept SystemExit as end: status = end.code"
     loaded = loaded_by(f"from slamgauge.compare.cli.main import main\ntry: {main}\nassert status == {status}")
-    assert "slamgauge.compare.cli.main" in loaded
     assert not loaded & {*SLOW_TO_START, "slamgauge.compare.cli.study"}  # each command is imported when it is called
 
 
 @pytest.mark.parametrize(
     ("statement", "never"),
     [
-        ("import slamgauge", SLOW_TO_START),
+        ("import slamgauge", (*SLOW_TO_START, "threadpoolctl", "dataclasses")),  # a user's folder may have such files
         ("from slamgauge.ekf import *", ("gtsam", "slamgauge.compare", "matplotlib")),
         ("from slamgauge.graph_baseline import *", ("pydantic", "slamgauge.compare", "matplotlib")),
         ("from slamgauge.recording import *", ("scipy", "slamgauge.compare", "matplotlib")),

@@ -56,23 +56,15 @@ def _positions(landmarks: int, radius: float, rng: np.random.Generator) -> Float
     return np.array([0.0, radius]) + drawn[(distance >= 0.5) & (distance <= furthest)][:landmarks]
 
 
-def require_room_for_bench(sizes: Sequence[int]) -> None:
-    """Refuse maps whose covariance does not fit into memory.
-
-    Raises:
-        UserError: one does not fit.
-    """
-    for size in sizes:
-        what = f"landmarks: the covariance of {size}"
-        require_memory(COPIES * 8.0 * (3.0 + 2.0 * size) ** 2, what, "give a smaller map")
-
-
 def run_bench(sizes: Sequence[int], chosen: Chosen, seed: int = 0) -> dict[str, Any]:
     """Measure every estimator on every map size; see `slamgauge bench --json` for the keys.
 
     Raises:
-        UserError: an unknown estimator.
+        UserError: an unknown estimator, or a map whose covariance does not fit into memory.
     """
+    for size in sizes:
+        what = f"landmarks: the covariance of {size}"
+        require_memory(COPIES * 8.0 * (3.0 + 2.0 * size) ** 2, what, "give a smaller map")
     contestants = load_estimators(chosen)
     results: dict[str, dict[str, dict[str, float]]] = {name: {} for name in contestants}
     with counted(len(sizes) * len(contestants), "run") as progress:
@@ -81,8 +73,7 @@ def run_bench(sizes: Sequence[int], chosen: Chosen, seed: int = 0) -> dict[str, 
             for name, estimator in contestants.items():
                 progress.set_description(f"{name}, {size} landmarks", refresh=not progress.delay)
                 run_estimator(name, estimator, recording.first(20))  # compiled code loaded, caches warm
-                estimate, seconds = run_estimator(name, estimator, recording)
-                results[name][str(size)] = _figures(recording, estimate, seconds)
+                results[name][str(size)] = _figures(recording, *run_estimator(name, estimator, recording))
                 progress.update()
     for name, by_size in results.items():
         for size, figures in by_size.items():
@@ -99,11 +90,10 @@ def _figures(recording: Recording, estimate: Estimate, run_s: float) -> dict[str
         "runs_per_second": 1.0 / run_s,
         "mean_s": run_s / recording.steps,
     }
-    if estimate.seconds is not None:
-        second_round = estimate.seconds[recording.steps // 2 :]
-        figures["median_s"] = float(np.median(second_round))
-        figures["p95_s"] = float(np.quantile(second_round, 0.95))
-    return figures
+    if estimate.seconds is None:
+        return figures
+    second_round = estimate.seconds[recording.steps // 2 :]
+    return figures | {"median_s": float(np.median(second_round)), "p95_s": float(np.quantile(second_round, 0.95))}
 
 
 def growth_exponent(by_size: dict[str, dict[str, float]]) -> float | None:

@@ -38,7 +38,6 @@ class Command:
         if not all(word.isdecimal() and len(word) <= LONGEST and int(word) > 0 for word in words):
             raise UserError(f"landmarks {self.landmarks!r:.60}: give map sizes > 0, for example 20,100")
         sizes = [int(word) for word in words]
-        step_times.require_room_for_bench(sizes)
         with staged(self.out, BENCH) as folder:
             result = step_times.run_bench(sizes, split_names(self.estimators))
             self.output.show(result, step_times.bench_table(result), folder and folder / BENCH)

@@ -10,16 +10,7 @@ from typing import Annotated
 
 import tyro
 
-from slamgauge.compare.cli.common import (
-    NAMED,
-    Overrides,
-    Unconfined,
-    WithPage,
-    Work,
-    flattened,
-    require_timeout,
-    results_of,
-)
+from slamgauge.compare.cli import common
 from slamgauge.compare.estimators import requests, sandbox
 from slamgauge.compare.grading import grade_output, grading, rubric, submissions, trial
 from slamgauge.compare.scenarios import scenario as scenarios
@@ -29,7 +20,7 @@ from slamgauge.errors import UserError
 
 
 @dataclass
-class Command(WithPage):
+class Command(common.WithPage):
     """Grade a folder of submissions against a reference filter. Each runs in a separate process without the truth.
 
     Exit status 1 if a submission could not be graded; the other grades are kept.
@@ -50,25 +41,25 @@ class Command(WithPage):
     """
 
     folder: tyro.conf.Positional[Path]
-    scenario: Annotated[str, tyro.conf.arg(help=f"{NAMED}. Each run draws its true start from the prior.")]
+    scenario: Annotated[str, tyro.conf.arg(help=f"{common.NAMED}. Each run draws its true start from the prior.")]
     runs: int = 20
     seed: int | None = None
-    set: Overrides = field(default_factory=list)
+    set: common.Overrides = field(default_factory=list)
     rubric: Path | None = None
     reference: str = "ekf"
     timeout: float = 60.0
-    unconfined: Unconfined = False
-    work: Work = field(default_factory=Work)
+    unconfined: common.Unconfined = False
+    work: common.Work = field(default_factory=common.Work)
     out: Path | None = None
 
     def run(self) -> int:
         if not self.unconfined:
             sandbox.require_wall()
-        out = self.out or results_of("grades", self.folder)
-        scenario = scenarios.load_scenario(self.scenario, flattened(self.set))
+        out = self.out or common.results_of("grades", self.folder)
+        scenario = scenarios.load_scenario(self.scenario, common.flattened(self.set))
         (reference,) = requests.ask([self.reference])
         found = submissions.submissions_in(self.folder)
-        limits = requests.Limits(require_timeout(self.timeout), not self.unconfined)
+        limits = requests.Limits(common.require_timeout(self.timeout), not self.unconfined)
         weights = rubric.load_rubric(self.rubric)
         with staged_folder.staged_folder(out, GRADES) as stage:
             with self.work.executor() as executor:

@@ -8,18 +8,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 import tyro
 
 from slamgauge.compare.cli.common import Repeated, flattened, results_of
-from slamgauge.compare.datasets import (
-    bag_log,
-    csv_log,
-    g2o,
-    imported_log,
-    lost_in_the_woods,
-    mrclam,
-    plausibility,
-)
+from slamgauge.compare.datasets import bag_log, csv_log, g2o, imported_log, lost_in_the_woods, mrclam, plausibility
 from slamgauge.compare.storage import files, staged_folder, toml_tables
 from slamgauge.compare.storage.result_files import MAPPING, RECORDING, TRUTH
 
@@ -149,7 +142,8 @@ class VictoriaPark(Format):
     max_range: float = math.inf
 
     def read(self) -> imported_log.Imported:
-        return imported_log.Imported(g2o.read_victoria_park(self.path, **self.options()))
+        recording = g2o.read_g2o(self.path).recording
+        return imported_log.Imported(recording.only(np.linalg.norm(recording.observation, axis=1) <= self.max_range))
 
 
 @dataclass
@@ -165,7 +159,7 @@ class LostInTheWoods(Format):
     lateral_slip: float = 0.02
 
     def read(self) -> imported_log.Imported:
-        return imported_log.Imported(*lost_in_the_woods.read_lost_in_the_woods(self.path, **self.options()))
+        return lost_in_the_woods.read_lost_in_the_woods(self.path, **self.options())
 
 
 @dataclass

@@ -11,17 +11,7 @@ from typing import Annotated
 
 import tyro
 
-from slamgauge.compare.cli.common import (
-    USER_CODE,
-    OfScenario,
-    OwnCode,
-    RootSeed,
-    WithPage,
-    Work,
-    flattened,
-    results_of,
-    split_names,
-)
+from slamgauge.compare.cli import common
 from slamgauge.compare.estimators import requests
 from slamgauge.compare.estimators.registry import BOUND, BOUNDS, HELP
 from slamgauge.compare.figures import publishing
@@ -33,9 +23,11 @@ from slamgauge.compare.studies import baseline as baselines
 from slamgauge.compare.studies import executors, store, study, summary, sweep
 from slamgauge.errors import UserError
 
+Names = Annotated[str, tyro.conf.arg(help=f"{HELP} Also {BOUND} ({BOUNDS[BOUND].note}). {common.USER_CODE}")]
+
 
 @dataclass(frozen=True)
-class WorkAnywhere(Work):
+class WorkAnywhere(common.Work):
     """Where the runs are computed.
 
     Attributes:
@@ -79,7 +71,7 @@ class Gate:
 
 
 @dataclass
-class Command(OfScenario, WithPage):
+class Command(common.OfScenario, common.WithPage):
     """Monte Carlo: many independent runs, their statistics and figures. After an interruption, it continues.
 
     Exit status 1 if an estimator failed in a run; the other results are kept.
@@ -98,11 +90,9 @@ class Command(OfScenario, WithPage):
 
     out: Path | None = None
     runs: int = 100
-    seed: RootSeed = 0
-    estimators: Annotated[str, tyro.conf.arg(help=f"{HELP} Also {BOUND} ({BOUNDS[BOUND].note}). {USER_CODE}")] = (
-        "ekf,riekf,causal"
-    )
-    own_code: OwnCode = field(default_factory=OwnCode)
+    seed: common.RootSeed = 0
+    estimators: Names = "ekf,riekf,causal"
+    own_code: common.OwnCode = field(default_factory=common.OwnCode)
     against: str = ""
     gate: Gate = field(default_factory=Gate)
     sweep: str | None = None
@@ -110,7 +100,7 @@ class Command(OfScenario, WithPage):
 
     def run(self) -> int:
         scenario, asked = self.load(), self.own_code.ask(self.estimators)
-        out = self.out or results_of("study", self.scenario)
+        out = self.out or common.results_of("study", self.scenario)
         done = self._study(scenario, asked, out) if self.sweep is None else self._sweep(self.sweep, asked, out)
         print(f"written to {out}", file=sys.stderr)
         return 0 if self.page.write(out, SUMMARY if self.sweep is None else SWEEP) and done else 1
@@ -121,7 +111,7 @@ class Command(OfScenario, WithPage):
         names = [each.label for each in asked]
         gate = self.gate.opened(names, store.digest(scenario, self.seed), out)
         with self.work.executor() as executor:
-            against = split_names(self.against)
+            against = common.split_names(self.against)
             found = study.run_study(scenario, self.runs, self.seed, asked, out, executor, against=against)
         found = replace(found, request=self._request())
         worse = list[str]()
@@ -144,7 +134,7 @@ class Command(OfScenario, WithPage):
             drawn.append(publishing.write_study(folder, found, runs, step))
             drawn.append(replace(self.page, open=False).write(folder, SUMMARY))
 
-        settings = flattened(self.set)
+        settings = common.flattened(self.set)
         with self.work.executor() as executor:
             result = sweep.run_sweep(self.scenario, settings, key, self.runs, self.seed, asked, out, executor, finished)
         self.output.show(result.to_json(), sweep.sweep_table(result))
@@ -153,4 +143,4 @@ class Command(OfScenario, WithPage):
         )
 
     def _request(self, swept: str = "") -> summary.Request:
-        return summary.Request(self.scenario, tuple(flattened(self.set)), self.estimators, swept)
+        return summary.Request(self.scenario, tuple(common.flattened(self.set)), self.estimators, swept)

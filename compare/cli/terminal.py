@@ -9,7 +9,7 @@ import shutil
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from slamgauge.compare.scoring.text_page import Page, Tone
@@ -27,12 +27,10 @@ class Output:
         json: Print JSON (docs/glossary.md) on standard output instead of the table.
         wide: Print all columns, and do not wrap lines. By default a table fits the terminal, or 80 characters in a
             pipe.
-        color: auto: print colours on a terminal if NO_COLOR is not set.
     """
 
     json: bool = False
     wide: bool = False
-    color: Literal["auto", "always", "never"] = "auto"
 
     def show(self, content: object, page: Page, file: Path | None = None) -> None:
         """Print `content` as JSON, or the page; write the JSON to a file, if one is given."""
@@ -42,13 +40,12 @@ class Output:
             file.write_text(f"{text}\n", encoding="utf-8")
 
     def laid_out(self, page: Page) -> str:
-        """Return the text of a page for this terminal or pipe."""
+        """Return the text of a page for this terminal or pipe, with colours on terminals if NO_COLOR is not set."""
         is_terminal = sys.stdout.isatty()
-        is_bare = os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb"
-        has_colours = self.color == "always" or (self.color == "auto" and is_terminal and not is_bare)
         width = max(PIPED, shutil.get_terminal_size().columns) if is_terminal else PIPED
         width = None if self.wide else width
-        return page.text(width, _painted) if has_colours else page.text(width)
+        is_plain = not is_terminal or os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb"
+        return page.text(width) if is_plain else page.text(width, _painted)
 
 
 def _painted(text: str, tone: Tone) -> str:

@@ -50,11 +50,7 @@ class Bag:
         return [name for name, (kind, count) in topics if kind in types and count and name not in TREES]
 
     def topic_of(self, types: Collection[str], key: str, stated: str | None = None) -> str:
-        """Return a stated topic, or the only one with one of the types.
-
-        Raises:
-            UserError: the stated topic has another type, or without one several topics fit, or none.
-        """
+        """Return a stated topic, or the only one with one of the types; raise UserError if none or several fit."""
         found = self.of_types(types)
         if stated is None and len(found) != 1:
             what = f"several topics fit ({', '.join(found)})" if found else "no topic has a known type"
@@ -114,10 +110,6 @@ class Bag:
             what = f"the clock of the stamps jumps by {jumps[at]:+.6g} s at stamp {1e-9 * stamps[at + 1]:.9f} s"
             remedy = "cut the bag there, or use times of recording: --set frames.clock=recording"
             raise UserError(f"{self.path}: {topic}: {what}; {remedy}")
-        late = int(np.sum(np.diff(stamps) < -SAME))
-        if late:
-            what = "messages have a stamp before that of the message before them"
-            notes.append(f"{topic}: {late} {what}; sorted by stamps")
         order = np.argsort(stamps, kind="stable")
         return stamps[order], order
 
@@ -164,8 +156,11 @@ def opened(path: Path, msgs: Sequence[Path] = ()) -> Generator[Bag]:
     of_rosbags = (AnyReaderError, Ros1Error, Ros2Error, SerdeError, TypesysError)
     damaged = (*of_rosbags, sqlite3.Error, DatabaseError, struct.error, OSError)
     try:
-        own = {name: text for folder in msgs for name, text in _definitions(folder)}
-        types = {key: value for name, text in own.items() for key, value in get_types_from_msg(text, name).items()}
+        types = dict[str, Any]()
+        for file in sorted(file for folder in msgs for file in folder.rglob("*.msg")):
+            package = file.resolve().parent
+            package = package.parent if package.name == "msg" else package  # package/msg/Name.msg or package/Name.msg
+            types |= get_types_from_msg(read_text(file), f"{package.name}/msg/{file.stem}")
         default = get_typestore(Stores.ROS1_NOETIC if path.suffix == ".bag" else Stores.ROS2_HUMBLE)
         default.register({name: value for name, value in types.items() if name not in default.fielddefs})
         with AnyReader([path], default_typestore=default) as reader:
@@ -179,14 +174,3 @@ def opened(path: Path, msgs: Sequence[Path] = ()) -> Generator[Bag]:
         remedy = "give a .bag, .mcap or .db3 file, or a ROS 2 folder with its metadata.yaml"
         repair = "repair it with `rosbag reindex`, `ros2 bag reindex` or `mcap recover`"
         raise UserError(f"{path}: cannot be read ({what}); {remedy}, or {repair}") from None
-
-
-def _definitions(folder: Path) -> Iterator[tuple[str, str]]:
-    """Yield type and text of the .msg files below a folder: package/msg/Name.msg or package/Name.msg."""
-    files = sorted(folder.rglob("*.msg"))
-    if not files:
-        raise UserError(f"{folder}: no .msg files in it; give a folder of message definitions")
-    for file in files:
-        package = file.resolve().parent
-        package = package.parent if package.name == "msg" else package
-        yield f"{package.name}/msg/{file.stem}", read_text(file)

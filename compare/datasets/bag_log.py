@@ -159,8 +159,7 @@ def _read_odometry(bag: Bag, mapping: BagMapping, notes: list[str]) -> tuple[Odo
 def _require_twists_of_the_robot(where: str, twists: Float, headings: Float, seconds: Float, motions: Float) -> None:
     """Refuse twists (N, 3) that contradict the motions (N, 3) between the poses of the same messages.
 
-    They do if all are 0, or if the motions agree with them only once they are turned from the world's frame by the
-    headings (N,).
+    They do if all are 0, or if they agree once they are turned from the world's frame by the headings (N,).
     """
     turned = twists.copy()
     turned[:, :2] = np.einsum("nji,nj->ni", rotation(headings), twists[:, :2])

@@ -53,23 +53,12 @@ class CsvTable:
     """A CSV file with its rows; `has_times` is whether stamps that were read are times of ISO 8601."""
 
     def __init__(self, path: str, section: FileTable, names: Mapping[str, str]) -> None:
-        """Read a file.
-
-        Args:
-            path: The file.
-            section: Units where the header has none.
-            names: The file's own names of our columns.
-
-        Raises:
-            UserError: the file cannot be read or has no header, or a name is unknown.
-        """
+        """Read a file; `section` has units where the header has none, `names` the file's own names of our columns."""
         self.path = Path(path)
         lines = csv_lines(self.path, read_whole(self.path))
         if not lines:
             raise UserError(f"{path}: no line in it; write a header and rows")
         self.header, self.rows = lines[0], lines[1:]
-        if not any(isnan(number_of(word)) for word in self.header.words):
-            raise self.header.refused("no header", "write a line with the names of the columns")
         require_width(lines)
         for name in names:
             if name not in WORDS:
@@ -152,11 +141,7 @@ class CsvTable:
         return at
 
     def _factor(self, name: str, at: int | None) -> float:
-        """Return the factor from a column to our unit: that of the header, else that of the settings.
-
-        Raises:
-            UserError: the header's unit is none of the quantity, or the settings state another unit.
-        """
+        """Return the factor from a column to our unit: that of the header, else that of the settings."""
         dimension = QUANTITIES.get(name)
         if dimension is None or at is None:
             return 1.0

@@ -7,7 +7,7 @@ drives arcs: it keeps its speed and yaw rate between two rows.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TypeVar
 
@@ -19,11 +19,12 @@ from slamgauge.compare.datasets.imported_log import (
     Imported,
     Log,
     Observed,
+    TrueMap,
     checked,
     require_order,
     with_sigmas,
 )
-from slamgauge.compare.datasets.log_settings import CsvMapping, Motion, ObservationsTable, OdometryTable, load_settings
+from slamgauge.compare.datasets.log_settings import CsvMapping, Motion, Noise, load_settings
 from slamgauge.compare.datasets.synchronisation import Odometry
 from slamgauge.compare.storage.csv_folder import OBSERVED, POSE_COV
 from slamgauge.compare.storage.result_files import MAPPING
@@ -50,40 +51,36 @@ FILES = (  # sections and keys of files, and names that are read if they exist
 Kind = TypeVar("Kind", Motion, Sensor)
 
 
-def read_csv_log(path: Path, overrides: Sequence[str] = ()) -> Imported:
+def read_csv_log(folder: Path, overrides: Sequence[str] = ()) -> Imported:
     """Read the recording of CSV files, its truth if there is one, and the mapping in force.
 
     Args:
-        path: The folder, or a recording.toml with any name.
+        folder: The folder, or a recording.toml with any name.
         overrides: `section.key=value`, on top of recording.toml.
 
     Raises:
         UserError: With the file, the line and the remedy.
     """
     notes: list[str] = []
-    mapping, prior_cov = _with_start(_load(path, overrides))
-    kind, odometry, clock = _read_odometry(mapping, notes)
-    seen, table = _read_observations(mapping, notes)
-    has_steps = table.has("step") and not table.has("stamp")
+    mapping, prior_cov = _with_start(_load(folder, overrides))
+    odometry, clock = _read_odometry(mapping, notes)
+    seen, has_steps = _read_observations(mapping, clock, notes)
+    path, true_map = _truth(mapping, clock, notes)
     log = Log(
-        where=path,
+        where=folder,
         odometry=odometry,
-        seen=seen if has_steps else seen._replace(times=_on_clock(clock, table, seen.times, notes)),
+        seen=seen,
         has_steps=has_steps,
         start=mapping.start.pose,
         prior_cov=prior_cov,
-        path=_true_path(mapping, clock, notes),
+        path=path,
         max_gap=mapping.truth.max_gap,
-        map=_true_map(mapping, notes),
+        map=true_map,
         notes=notes,
     )
-    by_kind = {
-        "odometry": mapping.odometry.changed(kind=kind),
-        "observations": mapping.observations.changed(kind=seen.sensor),
-    }
-    found = log.imported(mapping.changed(**by_kind))
+    found = log.imported(mapping)
+    tables = found.mapping or {}
     for section, key, _ in FILES:
-        tables = found.mapping or {}
         if tables[section][key] is not None:
             tables[section][key] = shown(str(Path(tables[section][key]).absolute()))
     return found
@@ -117,8 +114,8 @@ def _with_start(mapping: CsvMapping) -> tuple[CsvMapping, Float]:
     return stated, cov if covs is None or cov.any() else covs[0]
 
 
-def _read_odometry(mapping: CsvMapping, notes: list[str]) -> tuple[Motion, Odometry, float | None]:
-    """Return the kind of odometry, the odometry, and its first stamp [s] if stamps are times of ISO 8601; add notes.
+def _read_odometry(mapping: CsvMapping, notes: list[str]) -> tuple[Odometry, float | None]:
+    """Return the odometry, and its first stamp [s] if stamps are times of ISO 8601; add notes.
 
     Rows of increments describe the time before their stamp, and begin at `start.stamp` if that is stated.
     """
@@ -128,11 +125,8 @@ def _read_odometry(mapping: CsvMapping, notes: list[str]) -> tuple[Motion, Odome
     stamps = table.stamps()
     require_order(table.rows, stamps, strict=True)
     values = table.poses() if kind == "poses" else _columns(table, MOTIONS[kind])
-    of_rows = [None if kind == "poses" else table.sigmas(name) for name in MOTIONS[kind]]
-    covs = table.covariances(POSE_COV) if kind == "increments" else None
     if table.has("step") and (table.numbers("step") != np.arange(1, len(stamps) + 1)).any():
         raise table.header.refused("the steps are not 1, 2, 3, ...", "sort the rows, and number them from 1")
-    notes += table.unused()
     looks_back = kind == "increments" or (kind == "velocities" and section.holds == "since-last")
     if start is not None and not looks_back:
         raise UserError(f"{section.file}: start.stamp: the log starts at the first row of {kind}; remove it")
@@ -146,33 +140,28 @@ def _read_odometry(mapping: CsvMapping, notes: list[str]) -> tuple[Motion, Odome
     increments = values[rows]
     if kind != "increments":
         increments = between(values[:-1], values[1:]) if kind == "poses" else exp(increments * seconds[:, None])
-    if covs is None:
-        growth, of_row = mapping.noise.growth(seconds), seconds if kind == "velocities" else 1.0
-        covs = np.zeros((len(values), 3, 3))
-        covs[rows] = with_sigmas(
-            covs[rows],
-            [
-                _stated(mapping, name, section) * growth if each is None else each[rows] * of_row
-                for name, each in zip(("forward", "lateral", "turn"), of_rows, strict=True)
-            ],
-        )
-    return kind, Odometry(stamps, increments, covs[rows], table.rows[rows]), stamps[0] if table.has_times else None
+    lasts = np.ones(len(values))
+    lasts[rows] = seconds
+    named = zip(("", "", "") if kind == "poses" else MOTIONS[kind], ("forward", "lateral", "turn"), strict=True)
+    triangle, of_row = POSE_COV if kind == "increments" else (), lasts if kind == "velocities" else 1.0
+    covs = _covariances(table, mapping.noise, named, triangle, mapping.noise.growth(lasts), of_row)
+    notes += table.unused()
+    return Odometry(stamps, increments, covs[rows], table.rows[rows]), stamps[0] if table.has_times else None
 
 
-def _read_observations(mapping: CsvMapping, notes: list[str]) -> tuple[Observed, CsvTable]:
-    """Read the observations, without those of range 0 on request, and add notes."""
+def _read_observations(mapping: CsvMapping, clock: float | None, notes: list[str]) -> tuple[Observed, bool]:
+    """Return the observations, without those of range 0 on request, and whether their times are steps; add notes."""
     section = mapping.observations
     table = CsvTable(section.file, section, section.columns)
     sensor = _kind(table, SENSED, section.kind, "observations")
     model = SENSORS[sensor]
-    times = table.stamps() if table.has("stamp") or not table.has("step") else table.numbers("step")
+    has_steps = table.has("step") and not table.has("stamp")
+    times = table.numbers("step") if has_steps else table.stamps()
     require_order(table.rows, times, strict=False)
+    times = times if has_steps else _on_clock(clock, table, times, notes)
     values, ids = checked(sensor, table.rows, _columns(table, model.columns)), table.ids()
-    covs = table.covariances(OBSERVED[sensor][model.dim :])
-    if covs is None:
-        of_rows = zip(model.sigmas, map(table.sigmas, model.columns), strict=True)
-        sigmas = [_stated(mapping, name, section) if each is None else each for name, each in of_rows]
-        covs = with_sigmas(np.zeros((len(times), model.dim, model.dim)), sigmas)
+    named = zip(model.columns, model.sigmas, strict=True)
+    covs = _covariances(table, mapping.noise, named, OBSERVED[sensor][model.dim :])
     notes += table.unused()
     kept, zero = np.arange(len(times)), np.flatnonzero(values[:, 0] == 0.0) if model.has_range else []
     if len(zero):
@@ -181,7 +170,7 @@ def _read_observations(mapping: CsvMapping, notes: list[str]) -> tuple[Observed,
         remedy = "leave them out with --set observations.drop_zero_ranges=true"
         notes.append(f"{what}; they are left out" if section.drop_zero_ranges else f"warning: {what}; {remedy}")
         kept = np.flatnonzero(values[:, 0]) if section.drop_zero_ranges else kept
-    return Observed(sensor, times[kept], [ids[at] for at in kept.tolist()], values[kept], covs[kept]), table
+    return Observed(sensor, times[kept], [ids[at] for at in kept.tolist()], values[kept], covs[kept]), has_steps
 
 
 def _on_clock(clock: float | None, table: CsvTable, times: Float, notes: list[str]) -> Float:
@@ -193,25 +182,20 @@ def _on_clock(clock: float | None, table: CsvTable, times: Float, notes: list[st
     return times + clock
 
 
-def _true_path(mapping: CsvMapping, clock: float | None, notes: list[str]) -> Trajectory | None:
-    section = mapping.truth
-    if section.file is None:
-        return None
-    table = CsvTable(section.file, section, section.columns)
-    times, poses = table.stamps(), table.poses()
-    require_order(table.rows, times, strict=True)
-    notes += table.unused()
-    return Trajectory(section.file, _on_clock(clock, table, times, notes), poses)
-
-
-def _true_map(mapping: CsvMapping, notes: list[str]) -> tuple[Path, list[int | str], Float] | None:
-    section = mapping.truth
-    if section.landmarks is None:
-        return None
-    table = CsvTable(section.landmarks, section, section.landmark_columns)
-    found = table.path, table.ids(), _columns(table, ("x", "y"))
-    notes += table.unused()
-    return found
+def _truth(mapping: CsvMapping, clock: float | None, notes: list[str]) -> tuple[Trajectory | None, TrueMap | None]:
+    """Return the true path and the true map, if the log has them; add notes."""
+    section, path, true_map = mapping.truth, None, None
+    if section.file is not None:
+        table = CsvTable(section.file, section, section.columns)
+        times, poses = table.stamps(), table.poses()
+        require_order(table.rows, times, strict=True)
+        path = Trajectory(section.file, _on_clock(clock, table, times, notes), poses)
+        notes += table.unused()
+    if section.landmarks is not None:
+        table = CsvTable(section.landmarks, section, section.landmark_columns)
+        true_map = table.path, table.ids(), _columns(table, ("x", "y"))
+        notes += table.unused()
+    return path, true_map
 
 
 def _kind(table: CsvTable, kinds: Mapping[Kind, Sequence[str]], stated: Kind | None, section: str) -> Kind:
@@ -234,10 +218,26 @@ def _columns(table: CsvTable, names: Sequence[str]) -> Float:
     return np.column_stack([table.numbers(name, 0.0 if name in OPTIONAL else None) for name in names])
 
 
-def _stated(mapping: CsvMapping, name: str, section: OdometryTable | ObservationsTable) -> float:
-    """Return a standard deviation of [noise]; raise `UserError` if it is missing there and in the rows."""
-    value = getattr(mapping.noise, name)
-    if value is None:
-        remedy = f"give --set noise.{name}=SIGMA, or add it to {MAPPING}"
-        raise UserError(f"{section.file}: its rows have no noise, and noise.{name} is missing; {remedy}")
-    return value
+def _covariances(
+    table: CsvTable,
+    noise: Noise,
+    named: Iterable[tuple[str, str]],
+    triangle: Sequence[str],
+    growth: Float | float = 1.0,
+    of_row: Float | float = 1.0,
+) -> Float:
+    """Return covariances (n, d, d): those of rows, else of the stated noise; `named` are columns and names of it.
+
+    `triangle` are columns of covariances. `growth` and `of_row` are factors (n,) of stated sigmas and of those of rows.
+    """
+    covs = table.covariances(triangle) if triangle else None
+    if covs is not None:
+        return covs
+    sigmas = list[Float | float]()
+    for column, name in named:
+        of_rows, stated = table.sigmas(column), getattr(noise, name)
+        if of_rows is None and stated is None:
+            remedy = f"give --set noise.{name}=SIGMA, or add it to {MAPPING}"
+            raise UserError(f"{table.path}: its rows have no noise, and noise.{name} is missing; {remedy}")
+        sigmas.append(stated * growth if of_rows is None else of_rows * of_row)
+    return with_sigmas(np.zeros((len(table.rows), len(sigmas), len(sigmas))), sigmas)

@@ -14,7 +14,6 @@ origin. Graphs have no time stamps: step k is at k seconds.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 from itertools import pairwise
 from pathlib import Path
@@ -22,12 +21,12 @@ from pathlib import Path
 import numpy as np
 
 from slamgauge.arrays import Float, Marks
-from slamgauge.compare.datasets.imported_log import Imported, checked, of_file, require_rows, with_sigmas
+from slamgauge.compare.datasets.imported_log import Imported, Log, Observed, checked, require_rows, with_sigmas
+from slamgauge.compare.datasets.synchronisation import Odometry
 from slamgauge.compare.storage.csv_folder import from_triangles
 from slamgauge.compare.storage.text_lines import Line, read_tagged
 from slamgauge.covariances import inverted, scale_of
 from slamgauge.errors import UserError
-from slamgauge.recording import Recording
 from slamgauge.se2 import between, chain, compose, pose_rotation
 from slamgauge.sensors import SENSORS, Sensor
 
@@ -61,6 +60,7 @@ UNSUPPORTED = {
 }
 TORO_ORDER = np.array([0, 1, 4, 2, 5, 3])  # places of xx xy xt yy yt tt in TORO's order
 REMEDY = "give every quantity a finite variance > 0, in the order of entries that its tag has"
+SINGULAR = 1e-12  # smallest eigenvalue of correlations whose inverse has no correct digits
 KEY_BITS = 56  # bits of the number behind the letter in a key of GTSAM
 PLAIN = "\0"  # letter of a key that is a number only
 
@@ -106,36 +106,19 @@ def read_g2o(path: Path, *, drop_loop_edges: bool = False, isam: bool = False) -
     if len(edges) < len(motions):
         notes.append(f"{len(motions) - len(edges)} edges between poses that are not on the path are dropped")
     notes += [f"{len(lines[tag])} lines {tag} are not used" for tag in RAW if lines[tag]]
-    sensor, values, observation_covs = _measured(seen, isam=isam)
-    steps = np.array([step_of[line.id_at(1)] for line in seen], dtype=np.int64)
-    landmark = np.array([line.id_at(2) for line in seen], dtype=np.int64)
-    order = np.argsort(steps, kind="stable")
-    with of_file(path):
-        recording = Recording(
-            stamps=np.arange(len(poses), dtype=np.float64),
-            prior_mean=prior_mean,
-            prior_cov=prior_cov,
-            odometry=increments,
-            odometry_cov=covs,
-            sensor=sensor,
-            observation_step=steps[order],
-            observation=values[order],
-            observation_cov=observation_covs[order],
-            landmark=landmark[order],
-        )
-    return Imported(recording, notes=tuple(notes))
-
-
-def read_victoria_park(path: str | Path, *, max_range: float = math.inf) -> Recording:
-    """Read the Victoria Park recording (ACFR, Sydney) in the text form that GTSAM distributes, a graph.
-
-    The first pose is the origin and fixed. Observations of landmarks beyond `max_range` [m] are dropped.
-
-    Raises:
-        UserError: With the file, the line and the remedy.
-    """
-    recording = read_g2o(Path(path)).recording
-    return recording.only(np.linalg.norm(recording.observation, axis=1) <= max_range)
+    seen.sort(key=lambda line: step_of[line.id_at(1)])
+    sensor, values, of_seen = _measured(seen, isam=isam)
+    steps = np.array([step_of[line.id_at(1)] for line in seen], dtype=np.float64)
+    log = Log(
+        where=path,
+        odometry=Odometry(np.arange(len(poses), dtype=np.float64), increments, covs),
+        seen=Observed(sensor, steps, [line.id_at(2) for line in seen], values, of_seen),
+        has_steps=True,
+        start=prior_mean.tolist(),
+        prior_cov=prior_cov,
+        notes=notes,
+    )
+    return log.imported()
 
 
 def _of(lines: Lines, tags: Iterable[str]) -> list[Line]:
@@ -214,14 +197,11 @@ def _path_along(lines: list[Line], start: int | None, *, drop_others: bool) -> t
 
 
 def _require_on_path(lines: Lines, step_of: dict[int, int]) -> None:
-    """Refuse repeated vertices, poses that are not on the path, and observations of poses."""
-    vertices: dict[int, Line] = {}
+    """Refuse poses that are not on the path, and observations of poses."""
     for line in _of(lines, (*VERTICES, "FIX", PRIOR, *SENSED)):
-        tag, name = line.words[0], line.id_at(1)
-        if tag in VERTICES and vertices.setdefault(name, line) is not line:
-            raise line.refused(f"vertex {name} was there before", "give every vertex one line")
-        if name not in step_of:
-            raise line.refused(f"pose {name} is on no edge of the path", "correct the id, or join the pose")
+        if line.id_at(1) not in step_of:
+            raise line.refused(f"pose {line.words[1]} is on no edge of the path", "correct the id, or join the pose")
+    vertices = {line.id_at(1) for line in _of(lines, VERTICES)}
     for line in _of(lines, ("EDGE_SE2_XY", "EDGE_BEARING_SE2_XY")):
         if line.id_at(2) in vertices:
             raise line.refused(f"vertex {line.words[2]} is a pose, not a landmark", "correct the id")
@@ -274,11 +254,16 @@ def _covariances(lines: list[Line], entries: Float, size: int, *, isam: bool = F
         roots = np.triu(matrices)
         matrices = np.where((has_cov | of_toro)[:, None, None], roots.swapaxes(1, 2) @ roots, matrices)
         has_cov[:] = False
-    variances = np.diagonal(matrices, axis1=1, axis2=2)
-    smallest = np.linalg.eigvalsh(matrices / scale_of(matrices))[:, 0]
-    is_definite = (variances > 0.0).all(axis=1) & (smallest > 1e-12)
-    wrong = np.where(has_cov & (size == 3), smallest < -1e-9, ~is_definite)
+    is_motion = has_cov & (size == 3)
+    wrong = np.where(is_motion, smallest_eigenvalues(matrices) < -1e-9, smallest_eigenvalues(matrices) <= SINGULAR)
     for kind, what in ((has_cov, "the covariance"), (~has_cov, "the information matrix")):
         require_rows(lines, wrong & kind, f"{what} is not positive definite", REMEDY)
     matrices[~has_cov] = inverted(matrices[~has_cov])
     return matrices
+
+
+def smallest_eigenvalues(matrices: Float) -> Float:
+    """Return the smallest eigenvalues (n,) of correlations; 0 or less if a variance of the matrices (n, d, d) is 0."""
+    smallest = np.linalg.eigvalsh(matrices / scale_of(matrices))[:, 0]
+    has_variances = (np.diagonal(matrices, axis1=1, axis2=2) > 0.0).all(axis=1)
+    return np.where(has_variances, smallest, np.minimum(smallest, 0.0))

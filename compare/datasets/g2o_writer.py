@@ -13,10 +13,11 @@ from pathlib import Path
 
 import numpy as np
 
-from slamgauge.arrays import Float, Int, Marks
+from slamgauge.arrays import Float, Int
+from slamgauge.compare.datasets.g2o import SINGULAR, smallest_eigenvalues
 from slamgauge.compare.storage.csv_folder import upper_triangles
 from slamgauge.compare.storage.files import explained
-from slamgauge.covariances import inverted, scale_of
+from slamgauge.covariances import inverted
 from slamgauge.errors import UserError
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain, pose_rotation
@@ -76,21 +77,15 @@ def _observations(recording: Recording) -> Float:
 
 def _regular(covs: Float, name: str, lend: float | None) -> Float:
     """Return covariances (n, 3, 3) that have inverses, with regularising noise `lend` where that is needed."""
-    singular = _are_singular(covs)
+    singular = smallest_eigenvalues(covs) <= SINGULAR
     if singular.any() and lend is not None:
         covs = covs + lend**2 * singular[:, None, None] * np.eye(3)
-        singular = _are_singular(covs)
+        singular = smallest_eigenvalues(covs) <= SINGULAR
     if singular.any():
         what = f"{name}[{int(np.argmax(singular))}]: is singular, but a graph needs its inverse"
         remedy = "add regularising noise, for example --lend 1e-4, or a larger one, or export as csv or mat"
         raise UserError(f"{what}; {remedy}")
     return covs
-
-
-def _are_singular(covs: Float) -> Marks:
-    """Return which covariances (n, 3, 3) have no inverse, or one without correct digits."""
-    without = (np.diagonal(covs, axis1=1, axis2=2) <= 0.0).any(axis=1)
-    return without | (np.linalg.eigvalsh(covs / scale_of(covs))[:, 0] <= 1e-12)
 
 
 def _written(tag: str, ids: Int, numbers: Float) -> Iterator[str]:

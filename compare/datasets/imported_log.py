@@ -24,6 +24,7 @@ from slamgauge.truth import Truth
 BEGINNING = 5.0  # m of a path, whose direction suggests the heading of the start
 UNWRAPPED = 0.5  # rad: largest turn in a row whose difference of headings jumps by a whole turn
 Id = int | str | None
+TrueMap = tuple[Path, Sequence[Id], Float]  # file, ids and places (L, 2) [m] of true landmarks
 
 
 class Imported(NamedTuple):
@@ -66,7 +67,7 @@ class Log:
         start: x, y [m] and heading [rad] of the start, if they are stated.
         prior_cov: (3, 3) of the start.
         path: true poses, headings NaN if unknown; not interpolated over gaps longer than `max_gap` [s].
-        map: file, ids and places (L, 2) [m] of true landmarks.
+        map: true landmarks.
         notes: sentences about dropped content.
     """
 
@@ -78,7 +79,7 @@ class Log:
     prior_cov: Float = field(default_factory=lambda: np.zeros((3, 3)))
     path: Trajectory | None = None
     max_gap: float = 1.0
-    map: tuple[Path, Sequence[Id], Float] | None = None
+    map: TrueMap | None = None
     notes: Sequence[str] = ()
 
     def imported(self, mapping: CsvMapping | BagMapping | None = None) -> Imported:
@@ -100,7 +101,8 @@ class Log:
         kept = np.flatnonzero(landmark >= 0) if has_ids else np.arange(count)
         if len(kept) < count:
             notes.append(f"{count - len(kept)} of {count} observations have no id and are dropped")
-        odometry, steps, unmatched = self.odometry, seen.times[kept], 0
+        odometry, unmatched = self.odometry, 0
+        steps: Any = seen.times[kept]
         if not self.has_steps:
             self._require_turns()
             with of_file(self.where):
@@ -162,8 +164,6 @@ def _numbered(ids: Sequence[Id], stated: Mapping[str, int]) -> tuple[Int, dict[s
     if missing:
         raise UserError(f"the id {missing[0]!r} has no number; add it to [ids], or leave [ids] out")
     numbers = [-1 if each is None else table[each] if isinstance(each, str) else each for each in ids]
-    if min(numbers, default=0) < -1:
-        raise UserError(f"the id {min(numbers)} is negative; ids start at 0, and -1 stands for a missing id")
     return np.array(numbers, dtype=np.int64), table
 
 

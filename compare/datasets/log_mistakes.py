@@ -79,12 +79,12 @@ MISTAKES = (
     Mistake("turns are in radians, read as degrees", turn=1 / DEGREE),
     Mistake("bearings and turns are in radians, read as degrees", bearing=1 / DEGREE, turn=1 / DEGREE),
     *(
-        Mistake(f"{what} are {factor:g} times too {size}")._replace(**dict.fromkeys(names, undone))
-        for what, names in {
-            "observed lengths": ("length",),
-            "distances of the odometry": ("way",),
-            "all lengths": ("length", "way"),
-            "turns and distances of the odometry": ("turn", "way"),
+        Mistake(f"{what} are {factor:g} times too {size}", length=undone**length, turn=undone**turn, way=undone**way)
+        for what, (length, turn, way) in {
+            "observed lengths": (1, 0, 0),
+            "distances of the odometry": (0, 0, 1),
+            "all lengths": (1, 0, 1),
+            "turns and distances of the odometry": (0, 1, 1),
         }.items()
         for factor in (1000, 100)
         for size, undone in (("large", 1 / factor), ("small", float(factor)))
@@ -107,8 +107,7 @@ NO_ESTIMATE, NOTHING_SEEN_TWICE = Fit(0.0, 0.0, 0.0, 0.0), Fit(1.0, 0.0, 1.0, 0.
 def agreement(recording: Recording) -> tuple[float, str]:
     """Return the share of observations that agree with one place per landmark, and a doubt; "" without one.
 
-    Raises:
-        UserError: they agree once a mistake of units or signs is undone; with the mistake and its remedy.
+    A mistake of units or signs is a UserError.
     """
     is_bearing = recording.sensor == "bearing"
     if SENSORS[recording.sensor].has_range:

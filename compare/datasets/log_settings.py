@@ -188,12 +188,7 @@ class BagMapping(Section):
 
 
 def load_settings(kind: type[Settings], file: Path | None, overrides: Sequence[str]) -> Settings:
-    """Load settings.
-
-    Args:
-        kind: Their class; its fields are sections or tables.
-        file: A TOML file; None for defaults only.
-        overrides: `section.key=value`, on top of the file.
+    """Load settings from a TOML file, None for defaults only, and overrides `section.key=value` on top of it.
 
     Raises:
         UserError: the file cannot be read, or a key or a value in it is wrong.

@@ -41,15 +41,8 @@ def read_mrclam(
 ) -> Imported:
     """Read the recording of one robot, `range-bearing` and with subjects as ids, and its ground truth.
 
-    Args:
-        folder: Folder of the files.
-        robot: Number of the robot in the files' names; None if the folder has one robot.
-        forward: Standard deviation of the forward motion in one second [m]; its variance grows with time. The files do
-            not contain the noise; the defaults are starting values, not measurements.
-        lateral: The same of the sideways motion [m].
-        turn: The same of the turn [rad].
-        range_sigma: Standard deviation of ranges [m].
-        bearing_sigma: Standard deviation of bearings [rad].
+    The parameters are those of `slamgauge import mrclam`. The files do not contain the noise: standard deviations of
+    the motion in one second [m, m, rad], whose variances grow with time, and of the sensor [m, rad] are guesses.
 
     Raises:
         UserError: With the file, the line and the remedy.

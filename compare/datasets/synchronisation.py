@@ -37,12 +37,9 @@ class Odometry(NamedTuple):
 def joined(odometry: Odometry, times: Float) -> tuple[Odometry, Int, Marks, list[str]]:
     """Split odometry at the times (M,) [s] of observations.
 
-    Returns:
-        The odometry; the step of each observation within its span; which observations (M,) these are; and notes about
-        the others, which are dropped, and about a gap of the odometry.
-
-    Raises:
-        UserError: all observations, or more than half of many, are outside the span, or their own span is too short.
+    Return the odometry; the step of each observation within its span; which observations (M,) these are; and notes
+    about the others, which are dropped, and about a gap of the odometry. It is a UserError if all observations, or more
+    than half of many, are outside the span, or if their own span is too short.
     """
     first, last = odometry.stamps[0], odometry.stamps[-1]
     inside = (times >= first - SAME) & (times <= last + SAME)

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float, Int, Marks
-from slamgauge.compare.datasets.path_doubts import path_doubts
+from slamgauge.compare.datasets.plausibility import path_doubts
 from slamgauge.compare.storage.csv_folder import read_estimate_csv
 from slamgauge.compare.storage.files import load_estimate
 from slamgauge.compare.storage.trajectories import Trajectory, has_stamps, interpolated_covs, read_trajectory

@@ -24,7 +24,7 @@ import numpy as np
 from slamgauge.arrays import Float
 from slamgauge.compare.exercise.settings import CAUSAL, EKF
 from slamgauge.compare.scoring.intervals import Interval, mean_interval
-from slamgauge.compare.scoring.runs import Runs, paired, reported_sigma
+from slamgauge.compare.scoring.runs import Runs, paired
 
 Verdict = Literal["holds", "does not hold", "undecided"]
 MISSED = 0.05  # largest probability that any of the intervals misses its ratio
@@ -62,7 +62,7 @@ def _during(what: str, stretch: str, runs: Runs) -> Float:
 FIGURES: dict[str, Callable[[Runs], Float]] = {  # functions that read a figure (R,) of every run, by its name
     "ATE": _stored("ate_m"),
     f"ATE of {CAUSAL}": _stored("ate_m"),  # the other figures are those of the EKF
-    "reported sigma": reported_sigma,
+    "reported sigma": Runs.reported_sigma,
     "mapped landmarks": _stored("landmarks_mapped"),
     "true landmarks": _stored("landmarks_true"),
     "landmarks found": _found,

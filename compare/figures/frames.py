@@ -51,7 +51,7 @@ def animate(folder: Path, names: Sequence[str], seconds: float, fps: int) -> Non
             write an existing animation.
     """
     results = load_results(folder)
-    shown, mapped = _chosen(results.estimates, names)
+    shown, mapped = chosen(results.estimates, names)
     frames = min(_frames(seconds, fps), results.recording.steps + 1)
     steps = np.linspace(0, results.recording.steps, frames).round().astype(int).tolist()
     rate: Any = frames / seconds  # typed as int by the writer, but floats work
@@ -75,7 +75,7 @@ def animate(folder: Path, names: Sequence[str], seconds: float, fps: int) -> Non
                 progress.update()
 
 
-def _chosen(estimates: Mapping[str, Estimate], names: Sequence[str]) -> tuple[dict[str, Estimate], dict[str, Estimate]]:
+def chosen(estimates: Mapping[str, Estimate], names: Sequence[str]) -> tuple[dict[str, Estimate], dict[str, Estimate]]:
     """Return the estimates whose paths are shown, and those whose maps are shown."""
     if names:
         chosen = {name: estimates[name] for name in labels_among(names, estimates, "has no estimate in the folder")}

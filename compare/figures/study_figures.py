@@ -36,7 +36,7 @@ from slamgauge.compare.figures.plot_style import (
 )
 from slamgauge.compare.figures.run_figures import HEIGHTS, draw_map_and_errors
 from slamgauge.compare.scoring.optimum_notes import MARK, doubt_in_runs, misfits
-from slamgauge.compare.scoring.runs import BAND_LEVEL, PerStep, Runs, nees_per_step, nis_per_step, paired, rmse_per_step
+from slamgauge.compare.scoring.runs import BAND_LEVEL, PerStep, Runs, paired
 from slamgauge.compare.storage.files import Results
 from slamgauge.compare.storage.staged_folder import Drawing
 from slamgauge.compare.studies.summary import Summary, is_marked_against, misfit_optima, share_in_doubt
@@ -68,9 +68,9 @@ def study_drawings(summary: Summary, runs: Mapping[str, Runs], step: float) -> d
         )
 
     return {
-        "nees": over_time("nees", nees_per_step, "mean pose NEES (3 when consistent)"),
-        "nis": over_time("nis", nis_per_step, "NIS / degrees of freedom (1 when right)"),
-        "rmse": over_time("rmse", rmse_per_step, "RMS position error, 95 % band [m]"),
+        "nees": over_time("nees", Runs.nees_per_step, "mean pose NEES (3 when consistent)"),
+        "nis": over_time("nis", Runs.nis_per_step, "NIS / degrees of freedom (1 when right)"),
+        "rmse": over_time("rmse", Runs.rmse_per_step, "RMS position error, 95 % band [m]"),
         "errors": lambda out: _draw_errors(out / "errors", title, ran, step),
         "ratios": lambda out: _draw_ratios(out / "ratios", doubted_title, ran, doubtful),
     }
@@ -203,7 +203,7 @@ def save_nees_figure(path: Path, settings: Sequence[SettingResult], title: str) 
     """Write the mean pose NEES over 3 of EKF and causal optimum against time as PNG, a panel for each setting."""
     with _panels(path, [each.setting for each in settings], title) as (figure, panels):
         for axes, ran in zip(panels, settings, strict=True):
-            found = {name: nees_per_step(ran.runs[name]) for name in (EKF, CAUSAL)}
+            found = {name: Runs.nees_per_step(ran.runs[name]) for name in (EKF, CAUSAL)}
             time = ran.scenario.trajectory.step * np.arange(len(found[EKF].value))
             band(axes, time, found[EKF].low / 3, found[EKF].high / 3, f"{BAND_LEVEL:.1%} band")
             for name, style in styles(found).items():

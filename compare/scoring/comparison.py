@@ -23,8 +23,8 @@ from slamgauge.compare.scoring.optimum_notes import (
     misfits,
     without_misleading,
 )
-from slamgauge.compare.scoring.own_stamps import score_at_own_stamps
-from slamgauge.compare.scoring.scores import Score
+from slamgauge.compare.scoring.own_stamps import optimum_at, truth_at
+from slamgauge.compare.scoring.scores import Score, evaluate
 from slamgauge.compare.scoring.table import ESTIMATOR, KIND, NO_FIGURE, Cell, Table
 from slamgauge.compare.scoring.text_page import Page
 from slamgauge.compare.scoring.verdicts import single_run, verdict_lines
@@ -114,9 +114,13 @@ def compare_estimators(
     own = {name: own_poses_of(estimators.get(name)) for name in ran.estimates}
     best = {kind: ran.estimates[name] for kind, name in ran.optima.items()}
     for name, estimate in ran.estimates.items():
-        optima = best.get(estimate.kind), best.get("smoothed")
+        optimum, hindsight, stored = best.get(estimate.kind), best.get("smoothed"), own[name]
+        scored, true, compared = estimate, truth, None
+        if stored is not None:  # at its own stamps
+            scored, true, compared = stored.estimate, truth_at(stored.stamps, truth, recording), stored.compared
+            optimum, hindsight = (each and optimum_at(stored.stamps, each, recording) for each in (optimum, hindsight))
         try:
-            score = score_at_own_stamps(own[name], truth, recording, estimate, *optima)
+            score = evaluate(true, recording, scored, optimum, hindsight, compared)
         except UserError as error:
             ran.failures[name] = f"estimator {name}: {error}"
             continue

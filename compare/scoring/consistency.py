@@ -60,11 +60,7 @@ def squared_mahalanobis(errors: Float, covs: Float) -> Float:
 
 
 def chi2_band(level: float, dof: float) -> tuple[float, float]:
-    """Return the two-sided interval that contains a chi-square variable of `dof` with probability `level`.
-
-    Raises:
-        UserError: level or dof are out of range.
-    """
+    """Return the two-sided interval that contains a chi-square variable of `dof` with probability `level`."""
     from scipy.special import gammainccinv, gammaincinv  # here: scipy is slow to start
 
     if not 0 < level < 1:

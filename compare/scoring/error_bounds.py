@@ -138,9 +138,6 @@ def against_reference(scores: Sequence[Score], reference: Sequence[Score]) -> Ag
     A bound fails if the whole 95 % interval of a paired ratio is beyond it: the ATE may be 1.05 times the reference's;
     the NEES 1.2 times, unless its own interval reaches down to a consistent estimate's; the sigmas of position and
     heading 0.9 to 1.1 times, unless the NEES is nearer to a consistent estimate's than the reference's.
-
-    Raises:
-        UserError: other runs, or a single one, which has no interval.
     """
     if [len(each.nees) for each in scores] != [len(each.nees) for each in reference]:
         other = f"{len(reference)} scores for {len(scores)} of other runs"
@@ -167,7 +164,8 @@ def against_reference(scores: Sequence[Score], reference: Sequence[Score]) -> Ag
             broken.append(f"{text}, less than {least:g}: it is too sure")
         elif is_above(ratio, most):
             broken.append(f"{text}, more than {most:g}{': it is too cautious' if least else ''}")
-    return AgainstReference(*ratios, tuple(broken))
+    ate, nees, position, heading = ratios
+    return AgainstReference(ate, nees, position, heading, tuple(broken))
 
 
 def ates(scores: Sequence[Score]) -> Float:

@@ -68,12 +68,7 @@ def ratio_interval(numerator: Float, denominator: Float, level: float = LEVEL) -
 
 
 def jackknife_interval(figure: Callable[[Float, int], Float], totals: Float) -> Interval | None:
-    """Return the interval of a figure that is a function of sums over runs.
-
-    Args:
-        figure: maps (..., n) sums over `count` runs to (...) figures.
-        totals: (R, n) contribution of each run to the sums.
-    """
+    """Return the interval of a `figure` of sums (..., n) over a number of runs, which contribute `totals` (R, n)."""
     runs, whole = len(totals), totals.sum(axis=0)
     if not runs:
         return None

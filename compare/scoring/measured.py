@@ -11,16 +11,12 @@ from slamgauge.compare.scoring.consistency import distances, is_inside, pose_err
 from slamgauge.compare.scoring.intervals import ROUNDING, mean, number, rms
 from slamgauge.compare.scoring.metric import Column, of_run
 from slamgauge.compare.scoring.run_arrays import RunArrays, closure_steps, pose_covs_of
-from slamgauge.compare.scoring.runs import late_coverage, mean_heading_rmse, mean_seconds, over_optimum, total_nis
+from slamgauge.compare.scoring.runs import Runs
 
 
 @dataclass(frozen=True)
 class LoopClosure:
-    """Position error and uncertainty at a loop closure; None if unknown.
-
-    `error_before_m` and `sigma_before_m` are those of the pose before `step`, the others those of the pose at `step`.
-    A sigma is the root of the trace of the position covariance.
-    """
+    """Position error, and root of the trace of its covariance, before and at a loop closure; None if unknown."""
 
     step: int
     error_before_m: float | None
@@ -37,7 +33,7 @@ class Measured(RunArrays):
         """RMS position error over the poses with truth, without alignment."""
         return rms(self.off)
 
-    @of_run(Column("heading [rad]", "heading error [rad]", form="{:.4f}", run=6, study=8), mean_heading_rmse)
+    @of_run(Column("heading [rad]", "heading error [rad]", form="{:.4f}", run=6, study=8), Runs.heading_rmse)
     def heading_rmse_rad(self) -> float | None:
         """RMS heading error; in studies, mean over steps of the RMS over runs."""
         return rms(self.errors[:, 2])
@@ -62,7 +58,7 @@ class Measured(RunArrays):
         """Mean over time of the position NEES: about 2 if consistent (a column if headings are unknown)."""
         return mean(self.nees_xy)
 
-    @of_run(Column("in 95% ellipse", form="{:.1%}", run=4, study=6), late_coverage)
+    @of_run(Column("in 95% ellipse", form="{:.1%}", run=4, study=6), Runs.late_coverage)
     def coverage_95(self) -> float | None:
         """Share of the positions inside their 95 % ellipses; in studies from the 11th step on."""
         return mean(is_inside(self.nees_xy, 0.95))
@@ -77,7 +73,7 @@ class Measured(RunArrays):
         """Degrees of freedom of the NIS of all steps."""
         return 0 if self.estimate.nis_dof is None else int(self.estimate.nis_dof.sum())
 
-    @of_run(Column("NIS/dof", run=5, study=7), total_nis)
+    @of_run(Column("NIS/dof", run=5, study=7), Runs.total_nis)
     def nis_per_dof(self) -> float | None:
         """NIS over its degrees of freedom: about 1 if the assumed noise is right."""
         return self.nis_total() / self.nis_dof_total() if self.nis_dof_total() else None
@@ -133,7 +129,7 @@ class Measured(RunArrays):
         """Number of observations that are assigned to another landmark than their own."""
         return None if self.wrong is None else int(self.wrong.sum())
 
-    @of_run(Column("x optimum", form="{:.2f}", run=2, relative=True), over_optimum)
+    @of_run(Column("x optimum", form="{:.2f}", run=2, relative=True), Runs.over_optimum)
     def ratio_to_optimum(self) -> float | None:
         """ATE over that of the optimum of the same kind, paired run by run."""
         if self.optimum is None:
@@ -182,7 +178,7 @@ class Measured(RunArrays):
         rows = np.column_stack([self.off[steps - 1], self.off[steps], sigmas[steps - 1], sigmas[steps]])
         return tuple(LoopClosure(step, *map(number, row)) for step, row in zip(steps.tolist(), rows, strict=True))
 
-    @of_run(Column("time [s]", "computing time [s]", form="{:.2f}", run=14), mean_seconds, stored=True)
+    @of_run(Column("time [s]", "computing time [s]", form="{:.2f}", run=14), Runs.mean_seconds, stored=True)
     def seconds_total(self) -> float | None:
         """Computing time."""
         return None if self.estimate.seconds is None else float(self.estimate.seconds.sum())

@@ -1,4 +1,4 @@
-"""Stored trajectories: scored at their own stamps, aligned with the truth, and with covariances of the body frame.
+"""Stored trajectories: truth and optimum at their own stamps, alignment, and covariances of the body frame.
 
 Truth and optimum are what is interpolated to the stamps of a trajectory, along the odometry.
 """
@@ -10,10 +10,9 @@ from dataclasses import replace
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.compare.estimators.stored_trajectory import OwnPoses, StoredEstimate
+from slamgauge.compare.estimators.stored_trajectory import StoredEstimate
 from slamgauge.compare.scoring.consistency import pose_errors, squared_mahalanobis
 from slamgauge.compare.scoring.intervals import defined_mean
-from slamgauge.compare.scoring.scores import Score, evaluate
 from slamgauge.compare.storage.trajectories import interpolated_covs
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
@@ -23,21 +22,6 @@ from slamgauge.se2 import between, compose, exp, log, pose_rotation, rotation, w
 from slamgauge.truth import Truth
 
 FAR_BETTER = 2.0  # ratio of the mean NEES as read to that of rotated covariances, above which a warning is printed
-
-
-def score_at_own_stamps(
-    own: OwnPoses | None,
-    truth: Truth | None,
-    recording: Recording,
-    estimate: Estimate,
-    optimum: Estimate | None,
-    batch: Estimate | None,
-) -> Score:
-    """Score an estimate as `evaluate` does; poses of a stored trajectory (`own`) are scored at their own stamps."""
-    if own is None:
-        return evaluate(truth, recording, estimate, optimum, batch)
-    best, hindsight = (each and optimum_at(own.stamps, each, recording) for each in (optimum, batch))
-    return evaluate(truth_at(own.stamps, truth, recording), recording, own.estimate, best, hindsight, own.compared)
 
 
 def truth_at(stamps: Float, truth: Truth | None, recording: Recording) -> Truth | None:
@@ -86,13 +70,7 @@ def _moved(poses: Float, motions: Float, recording: Recording, times: Float) -> 
 
 
 def aligned(label: str, stored: StoredEstimate, truth: Truth, recording: Recording) -> StoredEstimate:
-    """Return a stored estimate moved and turned to fit the true positions; the transform is printed.
-
-    Positions at the same times are compared. The scale is not changed.
-
-    Raises:
-        UserError: fewer than two poses have true positions.
-    """
+    """Return a stored estimate moved and turned to fit the true positions; the transform is printed."""
     estimate, reference = _with_truth(stored, truth, recording)
     assert reference is not None
     known = np.isfinite(reference[:, :2]).all(axis=1)
@@ -131,11 +109,7 @@ def _transformed(estimate: Estimate, transform: Float) -> Estimate:
 
 
 def in_world_frame(stored: StoredEstimate) -> StoredEstimate:
-    """Return a stored estimate with pose covariances of the body frame rotated to the world frame.
-
-    Raises:
-        UserError: it has no covariances.
-    """
+    """Return a stored estimate with pose covariances of the body frame rotated to the world frame."""
     if stored.estimate.pose_covs is None:
         raise UserError("covariance-frame: the estimate has no covariances; leave this option out")
     return stored.changed(lambda each: replace(each, pose_covs=_rotated(each)))

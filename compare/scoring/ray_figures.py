@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import astuple, dataclass, fields
 
 import numpy as np
@@ -10,7 +10,7 @@ import numpy as np
 from slamgauge.arrays import Float, Marks
 from slamgauge.compare.scoring.intervals import mean
 from slamgauge.compare.scoring.measured import Measured
-from slamgauge.compare.scoring.runs import Runs
+from slamgauge.compare.scoring.runs import Others, Runs
 from slamgauge.estimate import RayLog
 from slamgauge.truth import NOBODY
 
@@ -87,7 +87,7 @@ def mean_figures(runs: Sequence[RayFigures | None]) -> RayFigures | None:
     return RayFigures(*map(mean, np.array(known, dtype=np.float64).T)) if known else None
 
 
-def mean_rays(runs: Runs, _: Mapping[str, Runs]) -> RayFigures | None:
+def mean_rays(runs: Runs, _: Others) -> RayFigures | None:
     """Return means over the runs of a study; None without rays."""
     rows = np.array([runs.figures[f"rays_{name}"] for name in RAY_FIGURES]).T
     return mean_figures([RayFigures(*row) for row in rows if not np.isnan(row[0])])

@@ -1,4 +1,4 @@
-"""Stored runs of one estimator in a study, as arrays over runs, and their means, ratios and figures by step."""
+"""Stored runs of one estimator in a study: means, ratios and figures by step; decorated methods are metrics."""
 
 from __future__ import annotations
 
@@ -11,14 +11,8 @@ import numpy as np
 from slamgauge.arrays import Float, Int
 from slamgauge.compare.estimators.registry import BOUND_OF, CAUSAL, OPTIMA
 from slamgauge.compare.scoring.consistency import chi2_band, is_inside
-from slamgauge.compare.scoring.intervals import (
-    Interval,
-    half_widths,
-    jackknife_interval,
-    mean,
-    mean_interval,
-    ratio_interval,
-)
+from slamgauge.compare.scoring.intervals import Interval, half_widths, jackknife_interval, mean, mean_interval
+from slamgauge.compare.scoring.intervals import ratio_interval as ratio_of
 from slamgauge.compare.scoring.metric import Column, of_study
 
 # stored for every step: errors and sigmas [m, m, rad], NEES, and the NIS with its degrees of freedom
@@ -29,6 +23,14 @@ SERIES = (
 BAND_LEVEL = 0.999  # probability of the chi-square band, for the share of steps inside
 CHECK_LIMIT = 0.05  # sigmas: a causal optimum that is farther from the hindsight optimum at the end is in doubt
 FIRST_STEP = 11  # first step of NEES means: before it the start still dominates
+
+
+class PerStep(NamedTuple):
+    """A statistic of all runs at every step (N+1,) and its band; NaN where undefined."""
+
+    value: Float
+    low: Float
+    high: Float
 
 
 @dataclass(frozen=True)
@@ -46,6 +48,112 @@ class Runs:
     kind: str
     figures: dict[str, Float]
     series: dict[str, Float]
+
+    def squares(self, *series: str) -> Float:
+        """Return the sums (R, N+1) of the squares of these series."""
+        return np.sum([self.series[key] ** 2 for key in series], axis=0)
+
+    def reported_sigma(self) -> Float:
+        """Return the RMS over steps (R,) of the position sigma [m] that the estimator reports; NaN without one."""
+        late = self.squares("sigma_x", "sigma_y")[:, FIRST_STEP:]
+        return np.sqrt(late.mean(axis=1)) if late.size else np.full(len(late), np.nan)
+
+    def nees_per_step(self) -> PerStep:
+        """Return the mean pose NEES over runs, 3 if consistent, in a chi-square band."""
+        count = (~np.isnan(self.series["nees_pose"])).sum(axis=0)
+        return _in_band(self.series["nees_pose"], 3 * count, count)
+
+    def nis_per_step(self) -> PerStep:
+        """Return the NIS over its degrees of freedom, 1 if innovations are as expected, in a chi-square band."""
+        dof = np.nansum(self.series["nis_dof"], axis=0).astype(np.int64)
+        return _in_band(self.series["nis"], dof, dof)
+
+    def rmse_per_step(self) -> PerStep:
+        """Return the RMS position error [m] over runs, and the root of Student's 95 % interval of the mean square."""
+        squares = self.squares("error_x", "error_y")
+        middle, half = squares.mean(axis=0), half_widths(squares)
+        return PerStep(np.sqrt(middle), np.sqrt(np.maximum(middle - half, 0.0)), np.sqrt(middle + half))
+
+    def late_coverage(self, _: Others) -> Interval | None:
+        """Return the share of the steps, from FIRST_STEP on, at which the 95 % ellipse contains the position."""
+        return mean_interval(late_means(is_inside(self.series["nees_position"], 0.95)))
+
+    def heading_rmse(self, _: Others) -> Interval | None:
+        """Return the mean over steps of the RMS heading error over runs."""
+        return jackknife_interval(_mean_root, self.squares("error_heading"))
+
+    def mean_seconds(self, _: Others) -> float | None:
+        """Return the mean computing time [s]."""
+        return mean(self.figures["seconds_total"])
+
+    def total_nis(self, _: Others) -> Interval | None:
+        """Return the NIS over its degrees of freedom."""
+        dof = self.figures["nis_dof_total"]
+        return ratio_of(self.figures["nis_total"], np.where(dof > 0, dof, np.nan))
+
+    def over_optimum(self, others: Others, name: str | None = None) -> Interval | None:
+        """Return mean ATE over that of an optimum on the same runs; by default the one of the same kind."""
+        optimum = others.get(name or OPTIMA.get(self.kind, ""))
+        return None if optimum is None else ratio_of(*paired_figures("ate_m", self, optimum))
+
+    @of_study(Column("RMSE [m]", study=2, sweep=2, of_bounds=True))
+    def position_rmse_m(self, _: Others) -> Interval | None:
+        """Mean over steps of the RMS position error over runs (as in the literature)."""
+        return jackknife_interval(_mean_root, self.squares("error_x", "error_y"))
+
+    @of_study(Column("NEES/3", form="{:.2f}", study=5, sweep=5))
+    def nees_pose_per_dof(self, _: Others) -> Interval | None:
+        """Mean over runs and steps from the 11th on of the pose NEES over 3."""
+        return mean_interval(late_means(self.series["nees_pose"] / 3))
+
+    @of_study()
+    def nees_position_per_dof(self, _: Others) -> Interval | None:
+        """Mean over runs and steps from the 11th on of the position NEES over 2."""
+        return mean_interval(late_means(self.series["nees_position"] / 2))
+
+    @of_study()
+    def nees_heading(self, _: Others) -> Interval | None:
+        """Mean over runs and steps from the 11th on of the heading NEES."""
+        return mean_interval(late_means(self.series["nees_heading"]))
+
+    @of_study(Column(f"NEES in {BAND_LEVEL:.1%} band", form="{:.1%}", study=14))
+    def nees_share_inside_band(self, _: Others) -> float | None:
+        """Share of steps whose mean pose NEES over runs is in its chi-square band."""
+        average, low, high = self.nees_per_step()
+        return mean(np.where(np.isnan(average), np.nan, (average >= low) & (average <= high)))
+
+    @of_study(Column("x causal", study=3, sweep=3, relative=True))
+    def ratio_to_causal(self, others: Others) -> Interval | None:
+        """ATE over that of the causal optimum."""
+        return self.over_optimum(others, CAUSAL)
+
+    @of_study(Column("x bound", study=4, sweep=4, of_bounds=True))
+    def ratio_to_bound(self, others: Others) -> Interval | None:
+        """`position_rmse_m` over that of the Cramer-Rao bound of the same kind, over the same runs."""
+        bound = others.get(BOUND_OF.get(self.kind, ""))
+        if bound is None:
+            return None
+        ours, theirs = paired(self, bound)
+        squares = self.squares("error_x", "error_y")[ours], bound.squares("error_x", "error_y")[theirs]
+
+        def ratio(sums: Float, count: int) -> Float:
+            above, below = np.split(sums, 2, axis=-1)
+            return _mean_root(above, count) / _mean_root(below, count)
+
+        return jackknife_interval(ratio, np.concatenate(squares, axis=1))
+
+    @of_study(Column("sigma [m]", "reported position sigma [m]", sweep=6))
+    def position_sigma_m(self, _: Others) -> Interval | None:
+        """RMS position sigma that the estimator reports."""
+        return mean_interval(self.reported_sigma())
+
+    @of_study()
+    def optimum_check_share(self, _: Others) -> float | None:
+        """Share of the runs in which the optimum's check is above 0.05 sigma."""
+        return share_of_doubt(self.figures["optimum_check_sigma"])
+
+
+Others = Mapping[str, Runs]  # runs of all estimators by name
 
 
 def paired(runs: Runs, optimum: Runs) -> tuple[Int, Int]:
@@ -67,153 +175,6 @@ def late_means(series: Float) -> Float:
     return np.divide(np.nansum(late, axis=1), count, out=np.full(len(series), np.nan), where=count > 0)
 
 
-def reported_sigma(runs: Runs) -> Float:
-    """Return the RMS over steps (R,) of the position sigma [m] that the estimator reports; NaN without one."""
-    late = _squares(runs, "sigma_x", "sigma_y")[:, FIRST_STEP:]
-    return np.sqrt(late.mean(axis=1)) if late.size else np.full(len(late), np.nan)
-
-
-def _squares(runs: Runs, *series: str) -> Float:
-    """Return the sums (R, N+1) of the squares of these series."""
-    return np.sum([runs.series[key] ** 2 for key in series], axis=0)
-
-
-# --- at every step -------------------------------------------------------------------------------
-
-
-class PerStep(NamedTuple):
-    """A statistic of all runs at every step (N+1,) and its band; NaN where undefined."""
-
-    value: Float
-    low: Float
-    high: Float
-
-
-def nees_per_step(runs: Runs) -> PerStep:
-    """Return the mean pose NEES over runs, 3 if consistent, in a chi-square band."""
-    count = (~np.isnan(runs.series["nees_pose"])).sum(axis=0)
-    return _per_step(runs.series["nees_pose"], 3 * count, count)
-
-
-def nis_per_step(runs: Runs) -> PerStep:
-    """Return the NIS over its degrees of freedom, 1 if innovations are as large as expected, in a chi-square band."""
-    dof = np.nansum(runs.series["nis_dof"], axis=0).astype(np.int64)
-    return _per_step(runs.series["nis"], dof, dof)
-
-
-def rmse_per_step(runs: Runs) -> PerStep:
-    """Return the RMS position error [m] over runs, and the root of Student's 95 % interval of the mean square.
-
-    The interval is NaN for a single run.
-    """
-    squares = _squares(runs, "error_x", "error_y")
-    middle, half = squares.mean(axis=0), half_widths(squares)
-    return PerStep(np.sqrt(middle), np.sqrt(np.maximum(middle - half, 0.0)), np.sqrt(middle + half))
-
-
-def _per_step(series: Float, dof: Int, unit: Int) -> PerStep:
-    """Return sums over runs with `dof` degrees of freedom (N+1,) and their band, divided by `unit`."""
-    bands = {each: chi2_band(BAND_LEVEL, each) if each else (np.nan, np.nan) for each in np.unique(dof).tolist()}
-    low, high = np.array([bands[each] for each in dof.tolist()]).reshape(-1, 2).T
-    divisor = np.where(unit > 0, unit, np.nan)
-    return PerStep(np.nansum(series, axis=0) / divisor, low / divisor, high / divisor)
-
-
-# --- metrics of studies --------------------------------------------------------------------------
-
-
-@of_study(Column("RMSE [m]", study=2, sweep=2, of_bounds=True))
-def position_rmse_m(runs: Runs, _: Mapping[str, Runs]) -> Interval | None:
-    """Mean over steps of the RMS position error over runs (as in the literature)."""
-    return jackknife_interval(_mean_root, _squares(runs, "error_x", "error_y"))
-
-
-def mean_heading_rmse(runs: Runs, _: Mapping[str, Runs]) -> Interval | None:
-    """Return the mean over steps of the RMS heading error over runs."""
-    return jackknife_interval(_mean_root, _squares(runs, "error_heading"))
-
-
-@of_study(Column("NEES/3", form="{:.2f}", study=5, sweep=5))
-def nees_pose_per_dof(runs: Runs, _: Mapping[str, Runs]) -> Interval | None:
-    """Mean over runs and steps from the 11th on of the pose NEES over 3."""
-    return mean_interval(late_means(runs.series["nees_pose"] / 3))
-
-
-@of_study()
-def nees_position_per_dof(runs: Runs, _: Mapping[str, Runs]) -> Interval | None:
-    """Mean over runs and steps from the 11th on of the position NEES over 2."""
-    return mean_interval(late_means(runs.series["nees_position"] / 2))
-
-
-@of_study()
-def nees_heading(runs: Runs, _: Mapping[str, Runs]) -> Interval | None:
-    """Mean over runs and steps from the 11th on of the heading NEES."""
-    return mean_interval(late_means(runs.series["nees_heading"]))
-
-
-@of_study(Column(f"NEES in {BAND_LEVEL:.1%} band", form="{:.1%}", study=14))
-def nees_share_inside_band(runs: Runs, _: Mapping[str, Runs]) -> float | None:
-    """Share of steps whose mean pose NEES over runs is in its chi-square band."""
-    average, low, high = nees_per_step(runs)
-    return mean(np.where(np.isnan(average), np.nan, (average >= low) & (average <= high)))
-
-
-def late_coverage(runs: Runs, _: Mapping[str, Runs]) -> Interval | None:
-    """Return the share of the steps, from FIRST_STEP on, at which the 95 % ellipse contains the position."""
-    return mean_interval(late_means(is_inside(runs.series["nees_position"], 0.95)))
-
-
-def total_nis(runs: Runs, _: Mapping[str, Runs]) -> Interval | None:
-    """Return the NIS over its degrees of freedom."""
-    dof = runs.figures["nis_dof_total"]
-    return ratio_interval(runs.figures["nis_total"], np.where(dof > 0, dof, np.nan))
-
-
-def mean_seconds(runs: Runs, _: Mapping[str, Runs]) -> float | None:
-    """Return the mean computing time [s]."""
-    return mean(runs.figures["seconds_total"])
-
-
-def over_optimum(runs: Runs, others: Mapping[str, Runs], name: str | None = None) -> Interval | None:
-    """Return mean ATE over that of an optimum on the same runs; by default the one of the same kind."""
-    optimum = others.get(name or OPTIMA.get(runs.kind, ""))
-    return None if optimum is None else ratio_interval(*paired_figures("ate_m", runs, optimum))
-
-
-@of_study(Column("x causal", study=3, sweep=3, relative=True))
-def ratio_to_causal(runs: Runs, others: Mapping[str, Runs]) -> Interval | None:
-    """ATE over that of the causal optimum."""
-    return over_optimum(runs, others, CAUSAL)
-
-
-@of_study(Column("x bound", study=4, sweep=4, of_bounds=True))
-def ratio_to_bound(runs: Runs, others: Mapping[str, Runs]) -> Interval | None:
-    """`position_rmse_m` over that of the Cramer-Rao bound of the same kind, over the same runs."""
-    bound = others.get(BOUND_OF.get(runs.kind, ""))
-    if bound is None:
-        return None
-    rows = paired(runs, bound)
-    squares = [_squares(each, "error_x", "error_y")[own] for each, own in zip((runs, bound), rows, strict=True)]
-
-    def ratio(sums: Float, count: int) -> Float:
-        above, below = np.split(sums, 2, axis=-1)
-        return _mean_root(above, count) / _mean_root(below, count)
-
-    return jackknife_interval(ratio, np.concatenate(squares, axis=1))
-
-
-@of_study(Column("sigma [m]", "reported position sigma [m]", sweep=6))
-def position_sigma_m(runs: Runs, _: Mapping[str, Runs]) -> Interval | None:
-    """RMS position sigma that the estimator reports."""
-    return mean_interval(reported_sigma(runs))
-
-
-@of_study()
-def optimum_check_share(runs: Runs, _: Mapping[str, Runs]) -> float | None:
-    """Share of the runs in which the optimum's check is above 0.05 sigma."""
-    return share_of_doubt(runs.figures["optimum_check_sigma"])
-
-
 def share_of_doubt(checks: Float) -> float | None:
     """Return the share of the checked runs (R,) whose optimum is in doubt; NaN is not checked."""
     return mean(np.where(np.isnan(checks), np.nan, checks > CHECK_LIMIT))
@@ -222,3 +183,11 @@ def share_of_doubt(checks: Float) -> float | None:
 def _mean_root(sums: Float, count: int) -> Float:
     """Return the mean over steps of the root of the mean over runs."""
     return np.sqrt(np.maximum(sums, 0.0) / count).mean(axis=-1)
+
+
+def _in_band(series: Float, dof: Int, unit: Int) -> PerStep:
+    """Return sums over runs with `dof` degrees of freedom (N+1,) and their band, divided by `unit`."""
+    bands = {each: chi2_band(BAND_LEVEL, each) if each else (np.nan, np.nan) for each in np.unique(dof).tolist()}
+    low, high = np.array([bands[each] for each in dof.tolist()]).reshape(-1, 2).T
+    divisor = np.where(unit > 0, unit, np.nan)
+    return PerStep(np.nansum(series, axis=0) / divisor, low / divisor, high / divisor)

@@ -30,14 +30,7 @@ from slamgauge.compare.scoring.intervals import (
 )
 from slamgauge.compare.scoring.measured import Measured
 from slamgauge.compare.scoring.optimum_notes import is_misfit_in_runs
-from slamgauge.compare.scoring.runs import (
-    Runs,
-    late_coverage,
-    late_means,
-    optimum_check_share,
-    paired_figures,
-    total_nis,
-)
+from slamgauge.compare.scoring.runs import Others, Runs, late_means, paired_figures
 
 BAND_LEVEL = 0.99  # probability of the two-sided chi-square bands of NEES and NIS
 
@@ -190,22 +183,22 @@ def verdict_on_run(found: Measured) -> str | None:
     return verdict(evidence)
 
 
-def verdict_over_runs(runs: Runs, others: Mapping[str, Runs]) -> str | None:
+def verdict_over_runs(runs: Runs, others: Others) -> str | None:
     """Return the verdict on the runs of an estimator; `others` are the runs of all by name."""
     return verdict(_evidence(runs, others)) if runs.kind else None
 
 
-def faults_over_runs(runs: Runs, others: Mapping[str, Runs]) -> tuple[str, ...]:
+def faults_over_runs(runs: Runs, others: Others) -> tuple[str, ...]:
     """Return the faults of an estimator in its runs; `others` are the runs of all by name."""
     return faults(_evidence(runs, others)) if runs.kind else ()
 
 
-def _evidence(runs: Runs, others: Mapping[str, Runs]) -> Evidence:
+def _evidence(runs: Runs, others: Others) -> Evidence:
     nees = late_means(runs.series["nees_pose"])
-    intervals = mean_interval(nees / 3), late_coverage(runs, others), total_nis(runs, others)
+    intervals = mean_interval(nees / 3), runs.late_coverage(others), runs.total_nis(others)
     name = OPTIMA[runs.kind]
     optimum, ratio, common = others.get(name), None, 0
-    if optimum is not None and optimum is not runs and not optimum_check_share(optimum, others):
+    if optimum is not None and optimum is not runs and not optimum.optimum_check_share(others):
         ates = paired_figures("ate_m", runs, optimum)
         if not is_misfit_in_runs(mean_interval(optimum.figures["chi_square_per_dof"])):
             ratio, common = ratio_interval(*ates), len(ates[0])

@@ -63,17 +63,11 @@ RESIDUALS = {1: ("odometry", "Q", ""), 2: ("observation", "R", " or observations
 
 
 class Figures(NamedTuple):
-    """Figures of a filter on a log; those of T twins have a leading axis T.
+    """Figures of a filter on a log; those of T twins have a leading axis T."""
 
-    Attributes:
-        means: (3,) ratio of the filter, then mean squared residuals of odometry and of observations at the optimum.
-        course: (B,) expected NEES over 3 in B intervals of time; NaN without an invertible covariance.
-        claims_more: share of the steps at which the filter claims more than the optimum in some direction.
-    """
-
-    means: Float
-    course: Float
-    claims_more: float | Float = 0.0
+    means: Float  # (3,) ratio of the filter, then mean squared residuals of odometry and observations at the optimum
+    course: Float  # (B,) expected NEES over 3 in intervals of time; NaN without an invertible covariance
+    claims_more: float | Float = 0.0  # share of the steps at which it claims more than the optimum in some direction
 
 
 @dataclass(frozen=True)
@@ -148,17 +142,9 @@ def tested_filters(
     twins: int,
     own: Mapping[str, OwnPoses | None],
 ) -> dict[str, ConsistencyTest]:
-    """Test all filtered estimates with covariances, by name.
+    """Test all filtered estimates with covariances, by name, with the optimum of all measurements and its associations.
 
-    Args:
-        recording: measurements.
-        estimates: by name; smoothed ones are left out.
-        optimum: the optimum of all measurements, with the associations that it used.
-        twins: number of simulated twins.
-        own: poses of stored trajectories at their own stamps, by name; twins are compared at the same steps.
-
-    Raises:
-        UserError: too few twins for the level of the test.
+    Stored trajectories with poses at their `own` stamps, and their twins, are compared at the same steps.
     """
     if twins < FEWEST:
         raise UserError(f"twins: {twins} are too few for a test of level {TEST_LEVEL:.0%}; give {FEWEST} or more")
@@ -197,11 +183,9 @@ def figures(
 
 
 def step_statistics(estimate: Estimate, optimum: Estimate) -> tuple[Float, Marks]:
-    """Compare a filter with the optimum of all measurements, at all steps.
+    """Return the expected NEES c (N+1,), and whether a filter claims more than the optimum in some direction (N+1,).
 
-    Returns:
-        Expected NEES c (N+1,), 3 on average if the filter is consistent, and whether the filter claims more than the
-        optimum in some direction (N+1,); NaN and False where the filter's covariance is singular.
+    NaN and False where the filter's covariance is singular.
     """
     covs = pose_covs_of(estimate)
     expected = squared_mahalanobis(pose_errors(optimum.poses, estimate.poses), covs)
@@ -215,10 +199,7 @@ def step_statistics(estimate: Estimate, optimum: Estimate) -> tuple[Float, Marks
 
 
 def consistent_filter(name: str, recording: Recording) -> Estimator:
-    """Return the filter whose figures on twins are compared with those of an estimator.
-
-    It is `riekf`, but `causal` on bearing-only recordings, and for `causal` itself, whose errors scatter less.
-    """
+    """Return the filter that runs on twins: `riekf`, but `causal` if bearing-only, and for `causal` itself."""
     return riekf if name != CAUSAL and SENSORS[recording.sensor].places_landmarks else causal
 
 

@@ -86,7 +86,8 @@ class BearingFilter(OnlineFilter):
 
     def standing(self, ids: Int) -> Int:
         """Return the ids, -1 for deleted landmarks."""
-        return np.where(are_among(ids, self.landmark_ids), ids, NONE)
+        known = are_among(ids, self.landmark_ids)
+        return ids if known.all() else np.where(known, ids, NONE)
 
     def predict(self, increment: ArrayLike, cov: ArrayLike) -> None:
         """Move by a body-frame increment; see `OnlineFilter.predict`."""

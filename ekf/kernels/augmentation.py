@@ -6,8 +6,8 @@ import math
 
 from slamgauge.arrays import Float
 from slamgauge.ekf.kernels.belief import Belief, resized
+from slamgauge.formula_kernels import locate
 from slamgauge.jit import inner, kernel
-from slamgauge.sensor_kernels import locate
 
 
 @kernel

@@ -19,8 +19,8 @@ from slamgauge.arrays import Float, Int, Marks
 from slamgauge.ekf.kernels.belief import ROBOT, Belief
 from slamgauge.ekf.kernels.covariance import own_covariance, squared_distance
 from slamgauge.ekf.kernels.linearisation import linearise
+from slamgauge.formula_kernels import HAS_RANGE, PLACES_LANDMARKS
 from slamgauge.jit import inner, kernel
-from slamgauge.sensor_kernels import HAS_RANGE, PLACES_LANDMARKS
 
 
 class Pairs(NamedTuple):

@@ -9,8 +9,8 @@ import numpy as np
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf.kernels.belief import ROBOT, Belief
 from slamgauge.ekf.kernels.covariance import own_covariance
+from slamgauge.formula_kernels import observe, wrap_innovation
 from slamgauge.jit import inner, kernel
-from slamgauge.sensor_kernels import observe, wrap_innovation
 
 PROJECTED = 1  # form of Jacobians (`Belief.form`): evaluated at the belief's state, then projected
 

@@ -28,8 +28,8 @@ from slamgauge.ekf.kernels.update import (
     move_invariantly,
     seen_by,
 )
+from slamgauge.formula_kernels import HAS_RANGE
 from slamgauge.jit import inner, kernel
-from slamgauge.sensor_kernels import HAS_RANGE
 
 NEW = -2  # landmark of an observation that maps a new one
 

@@ -12,8 +12,8 @@ from slamgauge.arrays import Float
 from slamgauge.ekf.kernels.belief import Belief
 from slamgauge.ekf.kernels.covariance import mirror_robot_block
 from slamgauge.ekf.kernels.soundness import is_increment_sound
+from slamgauge.formula_kernels import wrap
 from slamgauge.jit import inner, kernel
-from slamgauge.se2_kernels import wrap
 
 
 @kernel

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 from slamgauge.arrays import Float
+from slamgauge.formula_kernels import HAS_RANGE
 from slamgauge.jit import inner, kernel
-from slamgauge.sensor_kernels import HAS_RANGE
 from slamgauge.validation import LARGEST
 
 CORRELATION_ROUNDING = 1e-8  # tolerance of a correlation: ten times that of `slamgauge.validation`

@@ -15,8 +15,8 @@ from slamgauge.arrays import Float
 from slamgauge.ekf.kernels.belief import Belief, Workspace
 from slamgauge.ekf.kernels.covariance import squared_distance
 from slamgauge.ekf.kernels.linearisation import innovations_of
+from slamgauge.formula_kernels import DIM
 from slamgauge.jit import inner, kernel
-from slamgauge.sensor_kernels import DIM
 
 
 @kernel

@@ -46,8 +46,8 @@ from slamgauge.ekf.kernels.precision import (
     restore,
 )
 from slamgauge.ekf.kernels.soundness import are_sound
+from slamgauge.formula_kernels import mean_rotation, wrap
 from slamgauge.jit import inner, kernel
-from slamgauge.se2_kernels import mean_rotation, wrap
 
 PASSES = 1000  # most passes of the iterated filter
 STATE_ROUNDING = 1e-14  # rounding of a state entry, relative to 1 m or its value

@@ -13,10 +13,9 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float, Int
+from slamgauge.formula_kernels import POSITION, log, right_jacobian, wrap
 from slamgauge.graph_baseline.problem.preparation import Problem, prior_cov_in_body
 from slamgauge.jit import inner, kernel
-from slamgauge.se2_kernels import log, right_jacobian, wrap
-from slamgauge.sensor_kernels import POSITION
 from slamgauge.sensors import SENSORS
 
 Pair = tuple[float, float]

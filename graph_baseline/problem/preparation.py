@@ -61,19 +61,9 @@ def prepare(recording: Recording, association: Int | None = None) -> Problem:
         recording = recording.associated(association)
     if isinstance(recording, Problem):
         return recording
-    require_known_landmarks(recording)
-    return Problem(**{field.name: getattr(recording, field.name) for field in fields(recording)})
-
-
-def require_known_landmarks(recording: Recording) -> Int:
-    """Return the ids (M,) of the observed landmarks of a recording.
-
-    Raises:
-        UserError: unknown association.
-    """
     if recording.landmark is None:
         raise UserError("landmark: the graph needs known association; give ids, or use those of a filter, as batch@ekf")
-    return recording.landmark
+    return Problem(**{field.name: getattr(recording, field.name) for field in fields(recording)})
 
 
 def as_range_bearing(recording: Recording) -> tuple[Float, Float]:

@@ -71,16 +71,11 @@ class ActiveLandmarks:
                 found.add(name)
         return found
 
-    def waiting_in_scan(self, newest: int) -> list[int]:
-        """Return the ids of waiting landmarks that the newest pose observes."""
+    def may_place_waiting(self, newest: int, path: Float) -> bool:
+        """Return whether bearings from a path place a waiting landmark that the newest pose observes."""
         rows = slice(*self._arrays.first[newest : newest + 2])
-        return self._ids[rows][self._arrays.slot[rows] < 0].tolist()
-
-    def any_placed(self, newest: int, names: list[int], path: Float) -> bool:
-        """Return whether bearings from a path (newest+1, 3) place any of the landmarks `names`."""
-        ids = self._ids[: self._arrays.first[newest + 1]]
-        rows = (np.flatnonzero(ids == name) for name in names)
-        return any(np.isfinite(triangulate_one(self._recording, each, path)[1]) for each in rows)
+        waiting = self._ids[rows][self._arrays.slot[rows] < 0].tolist()
+        return any(np.isfinite(triangulate_one(self._recording, self._rows(newest, name), path)[1]) for name in waiting)
 
     def remove_unplaced(self, newest: int) -> bool:
         """Remove landmarks that their bearings no longer place; return whether any was removed."""
@@ -109,9 +104,13 @@ class ActiveLandmarks:
         slot = self._slot[name] = len(self._slot)
         self._state.landmarks[slot] = landmark
 
+    def _rows(self, newest: int, name: int) -> Int:
+        """Return the rows (n,) of the observations of a landmark up to the newest pose."""
+        return np.flatnonzero(self._ids[: self._arrays.first[newest + 1]] == name)
+
     def _is_placed(self, newest: int, name: int) -> bool:
         """Return whether its bearings place a landmark; mark a landmark with a small sigma as certain."""
-        rows = np.flatnonzero(self._ids[: self._arrays.first[newest + 1]] == name)
+        rows = self._rows(newest, name)
         if np.isfinite(triangulate_one(self._recording, rows, self._state.poses, CERTAIN)[1]):
             self._uncertain.remove(name)
             return True

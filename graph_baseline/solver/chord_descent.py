@@ -135,7 +135,8 @@ class ChordDescent:
             front.M[:, 0], front.information[:width, 0] = 0.0, 0.0  # earlier steps are at their minimum
             if not (self._eliminate(k) and self._factorise()):
                 return None
-            moved = self._solve(-front.information[1:width, 0])
+            right = -front.information[1:width, 0]
+            moved = solve_factored(self._factor.T, right)[0] if count else right
             step = front.M[:, 0] + front.M[:, 1:width] @ moved
             state.poses[k], state.landmarks[:count] = predicted[0] + step, mapped + moved.reshape(-1, 2)
         return step
@@ -245,7 +246,3 @@ class ChordDescent:
         self._factor = upper.T
         self._sigma = None
         return True
-
-    def _solve(self, right: Float) -> Float:
-        """Return the solution x of Lambda x = right for the landmarks' information Lambda."""
-        return solve_factored(self._factor.T, right)[0] if len(right) else right

@@ -19,11 +19,11 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float
+from slamgauge.formula_kernels import exp, wrap
 from slamgauge.graph_baseline.problem.linearisation import LinearModel, Scans, Triple
 from slamgauge.graph_baseline.solver.active_landmarks import State
 from slamgauge.graph_baseline.solver.elimination import Chain
 from slamgauge.jit import inner, kernel
-from slamgauge.se2_kernels import exp, wrap
 
 
 class ChordStep(NamedTuple):

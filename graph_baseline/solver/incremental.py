@@ -30,7 +30,7 @@ from slamgauge.graph_baseline.solver.chord_descent import ChordDescent
 from slamgauge.graph_baseline.solver.levenberg_marquardt import Minimum, damped_descent
 from slamgauge.graph_baseline.solver.search import Start, explained_by_noise, placed_minimum
 from slamgauge.recording import Recording
-from slamgauge.se2 import chain, wrap
+from slamgauge.se2 import wrap
 from slamgauge.sensors import SENSORS
 
 SHORT = 100  # poses; up to this length chord steps run at every scan
@@ -214,12 +214,10 @@ class IncrementalOptimum:
         This is so if no landmark is active, or if the path of dead reckoning places an inactive landmark of the newest
         scan. Dead reckoning is precise enough for this only up to SHORT poses.
         """
+        k = self._newest
         if not len(self._mapped):
             return True
-        if self._newest > SHORT:
-            return False
-        waiting = self._mapped.waiting_in_scan(self._newest)
-        return bool(waiting) and self._mapped.any_placed(self._newest, waiting, self._dead_reckoned())
+        return k <= SHORT and self._mapped.may_place_waiting(k, self._problem.dead_reckoning)
 
     # --- descents and searches -------------------------------------------------------------------
 
@@ -282,16 +280,12 @@ class IncrementalOptimum:
             yield lambda: (here, landmarks_at_median(part, here))
 
         try:
-            taken, found = placed_minimum(part, self._dead_reckoned(), starts)
+            taken, found = placed_minimum(part, part.dead_reckoning, starts)
         except UndeterminedError:
             return
         more = len(found.landmarks) - len(self._mapped)
         if not self.converged or more > 0 or (more == 0 and 2.0 * found.cost <= LOWER * self._descent.chi_square):
             self.converged = self._move_to(taken, found)
-
-    def _dead_reckoned(self) -> Float:
-        """Return the path (k+1, 3) of dead reckoning."""
-        return chain(self._problem.prior_mean, self._problem.odometry[: self._newest])
 
     def _move_to(self, taken: Int, found: Minimum) -> bool:
         """Go to the minimum of a search; return whether the linear system there determines all landmarks."""

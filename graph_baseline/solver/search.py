@@ -24,6 +24,7 @@ from slamgauge.sensors import SENSORS
 UNLIKELY = 5e-4  # probability of a cost that counts as too high, under the stated noise
 LONG = 100  # steps; bearings of shorter recordings may have several minima that noise explains
 SAME_COST = 1e-6  # largest difference of the costs of two starts that lead to the same minimum, relative above 1
+ALIKE = 1e-3  # the same in long recordings, where more starts would not explain what two leave unexplained
 
 Start = Callable[[], tuple[Float, Float]]  # poses (N+1, 3), and landmarks (L, 2) in increasing id order
 Starts = Callable[[Problem, Float], Iterable[Start]]  # from a problem and a path (N+1, 3)
@@ -78,7 +79,7 @@ def lowest_minimum(problem: Problem, starts: Iterable[Start]) -> Minimum:
             mistakes.append(error)
             continue
         points.sort(key=lambda point: point.cost)
-        if _is_found_twice(points) or (one_suffices and is_low(problem, points[0].cost)):
+        if _is_found_twice(points, problem.steps) or (one_suffices and is_low(problem, points[0].cost)):
             break
     for point in points:
         try:
@@ -91,10 +92,10 @@ def lowest_minimum(problem: Problem, starts: Iterable[Start]) -> Minimum:
     raise [*unsettled, *mistakes][0]
 
 
-def _is_found_twice(points: list[Point]) -> bool:
+def _is_found_twice(points: list[Point], steps: int) -> bool:
     """Return whether the lowest cost is zero or that of two points."""
     first, second = [*(point.cost for point in points), np.inf][:2]
-    return first <= SAME_COST or second - first <= SAME_COST * max(first, 1.0)
+    return first <= SAME_COST or second - first <= (SAME_COST if steps < LONG else ALIKE) * max(first, 1.0)
 
 
 def is_low(problem: Problem, cost: float) -> bool:

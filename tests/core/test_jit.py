@@ -23,13 +23,6 @@ for correction in ("standard", "right-invariant", "iterated"):
         slam.update(Observations(np.array([4]), np.array([z]), np.diag([1e-2, 1e-3])[None]))
     print(*slam.pose.round(12), *slam.pose_cov.ravel().round(12), slam.map.cov.round(12).sum())
 """
-KERNEL = """
-from slamgauge.jit import caches, kernel
-@kernel
-def twice(x: float) -> float:
-    return 2.0 * x
-print(twice(1.0), len(twice.stats.cache_hits))
-"""
 
 
 def run(code: str, folder: Path, **variables: str) -> tuple[list[str], str]:
@@ -39,35 +32,20 @@ def run(code: str, folder: Path, **variables: str) -> tuple[list[str], str]:
     return done.stdout.splitlines(), done.stderr
 
 
-def program(folder: Path) -> str:
-    """Return code that runs a file with a kernel; numba stores nothing for code without a file."""
-    (folder / "code").mkdir()
-    (folder / "code/program.py").write_text(KERNEL, encoding="utf-8")
-    return f"import sys; sys.path.insert(0, {str(folder / 'code')!r}); import program"
-
-
-def test_a_filter_step_without_compilation_gives_the_same(tmp_path: Path) -> None:
-    plain, error = run(STEP, tmp_path, NUMBA_DISABLE_JIT="1")
-    assert error == ""
-    assert plain == run(STEP, jit.parent().parent)[0]
-    assert len(plain) == 3
-
-
-def test_compiled_code_is_stored_and_loaded(tmp_path: Path) -> None:
-    code = program(tmp_path)
-    assert [run(code, tmp_path)[0] for _ in range(2)] == [["2.0 0"], ["2.0 1"]]
-
-
-def test_compiled_code_in_a_folder_that_cannot_be_written_is_loaded(
+def test_a_filter_step_compiled_loaded_or_not_compiled_gives_the_same(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    run(program(tmp_path), tmp_path)
+    """The first compilation prints one line. A folder that cannot be written is copied."""
+    plain, error = run(STEP, tmp_path, NUMBA_DISABLE_JIT="1")
+    assert (len(plain), error) == (3, "")
+    assert run(STEP, tmp_path) == (plain, f"slamgauge: {jit.FIRST_USE}\n")
+    assert run(STEP, tmp_path) == (plain, "")
     monkeypatch.setattr(jit.NUMBA, "CACHE_DIR", str(tmp_path))
     monkeypatch.setattr(jit, "is_writable", lambda _: False)
     found = jit.caches.__wrapped__()
     assert found is not None
     assert found != tmp_path
-    assert [path.name for path in found.rglob("*.nbi")] == [path.name for path in tmp_path.rglob("*.nbi")]
+    assert {path.name for path in found.rglob("*.nbi")} == {path.name for path in tmp_path.rglob("*.nbi")}
 
 
 @pytest.mark.usefixtures("no_notices_yet")
@@ -91,8 +69,3 @@ def test_a_change_of_any_kernel_source_changes_the_folder(monkeypatch: pytest.Mo
     for name in ("se2.py", "blas.py", "elimination.py"):
         monkeypatch.setattr(Path, "read_bytes", lambda path, n=name: read(path) + b"#" * (path.name == n))
         assert jit.digest() != before
-
-
-def test_the_first_compilation_prints_one_line(tmp_path: Path) -> None:
-    assert run(STEP, tmp_path)[1] == f"slamgauge: {jit.FIRST_USE}\n"
-    assert run(STEP, tmp_path)[1] == ""

@@ -14,7 +14,6 @@ import pytest
 
 from slamgauge import Estimate, arrays, evaluate, load_scenario, simulate
 from slamgauge.compare.figures.maps import map_limits
-from slamgauge.compare.scenarios.simulation import informed, simulate_informed
 from slamgauge.ekf.estimators import ekf_slam
 from slamgauge.se2 import chain
 from slamgauge.truth import Truth
@@ -125,16 +124,6 @@ def test_headings_are_wrapped_in_a_copy_of_read_only_poses() -> None:
     np.testing.assert_allclose(wrapped.poses[:, 2], [7.0 - 2 * math.pi, math.pi, 1.0], rtol=1e-15)
     assert poses[0, 2] == 7.0
     assert np.shares_memory(replace(wrapped, poses=wrapped.poses).poses, wrapped.poses)
-
-
-def test_informed_recordings_share_unchanged_arrays() -> None:
-    for name in ("q2-gate-1", "q3-scale-2"):
-        scenario = load_scenario(name, ["trajectory.duration=3", "sensor.clutter_rate=0.5"])
-        true, usual, told = simulate_informed(scenario, 3)
-        assert (true, usual) == simulate(scenario, 3)
-        assert told == simulate(informed(scenario), 3)[1]
-        assert told != usual
-        assert np.shares_memory(usual.observation, told.observation)
 
 
 # --- memory --------------------------------------------------------------------------------------

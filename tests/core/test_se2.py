@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from numba import njit
 from numpy.polynomial.legendre import leggauss
 
-from slamgauge import se2, se2_kernels
+from slamgauge import formula_kernels, se2
 from slamgauge.arrays import Float
 from slamgauge.se2 import (
     between,
@@ -54,7 +54,7 @@ def test_a_wrapped_angle_lies_in_the_half_open_circle_whole_turns_away(angle: fl
     wrapped = float(wrap(angle))
     assert -PI < wrapped <= PI
     assert (angle - wrapped) / (2 * PI) == pytest.approx(round((angle - wrapped) / (2 * PI)), abs=1e-12)
-    assert float(wrap(wrapped)) == wrapped == se2_kernels.wrap(angle)
+    assert float(wrap(wrapped)) == wrapped == formula_kernels.wrap(angle)
 
 
 @fixed_seed
@@ -167,11 +167,11 @@ def test_the_adjoint_times_the_right_jacobian_is_the_left_jacobian(tangent: Floa
 @njit
 def in_kernel(x: float, y: float, turn: float) -> tuple[float, ...]:
     return (
-        *se2_kernels.mean_rotation(turn),
-        *se2_kernels.exp(x, y, turn),
-        *se2_kernels.log(x, y, turn),
-        *se2_kernels.right_jacobian(x, y, turn),
-        se2_kernels.wrap(turn),
+        *formula_kernels.mean_rotation(turn),
+        *formula_kernels.exp(x, y, turn),
+        *formula_kernels.log(x, y, turn),
+        *formula_kernels.right_jacobian(x, y, turn),
+        formula_kernels.wrap(turn),
     )
 
 

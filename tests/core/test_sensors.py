@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from slamgauge.arrays import Float
-from slamgauge.sensor_kernels import locate, observe, wrap_innovation
+from slamgauge.formula_kernels import locate, observe, wrap_innovation
 from slamgauge.sensors import (
     MIN_BEARING_DISTANCE,
     SENSORS,

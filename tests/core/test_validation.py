@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from slamgauge.arrays import Float
+from slamgauge.covariances import without_negative_eigenvalues
 from slamgauge.errors import CovarianceError, UserError
 from slamgauge.validation import as_covariances
 from tests.reference.example_records import estimate, history, rays, recording, truth
@@ -236,3 +237,16 @@ def test_covariances_at_the_limits_of_doubles_cause_no_warning() -> None:
         np.testing.assert_array_equal(whole, 1.5e308 * np.eye(3)[None])
         with pytest.raises(UserError, match=r"^cov\[0\] = .*: a covariance must not have a negative eigenvalue$"):
             as_covariances("cov", [[[1e-300, 1e308], [1e308, 1e-300]]], (None, 2, 2))
+
+
+def test_rounding_of_a_singular_covariance_is_removed() -> None:
+    """Units differ by 1e8, so that the negative eigenvalue is small compared with the largest."""
+    units = np.diag([1e4, 1.0, 1e-4])
+    direction = np.array([[1.0, 1.0, 0.5]])
+    singular = units @ direction.T @ direction @ units
+    rounded = singular - 1e-14 * units @ units
+    mended = without_negative_eigenvalues(np.stack([rounded, np.zeros((3, 3)), units @ units]))
+    np.testing.assert_array_equal(mended, mended.swapaxes(1, 2))
+    correlations = np.linalg.inv(units) @ mended @ np.linalg.inv(units)
+    assert np.linalg.eigvalsh(correlations).min() >= -1e-15
+    np.testing.assert_allclose(correlations, [direction.T @ direction, np.zeros((3, 3)), np.eye(3)], atol=1e-13)

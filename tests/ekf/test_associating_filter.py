@@ -171,15 +171,6 @@ def test_map_management_finds_the_true_landmarks_if_noise_is_small(
 # --- ids and slots -------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("association", [Association(), MANAGED], ids=["nearest-neighbour", "jcbb"])
-@FILTERS
-def test_runs_repeat(estimator: Estimator, association: Association) -> None:
-    recording = nameless(4, "range-bearing", steps=40)
-    first, other = (estimator(recording, FilterSettings(association)) for _ in range(2))
-    for name in ("association", "poses", "pose_covs", "landmark_ids", "landmarks", "landmark_covs", "nis"):
-        np.testing.assert_array_equal(getattr(other, name), getattr(first, name))
-
-
 @pytest.mark.parametrize("association", [Association(), Association("jcbb"), MANAGED], ids=["nn", "jcbb", "managed"])
 def test_associated_and_standing_agree_with_the_estimate_and_ids_are_ignored(association: Association) -> None:
     _, named = random_recording(2, steps=60)

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
 
-from slamgauge.ekf import SlamFilter
+from slamgauge.ekf import SlamFilter, estimators
 from slamgauge.ekf.estimators import drive
-from slamgauge.ekf.maps.correction_table import RULES, Correction
+from slamgauge.ekf.maps.correction_table import CORRECTIONS, RULES, Correction
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Observations, Recording
 from tests.marks import in_full
@@ -77,3 +78,22 @@ def test_bearing_only_sensors_are_refused() -> None:
     blind = SlamFilter("bearing", np.zeros(3), np.eye(3))
     with pytest.raises(ValueError, match="one bearing does not place a landmark"):
         blind.update(Observations(np.array([0]), np.zeros((1, 1)), np.ones((1, 1, 1))))
+
+
+def test_every_correction_is_an_estimator() -> None:
+    assert {*CORRECTIONS.values()} == {*RULES}
+    for name in CORRECTIONS:
+        assert callable(getattr(estimators, "ekf_slam" if name == "ekf" else name.replace("-", "_")))
+
+
+@pytest.mark.parametrize("correction", RULES)
+def test_a_pickled_filter_continues_with_the_same_results(correction: Correction) -> None:
+    """Copies of filters run in other processes."""
+    _, recording = random_recording(3)
+    slam = SlamFilter("range-bearing", recording.prior_mean, recording.prior_cov, correction)
+    assert len([*drive(slam, recording.first(5))]) == 6
+    other = pickle.loads(pickle.dumps(slam))
+    for each in (slam, other):
+        assert len([*drive(each, recording)]) == recording.steps + 1
+    np.testing.assert_array_equal(other.pose, slam.pose)
+    np.testing.assert_array_equal(other.cov, slam.cov)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -56,9 +54,15 @@ def test_frames_are_spread_evenly_from_first_to_last(steps: int) -> None:
 
 @pytest.mark.parametrize("bearing", [False, True])
 def test_without_frames_there_is_no_history_and_frames_change_nothing_else(bearing: bool) -> None:
+    """The last map of the history is that of the estimate."""
     recording = ring() if bearing else random_recording(0)[1]
     without, with_frames = ekf_slam(recording), ekf_slam(recording, FilterSettings(frames=20))
     assert (without.history, without.rays is not None) == (None, bearing)
+    history = history_of(with_frames)
+    last = (history.step == recording.steps) & (history.member == NONE)
+    np.testing.assert_array_equal(
+        history.position[last], without.landmarks[np.isin(without.landmark_ids, history.landmark[last])]
+    )
     nothing = recording.only(np.zeros(len(recording.observation), dtype=bool))
     assert len(history_of(ekf_slam(nothing, FilterSettings(frames=5))).step) == 0
     np.testing.assert_array_equal(with_frames.poses, without.poses)
@@ -66,23 +70,6 @@ def test_without_frames_there_is_no_history_and_frames_change_nothing_else(beari
 
 
 # --- maps ----------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("known", [True, False])
-def test_points_are_the_map_at_that_step(known: bool) -> None:
-    """They equal the map of a filter that ends at that step."""
-    _, recording = random_recording(1, steps=30)
-    recording = recording if known else replace(recording, landmark=None)
-    estimate = ekf_slam(recording, FilterSettings(frames=4))
-    history = history_of(estimate)
-    assert np.unique(history.step).tolist() == [0, 10, 20, 30]
-    assert (history.member == NONE).all()
-    assert (history.weight == 1.0).all()
-    for step in (0, 10, 20, 30):
-        rows, then = history.step == step, ekf_slam(recording.first(step))
-        np.testing.assert_array_equal(history.landmark[rows], then.landmark_ids)
-        np.testing.assert_array_equal(history.position[rows], then.landmarks)
-        np.testing.assert_array_equal(history.cov[rows], then.landmark_covs)
 
 
 @INITIALISATIONS

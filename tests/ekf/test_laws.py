@@ -14,7 +14,20 @@ import numpy as np
 import pytest
 
 from slamgauge.arrays import Float, Int
-from slamgauge.ekf import SlamFilter, dead_reckoning, ekf_slam, fej_ekf, iekf, oc_ekf, riekf
+from slamgauge.ekf import (
+    Association,
+    Delayed,
+    FilterSettings,
+    MapManagement,
+    Rays,
+    SlamFilter,
+    dead_reckoning,
+    ekf_slam,
+    fej_ekf,
+    iekf,
+    oc_ekf,
+    riekf,
+)
 from slamgauge.ekf.maps.correction_table import RULES, Correction
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Observations, Recording
@@ -32,7 +45,7 @@ from tests.reference.circles import (
     outside,
     run_all,
 )
-from tests.reference.random_recordings import random_recording, with_rows
+from tests.reference.random_recordings import bearing_only, random_recording, with_rows
 
 FILTERS = pytest.mark.parametrize("estimator", [ekf_slam, fej_ekf, oc_ekf, iekf, riekf])
 SENSORS = pytest.mark.parametrize("sensor", ["range-bearing", "position"])
@@ -119,28 +132,70 @@ def test_a_step_without_observations_changes_nothing(correction: Correction) -> 
 
 # --- frames --------------------------------------------------------------------------------------
 
+FAR = [500_000.0, 4_600_000.0, 2.5]  # [m, m, rad]: UTM coordinates in southern Europe, and a rotation
+MOTIONS = pytest.mark.parametrize("motion", [[3.0, -4.0, 2.0], [-20.0, 7.0, math.pi], [0.0, 0.0, -3.1], FAR])
+MANAGED = Association("jcbb", map_management=MapManagement())
 
-@FILTERS
-@SENSORS
-@pytest.mark.parametrize("motion", [[3.0, -4.0, 2.0], [-20.0, 7.0, math.pi], [0.0, 0.0, -3.1]])
-def test_moving_the_world_moves_the_estimate_with_it(estimator: Estimator, sensor: str, motion: list[float]) -> None:
+
+def assert_moved_with_the_world(
+    estimator: Callable[..., Estimate], recording: Recording, motion: list[float], *settings: FilterSettings
+) -> None:
     """A prior moved by g gives poses and map moved by g, and rotated covariances: measurements are relative."""
-    _, recording = random_recording(3, sensor=sensor, steps=60)
     root = np.random.default_rng(3).normal(size=(3, 3)) * [[0.1], [0.1], [0.02]]
     recording = replace(recording, prior_cov=root @ root.T)  # without symmetry, so that a wrong frame shows
     turn = np.eye(3)
-    turn[:2, :2] = rotation(motion[2])
+    R = turn[:2, :2] = rotation(motion[2])
     moved = replace(
         recording, prior_mean=compose(motion, recording.prior_mean), prior_cov=turn @ recording.prior_cov @ turn.T
     )
-    before, after = estimator(recording), estimator(moved)
+    before, after = estimator(recording, *settings), estimator(moved, *settings)
+    tolerance = 1e-9 if motion is not FAR else 1e-7
+
+    def assert_close(actual: Float, expected: Float) -> None:
+        np.testing.assert_allclose(actual, expected, rtol=tolerance, atol=tolerance)
+
     assert_close(between(compose(motion, before.poses), after.poses), np.zeros_like(before.poses))
     assert_close(covs_of(after), turn @ covs_of(before) @ turn.T)
-    ids, landmarks, landmark_covs = map_of(before)
-    new_ids, new_landmarks, new_covs = map_of(after)
-    np.testing.assert_array_equal(new_ids, ids)
-    assert_close(new_landmarks, np.array(motion[:2]) + landmarks @ turn[:2, :2].T)
-    assert_close(new_covs, turn[:2, :2] @ landmark_covs @ turn[:2, :2].T)
+    for name in ("landmark_ids", "association", "nis_dof"):
+        np.testing.assert_array_equal(getattr(after, name), getattr(before, name))
+    assert_close(after.landmarks - motion[:2], before.landmarks @ R.T)
+    if before.nis is not None and before.landmark_covs is not None:
+        assert_close(np.asarray(after.nis), before.nis)
+        assert_close(np.asarray(after.landmark_covs), R @ before.landmark_covs @ R.T)
+    if before.history is not None and after.history is not None:
+        assert_close(after.history.position - motion[:2], before.history.position @ R.T)
+        assert_close(after.history.cov, R @ before.history.cov @ R.T)
+
+
+@FILTERS
+@SENSORS
+@MOTIONS
+def test_moving_the_world_moves_the_estimate_with_it(estimator: Estimator, sensor: str, motion: list[float]) -> None:
+    assert_moved_with_the_world(estimator, random_recording(3, sensor=sensor, steps=60)[1], motion)
+
+
+@FILTERS
+@SENSORS
+@pytest.mark.parametrize("association", [Association(), MANAGED], ids=["nearest-neighbour", "jcbb"])
+def test_moving_the_world_moves_associations_with_it(
+    estimator: Estimator, sensor: str, association: Association
+) -> None:
+    recording = replace(random_recording(30, sensor=sensor, steps=60, noise=0.5)[1], landmark=None)
+    assert_moved_with_the_world(estimator, recording, FAR, FilterSettings(association, frames=5))
+
+
+@FILTERS
+@pytest.mark.parametrize("initialisation", [Rays(), Delayed()], ids=["rays", "delayed"])
+def test_moving_the_world_moves_bearing_only_landmarks_with_it(
+    estimator: Estimator, initialisation: Rays | Delayed
+) -> None:
+    recording = bearing_only(random_recording(31, steps=60, noise=0.2)[1])
+    assert_moved_with_the_world(estimator, recording, FAR, FilterSettings(initialisation=initialisation, frames=5))
+
+
+@MOTIONS
+def test_moving_the_world_moves_dead_reckoning_with_it(motion: list[float]) -> None:
+    assert_moved_with_the_world(dead_reckoning, random_recording(33, steps=60)[1], motion)
 
 
 # --- unobservable directions ---------------------------------------------------------------------

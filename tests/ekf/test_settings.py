@@ -22,16 +22,8 @@ from slamgauge.errors import UserError
         (Association, {"gate": -1}, "gate: -1 is out of range; choose it above 0"),
         (Association, {"gate": True}, "gate: True is not a finite number; choose it above 0"),
         (Association, {"method": ["jcbb"]}, "method: ['jcbb'] is not known; did you mean jcbb?"),
-        (
-            Association,
-            {"map_management": True},
-            "map_management: True is not MapManagement; give MapManagement() or None",
-        ),
-        (
-            MapManagement,
-            {"sights": 11, "probation": 10},
-            "sights: 11 do not fit into 10 scans of probation; choose at most 10",
-        ),
+        (Association, {"map_management": 1}, "map_management: 1 is not MapManagement; give MapManagement() or None"),
+        (MapManagement, {"sights": 11}, "sights: 11 do not fit into 10 scans of probation; choose at most 10"),
         (MapManagement, {"merge_gate": -1.0}, "merge_gate: -1.0 is out of range; choose it at least 0"),
         (Rays, {"s_min": 10.0}, "s_max: 10.0 m must be beyond s_min, 10.0 m; choose it larger"),
         (Rays, {"s_max": float("inf")}, "s_max: inf is not a finite number; choose it above 0"),
@@ -101,14 +93,3 @@ def test_a_scenario_can_set_every_field(section: str, kind: type, initialisation
     overrides = [f"{section}.{key}={value}" for key, value in chosen.items()]
     scenario = load_scenario("q4-ring", [f"initialisation={initialisation}", *overrides])
     assert scenario.initialisation_settings == kind(**chosen)
-
-
-def test_each_mistake_in_a_scenario_has_its_line():
-    with pytest.raises(UserError) as caught:
-        load_scenario("q4-ring", ["fis.lost_after=0", "fis.lost_aftr=1", "fis.gate=-1", "association.node_limit=0"])
-    assert str(caught.value).splitlines() == [
-        "q4-ring: association.node_limit: 0 is out of range; choose it at least 1",
-        "q4-ring: fis.gate: -1.0 is out of range; choose it above 0",
-        "q4-ring: fis.lost_after: 0 is out of range; choose it at least 1",
-        "q4-ring: fis.lost_aftr: unknown key; did you mean lost_after?",
-    ]

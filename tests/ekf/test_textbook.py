@@ -1,7 +1,7 @@
-"""The textbook EKF: Jacobians by differences, comparison with `ekf` on the scenarios of questions 1 and 2, refusals.
+"""The textbook EKF: full matrices, comparison with `ekf` on the scenarios of questions 1 and 2, refusals.
 
-On random recordings, with correlated noise and position sensors too, `test_filters_against_textbook` and
-`test_associating_filter` compare the two.
+`kernels/test_jacobians` has its Jacobians. On random recordings, with correlated noise and position sensors too,
+`test_filters_against_textbook` and `test_associating_filter` compare the two.
 """
 
 from __future__ import annotations
@@ -32,52 +32,18 @@ from slamgauge.ekf.textbook import (
     augment,
     linearise,
     locate,
-    motion_jacobians,
-    predict,
     stack,
     textbook_ekf,
     update,
 )
 from slamgauge.se2 import wrap
-from tests.reference.jacobians import assert_jacobian
 from tests.reference.random_recordings import random_recording, recording_of, with_rows
 
-SENSORS = pytest.mark.parametrize("sensor", ["range-bearing", "position"])
 X = np.array([0.3, -0.2, 2.9, 1.5, 2.0, -0.6, -3.0])  # a robot that faces backwards, and two landmarks
 EQUAL = 1e-9  # largest difference, absolute up to 1 and relative above: sums in another order
 FULL = ("q1-short-dense", "q1-long-dense", "q1-long-sparse", "q2-short-dense", "q2-long-sparse")
 # steps: the textbook needs minutes for all of q2-gate-1 (with equal results)
 SHORT = {"q2-long-dense": 400, "q2-gate-1": 150, "q2-gate-100": 400}
-
-
-# --- Jacobians -----------------------------------------------------------------------------------
-
-
-def test_motion_jacobians() -> None:
-    u = np.array([0.5, 0.1, 0.6])  # the heading passes pi
-    F, G = motion_jacobians(X, u)
-    none = np.zeros((3, 3))
-    assert_jacobian(lambda at: predict(Belief(at, none, ()), u, none).x, F, X[:3], angles=[2])
-    assert_jacobian(lambda at: predict(Belief(X[:3], none, ()), at, none).x, G, u, angles=[2])
-
-
-@SENSORS
-def test_observation_jacobian(sensor: str) -> None:
-    slots, z, noise = np.array([1, 0]), np.array([[3.0, 0.5], [2.0, 1.5]]), np.zeros((2, 2, 2))
-    _, H, _ = stack(linearise(sensor, X, slots, z, noise), len(X))
-    angles = [1, 3] if sensor == "range-bearing" else []
-    assert_jacobian(lambda at: -linearise(sensor, at, slots, z, noise).innovation.ravel(), H, X, angles=angles)
-    elsewhere = linearise(sensor, X + 0.1, slots, z, noise, x_jac=X)
-    np.testing.assert_array_equal(stack(elsewhere, len(X))[1], H)
-    np.testing.assert_array_equal(elsewhere.innovation, linearise(sensor, X + 0.1, slots, z, noise).innovation)
-
-
-@SENSORS
-def test_augmentation_jacobians(sensor: str) -> None:
-    z = np.array([2.0, 1.5])
-    _, J_r, J_y = locate(sensor, X[:3], z)
-    assert_jacobian(lambda at: locate(sensor, at, z)[0], J_r, X[:3])
-    assert_jacobian(lambda at: locate(sensor, X[:3], at)[0], J_y, z)
 
 
 # --- covariances on full matrices ----------------------------------------------------------------

@@ -16,7 +16,7 @@ from slamgauge.ekf import dead_reckoning
 from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline import UndeterminedError, batch, causal
 from slamgauge.graph_baseline.gtsam_batch import REGULARISING_NOISE
-from slamgauge.graph_baseline.problem.preparation import require_known_landmarks
+from slamgauge.graph_baseline.problem.preparation import prepare
 from slamgauge.graph_baseline.problem.undetermined import explained
 from slamgauge.graph_baseline.solver import incremental
 from slamgauge.recording import Recording
@@ -137,7 +137,7 @@ def test_without_observations_the_optimum_is_dead_reckoning(estimator: Estimator
 @pytest.mark.parametrize("observed", [(0,), (1,), (0, 3), (4,)])
 def test_causal_accepts_few_observations_with_long_gaps(observed: tuple[int, ...]) -> None:
     recording = problem(0, "range-bearing", True)[1]
-    sparse = recording.only(np.isin(recording.observation_step, observed) & (require_known_landmarks(recording) == 0))
+    sparse = recording.only(np.isin(recording.observation_step, observed) & (prepare(recording).landmark == 0))
     last = answer(batch(sparse))
     off = between(last.poses, answer(causal(sparse)).poses)[-1]
     assert (np.abs(off) < 0.02 * np.sqrt(np.diag(last.pose_covs[-1]))).all()

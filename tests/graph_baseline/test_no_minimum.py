@@ -12,7 +12,7 @@ from slamgauge.arrays import Float
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline import UndeterminedError, batch, causal
-from slamgauge.graph_baseline.problem.preparation import Problem, require_known_landmarks
+from slamgauge.graph_baseline.problem.preparation import Problem, prepare
 from slamgauge.graph_baseline.solver import incremental
 from slamgauge.graph_baseline.solver.chord_descent import ChordDescent
 from slamgauge.graph_baseline.solver.incremental import Change, IncrementalOptimum
@@ -109,7 +109,7 @@ def test_optimum_check_includes_the_pose_before_a_switch_of_minimum(
 ) -> None:
     """The pose of step 20 has an error [sigmas]; at step 21 the estimator switches to the right minimum."""
     recording = random_recording(3, steps=30)[1]
-    ids = np.unique(require_known_landmarks(recording))
+    ids = np.unique(prepare(recording).landmark)
     add_step, newest_pose = IncrementalOptimum.add_step, IncrementalOptimum.newest_pose
 
     def switching_step(incremental: IncrementalOptimum) -> None:

@@ -108,20 +108,6 @@ def test_cost_is_gtsams_error_at_any_path_and_map(seed: int, sensor: str) -> Non
             assert ours == pytest.approx(gtsam_batch_graph(recording).error(values), rel=1e-10)
 
 
-@SEEDS
-@SLIP
-def test_the_position_sensor_is_solved_exactly_and_not_as_range_and_bearing(seed: int, slip: bool) -> None:
-    """With ranges and bearings instead, the optimum is 0.01 to 0.06 sigma (2 to 7 mm) from the exact one."""
-    recording, found = problem(seed, "position", slip)[1], optimum(seed, "position", slip)
-    values = as_values(found.poses, found.ids, found.landmarks)
-    polar = solve_graph(exact_graph(recording, polar=True), values)
-    away = np.abs(pose_difference(polar, found)).max()
-    assert 0.01 < away < 0.06
-    if slip:  # without slip the graph has regularising noise
-        built = solve_graph(gtsam_batch_graph(recording), values)
-        np.testing.assert_allclose(pose_difference(built, found._replace(poses=polar)), 0.0, atol=1e-6)
-
-
 # --- a minimum -----------------------------------------------------------------------------------
 
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple, cast, get_args
+from typing import cast, get_args
 
 import numpy as np
 
@@ -33,7 +33,6 @@ MAX_STEPS = 100
 STEP = 0.1  # s
 MAX_OBSERVATIONS = 500  # dense references take seconds for more
 REACH = 12.0  # m; largest distance of an observation
-CLOSE = 0.3  # m; nearer observations are tagged
 TOO_CLOSE = 0.05  # m; smallest distance of an observation
 POSITIVE_RANGE = 6.0  # smallest range in sigmas, so that noise never makes it negative
 
@@ -42,55 +41,49 @@ POSITIVE_RANGE = 6.0  # smallest range in sigmas, so that noise never makes it n
 class Drawn:
     """A recording, its truth, and tags that describe its kind."""
 
-    seed: int
-    number: int
     tags: tuple[str, ...]
     truth: Truth
     recording: Recording
-
-
-class Motion(NamedTuple):
-    """Commanded increments (N, 3), and roots B (N, 3, 3) of the noise covariance B B'."""
-
-    increments: Float
-    roots: Float
 
 
 def draw(seed: int, number: int) -> Drawn:
     """Draw recording `number` of `seed`."""
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(number,)))
     sensor, convention = _choice(rng, SENSORS), _choice(rng, CONVENTIONS)
-    motion, motion_tags = _motion(rng, sensor)
-    start, prior_cov, mean, prior_tags = _start(rng)
-    odometry, true_increments = _measured(rng, motion, convention)
-    poses = _path(start, true_increments)
-    landmarks, map_tags = _landmarks(rng, poses)
+    kind, odometry, roots = _motion(rng, sensor)
+    prior, start, prior_cov, mean = _start(rng)
+    noise = np.einsum("nij,nj->ni", roots, rng.normal(size=odometry.shape))
+    moves = odometry + noise if convention == "additive" else compose(odometry, exp_se2(noise))
+    path = [start]
+    for increment in moves:
+        path.append(compose(path[-1], increment))
+    poses = np.array(path)
+    landmarks = _landmarks(rng, poses)
     sigmas = _observation_sigmas(rng, sensor)
-    step, landmark, scan_tags = _observations(rng, poses, landmarks, POSITIVE_RANGE * sigmas[0] * (sensor != "bearing"))
-    observation, covs = _observed(rng, sensor, sigmas, _seen(poses, landmarks, step, landmark))
+    step, landmark = _observations(rng, poses, landmarks, POSITIVE_RANGE * sigmas[0] * (sensor != "bearing"))
+    offset = landmarks[landmark] - poses[step, :2]
+    observation, covs = _observed(rng, sensor, sigmas, np.einsum("mji,mj->mi", rotation(poses[step, 2]), offset))
     recording = Recording(
         stamps=STEP * np.arange(len(poses), dtype=np.float64),
         prior_mean=mean,
         prior_cov=prior_cov,
         odometry=odometry,
-        odometry_cov=motion.roots @ motion.roots.swapaxes(1, 2),
+        odometry_cov=roots @ roots.swapaxes(1, 2),
         sensor=cast("Sensor", sensor),
         observation_step=step,
         observation=observation,
         observation_cov=covs,
         landmark=landmark,
     )
-    ids = np.arange(len(landmarks))
-    truth = Truth(poses=poses, landmark_ids=ids, landmarks=landmarks, association=landmark)
-    tags = (sensor, convention, *motion_tags, *prior_tags, *map_tags, *scan_tags)
-    return Drawn(seed, number, tags, truth, recording)
+    truth = Truth(poses=poses, landmark_ids=np.arange(len(landmarks)), landmarks=landmarks, association=landmark)
+    return Drawn((sensor, convention, f"motion {kind}", f"prior {prior}"), truth, recording)
 
 
-# --- motion --------------------------------------------------------------------------------------
+# --- motion and start ----------------------------------------------------------------------------
 
 
-def _motion(rng: np.random.Generator, sensor: str) -> tuple[Motion, tuple[str, ...]]:
-    """Draw the commanded motion, roots of the noise of every step, and tags.
+def _motion(rng: np.random.Generator, sensor: str) -> tuple[str, Float, Float]:
+    """Draw the kind of noise, the measured motion (N, 3), and roots (N, 3, 3) of the noise of every step.
 
     Bearing-only recordings get the scale of the map from odometry alone. If the odometry noise is as large as the
     motion, the cost falls while the whole map shrinks into the robot, and no proper optimum exists.
@@ -107,12 +100,9 @@ def _motion(rng: np.random.Generator, sensor: str) -> tuple[Motion, tuple[str, .
     for k in range(steps):
         chosen = _choice(rng, tuple(MOTIONS)) if kind == "mixed" else kind
         roots[k] = MOTIONS[chosen](rng, sigmas, increments[k])
-    tags = [f"motion {kind}"]
     if rng.random() < 0.2:
-        still = rng.random(steps) < 0.3
-        roots[still] = 0.0
-        tags += ["motion zero in steps"] if still.any() else []
-    return Motion(increments, roots), tuple(tags)
+        roots[rng.random(steps) < 0.3] = 0.0
+    return kind, increments, roots
 
 
 def _full(rng: np.random.Generator, sigmas: Float, _: Float) -> Float:
@@ -131,8 +121,7 @@ def _without_slip(_: np.random.Generator, sigmas: Float, __: Float) -> Float:
 
 def _of_controls(_: np.random.Generator, sigmas: Float, increment: Float) -> Float:
     """Return a root of rank 2: speed and yaw rate have noise, and the arc that they describe is exact."""
-    length, turn = increment[0], increment[2]
-    half = turn / 2
+    length, half = increment[0], increment[2] / 2
     root = np.zeros((3, 3))
     root[:, 0] = sigmas[0] * np.array([np.cos(half), np.sin(half), 0.0])
     root[:, 1] = sigmas[2] * np.array([-length / 2 * np.sin(half), length / 2 * np.cos(half), 1.0])
@@ -142,9 +131,7 @@ def _of_controls(_: np.random.Generator, sigmas: Float, increment: Float) -> Flo
 def _rank_one(rng: np.random.Generator, sigmas: Float, _: Float) -> Float:
     """Return a root of rank 1: speed and yaw rate fully correlated, one of them alone, or another direction."""
     lines = ([1.0, 0.0, 1.0], [1.0, 0.0, -1.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [1.0, 1.0, 1.0])
-    root = np.zeros((3, 3))
-    root[:, 0] = sigmas * np.array(lines[rng.integers(len(lines))])
-    return root
+    return np.outer(sigmas * np.array(lines[rng.integers(len(lines))]), [1.0, 0.0, 0.0])
 
 
 MOTIONS: dict[str, Callable[[np.random.Generator, Float, Float], Float]] = {
@@ -156,37 +143,18 @@ MOTIONS: dict[str, Callable[[np.random.Generator, Float, Float], Float]] = {
 }
 
 
-def _measured(rng: np.random.Generator, motion: Motion, convention: str) -> tuple[Float, Float]:
-    """Return odometry (N, 3) and the true increments (N, 3)."""
-    noise = np.einsum("nij,nj->ni", motion.roots, rng.normal(size=motion.increments.shape))
-    if convention == "additive":
-        return motion.increments, motion.increments + noise
-    return motion.increments, compose(motion.increments, exp_se2(noise))
-
-
-def _path(start: Float, increments: Float) -> Float:
-    poses = [start]
-    for increment in increments:
-        poses.append(compose(poses[-1], increment))
-    return np.array(poses)
-
-
-# --- start ---------------------------------------------------------------------------------------
-
-
-def _start(rng: np.random.Generator) -> tuple[Float, Float, Float, tuple[str, ...]]:
-    """Draw the start pose, the prior's covariance and mean, and tags."""
+def _start(rng: np.random.Generator) -> tuple[str, Float, Float, Float]:
+    """Draw the kind of prior, the start pose, and the prior's covariance and mean."""
     kind = _choice(rng, PRIORS)
     sigmas = _pose_sigmas(rng)
     root = {"zero": np.zeros((3, 3)), "diagonal": np.diag(sigmas), "full": _full(rng, sigmas, sigmas)}[kind]
-    mean, tags = np.array([*rng.uniform(-5.0, 5.0, 2), rng.uniform(-np.pi, np.pi)]), [f"prior {kind}"]
+    mean = np.array([*rng.uniform(-5.0, 5.0, 2), rng.uniform(-np.pi, np.pi)])
     if rng.random() < 0.2:
         direction = rng.uniform(-np.pi, np.pi)
         mean[:2] = _log_uniform(rng, 1e3, 1e5) * np.array([np.cos(direction), np.sin(direction)])
-        tags.append("far")
     start = mean + root @ rng.normal(size=3)
     start[2] = wrap(start[2])
-    return start, root @ root.T, mean, tuple(tags)
+    return kind, start, root @ root.T, mean
 
 
 def _pose_sigmas(rng: np.random.Generator) -> Float:
@@ -200,53 +168,39 @@ def _pose_sigmas(rng: np.random.Generator) -> Float:
 # --- landmarks and observations ------------------------------------------------------------------------
 
 
-def _landmarks(rng: np.random.Generator, poses: Float) -> tuple[Float, tuple[str, ...]]:
+def _landmarks(rng: np.random.Generator, poses: Float) -> Float:
     """Draw landmarks (L, 2) near the path, in clusters in some recordings."""
     count = int(rng.integers(2, 16))
-    clustered = rng.random() < 0.3
-    centres = max(1, count // 4) if clustered else count
+    is_clustered = rng.random() < 0.3
+    centres = max(1, count // 4) if is_clustered else count
     beside = poses[rng.integers(0, len(poses), centres), :2]
     direction, distance = rng.uniform(-np.pi, np.pi, centres), rng.uniform(1.0, 8.0, centres)
     centre = beside + distance[:, None] * np.column_stack([np.cos(direction), np.sin(direction)])
-    if not clustered:
-        return centre, ()
+    if not is_clustered:
+        return centre
     spread = _log_uniform(rng, 1e-3, 0.5)
-    return centre[rng.integers(0, centres, count)] + spread * rng.normal(size=(count, 2)), ("clusters",)
+    return centre[rng.integers(0, centres, count)] + spread * rng.normal(size=(count, 2))
 
 
-def _observations(
-    rng: np.random.Generator, poses: Float, landmarks: Float, nearest: float
-) -> tuple[Int, Int, tuple[str, ...]]:
-    """Draw steps (M,) and landmarks (M,) of the observations, in the order of steps, in random order within a step."""
+def _observations(rng: np.random.Generator, poses: Float, landmarks: Float, nearest: float) -> tuple[Int, Int]:
+    """Draw steps (M,) and landmarks (M,) of the observations, in the order of steps, in random order within a step.
+
+    Some recordings have a stretch of a third to all but one of the steps without observations, or landmarks that a
+    scan observes twice.
+    """
     distance = np.hypot(*np.moveaxis(landmarks - poses[:, None, :2], -1, 0))
     visible = (distance < REACH) & (distance > max(nearest, TOO_CLOSE))
     share = min(rng.uniform(0.2, 0.9), MAX_OBSERVATIONS / max(1, visible.sum()))
     times = (visible & (rng.random(visible.shape) < share)).astype(np.int64)
-    tags: list[str] = []
     if rng.random() < 0.4:
-        times[_blind(rng, len(poses))] = 0
-        tags.append("blind stretch")
+        length = int(rng.integers(max(1, len(poses) // 3), len(poses)))
+        first = int(rng.integers(0, len(poses) - length + 1))
+        times[first : first + length] = 0
     if rng.random() < 0.3:
         times[(times > 0) & (rng.random(times.shape) < 0.15)] = 2
-    tags += ["twice in a scan"] if (times > 1).any() else []
-    tags += ["close"] if (distance[times > 0] < max(CLOSE, nearest)).any() else []
     step, landmark = (np.repeat(each, times[times > 0]) for each in np.nonzero(times))
     order = np.lexsort([rng.random(len(step)), step])
-    tags += [] if len(step) else ["nothing seen"]
-    return step[order], landmark[order], tuple(tags)
-
-
-def _blind(rng: np.random.Generator, count: int) -> slice:
-    """Draw a range of a third to all but one of the steps."""
-    length = int(rng.integers(max(1, count // 3), count))
-    first = int(rng.integers(0, count - length + 1))
-    return slice(first, first + length)
-
-
-def _seen(poses: Float, landmarks: Float, step: Int, landmark: Int) -> Float:
-    """Return the observed landmarks (M, 2) in the body frame [m]."""
-    offset = landmarks[landmark] - poses[step, :2]
-    return np.einsum("mji,mj->mi", rotation(poses[step, 2]), offset)
+    return step[order], landmark[order]
 
 
 def _observation_sigmas(rng: np.random.Generator, sensor: str) -> Float:
@@ -254,22 +208,15 @@ def _observation_sigmas(rng: np.random.Generator, sensor: str) -> Float:
     distance = _log_uniform(rng, SMALLEST, LARGEST)
     bearing = np.clip(distance * _log_uniform(rng, 0.03, 1.0), SMALLEST, LARGEST_ANGLE)
     second = np.clip(distance * _log_uniform(rng, 0.3, 3.0), SMALLEST, LARGEST)
-    return {
-        "range-bearing": np.array([distance, bearing]),
-        "position": np.array([distance, second]),
-        "bearing": np.array([min(bearing, 0.1)]),
-    }[sensor]
+    by_sensor = {"range-bearing": [distance, bearing], "position": [distance, second], "bearing": [min(bearing, 0.1)]}
+    return np.array(by_sensor[sensor])
 
 
 def _observed(rng: np.random.Generator, sensor: str, sigmas: Float, delta: Float) -> tuple[Float, Float]:
-    """Draw observations (M, d) and their covariances (M, d, d)."""
+    """Draw observations (M, d) of landmarks (M, 2) in the body frame [m], and their covariances (M, d, d)."""
     count, dim = len(delta), len(sigmas)
-    bearing = np.arctan2(delta[:, 1], delta[:, 0])
-    exact = {
-        "range-bearing": np.column_stack([np.hypot(*delta.T), bearing]),
-        "position": delta,
-        "bearing": bearing[:, None],
-    }[sensor]
+    polar = np.column_stack([np.hypot(*delta.T), np.arctan2(delta[:, 1], delta[:, 0])])
+    exact = delta if sensor == "position" else polar[:, -dim:]
     lean = np.tril(rng.uniform(-0.5, 0.5) * np.ones((dim, dim)), -1) * (rng.random() < 0.5)
     scale = rng.uniform(0.5, 1.0, (count, 1, 1))  # at most 1, for which the smallest range is chosen
     roots = scale * sigmas[:, None] * (np.eye(dim) + lean)

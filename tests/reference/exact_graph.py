@@ -1,7 +1,6 @@
 """A recording as a GTSAM graph, built factor by factor without the project's code.
 
-The `position` sensor is an exact but slow `CustomFactor`. With `polar=True` it is the range-and-bearing factor with the
-covariance linearised at the measured point.
+The `position` sensor is an exact but slow `CustomFactor`.
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ from slamgauge.recording import Recording
 from slamgauge.se2 import rotation
 
 
-def exact_graph(recording: Recording, *, polar: bool = False) -> gtsam.NonlinearFactorGraph:
+def exact_graph(recording: Recording) -> gtsam.NonlinearFactorGraph:
     """Return a graph with poses X(k) and landmarks L(id); variances of zero are constraints."""
     assert recording.landmark is not None
     graph = gtsam.NonlinearFactorGraph()
@@ -25,15 +24,8 @@ def exact_graph(recording: Recording, *, polar: bool = False) -> gtsam.Nonlinear
         graph.add(gtsam.BetweenFactorPose2(X(k), X(k + 1), gtsam.Pose2(*increment), noise_model(cov)))
     sights = zip(recording.observation_step.tolist(), recording.landmark.tolist(), strict=True)
     for (k, name), z, cov in zip(sights, recording.observation, recording.observation_cov, strict=True):
-        if recording.sensor == "position" and not polar:
-            graph.add(position_factor(k, name, z, cov))
-        elif recording.sensor == "position":
-            distance = float(np.hypot(*z))
-            to_polar = np.array([z / distance, np.array([-z[1], z[0]]) / distance**2])
-            polar_z = np.array([distance, np.arctan2(z[1], z[0])])
-            graph.add(polar_factor(k, name, polar_z, to_polar @ cov @ to_polar.T))
-        else:
-            graph.add(polar_factor(k, name, z, cov))
+        factor = position_factor if recording.sensor == "position" else polar_factor
+        graph.add(factor(k, name, z, cov))
     return graph
 
 

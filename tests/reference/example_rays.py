@@ -7,7 +7,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from slamgauge.arrays import Float, Int
+from slamgauge.arrays import Float
 from slamgauge.estimate import Estimate, MapHistory, RayLog
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain, rotation
@@ -64,10 +64,15 @@ def estimate_with_rays(fates: Sequence[Fate] = ("point", "point", "point")) -> E
     assert truth.poses is not None
     drift = np.linspace(0, 1, STEPS + 1)[:, None]
     poses = truth.poses + drift * [0.5, -0.4, 0.05]
-    rows = [row for i, fate in enumerate(fates) for row in _life(i, fate, poses)]
-    rows.sort(key=lambda row: (row.step, row.landmark))
-    ends = [-1 if fate == "ray" else BIRTHS[i] + AGES[-1] for i, fate in enumerate(fates)]
-    survivors = [_nearest(i, poses) if fate == "point" else -1 for i, fate in enumerate(fates)]
+    ages = np.arange(STEPS + 1) - np.array(BIRTHS[: len(fates)])[:, None]  # of each ray at each step
+    has_ended = (ages >= AGES[-1]) & (np.array(fates)[:, None] != "ray")
+    members = np.where((ages < 0) | has_ended, 0, 4 - sum((ages >= age).astype(int) for age in AGES[:2]))
+    rows: list[Row] = []
+    for step in NOTED.tolist():
+        for landmark, fate in enumerate(fates):
+            if has_ended[landmark, step] and fate == "point":
+                rows.append(Row(step, landmark, -1, 1.0, LANDMARKS[landmark] + 0.2, 0.04 * np.eye(2)))
+            rows += _ray(step, landmark, members[landmark, step], poses)
     mapped = [i for i, fate in enumerate(fates) if fate == "point"]
     return Estimate(
         kind="filtered",
@@ -79,51 +84,23 @@ def estimate_with_rays(fates: Sequence[Fate] = ("point", "point", "point")) -> E
         rays=RayLog(
             landmark=np.arange(len(fates)),
             birth=np.array(BIRTHS[: len(fates)]),
-            end=np.array(ends),
-            survivor=np.array(survivors),
+            end=np.array([-1 if fate == "ray" else BIRTHS[i] + AGES[-1] for i, fate in enumerate(fates)]),
+            survivor=np.array([2 if fate == "point" else -1 for fate in fates]),
             distances=np.tile(DISTANCES, (len(fates), 1)),
-            members=np.sum([_members(i, fate) for i, fate in enumerate(fates)], axis=0),
+            members=members.sum(axis=0),
         ),
         history=MapHistory(*(np.array(column) for column in zip(*rows, strict=True))),
     )
 
 
-def _members(landmark: int, fate: Fate) -> Int:
-    """Return the number of members of the landmark's ray after each step."""
-    age = np.arange(STEPS + 1) - BIRTHS[landmark]
-    left = 4 - np.sum([age >= each for each in AGES[:2]], axis=0)
-    return np.where((age < 0) | ((age >= AGES[-1]) & (fate != "ray")), 0, left)
-
-
-def _nearest(landmark: int, poses: Float) -> int:
-    """Return the member nearest to the true landmark."""
-    distance = np.linalg.norm(LANDMARKS[landmark] - poses[BIRTHS[landmark], :2])
-    return int(np.argmin(np.abs(DISTANCES - distance)))
-
-
-def _life(landmark: int, fate: Fate, poses: Float) -> list[Row]:
-    """Return the rows of one landmark: a ray that loses its least likely members, then a point that converges."""
-    birth = BIRTHS[landmark]
-    offset = LANDMARKS[landmark] - poses[birth, :2]
-    bearing = np.arctan2(offset[1], offset[0]) + 0.05
-    along = rotation(bearing)
-    best = _nearest(landmark, poses)
-    order = sorted(range(4), key=lambda member: -abs(member - best))  # in the order of removal
+def _ray(step: int, landmark: int, members: int, poses: Float) -> list[Row]:
+    """Return the rows of a ray with this number of members, the farthest of the four distances."""
+    start, left = poses[BIRTHS[landmark]], range(4 - members, 4)
+    offset = LANDMARKS[landmark] - start[:2]
+    along = rotation(np.arctan2(offset[1], offset[0]) + 0.05)
     rows: list[Row] = []
-    for step in NOTED[birth <= NOTED].tolist():
-        age = step - birth
-        if fate != "ray" and age >= AGES[-1]:
-            if fate == "point":
-                settled = min(1.0, (age - AGES[-1]) / 100)
-                position = poses[birth, :2] + DISTANCES[best] * along[:, 0]
-                position = position + settled * (LANDMARKS[landmark] + 0.2 - position)
-                rows.append(Row(step, landmark, -1, 1.0, position, (0.6 - 0.4 * settled) ** 2 * np.eye(2)))
-            continue
-        left = sorted(order[sum(age >= each for each in AGES[:2]) :])
-        favour = 1 + age / 10 * np.array([member == best for member in left])
-        for member, weight in zip(left, favour / favour.sum(), strict=True):
-            distance = DISTANCES[member]
-            spread = np.diag([(0.3 * distance) ** 2, (BEARING_SIGMA * distance) ** 2]) / (1 + age / 20)
-            position = poses[birth, :2] + distance * along[:, 0]
-            rows.append(Row(step, landmark, member, float(weight), position, along @ spread @ along.T))
+    for member in left:
+        distance, weight = DISTANCES[member], (member + 1) / sum(each + 1 for each in left)
+        spread = np.diag([0.3 * distance, BEARING_SIGMA * distance]) ** 2
+        rows.append(Row(step, landmark, member, weight, start[:2] + distance * along[:, 0], along @ spread @ along.T))
     return rows

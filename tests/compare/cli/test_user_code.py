@@ -97,13 +97,9 @@ BODIES = {
     "return Estimate('filtered', np.zeros((5, 3)))": (
         "returned 5 poses; return 151, one for the start and one for every step"
     ),
-    "return Estimate('filtered', np.zeros((151, 3)), association=[-1])": (
-        r"association has 1 entries; return \d+, one for every observation"
-    ),
     "return Estimate('filtered', np.full((151, 3), np.nan))": r"it raised UserError: poses\[0\] = \[nan, nan, nan\]: .*"
     r" \(OWN.py, line 6\); mend it and run again",
     "recording.odometry[0] = 0.0": r"it raised ValueError: assignment destination is read-only \(OWN.py, line 6\)",
-    "recording.odometry = None": r"it raised FrozenInstanceError: .* \(OWN.py, line 6\)",
     "sys.exit()": r"it raised SystemExit: \(no message\) \(OWN.py, line 6\)",
 }
 MODULES = {
@@ -137,13 +133,10 @@ def test_estimators_that_fail_are_rows_with_their_reasons(
         assert any(re.fullmatch(reason, line) for line in lines), reason
 
 
-@pytest.mark.parametrize(
-    ("path", "message"),
-    [
+def test_import_paths_that_do_not_exist(stored: Path, refuse: Refuse, module: Module):
+    module("")
+    for path, message in (
         ("nowhere_at_all:estimate", "no module 'nowhere_at_all' is found; run in its folder or install it"),
         (":estimate", "write FILE.py:callable or module:callable, for example my_filter.py:estimate"),
-    ],
-)
-def test_import_paths_that_do_not_exist(stored: Path, refuse: Refuse, module: Module, path: str, message: str):
-    module("")
-    assert message in refuse.line("evaluate", stored / "recording.npz", "--estimators", path)
+    ):
+        assert message in refuse.line("evaluate", stored / "recording.npz", "--estimators", path)

@@ -18,18 +18,7 @@ from slamgauge.compare.datasets.g2o_writer import write_g2o
 from slamgauge.compare.storage.files import load_recording
 from tests.reference.log_changes import (
     MAPPING,
-    ODOMETRY,
-    SEEN,
-    TRUTH,
-    Change,
-    both,
-    cells,
-    column,
     good_log,
-    header,
-    moved,
-    some,
-    table,
 )
 from tests.reference.random_recordings import recording_of
 
@@ -43,64 +32,6 @@ WRONG_CAUSES = (
     "logarithms",
     "e+09",
 )
-SENSOR = "range = 0.05\nbearing = 0.02"
-
-
-def in_increments(columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Write increments whose turns are differences of headings from -pi to pi, which jump by a whole turn."""
-    turns = 0.1 * columns["omega"]
-    headings = np.cumsum(turns)
-    jumped = np.diff((headings + np.pi) % (2 * np.pi), prepend=np.pi)
-    return {"stamp": columns["stamp"], "dx": 0.1 * columns["v"], "dtheta": jumped}
-
-
-def with_gap(columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Write today's stamps, and leave out five seconds."""
-    stamps = columns["stamp"] + 1.7e9
-    keeps = (columns["stamp"] < 1010.0) | (columns["stamp"] >= 1015.0)
-    return {"stamp": stamps[keeps], "v": columns["v"][keeps], "omega": columns["omega"][keeps]}
-
-
-def with_sigmas(line: list[str]) -> list[str]:
-    return [*line, *(["range_std", "bearing_std"] if line[0] == "stamp" else ["0.05", "0.02"])]
-
-
-def as_time(line: list[str]) -> list[str]:
-    return line if line[0] == "stamp" else [f"2024-05-01T12:00:{float(line[0]) - 1000.0:06.3f}", *line[1:]]
-
-
-MADE: dict[str, tuple[Change, int, str]] = {  # change of a log, exit status, and what is printed
-    "sensor sigma 10 % too small": (header(MAPPING, SENSOR, "range = 0.045\nbearing = 0.018"), 0, ""),
-    "sensor sigma 15 % too large": (header(MAPPING, SENSOR, "range = 0.0575\nbearing = 0.023"), 0, ""),
-    "stamps late and noise off": (
-        both(header(MAPPING, SENSOR, "range = 0.0435\nbearing = 0.0174"), moved(SEEN, "stamp", 1.0)),
-        0,
-        "if their stamps are 1 s late; give both files the same clock",
-    ),
-    "differences of unwrapped headings": (table(ODOMETRY, in_increments), 2, "wrap the differences into (-pi, pi]"),
-    "sigmas of rows": (cells(SEEN, with_sigmas), 0, "in 30 s"),
-    "truth without headings": (cells(TRUTH, lambda line: line[:3]), 0, "the ground truth has no headings"),
-    "times in one file": (both(cells(ODOMETRY, as_time), moved(SEEN, "stamp", -1000.0)), 0, "count from its first row"),
-    "ranges only": (cells(SEEN, lambda line: line[:3]), 2, "range-only landmarks are not supported"),
-    "ranges of 0": (column(SEEN, "range", some(0.0)), 0, "observations have range 0 m (no detection?), the first in"),
-    "today's stamps with a gap": (
-        both(table(ODOMETRY, with_gap), moved(SEEN, "stamp", 1.7e9), moved(TRUTH, "stamp", 1.7e9)),
-        0,
-        "no row for 5.1 s from 1700001009.",
-    ),
-}
-
-
-@pytest.mark.parametrize("name", MADE)
-def test_logs_of_the_kinds(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    change, status, said = MADE[name]
-    for file, content in change(good_log()).items():
-        if file != TRUTH or name in ("truth without headings", "today's stamps with a gap"):
-            (tmp_path / file).write_text(content)
-    assert main(["import", "csv", str(tmp_path), "--out", str(tmp_path / "out")]) == status
-    printed = capsys.readouterr().err
-    assert said in printed
-    assert not any(wrong in printed for wrong in WRONG_CAUSES)
 
 
 def test_a_right_graph_of_bearings_has_no_warning(tmp_path: Path, capsys: pytest.CaptureFixture[str]):

@@ -17,7 +17,7 @@ from slamgauge.compare.storage.files import load_recording, load_truth
 from slamgauge.errors import UserError
 from slamgauge.se2 import chain
 from tests.reference.given import given
-from tests.reference.random_recordings import random_recording, recording_of
+from tests.reference.random_recordings import recording_of
 from tests.reference.robot_logs import CSV
 
 NOISE = ("noise.forward=0.1", "noise.turn=0.05", "noise.range=0.2", "noise.bearing=0.03", "noise.position=0.3")
@@ -45,8 +45,10 @@ def observations(text: str) -> dict[str, str]:
     return {"odometry.csv": "stamp,x,y,theta\n0,0,0,0\n1,1,0,0\n2,2,0,0\n", "observations.csv": text}
 
 
-def test_the_whole_log(log: Log):
+def test_the_whole_log(log: Log, tmp_path: Path):
     recording, truth, notes, _, unmatched = log(CSV)
+    with pytest.raises(UserError, match=r"odometry.csv: is neither a folder nor a .toml file; give the folder"):
+        read_csv_log(tmp_path / "odometry.csv")
     assert_array_equal(recording.stamps, [0.0, 0.5, 1.0, 2.0, 3.0])
     assert_array_equal(recording.observation_step, [1, 1, 3])
     assert_array_equal(recording.landmark, [7, 3, 7])
@@ -103,26 +105,6 @@ def test_noise_of_motions(log: Log, per: str, growth: float):
     assert_allclose(recording.odometry_cov[1], growth * np.diag([0.1, 0.02, 0.05]) ** 2, rtol=1e-12)
 
 
-def test_columns_and_units_of_the_log(log: Log):
-    files = {
-        "odometry.csv": '"t";"speed";"note";"rate"\n1000;500;"a, b";90\n2000;0;x;0\n',
-        "observations.csv": "# milliseconds\n",
-        "laser.csv": "stamp,landmark,bearing\n1000,4,-90\n1500,5,270\n",
-    }
-    own = (
-        'odometry.columns={stamp="t", v="speed", omega="rate"}',
-        *("odometry.time=ms", "odometry.length=mm", "odometry.angle=deg"),
-        *("observations.file=laser.csv", "observations.kind=bearing", "observations.time=ms", "observations.angle=deg"),
-    )
-    recording = log(files, *NOISE, *own).recording
-    assert_array_equal(recording.stamps, [1.0, 1.5, 2.0])
-    assert_allclose(recording.odometry[:, 2], np.pi / 4)
-    assert_allclose(np.hypot(*recording.odometry[0, :2]), 2 * (0.5 / (np.pi / 2)) * np.sin(np.pi / 8))
-    assert recording.sensor == "bearing"
-    assert_allclose(recording.observation[:, 0], [-np.pi / 2, -np.pi / 2])
-    assert_array_equal(recording.landmark, [4, 5])
-
-
 def test_positions_and_missing_ids(log: Log):
     recording = log(observations("stamp,x,y\n1,3,4\n2,5,6\n"), *NOISE).recording
     assert recording.sensor == "position"
@@ -174,6 +156,13 @@ DRIVE = "stamp,v,omega\n0,1,0\n1,1,0\n"
         (odometry(DRIVE), "nose.forward=1", "nose: unknown section; did you mean noise?"),
         (odometry(DRIVE), "noise.per=metre", "noise.per: input should be 'step', 'second' or 'speed', not 'metre'"),
         (odometry(DRIVE), "truth.file=none.csv", "none.csv: cannot be read"),
+        (odometry("step,stamp,dx,dtheta\n1,1,1,0\n3,2,1,0\n"), "", "line 1: the steps are not 1, 2, 3, ..."),
+        (
+            odometry(DRIVE) | {"start.csv": "stamp,x,y,theta\n0,0,0,0\n1,0,0,0\n"},
+            "",
+            "has 2 rows; write one",
+        ),
+        (observations("step,range,bearing\n0,1,1\n0.5,1,1\n"), "", "observation_step[1] = 0.5"),
     ],
 )
 def test_wrong_logs_are_refused_in_one_line(log: Log, files: dict[str, str], override: str, message: str):
@@ -182,29 +171,11 @@ def test_wrong_logs_are_refused_in_one_line(log: Log, files: dict[str, str], ove
     assert message in str(caught.value)
 
 
-def test_noise_must_be_stated(log: Log):
-    missing = (
-        r"odometry\.csv: its rows have no noise, and noise\.forward is missing; give --set noise\.forward=SIGMA, or"
-    )
+@pytest.mark.parametrize(("stated", "file"), [(NOISE[:0], "odometry"), (NOISE[:2], "observations")])
+def test_noise_must_be_stated(log: Log, stated: tuple[str, ...], file: str):
+    missing = rf"{file}\.csv: its rows have no noise, and noise\.(forward|range) is missing; give --set noise\."
     with pytest.raises(UserError, match=missing):
-        log(odometry(DRIVE))
-    with pytest.raises(
-        UserError, match=r"observations\.csv: its rows have no noise, and noise\.range is missing; give"
-    ):
-        log(odometry(DRIVE), *NOISE[:2])
-
-
-def test_the_folder_may_be_a_relative_path(log: Log, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    whole = log(CSV)
-    monkeypatch.chdir(tmp_path.parent)
-    relative = read_csv_log(Path(tmp_path.name))
-    assert (relative.recording, relative.truth) == (whole.recording, whole.truth)
-
-
-def test_a_single_csv_file_is_no_log(tmp_path: Path):
-    (tmp_path / "odometry.csv").write_text("stamp,v,omega\n")
-    with pytest.raises(UserError, match=r"odometry.csv: is neither a folder nor a .toml file; give the folder"):
-        read_csv_log(tmp_path / "odometry.csv")
+        log(odometry(DRIVE), *stated)
 
 
 def test_the_stored_mapping_reads_the_same_log_again(tmp_path: Path):
@@ -222,23 +193,6 @@ def test_csv_folders_are_read_back_bit_for_bit(sensor: str, tmp_path: Path):
     recording = recording_of(sensor, slip=False)
     write_recording_csv(tmp_path, recording)
     assert read_csv_log(tmp_path).recording == recording
-
-
-@pytest.mark.parametrize(
-    ("name", "old", "new", "message"),
-    [
-        ("start.csv", "\n", "\n0,0,0,0,0,0,0,0,0,0\n", "start.csv: has 2 rows; write one, the prior"),
-        ("odometry.csv", "\n2,", "\n3,", "odometry.csv, line 1: the steps are not 1, 2, 3, ..."),
-    ],
-)
-def test_damaged_csv_folders_are_refused(tmp_path: Path, name: str, old: str, new: str, message: str):
-    write_recording_csv(tmp_path, random_recording(5)[1])
-    text = (tmp_path / name).read_text()
-    assert old in text
-    (tmp_path / name).write_text(text.replace(old, new, 1))
-    with pytest.raises(UserError, match=r"^[^\n]+$") as caught:
-        read_csv_log(tmp_path)
-    assert message in str(caught.value)
 
 
 @pytest.mark.parametrize(

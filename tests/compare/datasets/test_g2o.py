@@ -16,7 +16,6 @@ from slamgauge.compare.cli.main import main
 from slamgauge.compare.datasets.g2o import adjoints, read_g2o
 from slamgauge.compare.datasets.g2o_writer import write_g2o
 from slamgauge.compare.datasets.imported_log import Imported
-from slamgauge.compare.storage.csv_folder import from_triangles, upper_triangles
 from slamgauge.compare.storage.files import save
 from slamgauge.errors import UserError
 from slamgauge.graph_baseline import batch
@@ -101,24 +100,6 @@ def test_adjoint_is_the_jacobian_of_moving_a_motion_to_the_other_side():
         assert_jacobian(moved, adjoints(z[None])[0], np.zeros(3), angles=[2])
 
 
-def test_a_reversed_edge_has_the_same_cost(tmp_path: Path, read: Read):
-    """Every other edge of a graph is reversed, with its matrix in the frame that GTSAM uses."""
-    recording = recording_of("position", seed=6)
-    write_g2o(tmp_path / "there.g2o", recording)
-    lines = (tmp_path / "there.g2o").read_text().splitlines()
-    for at, line in enumerate(lines):
-        words = line.split()
-        if words[0] == "EDGE_SE2" and at % 2:
-            z, entries = np.array(words[3:6], dtype=float), np.array(words[6:], dtype=float)
-            Ad = adjoints(between(z, np.zeros(3))[None])[0]
-            turned = upper_triangles((Ad.T @ from_triangles(entries[None], 3)[0] @ Ad)[None])[0]
-            numbers = [*between(z, np.zeros(3)).tolist(), *turned.tolist()]
-            lines[at] = " ".join(["EDGE_SE2", words[2], words[1], *map(repr, numbers)])
-    back = read("\n".join(lines)).recording
-    assert_allclose(back.odometry, recording.odometry, atol=1e-12)
-    assert_allclose(back.odometry_cov, recording.odometry_cov, rtol=1e-9, atol=1e-16)
-
-
 @pytest.mark.gtsam
 def test_our_optimum_has_gtsams_cost_of_the_file(tmp_path: Path):
     """GTSAM reads our file of ranges and bearings: its error at our optimum is half our chi-square."""
@@ -164,7 +145,6 @@ def test_a_path_may_have_ids_in_any_order(read: Read):
     [
         ("EDGE_SE2_XY 15 4 2 1 25 5 16\nEDGE_SE2_XY 10 4 4 -1 25 0 25\n", "", "no observation of a landmark in it"),
         ("EDGE_SE2 11 15", "EDGE_SE2 15 15", "no edge joins the poses 11 and 15"),
-        ("VERTEX_SE2 15", "VERTEX_SE2 11", "line 4: vertex 11 was there before; give every vertex one line"),
         ("VERTEX_SE2 15 3", "VERTEX_SE2 99 3", "line 4: pose 99 is on no edge of the path"),
         ("EDGE_SE2_XY 15", "EDGE_SE2_XY 16", "line 9: pose 16 is on no edge of the path; correct the id"),
         ("EDGE_SE2_XY 15 4", "EDGE_SE2_XY 15 11", "line 9: vertex 11 is a pose, not a landmark"),
@@ -179,7 +159,7 @@ def test_a_path_may_have_ids_in_any_order(read: Read):
         (
             "EDGE_SE2_XY 10 4 4 -1 25 0 25",
             "BR 10 4 1 1 1 1",
-            "a sensor of kind range-bearing, and others of kind position",
+            "a sensor of kind position, and others of kind range-bearing",
         ),
         ("EDGE_SE2_XY 10", "EDGE_SE_XY 10", "line 10: 'EDGE_SE_XY' is an unknown tag; did you mean EDGE_SE2_XY?"),
         ("EDGE_SE2 1", "# EDGE_SE2 1", "no edge between poses in it"),
@@ -191,13 +171,6 @@ def test_wrong_graphs_are_refused_in_one_line(read: Read, tmp_path: Path, old: s
         read(GRAPH.replace(old, new))
     assert message in str(caught.value)
     assert str(caught.value).startswith(str(tmp_path / "graph.g2o"))
-
-
-def test_another_order_of_entries_is_refused(read: Read):
-    with pytest.raises(
-        UserError, match=r"line 3: the information matrix is not positive definite; .* order of entries"
-    ):
-        read(TORO_GRAPH.replace("50 1 60 100 2 3", "50 0 0 60 0 100"))
 
 
 def test_laser_scans_are_not_used(read: Read):

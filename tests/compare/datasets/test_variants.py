@@ -7,7 +7,7 @@ warning) or words of the refusal or warning.
 from __future__ import annotations
 
 import io
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import redirect_stderr
 from dataclasses import replace
 from pathlib import Path
@@ -55,21 +55,13 @@ GOOD = good_log()
 DEGREE = 180.0 / np.pi
 READ = "read"
 NUMBER, NOT_AGREE = "is not a finite number", "agree with one place per landmark"
+NOISE_DIFFERS = "the measurements do not fit their stated noise"
 MAP_DIFFERS = "with the true path and map are"
 DEG = settings("[observations]\nangle = 'deg'\n")
 ODOMETRY_NOISE = "forward = 0.05\nlateral = 0.01\nturn = 0.02"
 SENSOR_NOISE = "range = 0.05\nbearing = 0.02"
 EPOCHS = {"times of ISO 8601": 1_714_563_800.0, "stamps of today in ns": 1.7e9}  # s before the log's second 0
 Read = Callable[[Path], Imported]
-
-
-def encoded(coding: str, *files: str) -> Callable[[Files], Mapping[str, str | bytes]]:
-    return lambda given: {name: content.encode(coding if name in files else "utf-8") for name, content in given.items()}
-
-
-def stamps_in(unit: str, factor: float) -> Change:
-    named = (header(file, "stamp", f"stamp [{unit}]") for file in ALL)
-    return both(*(scaled(file, stamp=factor) for file in ALL), *named)
 
 
 def with_map(change: Callable[[Float], Float] = np.asarray) -> Change:
@@ -87,18 +79,6 @@ def as_positions(x: str, y: str, sign: float = 1.0) -> Change:
         return {"stamp": columns["stamp"], "landmark": columns["landmark"], **seen}
 
     return both(header(MAPPING, SENSOR_NOISE, "position = 0.08"), table(SEEN, change))
-
-
-def as_poses(change: Callable[[Float], Float]) -> Change:
-    """Write the true path as odometry, changed; the odometry is then nearly without errors."""
-
-    def changed(files: Files) -> Files:
-        found = np.array([line.split(",") for line in files[TRUTH].splitlines()[1:]], dtype=np.float64)
-        found[:, 1:] = change(found[:, 1:])
-        content = "\n".join(["stamp,x,y,theta", *(",".join(map(repr, row)) for row in found.tolist())]) + "\n"
-        return {name: each for name, each in files.items() if name != TRUTH} | {ODOMETRY: content}
-
-    return changed
 
 
 def with_quaternions(columns: dict[str, Float]) -> dict[str, Float]:
@@ -125,8 +105,8 @@ def epoch(columns: dict[str, Float]) -> dict[str, Float]:
     return columns | {"stamp": np.round((columns["stamp"] + 1.7e9) * 1e9)}
 
 
-def without(columns: dict[str, Float], begin: float, end: float) -> dict[str, Float]:
-    keeps = (columns["stamp"] < begin) | (columns["stamp"] >= end)
+def without_five_seconds(columns: dict[str, Float]) -> dict[str, Float]:
+    keeps = (columns["stamp"] < 1010.0) | (columns["stamp"] >= 1015.0)
     return {name: values[keeps] for name, values in columns.items()}
 
 
@@ -135,21 +115,18 @@ def numbered(lines: list[str]) -> list[str]:
     return [",".join([line.split(",")[0], str(n), *line.split(",")[2:]]) for n, line in enumerate(lines)]
 
 
-def swapped_ids(columns: dict[str, Float]) -> dict[str, Float]:
-    ids = columns["landmark"]
-    return columns | {"landmark": np.where((columns["stamp"] > 1015) & (ids < 2), 1 - ids, ids)}
+def in_increments(columns: dict[str, Float]) -> dict[str, Float]:
+    """Write increments whose turns are differences of headings from -pi to pi, which jump by a whole turn."""
+    headings = np.cumsum(0.1 * columns["omega"])
+    jumped = np.diff((headings + np.pi) % (2 * np.pi), prepend=np.pi)
+    return {"stamp": columns["stamp"], "dx": 0.1 * columns["v"], "dtheta": jumped}
 
 
 def twice(lines: list[str]) -> list[str]:
     return [each for line in lines for each in (line, line)]
 
 
-def last_cell(value: str) -> Change:
-    """Replace the last cell of the first row."""
-    return rows(SEEN, lambda lines: [lines[0].rsplit(",", 1)[0] + "," + value, *lines[1:]])
-
-
-LOGS: dict[str, tuple[Callable[[Files], Mapping[str, str | bytes]], str]] = {
+LOGS: dict[str, tuple[Change, str]] = {
     # texts and cells
     "as it is": (both(), READ),
     "semicolons": (every(*ALL, change=lambda t: t.replace(",", ";")), READ),
@@ -157,51 +134,18 @@ LOGS: dict[str, tuple[Callable[[Files], Mapping[str, str | bytes]], str]] = {
     "spaces": (text(SEEN, lambda t: t.replace(",", " ")), "does not have the columns"),
     "space after the comma": (every(*ALL, change=lambda t: t.replace(",", ", ")), READ),
     "decimal commas": (text(SEEN, lambda t: t.replace(",", ";").replace(".", ",")), NUMBER),
-    "byte order mark": (every(*ALL, MAPPING, change=lambda t: "\ufeff" + t), READ),
-    "line ends of Windows": (every(*ALL, change=lambda t: t.replace("\n", "\r\n")), READ),
-    "CR only": (every(*ALL, change=lambda t: t.replace("\n", "\r")), READ),
     "blank lines at the end": (every(*ALL, change=lambda t: t + "\n \n\n"), READ),
     "no line end at the end": (text(TRUTH, str.rstrip), "no line end after"),
-    "the last number cut short": (text(SEEN, lambda t: t[:-4]), "no line end after"),
     "a line cut short": (text(SEEN, lambda t: t[:-12]), "columns where the header has"),
-    "a remark": (text(SEEN, lambda t: "# laser\n" + t), READ),
     "header behind #": (text(ODOMETRY, lambda t: "# " + t), READ),
-    "header behind %": (text(ODOMETRY, lambda t: "%" + t), READ),
-    "capital letters": (header(SEEN, "stamp,landmark,range", "Stamp,LANDMARK,Range"), READ),
     "all cells in quotes": (every(*ALL, change=in_quotes), READ),
-    "half a quote": (rows(SEEN, lambda lines: [f'"{lines[0]}', *lines[1:]]), "line 2: has 1 columns"),
     "another column": (cells(SEEN, lambda line: [*line, "note"]), "columns that are not used: note"),
-    "another column of odometry": (cells(ODOMETRY, lambda line: [*line, "volt"]), "columns that are not used: volt"),
-    "another column of the truth": (cells(TRUTH, lambda line: [*line, "fix"]), "columns that are not used: fix"),
     "other order": (cells(SEEN, lambda line: line[::-1]), READ),
-    "exponents": (rows(SEEN, lambda lines: [f"{line}e0" for line in lines]), READ),
-    "no header": (text(SEEN, lambda t: t.split("\n", 1)[1]), "no header; write a line"),
-    "Latin-1": (
-        lambda files: encoded("latin-1", SEEN)(files | {SEEN: f"# Größe\n{files[SEEN]}"}),
-        "observations.csv, line 1: not a text in UTF-8",
-    ),
-    "UTF-16": (encoded("utf-16", *ALL), "odometry.csv, line 1: not a text in UTF-8"),
-    "NUL at the end": (text(SEEN, lambda t: f"{t}\0"), "line 385: not a text in UTF-8"),
-    "end of file of DOS": (text(SEEN, lambda t: f"{t}\x1a"), "line 385: has 1 columns"),
-    "typographic minus": (text(SEEN, lambda t: t.replace("-", "\u2212")), NUMBER),
-    "semicolons in some rows": (
-        rows(SEEN, lambda lines: [*lines[:4], lines[4].replace(",", ";"), *lines[5:]]),
-        "line 6: has 1 columns",
-    ),
+    "no header": (text(SEEN, lambda t: t.split("\n", 1)[1]), "line 1: does not have the columns"),
     "a separator behind each line": (text(SEEN, lambda t: t.replace("\n", ",\n")), READ),
     "underscores in numbers": (words(SEEN, 0, lambda word: f"{float(word):_.6f}"), NUMBER),
-    "units behind numbers": (words(SEEN, 2, lambda word: f"{word} m"), "line 2, column 3: "),
-    "plus signs": (words(SEEN, 2, lambda word: f"+{word}"), READ),
-    "an empty cell": (last_cell(""), NUMBER),
-    "nan": (last_cell("nan"), NUMBER),
-    "infinite ranges": (column(SEEN, "range", some(np.inf)), "'inf' is not a finite number"),
     "some negative ranges": (column(SEEN, "range", some(-1.0)), "line 5: the range is negative"),
     "zeros for nothing": (column(SEEN, "range", some(0.0)), "observations have range 0 m"),
-    "the largest range for nothing": (column(SEEN, "range", some(81.91)), NOT_AGREE),
-    "a second header": (
-        rows(SEEN, lambda lines: [*lines[:50], "stamp,landmark,range,bearing", *lines[50:]]),
-        "line 52",
-    ),
     # names and units
     "other words": (
         both(header(ODOMETRY, "stamp,v,omega", "time,speed,yaw_rate"), header(SEEN, "landmark", "id")),
@@ -212,35 +156,19 @@ LOGS: dict[str, tuple[Callable[[Files], Mapping[str, str | bytes]], str]] = {
         both(scaled(SEEN, range=1e3, bearing=DEGREE), header(SEEN, "range,bearing", "range_mm,bearing_deg")),
         READ,
     ),
-    "degrees by their sign": (both(scaled(SEEN, bearing=DEGREE), header(SEEN, "bearing", "bearing (°)")), READ),
     "degrees by the settings": (both(scaled(SEEN, bearing=DEGREE), DEG), READ),
-    "deg/s by the header": (both(scaled(ODOMETRY, omega=DEGREE), header(ODOMETRY, "omega", "omega (deg/s)")), READ),
-    "cm by the header": (both(scaled(SEEN, range=1e2), header(SEEN, "range", "range[cm]")), READ),
     "mm by the settings": (both(scaled(SEEN, range=1e3), settings("[observations]\nlength = 'mm'\n")), READ),
-    "mm/s by the header": (both(scaled(ODOMETRY, v=1e3), header(ODOMETRY, "v", "v [mm/s]")), READ),
-    "a row of units": (text(SEEN, lambda t: t.replace("\n", "\ns,-,m,rad\n", 1)), "line 2, column "),
-    "a number of a column": (settings("[observations]\ncolumns = {range = 4}\n"), "columns.range: input should be a"),
-    "ms by the header": (stamps_in("ms", 1e3), READ),
-    "us by the header": (stamps_in("us", 1e6), READ),
-    "ns by the header": (stamps_in("ns", 1e9), READ),
     "two units": (
         both(header(SEEN, "bearing", "bearing [rad]"), DEG),
         "in rad by the header, and in deg by the setting",
     ),
     "feet": (header(SEEN, "range", "range [ft]"), "'ft' is not a unit of range"),
-    "km/h": (header(ODOMETRY, "v", "v [km/h]"), "'km/h' is not a unit of v"),
-    "bearing in metres": (header(SEEN, "bearing", "bearing [m]"), "'m' is not a unit of bearing"),
-    "speed in m": (header(ODOMETRY, "v", "v [m]"), "'m' is not a unit of v"),
-    "unknown unit in the settings": (settings("[observations]\nangle = 'gon'\n"), "input should be 'rad' or 'deg'"),
-    "unknown name": (header(SEEN, "bearing", "azimuth"), "range-only landmarks are not supported"),
-    "another name for the range": (header(SEEN, "range", "r_m"), "columns that are not used: r_m"),
     "two columns of one name": (cells(SEEN, lambda line: [*line, line[3]]), "two columns are called 'bearing'"),
     "one column for two": (
         settings("[observations]\ncolumns = {range = 'bearing'}\n"),
         "is used for range and bearing",
     ),
     "an unknown column in the settings": (settings("[odometry]\ncolumns = {w = 'omega'}\n"), "columns.w: unknown"),
-    "v and omega exchanged": (header(ODOMETRY, "v,omega", "omega,v"), "times the turns of the odometry"),
     # stamps and ids
     "seconds and nanoseconds": (both(*(table(file, in_two_columns) for file in ALL)), READ),
     "times of ISO 8601": (both(*(words(file, 0, as_time) for file in ALL)), READ),
@@ -250,20 +178,13 @@ LOGS: dict[str, tuple[Callable[[Files], Mapping[str, str | bytes]], str]] = {
     ),
     "quaternions": (table(TRUTH, with_quaternions), READ),
     "texts as ids": (words(SEEN, 1, lambda word: f"tree{word}"), "numbered from 0: tree0, tree1, tree2"),
-    "ids with _": (words(SEEN, 1, lambda word: f"1_{word}"), "numbered from 0: 1_0, 1_1, 1_2"),
-    "ids with exponents": (words(SEEN, 1, lambda word: f"{float(word):.6e}"), READ),
-    "huge ids": (words(SEEN, 1, lambda word: f"1{word}{'0' * 19}"), "is not an id"),
-    "half an id": (words(SEEN, 1, lambda word: f"{word}.5"), "is not an id"),
     "a new id each time": (rows(SEEN, numbered), "no landmark is observed at two steps"),
     "one id for all": (column(SEEN, "landmark", np.zeros_like), NOT_AGREE),
-    "two ids exchanged at half time": (table(SEEN, swapped_ids), NOT_AGREE),
-    "dates of another form": (words(SEEN, 0, lambda word: f"2024-01-01T00:{word}"), "is not a time"),
     "stamps of today in ns": (
         both(*(both(table(file, epoch), header(file, "stamp", "stamp [ns]")) for file in ALL)),
         READ,
     ),
     "stamps of today in ns, without the unit": (both(*(table(file, epoch) for file in ALL)), "check the units"),
-    "stamps in whole seconds": (column(SEEN, "stamp", np.round), NOT_AGREE),
     "doubled observations": (rows(SEEN, twice), "count twice"),
     "doubled odometry": (rows(ODOMETRY, twice), "is not after that of the line above"),
     "one line in the wrong place": (
@@ -271,69 +192,43 @@ LOGS: dict[str, tuple[Callable[[Files], Mapping[str, str | bytes]], str]] = {
         "line 53: stamp 1003.000000000 is before that of the line above",
     ),
     "observations in ms": (scaled(SEEN, stamp=1e3), "give each file the unit of its stamps"),
-    "odometry in ms": (scaled(ODOMETRY, stamp=1e3), "check the units of angles and stamps"),
     "all stamps in ms": (both(*(scaled(file, stamp=1e3) for file in ALL)), "check the units of angles and stamps"),
     "observations an hour late": (moved(SEEN, "stamp", 3600.0), "both the same clock"),
     "a stamp long ago": (
         rows(SEEN, lambda lines: ["-1e49" + lines[0][lines[0].index(",") :], *lines[1:]]),
         "1 observations outside the odometry's time are dropped",
     ),
-    "observations 10 s late": (moved(SEEN, "stamp", 10.0), NOT_AGREE),
-    "observations 2 s late": (moved(SEEN, "stamp", 2.0), "if their stamps are 2 s late"),
     "observations 1 s early": (moved(SEEN, "stamp", -1.0), "if their stamps are 1 s early"),
-    "five seconds without odometry": (
-        table(ODOMETRY, lambda columns: without(columns, 1010.0, 1015.0)),
-        "no row for 5.1 s from 1009.9 s on",
+    "differences of unwrapped headings": (table(ODOMETRY, in_increments), "wrap the differences into (-pi, pi]"),
+    "ranges only": (cells(SEEN, lambda line: line[:3]), "range-only landmarks are not supported"),
+    "today's stamps with a gap": (
+        both(table(ODOMETRY, without_five_seconds), *(moved(f, "stamp", 1.7e9) for f in ALL)),
+        "no row for 5.1 s from 1700001009.9",
     ),
     "no observations": (rows(SEEN, lambda _: []), "there are no observations"),
     # units, signs and frames
     "bearings in degrees": (scaled(SEEN, bearing=DEGREE), "more than a full turn"),
     "bearings in radians, read as degrees": (DEG, "in radians, read as degrees"),
     "clockwise bearings": (scaled(SEEN, bearing=-1), "angles in opposite directions"),
-    "clockwise odometry": (scaled(ODOMETRY, omega=-1), "angles in opposite directions"),
     "both clockwise": (both(scaled(SEEN, bearing=-1), scaled(ODOMETRY, omega=-1)), "-0.997 times the turns"),
     "turns in degrees": (scaled(ODOMETRY, omega=DEGREE), "yaw rates are in deg/s, read as rad/s"),
     "turns in radians, read as degrees": (settings("[odometry]\nangle = 'deg'\n"), "turns are in radians, read as deg"),
     "ranges in mm": (scaled(SEEN, range=1e3), "observed lengths are 1000 times too large"),
-    "ranges in cm": (scaled(SEEN, range=1e2), "observed lengths are 100 times too large"),
-    "speeds in m, read as mm": (
-        settings("[odometry]\nlength = 'mm'\n"),
-        "distances of the odometry are 1000 times too small",
-    ),
     "range and bearing exchanged": (header(SEEN, "range,bearing", "bearing,range"), "the range is negative"),
     "ranges in m, read as mm": (settings("[observations]\nlength = 'mm'\n"), "lengths are 1000 times too small"),
     "speeds in mm": (scaled(ODOMETRY, v=1e3), "1000 times too large"),
-    "all lengths in mm": (both(scaled(SEEN, range=1e3), scaled(ODOMETRY, v=1e3)), "all lengths are 1000 times too"),
-    "ranges in feet": (scaled(SEEN, range=1 / 0.3048), NOT_AGREE),
-    "speeds in km/h": (scaled(ODOMETRY, v=3.6), NOT_AGREE),
-    "wheels that do not count": (scaled(ODOMETRY, v=0), NOT_AGREE),
     "bearings of 0 to 2 pi": (column(SEEN, "bearing", lambda values: values % (2 * np.pi)), READ),
-    "bearings of a compass": (column(SEEN, "bearing", lambda values: np.pi / 2 - values), NOT_AGREE),
     "backwards": (scaled(ODOMETRY, v=-1), NOT_AGREE),
-    "bearings from the left": (column(SEEN, "bearing", lambda values: values - np.pi / 2), NOT_AGREE),
     "positions, y to the right": (as_positions("x", "y", -1.0), "angles in opposite directions"),
-    "positions, x and y exchanged": (as_positions("y", "x"), NOT_AGREE),
-    "poses, headings in degrees": (as_poses(lambda poses: poses * [1, 1, DEGREE]), NOT_AGREE),
-    "poses, x and y exchanged": (as_poses(lambda poses: poses[:, [1, 0, 2]]), NOT_AGREE),
-    "poses at a lower rate, repeated": (as_poses(lambda poses: np.repeat(poses[::5], 5, axis=0)[:301]), NOT_AGREE),
-    "poses, y downwards": (as_poses(lambda poses: poses * [1, -1, 1]), NOT_AGREE),
     # noise
+    "sensor sigma 10 % too small": (header(MAPPING, SENSOR_NOISE, "range = 0.045\nbearing = 0.018"), NOISE_DIFFERS),
+    "stamps late and noise off": (
+        both(header(MAPPING, SENSOR_NOISE, "range = 0.0435\nbearing = 0.0174"), moved(SEEN, "stamp", 1.0)),
+        "if their stamps are 1 s late; give both files the same clock",
+    ),
     "sensor noise too small": (header(MAPPING, SENSOR_NOISE, "range = 5e-4\nbearing = 2e-4"), "`slamgauge noise`"),
-    "standard deviations as variances": (
-        header(MAPPING, SENSOR_NOISE, "range = 0.2236\nbearing = 0.1414"),
-        "do not fit their stated noise",
-    ),
-    "sensor noise too large": (
-        header(MAPPING, SENSOR_NOISE, "range = 5\nbearing = 2"),
-        "do not fit their stated noise",
-    ),
-    "odometry noise too small": (
-        header(MAPPING, ODOMETRY_NOISE, "forward = 0.0025\nlateral = 0.0001\nturn = 0.0004"),
-        "`slamgauge noise`",
-    ),
     # truth
     "truth in mm": (scaled(TRUTH, x=1e3, y=1e3), "the true path has 996 times the distances"),
-    "truth in degrees": (scaled(TRUTH, theta=DEGREE), "the true path has"),
     "truth of another clock": (moved(TRUTH, "stamp", 1e6), ": start.pose: the ground truth has no pose at the start"),
     "truth a second early": (
         both(moved(TRUTH, "stamp", -1.0), settings("[start]\npose = [0.0, 0.0, 0.0]\n")),
@@ -343,18 +238,9 @@ LOGS: dict[str, tuple[Callable[[Files], Mapping[str, str | bytes]], str]] = {
         cells(TRUTH, lambda line: line[:3]),
         "the start has the heading 0; the first 5 m suggest",
     ),
-    "truth with headings of a compass": (column(TRUTH, "theta", lambda values: np.pi / 2 - values), "true path has"),
-    "truth that does not move": (
-        rows(TRUTH, lambda lines: [f"{999 + n},0,0,0" for n in range(len(lines))]),
-        "has 0 times",
-    ),
     "truth at one step": (rows(TRUTH, lambda lines: lines[:1]), "the true path has poses at 1 of 301 steps"),
     "a true map": (with_map(), READ),
-    "true x and y exchanged": (with_map(lambda places: places[:, ::-1]), MAP_DIFFERS),
-    "true map in mm": (with_map(lambda places: 1e3 * places), MAP_DIFFERS),
-    "true map mirrored": (with_map(lambda places: places * [1, -1]), MAP_DIFFERS),
     "true map with other ids": (with_map(lambda places: np.roll(places, 1, axis=0)), MAP_DIFFERS),
-    "true map in another frame": (with_map(lambda places: places + np.array([10, 5])), MAP_DIFFERS),
     "true map, an id twice": (
         both(with_map(), rows(MAP, lambda lines: [*lines, lines[0]])),
         "must be >= 0 and distinct",
@@ -362,9 +248,9 @@ LOGS: dict[str, tuple[Callable[[Files], Mapping[str, str | bytes]], str]] = {
 }
 
 
-def written(folder: Path, files: Mapping[str, str | bytes]) -> Path:
+def written(folder: Path, files: Files) -> Path:
     for name, content in files.items():
-        (folder / name).write_bytes(content if isinstance(content, bytes) else content.encode())
+        (folder / name).write_bytes(content.encode())
     return folder
 
 
@@ -445,35 +331,21 @@ def with_keys(graph: str) -> str:
 
 
 GRAPHS: dict[str, tuple[ChangedGraph, str]] = {
-    "as it is": (str, READ),
-    "line ends of Windows": (lambda graph: graph.replace("\n", "\r\n"), READ),
     "remarks and blank lines": (lambda graph: "# a graph\n\n" + graph.replace("FIX", "\nFIX") + "\n\n", READ),
     "lines from the last to the first": (lambda graph: "\n".join([*graph.splitlines()[::-1], ""]), READ),
     "landmarks without vertices": (each("VERTEX_XY", lambda _: []), READ),
-    "tabs": (lambda graph: graph.replace(" ", "\t"), READ),
-    "byte order mark": (lambda graph: "\ufeff" + graph, READ),
     "keys of GTSAM": (with_keys, "l1 has the id 1001"),
-    "bearings in degrees": (times("BR", 3, DEGREE), "more than a full turn"),
     "clockwise bearings": (times("BR", 3, -1.0), "angles in opposite directions"),
     "bearing and range exchanged": (
         each("BR", lambda line: [*line[:3], line[4], line[3], *line[5:]]),
         "the range is negative",
     ),
-    "ranges in mm": (times("BR", 4, 1e3), "observed lengths are 1000 times too large"),
     "clockwise turns": (times("EDGE_SE2", 5, -1.0), "angles in opposite directions"),
-    "poses instead of motions": (
-        each("EDGE_SE2", lambda line: [*line[:3], repr(0.05 * int(line[2])), *line[4:]]),
-        NOT_AGREE,
-    ),
-    "decimal commas": (lambda graph: graph.replace(".", ","), NUMBER),
     "motions in mm": (times("EDGE_SE2", 3, 1e3), "distances of the odometry are 1000 times too large"),
     "turns in degrees": (times("EDGE_SE2", 5, DEGREE), "turns are in degrees, read as radians"),
     "variances instead of information": (times("EDGE_SE2", 6, 1e-10), "standard deviation of a step"),
-    "sigmas 100 times too small": (each("BR", lambda line: [*line[:5], "2e-4", "5e-4"]), "`slamgauge noise`"),
-    "doubled observations": (each("BR", lambda line: [*line, "\n", *line]), "count twice"),
     "doubled edges": (each("EDGE_SE2", lambda line: [*line, "\n", *line]), "a second edge between the poses"),
     "an edge missing": (lambda graph: graph.replace("EDGE_SE2 7 8 ", "# "), "no edge joins the poses"),
-    "no line end at the end": (str.rstrip, "no line end after"),
     "in space": (lambda graph: graph + "VERTEX_SE3:QUAT 0 0 0 0 0 0 0 1\n", "is a graph in space, which"),
     "ranges only": (lambda graph: graph + "EDGE_RANGE_SE2_XY 3 4 1 1\n", "is a range-only edge, which"),
 }

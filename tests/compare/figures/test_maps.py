@@ -11,10 +11,9 @@ from matplotlib.axes import Axes
 from matplotlib.collections import EllipseCollection, LineCollection
 from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.patches import Polygon
 
 from slamgauge import arrays
+from slamgauge.arrays import Float
 from slamgauge.compare.figures.frames import caption, has_rays, ray_moments, save_ray_strip
 from slamgauge.compare.figures.maps import FAINTEST, NEVER, Scene, draw_map, first_seen, map_at, sight_lines
 from slamgauge.compare.storage.files import Results
@@ -24,8 +23,6 @@ from tests.reference.example_rays import AGES, BIRTHS, LANDMARKS, NOTED, STEPS, 
 TRUTH, RECORDING = half_loop()
 WITH_RAYS = estimate_with_rays()
 NO_HISTORY = replace(WITH_RAYS, rays=None, history=None)
-SMOOTHED = replace(NO_HISTORY, kind="smoothed")
-SPARSE = RECORDING.only(RECORDING.observation_step == 85)
 
 
 def with_history(estimate: Estimate, kept: np.ndarray) -> Estimate:
@@ -34,7 +31,7 @@ def with_history(estimate: Estimate, kept: np.ndarray) -> Estimate:
     return replace(estimate, history=MapHistory(**columns))
 
 
-def test_the_map_is_the_last_recorded_one_and_empty_before():
+def test_the_map_is_the_last_recorded_one_without_rays_lost_since_and_empty_before():
     history = WITH_RAYS.history
     assert history is not None
     gap = int(np.setdiff1d(np.arange(STEPS), NOTED)[-1])
@@ -43,15 +40,11 @@ def test_the_map_is_the_last_recorded_one_and_empty_before():
         np.testing.assert_array_equal(rows.position, history.position[history.step == noted])
         np.testing.assert_array_equal(rows.member, history.member[history.step == noted])
     assert len(map_at(with_history(WITH_RAYS, history.step >= 10), 9).weight) == 0
-
-
-def test_a_ray_lost_since_the_last_record_is_not_in_the_map_and_a_new_one_is():
     estimate, end = estimate_with_rays(("lost",)), BIRTHS[0] + AGES[-1]
     assert [len(map_at(estimate, step).weight) for step in (end - 1, end)] == [2, 0]
-    columns = map(np.array, ([0, 0], [0, end], [end, -1], [-1, -1]))
+    columns = map(np.array, ([0, 0], [0, end], [end, -1], [-1, -1]))  # a new ray begins when the other one is lost
     log = RayLog(*columns, distances=np.full((2, 4), np.nan), members=np.zeros(STEPS + 1, np.int64))
-    assert end in NOTED
-    assert len(map_at(replace(estimate_with_rays(("ray",)), rays=log), end).weight) == 2
+    assert end in NOTED and len(map_at(replace(estimate_with_rays(("ray",)), rays=log), end).weight) == 2
 
 
 @pytest.mark.parametrize("chunk", [7, arrays.CHUNK])
@@ -61,8 +54,7 @@ def test_first_seen_is_the_step_of_the_first_observation(monkeypatch: pytest.Mon
     assert first_seen(RECORDING, NO_HISTORY).tolist() == [*BIRTHS]
     nameless = replace(RECORDING, landmark=None)
     assert first_seen(nameless, NO_HISTORY).tolist() == [0, 0, 0]
-    given = np.full(len(RECORDING.observation), -1)
-    given[RECORDING.observation_step >= 100] = 1
+    given = np.where(RECORDING.observation_step >= 100, 1, -1)
     assert first_seen(nameless, replace(NO_HISTORY, association=given)).tolist() == [NEVER, 100, NEVER]
 
 
@@ -71,43 +63,35 @@ def test_lines_of_sight_connect_the_robot_with_the_landmarks_of_the_last_scan():
     np.testing.assert_array_equal(lines[:, 0], np.tile(NO_HISTORY.poses[90, :2], (3, 1)))
     np.testing.assert_array_equal(lines[:, 1], LANDMARKS + 0.2)
     assert len(sight_lines(replace(RECORDING, landmark=None), NO_HISTORY, 80, 90)) == 0
-    assert sight_lines(SPARSE, NO_HISTORY, 80, 90)[0, 0].tolist() == NO_HISTORY.poses[85, :2].tolist()
-    assert len(sight_lines(SPARSE, NO_HISTORY, 90, 100)) == 0  # a scan is shown once
+    sparse = RECORDING.only(RECORDING.observation_step == 85)
+    assert sight_lines(sparse, NO_HISTORY, 80, 90)[0, 0].tolist() == NO_HISTORY.poses[85, :2].tolist()
+    assert len(sight_lines(sparse, NO_HISTORY, 90, 100)) == 0  # a scan is shown once
 
 
-def scene(estimates: dict[str, Estimate], mapped: list[str]) -> tuple[Scene, Axes]:
-    results = Results("a title", TRUTH, RECORDING, estimates)
-    return Scene(results, estimates, {name: estimates[name] for name in mapped}), Figure().subplots()
+def test_a_scene_ends_paths_at_robots_and_takes_maps_from_the_history_or_the_final_map():
+    estimates = {"ekf": WITH_RAYS, "causal": NO_HISTORY, "batch": replace(NO_HISTORY, kind="smoothed")}
+    scene = Scene(
+        Results("", TRUTH, RECORDING, estimates), estimates, {name: estimates[name] for name in ("ekf", "causal")}
+    )
+    ax = Figure().subplots()
 
+    def lines(color: str) -> list[Float]:
+        found = [np.asarray(line.get_xydata()) for line in ax.lines if line.get_color() == color]
+        return [each for each in found if len(each)]
 
-def lines_of(ax: Axes, color: str) -> list[Line2D]:
-    lines = [line for line in ax.lines if line.get_color() == color]
-    return [line for line in lines if len(np.asarray(line.get_xdata()))]
-
-
-def test_paths_end_where_the_robots_are():
-    drawn, ax = scene({"ekf": WITH_RAYS, "batch": SMOOTHED}, ["ekf"])
-    for step in (10, 200):
-        drawn.draw(ax, step)
-        for color, poses in (("#CC3311", WITH_RAYS.poses), ("#882288", SMOOTHED.poses)):
-            np.testing.assert_array_equal(lines_of(ax, color)[0].get_xydata(), poses[: step + 1, :2])
+    for step, seen in ((30, 2), (BIRTHS[2], 3)):
+        scene.draw(ax, step)
+        for color, poses in (("#CC3311", WITH_RAYS.poses), ("#882288", NO_HISTORY.poses)):
+            np.testing.assert_array_equal(lines(color)[0], poses[: step + 1, :2])
         (robot,) = (each for each in ax.patches if each.get_facecolor() == to_rgba("#CC3311"))
-        assert isinstance(robot, Polygon)
-        nose = np.asarray(robot.get_xy())[0] - WITH_RAYS.poses[step, :2]
+        nose = np.asarray(robot.get_path().vertices)[0] - WITH_RAYS.poses[step, :2]
         assert np.arctan2(nose[1], nose[0]) == pytest.approx(WITH_RAYS.poses[step, 2])
-
-
-def test_the_map_comes_from_the_history_or_from_the_final_map():
-    drawn, ax = scene({"ekf": WITH_RAYS, "causal": NO_HISTORY}, ["ekf", "causal"])
-    drawn.draw(ax, 30)
-    ellipses = [each for each in ax.collections if isinstance(each, EllipseCollection)]
-    shown = [len(np.asarray(each.get_offsets())) for each in ellipses]
-    assert sorted(shown) == [0, 1, 1, 5]  # points; two robots; members of two rays
-    np.testing.assert_array_equal(lines_of(ax, "#CC9900")[1].get_xydata(), LANDMARKS[:2] + 0.2)
-    (sight,) = (each for each in ax.collections if isinstance(each, LineCollection))
-    assert len(sight.get_segments()) == 2
-    drawn.draw(ax, BIRTHS[2])
-    np.testing.assert_array_equal(lines_of(ax, "#CC9900")[1].get_xydata(), LANDMARKS + 0.2)
+        np.testing.assert_array_equal(lines("#CC9900")[1], LANDMARKS[:seen] + 0.2)
+        (sight,) = (each for each in ax.collections if isinstance(each, LineCollection))
+        assert len(sight.get_segments()) == seen
+        members = int((map_at(WITH_RAYS, step).member >= 0).sum())
+        ellipses = [each for each in ax.collections if isinstance(each, EllipseCollection)]
+        assert sorted(len(np.asarray(each.get_offsets())) for each in ellipses) == [0, 1, 1, members]  # and two robots
 
 
 def test_opacity_of_members_grows_with_their_weight():
@@ -124,43 +108,34 @@ def test_opacity_of_members_grows_with_their_weight():
 def test_the_strip_follows_the_oldest_ray_that_became_a_point():
     name, steps = ray_moments(WITH_RAYS)
     assert (name, steps) == (0, [0, 12, 26, 30, 70, 130])
-    assert [caption(WITH_RAYS, step, name) for step in steps] == [
-        "1 ray; landmark 0: 4 members",
-        "2 rays; landmark 0: 3 members",
-        "2 rays; landmark 0: 3 members",
-        "2 rays; landmark 0: 2 members",
-        "2 rays; landmark 0: a point",
-        "0 rays; landmark 0: a point",
-    ]
+    rays = ("1 ray", "2 rays", "2 rays", "2 rays", "2 rays", "0 rays")
+    states = ("4 members", "3 members", "3 members", "2 members", "a point", "a point")
+    expected = [f"{ray}; landmark 0: {state}" for ray, state in zip(rays, states, strict=True)]
+    assert [caption(WITH_RAYS, step, name) for step in steps] == expected
+    none = np.zeros(0, np.int64)
+    no_ray = replace(WITH_RAYS, rays=RayLog(none, none, none, none, np.zeros((0, 4)), np.zeros(STEPS + 1, np.int64)))
+    assert [has_rays(each) for each in (NO_HISTORY, no_ray, WITH_RAYS)] == [False, False, True]
 
 
 @pytest.mark.parametrize("fates", [("ray", "ray", "ray"), ("lost",), ("lost", "ray", "point"), ("ray",), ("point",)])
 def test_every_strip_has_six_moments_in_order_or_as_many_as_there_are_records(fates: tuple[Fate, ...]):
     estimate = estimate_with_rays(fates)
     _, steps = ray_moments(estimate)
-    assert steps == sorted(set(steps))
-    assert (len(steps), steps[0]) == (6, 0)
+    assert steps == sorted(set(steps)) and (len(steps), steps[0]) == (6, 0)
     if "ray" in fates:  # the strip goes on to the last record
         assert estimate.history is not None
         few = with_history(estimate, np.isin(estimate.history.step, [0, STEPS]))
         assert ray_moments(few)[1] == [0, STEPS]
 
 
-def test_rays_need_a_log_and_a_history():
-    none = np.zeros(0, np.int64)
-    no_ray = replace(WITH_RAYS, rays=RayLog(none, none, none, none, np.zeros((0, 4)), np.zeros(STEPS + 1, np.int64)))
-    assert [has_rays(each) for each in (NO_HISTORY, no_ray, WITH_RAYS)] == [False, False, True]
-
-
-@pytest.mark.parametrize("blind", [False, True])
-def test_all_panels_show_the_same_map(tmp_path: Path, drawn: dict[str, Figure], blind: bool):
-    save_ray_strip(tmp_path, Results("a", None if blind else TRUTH, RECORDING, {"ekf": WITH_RAYS}), "ekf")
-    panels = drawn["rays"].axes
+@pytest.mark.parametrize("truth", [None, TRUTH], ids=["blind", "with truth"])
+def test_all_panels_show_the_same_map(tmp_path: Path, drawn: dict[str, Figure], truth: object):
+    save_ray_strip(tmp_path, Results("a", truth and TRUTH, RECORDING, {"ekf": WITH_RAYS}), "ekf")
+    panels: list[Axes] = drawn["rays"].axes
     assert len(panels) == 6
     assert len({(*panel.get_xlim(), *panel.get_ylim(), panel.get_aspect()) for panel in panels}) == 1
     (left, right), (bottom, top) = panels[0].get_xlim(), panels[0].get_ylim()
     places = np.concatenate([WITH_RAYS.poses[:131, :2], LANDMARKS])
-    assert left < places[:, 0].min() < places[:, 0].max() < right
-    assert bottom < places[:, 1].min() < places[:, 1].max() < top
+    assert ((places > [left, bottom]) & (places < [right, top])).all()
     assert panels[4].get_title() == "t = 7.0 s\n2 rays; landmark 0: a point"
     assert [text.get_text() for text in panels[4].texts] == ["0"]

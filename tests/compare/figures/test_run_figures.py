@@ -1,5 +1,9 @@
-import dataclasses
+"""Map and errors of a run."""
+
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -21,48 +25,34 @@ from slamgauge.truth import Truth
 
 STEPS = 200
 LANDMARKS = np.array([[0.0, -2.0], [4.0, 3.0], [0.0, 10.0]])
+ODOMETRY, IDS = np.tile([0.2, 0.0, 0.04], (STEPS, 1)), np.array([0, 1, 2, 0, 0])
+POSES = chain(np.zeros(3), ODOMETRY)
+TRUTH = Truth(POSES, np.arange(3), LANDMARKS, IDS)
+RECORDING = Recording(  # a circle of 40 s; landmark 0 is observed at the start and re-observed from 32 s
+    stamps=np.linspace(0, 40, STEPS + 1),
+    prior_mean=np.zeros(3),
+    prior_cov=np.zeros((3, 3)),
+    odometry=ODOMETRY + np.array([0.0, 0.0, 1e-3]),
+    odometry_cov=np.tile(1e-4 * np.eye(3), (STEPS, 1, 1)),
+    sensor="range-bearing",
+    observation_step=np.array([0, 50, 80, 160, 161]),
+    observation=np.tile([1.0, 0.0], (5, 1)),
+    observation_cov=np.tile(0.01 * np.eye(2), (5, 1, 1)),
+    landmark=IDS,
+)
+DRIFTING = Estimate("filtered", chain(RECORDING.prior_mean, RECORDING.odometry))
 
 
-def circle() -> tuple[Truth, Recording]:
-    """Return a circle of 40 s; landmark 0 is observed at the start and re-observed from 32 s."""
-    odometry = np.tile([0.2, 0.0, 0.04], (STEPS, 1))
-    poses = chain(np.zeros(3), odometry)
-    steps = np.array([0, 50, 80, 160, 161])
-    ids = np.array([0, 1, 2, 0, 0])
-    recording = Recording(
-        stamps=np.linspace(0, 40, STEPS + 1),
-        prior_mean=np.zeros(3),
-        prior_cov=np.zeros((3, 3)),
-        odometry=odometry + np.array([0.0, 0.0, 1e-3]),
-        odometry_cov=np.tile(1e-4 * np.eye(3), (STEPS, 1, 1)),
-        sensor="range-bearing",
-        observation_step=steps,
-        observation=np.tile([1.0, 0.0], (5, 1)),
-        observation_cov=np.tile(0.01 * np.eye(2), (5, 1, 1)),
-        landmark=ids,
-    )
-    return Truth(poses, np.arange(3), LANDMARKS, ids), recording
-
-
-TRUTH, RECORDING = circle()
-assert TRUTH.poses is not None
-POSES = TRUTH.poses
-
-
-def estimate(offset: Sequence[float], **fields: Any) -> Estimate:
-    covs = np.tile(np.diag([0.04, 0.01, 0.0004]), (STEPS + 1, 1, 1))
+def estimate(offset: Sequence[float] = (0.0, 0.0, 0.0), **fields: Any) -> Estimate:
     given: dict[str, Any] = {
         "kind": "filtered",
         "poses": POSES + np.asarray(offset),
-        "pose_covs": covs,
+        "pose_covs": np.tile(np.diag([0.04, 0.01, 0.0004]), (STEPS + 1, 1, 1)),
         "landmark_ids": np.arange(3),
         "landmarks": LANDMARKS + 0.1,
         "landmark_covs": np.tile(0.01 * np.eye(2), (3, 1, 1)),
     }
     return Estimate(**(given | fields))
-
-
-DRIFTING = Estimate("filtered", chain(RECORDING.prior_mean, RECORDING.odometry))
 
 
 def labels(ax: Axes) -> list[str]:
@@ -84,36 +74,24 @@ def map_of(estimates: Mapping[str, Estimate], truth: Truth | None = TRUTH, recor
 
 
 def panels_of(
-    estimates: Mapping[str, Estimate],
-    truth: Truth | None = TRUTH,
-    recording: Recording = RECORDING,
+    estimates: Mapping[str, Estimate], truth: Truth | None = TRUTH, recording: Recording = RECORDING
 ) -> list[Axes]:
     axes: list[Axes] = list(Figure().subplots(3))
     plot_errors(axes, truth, recording, estimates)
     return axes
 
 
-# --- styles ------------------------------------------------------------------------------------
-
-
-def test_colours_and_dashes_are_all_distinct() -> None:
+def test_styles_are_all_distinct_and_those_of_built_in_estimators_do_not_depend_on_others():
     everyone = [*STYLES.values(), *USER_STYLES]
-    assert len({style.color for style in everyone}) == len(everyone)
-    assert len({style.dashes for style in everyone}) == len(everyone)
-
-
-def test_user_estimators_do_not_change_the_style_of_built_in_ones() -> None:
+    for part in zip(*everyone, strict=True):
+        assert len({*part}) == len(everyone)
     chosen = styles(["a:b", "ekf", "c:d"])
-    assert chosen["ekf"] == STYLES["ekf"]
-    assert (chosen["a:b"], chosen["c:d"]) == USER_STYLES[:2]
+    assert (chosen["a:b"], chosen["ekf"], chosen["c:d"]) == (USER_STYLES[0], STYLES["ekf"], USER_STYLES[1])
 
 
-# --- the map -----------------------------------------------------------------------------------
-
-
-def test_the_map_shows_paths_landmarks_and_marks() -> None:
+def test_the_map_shows_paths_landmarks_and_marks():
     ax = map_of({"ekf": estimate([0.1, 0, 0])})
-    assert labels(ax) == [
+    known = [
         "truth",
         "dead-reckoning",
         "ekf",
@@ -123,19 +101,18 @@ def test_the_map_shows_paths_landmarks_and_marks() -> None:
         "mapped landmark",
         "3σ ellipse",
     ]
+    assert labels(ax) == known
     assert np.array_equal(curve(ax, "truth"), POSES[:, :2])
     assert np.array_equal(curve(ax, "loop closures"), POSES[160:161, :2])
     assert curve(ax, "dead-reckoning") == pytest.approx(DRIFTING.poses[:, :2])
-    assert ax.get_aspect() == 1
-    assert (ax.get_xlabel(), ax.get_ylabel()) == ("x [m]", "y [m]")
-    assert ax.get_legend() is not None
+    assert (ax.get_aspect(), ax.get_xlabel(), ax.get_ylabel()) == (1, "x [m]", "y [m]")
 
 
 @pytest.mark.parametrize("height", [2.0, 6.0])
-def test_the_legend_does_not_overlap_the_axis_label(height: float) -> None:
+def test_the_legend_does_not_overlap_the_axis_label(height: float):
     figure = Figure(figsize=(3.4, height))
     ax = figure.subplots()
-    plot_run(ax, *circle(), {})
+    plot_run(ax, TRUTH, RECORDING, {})
     figure.draw_without_rendering()
     legend = ax.get_legend()
     assert legend is not None
@@ -143,103 +120,84 @@ def test_the_legend_does_not_overlap_the_axis_label(height: float) -> None:
     assert 0.0 < gap < 0.2 * figure.dpi
 
 
-def test_ellipses_have_three_sigma_axes_along_the_covariance() -> None:
+def test_ellipses_have_three_sigma_axes_along_the_covariance():
     turn = rotation(0.5)
     covs = np.tile(turn @ np.diag([4.0, 1.0]) @ turn.T, (3, 1, 1))
-    ax = map_of({"ekf": estimate([0, 0, 0], pose_covs=None, landmark_covs=covs)})
-    (collection,) = ellipses(ax)
+    (collection,) = ellipses(map_of({"ekf": estimate(pose_covs=None, landmark_covs=covs)}))
     assert collection.get_widths() == pytest.approx([12, 12, 12])
     assert collection.get_heights() == pytest.approx([6, 6, 6])
     assert np.asarray(collection.get_angles()) % 180 == pytest.approx(np.degrees([0.5, 0.5, 0.5]))
     assert np.asarray(collection.get_offsets()) == pytest.approx(LANDMARKS + 0.1)
 
 
-def test_crowded_maps_have_landmark_ellipses_of_the_first_estimate_only() -> None:
-    many = {
-        "pose_covs": None,
-        "landmark_ids": np.arange(100),
-        "landmarks": np.zeros((100, 2)),
-        "landmark_covs": np.tile(np.eye(2), (100, 1, 1)),
-    }
-    estimates = {"ekf": estimate([0, 0, 0], **many), "riekf": estimate([0, 0, 0], **many)}
-    assert len(ellipses(map_of(estimates))) == 1
-    few = {name: estimate([0, 0, 0], pose_covs=None) for name in estimates}
-    assert len(ellipses(map_of(few))) == 2
+@pytest.mark.parametrize(("count", "drawn"), [(100, 1), (10, 2)])
+def test_crowded_maps_have_landmark_ellipses_of_the_first_estimate_only(count: int, drawn: int):
+    covs, places = np.tile(np.eye(2), (count, 1, 1)), np.zeros((count, 2))
+    many = estimate(pose_covs=None, landmark_ids=np.arange(count), landmarks=places, landmark_covs=covs)
+    assert len(ellipses(map_of({"ekf": many, "riekf": many}))) == drawn
 
 
-def test_limits_of_the_map_ignore_drifted_dead_reckoning() -> None:
+def test_limits_of_the_map_ignore_drifted_dead_reckoning_unless_it_is_alone():
     drifted = Estimate("filtered", 100 * DRIFTING.poses)
-    ax = map_of({"dead-reckoning": drifted, "ekf": estimate([0, 0, 0])})
+    ax = map_of({"dead-reckoning": drifted, "ekf": estimate()})
     assert ax.get_xlim()[1] - ax.get_xlim()[0] < 30
     assert ax.get_title() == "dead reckoning exceeds the axes"
+    alone = map_of({}, truth=None)
+    assert (labels(alone), alone.get_title()) == (["dead-reckoning", "loop closures", "start", "mapped landmark"], "")
 
 
-def test_a_map_without_truth_or_estimates_shows_the_odometry() -> None:
-    ax = map_of({}, truth=None)
-    assert labels(ax) == ["dead-reckoning", "loop closures", "start", "mapped landmark"]
-    assert ax.get_title() == ""
-
-
-# --- the errors --------------------------------------------------------------------------------
-
-
-def test_errors_are_drawn_in_metres_and_degrees() -> None:
-    panels = panels_of({"ekf": estimate([0.1, -0.2, np.radians(2)])})
+def test_errors_are_drawn_in_metres_and_degrees_with_the_first_band_filled():
+    panels = panels_of({"riekf": estimate([0.1, -0.2, np.radians(2)]), "ekf": estimate(), "causal": estimate()})
     for panel, error, bound in zip(panels, [0.1, -0.2, 2.0], [0.6, 0.3, np.degrees(0.06)], strict=True):
-        assert curve(panel, "ekf")[:, 0] == pytest.approx(RECORDING.stamps)
-        assert curve(panel, "ekf")[:, 1] == pytest.approx(np.full(STEPS + 1, error))
-        drawn = [np.asarray(line.get_ydata())[-1] for line in panel.lines]
-        assert [min(drawn), max(drawn)] == pytest.approx([-bound, bound])
-        assert panel.get_ylim()[0] == -panel.get_ylim()[1]
-        assert panel.get_ylim()[1] >= bound
+        assert curve(panel, "riekf")[:, 0] == pytest.approx(RECORDING.stamps)
+        assert curve(panel, "riekf")[:, 1] == pytest.approx(np.full(STEPS + 1, error))
+        ends = [np.asarray(line.get_ydata())[-1] for line in panel.lines]
+        assert [min(ends), max(ends)] == pytest.approx([-bound, bound])
+        assert -panel.get_ylim()[0] == panel.get_ylim()[1] >= bound
+        assert len(panel.lines) == 3 * 3 + 1  # error and two bounds each, zero
     assert [panel.get_ylabel() for panel in panels] == ["x [m]", "y [m]", "heading [°]"]
-    assert panels[0].get_title() == "error and ±3σ"
-    assert panels[2].get_xlabel() == "time [s]; ticks: loop closures"
-
-
-def test_only_the_first_band_is_filled() -> None:
-    panels = panels_of({name: estimate([0, 0, 0]) for name in ("riekf", "ekf", "causal")})
+    assert (panels[0].get_title(), panels[2].get_xlabel()) == ("error and ±3σ", "time [s]; ticks: loop closures")
     (filled,) = (each for each in panels[0].collections if not isinstance(each, LineCollection))
     assert to_hex(np.asarray(filled.get_facecolor())[0]) == STYLES["riekf"].color.lower()
-    assert len(panels[0].lines) == 3 * 3 + 1  # error and two bounds each, zero
 
 
-def test_errors_of_dead_reckoning_are_drawn_only_without_other_estimates() -> None:
-    alone = panels_of({"dead-reckoning": DRIFTING})
-    assert labels(alone[0]) == ["dead-reckoning"]
-    both = panels_of({"dead-reckoning": DRIFTING, "ekf": estimate([0, 0, 0])})
-    assert labels(both[0]) == ["ekf"]
-    assert both[0].get_title() == "error and ±3σ (dead reckoning not drawn)"
+def test_errors_leave_out_dead_reckoning_and_ignore_a_diverged_estimate_and_name_both():
+    assert labels(panels_of({"dead-reckoning": DRIFTING})[0]) == ["dead-reckoning"]
+    both = panels_of({"dead-reckoning": DRIFTING, "ekf": estimate()})[0]
+    assert (labels(both), both.get_title()) == (["ekf"], "error and ±3σ (dead reckoning not drawn)")
+    near, lost = estimate([0.01, 0.0, 0.0]), estimate([40.0, 0.0, 0.0])
+    panel = panels_of({"near": near, "lost": lost, "too": near})[0]
+    assert panel.get_title() == "error and ±3σ (lost exceeds the axes)"
+    assert panel.get_ylim() == pytest.approx((-0.66, 0.66))  # 3 sigma are 0.6 m
 
 
-@pytest.mark.parametrize(("best", "others"), [("batch", ["ekf", "causal"]), ("causal", ["ekf"])])
-def test_without_truth_differences_to_the_optimum_are_drawn(best: str, others: list[str]) -> None:
-    estimates = {name: estimate([0.3, 0, 0]) for name in others} | {best: estimate([0.1, 0, 0])}
-    panels = panels_of(estimates, truth=None)
-    assert labels(panels[0]) == others
-    assert curve(panels[0], "ekf")[:, 1] == pytest.approx(np.full(STEPS + 1, 0.2))
-    assert panels[0].get_title() == f"difference to {best} and ±3σ"
+@pytest.mark.parametrize(
+    ("best", "shown", "error", "title"),
+    [
+        ("batch", ["ekf", "causal"], 0.2, "difference to batch and ±3σ"),
+        ("causal", ["ekf"], 0.2, "difference to causal and ±3σ"),
+        ("riekf", ["ekf", "riekf"], np.nan, "±3σ only: no truth, no optimum"),
+    ],
+)
+def test_without_truth_differences_to_the_optimum_or_only_bounds_are_drawn(
+    best: str, shown: list[str], error: float, title: str
+):
+    estimates = {name: estimate([0.3, 0, 0]) for name in shown} | {best: estimate([0.1, 0, 0])}
+    panel = panels_of(estimates, truth=None)[0]
+    assert (labels(panel), panel.get_title()) == (shown, title)
+    assert curve(panel, "ekf")[:, 1] == pytest.approx(np.full(STEPS + 1, error), nan_ok=True)
 
 
-def test_without_truth_and_optimum_only_bounds_are_drawn() -> None:
-    panels = panels_of({"ekf": estimate([0, 0, 0])}, truth=None)
-    assert np.isnan(curve(panels[0], "ekf")[:, 1]).all()
-    assert panels[0].get_title() == "±3σ only: no truth, no optimum"
-
-
-def test_an_optimum_in_doubt_is_named_and_marked(tmp_path: Path, drawn: dict[str, Figure]) -> None:
+def test_an_optimum_in_doubt_is_named_and_marked(tmp_path: Path, drawn: dict[str, Figure]):
     for check, is_marked in ((0.01, False), (0.31, True)):
-        optimum = estimate([0, 0, 0], optimum_check=check)
-        save_figure(tmp_path, None, RECORDING, {"causal": optimum, "ekf": estimate([0.1, 0, 0])}, "a title")
+        estimates = {"causal": estimate(optimum_check=check), "ekf": estimate([0.1, 0, 0])}
+        save_figure(tmp_path, None, RECORDING, estimates, "a title")
         title, panel = drawn["figure"].get_suptitle(), drawn["figure"].axes[1].get_title()
         assert ("causal is 0.31 sigma from the optimum at a checked step" in title) == is_marked
         assert ("difference to causal? and" in panel) == is_marked
 
 
-# --- the files ---------------------------------------------------------------------------------
-
-
-def test_files_of_the_figure_are_reproducible_and_names_with_dollars_are_not_formulas(tmp_path: Path) -> None:
+def test_files_of_the_figure_are_reproducible_and_names_with_dollars_are_not_formulas(tmp_path: Path):
     estimates = {"ekf": estimate([0.1, 0, 0]), r"$\frac$": estimate([0, 0.1, 0])}
     written: list[tuple[bytes, bytes]] = []
     for name in ("one", "other"):
@@ -254,10 +212,10 @@ def test_files_of_the_figure_are_reproducible_and_names_with_dollars_are_not_for
     assert b">cost $\\frac$ of $</text>" in svg
 
 
-def test_only_some_of_many_loop_closures_are_marked() -> None:
+def test_only_some_of_many_loop_closures_are_marked():
     """Steps of 10 s and one landmark that is observed at every second step."""
     steps = np.arange(0, STEPS, 2)
-    recording = dataclasses.replace(
+    recording = replace(
         RECORDING,
         stamps=np.linspace(0.0, 10.0 * STEPS, STEPS + 1),
         observation_step=steps,
@@ -265,15 +223,8 @@ def test_only_some_of_many_loop_closures_are_marked() -> None:
         observation_cov=np.tile(0.01 * np.eye(2), (len(steps), 1, 1)),
         landmark=np.zeros_like(steps),
     )
-    panels = panels_of({"ekf": estimate([0, 0, 0])}, recording=recording)
+    panels = panels_of({"ekf": estimate()}, recording=recording)
     ticks = [each for each in panels[0].collections if isinstance(each, LineCollection)]
     assert [len(each.get_segments()) for each in ticks] == [50]  # every second one of 99
     assert panels[2].get_xlabel() == "time [s]; ticks: 1 in 2 loop closures"
     assert "1 in 2 loop closures" in labels(map_of({}, recording=recording))
-
-
-def test_error_panels_ignore_a_diverged_estimate_and_name_it():
-    near, lost = estimate([0.01, 0.0, 0.0]), estimate([40.0, 0.0, 0.0])
-    panels = panels_of({"near": near, "lost": lost, "too": near})
-    assert panels[0].get_title() == "error and ±3σ (lost exceeds the axes)"
-    assert panels[0].get_ylim() == pytest.approx((-0.66, 0.66))  # 3 sigma are 0.6 m

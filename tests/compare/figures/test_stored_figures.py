@@ -1,8 +1,7 @@
-"""Figures drawn again from stored results: width, formats, choice of estimators, limits and style."""
+"""Figures of stored results: width, formats, choice of estimators, limits and style."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -23,8 +22,8 @@ from tests.reference.result_folders import WRITE
 
 pytestmark = pytest.mark.slow
 
-DRAWN = {"run": {"figure", "rays"}, "study": {"nees", "nis", "rmse", "errors", "ratios"}}
 KINDS = ("run", "study", "sweep", "budget", "noise", "bench")
+NAMES = {"figure", "rays", "nees", "nis", "rmse", "errors", "ratios", "sweep", "budget", "noise", "bench"}
 
 
 @pytest.fixture(scope="module")
@@ -37,12 +36,15 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize("width", INCHES)
-def test_nothing_is_cropped(results: Path, drawn: dict[str, Figure], width: Width):
+def test_nothing_is_cropped_and_logarithmic_axes_have_few_and_plain_labels(
+    results: Path, drawn: dict[str, Figure], width: Width
+):
     with printed_on(Sheet(width)):
         for kind in KINDS:
             for draw in drawings_of(results / kind).values():
                 draw(results)
-    assert set(drawn) == {*DRAWN["run"], *DRAWN["study"], "sweep", "budget", "noise", "bench"}
+    assert set(drawn) == NAMES
+    scales = 0
     for name, figure in drawn.items():
         figure.dpi = 72
         figure.draw_without_rendering()
@@ -50,6 +52,14 @@ def test_nothing_is_cropped(results: Path, drawn: dict[str, Figure], width: Widt
         assert inches == INCHES[width]
         beyond = np.round([-box.x0, box.x1 - inches, -box.y0, box.y1 - height], 3)
         assert (name, (beyond < 0.02).all()) == (name, True), beyond
+        for axis in (axis for axes in figure.axes for axis in (axes.xaxis, axes.yaxis) if axis.get_scale() == "log"):
+            low, high = sorted(axis.get_view_interval())
+            ticks = [tick for tick in axis.get_majorticklocs() if low <= tick <= high]
+            assert 1 <= len(ticks) <= 9
+            assert not [text for text in axis.get_ticklabels(minor=True) if text.get_text()]
+            assert not any("$" in axis.get_major_formatter()(tick) for tick in ticks)
+            scales += 1
+    assert scales >= 4
 
 
 def labels(figure: Figure) -> set[str]:
@@ -59,34 +69,30 @@ def labels(figure: Figure) -> set[str]:
 def test_export_draws_the_chosen_estimators(results: Path, tmp_path: Path, drawn: dict[str, Figure]):
     words = ("export", "svg", str(results / "run"), "--out", str(tmp_path / "out"))
     assert main([*words, "--estimators", "causal,ekf"]) == 0
-    assert set(drawn) == DRAWN["run"]
+    assert set(drawn) == {"figure", "rays"}
     panel = drawn["figure"].axes[1]
     assert labels(drawn["figure"]) >= {"ekf", "causal"}
     (filled,) = (each for each in panel.collections if not isinstance(each, LineCollection))
     assert to_hex(np.asarray(filled.get_facecolor())[0]) == "#cc9900"  # the bounds of the first
-    for folder, name, expected in (
-        ("sweep", "sweep", {"ekf"}),
-        ("bench", "bench", {"ekf"}),
-        ("study", "nees", {"ekf", "99.9% band"}),
-    ):
-        drawings_of(results / folder, ["ekf"])[name](tmp_path)
-        assert labels(drawn[name]) == expected
+    for kind, name, more in (("sweep", "sweep", []), ("bench", "bench", []), ("study", "nees", ["99.9% band"])):
+        drawings_of(results / kind, ["ekf"])[name](tmp_path)
+        assert labels(drawn[name]) == {"ekf", *more}
 
 
 def test_numbers_of_the_study_are_drawn(results: Path, tmp_path: Path, drawn: dict[str, Figure]):
-    study = load_study(results / "study")
     for draw in drawings_of(results / "study").values():
         draw(tmp_path)
-    runs = study.runs["ekf"]
+    series = load_study(results / "study").runs["ekf"].series
     nees = next(line for line in drawn["nees"].axes[0].lines if line.get_label() == "ekf")
-    np.testing.assert_allclose(np.asarray(nees.get_ydata()), runs.series["nees_pose"].mean(axis=0))
+    np.testing.assert_allclose(np.asarray(nees.get_ydata()), series["nees_pose"].mean(axis=0))
     panel = drawn["errors"].axes[0]
     (errors,) = (each for each in panel.collections if isinstance(each, LineCollection))
-    drawn_errors = np.array([segment[:, 1] for segment in errors.get_segments()])
-    np.testing.assert_allclose(drawn_errors, runs.series["error_x"])
+    np.testing.assert_allclose([segment[:, 1] for segment in errors.get_segments()], series["error_x"])
     low, high = (np.asarray(line.get_ydata()) for line in panel.lines)
-    np.testing.assert_allclose(high, 3 * runs.series["sigma_x"].mean(axis=0))
-    np.testing.assert_allclose(low, -high)
+    np.testing.assert_allclose([high, -low], np.tile(3 * series["sigma_x"].mean(axis=0), (2, 1)))
+
+
+CHANGED = "written by another version, or changed by hand; run its command again"
 
 
 @pytest.mark.parametrize(
@@ -96,9 +102,9 @@ def test_numbers_of_the_study_are_drawn(results: Path, tmp_path: Path, drawn: di
         ("noise", "--estimators ekf", "noise.json has no estimators to choose"),
         ("budget", "--estimators ekf", "budget.json has no estimators to choose"),
         ("bench", "--estimators riekf", "riekf"),
-        ("damaged noise", "", "written by another version, or changed by hand; run its command again"),
-        ("damaged bench", "", "written by another version, or changed by hand; run its command again"),
-        ("damaged sweep", "", "written by another version, or changed by hand; run its command again"),
+        ("damaged noise", "", CHANGED),
+        ("damaged bench", "", CHANGED),
+        ("damaged sweep", "", CHANGED),
         ("", "", "contains no run, study, sweep, budget, noise or bench"),
     ],
 )
@@ -109,38 +115,25 @@ def test_refusals(
     if folder.startswith("damaged"):
         place = tmp_path
         (place / f"{folder.split()[1]}.json").write_text("{}")
-    out = ("--out", str(tmp_path / "out"))
-    assert main(["export", "pdf", str(place), *out, *options.split()]) == 2
+    assert main(["export", "pdf", str(place), "--out", str(tmp_path / "out"), *options.split()]) == 2
     assert message in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 
 
-def test_files_have_the_requested_format_and_no_date(results: Path, tmp_path: Path):
-    for form, begins in (("pdf", b"%PDF"), ("png", b"\x89PNG"), ("svg", b"<?xml")):
-        words = ("export", form, str(results / "budget"), "--width", "column")
-        for folder in ("one", "other"):
-            assert main([*words, "--out", str(tmp_path / form / folder)]) == 0
-        written = [(tmp_path / form / folder / f"budget.{form}").read_bytes() for folder in ("one", "other")]
-        assert written[0].startswith(begins)
-        assert written[0] == written[1]
-    assert b"/MediaBox [ 0 0 244.8 " in (tmp_path / "pdf/one/budget.pdf").read_bytes()  # 3.4 in, in points
+def test_files_have_the_requested_format_and_width_and_no_date(results: Path, tmp_path: Path):
+    for folder in ("one", "other"):
+        out = str(tmp_path / folder)
+        assert main(["export", "pdf", str(results / "budget"), "--width", "column", "--out", out]) == 0
+    one, other = ((tmp_path / folder / "budget.pdf").read_bytes() for folder in ("one", "other"))
+    assert one == other
+    assert one.startswith(b"%PDF") and b"/MediaBox [ 0 0 244.8 " in one  # 3.4 in, in points
 
 
-def test_axis_limits_ignore_a_diverged_estimator_and_name_it():
-    extents: Mapping[str, np.ndarray] = {
-        "a": np.array([1.0, 2.0]),
-        "b": np.array([2.0, 1.0]),
-        "c": np.array([1e6, 2.0]),
-    }
+def test_limits_ignore_a_diverged_estimator_and_name_it(results: Path, tmp_path: Path, drawn: dict[str, Figure]):
+    extents = {"a": np.array([1.0, 2.0]), "b": np.array([2.0, 1.0]), "c": np.array([1e6, 2.0])}
     heights, gone = robust_limits(extents)
-    assert heights.tolist() == [2.0, 2.0]
-    assert gone == ["c"]
+    assert (heights.tolist(), gone) == ([2.0, 2.0], ["c"])
     assert robust_limits({"exact": np.zeros(1), "too": np.zeros(1), "rounding": np.full(1, 1e-16)})[1] == []
-
-
-def test_a_diverged_filter_does_not_change_the_limits_of_study_figures(
-    results: Path, tmp_path: Path, drawn: dict[str, Figure]
-):
     study = load_study(results / "study")
     runs = study.runs["ekf"]
     wild = {key: 1e4 * rows if key.startswith(("error", "nees", "nis")) else rows for key, rows in runs.series.items()}
@@ -157,28 +150,9 @@ def test_a_diverged_filter_does_not_change_the_limits_of_study_figures(
     assert "ekf / hindsight, ekf / causal exceed the axes" in drawn["wild ratios"].axes[0].get_title()
 
 
-def test_logarithmic_axes_have_few_labels_and_plain_ones(results: Path, tmp_path: Path, drawn: dict[str, Figure]):
-    for kind in KINDS:
-        for draw in drawings_of(results / kind).values():
-            draw(tmp_path)
-    axes = [
-        each for figure in drawn.values() for each in figure.axes if "log" in (each.get_xscale(), each.get_yscale())
-    ]
-    assert len(axes) >= 4
-    for each in axes:
-        for axis, scale in ((each.xaxis, each.get_xscale()), (each.yaxis, each.get_yscale())):
-            if scale == "log":
-                low, high = sorted(axis.get_view_interval())
-                ticks = [tick for tick in axis.get_majorticklocs() if low <= tick <= high]
-                assert 1 <= len(ticks) <= 9
-                assert not [text for text in axis.get_ticklabels(minor=True) if text.get_text()]
-                assert not any("$" in axis.get_major_formatter()(tick) for tick in ticks)
-
-
 def test_users_can_load_the_style_by_its_name():
     with plt.style.context("slamgauge.paper"):
         assert mpl.rcParams["figure.figsize"] == [INCHES["column"], 2.4]
-        assert mpl.rcParams["pdf.fonttype"] == 42
-        assert mpl.rcParams["svg.fonttype"] == "none"
+        assert (mpl.rcParams["pdf.fonttype"], mpl.rcParams["svg.fonttype"]) == (42, "none")
         colours = [to_rgba(each["color"]) for each in mpl.rcParams["axes.prop_cycle"]]
         assert len({*colours}) == len(colours) == 8

@@ -147,42 +147,25 @@ def graded(folder: Path, out: Path) -> dict[str, dict[str, object]]:
     """Grade a class by the command; return its rows by submission."""
     scenario = out.with_name("little.toml")
     scenario.write_text(SCENARIO)
-    words = ["--scenario", str(scenario), "--runs", "2", "--seed", "7", "--timeout", "5", "--jobs", "2"]
-    command = [
-        sys.executable,
-        "-m",
-        "slamgauge",
-        "grade",
-        str(folder),
-        *words,
-        "--json",
-        "--no-report",
-        "--out",
-        str(out),
-    ]
+    words = ("--runs 2 --seed 7 --timeout 5 --jobs 2 --json --no-report --scenario", scenario, "--out", out)
+    command = [sys.executable, "-m", "slamgauge", "grade", str(folder), *" ".join(map(str, words)).split()]
     done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=500)
     assert done.stdout, done.stderr
     return {each["submission"]: each for each in json.loads(done.stdout)}
 
 
 def test_each_attack_has_its_reason_and_the_honest_grade_is_the_same(tmp_path: Path):
-    folder = tmp_path / "class"
-    folder.mkdir()
-    thesis = tmp_path / "thesis.txt"
-    thesis.write_text("years of work")
+    (folder := tmp_path / "class").mkdir()
+    (thesis := tmp_path / "thesis.txt").write_text("years of work")
     shutil.copy(EXAMPLES / "student_ekf.py", folder / "honest.py")
     alone = graded(folder, tmp_path / "alone")
     for name, (body, _) in ATTACKS.items():
-        (folder / f"{name}.py").write_text(
-            f"THESIS = {str(thesis)!r}\n{HEAD}    {body}\n    return Estimate('filtered', poses)\n"
-        )
+        source = f"THESIS = {str(thesis)!r}\n{HEAD}    {body}\n    return Estimate('filtered', poses)\n"
+        (folder / f"{name}.py").write_text(source)
     rows = graded(folder, tmp_path / "together")
     reasons = {name: str(rows[name]["reason"]) for name in ATTACKS}
-    assert not [
-        (name, reasons[name])
-        for name, (_, expected) in ATTACKS.items()
-        if expected not in reasons[name] or "\n" in reasons[name]
-    ]
+    missed = [name for name, (_, expected) in ATTACKS.items() if expected not in reasons[name] or "\n" in reasons[name]]
+    assert {name: reasons[name] for name in missed} == {}
     measured = {key: value for key, value in rows["honest"].items() if "seconds" not in key and key != "command"}
     assert measured == {key: value for key, value in alone["honest"].items() if key in measured}
     assert rows["honest"]["passed"]

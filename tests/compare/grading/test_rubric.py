@@ -16,30 +16,29 @@ pytestmark = pytest.mark.slow
 
 RUBRIC = load_rubric()
 PASSED = [Verdict(each.name, True, 0.0, each.bound, each.blame) for each in CHECKS]
-WEIGHTS = {"truth-recovered": 6.0, "standing-robot-in-noise": 0.0}
 
 
-def mark(ate: float = 1.0, nees: float | None = 1.0, other: float = 1.0, verdicts: list[Verdict] = PASSED) -> Mark:
+def mark(
+    ate: float = 1.0, nees: float | None = 1.0, other: float = 1.0, verdicts: list[Verdict] = PASSED, broken: str = ""
+) -> Mark:
     own = None if nees is None else Interval(nees, None, None)
-    return RUBRIC.mark(Interval(ate, None, None), own, Interval(other, None, None), verdicts)
+    return RUBRIC.mark(Interval(ate, None, None), own, Interval(other, None, None), verdicts, broken)
 
 
 def points_of(found: Mark) -> dict[str, tuple[float, float]]:
     return {each.name: (round(each.points, 3), round(each.most, 3)) for each in found.items if each.is_judged}
 
 
-def test_the_default_rubric_weighs_every_check_and_a_right_filter_has_all_points():
+def test_the_default_rubric_weighs_every_check_is_on_the_page_and_gives_a_right_filter_all_points():
     assert {*RUBRIC.checks} == {each.name for each in CHECKS}
     assert sum(RUBRIC.checks.values()) + RUBRIC.accuracy.weight + RUBRIC.consistency.weight == RUBRIC.total == 100
-    found = mark()
-    assert found.points == 100
-    assert points_of(found)["truth-recovered"] == (6.0, 6.0)
-    assert not {"standing-robot-in-noise", "standing-robot"} & {*points_of(found)}
-
-
-def test_checks_without_weight_run_only_if_a_weighted_check_presupposes_them():
+    assert mark().points == 100
+    assert points_of(mark())["truth-recovered"] == (6.0, 6.0)
+    assert not {"standing-robot-in-noise", "standing-robot"} & {*points_of(mark())}  # their weight is 0
     omitted = {each.name for each in CHECKS} - {each.name for each in RUBRIC.needed_checks}
-    assert omitted == {"standing-robot-in-noise"}
+    assert omitted == {"standing-robot-in-noise"}  # a weighted check presupposes the other
+    page = (Path(__file__).parents[3] / "docs/grading.md").read_text(encoding="utf-8")
+    assert f"```toml\n{DEFAULT_TEXT}```\n" in page
 
 
 @pytest.mark.parametrize(
@@ -66,32 +65,22 @@ def test_consistency_is_relative_to_the_reference_on_both_sides(nees: float | No
     assert points_of(mark(nees=nees, other=other))["consistency"] == (pytest.approx(points, abs=1e-3), 25.0)
 
 
-def test_checks_that_do_not_judge_leave_their_points_to_the_others():
+def test_checks_that_do_not_judge_leave_their_points_to_the_others_and_limits_of_the_method_have_all():
     half = [each if RUBRIC.checks[each.name] != 6.0 else replace(each, passed=None) for each in PASSED]
     found = mark(verdicts=half)
     assert found.points == 100
     assert points_of(found)["accuracy"] == (pytest.approx(25 * 100 / 82, abs=1e-3),) * 2
-    assert [each.name for each in found.items if not each.is_judged] == [
-        "truth-recovered",
-        "prediction-jacobian",
-        "cross-covariance",
-    ]
+    unjudged = ["truth-recovered", "prediction-jacobian", "cross-covariance"]
+    assert [each.name for each in found.items if not each.is_judged] == unjudged
     assert points_of(mark(ate=3.0, verdicts=[])) == {"accuracy": (0.0, 50.0), "consistency": (50.0, 50.0)}
-
-
-def test_a_failed_check_has_no_points_and_a_limit_of_the_method_has_all():
     changed = [replace(each, passed=each.name != "first-sight", limit_of_method=True) for each in PASSED]
     found = mark(verdicts=changed)
     assert (found.points, points_of(found)["first-sight"]) == (96.0, (0.0, 4.0))
-
-
-def test_a_submission_that_did_not_run_has_no_points_and_smoothed_poses_only_those_of_checks():
     assert (RUBRIC.nothing("crashed").points, RUBRIC.nothing("crashed").items[0].text) == (0.0, "crashed")
-    one = Interval(1.0, None, None)
-    assert RUBRIC.mark(one, one, one, PASSED, "its poses are smoothed").points == 50.0
+    assert mark(broken="its poses are smoothed").points == 50.0  # only those of checks
 
 
-def test_a_file_replaces_only_the_keys_that_it_has(tmp_path: Path):
+def test_a_file_replaces_only_the_keys_that_it_has_and_the_used_rubric_is_a_file(tmp_path: Path):
     path = tmp_path / "rubric.toml"
     path.write_text("total = 20\n[accuracy]\nzero = 3.0\n[checks]\ntime-step = 5\n")
     found = load_rubric(path)
@@ -102,7 +91,7 @@ def test_a_file_replaces_only_the_keys_that_it_has(tmp_path: Path):
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("totl = 3", "totl: unknown section; did you mean total?"),
         ("[accuracy]\nfull = 1.1\nweigth = 3", "accuracy.weigth: unknown key; did you mean weight?"),
@@ -117,15 +106,9 @@ def test_a_file_replaces_only_the_keys_that_it_has(tmp_path: Path):
         ("total = ", "not valid TOML"),
     ],
 )
-def test_mistakes_in_a_rubric_are_one_line(tmp_path: Path, text: str, said: str):
+def test_mistakes_in_a_rubric_are_one_line(tmp_path: Path, text: str, message: str):
     path = tmp_path / "rubric.toml"
     path.write_text(text)
     with pytest.raises(UserError) as caught:
         load_rubric(path)
-    line = str(caught.value)
-    assert line.startswith(f"{path}: ") and said in line and "\n" not in line
-
-
-def test_the_page_shows_the_default_rubric():
-    page = (Path(__file__).parents[3] / "docs/grading.md").read_text(encoding="utf-8")
-    assert f"```toml\n{DEFAULT_TEXT}```\n" in page
+    assert str(caught.value).startswith(f"{path}: ") and message in str(caught.value) and "\n" not in str(caught.value)

@@ -9,16 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from slamgauge import Recording, compare_estimators, load_estimators, load_scenario, simulate
+from slamgauge import compare_estimators, load_estimators, load_scenario, simulate
 from slamgauge.arrays import Float
 from slamgauge.compare.figures.maps import map_at
-from slamgauge.compare.report.page import looks
+from slamgauge.compare.report.page import KINDS, looks
 from slamgauge.compare.report.replay_data import frame_steps, replay_data, shown_observations
 from slamgauge.compare.storage.files import Results
 
 pytestmark = pytest.mark.slow
-
-KINDS = {"f4": "<f4", "i4": "<i4", "u2": "<u2", "u1": "u1"}
 
 
 def unpacked(packed: dict[str, Any]) -> Float:
@@ -42,7 +40,7 @@ def test_frames_are_evenly_spaced_from_the_first_step_to_the_last():
 
 
 @pytest.mark.parametrize("count", [201, 40, 2])
-def test_a_frame_has_the_last_scan_since_the_frame_before(results: Results, count: int):
+def test_a_frame_has_the_last_scan_since_the_frame_before_at_its_measured_places(results: Results, count: int):
     recording = results.recording
     shown = frame_steps(recording.steps, count)
     observations = shown_observations(recording, shown, 1.0)
@@ -53,45 +51,26 @@ def test_a_frame_has_the_last_scan_since_the_frame_before(results: Results, coun
         found = observations.observation[observations.start[frame] : observations.start[frame + 1]]
         np.testing.assert_array_equal(found, expected)
         before = step
+    ranges, bearings = recording.observation[observations.observation].T
+    np.testing.assert_allclose(observations.body.T, ranges * [np.cos(bearings), np.sin(bearings)], atol=1e-12)
+    none = shown_observations(recording.only(np.zeros(len(recording.observation), bool)), shown, 1.0)
+    assert (none.start.tolist(), none.body.shape) == ([0] * (len(shown) + 1), (0, 2))
 
 
-def test_observed_positions_agree_with_range_and_bearing(results: Results):
-    observations = shown_observations(results.recording, frame_steps(results.recording.steps, 50), 1.0)
-    seen = results.recording.observation[observations.observation]
-    np.testing.assert_allclose(np.hypot(*observations.body.T), seen[:, 0])
-    np.testing.assert_allclose(np.arctan2(observations.body[:, 1], observations.body[:, 0]), seen[:, 1], atol=1e-12)
-
-
-def test_a_recording_without_observations_has_none_to_show():
-    stamps = np.arange(4.0)
-    recording = Recording(
-        stamps=stamps,
-        prior_mean=np.zeros(3),
-        prior_cov=np.eye(3),
-        odometry=np.zeros((3, 3)),
-        odometry_cov=np.tile(np.eye(3), (3, 1, 1)),
-        sensor="range-bearing",
-        observation_step=np.zeros(0, np.int64),
-        observation=np.zeros((0, 2)),
-        observation_cov=np.zeros((0, 2, 2)),
-        landmark=None,
-    )
-    observations = shown_observations(recording, frame_steps(3, 10), 1.0)
-    assert observations.start.tolist() == [0] * 5
-    assert observations.body.shape == (0, 2)
-
-
-def test_maps_are_the_last_recorded_ones(results: Results):
+def test_maps_errors_and_nees_are_those_of_the_estimates(results: Results):
     data = replay_data(results, looks(results.estimates), 10_000_000)
+    assert results.truth is not None and results.truth.poses is not None
     for packed, estimate in zip(data["estimates"], results.estimates.values(), strict=True):
         rows = packed["rows"]
         map_of, start = unpacked(rows["mapAt"]), unpacked(rows["start"])
         places = unpacked(rows["place"]).reshape(-1, 2)
         for frame in range(0, results.recording.steps + 1, 7):
-            expected = map_at(estimate, frame).position
             at = int(map_of[frame])
             found = places[int(start[at]) : int(start[at + 1])] if at >= 0 else places[:0]
-            np.testing.assert_allclose(found, expected, rtol=1e-6)
+            np.testing.assert_allclose(found, map_at(estimate, frame).position, rtol=1e-6)
+        expected = np.linalg.norm(estimate.poses[:, :2] - results.truth.poses[:, :2], axis=1)
+        np.testing.assert_allclose(unpacked(packed["error"]), expected, rtol=1e-5, atol=1e-6)
+        assert np.isfinite(unpacked(packed["nees"])).any()
 
 
 def test_a_replay_has_as_many_frames_as_the_size_limit_allows(results: Results):
@@ -99,17 +78,6 @@ def test_a_replay_has_as_many_frames_as_the_size_limit_allows(results: Results):
     assert len(unpacked(whole["step"])) == results.recording.steps + 1
     room = len(json.dumps(whole)) // 2
     half = replay_data(results, looks(results.estimates), room)
-    assert len(json.dumps(half)) <= room
     steps = unpacked(half["step"])
-    assert 30 <= len(steps) < results.recording.steps + 1
+    assert len(json.dumps(half)) <= room and 30 <= len(steps) < results.recording.steps + 1
     assert (steps[0], steps[-1]) == (0, results.recording.steps)
-
-
-def test_errors_and_nees_are_those_of_the_scores(results: Results):
-    data = replay_data(results, looks(results.estimates), 10_000_000)
-    assert results.truth is not None
-    assert results.truth.poses is not None
-    for packed, estimate in zip(data["estimates"], results.estimates.values(), strict=True):
-        expected = np.linalg.norm(estimate.poses[:, :2] - results.truth.poses[:, :2], axis=1)
-        np.testing.assert_allclose(unpacked(packed["error"]), expected, rtol=1e-5, atol=1e-6)
-        assert np.isfinite(unpacked(packed["nees"])).any()

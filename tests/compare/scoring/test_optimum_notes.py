@@ -14,13 +14,7 @@ from slamgauge import compare_estimators, load_estimators, load_scenario, simula
 from slamgauge.compare.scoring.comparison import Comparison, metrics, notes, table
 from slamgauge.compare.scoring.consistency import chi2_band
 from slamgauge.compare.scoring.intervals import Interval, ratio_interval
-from slamgauge.compare.scoring.optimum_notes import (
-    MARK,
-    beats_the_optimum,
-    fit_of_the_model,
-    left_out,
-    mean_fit,
-)
+from slamgauge.compare.scoring.optimum_notes import MARK, beats_the_optimum, fit_of_the_model, mean_fit
 from slamgauge.compare.scoring.runs import CHECK_LIMIT
 from slamgauge.compare.scoring.scores import evaluate
 from slamgauge.estimate import Estimate
@@ -31,14 +25,15 @@ from tests.reference.given import given
 FILTER = examples.estimate(association=[4, 4, 9], poses=np.full((3, 3), 0.2))
 CAUSAL = examples.estimate(association=[4, 4, 9], poses=np.full((3, 3), 0.1), nis=None, nis_dof=None)
 BATCH = replace(CAUSAL, kind="smoothed")
-MARKED = "figures relative to it are marked ?"
+BEARINGS = examples.recording(
+    sensor="bearing", observation=np.zeros((3, 1)), observation_cov=np.tile(np.eye(1), (3, 1, 1))
+)
+FIT, MARKED = "fit of the model: chi2/dof of the", "figures relative to it are marked ?"
 
 
-def compared(
-    causal: Estimate = CAUSAL, batch: Estimate | None = BATCH, recording: Recording | None = None
-) -> Comparison:
+def compared(causal: Estimate = CAUSAL, batch: Estimate | None = BATCH, log: Recording | None = None) -> Comparison:
     """Return the comparison of a filter and its optima, as `compare_estimators` does."""
-    recording, truth = recording or examples.recording(), examples.truth()
+    recording, truth = log or examples.recording(), examples.truth()
     estimates = {"ekf": FILTER, "causal": causal} | ({} if batch is None else {"batch": batch})
     scores = {
         name: evaluate(truth, recording, each, batch if each.kind == "smoothed" else causal, batch)
@@ -57,22 +52,19 @@ def said_on_optima(comparison: Comparison) -> list[str]:
 
 def test_metrics_have_the_quality_of_an_optimum():
     causal = replace(CAUSAL, chi_square=6.0, chi_square_dof=4, optimum_check=0.31, association=np.array([4, -1, 9]))
-    batch = replace(BATCH, chi_square=8.0, chi_square_dof=4, association=np.array([-1, -1, 9]))
+    batch = replace(BATCH, chi_square=8.0, chi_square_dof=4)
     found = metrics(compared(causal, batch), None, None)["estimators"]
-    keys = ("optimum_check_sigma", "chi_square_per_dof")
-    assert [found["causal"][key] for key in keys] == [0.31, 1.5]
-    assert [found["batch"][key] for key in keys] == [None, 2.0]
-    assert [found["ekf"][key] for key in keys] == [None, None]
-    assert [found[name]["yardstick_check_sigma"] for name in ("ekf", "causal", "batch")] == [0.31, 0.31, None]
+    keys = ("optimum_check_sigma", "chi_square_per_dof", "yardstick_check_sigma")
+    quality = {name: [found[name][key] for key in keys] for name in found}
+    assert quality == {"ekf": [None, None, 0.31], "causal": [0.31, 1.5, 0.31], "batch": [None, 2.0, None]}
 
 
 def test_an_infinite_check_is_the_largest_double_in_json():
-    comparison = compared(replace(CAUSAL, optimum_check=math.inf))
+    comparison = compared(replace(CAUSAL, optimum_check=math.inf, chi_square=0.0, chi_square_dof=0))
+    found = json.loads(json.dumps(metrics(comparison, None, None), allow_nan=False))["estimators"]
     assert comparison.scores["causal"]["optimum_check_sigma"] == math.inf
-    text = json.dumps(metrics(comparison, None, None), allow_nan=False)
-    found = json.loads(text)["estimators"]
-    assert found["causal"]["optimum_check_sigma"] == sys.float_info.max > CHECK_LIMIT
-    assert found["ekf"]["yardstick_check_sigma"] == sys.float_info.max
+    assert found["causal"]["optimum_check_sigma"] == found["ekf"]["yardstick_check_sigma"] == sys.float_info.max
+    assert found["causal"]["chi_square_per_dof"] is None  # no degree of freedom
 
 
 # --- the fit of the model ------------------------------------------------------------------------
@@ -85,10 +77,11 @@ def fit(figure: float, dof: int = 14549) -> str | None:
 def test_the_fit_names_the_optimum_its_degrees_of_freedom_and_the_band():
     low, high = (bound / 14549 for bound in chi2_band(0.95, 14549))
     band = f"(14549 degrees of freedom, 95 % band {low:.3f} to {high:.3f})"
-    head = "fit of the model: chi2/dof of the hindsight optimum"
-    assert fit(1.02) == f"{head} 1.020 {band}"
-    assert fit(1.1) == f"{head} 1.100 {band}, above it: the stated noise is too small, or there are outliers"
-    assert fit(0.1) == f"{head} 0.100 {band}, below it: the stated noise is too large"
+    assert fit(1.02) == f"{FIT} hindsight optimum 1.020 {band}"
+    assert given(fit(1.1)).endswith(f" 1.100 {band}, above it: the stated noise is too small, or there are outliers")
+    assert given(fit(0.1)).endswith(f" 0.100 {band}, below it: the stated noise is too large")
+    assert fit_of_the_model("x", BATCH) is None and fit(1.0, 0) is None and mean_fit("x", None) is None
+    assert mean_fit("x", Interval(1.0, 0.9, 1.1)) == f"{FIT} x 1.000 ± 0.100"
 
 
 @pytest.mark.parametrize("dof", [1, 2, 17, 300, 10**4, 10**6])
@@ -100,53 +93,35 @@ def test_the_band_of_the_fit_never_rounds_to_a_point(dof: int):
     assert said.endswith(")")
 
 
-def test_without_residuals_there_is_no_fit():
-    assert fit_of_the_model("x", BATCH) is None
-    assert fit(1.0, 0) is None
-    scores = compared(replace(CAUSAL, chi_square=0.0, chi_square_dof=0)).scores
-    assert scores["causal"]["chi_square_per_dof"] is None
-    assert mean_fit("x", None) is None
-    assert mean_fit("x", Interval(1.0, 0.9, 1.1)) == "fit of the model: chi2/dof of the x 1.000 ± 0.100"
+# --- notes and marks -----------------------------------------------------------------------------
+
+LESS = replace(BATCH, association=np.array([-1, -1, 9]))
+FITTED = replace(CAUSAL, chi_square=6.0, chi_square_dof=4), replace(BATCH, chi_square=5.0, chi_square_dof=4)
 
 
-def test_the_fit_is_that_of_the_hindsight_optimum_or_else_of_the_causal_one():
-    causal = replace(CAUSAL, chi_square=6.0, chi_square_dof=4)
-    batch = replace(BATCH, chi_square=5.0, chi_square_dof=4)
-    assert said_on_optima(compared(causal, batch))[0].startswith(
-        "fit of the model: chi2/dof of the hindsight optimum 1.25 (4 "
-    )
-    assert said_on_optima(compared(causal, None))[0].startswith(
-        "fit of the model: chi2/dof of the causal optimum 1.50 (4 "
-    )
-
-
-# --- observations left out -----------------------------------------------------------------------
-
-
-def test_observations_left_out_are_counted():
-    bearings = examples.recording(
-        sensor="bearing", observation=np.zeros((3, 1)), observation_cov=np.tile(np.eye(1), (3, 1, 1))
-    )
-    less = replace(BATCH, association=np.array([-1, -1, 9]))
-    said = "batch leaves out 2 observations"
-    assert said_on_optima(compared(CAUSAL, less, recording=bearings)) == [f"{said} that bearings do not determine"]
-    assert left_out("batch", None, examples.recording(), less) == said
-    one = replace(CAUSAL, association=np.array([4, -1, 9]))
-    assert left_out("batch", None, bearings, one) == "batch leaves out 1 observation that bearings do not determine"
-
-
-def test_an_optimum_that_uses_all_has_no_note():
-    assert said_on_optima(compared()) == []
-
-
-# --- an optimum in doubt -------------------------------------------------------------------------
-
-
-def cells(comparison: Comparison, title: str) -> dict[str, str]:
-    """Return the cells under a title by estimator; figures end under the end of their title, or at a mark."""
-    lines = str(table(comparison)).splitlines()
-    end = lines[0].index(title) + len(title)
-    return {line.split()[0]: line[:end].split("  ")[-1].strip() for line in lines[1 : 1 + len(comparison.scores)]}
+@pytest.mark.parametrize(
+    ("comparison", "said"),
+    [
+        (compared(), []),
+        (compared(*FITTED), [f"{FIT} hindsight optimum 1.25 (4 "]),
+        (compared(FITTED[0], None), [f"{FIT} causal optimum 1.50 (4 "]),
+        (compared(batch=LESS), ["batch leaves out 2 observations"]),
+        (compared(batch=LESS, log=BEARINGS), ["batch leaves out 2 observations that bearings do not determine"]),
+        (compared(replace(CAUSAL, optimum_check=CHECK_LIMIT)), []),
+        (
+            compared(replace(CAUSAL, optimum_check=0.312)),
+            [f"causal is 0.31 sigma from the optimum at a checked step: {MARKED}"],
+        ),
+        (
+            compared(replace(CAUSAL, optimum_check=math.inf)),
+            [f"the optimum of some steps of causal, or that of the whole recording, was not found: {MARKED}"],
+        ),
+    ],
+)
+def test_notes_on_the_optima(comparison: Comparison, said: list[str]):
+    found = said_on_optima(comparison)
+    assert len(found) == len(said)
+    assert all(line.startswith(begin) for line, begin in zip(found, said, strict=True))
 
 
 @pytest.mark.parametrize("title", ["x optimum", "Mahalanobis distance² to the optimum"])
@@ -157,26 +132,17 @@ def test_figures_relative_to_an_optimum_in_doubt_are_marked(title: str):
     assert marked == {name: cell + MARK * (name != "batch") for name, cell in plain.items()}
 
 
-@pytest.mark.parametrize(
-    ("check", "said"),
-    [
-        (None, []),
-        (CHECK_LIMIT, []),
-        (0.312, [f"causal is 0.31 sigma from the optimum at a checked step: {MARKED}"]),
-        (math.inf, [f"the optimum of some steps of causal, or that of the whole recording, was not found: {MARKED}"]),
-    ],
-)
-def test_a_note_has_the_reason_of_marks(check: float | None, said: list[str]):
-    assert said_on_optima(compared(replace(CAUSAL, optimum_check=check))) == said
+def cells(comparison: Comparison, title: str) -> dict[str, str]:
+    """Return the cells under a title by estimator; figures end under the end of their title, or at a mark."""
+    lines = str(table(comparison)).splitlines()
+    end = lines[0].index(title) + len(title)
+    return {line.split()[0]: line[:end].split("  ")[-1].strip() for line in lines[1 : 1 + len(comparison.scores)]}
 
 
 def test_a_graph_with_a_filters_associations_is_named_and_marks_nothing():
     comparison = compared()
     comparison.estimates["causal@ekf"] = replace(CAUSAL, optimum_check=2.0)
     assert said_on_optima(comparison) == ["causal@ekf is 2 sigma from the optimum at a checked step"]
-
-
-# --- estimates that are better -------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -189,7 +155,7 @@ def test_a_graph_with_a_filters_associations_is_named_and_marks_nothing():
         (None, 20, False),
     ],
 )
-def test_ratios_over_runs(ratio: Interval | None, runs: int, is_reported: bool):
+def test_ratios_over_runs_that_are_significantly_below_1(ratio: Interval | None, runs: int, is_reported: bool):
     note = beats_the_optimum(ratio, runs)
     assert (note is not None) == is_reported
     if note:

@@ -13,7 +13,7 @@ from numpy.testing import assert_allclose
 
 from slamgauge.arrays import Float
 from slamgauge.compare.cli.main import main
-from slamgauge.compare.estimators.stored_trajectory import load_stored, stored_estimate
+from slamgauge.compare.estimators.stored_trajectory import stored_estimate
 from slamgauge.compare.scoring.own_stamps import optimum_at, rigid_transform, truth_at
 from slamgauge.compare.storage.csv_folder import POSE, POSE_COV, write_rows
 from slamgauge.compare.storage.files import save
@@ -22,7 +22,7 @@ from slamgauge.ekf import ekf_slam
 from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline import causal
 from slamgauge.recording import Recording
-from slamgauge.se2 import between, chain, compose, pose_rotation
+from slamgauge.se2 import between, compose, pose_rotation
 from slamgauge.truth import Truth
 from tests.reference.given import given
 from tests.reference.random_recordings import random_recording
@@ -76,16 +76,6 @@ def test_a_perfect_trajectory_on_an_arc_has_no_error_at_stamps_between_the_steps
     assert_allclose(found.estimate.poses[inside], given(truth.poses)[inside], atol=1e-12)
 
 
-@pytest.mark.parametrize("every", [7, 20])
-def test_keyframes_have_the_scores_of_their_poses(every: int) -> None:
-    truth, recording = on_the_arc()
-    found = stored_estimate(Trajectory("mine", STAMPS[::every], arc(STAMPS[::every]) + 0.1), recording, max_gap=5.0)
-    own = given(found.own)
-    assert own.compared.nonzero()[0].tolist() == list(range(0, 41, every))
-    reference = given(truth_at(own.stamps, truth, recording))
-    assert np.isnan(given(reference.poses)).all(axis=1).sum() == 41 - len(range(0, 41, every))
-
-
 def test_a_filtered_optimum_between_steps_follows_the_odometry() -> None:
     optimum = causal(RECORDING)
     assert optimum_at(STAMPS, optimum, RECORDING) == optimum
@@ -125,39 +115,37 @@ def test_formats_thinned_offset_and_turned(run_folder: Path, capsys: pytest.Capt
 
 def test_body_frame_and_alignment(run_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     estimate, covs = filtered()
-    turns = pose_rotation(estimate.poses[:, 2])
-    body = np.einsum("nji,njk,nkl->nil", turns, covs, turns)
-    write_tum(run_folder / "body.tum", STAMPS, estimate.poses, body)
-    save(run_folder / "whole.npz", estimate)
-    words = ("--estimates", f"body={run_folder / 'body.tum'}", "--covariance-frame", "body")
-    whole = scores(run_folder, capsys, "--estimates", f"whole={run_folder / 'whole.npz'}")["whole"]
-    assert scores(run_folder, capsys, *words)["body"]["nees_pose"] == pytest.approx(whole["nees_pose"], rel=1e-9)
-    transform = np.array([5.0, -3.0, 0.7])
+    turns, transform = pose_rotation(estimate.poses[:, 2]), np.array([5.0, -3.0, 0.7])
     turn = pose_rotation(transform[2])
-    moved = replace(estimate, poses=compose(transform, estimate.poses), pose_covs=turn @ covs @ turn.T)
-    write_tum(run_folder / "moved.tum", STAMPS, moved.poses, moved.pose_covs)
-    found = scores(run_folder, capsys, "--estimates", f"m={run_folder / 'moved.tum'}", "--align", "se2")
+    save(run_folder / "whole.npz", estimate)
+    write_tum(run_folder / "body.tum", STAMPS, estimate.poses, turns.swapaxes(1, 2) @ covs @ turns)
+    write_tum(run_folder / "moved.tum", STAMPS, compose(transform, estimate.poses), turn @ covs @ turn.T)
+
+    def scored(name: str, *words: str) -> dict[str, dict[str, float]]:
+        return scores(run_folder, capsys, "--estimates", f"m={run_folder / name}", *words)
+
+    whole, again = scored("whole.npz")["m"], scored("whole.npz", "--align", "se2")["m-aligned"]
+    body = scored("body.tum", "--covariance-frame", "body")["m"]
+    assert body["nees_pose"] == pytest.approx(whole["nees_pose"], rel=1e-9)
+    found = scored("moved.tum", "--align", "se2")
     assert found["m"]["ate_m"] > 3.0
     assert found["m-aligned"]["ate_m"] <= whole["ate_m"]
-    again = scores(run_folder, capsys, "--estimates", f"w={run_folder / 'whole.npz'}", "--align", "se2")["w-aligned"]
     for key in ("ate_m", "nees_pose"):
         assert found["m-aligned"][key] == pytest.approx(again[key], rel=1e-9)
 
 
-def test_covariances_of_another_frame_are_warned_of(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_covariances_of_another_frame_are_warned_of(run_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A narrow ellipse along the heading, as the sampled errors of a robot on a circle are."""
     truth, recording = on_the_arc()
-    rng = np.random.default_rng(0)
-    errors = rng.normal(0.0, [0.5, 0.02, 0.02], (41, 3))
-    poses = compose(given(truth.poses), errors)
-    write_tum(tmp_path / "body.tum", STAMPS, poses, np.tile(np.diag([0.25, 4e-4, 4e-4]), (41, 1, 1)))
-    save(tmp_path / "recording.npz", recording)
-    save(tmp_path / "truth.npz", truth)
-    words = ["evaluate", str(tmp_path / "recording.npz"), "--estimators", "dead-reckoning", "--estimates"]
-    assert main([*words, f"warned={tmp_path / 'body.tum'}"]) == 0
-    assert "covariances are in the body frame" in capsys.readouterr().err
-    assert main([*words, f"right={tmp_path / 'body.tum'}", "--covariance-frame", "body"]) == 0
-    assert "covariances are in the body frame" not in capsys.readouterr().err
+    errors = np.random.default_rng(0).normal(0.0, [0.5, 0.02, 0.02], (41, 3))
+    covs = np.tile(np.diag([0.25, 4e-4, 4e-4]), (41, 1, 1))
+    write_tum(run_folder / "body.tum", STAMPS, compose(given(truth.poses), errors), covs)
+    save(run_folder / "recording.npz", recording)
+    save(run_folder / "truth.npz", truth)
+    words = ["evaluate", str(run_folder / "recording.npz"), "--estimators", "dead-reckoning", "--estimates"]
+    for more, is_warned in (([], True), (["--covariance-frame", "body"], False)):
+        assert main([*words, f"mine={run_folder / 'body.tum'}", *more]) == 0
+        assert ("covariances are in the body frame" in capsys.readouterr().err) == is_warned
 
 
 def test_the_rigid_transform_is_that_of_evo() -> None:
@@ -201,21 +189,12 @@ def test_a_truth_without_headings_gives_position_errors_and_position_nees(
 
 def test_options_that_do_not_fit(run_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     save(run_folder / "e.npz", filtered()[0])
-    words = ["evaluate", str(run_folder / "recording.npz"), "--estimators", "ekf", "--estimates"]
-    words.append(f"e={run_folder / 'e.npz'}")
+    (run_folder / "truth.npz").unlink()
+    words = ["evaluate", str(run_folder / "recording.npz"), "--estimates", f"e={run_folder / 'e.npz'}"]
     for more, message in (
         (["--max-gap", "0"], "max-gap: 0 s is not above 0; give seconds > 0"),
         (["--time-offset", "nan"], "time-offset: nan is not a time"),
+        (["--align", "se2"], "align: se2 needs true positions"),
     ):
         assert main([*words, *more]) == 2
         assert message in capsys.readouterr().err
-    (run_folder / "truth.npz").unlink()
-    assert main([*words, "--align", "se2"]) == 2
-    assert "align: se2 needs true positions" in capsys.readouterr().err
-
-
-def test_load_stored_with_the_odometry_of_a_still_robot(tmp_path: Path) -> None:
-    still = replace(RECORDING, odometry=np.zeros((40, 3)))
-    write_tum(tmp_path / "e.tum", STAMPS[[0, -1]], chain(np.zeros(3), np.array([[1.0, 0.0, 0.0]])))
-    found = load_stored(tmp_path / "e.tum", still, max_gap=10.0).estimate.poses
-    assert_allclose(found[:, 0], np.linspace(0.0, 1.0, 41), atol=1e-12)

@@ -11,6 +11,10 @@ from slamgauge.compare.scoring.table import Head, Table, cell, interval_cell
 from slamgauge.compare.scoring.text_page import Page, Tone
 
 ROWS = [["estimator", "ATE [m]", "NEES"], ["ekf", "1.25", "3.1"], ["mine", "0.5", "failed"]]
+CLAIMS = [["no", "claim", "verdict"], ["1", "a gate that is too small maps more than there is", "holds"]]
+NOISE = [["noise", "verdict", "more"], ["forward", "any value below that of the log", "x" * 40]]
+NAMES = [["estimator", "ATE [m]"], ["a_name_of_many_characters/and_more:of_them", "1.0"], ["b", "2.0"]]
+RUNGS = [["rung", "adds", "for"], ["causal", "0.5", "for knowing only the past"]]
 
 
 def table(rows: list[list[str]], words: Collection[int] = (0,), wraps: int | None = None, **names: str) -> Table:
@@ -22,88 +26,73 @@ def table(rows: list[list[str]], words: Collection[int] = (0,), wraps: int | Non
     return Table.of(heads, rows[1:])
 
 
-FIGURES = table(ROWS)
-CLAIMS = [["no", "claim", "verdict"], ["1", "a gate that is too small maps more than there is", "holds"]]
-SENTENCES = table(CLAIMS, range(3), 1)
-
-
 def toned(text: str, tone: Tone) -> str:
     return text if tone == "plain" else f"<{tone}>{text}</{tone}>"
 
 
 def test_a_page_without_a_width_is_complete():
-    page = Page((FIGURES, "", "a line that is longer than the table under which it stands"))
-    assert str(page).splitlines() == [
-        "estimator  ATE [m]    NEES",
-        "ekf           1.25     3.1",
-        "mine           0.5  failed",
-        "",
-        "a line that is longer than the table under which it stands",
-    ]
+    line = "a line that is longer than the table under which it stands"
+    shown = ["estimator  ATE [m]    NEES", "ekf           1.25     3.1", "mine           0.5  failed"]
+    assert str(Page((table(ROWS), "", line))).splitlines() == [*shown, "", line]
+    lines = Page((table(ROWS),)).text(None, toned).splitlines()
+    assert lines == [f"<head>{shown[0]}</head>", shown[1], "mine           0.5  <bad>failed</bad>"]
 
 
-def test_columns_from_the_right_are_hidden_and_named():
-    lines = Page((table(ROWS, NEES="pose NEES"), "further words")).text(24).splitlines()
-    assert lines[:3] == ["estimator  ATE [m]", "ekf           1.25", "mine           0.5"]
-    assert " ".join(line.strip() for line in lines[3:-1]) == "Hidden columns (show with --wide): pose NEES"
-    assert lines[-1] == "further words"
-    assert max(map(len, lines)) <= 24
-    without_figures = Page((table([[*ROWS[0], "NIS"], *([*row, "-"] for row in ROWS[1:])]),)).text(24)
-    assert without_figures.splitlines()[3:] == ["Hidden columns (show", "  with --wide): NEES"]
+@pytest.mark.parametrize(
+    ("grid", "width", "lines"),
+    [
+        (table(ROWS, NEES="pose NEES"), 29, ["estimator  ATE [m]  pose NEES"]),  # full names if the table then fits
+        (table(ROWS, NEES="pose NEES"), 28, ["estimator  ATE [m]    NEES"]),
+        (
+            table(ROWS, NEES="pose NEES"),
+            24,
+            [
+                "estimator  ATE [m]",
+                "ekf           1.25",
+                "mine           0.5",
+                "Hidden columns (show",
+                "  with --wide): pose",
+            ],
+        ),
+        (table(RUNGS, (0, 2), 2), 30, ["rung    adds", "causal   0.5", "Hidden columns (show with"]),
+        (
+            table(RUNGS, (0, 2), 2),
+            36,
+            ["rung    adds  for", "causal   0.5  for knowing only the", "              past"],
+        ),
+        (
+            table(CLAIMS, range(3), 1),
+            40,
+            [
+                "no  claim                     verdict",
+                "1   a gate that is too small  holds",
+                "    maps more than there is",
+            ],
+        ),
+        (table(NOISE, range(3), 1), 40, ["noise    verdict"]),
+        (table(NAMES), 40, ["estimator                    ATE [m]", "a_name_of_ma...more:of_them      1.0"]),
+    ],
+)
+def test_tables_within_a_width(grid: Table, width: int, lines: list[str]):
+    """Columns from the right are hidden and named, sentences continue on further lines, long names are shortened."""
+    found = Page((grid, "further words")).text(width).splitlines()
+    assert found[: len(lines)] == lines
+    assert found[-1] == "further words"
+    assert max(map(len, found)) <= width
+    assert [line.rstrip() for line in found] == found
 
 
-def test_heads_are_full_names_if_the_table_then_fits():
-    page = Page((table(ROWS, NEES="pose NEES"),))
-    heads = {width: page.text(width).splitlines()[0] for width in (None, 29, 28)}
-    assert [head.endswith("  pose NEES") for head in heads.values()] == [True, True, False]
-    assert heads[28] == "estimator  ATE [m]    NEES"
-    assert "<th>pose NEES</th>" in page.html()
+def test_columns_without_figures_are_not_named_and_long_names_stay_without_a_width():
+    grid = table([[*ROWS[0], "NIS"], *([*row, "-"] for row in ROWS[1:])])
+    assert Page((grid,)).text(24).splitlines()[3:] == ["Hidden columns (show", "  with --wide): NEES"]
+    assert "many_characters" in str(Page((table(NAMES),)))
+    assert Page((table(CLAIMS, range(3), 1),)).text(40, toned).splitlines()[1].endswith("small  <good>holds</good>")
 
 
-def test_a_column_that_is_wider_than_its_title_is_hidden_too():
-    grid = table([["rung", "adds", "for"], ["causal", "0.5", "for knowing only the past"]], (0, 2), 2)
-    lines = Page((grid,)).text(30).splitlines()
-    assert lines[:2] == ["rung    adds", "causal   0.5"]
-    assert max(map(len, lines)) <= 30
-    assert Page((grid,)).text(36).splitlines() == [
-        "rung    adds  for",
-        "causal   0.5  for knowing only the",
-        "              past",
-    ]
-
-
-def test_sentences_continue_on_further_lines():
-    lines = Page((SENTENCES,)).text(40).splitlines()
-    assert lines == [
-        "no  claim                     verdict",
-        "1   a gate that is too small  holds",
-        "    maps more than there is",
-    ]
-
-
-def test_no_line_ends_in_blanks():
-    grid = table([["noise", "verdict", "more"], ["forward", "any value below that of the log", "x" * 40]], range(3), 1)
-    lines = Page((grid,)).text(40).splitlines()
-    assert lines[0] == "noise    verdict"
-    assert [line.rstrip() for line in lines] == lines
-
-
-def test_long_names_lose_their_middle_if_the_width_is_limited():
-    grid = table([["estimator", "ATE [m]"], ["a_name_of_many_characters/and_more:of_them", "1.0"], ["b", "2.0"]])
-    assert Page((grid,)).text(40).splitlines()[1] == "a_name_of_ma...more:of_them      1.0"
-    assert "many_characters" in str(Page((grid,)))
-
-
-def test_tones_do_not_change_the_layout():
-    assert Page((SENTENCES,)).text(40, toned).splitlines()[1] == "1   a gate that is too small  <good>holds</good>"
-    lines = Page((FIGURES,)).text(None, toned).splitlines()
-    assert (lines[0], lines[2]) == ("<head>estimator  ATE [m]    NEES</head>", "mine           0.5  <bad>failed</bad>")
-
-
-def test_notebooks_show_tables_and_escape_names():
-    shown = Page((table([["estimator"], ["<b>"]]), "", "a & b")).html()
+def test_notebooks_show_tables_with_full_names_and_escape_texts():
+    shown = Page((table([["estimator"], ["<b>"]], estimator="name"), "", "a & b")).html()
     assert shown.splitlines() == [
-        '<div style="overflow-x: auto"><table><thead><tr><th>estimator</th></tr></thead>'
+        '<div style="overflow-x: auto"><table><thead><tr><th>name</th></tr></thead>'
         '<tbody><tr><td style="white-space: nowrap">&lt;b&gt;</td></tr></tbody></table></div>',
         "",
         "<p>a &amp; b</p>",

@@ -7,15 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from slamgauge.compare.storage.staged_folder import (
-    MARK,
-    Drawing,
-    begin_folder,
-    decorate,
-    require_ours,
-    staged_files,
-    staged_folder,
-)
+from slamgauge.compare.storage import staged_folder as folders
+from slamgauge.compare.storage.staged_folder import MARK, begin_folder, decorate, staged_files, staged_folder
 from slamgauge.errors import UserError
 
 FILES = ("estimates/ekf.npz", "a.txt", "metrics.json", "z.txt")
@@ -138,7 +131,7 @@ def test_folders_of_others_and_places_that_cannot_be_written_are_refused_before_
     for name in ("empty", "begun"):
         publish(tmp_path / name, "new")
         assert texts(tmp_path / name) == dict.fromkeys(FILES, "new")
-    require_ours(tmp_path / "empty", tmp_path / "begun", tmp_path / "none")
+    folders.require_ours(tmp_path / "empty", tmp_path / "begun", tmp_path / "none")
 
 
 def test_single_files_never_replace_others(tmp_path: Path):
@@ -151,7 +144,7 @@ def test_single_files_never_replace_others(tmp_path: Path):
     assert texts(tmp_path) == {"table.tex": "new"}
 
 
-def draws(name: str, then: BaseException | None = None) -> Drawing:
+def draws(name: str, then: BaseException | None = None) -> folders.Drawing:
     def draw(stage: Path) -> None:
         fill(stage, "drawn", name)
         if then is not None:

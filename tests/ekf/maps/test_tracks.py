@@ -89,14 +89,6 @@ def test_ids_are_never_used_again_and_probation_counts_from_each_tracks_own_birt
     assert world.standing(0, 1, 2, 3) == [NONE, NONE, NONE, 3]
 
 
-def test_tracks_that_fail_together_are_deleted_and_others_remain() -> None:
-    world = World(MapManagement(sights=2, probation=2))
-    world.scan(new=((1.0, 0.0), (2.0, 0.0), (3.0, 0.0), (4.0, 0.0)))
-    world.scan(1)  # slots 0, 2 and 3 fail, including the last one
-    assert world.slam.landmark_ids.tolist() == [1]
-    assert world.standing(0, 1, 2, 3) == [NONE, 1, NONE, NONE]
-
-
 def test_merged_ids_become_the_oldest_id_also_in_chains() -> None:
     world = World(MapManagement(sights=2, probation=20))
     world.scan(new=((1.0, 0.0), (5.0, 0.0)))  # 0 is on probation, 1 is elsewhere

@@ -1,5 +1,8 @@
+"""Errors of the machine and of users; free memory."""
+
 from __future__ import annotations
 
+import errno
 import platform
 import subprocess
 import sys
@@ -8,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from slamgauge import memory
-from slamgauge.errors import UserError
+from slamgauge.errors import UserError, refused_by_the_machine
 
 
 def test_work_that_does_not_fit_is_refused_in_a_line() -> None:
@@ -53,3 +56,27 @@ def test_free_memory_equals_the_system_value(tmp_path: Path, monkeypatch: pytest
     assert memory.free_memory() == 1_024_000.0
     told.unlink()
     assert memory.free_memory() > 1e8
+
+
+@pytest.mark.parametrize(
+    ("error", "refused"),
+    [
+        (MemoryError(), True),
+        (OSError(errno.ENOSPC, "No space left on device"), True),
+        (ConnectionResetError(errno.ECONNRESET, "Connection reset by peer"), True),
+        (FileNotFoundError(errno.ENOENT, "No such file or directory"), False),
+        (PermissionError(errno.EACCES, "Permission denied"), False),
+        (OSError("without a number"), False),
+        (UserError("a mistake"), False),
+        (RuntimeError("a defect"), False),
+    ],
+)
+def test_lack_of_memory_space_and_connections_is_an_error_of_the_machine(error: Exception, refused: bool) -> None:
+    assert refused_by_the_machine(error) is refused
+    mistake = UserError("estimator own.py:estimate: it raised an error")
+    mistake.__cause__ = error
+    assert refused_by_the_machine(mistake) is refused
+
+
+def test_a_users_mistake_is_a_value_error() -> None:
+    assert issubclass(UserError, ValueError)

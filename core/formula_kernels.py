@@ -1,13 +1,21 @@
-"""The formulas of `slamgauge.sensors`, compiled; the caller passes the code of a sensor.
+"""The formulas of `slamgauge.se2` and `slamgauge.sensors`, compiled for kernels: each takes and returns numbers.
 
-In kernels every observation has two rows. A bearing-only observation has its bearing in the second row; the first row
-is 0 and carries no information.
+The caller passes the code of a sensor. In kernels every observation has two rows. A bearing-only observation has its
+bearing in the second row; the first row is 0 and carries no information.
 """
 
 from __future__ import annotations
 
 from slamgauge.jit import inner
-from slamgauge.se2_kernels import wrap
+from slamgauge.se2 import (
+    exp_xy,
+    half_cotangent,
+    jacobian_coefficients,
+    log_xy,
+    mean_cos_sin,
+    right_jacobian_entries,
+    wrap_angle,
+)
 from slamgauge.sensors import (
     MIN_BEARING_DISTANCE,
     SENSORS,
@@ -26,6 +34,13 @@ DIM = tuple(each.dim for each in _BY_CODE)  # rows that carry information
 HAS_RANGE = tuple(each.has_range for each in _BY_CODE)
 PLACES_LANDMARKS = tuple(each.places_landmarks for each in _BY_CODE)
 
+inner(half_cotangent)
+inner(jacobian_coefficients)
+wrap = inner(wrap_angle)  # (angle) -> angle
+mean_rotation = inner(mean_cos_sin)  # (turn) -> (cosine, sine) of V(turn)
+exp = inner(exp_xy)  # (x, y, turn) -> (x, y)
+log = inner(log_xy)  # (x, y, turn) -> (x, y)
+right_jacobian = inner(right_jacobian_entries)  # (x, y, turn) -> (j00, j01, j02, j12)
 inner(bearing_gradient)
 inner(observe_bearing)
 inner(observe_polar)
