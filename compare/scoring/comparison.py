@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from slamgauge.arrays import chunks
 from slamgauge.compare.estimators.registry import OPTIMA, REGISTRY
 from slamgauge.compare.estimators.running import own_poses_of, run_side_by_side
 from slamgauge.compare.scoring.catalogue import empty_columns, figure_cells, heads
@@ -164,7 +165,8 @@ def digest(recording: Recording) -> str:
     for each in fields(recording):
         value = getattr(recording, each.name)
         total.update(each.name.encode())
-        total.update(value.tobytes() if isinstance(value, np.ndarray) else str(value).encode())
+        for part in [value] if not np.ndim(value) else (value[rows] for rows in chunks(len(value))):
+            total.update(part.tobytes() if isinstance(part, np.ndarray) else str(part).encode())
     return total.hexdigest()
 
 

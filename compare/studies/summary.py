@@ -74,8 +74,8 @@ class Summary:
 
     `scenario` is a name, `runs` the number of runs, `seed` the root seed, `digest` that of the measurements, `failures`
     the failed runs of estimators, `estimators` the figures of each estimator by name, `per_run` those of each run,
-    `against` the requested paired comparisons, `scenario_text` the scenario as a TOML file, `comparisons` pairs of a
-    user estimator and a sentence, which are only printed, `request` what a command requested, `loaded` the stored runs.
+    `against` the requested paired comparisons, `scenario_text` the scenario as a TOML file, `comparisons` sentences
+    on user estimators, which are only printed, `request` what a command requested, `loaded` the stored runs.
     """
 
     scenario: str
@@ -86,7 +86,7 @@ class Summary:
     estimators: dict[str, EstimatorSummary]
     against: Against = field(default_factory=dict)
     scenario_text: str | None = None
-    comparisons: tuple[tuple[str, str], ...] = ()
+    comparisons: tuple[str, ...] = ()
     per_run: Mapping[str, RunFigures] = field(default_factory=dict[str, RunFigures])
     request: Request | None = None
     loaded: Mapping[str, Any] = field(default_factory=dict[str, Any], compare=False)  # `Runs`, unknown to pydantic
@@ -136,7 +136,7 @@ def summary_table(summary: Summary) -> Page:
         *too_good_lines(summary),
         *failure_lines(summary),
     ]
-    below += [*against_parts(summary.against), *(text for _, text in summary.comparisons)]
+    below += [*against_parts(summary.against), *summary.comparisons]
     return Page((estimator_table(summary), *below))
 
 
