@@ -1,4 +1,7 @@
-"""The wall and the end of processes with user code: what code behind it sees, may take, and leaves."""
+"""Processes with user code: what code behind the wall sees, may take, and leaves, their end, and what they answer.
+
+Every field of an answer that slamgauge would not write is an error of one line.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +11,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from contextlib import closing
+from io import BytesIO
 from pathlib import Path
 from textwrap import indent
 from time import monotonic, sleep
@@ -15,6 +19,9 @@ from time import monotonic, sleep
 import numpy as np
 import pytest
 
+from slamgauge import Estimate
+from slamgauge.compare.estimators import answers
+from slamgauge.compare.estimators.answers import Answer, message, read_answer
 from slamgauge.compare.estimators.child import Host
 from slamgauge.compare.estimators.requests import Limits, address
 from slamgauge.compare.estimators.sandbox import CODE, has_wall
@@ -22,7 +29,8 @@ from slamgauge.compare.estimators.user_errors import UserCodeError
 
 from .conftest import short
 
-pytestmark = [pytest.mark.slow, pytest.mark.skipif(not has_wall(), reason="this system has no bwrap")]
+pytestmark = pytest.mark.slow
+needs_wall = pytest.mark.skipif(not has_wall(), reason="this system has no bwrap")
 
 HEAD = """
 import os, signal, socket, subprocess, sys
@@ -60,6 +68,7 @@ def reason(host: Host) -> str:
     return str(caught.value)
 
 
+@needs_wall
 def test_it_sees_its_own_folder_and_neither_truth_nor_other_submissions(walled: Walled, tmp_path: Path):
     (tmp_path / "class/other").mkdir(parents=True)
     (tmp_path / "class/other/other.py").write_text("secret = 1")
@@ -72,6 +81,7 @@ def test_it_sees_its_own_folder_and_neither_truth_nor_other_submissions(walled: 
     assert "ValueError: [['helper.py', 'mine.py'], []]" in reason(walled(what))
 
 
+@needs_wall
 @pytest.mark.parametrize(
     ("statements", "expected"),
     [
@@ -90,7 +100,6 @@ def test_it_sees_its_own_folder_and_neither_truth_nor_other_submissions(walled: 
             "[os.fork() or signal.pause() for _ in range(300)]\nwhile True: pass",
             "Resource temporarily unavailable" if os.getuid() else "it was not done after 5 s",
         ),
-        ("while True: pass", "it was not done after 5 s"),
     ],
 )
 def test_what_it_may_not_do_or_take(walled: Walled, statements: str, expected: str):
@@ -99,21 +108,20 @@ def test_what_it_may_not_do_or_take(walled: Walled, statements: str, expected: s
         assert expected in reason(host)
 
 
+@needs_wall
 def test_a_run_leaves_nothing_for_the_next_one(walled: Walled):
     """Neither files, nor processes, nor changes of its modules."""
-    host = walled(
-        f"found = [sorted(os.listdir(each)) for each in {WRITABLE}]\n"
-        "found.append(len([each for each in os.listdir('/proc') if each.isdigit()]))\n"
-        "found.append(hasattr(np, 'left'))\n"
-        f"for each in {WRITABLE}:\n"
-        "    Path(each, 'left').mkdir()\n"
-        "    Path(each, 'left/file').write_text('x')\n"
-        "np.left = 1\n"
-        "if os.fork() == 0:\n"
-        "    os.setsid()\n"
-        "    signal.pause()\n"
-        "raise ValueError(found)"
-    )
+    host = walled(f"""
+found = [sorted(os.listdir(each)) for each in {WRITABLE}]
+found += [len([each for each in os.listdir('/proc') if each.isdigit()]), hasattr(np, 'left')]
+for each in {WRITABLE}:
+    Path(each, 'left').mkdir()
+    Path(each, 'left/file').write_text('x')
+np.left = 1
+if os.fork() == 0:
+    os.setsid()
+    signal.pause()
+raise ValueError(found)""")
     assert reason(host) == reason(host)
     assert "[[], [], ['.cache']" in reason(host)
 
@@ -134,10 +142,11 @@ def descendants(pid: int) -> set[int]:
 
 def are_gone(pids: set[int]) -> bool:
     """Wait up to 20 s for the end of processes."""
-    end = monotonic() + 20.0
-    while any(Path(f"/proc/{pid}").exists() for pid in pids) and monotonic() < end:
+    end, living = monotonic() + 20.0, pids
+    while living and monotonic() < end:
+        living = {pid for pid in living if Path(f"/proc/{pid}").exists()}
         sleep(0.1)
-    return not any(Path(f"/proc/{pid}").exists() for pid in pids)
+    return not living
 
 
 ORPHANS = """
@@ -151,22 +160,21 @@ host.begin()
 print("begun", flush=True)
 host.run(simulate(load_scenario("q1-short-dense", ["trajectory.duration=1"]), 0)[1])
 """
-ENDLESS = "import subprocess\ndef estimate(recording):\n    subprocess.run(['sleep', '1000'])\n    while True: pass\n"
 
 
-@pytest.mark.parametrize("how", ["walled", "plain"])
+@pytest.mark.parametrize("how", [pytest.param("walled", marks=needs_wall), "plain"])
 def test_no_process_survives_a_killed_parent(tmp_path: Path, how: str):
-    (tmp_path / "mine.py").write_text(ENDLESS.replace("subprocess.run(['sleep', '1000'])", "pass"))
+    (tmp_path / "mine.py").write_text("def estimate(recording):\n    while True: pass\n")
     words = [sys.executable, "-c", ORPHANS, str(tmp_path / "mine.py"), how]
     with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as parent:
         assert parent.stdout is not None and parent.stdout.readline() == "begun\n"
         sleep(1.0)
         started = descendants(parent.pid)
         parent.kill()
-    assert started
-    assert are_gone(started)
+    assert started and are_gone(started)
 
 
+@needs_wall
 def test_the_time_ends_all_that_it_has_started_also_in_other_sessions(walled: Walled):
     before = descendants(os.getpid())
     host = walled("subprocess.Popen(['sleep', '1000'], start_new_session=True)\nwhile True: pass", 3.0)
@@ -177,7 +185,77 @@ def test_the_time_ends_all_that_it_has_started_also_in_other_sessions(walled: Wa
     assert not [each for each in descendants(os.getpid()) - before if "sleep" in Path(f"/proc/{each}/comm").read_text()]
 
 
+@needs_wall
 def test_the_host_starts_again_after_the_end_of_its_process(walled: Walled):
     with closing(walled("if recording.steps > 30: os.kill(os.getppid(), signal.SIGKILL); os._exit(0)")) as host:
         assert "its process" in reason(host)
         assert len(host.run(short().first(20)).estimate.poses) == 21
+
+
+# --- answers -----------------------------------------------------------------------------------
+
+
+def npz(**arrays: object) -> bytes:
+    file = BytesIO()
+    np.savez(file, **arrays)  # pyrefly: ignore[bad-argument-type]
+    return file.getvalue()
+
+
+def test_an_estimate_arrives_as_it_was_sent():
+    sent = Estimate("filtered", np.zeros((3, 3)))
+    stream = BytesIO(message({"seconds": 0.5, "remarks": ["one"]}, sent) + message({"form": "two"}))
+    first, second = read_answer(stream), read_answer(stream)
+    assert first is not None and second is not None
+    np.testing.assert_array_equal(first.estimate().poses, sent.poses)
+    assert (first.seconds(1.0), first.texts("remarks"), first.error) == (0.5, ["one"], None)
+    assert (second.text("form"), read_answer(stream)) == ("two", None)
+
+
+@pytest.mark.parametrize(
+    ("data", "expected"),
+    [
+        (b"[]\n", "not a JSON object"),
+        (b"{\n", "not a line of JSON"),
+        (b"[" * 50_000 + b"\n", "not a line of JSON"),
+        (b'{"bytes": 1' + b"0" * 5000 + b"}\n", "not a line of JSON"),
+        (b'{"bytes": NaN}\n', "bytes is not a size"),
+        (b'{"bytes": -1}\n', "bytes is not a size"),
+        (b'{"bytes": true}\n', "bytes is not a size"),
+        (b"{}\n", "bytes is not a size"),
+        (b"x" * 2_000_000, "too long a line"),
+        (b'{"bytes": 500000001}\n', "its estimate has 500 MB; keep it below 500 MB"),
+    ],
+)
+def test_what_is_no_message_is_refused(data: bytes, expected: str):
+    with pytest.raises(UserCodeError, match=expected):
+        read_answer(BytesIO(data))
+
+
+def test_fields_have_times_of_runs_and_short_printable_lines():
+    for value in (np.nan, np.inf, -1, 1e9, 10**400, True, None, "1", [1]):
+        with pytest.raises(UserCodeError, match=r"^its process wrote a wrong answer .seconds is not from 0 to .*leave"):
+            Answer({"seconds": value}, b"").seconds(1.0)
+    assert Answer({"form": "a\x1b[31m\n" + "x" * 5000}, b"").text("form") == "a [31m " + "x" * 993
+    for remarks in ("one", ["one", 2], ["one"] * 101, {"one": 1}):
+        with pytest.raises(UserCodeError, match="remarks is not a short list of texts"):
+            Answer({"remarks": remarks}, b"").texts("remarks")
+    with pytest.raises(UserCodeError, match="attribute is not a text"):
+        Answer({"attribute": 1}, b"").text("attribute")
+
+
+@pytest.mark.parametrize(
+    ("content", "expected"),
+    [
+        (b"", "its estimate is not an npz file"),
+        (b"junk", "its estimate is not an npz file"),
+        (b"\x93NUMPY\x01\x00", "its estimate is not an npz file"),
+        (npz(kind=object()), "not a whole npz file of plain arrays"),
+        (npz(kind="filtered", poses="x"), "poses"),
+        (npz(kind="filtered", poses=np.zeros((2, 3)), more=1.0), "more"),
+        (npz(kind="filtered", poses=np.zeros((1000, 3))), "its estimate has 0 MB; keep it below 0 MB"),
+    ],
+)
+def test_what_is_no_estimate_is_refused(content: bytes, expected: str, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(answers, "MOST_BYTES", 10_000)
+    with pytest.raises(UserCodeError, match=rf"^[^\n]*{expected}[^\n]*$"):
+        Answer({}, content).estimate()
