@@ -22,7 +22,7 @@ from slamgauge.ekf.kernels.belief import NONE
 from slamgauge.ekf.kernels.individual_compatibility import find_compatible
 from slamgauge.ekf.kernels.joint_compatibility import search_jointly
 from slamgauge.ekf.kernels.nearest_neighbour import Gates, update_nearest
-from slamgauge.ekf.maps.correction_table import Correction, Rule
+from slamgauge.ekf.maps.correction_table import Correction
 from slamgauge.ekf.maps.input_checks import explain_scan, require_robustness, require_sensor, rows_of
 from slamgauge.ekf.maps.landmark_map import LandmarkMap, two_rows
 from slamgauge.ekf.maps.tracks import Tracks
@@ -53,7 +53,7 @@ class AssociatingFilter(OnlineFilter):
         sensor: str,
         prior_mean: ArrayLike,
         prior_cov: ArrayLike,
-        correction: Correction | Rule = "standard",
+        correction: Correction = "standard",
         association: Association = NEAREST_NEIGHBOUR,
         robust: Robustness = PLAIN,
     ) -> None:

@@ -85,18 +85,6 @@ def choices(owner: type) -> dict[str, tuple[str, ...]]:
     return {key: get_args(hint) for key, hint in hints.items() if get_origin(hint) is Literal}
 
 
-def require(owner: type, key: str, value: object) -> None:
-    """Refuse a value that the field `key` of a dataclass of settings cannot have.
-
-    Raises:
-        UserError: naming the field, the value and a remedy.
-    """
-    (each,) = (each for each in fields(owner) if each.name == key)
-    mistake = mistake_of(each, owner, value)
-    if mistake:
-        raise UserError(f"{key}: {mistake}")
-
-
 def check(settings: Any) -> None:
     """Refuse invalid settings; convert numbers to the Python type of the field.
 
@@ -105,7 +93,9 @@ def check(settings: Any) -> None:
     """
     for each in fields(settings):
         value = getattr(settings, each.name)
-        require(type(settings), each.name, value)
+        mistake = mistake_of(each, type(settings), value)
+        if mistake:
+            raise UserError(f"{each.name}: {mistake}")
         if "bounds" in each.metadata:  # numba would compile kernels again for another type
             object.__setattr__(settings, each.name, type(each.default)(value))
 

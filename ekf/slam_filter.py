@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf.kernels.belief import NONE
-from slamgauge.ekf.maps.correction_table import Correction, Rule
+from slamgauge.ekf.maps.correction_table import Correction
 from slamgauge.ekf.maps.input_checks import ids_of, require_gate, require_ids, require_robustness, rows_of
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
 from slamgauge.ekf.online_filter import OnlineFilter
@@ -37,7 +37,7 @@ class SlamFilter(OnlineFilter):
         sensor: str,
         prior_mean: ArrayLike,
         prior_cov: ArrayLike,
-        correction: Correction | Rule = "standard",
+        correction: Correction = "standard",
         landmarks: int = 32,
         robust: Robustness = PLAIN,
     ) -> None:

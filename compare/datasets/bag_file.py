@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
 
 JUMP = 10.0  # s: largest difference between the time of stamps and the time of recording, from message to message
-SAME = 1000  # ns: nearer stamps are the same
 TREES = ("/tf", "/tf_static")  # topics that are read as observations only if they are named
 
 

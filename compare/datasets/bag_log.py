@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from slamgauge.arrays import Float, Int
-from slamgauge.compare.datasets.bag_file import SAME, Bag, header_stamp, opened, seconds_of
+from slamgauge.compare.datasets.bag_file import Bag, header_stamp, opened, seconds_of
 from slamgauge.compare.datasets.bag_observations import read_observations
 from slamgauge.compare.datasets.imported_log import Imported, Log, with_sigmas
 from slamgauge.compare.datasets.log_settings import BagMapping, ObservationsTopic, load_settings
@@ -34,6 +34,7 @@ POSES = (
     "geometry_msgs/msg/PoseWithCovarianceStamped",
     "geometry_msgs/msg/TransformStamped",
 )
+REPEATED = 1000  # ns: a message so near to another one repeats its stamp
 CONTRADICTS = 0.1  # share of mean squares above which motions contradict each other
 UNKNOWN = np.zeros(36)  # covariance of a pose or a twist that is not stated
 
@@ -205,7 +206,7 @@ def _samples(
         numbers.append(row)
         covs.append(cov)
     stamps, order = bag.in_order(topic, times, notes)
-    is_new = np.diff(stamps, prepend=stamps[:1] - 2 * SAME) > SAME
+    is_new = np.diff(stamps, prepend=stamps[:1] - 2 * REPEATED) > REPEATED
     if not is_new.all():
         notes.append(f"{topic}: {np.sum(~is_new)} messages repeat the stamp of another one and are dropped")
     rows = order[is_new]

@@ -112,20 +112,16 @@ class RandomLandmarks(Section, frozen=True):
     def _has_room(self) -> RandomLandmarks:
         if not (self.box[0] < self.box[2] and self.box[1] < self.box[3]):
             raise invalid("box is empty; give [x from, y from, x to, y to]")
-        placed = len(self.positions)
+        placed = len(_scattered(self))
         if placed < self.count:
             what = f"only {placed} of {self.count} landmarks fit at min_distance = {self.min_distance}"
             raise invalid(f"{what}; lower it or enlarge the box")
         return self
 
-    @property
-    def positions(self) -> Float:
-        """Positions (count, 2) [m]; fewer if they do not fit."""
-        return _scattered(self)
-
 
 @lru_cache(maxsize=16)
 def _scattered(chosen: RandomLandmarks) -> Float:
+    """Return positions (count, 2) [m]; fewer if they do not fit."""
     generator = np.random.default_rng(chosen.seed)
     low, high = np.array(chosen.box[:2]), np.array(chosen.box[2:])
     if chosen.min_distance == 0.0:
@@ -157,18 +153,12 @@ class Landmarks(Section):
     def all(self) -> Float:
         """Return the positions (L, 2) of all landmarks [m]."""
         if self.random is not None:
-            return self.random.positions
+            return _scattered(self.random)
         return np.array(self.positions, dtype=np.float64).reshape(-1, 2)
 
 
 class Scenario(Section):
-    """A simulated run without its seed.
-
-    Attributes:
-        name: the file's name without its ending.
-        description: one line for users.
-        start: true start pose: sampled from the prior, or the prior's mean.
-    """
+    """A simulated run without its seed; `start` is the true start pose, sampled from the prior or the prior's mean."""
 
     name: str
     description: str

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from slamgauge.arrays import chunks
 from slamgauge.compare.estimators.registry import OPTIMA, REGISTRY
 from slamgauge.compare.estimators.running import own_poses_of, run_side_by_side
 from slamgauge.compare.scoring.catalogue import empty_columns, figure_cells, heads
@@ -31,7 +32,6 @@ from slamgauge.compare.scoring.verdicts import single_run, verdict_lines
 from slamgauge.compare.storage.files import save, write_json
 from slamgauge.compare.storage.result_files import METRICS, RECORDING, TRUTH, origin
 from slamgauge.compare.storage.trajectories import write_tum
-from slamgauge.display import data_frame
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, Estimator, Kind
 from slamgauge.recording import Recording
@@ -70,12 +70,6 @@ class Comparison:
 
     def _repr_html_(self) -> str:
         return table(self).html()
-
-    def to_frame(self) -> Any:
-        """Return the scores as a `pandas.DataFrame`: a row per estimator, a column per number of metrics.json."""
-        entries = {name: score.numbers() for name, score in self.scores.items()}
-        keys = dict.fromkeys(key for entry in entries.values() for key in entry)
-        return data_frame({key: [entry.get(key) for entry in entries.values()] for key in keys}, [*entries])
 
 
 def compare_estimators(
@@ -171,7 +165,8 @@ def digest(recording: Recording) -> str:
     for each in fields(recording):
         value = getattr(recording, each.name)
         total.update(each.name.encode())
-        total.update(value.tobytes() if isinstance(value, np.ndarray) else str(value).encode())
+        for part in [value] if not np.ndim(value) else (value[rows] for rows in chunks(len(value))):
+            total.update(part.tobytes() if isinstance(part, np.ndarray) else str(part).encode())
     return total.hexdigest()
 
 

@@ -121,7 +121,7 @@ class Measured(RunArrays):
     @of_run(averaged=True)
     def landmarks_missed(self) -> int | None:
         """Number of observed landmarks without a counterpart in the map."""
-        is_known = self.tracks is not None or self.recording.landmark is not None
+        is_known = self.estimate.association is not None or self.recording.landmark is not None
         return len(np.setdiff1d(self.observed, self.true_ids)) if self.observed is not None and is_known else None
 
     @of_run(Column("wrong", "wrong associations", form="{:.1f}", run=8, study=11, sweep=8), averaged=True)

@@ -9,7 +9,6 @@ from __future__ import annotations
 import logging
 import multiprocessing
 import os
-import platform
 import re
 import signal
 import sys
@@ -18,12 +17,10 @@ import warnings
 from collections.abc import Callable, Generator
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ProcessPoolExecutor
 from contextlib import contextmanager
-from importlib.metadata import version
-from typing import TYPE_CHECKING, ParamSpec, TypeVar, cast
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 from slamgauge.blas_threads import pin_blas_threads
 from slamgauge.errors import UserError
-from slamgauge.version import __version__
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -33,6 +30,7 @@ T = TypeVar("T")
 
 CONNECT = 10.0  # s to wait for a Dask scheduler
 WORKERS = 5.0  # s to wait for its first worker
+SAME = {"slamgauge": 4, "python": 2, "distributed": 3, "numpy": 3}  # parts of versions that workers must share
 
 
 class _Processes(Executor):
@@ -132,8 +130,8 @@ def dask_cluster(address: str) -> Generator[Executor]:
     """Connect to a running Dask cluster; its workers need the same version of slamgauge.
 
     Raises:
-        UserError: the extra `cluster` is not installed, the address is not valid or needs certificates, no scheduler
-            answers, it has no workers or workers of another version, or the connection is lost.
+        UserError: the extra `cluster` is not installed, the address is not valid, no scheduler answers, it has no
+            workers or workers of another version, or the connection is lost.
     """
     try:
         from distributed import Client
@@ -147,7 +145,8 @@ def dask_cluster(address: str) -> Generator[Executor]:
         try:
             client = Client(address, timeout=CONNECT, set_as_default=False)
         except (OSError, ValueError, TypeError, RuntimeError) as error:  # TimeoutError is an OSError
-            raise UserError(f"scheduler {address}: {_first_line(error)}; give a running one") from None
+            reason = (str(error).strip() or type(error).__name__).splitlines()[0]
+            raise UserError(f"scheduler {address}: {reason}; give a running one") from None
         try:
             _require_workers(client, address)
             yield client.get_executor(pure=False)
@@ -167,24 +166,14 @@ def _require_workers(client: Client, address: str) -> None:
         client.wait_for_workers(1, timeout=WORKERS)
     except TimeoutError:
         raise UserError(f"scheduler {address}: has no workers; start one: dask worker {address}") from None
-    try:
-        found = cast("dict[str, dict[str, str]]", client.run(versions))
-    except Exception as error:
-        if client.status != "running":
-            raise
-        what = f"its workers cannot run slamgauge ({_first_line(error)})"
-        raise UserError(f"scheduler {address}: {what}; install slamgauge {__version__} there") from None
-    for worker, theirs in found.items():
-        for name, own in versions().items():
-            if theirs.get(name) != own:
-                what = f"worker {worker} has {name} {theirs.get(name)}, and this is {own}"
+    found: Any = client.get_versions(packages=["slamgauge"])
+    for worker, theirs in found["workers"].items():
+        for name, parts in SAME.items():
+            versions = [str(each["packages"][name]).split(".") for each in (theirs, found["client"])]
+            there, here = (".".join(each[:parts]) for each in versions)
+            if there != here:
+                what = f"worker {worker} has {name} {there}, and this is {here}"
                 raise UserError(f"scheduler {address}: {what}; install the same on both sides")
-
-
-def versions() -> dict[str, str]:
-    """Return the versions that must be the same here and on the workers."""
-    python = ".".join(platform.python_version_tuple()[:2])
-    return {"slamgauge": __version__, "Python": python} | {name: version(name) for name in ("distributed", "numpy")}
 
 
 @contextmanager
@@ -198,7 +187,3 @@ def _quiet() -> Generator[None]:
             yield
     finally:
         logging.disable(before)
-
-
-def _first_line(error: BaseException) -> str:
-    return next((line.strip() for line in str(error).splitlines() if line.strip()), type(error).__name__)

@@ -23,17 +23,11 @@ Against = Mapping[str, Mapping[str, Mapping[str, Paired]]]  # keys: reference es
 
 @dataclass(frozen=True)
 class RunFigures:
-    """Figures of one estimator in each run without failure, which other estimators and studies are compared with.
+    """Figures of one estimator in each run without failure, None where undefined, for comparisons."""
 
-    Attributes:
-        run: (R,) numbers of the runs, increasing.
-        ate_m: (R,) ATE [m]; None where undefined.
-        nees_pose_per_dof: (R,) mean pose NEES over 3 from the 11th step on; None where undefined.
-    """
-
-    run: list[int]
+    run: list[int]  # numbers of the runs, increasing
     ate_m: list[float | None]
-    nees_pose_per_dof: list[float | None]
+    nees_pose_per_dof: list[float | None]  # mean pose NEES over 3 from the 11th step on
 
     def in_runs_of(self, other: RunFigures, figure: str) -> Float:
         """Return a figure (C,) in the runs that another estimator has, too; NaN where undefined."""
@@ -55,13 +49,10 @@ def run_figures(runs: Runs) -> RunFigures:
 
 def compare_user_code(
     asked: Sequence[Asked], loaded: Mapping[str, Runs], figures: Mapping[str, RunFigures]
-) -> tuple[tuple[str, str], ...]:
-    """Return pairs of a user estimator and a sentence with the ratio of its ATE and that of a built-in filter.
-
-    Each user estimator is compared with each built-in filter of the same kind, filtered or smoothed.
-    """
+) -> tuple[str, ...]:
+    """Return a sentence with the ratio of ATEs of each user estimator and each built-in filter of the same kind."""
     rivals = [each for each in asked if isinstance(each, BuiltIn) and not each.is_told and each.name != DEAD_RECKONING]
-    sentences: list[tuple[str, str]] = []
+    sentences: list[str] = []
     for mine in (each.label for each in asked if not isinstance(each, BuiltIn)):
         for other in (each.label for each in rivals if loaded[each.label].kind == loaded[mine].kind):
             found = figures[mine].against(figures[other]).get("ate_m")
@@ -75,7 +66,7 @@ def compare_user_code(
                 text += " (95 % interval): the difference is significant"
             else:
                 text += f" (95 % interval): the difference is not significant{needed_runs(found.ratio, found.runs)}"
-            sentences.append((mine, text))
+            sentences.append(text)
     return tuple(sentences)
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from slamgauge.compare.estimators.registry import BOUNDS, CAUSAL, HINDSIGHT, INFORMED
+from slamgauge.compare.estimators.registry import BOUNDS, CAUSAL, HINDSIGHT
 from slamgauge.compare.estimators.requests import Chosen, ask
 from slamgauge.compare.estimators.running import require_room_for_runs
 from slamgauge.compare.scenarios.scenario import load_scenario
@@ -157,10 +157,8 @@ def run_sweep(
 def sweep_table(sweep: Sweep) -> Page:
     """Return a table with a row for each value and estimator: means with 95 % intervals; below it notes and faults."""
     below = [*notes(sweep), *(f"{name}: {text}" for name, text in faults(sweep).items())]
-    unchanged = unaffected(sweep)
     for place, summary in sweep.by_place().items():
-        compared = [text for name, text in summary.comparisons if name not in unchanged]
-        below += [f"{place}, {line}" for line in (*failure_lines(summary), *compared)]
+        below += [f"{place}, {line}" for line in (*failure_lines(summary), *summary.comparisons)]
     return Page((value_table(sweep), *below))
 
 
@@ -183,24 +181,9 @@ def value_table(sweep: Sweep, links: Mapping[str, str] = MappingProxyType({})) -
 
 
 def notes(sweep: Sweep) -> list[str]:
-    """Return notes on the optima, the empty columns, and a key without effect."""
+    """Return notes on the optima and the empty columns."""
     fits = {place: misfits(misfit_optima(summary)) for place, summary in sweep.by_place().items()}
-    lines = [*at_places(CAUSAL, shares_in_doubt(sweep)), *placed(fits), *empty_column_lines(sweep.summaries, "sweep")]
-    found = ", ".join(unaffected(sweep))
-    return [*lines, f"{sweep.key} has no effect on {found}: the same figures at every value"] if found else lines
-
-
-def unaffected(sweep: Sweep) -> list[str]:
-    """Return the names of the estimators with the same figures at all values, computing times excepted.
-
-    Optima and gtsam-batch are omitted: most keys do not change the noise and associations that they receive.
-    """
-    first, *others = (
-        {name: entry.figures | {"seconds_total": None} for name, entry in summary.estimators.items()}
-        for summary in sweep.summaries
-    )
-    names = [name for name, entry in first.items() if entry["runs"] and name not in (*INFORMED, *BOUNDS)]
-    return [name for name in names if others and all(each[name] == first[name] for each in others)]
+    return [*at_places(CAUSAL, shares_in_doubt(sweep)), *placed(fits), *empty_column_lines(sweep.summaries, "sweep")]
 
 
 def faults(sweep: Sweep) -> dict[str, str]:

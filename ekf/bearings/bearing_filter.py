@@ -16,7 +16,7 @@ from slamgauge.arrays import Float, Int
 from slamgauge.ekf.bearings.delayed import DelayedInitialiser
 from slamgauge.ekf.bearings.rays import RayInitialiser
 from slamgauge.ekf.kernels.belief import NONE
-from slamgauge.ekf.maps.correction_table import Correction, Rule
+from slamgauge.ekf.maps.correction_table import Correction
 from slamgauge.ekf.maps.input_checks import ids_of, require_gate, require_ids, require_robustness, rows_of
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
 from slamgauge.ekf.online_filter import Members, OnlineFilter, joined, points
@@ -46,7 +46,7 @@ class BearingFilter(OnlineFilter):
         self,
         prior_mean: ArrayLike,
         prior_cov: ArrayLike,
-        correction: Correction | Rule = "standard",
+        correction: Correction = "standard",
         initialisation: Initialisation | None = None,
         robust: Robustness = PLAIN,
     ) -> None:

@@ -104,7 +104,7 @@ class DelayedInitialiser:
         return NO_MEMBERS
 
     def log(self, _members: Int) -> None:
-        """Return None: there are no rays."""
+        """Return None, because this initialisation has no rays."""
 
     def _distance_from_clone(self) -> float:
         """Return the robot's distance from the last clone [m]; infinite without clones."""

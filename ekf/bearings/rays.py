@@ -122,7 +122,7 @@ class RayInitialiser:
 
     def __init__(self, landmarks: LandmarkMap, settings: Rays) -> None:
         self._map, self._settings = landmarks, settings
-        self._rays: dict[int, Ray] = {}  # by landmark
+        self._rays: dict[int, Ray] = {}  # key: landmark
         self._ended: list[Ray] = []
         self.step = 0
 
@@ -215,6 +215,16 @@ class RayInitialiser:
     def log(self, members: Int) -> RayLog:
         """Return the rays so far by birth, with the number of members (N+1,) after each step."""
         rays = sorted([*self._ended, *self._rays.values()], key=lambda ray: ray.birth)
-        columns = ([getattr(ray, name) for ray in rays] for name in ("landmark", "birth", "end", "survivor"))
-        distances = np.tile(distances_and_sigmas(self._settings)[0], (len(rays), 1))
-        return RayLog(*(np.array(column, dtype=np.int64) for column in columns), distances, members)
+        distances = distances_and_sigmas(self._settings)[0]
+
+        def column(name: str) -> Int:
+            return np.array([getattr(ray, name) for ray in rays], dtype=np.int64)
+
+        return RayLog(
+            landmark=column("landmark"),
+            birth=column("birth"),
+            end=column("end"),
+            survivor=column("survivor"),
+            distances=np.tile(distances, (len(rays), 1)),
+            members=members,
+        )

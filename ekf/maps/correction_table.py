@@ -7,7 +7,7 @@ A new correction needs a rule here, its place in `kernels.update` or `kernels.li
 from __future__ import annotations
 
 import sys
-from typing import Literal, NamedTuple, cast, get_args
+from typing import Literal, NamedTuple, get_args
 
 from slamgauge.ekf.kernels.belief import AT_POINT
 from slamgauge.ekf.kernels.linearisation import PROJECTED
@@ -50,20 +50,17 @@ assert {*RULES} == {*get_args(Correction)}
 CORRECTIONS: dict[str, Correction] = {rule.estimator: name for name, rule in RULES.items()}
 
 
-def rule_of(correction: Correction | Rule) -> Rule:
-    """Return the rule of that name, or the rule itself.
+def rule_of(correction: Correction) -> Rule:
+    """Return the rule of that name.
 
     Raises:
         UserError: an unknown correction.
     """
-    if isinstance(correction, Rule):
-        return correction
-    if not isinstance(cast("object", correction), str):
-        raise UserError(f"correction: {correction!r} is not a correction; use one of {', '.join(RULES)}")
-    if correction in RULES:
-        return RULES[correction]
-    if correction in CORRECTIONS:
-        remedy = f"the estimator of that name uses {CORRECTIONS[correction]!r}"
-    else:
-        remedy = did_you_mean(str(correction), RULES, f"use one of {', '.join(RULES)}")
+    name = str(correction)
+    for known, rule in RULES.items():
+        if name == known:
+            return rule
+    remedy = did_you_mean(name, RULES, f"use one of {', '.join(RULES)}")
+    if name in CORRECTIONS:
+        remedy = f"the estimator of that name uses {CORRECTIONS[name]!r}"
     raise UserError(f"correction: {correction!r} is not known; {remedy}")

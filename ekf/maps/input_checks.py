@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike, NDArray
 from slamgauge.arrays import Float, Int, chunks
 from slamgauge.covariances import scale_of, without_negative_eigenvalues
 from slamgauge.ekf.kernels.precision import EXHAUSTED
-from slamgauge.ekf.setting_rules import require
 from slamgauge.ekf.settings import Association, Robustness
 from slamgauge.errors import UserError
 from slamgauge.recording import Observations
@@ -55,7 +54,7 @@ def require_sensor(sensor: str, known: tuple[str, ...]) -> None:
 def require_gate(gate: float | None) -> None:
     """Refuse a gate outside the limits of `Association.gate`; None is allowed."""
     if gate is not None:
-        require(Association, "gate", gate)
+        Association(gate=gate)
 
 
 def require_robustness(robust: Robustness) -> Robustness:

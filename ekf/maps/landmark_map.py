@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,7 +21,7 @@ from slamgauge.ekf.kernels.prediction import predict
 from slamgauge.ekf.kernels.soundness import are_sound
 from slamgauge.ekf.kernels.student_t import inflate_noise
 from slamgauge.ekf.kernels.update import PASSES, find_slots, retract, update, update_iterated
-from slamgauge.ekf.maps.correction_table import Correction, Rule, rule_of
+from slamgauge.ekf.maps.correction_table import Correction, rule_of
 from slamgauge.ekf.maps.input_checks import (
     DIVERGED,
     explain_increment,
@@ -45,7 +46,7 @@ class LandmarkMap(MapState):
         sensor: `range-bearing`, `position` or `bearing` (see `slamgauge.Recording`).
         prior_mean: (3,) start pose.
         prior_cov: (3, 3) its covariance; zero is legal.
-        correction: name or rule; see `correction_table`.
+        correction: see `correction_table`.
         landmarks: initial capacity; the map grows as needed.
         tails: degrees of freedom of the observations' noise (see `kernels.student_t`).
 
@@ -62,7 +63,7 @@ class LandmarkMap(MapState):
         sensor: str,
         prior_mean: ArrayLike,
         prior_cov: ArrayLike,
-        correction: Correction | Rule,
+        correction: Correction,
         landmarks: int = 32,
         tails: float = math.inf,
     ) -> None:
@@ -80,7 +81,7 @@ class LandmarkMap(MapState):
         return direct(predict, self.belief, self._increment, self._increment_cov)
 
     @cached_property
-    def update_kernels(self) -> tuple[Callable[..., int], Callable[..., tuple[float, ...]]]:
+    def update_kernels(self) -> tuple[Callable[..., int], Callable[..., tuple[Any, ...]]]:
         """Machine code of `update.find_slots` and of the update of the rule."""
         form, work = self.form, self._work
         found = update_iterated if form.iterated else update
@@ -128,10 +129,11 @@ class LandmarkMap(MapState):
         nis, informative, *passes = correct(self.code, self.belief, count, self.form.invariant, work)
         if not math.isfinite(nis):
             raise explain_scan(self.sensor, values, covs, nis, self.variances)
-        self.require_settled(*passes)
+        for each in passes:  # only the iterated filter returns them
+            self.require_settled(each)
         return nis, informative
 
-    def require_settled(self, passes: int = 1) -> None:
+    def require_settled(self, passes: int) -> None:
         """Print a notice, once, if an update of the iterated filter did not settle in its number of passes."""
         if passes == PASSES:
             tell_once(UNSETTLED.format(self.rule.estimator, PASSES))

@@ -144,7 +144,7 @@ class MapState:
         return np.arange(self.ids_taken - count, self.ids_taken)
 
     def take_hidden_ids(self, count: int) -> Int:
-        """Return `count` ids for entries that are no landmarks: -2, -3, ...; each is returned once."""
+        """Return `count` ids for entries other than landmarks: -2, -3, ...; each is returned once."""
         return -2 - self.take_ids(count)
 
     def rename(self, old: int, new: int) -> None:

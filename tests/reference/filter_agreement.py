@@ -11,7 +11,6 @@ the difference of both runs shows how many digits they lose.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -154,9 +153,9 @@ def _next_pass(slam: SlamFilter, scan: Observations, sensor: str) -> tuple[float
 
     The second value is true if rounding the covariance before the update changes the first by the bar.
     """
-    before, P = _state(slam), slam.cov
+    before, P = np.append(slam.pose, slam.landmarks), slam.cov
     slam.update(scan)
-    after = _state(slam)
+    after = np.append(slam.pose, slam.landmarks)
     assert scan.landmark is not None
     order = slam.landmark_ids.tolist()
     slots = np.array([order.index(name) for name in scan.landmark.tolist()], dtype=np.int64)
@@ -174,17 +173,8 @@ def _next_pass(slam: SlamFilter, scan: Observations, sensor: str) -> tuple[float
         return float((np.abs(step) / sigma).max())
 
     left = size(step(P))
-    lost = left > FILTER_BAR and any(size(step(rounded) - step(P)) > FILTER_BAR for rounded in _roundings(P))
+    rng, spacing, lost = np.random.default_rng(len(P)), np.spacing(np.abs(P)), False
+    for _ in range(ROUNDINGS if left > FILTER_BAR else 0):
+        rounding = np.triu(spacing * rng.choice([-1.0, 1.0], P.shape))
+        lost = lost or size(step(P + rounding + np.triu(rounding, 1).T) - step(P)) > FILTER_BAR
     return left, lost
-
-
-def _roundings(P: Float) -> Iterator[Float]:
-    """Yield symmetric matrices (n, n) with entries one spacing of doubles above or below those of P."""
-    rng, spacing = np.random.default_rng(len(P)), np.spacing(np.abs(P))
-    for _ in range(ROUNDINGS):
-        rounding = spacing * rng.choice([-1.0, 1.0], P.shape)
-        yield P + np.triu(rounding) + np.triu(rounding, 1).T
-
-
-def _state(slam: SlamFilter) -> Float:
-    return np.concatenate([slam.pose, slam.landmarks.ravel()])

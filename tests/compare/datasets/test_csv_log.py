@@ -113,11 +113,12 @@ def test_positions_and_missing_ids(log: Log):
     assert_allclose(recording.observation_cov[0], 0.09 * np.eye(2))
 
 
-def test_observations_without_an_id_or_outside_the_odometry_are_dropped(log: Log):
-    text = "stamp,landmark,range,bearing\n-1,7,1,0\n0,-1,1,0\n1,7,1,0\n2,7,1,0\n5,7,1,0\n"
-    recording, _, notes, _, unmatched = log(observations(text), *NOISE)
+def test_observations_without_an_id_or_a_range_or_outside_the_odometry_are_dropped(log: Log):
+    text = "stamp,landmark,range,bearing\n-1,7,1,0\n0,-1,1,0\n1,7,1,0\n1,8,0,0\n2,7,1,0\n5,7,1,0\n"
+    recording, _, notes, _, unmatched = log(observations(text), *NOISE, "observations.drop_zero_ranges=true")
     assert_array_equal(recording.observation_step, [1, 2])
     assert notes == (
+        "1 observations have range 0 m (no detection?), the first in line 5; they are left out",
         "1 of 5 observations have no id and are dropped",
         "2 observations outside the odometry's time are dropped, 50%: check units and clocks of the files",
     )

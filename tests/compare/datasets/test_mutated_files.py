@@ -35,34 +35,21 @@ WORDS = (
 )
 
 
-def recording_files(folder: Path) -> None:
-    write_recording_csv(folder, RECORDING)
+Files = Callable[[Path], object]
 
 
-def texts(files: dict[str, str]) -> Callable[[Path], None]:
-    def write(folder: Path) -> None:
-        for name, text in files.items():
-            (folder / name).write_bytes(text.encode())
-
-    return write
-
-
-def npz(folder: Path) -> None:
-    save(folder / "recording.npz", RECORDING)
+def texts(files: dict[str, str]) -> Files:
+    return lambda folder: [(folder / name).write_bytes(text.encode()) for name, text in files.items()]
 
 
 def tum(folder: Path) -> None:
     write_tum(folder / "path.tum", RECORDING.stamps, PATH, np.tile(np.eye(3), (len(PATH), 1, 1)))
 
 
-def stored(name: str) -> Callable[[Path], Any]:
-    return lambda folder: load_stored(folder / name, RECORDING)
-
-
-FORMATS: dict[str, tuple[Callable[[Path], None], Callable[[Path], Any]]] = {
-    "npz": (npz, lambda folder: load_recording(folder / "recording.npz")),
-    "tum": (tum, stored("path.tum")),
-    "csv recording": (recording_files, read_csv_log),
+FORMATS: dict[str, tuple[Files, Callable[[Path], Any]]] = {
+    "npz": (lambda folder: save(folder / "recording.npz", RECORDING), lambda it: load_recording(it / "recording.npz")),
+    "tum": (tum, lambda folder: load_stored(folder / "path.tum", RECORDING)),
+    "csv recording": (lambda folder: write_recording_csv(folder, RECORDING), read_csv_log),
     "csv log": (texts(CSV), read_csv_log),
     "g2o": (texts(G2O), lambda folder: read_g2o(folder / "graph.g2o")),
     "toro": (texts(TORO), lambda folder: read_g2o(folder / "graph.toro", isam=True, drop_loop_edges=True)),

@@ -144,21 +144,10 @@ def _fails(_: object) -> None:
     raise UserError("no solution")
 
 
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (["q5"], "question 'q5' is not known; use q1, q2, q3, q4"),
-        (["q1", "--runs", "0"], "runs: 0 is too few; give at least 1"),
-        (["q1", "--seed", "-1"], "seed: -1 is negative; use a whole number >= 0"),
-        (["q1", "--jobs", "0"], "jobs: 0 is out of range; give 1 to 1024"),
-    ],
-)
-def test_mistakes_are_refused_in_one_line(
-    words: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-):
-    assert main(["exercise", *words, "--out", str(tmp_path / "out")]) == 2
-    assert capsys.readouterr().err == f"slamgauge: {message}\n"
-    assert not (tmp_path / "out" / "exercise.json").exists()
+def test_an_unknown_question_is_refused_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    assert main(["exercise", "q5", "--out", str(tmp_path / "out")]) == 2
+    assert capsys.readouterr().err == "slamgauge: question 'q5' is not known; use q1, q2, q3, q4\n"
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.usefixtures("studies_in_a_thread")
@@ -207,7 +196,7 @@ def keys_of(value: Any) -> set[str]:
 
 
 def test_settings_are_those_of_the_handout():
-    """`scenarios/test_shipped_scenarios` has the gates and the assumed noise of questions 2 and 3."""
+    """`scenarios/test_scenario` has the gates and the assumed noise of questions 2 and 3."""
     scenarios = {figure: load_scenario(setting.scenario) for figure, setting in SETTINGS.items()}
     assert [*scenarios] == ["1.1", *(f"2.{k}" for k in range(1, 9)), *(f"3.{k}" for k in range(1, 5)), "4.1", "ring"]
     unknown = [figure for figure, each in scenarios.items() if each.association.method == "nearest-neighbour"]

@@ -1,9 +1,12 @@
-"""The simulator: exact truth, independent random streams, and stated noise.
+"""The simulator: exact truth on every kind of path, random maps, independent random streams, and stated noise.
 
 Statistical tests use fixed seeds and two-sided bounds that a right simulator exceeds once in 10 000.
 """
 
 from __future__ import annotations
+
+import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,12 +16,12 @@ from slamgauge.arrays import Float, Int
 from slamgauge.compare.scenarios.scenario import Scenario, load_scenario, shipped_scenarios
 from slamgauge.compare.scenarios.simulation import simulate
 from slamgauge.compare.scenarios.trajectory import Segments
+from slamgauge.compare.studies.store import digest
 from slamgauge.recording import Recording
-from slamgauge.se2 import chain, rotation, wrap
-from slamgauge.truth import Truth
+from slamgauge.se2 import between, chain, in_body, rotation, wrap
 from tests.reference.given import given
 
-from .conftest import FALSE_ALARM_RATE
+from .conftest import FALSE_ALARM_RATE, run
 
 POSITION = "sensor={kind='position', max_range=10, sigma_position=0.2}"
 
@@ -31,24 +34,6 @@ def assert_chi_square(normalised: Float) -> None:
     """Assert that the sum of squares of supposed independent standard normal numbers is inside the bounds."""
     low, high = chi2.ppf([FALSE_ALARM_RATE / 2, 1 - FALSE_ALARM_RATE / 2], normalised.size)
     assert low < np.sum(normalised**2) < high
-
-
-def true_body(truth: Truth, recording: Recording) -> Float:
-    """Return the observed landmarks (M, 2) in the body frames of the true poses."""
-    poses = given(truth.poses)[recording.observation_step]
-    offsets = given(truth.landmarks)[given(truth.association)] - poses[:, :2]
-    return np.einsum("nji,nj->ni", rotation(poses[:, 2]), offsets)
-
-
-def sensor_noise(truth: Truth, recording: Recording) -> Float:
-    body = true_body(truth, recording)
-    if recording.sensor == "position":
-        return recording.observation - body
-    ranges = recording.observation[:, 0] - np.linalg.norm(body, axis=1)
-    return np.column_stack([ranges, wrap(recording.observation[:, 1] - np.arctan2(body[:, 1], body[:, 0]))])
-
-
-# --- truth -------------------------------------------------------------------------------------
 
 
 def test_segments_follow_one_another():
@@ -73,9 +58,6 @@ def test_a_map_without_landmarks():
     truth, recording = simulate(scenario("landmarks.positions=[]"), 0)
     assert given(truth.landmarks).shape == (0, 2)
     assert recording.observation.shape == (0, 2)
-
-
-# --- streams -----------------------------------------------------------------------------------
 
 
 def test_a_seed_gives_the_same_run_and_another_seed_another():
@@ -108,29 +90,15 @@ def test_a_negative_seed_is_refused():
         simulate(scenario(), -1)
 
 
-# --- noise -------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(("overrides", "sigmas"), [((), [0.1, np.deg2rad(5)]), ((POSITION,), [0.2, 0.2])])
-def test_sensor_noise_has_the_stated_size(overrides: tuple[str, ...], sigmas: list[float]):
-    truth, recording = simulate(scenario(*overrides), 12)
-    for component in (sensor_noise(truth, recording) / sigmas).T:
-        assert_chi_square(component)
-        assert_chi_square(np.array([component.mean() * np.sqrt(len(component))]))
-
-
-def test_landmarks_have_independent_noise():
-    truth, recording = simulate(scenario("sensor.max_range=1000"), 13)
-    noise = sensor_noise(truth, recording)[:, 0].reshape(1258, 37) / 0.1
-    correlation = np.asarray(np.corrcoef(noise, rowvar=False))[np.triu_indices(37, 1)]
-    assert_chi_square(correlation * np.sqrt(1258))
-
-
-def test_streams_are_independent_of_one_another():
-    truth, recording = simulate(scenario("sensor.max_range=1000"), 14)
-    motion = (recording.odometry[:, 0] - 0.1) / 0.03
-    sensor = sensor_noise(truth, recording)[:, 0].reshape(1258, 37)[1:] / 0.1
-    assert_chi_square(motion @ sensor / np.sqrt(np.sum(sensor**2, axis=0)))
+def test_noise_has_the_stated_size_and_no_mean():
+    truth, recording = simulate(scenario(POSITION), 11)
+    path, seen = given(truth.poses), recording.observation_step
+    odometry = recording.odometry - between(path[:-1], path[1:])
+    np.testing.assert_allclose(odometry[:, 1], 0.0, atol=1e-12)
+    sensor = recording.observation - in_body(path[seen], given(truth.landmarks)[given(recording.landmark)])
+    for noise in (odometry[:, 0] / 0.03, odometry[:, 2] / np.deg2rad(0.3), *(sensor / 0.2).T):
+        assert_chi_square(noise)
+        assert_chi_square(np.array([noise.mean() * np.sqrt(len(noise))]))
 
 
 def test_estimators_receive_the_scaled_covariances():
@@ -198,3 +166,65 @@ def test_the_noise_of_the_octave_course() -> None:
     _, recording = simulate(load_scenario("freiburg-course", ["trajectory.duration=2"]), 5)
     np.testing.assert_allclose(recording.odometry_cov, np.tile(np.diag([0.1, 0.1, 0.01]), (2, 1, 1)), rtol=1e-12)
     np.testing.assert_allclose(recording.observation_cov[0], 0.01 * np.eye(2), rtol=1e-12)
+
+
+def moved(trajectory: str, *overrides: str) -> tuple[Float, Recording]:
+    truth, recording = run("start=mean", f"trajectory={trajectory}", *overrides)
+    assert truth.poses is not None
+    return truth.poses, recording
+
+
+def test_waypoints_are_reached_exactly_and_speeds_are_limited() -> None:
+    points = "[[2.03, 0], [2.03, 0], [2, 1], [0, 0]]"
+    path, recording = moved(
+        f"{{kind='waypoints', step=0.1, points={points}, speed=0.5, yaw_rate=1}}", "prior.mean=[0, 0, 0.3]"
+    )
+    for point in ([2.03, 0.0], [2.0, 1.0], [0.0, 0.0]):
+        assert np.linalg.norm(path[:, :2] - point, axis=1).min() < 1e-12
+    steps = np.diff(path, axis=0)
+    assert 0.045 < np.linalg.norm(steps[:, :2], axis=1).max() <= 0.05 + 1e-12
+    assert 0.09 < np.abs(wrap(steps[:, 2])).max() <= 0.1 + 1e-12
+    np.testing.assert_allclose(recording.stamps, 0.1 * np.arange(len(path)), atol=1e-12)
+
+
+def test_a_figure_eight_returns_to_the_start_twice_per_lap() -> None:
+    path, _ = moved("{kind='figure-eight', step=0.1, radius=3, speed=1, laps=2}")
+    np.testing.assert_allclose(path[-1], 0.0, atol=1e-12)
+    back = np.flatnonzero(np.linalg.norm(path[:, :2], axis=1) < 1e-9)
+    assert len(back) == 5
+    assert (path[:, 1].max(), path[:, 1].min()) == pytest.approx((6.0, -6.0), abs=0.01)
+
+
+def test_a_path_of_a_file_keeps_its_poses_and_stamps(tmp_path: Path) -> None:
+    (tmp_path / "path.csv").write_text("stamp,x,y,theta\n5,1,2,3\n5.5,1.5,2,-3\n6.5,2,2.5,-2\n")
+    (tmp_path / "my.toml").write_text(
+        "extends = 'q1-short-dense'\nprior = {mean = [1, 2, 3]}\n[trajectory]\nkind = 'csv'\nfile = 'path.csv'\n"
+    )
+    scenario = load_scenario(tmp_path / "my.toml", ["start=mean"])
+    truth, recording = simulate(scenario, 0)
+    assert truth.poses is not None
+    np.testing.assert_allclose(truth.poses, [[1, 2, 3], [1.5, 2, -3], [2, 2.5, -2]], atol=1e-12)
+    np.testing.assert_array_equal(recording.stamps, [5, 5.5, 6.5])
+    np.testing.assert_allclose(np.sqrt(recording.odometry_cov[:, 0, 0]), [0.15, 0.3])
+    assert scenario.trajectory.step == 0.75
+
+    elsewhere = tmp_path / "elsewhere"
+    shutil.copytree(tmp_path, elsewhere, ignore=shutil.ignore_patterns("elsewhere"))
+    assert load_scenario(elsewhere / "my.toml", ["start=mean"]) == scenario
+    assert digest(load_scenario(elsewhere / "my.toml", ["start=mean"]), 0) == digest(scenario, 0)
+    (elsewhere / "path.csv").write_text("stamp,x,y,theta\n5,1,2,3\n5.5,1.5,2,-3\n6.5,2,2.5,-2.1\n")
+    assert digest(load_scenario(elsewhere / "my.toml", ["start=mean"]), 0) != digest(scenario, 0)
+
+
+def test_random_landmarks_are_the_same_map_in_every_run() -> None:
+    chosen = "landmarks={random={count=40, box=[-5, 0, 5, 20], seed=4, min_distance=1}}"
+    (one, _), (other, _) = run(chosen), run(chosen, seed=9)
+    np.testing.assert_array_equal(one.landmarks, other.landmarks)
+    assert one.landmarks is not None
+    apart = np.linalg.norm(one.landmarks[:, None] - one.landmarks, axis=2)[np.triu_indices(40, 1)]
+    assert apart.min() >= 1.0
+    assert (one.landmarks >= [-5, 0]).all()
+    assert (one.landmarks <= [5, 20]).all()
+    more = run(chosen.replace("40", "41"))[0].landmarks
+    assert more is not None
+    np.testing.assert_array_equal(more[:40], one.landmarks)

@@ -1,16 +1,106 @@
-"""Worker processes of this machine end with the command, however it ends, and without a word."""
+"""Executors: errors of a Dask cluster are one line, and worker processes end with the command, however it ends."""
 
 from __future__ import annotations
 
+import logging
 import os
 import signal
 import subprocess
 import sys
+import time
+from collections.abc import Generator
 from pathlib import Path
+from typing import Any
 
 import pytest
+from distributed import Client
 
-pytestmark = [pytest.mark.skipif(sys.platform == "win32", reason="Windows has no process groups"), pytest.mark.slow]
+from slamgauge.compare.studies import executors as cluster
+from slamgauge.compare.studies.executors import dask_cluster
+from slamgauge.errors import UserError
+
+pytestmark = pytest.mark.slow
+
+
+SERVE = """
+from distributed import LocalCluster
+if __name__ == "__main__":
+    cluster = LocalCluster(n_workers=1, threads_per_worker=1, processes=False, protocol="tcp", dashboard_address=None)
+    print(cluster.scheduler_address, flush=True)
+    input()
+"""
+
+
+@pytest.fixture
+def scheduler(request: pytest.FixtureRequest) -> Generator[str]:
+    """The address of a scheduler in this process, with the number of workers of the test's parameter."""
+    from distributed import LocalCluster
+
+    options: dict[str, Any] = {"n_workers": request.param, "threads_per_worker": 1, "dashboard_address": None}
+    local: Any = LocalCluster(processes=False, protocol="tcp", **options)
+    with local:
+        yield f"{local.scheduler_address}"
+
+
+@pytest.mark.parametrize(
+    ("scheduler", "theirs", "line"),
+    [
+        (0, {}, r"has no workers; start one: dask worker \S+"),
+        (1, {"numpy": "1.0"}, r"worker tcp\S+ has numpy 1.0, and this is 2\S+; install the same on both sides"),
+        (1, {"slamgauge": None}, r"worker tcp\S+ has slamgauge None, and this is 0\S+; install the same on both sides"),
+    ],
+    indirect=["scheduler"],
+)
+def test_workers_that_cannot_run_the_study(
+    scheduler: str, theirs: dict[str, str | None], line: str, monkeypatch: pytest.MonkeyPatch
+):
+    get_versions = Client.get_versions
+
+    def altered(client: Client, **options: Any) -> Any:
+        found: Any = get_versions(client, **options)
+        for each in found["workers"].values():
+            each["packages"] |= theirs
+        return found
+
+    monkeypatch.setattr(cluster, "WORKERS", 0.2)
+    monkeypatch.setattr(Client, "get_versions", altered)
+    with pytest.raises(UserError, match=rf"^scheduler \S+: {line}$"):
+        dask_cluster(scheduler).__enter__()
+
+
+def test_a_scheduler_that_is_killed_is_one_line_within_seconds(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+):
+    monkeypatch.setattr(cluster, "CONNECT", 3.0)
+    client_log = logging.getLogger("distributed.client")
+    with subprocess.Popen([sys.executable, "-c", SERVE], stdin=-1, stdout=-1, stderr=-3, text=True) as served:
+        assert served.stdout is not None
+        address, begun = served.stdout.readline().strip(), time.monotonic()
+        line = r"^scheduler \S+: lost; start it again, and give the same command again$"
+        with pytest.raises(UserError, match=line), dask_cluster(address) as executor:
+            assert not client_log.isEnabledFor(logging.ERROR)  # its log sometimes repeats the error
+            run = executor.submit(time.sleep, 60.0)
+            served.kill()
+            begun = time.monotonic()
+            run.result()
+        assert time.monotonic() - begun < 20.0
+    assert capfd.readouterr().err == ""
+    assert client_log.isEnabledFor(logging.ERROR)
+
+
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "tls://127.0.0.1:1"])
+def test_addresses_without_a_scheduler_are_refused_in_a_line(address: str, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(cluster, "CONNECT", 0.5)
+    with pytest.raises(UserError, match=rf"^scheduler {address}: [^\n]*; give a running one$"):
+        dask_cluster(address).__enter__()
+
+
+@pytest.mark.parametrize("address", ["nonsense", "ftp://127.0.0.1:1", "tcp://127.0.0.1:x", "127.0.0.1:8786", ""])
+def test_texts_that_are_no_address_are_refused(address: str):
+    line = f"^scheduler '{address}' is not an address; give tcp://host:port or tls://host:port$"
+    with pytest.raises(UserError, match=line):
+        dask_cluster(address).__enter__()
+
 
 PROGRAM = """
 import signal
@@ -32,6 +122,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no process groups")
 @pytest.mark.parametrize(("end", "status"), [("SIGINT", -2), ("SIGTERM", -15), ("SIGKILL", -9), ("SIGHUP", 5)])
 def test_processes_end_with_the_command(end: str, status: int, tmp_path: Path):
     program = tmp_path / "program.py"

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from slamgauge.compare.cli import terminal
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.datasets.lost_in_the_woods import read_lost_in_the_woods
 from slamgauge.compare.scenarios.scenario import load_scenario
@@ -76,28 +75,18 @@ def test_equal_covariances_become_a_key_that_can_be_swept(tmp_path: Path) -> Non
     np.testing.assert_allclose(better.sensor.sigmas, [0.01, 0.1])
 
 
-def test_commands_accept_a_twin_as_a_scenario(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(terminal, "PIPED", 80)
-    save(tmp_path / "recording.npz", log())
-    assert main(["twin", str(tmp_path / "recording.npz"), "--out", str(tmp_path / "twin")]) == 0
-    printed = capsys.readouterr().err
-    assert "observations: written to" in printed
-    assert max(len(line) for line in printed.splitlines() if "written to" not in line) <= 80
-    toml = str(tmp_path / "twin" / "twin.toml")
-    assert main(["run", toml, "--estimators", "ekf", "--out", str(tmp_path / "run")]) == 0
-    command = ["study", toml, "--runs", "2", "--jobs", "1", "--estimators", "ekf", "--out", str(tmp_path / "study")]
-    assert main(command) == 0
-    assert main(["twin", str(tmp_path / "none.npz"), "--out", str(tmp_path / "twin")]) == 2
-
-
-def test_a_log_without_ids_is_associated_first(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_commands_accept_a_twin_as_a_scenario(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A log without ids is associated first."""
     recording = simulate(load_scenario("q2-short-dense", ["trajectory.duration=20"]), 0)[1]
     save(tmp_path / "recording.npz", recording)
     assert main(["twin", str(tmp_path / "recording.npz"), "--out", str(tmp_path / "twin")]) == 0
-    assert "no ids: associated by riekf with jcbb, which may be wrong" in capsys.readouterr().err
-    assert load_scenario(tmp_path / "twin" / "twin.toml").association.method == "jcbb"
+    printed = capsys.readouterr().err
+    assert "no ids: associated by riekf with jcbb, which may be wrong" in printed
+    assert "observations: written to" in printed
+    toml = str(tmp_path / "twin" / "twin.toml")
+    assert load_scenario(toml).association.method == "jcbb"
+    assert main(["run", toml, "--estimators", "ekf", "--out", str(tmp_path / "run")]) == 0
+    assert main(["twin", str(tmp_path / "none.npz"), "--out", str(tmp_path / "twin")]) == 2
 
 
 @pytest.mark.full  # a study of a real recording

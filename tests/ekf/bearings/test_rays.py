@@ -24,9 +24,9 @@ from slamgauge.ekf.bearings.rays import (
 )
 from slamgauge.ekf.settings import Rays
 from slamgauge.recording import Observations
-from slamgauge.se2 import compose, wrap
+from slamgauge.se2 import compose
 from tests.reference.random_recordings import noisy_bearings
-from tests.reference.textbook import J
+from tests.reference.textbook import DenseFilter
 
 pytestmark = pytest.mark.slow
 
@@ -102,54 +102,38 @@ def test_a_ray_receives_at_most_the_information_of_a_bearing(logarithms: list[fl
 # --- rays of a map -------------------------------------------------------------------------------
 
 
-class Twin:
-    """A ray on full matrices: equations 4.1 to 4.4, weights as products, a stacked federated update."""
+class Twin(DenseFilter):
+    """A ray on full matrices: members at ranges (4.1) to (4.4), weights as products, a stacked federated update."""
 
     def __init__(self, mean: Float, cov: Float, rays: Rays) -> None:
-        self.x, self.P, self.rays = mean.copy(), cov.copy(), rays
-        self.weights = np.zeros(0)
-        self.born_with = 0
+        super().__init__("range-bearing", mean, cov, "standard")
+        self.rays, self.weights = rays, np.full(rays.member_count, 1.0 / rays.member_count)
 
     def begin(self, z: float, R: float) -> None:
-        angle = self.x[2] + z
-        e, across = np.array([np.cos(angle), np.sin(angle)]), np.array([-np.sin(angle), np.cos(angle)])
         for s in distances_and_sigmas(self.rays)[0]:
-            G = np.zeros((2, len(self.x)))
-            G[:, :2], G[:, 2] = np.eye(2), s * across
-            new = G @ self.P @ G.T + R * s**2 * np.outer(across, across)
-            new += (self.rays.alpha * s) ** 2 * np.outer(e, e)
-            self.P = np.block([[self.P, self.P @ G.T], [G @ self.P, new]])
-            self.x = np.concatenate([self.x, self.x[:2] + s * e])
-        self.born_with = self.rays.member_count
-        self.weights = np.full(self.born_with, 1.0 / self.born_with)
+            self.augment(np.array([s, z]), np.diag([(self.rays.alpha * s) ** 2, R]))
 
-    def predict(self, increment: Float, Q: Float) -> None:
-        self.x, self.P, _ = textbook.predict(textbook.Belief(self.x, self.P, ()), increment, Q)
+    def linearised(self, z: float, R: float) -> tuple[Float, Float]:
+        """Return the innovation (n,) of each member, and its Jacobian (n, size)."""
+        slots = np.arange(len(self.weights))
+        given = np.full((len(slots), 1), z), np.full((len(slots), 1, 1), R)
+        v, H, _ = textbook.stack(textbook.linearise("bearing", self.x, slots, *given), len(self.x))
+        return v, H
 
-    def member(self, i: int, z: float) -> tuple[float, Float]:
-        offset = self.x[3 + 2 * i : 5 + 2 * i] - self.x[:2]
-        H = np.zeros(len(self.x))
-        H[:2] = -(J @ offset) / (offset @ offset)
-        H[2] = -1.0
-        H[3 + 2 * i : 5 + 2 * i] = (J @ offset) / (offset @ offset)
-        return float(wrap(z - (np.arctan2(offset[1], offset[0]) - self.x[2]))), H
-
-    def update(self, z: float, R: float) -> None:
-        innovations, rows = zip(*(self.member(i, z) for i in range(len(self.weights))), strict=True)
-        Z = np.array([H @ self.P @ H + R for H in rows])
-        self.weights = self.weights * np.exp(-np.square(innovations) / (2 * Z)) / np.sqrt(Z)
+    def bear(self, z: float, R: float) -> None:
+        """Update with a bearing."""
+        v, H = self.linearised(z, R)
+        Z = np.einsum("ni,ij,nj->n", H, self.P, H) + R
+        self.weights = self.weights * np.exp(-(v**2) / (2 * Z)) / np.sqrt(Z)
         self.weights /= self.weights.sum()
-        kept = self.weights >= self.rays.threshold / self.born_with
-        entries = np.concatenate([np.ones(3, bool), np.repeat(kept, 2)])
+        kept = self.weights >= self.rays.threshold / self.rays.member_count
+        entries = np.append(np.ones(3, bool), np.repeat(kept, 2))
         self.x, self.P, self.weights = self.x[entries], self.P[np.ix_(entries, entries)], self.weights[kept]
         self.weights /= self.weights.sum()
-        shared = [i for i, weight in enumerate(self.weights) if weight >= MIN_SHARE]
-        found = [self.member(i, z) for i in shared]
-        v, H = np.array([each[0] for each in found]), np.array([each[1] for each in found])
-        S = H @ self.P @ H.T + np.diag(R / self.weights[shared])
-        K = self.P @ H.T @ np.linalg.inv(S)
-        self.x = self.x + K @ v
-        self.P = self.P - K @ S @ K.T
+        shared = self.weights >= MIN_SHARE
+        v, H = (each[shared] for each in self.linearised(z, R))
+        R_shared = np.diag(R / self.weights[shared])
+        (self.x, self.P, _), _, _ = textbook.update(textbook.Belief(self.x, self.P, ()), v, H, R_shared)
 
 
 def test_a_ray_equals_the_dense_reference_until_it_is_a_point():
@@ -171,7 +155,7 @@ def test_a_ray_equals_the_dense_reference_until_it_is_a_point():
         if k == 0:
             twin.begin(z, R)
         else:
-            twin.update(z, R)
+            twin.bear(z, R)
         members.append(len(twin.weights))
         np.testing.assert_allclose(slam.pose, twin.x[:3], atol=1e-9)
         np.testing.assert_allclose(slam.pose_cov, twin.P[:3, :3], atol=1e-11)
