@@ -32,7 +32,6 @@ from slamgauge.compare.scoring.verdicts import single_run, verdict_lines
 from slamgauge.compare.storage.files import save, write_json
 from slamgauge.compare.storage.result_files import METRICS, RECORDING, TRUTH, origin
 from slamgauge.compare.storage.trajectories import write_tum
-from slamgauge.display import data_frame
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, Estimator, Kind
 from slamgauge.recording import Recording
@@ -71,12 +70,6 @@ class Comparison:
 
     def _repr_html_(self) -> str:
         return table(self).html()
-
-    def to_frame(self) -> Any:
-        """Return the scores as a `pandas.DataFrame`: a row per estimator, a column per number of metrics.json."""
-        entries = {name: score.numbers() for name, score in self.scores.items()}
-        keys = dict.fromkeys(key for entry in entries.values() for key in entry)
-        return data_frame({key: [entry.get(key) for entry in entries.values()] for key in keys}, [*entries])
 
 
 def compare_estimators(

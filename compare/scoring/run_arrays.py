@@ -116,7 +116,7 @@ class RunArrays:
         true, ids = self.truth.association, self.estimate.landmark_ids
         if true is None or self.estimate.association is None:
             return None
-        if self.recording.landmark is not None:
+        if self.recording.landmark is not None and self.observed is not None:
             main = np.where(np.isin(ids, self.observed), ids, NOBODY)
         else:
             names, counts = self._counts(true)

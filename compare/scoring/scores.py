@@ -13,7 +13,7 @@ from pydantic_core import to_jsonable_python
 from slamgauge.arrays import Float, Marks
 from slamgauge.compare.scoring.catalogue import BY_KEY, measured
 from slamgauge.compare.scoring.measured import Measured
-from slamgauge.display import data_frame, html_table
+from slamgauge.display import html_table
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
@@ -66,17 +66,9 @@ class Score(FiguresByKey):
         return f"Score({', '.join([self['kind'], *parts])})"
 
     def _repr_html_(self) -> str:
-        rows = [(key, f"{value:.4g}", BY_KEY[key].help) for key, value in self.numbers().items() if value is not None]
+        numbers = {key: value for key, value in self.to_json().items() if isinstance(value, int | float)}
+        rows = [(key, f"{value:.4g}", BY_KEY[key].help) for key, value in numbers.items()]
         return html_table((f"{self['kind']} estimate", "", ""), rows)
-
-    def numbers(self) -> dict[str, float | None]:
-        """Return the entries of metrics.json that are numbers."""
-        return {key: value for key, value in self.to_json().items() if value is None or isinstance(value, int | float)}
-
-    def to_frame(self) -> Any:
-        """Return the figures as a `pandas.DataFrame` with a row for each."""
-        numbers = self.numbers()
-        return data_frame({"value": [*numbers.values()]}, [*numbers])
 
     def timed(self, seconds: float | None) -> Score:
         """Return the score with this computing time [s]."""
