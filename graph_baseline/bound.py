@@ -46,41 +46,6 @@ def causal_bound(truth: Truth, recording: Recording) -> Float:
         UserError: the truth is incomplete.
     """
     scans, model, landmarks = model_at_truth(truth, recording)
-    return causal_covariances(scans, model, landmarks)
-
-
-def hindsight_bound(truth: Truth, recording: Recording) -> Float:
-    """Return bounds (N+1, 3, 3) given all measurements; arguments and errors as in `causal_bound`."""
-    scans, model, landmarks = model_at_truth(truth, recording)
-    return solve(model, scans, landmarks).pose_covs
-
-
-def model_at_truth(truth: Truth, recording: Recording) -> tuple[Scans, LinearModel, int]:
-    """Return the linear model at the truth and its number of landmarks, numbered by first observation."""
-    if truth.poses is None or truth.landmarks is None or truth.association is None or np.isnan(truth.poses).any():
-        raise UserError("truth: the bound needs all true poses, landmarks and associations; simulate a scenario")
-    assert truth.landmark_ids is not None
-    assert truth.misleading is not None
-    association = np.where(truth.misleading, -1, truth.association)
-    is_associated = recording.landmark is not None and np.array_equal(association, recording.landmark)
-    seen = prepare(recording if is_associated else recording.associated(association))
-    require_memory_for(seen, "bound")
-    if not SENSORS[seen.sensor].places_landmarks:
-        seen = seen.only(are_reobserved(seen))  # a single bearing has no information about the path
-    by_first_observation = np.argsort(seen.first_row)
-    order = np.argsort(truth.landmark_ids)
-    ids = seen.landmark_ids[by_first_observation]
-    landmarks = truth.landmarks[order[np.searchsorted(truth.landmark_ids, ids, sorter=order)]]
-    arrays = graph_arrays(seen)._replace(slot=np.argsort(by_first_observation)[seen.slot])
-    model = empty_model(seen.steps + 1, *arrays.value.shape)
-    linearise(arrays, truth.poses, landmarks, (0, seen.steps + 1), model)
-    turn = pose_rotation(truth.poses[:-1, 2])
-    model.W[0], model.W[1:] = recording.prior_cov, turn @ recording.odometry_cov @ turn.swapaxes(1, 2)
-    return Scans(arrays.first, arrays.slot), model, len(ids)
-
-
-def causal_covariances(scans: Scans, model: LinearModel, landmarks: int) -> Float:
-    """Return covariances (N+1, 3, 3) of each pose given the scans up to it; slots are in order of observation."""
     chain, front = empty_chain(len(model.c)), empty_frontier(2 * landmarks)
     vague = 1.0 / MAX_LANDMARK_SIGMA**2  # a single bearing does not determine a landmark
     front.information[np.arange(1, len(front.information)), np.arange(1, len(front.information))] = vague
@@ -102,3 +67,33 @@ def causal_covariances(scans: Scans, model: LinearModel, landmarks: int) -> Floa
             spread = solve_triangular(factor, front.M[:, 1:width].T, lower=1)[0]
             covs[k] += spread.T @ spread
     return covs
+
+
+def hindsight_bound(truth: Truth, recording: Recording) -> Float:
+    """Return bounds (N+1, 3, 3) given all measurements; arguments and errors as in `causal_bound`."""
+    scans, model, landmarks = model_at_truth(truth, recording)
+    return solve(model, scans, landmarks).pose_covs
+
+
+def model_at_truth(truth: Truth, recording: Recording) -> tuple[Scans, LinearModel, int]:
+    """Return the linear model at the truth and its number of landmarks, whose slots are in order of observation."""
+    if truth.poses is None or truth.landmarks is None or truth.association is None or np.isnan(truth.poses).any():
+        raise UserError("truth: the bound needs all true poses, landmarks and associations; simulate a scenario")
+    assert truth.landmark_ids is not None
+    assert truth.misleading is not None
+    association = np.where(truth.misleading, -1, truth.association)
+    is_associated = recording.landmark is not None and np.array_equal(association, recording.landmark)
+    seen = prepare(recording if is_associated else recording.associated(association))
+    require_memory_for(seen, "bound")
+    if not SENSORS[seen.sensor].places_landmarks:
+        seen = seen.only(are_reobserved(seen))  # a single bearing has no information about the path
+    by_first_observation = np.argsort(seen.first_row)
+    order = np.argsort(truth.landmark_ids)
+    ids = seen.landmark_ids[by_first_observation]
+    landmarks = truth.landmarks[order[np.searchsorted(truth.landmark_ids, ids, sorter=order)]]
+    arrays = graph_arrays(seen)._replace(slot=np.argsort(by_first_observation)[seen.slot])
+    model = empty_model(seen.steps + 1, *arrays.value.shape)
+    linearise(arrays, truth.poses, landmarks, (0, seen.steps + 1), model)
+    turn = pose_rotation(truth.poses[:-1, 2])
+    model.W[0], model.W[1:] = recording.prior_cov, turn @ recording.odometry_cov @ turn.swapaxes(1, 2)
+    return Scans(arrays.first, arrays.slot), model, len(ids)

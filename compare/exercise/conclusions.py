@@ -147,19 +147,15 @@ RATIOS = sum(len(each.measures) - 1 for each in CONCLUSIONS)
 
 @dataclass(frozen=True)
 class Judgement:
-    """Verdict on a conclusion, or on one of its ratios.
+    """Verdict on a conclusion, or on one of its ratios, and the ratio, None without runs.
 
-    Attributes:
-        verdict: `holds`, `does not hold` or `undecided`.
-        ratio: geometric mean over runs with its interval, which holds for all conclusions together; None without runs.
-        runs: number of runs with both figures.
-        runs_needed: number of runs that would decide it with a probability of 90 %, if they scatter as these do; None
-            if it is decided, or if the ratio is at an end of the asserted range.
+    `runs_needed` runs would decide it with a probability of 90 %, if they scatter as these do; it is None if the
+    conclusion is decided, or if the ratio is at an end of the asserted range.
     """
 
     verdict: Verdict
-    ratio: Interval | None = None
-    runs: int = 0
+    ratio: Interval | None = None  # geometric mean over runs; its interval holds for all conclusions together
+    runs: int = 0  # with both figures
     runs_needed: int | None = None
 
 

@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from slamgauge.arrays import Float
+from slamgauge.arrays import Float, chunks
 from slamgauge.errors import UserError
 from slamgauge.se2 import between, wrap
 
@@ -20,7 +20,8 @@ FARTHEST = 1e100  # limit of distances, so that sums of their squares are finite
 def pose_errors(reference: Float, poses: Float) -> Float:
     """Return additive errors (n, 3) of `poses` (n, 3) in the world frame, [m, m, rad], heading wrapped."""
     errors = poses - reference
-    errors[:, 2] = wrap(errors[:, 2])
+    for rows in chunks(len(errors)):
+        errors[rows, 2] = wrap(errors[rows, 2])
     return errors
 
 
@@ -36,7 +37,11 @@ def distances(errors: Float) -> Float:
 
 def step_errors(reference: Float, poses: Float) -> Float:
     """Return translations (n-1,) [m] by which consecutive body-frame steps differ (evo's RPE at a delta of one)."""
-    return distances(between(poses[:-1], poses[1:]) - between(reference[:-1], reference[1:]))
+    errors = np.empty(len(poses) - 1)
+    for rows in chunks(len(errors)):
+        after = slice(rows.start + 1, rows.stop + 1)
+        errors[rows] = distances(between(poses[rows], poses[after]) - between(reference[rows], reference[after]))
+    return errors
 
 
 def squared_mahalanobis(errors: Float, covs: Float) -> Float:
@@ -46,16 +51,17 @@ def squared_mahalanobis(errors: Float, covs: Float) -> Float:
     the correlation matrix is checked and solved, not the covariance.
     """
     found = np.full(len(errors), np.nan)
-    sigmas = np.sqrt(np.diagonal(covs, axis1=1, axis2=2).clip(min=0))
-    defined = np.isfinite(errors).all(axis=1) & np.isfinite(covs).all(axis=(1, 2)) & (sigmas > 0).all(axis=1)
-    rows = np.flatnonzero(defined)
-    correlations = covs[rows] / (sigmas[rows, :, None] * sigmas[rows, None, :])
-    regular = np.linalg.eigvalsh(correlations)[:, 0] > SINGULAR
-    rows, correlations = rows[regular], correlations[regular]
-    scaled = errors[rows] / sigmas[rows]
-    solved = np.linalg.solve(correlations, scaled[:, :, None])[:, :, 0]
-    with np.errstate(over="ignore"):
-        found[rows] = np.minimum((scaled * solved).sum(axis=1), FARTHEST)
+    for part in chunks(len(errors)):
+        e, P = errors[part], covs[part]
+        sigmas = np.sqrt(np.diagonal(P, axis1=1, axis2=2).clip(min=0))
+        rows = np.flatnonzero(np.isfinite(e).all(axis=1) & np.isfinite(P).all(axis=(1, 2)) & (sigmas > 0).all(axis=1))
+        C = P[rows] / (sigmas[rows, :, None] * sigmas[rows, None, :])
+        regular = np.linalg.eigvalsh(C)[:, 0] > SINGULAR
+        rows, C = rows[regular], C[regular]
+        scaled = e[rows] / sigmas[rows]
+        solved = np.linalg.solve(C, scaled[:, :, None])[:, :, 0]
+        with np.errstate(over="ignore"):
+            found[part.start + rows] = np.minimum((scaled * solved).sum(axis=1), FARTHEST)
     return found
 
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from slamgauge.arrays import Float, Int, Marks
+from slamgauge.arrays import Float, Int, Marks, chunks, distinct
 from slamgauge.compare.scoring.consistency import distances, pose_errors, squared_mahalanobis
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
@@ -26,7 +27,6 @@ class RunArrays:
         recording: input of the estimator.
         estimate: output of the estimator.
         optimum: estimate of `causal` if `estimate` is filtered, of `batch` if it is smoothed; None: not compared.
-        batch: the hindsight optimum, for the distance of the last pose.
         compared: (N+1,) the steps of which a stored trajectory has a pose; None: all.
     """
 
@@ -34,7 +34,6 @@ class RunArrays:
     recording: Recording
     estimate: Estimate
     optimum: Estimate | None = None
-    batch: Estimate | None = None
     compared: Marks | None = None
 
     @cached_property
@@ -85,26 +84,7 @@ class RunArrays:
     @cached_property
     def observed(self) -> Int | None:
         """Distinct true ids of the observed landmarks; None if unknown."""
-        return None if self.truth.association is None else np.setdiff1d(self.truth.association, NOBODY)
-
-    @cached_property
-    def tracks(self) -> tuple[Int, Int] | None:
-        """Accepted observations (m,) and the rows (m,) of their tracks in the map; None without associations."""
-        given, ids = self.estimate.association, self.estimate.landmark_ids
-        if given is None:
-            return None
-        accepted, order = np.flatnonzero(given != NOBODY), np.argsort(ids)
-        return accepted, order[np.searchsorted(ids, given[accepted], sorter=order)]
-
-    def _counts(self, names: Int) -> Int:
-        """Return numbers (L, T) of observations of the true landmarks `names` (T,) in each track."""
-        counts = np.zeros((len(self.estimate.landmark_ids), len(names)), dtype=np.int64)
-        if self.tracks is not None and self.truth.association is not None:
-            accepted, rows = self.tracks
-            true = self.truth.association[accepted]
-            known = np.isin(true, names)
-            np.add.at(counts, (rows[known], np.searchsorted(names, true[known])), 1)
-        return counts
+        return None if self.truth.association is None else np.setdiff1d(distinct(self.truth.association), NOBODY)
 
     @cached_property
     def true_ids(self) -> Int:
@@ -116,15 +96,15 @@ class RunArrays:
         if self.recording.landmark is not None:
             return self.estimate.landmark_ids
         owners = np.full(len(self.estimate.landmark_ids), NOBODY)
-        if self.observed is not None and self.tracks is not None:
+        if self.truth.association is not None and self.estimate.association is not None:
             from scipy.optimize import linear_sum_assignment  # here: scipy is slow to start
 
-            counts = self._counts(self.observed)
-            whole = np.bincount(self.tracks[1], minlength=len(owners))
-            foreign = whole[:, None] - counts
-            rows, columns = linear_sum_assignment(counts - 1e-9 * foreign, maximize=True)
-            met = counts[rows, columns] > 0
-            owners[rows[met]] = self.observed[columns[met]]
+            names, counts = self._counts(self.truth.association)
+            foreign = counts.sum(axis=1, keepdims=True) - counts
+            known = names != NOBODY
+            rows, columns = linear_sum_assignment((counts - 1e-9 * foreign)[:, known], maximize=True)
+            met = counts[:, known][rows, columns] > 0
+            owners[rows[met]] = names[known][columns[met]]
         return owners
 
     @cached_property
@@ -134,17 +114,34 @@ class RunArrays:
         A track belongs to the landmark, or to clutter, from which most of its observations come.
         """
         true, ids = self.truth.association, self.estimate.landmark_ids
-        if true is None or self.tracks is None:
+        if true is None or self.estimate.association is None:
             return None
-        if self.recording.landmark is not None:
-            main = np.where(np.isin(ids, true), ids, NOBODY)
+        if self.recording.landmark is not None and self.observed is not None:
+            main = np.where(np.isin(ids, self.observed), ids, NOBODY)
         else:
-            names = np.unique(true)
-            main = names[self._counts(names).argmax(axis=1)] if len(names) else np.full(len(ids), NOBODY)
-        accepted, rows = self.tracks
+            names, counts = self._counts(true)
+            main = names[counts.argmax(axis=1)] if len(names) else np.full(len(ids), NOBODY)
         wrong = np.zeros(len(true), dtype=np.bool_)
-        wrong[accepted] = main[rows] != true[accepted]
+        for accepted, rows in self._accepted():
+            wrong[accepted] = main[rows] != true[accepted]
         return wrong
+
+    def _counts(self, true: Int) -> tuple[Int, Int]:
+        """Return distinct ids (T,) of observed landmarks and clutter, and numbers (L, T) of their observations."""
+        names = distinct(true)
+        counts = np.zeros((len(self.estimate.landmark_ids), len(names)), dtype=np.int64)
+        for accepted, rows in self._accepted():
+            np.add.at(counts, (rows, np.searchsorted(names, true[accepted])), 1)
+        return names, counts
+
+    def _accepted(self) -> Iterator[tuple[Int, Int]]:
+        """Yield observations (m,) with a track, and its row (m,) in the map, some thousands at a time."""
+        ids, given = self.estimate.landmark_ids, self.estimate.association
+        assert given is not None
+        order = np.argsort(ids)
+        for rows in chunks(len(given)):
+            accepted = rows.start + np.flatnonzero(given[rows] != NOBODY)
+            yield accepted, order[np.searchsorted(ids, given[accepted], sorter=order)]
 
     def from_truth(self, ids: Int, points: Float) -> Float:
         """Return differences (n, 2) [m] between points and the true landmarks of these ids; NaN without one."""
@@ -199,11 +196,17 @@ def closure_steps(truth: Truth | None, recording: Recording) -> Int | None:
         ids = None if truth is None else truth.association
     if ids is None:
         return None
-    observed = np.flatnonzero(ids != NOBODY)
-    order = observed[np.argsort(ids[observed], kind="stable")]  # sorted by landmark, then by time
-    step = recording.observation_step[order]
-    is_absent = np.diff(recording.stamps[step]) >= ABSENCE - ROUNDING
-    return np.unique(step[1:][is_absent & (np.diff(ids[order]) == 0)])
+    names, found = distinct(ids), [np.zeros(0, dtype=np.int64)]
+    last = np.full(len(names), np.inf)  # time of the last observation of each landmark
+    for rows in chunks(len(ids)):
+        of_landmarks = np.flatnonzero(ids[rows] != NOBODY)
+        slot, step = np.searchsorted(names, ids[rows][of_landmarks]), recording.observation_step[rows][of_landmarks]
+        order = np.argsort(slot, kind="stable")  # sorted by landmark, then by time
+        slot, step, stamp = slot[order], step[order], recording.stamps[step[order]]
+        before = np.where(np.diff(slot, prepend=-1) != 0, last[slot], np.roll(stamp, 1))
+        found.append(step[stamp - before >= ABSENCE - ROUNDING])
+        last[slot] = stamp  # the last one counts
+    return np.unique(np.concatenate(found))
 
 
 def pose_covs_of(estimate: Estimate) -> Float:

@@ -145,7 +145,8 @@ def dask_cluster(address: str) -> Generator[Executor]:
         try:
             client = Client(address, timeout=CONNECT, set_as_default=False)
         except (OSError, ValueError, TypeError, RuntimeError) as error:  # TimeoutError is an OSError
-            raise UserError(f"scheduler {address}: {_first_line(error)}; give a running one") from None
+            reason = (str(error).strip() or type(error).__name__).splitlines()[0]
+            raise UserError(f"scheduler {address}: {reason}; give a running one") from None
         try:
             _require_workers(client, address)
             yield client.get_executor(pure=False)
@@ -186,7 +187,3 @@ def _quiet() -> Generator[None]:
             yield
     finally:
         logging.disable(before)
-
-
-def _first_line(error: BaseException) -> str:
-    return next((line.strip() for line in str(error).splitlines() if line.strip()), type(error).__name__)

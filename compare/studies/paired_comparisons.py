@@ -23,17 +23,11 @@ Against = Mapping[str, Mapping[str, Mapping[str, Paired]]]  # keys: reference es
 
 @dataclass(frozen=True)
 class RunFigures:
-    """Figures of one estimator in each run without failure, which other estimators and studies are compared with.
+    """Figures of one estimator in each run without failure, None where undefined, for comparisons."""
 
-    Attributes:
-        run: (R,) numbers of the runs, increasing.
-        ate_m: (R,) ATE [m]; None where undefined.
-        nees_pose_per_dof: (R,) mean pose NEES over 3 from the 11th step on; None where undefined.
-    """
-
-    run: list[int]
+    run: list[int]  # numbers of the runs, increasing
     ate_m: list[float | None]
-    nees_pose_per_dof: list[float | None]
+    nees_pose_per_dof: list[float | None]  # mean pose NEES over 3 from the 11th step on
 
     def in_runs_of(self, other: RunFigures, figure: str) -> Float:
         """Return a figure (C,) in the runs that another estimator has, too; NaN where undefined."""

@@ -133,8 +133,7 @@ def open_store(path: Path, scenario: Scenario, seed: int, *, begin: bool = False
         if begin:
             connection.execute("PRAGMA journal_mode = WAL")
             connection.executescript(TABLES)
-            entries = {"schema": SCHEMA, "version": __version__, "digest": own, "seed": seed}
-            entries["scenario"] = scenario.model_dump_json()
+            entries = {"schema": SCHEMA, "version": __version__, "scenario": scenario.model_dump_json(), "seed": seed}
             with connection:
                 connection.execute("BEGIN IMMEDIATE")  # a store in use by another program is refused at once
                 if not dict(connection.execute("SELECT key, value FROM study")):
@@ -142,13 +141,10 @@ def open_store(path: Path, scenario: Scenario, seed: int, *, begin: bool = False
                     connection.executemany("INSERT INTO study VALUES (?, ?)", rows)
         connection.execute("PRAGMA synchronous = NORMAL")
         connection.execute(f"PRAGMA busy_timeout = {round(1000 * BUSY)}")
-        found, stored = _about(connection, path)
-        if digest(stored, seed) != own or found["seed"] != str(seed):
-            what = f"another {'scenario' if digest(stored, seed) != own else 'seed'} (digest {found['digest'][:12]})"
-            raise UserError(f"{path}: has a study of {what}; give another --out")
-        if begin and found["digest"] != own:  # a version with new keys has other digests
-            with connection:
-                connection.execute("UPDATE study SET value = ? WHERE key = 'digest'", (own,))
+        found, other = _about(connection, path)
+        if found != own:
+            what = "seed" if digest(other, seed) == own else "scenario"
+            raise UserError(f"{path}: has a study of another {what} (digest {found[:12]}); give another --out")
         yield StudyStore(connection)
 
 
@@ -164,7 +160,7 @@ def read_store(path: Path, digest: str, labels: Sequence[str], runs: int) -> tup
         raise UserError(f"{path}: does not exist; give the command of the study again")
     with _connected(path) as connection:
         found, scenario = _about(connection, path)
-        if found["digest"] != digest:
+        if found != digest:
             raise UserError(f"{path}: has another study than the summary in this folder; give the command again")
         latest = "SELECT estimator FROM outcome GROUP BY estimator ORDER BY max(rowid)"
         keys: dict[str, str] = {}
@@ -174,10 +170,10 @@ def read_store(path: Path, digest: str, labels: Sequence[str], runs: int) -> tup
         return scenario, {label: store.load(keys[label], runs) for label in labels if label in keys}
 
 
-def _about(connection: sqlite3.Connection, path: Path) -> tuple[dict[str, str], Scenario]:
-    """Return entries and scenario of a store; refuse one whose results may differ from those of this version."""
+def _about(connection: sqlite3.Connection, path: Path) -> tuple[str, Scenario]:
+    """Return digest and scenario of a store; refuse one whose results may differ from those of this version."""
     found = dict(connection.execute("SELECT key, value FROM study"))
-    if not {"schema", "version", "digest", "scenario", "seed"} <= found.keys():
+    if not {"schema", "version", "scenario", "seed"} <= found.keys():
         raise UserError(f"{path}: has no study; give another --out")
     if found["schema"] != str(SCHEMA):
         raise UserError(
@@ -185,9 +181,10 @@ def _about(connection: sqlite3.Connection, path: Path) -> tuple[dict[str, str], 
             f"(slamgauge {__version__}); finish it with that version, or give another --out"
         )
     try:
-        return found, Scenario.model_validate_json(found["scenario"])
+        scenario = Scenario.model_validate_json(found["scenario"])
     except ValueError:  # pydantic's ValidationError is one
         raise UserError(f"{path}: has a scenario that this version cannot read; give another --out") from None
+    return digest(scenario, int(found["seed"])), scenario
 
 
 @contextmanager

@@ -38,19 +38,12 @@ KEY_COLUMNS = 4  # of tables for papers by default: the first columns of the pri
 
 
 class StoredStudy(NamedTuple):
-    """A study read from its folder.
-
-    Attributes:
-        content: content of summary.json.
-        summary: summary computed from the runs.
-        runs: stored runs by label.
-        step: time step [s].
-    """
+    """A study read from its folder: content of summary.json, summary of its stored runs, these by label, time step."""
 
     content: dict[str, Any]
     summary: Summary
     runs: dict[str, Runs]
-    step: float
+    step: float  # s
 
 
 def read_summary(path: Path) -> tuple[dict[str, Any], Summary]:

@@ -59,8 +59,6 @@ def run_study(
     An estimator's error is stored as its outcome of the run. A failure of the machine (memory, disk, a worker that
     died) is among the failures and not stored: the same command runs it again.
 
-    Seven parameters: six say what to run and where, the last is an option by keyword.
-
     Args:
         scenario: use `start = "sampled"` (true start drawn from the prior) for any statement about consistency; a
             scenario given by name or path has it.

@@ -33,21 +33,13 @@ ASSOCIATES = "riekf"  # estimator that associates a log without ids
 
 @dataclass(frozen=True)
 class Twin:
-    """A twin.
+    """A twin of a log."""
 
-    Attributes:
-        recording: the log with ids, without observations of landmarks that the optimum lacks.
-        optimum: the hindsight optimum of the log.
-        landmark: (M,) number of the landmark of each observation, in the order of the optimum's ids.
-        has_ids: whether the log has ids.
-        left_out: number of observations of the log that the twin lacks.
-    """
-
-    recording: Recording
-    optimum: Estimate
-    landmark: Int
-    has_ids: bool
-    left_out: int
+    recording: Recording  # the log with ids, without observations of landmarks that the optimum lacks
+    optimum: Estimate  # the hindsight optimum
+    landmark: Int  # (M,) number of the landmark of each observation, in the order of the optimum's ids
+    has_ids: bool  # of the log
+    left_out: int  # number of observations that the twin lacks
 
 
 def make_twin(recording: Recording) -> Twin:

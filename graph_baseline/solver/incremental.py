@@ -42,7 +42,7 @@ NEXT_SEARCH = 1.2  # step of the next search, relative to the step of the last o
 
 
 class Change(NamedTuple):
-    """A change of minimum or map: the path (k+1, 3) after it, and the ids (L,) of the landmarks active before."""
+    """A change of minimum or map: the path (k+1, 3) after it, and the bearing-only landmarks (L,) active before."""
 
     path: Float
     landmark_ids: Int
