@@ -111,13 +111,11 @@ def test_landmarks_are_compared_by_id() -> None:
     truth = true(path(recording), [7, 3, 9], [[7, 0], [3, 0], [9, 0]], [3, 7])
     covs = np.tile(np.diag([0.25, 1.0]), (2, 1, 1))
     estimate = filtered(path(recording), None, [3, 7], [[3, 1], [7.5, 0]], covs, [3, 7])
-    batch = smoothed(path(recording, [0, 2, 0]), None, [7], [[7.5, 2]])
-    score = evaluate(truth, recording, estimate, batch=batch)
+    score = evaluate(truth, recording, estimate)
     assert score["landmark_rmse_m"] == pytest.approx(math.sqrt((1 + 0.25) / 2))
     assert score["landmark_nees_per_dof"] == pytest.approx((1 + 1) / 2 / 2)
     assert (score["landmark_error_near_m"], score["landmark_error_far_m"]) == (1, 0.5)
     assert associations(score) == (2, 2, 0, 0)
-    assert score["final_distance_to_batch_m"] == pytest.approx(2)
 
 
 # --- association -------------------------------------------------------------------------------
@@ -236,9 +234,9 @@ def test_json_has_exactly_the_keys_and_no_nan() -> None:
     truth = true(poses, [1], [[1, 0]], [1, 1])
     hindsight = replace(full, kind="smoothed")
     scores = [
-        evaluate(truth, recording, full, full, hindsight),
+        evaluate(truth, recording, full, full),
         evaluate(None, recording, filtered(poses)),
-        evaluate(true(np.full((3, 3), np.nan)), recording, smoothed(poses, 0 * covs), hindsight, hindsight),
+        evaluate(true(np.full((3, 3), np.nan)), recording, smoothed(poses, 0 * covs), hindsight),
     ]
     for score in scores:
         entry = score.to_json()
@@ -261,7 +259,6 @@ SHORT, FIT = filtered(np.zeros((2, 3))), filtered(np.zeros((3, 3)))
         (None, [FIT, SHORT], "optimum.poses: 2 rows"),
         (None, [UNFIT], "estimate.association: 2 rows, but the recording needs 1"),
         (None, [FIT, replace(FIT, kind="smoothed")], "optimum.kind: 'smoothed' instead of 'filtered'; compare"),
-        (None, [FIT, None, FIT], "batch.kind: 'filtered' instead of 'smoothed'; compare"),
     ],
 )
 def test_inputs_that_do_not_fit_are_refused(truth: Truth | None, estimates: list[Any], message: str) -> None:
