@@ -108,13 +108,13 @@ def compare_estimators(
     own = {name: own_poses_of(estimators.get(name)) for name in ran.estimates}
     best = {kind: ran.estimates[name] for kind, name in ran.optima.items()}
     for name, estimate in ran.estimates.items():
-        optimum, hindsight, stored = best.get(estimate.kind), best.get("smoothed"), own[name]
+        optimum, stored = best.get(estimate.kind), own[name]
         scored, true, compared = estimate, truth, None
         if stored is not None:  # at its own stamps
             scored, true, compared = stored.estimate, truth_at(stored.stamps, truth, recording), stored.compared
-            optimum, hindsight = (each and optimum_at(stored.stamps, each, recording) for each in (optimum, hindsight))
+            optimum = optimum and optimum_at(stored.stamps, optimum, recording)
         try:
-            score = evaluate(true, recording, scored, optimum, hindsight, compared)
+            score = evaluate(true, recording, scored, optimum, compared)
         except UserError as error:
             ran.failures[name] = f"estimator {name}: {error}"
             continue
