@@ -1,12 +1,9 @@
-"""Display of records: a line at the prompt, a table in notebooks, a data frame if pandas is installed."""
+"""Display of records: a line at the prompt, a table in notebooks."""
 
 from __future__ import annotations
 
 import html
 from collections.abc import Mapping, Sequence
-from typing import Any
-
-from slamgauge.errors import UserError
 
 LONGEST_FIGURE = 24  # characters; longer texts may wrap
 
@@ -32,16 +29,3 @@ def fact_table(facts: Mapping[str, object]) -> str:
 def counted(count: int, what: str) -> str:
     """Return `1 landmark`, `2 landmarks`."""
     return f"{count} {what}{'s' * (count != 1)}"
-
-
-def data_frame(columns: Mapping[str, Any], index: list[str] | None = None) -> Any:
-    """Return a `pandas.DataFrame`.
-
-    Raises:
-        UserError: pandas is not installed.
-    """
-    try:
-        import pandas as pd
-    except ImportError:
-        raise UserError("to_frame: needs pandas; pip install pandas") from None
-    return pd.DataFrame(dict(columns), index=index)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, Literal, Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 
 from slamgauge.arrays import Float, Int
-from slamgauge.display import counted, data_frame, fact_table
+from slamgauge.display import counted, fact_table
 from slamgauge.errors import UserError
 from slamgauge.recording import Recording
 from slamgauge.validation import (
@@ -25,7 +25,6 @@ from slamgauge.validation import (
 )
 
 Kind = Literal["filtered", "smoothed"]
-AXES = ("x", "y", "heading")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -193,14 +192,6 @@ class Estimate(Record):
             "poses": f"{counted(len(self.poses), 'pose')} {has} covariances",
             "map": counted(len(self.landmark_ids), "landmark"),
         }
-
-    def to_frame(self) -> Any:
-        """Return the path as a `pandas.DataFrame`: x, y [m], heading [rad], and sigmas if there are covariances."""
-        columns: dict[str, Any] = dict(zip(AXES, self.poses.T, strict=True))
-        if self.pose_covs is not None:
-            sigmas = np.sqrt(np.diagonal(self.pose_covs, axis1=1, axis2=2).clip(min=0))
-            columns |= {f"sigma_{name}": sigma for name, sigma in zip(AXES, sigmas.T, strict=True)}
-        return data_frame(columns)
 
 
 def _as_figure(name: str, value: object) -> float | int:

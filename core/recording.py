@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any, NamedTuple, Self
+from typing import NamedTuple, Self
 
 import numpy as np
 
 from slamgauge.arrays import Float, Int, Marks, chunks, distinct
-from slamgauge.display import counted, data_frame, fact_table
+from slamgauge.display import counted, fact_table
 from slamgauge.errors import UserError
 from slamgauge.se2 import compose
 from slamgauge.sensors import SENSORS, Sensor, inverse
@@ -111,13 +111,6 @@ class Recording(Record):
             "duration": f"{self.stamps[-1] - self.stamps[0]:.6g} s",
             "observations": f"{count} {whose}",
         }
-
-    def to_frame(self) -> Any:
-        """Return the observations as a `pandas.DataFrame`: step, stamp [s], landmark, values [m, rad]."""
-        columns: dict[str, Any] = {"step": self.observation_step, "stamp": self.stamps[self.observation_step]}
-        if self.landmark is not None:
-            columns["landmark"] = self.landmark
-        return data_frame(columns | dict(zip(SENSORS[self.sensor].columns, self.observation.T, strict=True)))
 
     @property
     def steps(self) -> int:

@@ -59,7 +59,6 @@ LIBRARIES = {
     "slamgauge": {"numpy"},
     "slamgauge.blas_threads": {"threadpoolctl"},
     "slamgauge.jit": {"numba"},
-    "slamgauge.display": {"pandas"},
     "slamgauge.ekf": {"scipy"},
     "slamgauge.ekf.kernels.blas": {"numba", "llvmlite"},
     "slamgauge.graph_baseline": {"scipy", "gtsam"},
@@ -129,7 +128,7 @@ def test_modules_import_the_libraries_of_their_folder_which_are_the_declared_one
         assert (name, libraries(name) - allowed) == (name, set())
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     extras = project["optional-dependencies"]
-    declared = [*project["dependencies"], *extras["cluster"], *extras["frames"], *extras["ros"]]
+    declared = [*project["dependencies"], *extras["cluster"], *extras["ros"]]
     names = {re.split(r"[^\w-]", each, maxsplit=1)[0].replace("-", "_") for each in declared}
     assert {library for name in FILES for library in libraries(name)} == names
 

@@ -8,6 +8,7 @@ probability 0.1 %. The statistical levels are 99.9 %, two-sided.
 from __future__ import annotations
 
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -66,7 +67,7 @@ CONSISTENT = {"nees_level": LEVEL, "nis_level": LEVEL}
     ],
 )
 def test_error_and_consistency_are_within_bounds(
-    filter_name: str, scenario: str, runs: int, overrides: tuple[str, ...], bounds: dict[str, float]
+    filter_name: str, scenario: str, runs: int, overrides: tuple[str, ...], bounds: dict[str, Any]
 ):
     assert_error_bounds(scores(scenario, filter_name, runs, *overrides), **bounds)
 

@@ -32,7 +32,6 @@ from slamgauge.compare.scoring.verdicts import single_run, verdict_lines
 from slamgauge.compare.storage.files import save, write_json
 from slamgauge.compare.storage.result_files import METRICS, RECORDING, TRUTH, origin
 from slamgauge.compare.storage.trajectories import write_tum
-from slamgauge.display import data_frame
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, Estimator, Kind
 from slamgauge.recording import Recording
@@ -72,12 +71,6 @@ class Comparison:
     def _repr_html_(self) -> str:
         return table(self).html()
 
-    def to_frame(self) -> Any:
-        """Return the scores as a `pandas.DataFrame`: a row per estimator, a column per number of metrics.json."""
-        entries = {name: score.numbers() for name, score in self.scores.items()}
-        keys = dict.fromkeys(key for entry in entries.values() for key in entry)
-        return data_frame({key: [entry.get(key) for entry in entries.values()] for key in keys}, [*entries])
-
 
 def compare_estimators(
     truth: Truth | None,
@@ -115,13 +108,13 @@ def compare_estimators(
     own = {name: own_poses_of(estimators.get(name)) for name in ran.estimates}
     best = {kind: ran.estimates[name] for kind, name in ran.optima.items()}
     for name, estimate in ran.estimates.items():
-        optimum, hindsight, stored = best.get(estimate.kind), best.get("smoothed"), own[name]
+        optimum, stored = best.get(estimate.kind), own[name]
         scored, true, compared = estimate, truth, None
         if stored is not None:  # at its own stamps
             scored, true, compared = stored.estimate, truth_at(stored.stamps, truth, recording), stored.compared
-            optimum, hindsight = (each and optimum_at(stored.stamps, each, recording) for each in (optimum, hindsight))
+            optimum = optimum and optimum_at(stored.stamps, optimum, recording)
         try:
-            score = evaluate(true, recording, scored, optimum, hindsight, compared)
+            score = evaluate(true, recording, scored, optimum, compared)
         except UserError as error:
             ran.failures[name] = f"estimator {name}: {error}"
             continue

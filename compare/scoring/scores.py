@@ -13,7 +13,7 @@ from pydantic_core import to_jsonable_python
 from slamgauge.arrays import Float, Marks
 from slamgauge.compare.scoring.catalogue import BY_KEY, measured
 from slamgauge.compare.scoring.measured import Measured
-from slamgauge.display import data_frame, html_table
+from slamgauge.display import html_table
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
@@ -66,17 +66,9 @@ class Score(FiguresByKey):
         return f"Score({', '.join([self['kind'], *parts])})"
 
     def _repr_html_(self) -> str:
-        rows = [(key, f"{value:.4g}", BY_KEY[key].help) for key, value in self.numbers().items() if value is not None]
+        numbers = {key: value for key, value in self.to_json().items() if isinstance(value, int | float)}
+        rows = [(key, f"{value:.4g}", BY_KEY[key].help) for key, value in numbers.items()]
         return html_table((f"{self['kind']} estimate", "", ""), rows)
-
-    def numbers(self) -> dict[str, float | None]:
-        """Return the entries of metrics.json that are numbers."""
-        return {key: value for key, value in self.to_json().items() if value is None or isinstance(value, int | float)}
-
-    def to_frame(self) -> Any:
-        """Return the figures as a `pandas.DataFrame` with a row for each."""
-        numbers = self.numbers()
-        return data_frame({"value": [*numbers.values()]}, [*numbers])
 
     def timed(self, seconds: float | None) -> Score:
         """Return the score with this computing time [s]."""
@@ -88,17 +80,15 @@ def evaluate(
     recording: Recording,
     estimate: Estimate,
     optimum: Estimate | None = None,
-    batch: Estimate | None = None,
     compared: Marks | None = None,
 ) -> Score:
-    """Score an estimate against the truth, the optimum of the same kind and the hindsight optimum.
+    """Score an estimate against the truth and the optimum of the same kind.
 
     Args:
         truth: the known part of the truth; None on real data without ground truth.
         recording: input of the estimator.
         estimate: output of the estimator.
         optimum: estimate of `causal` if `estimate` is filtered, of `batch` if it is smoothed.
-        batch: the hindsight optimum, for the distance of the last pose.
         compared: (N+1,) the steps at which poses are scored; None: all.
 
     Raises:
@@ -110,14 +100,13 @@ def evaluate(
     require_type("estimate", estimate, Estimate)
     require_same_run(truth, recording)
     rows = {"poses": recording.steps + 1, "association": len(recording.observation)}
-    given = {"estimate": (estimate, estimate.kind), "optimum": (optimum, estimate.kind), "batch": (batch, "smoothed")}
-    for name, (each, kind) in given.items():
-        if each is not None and each.kind != kind:
-            remedy = "compare a filtered estimate with causal, a smoothed one with batch"
-            raise UserError(f"{name}.kind: {each.kind!r} instead of {kind!r}; {remedy}")
+    if optimum is not None and optimum.kind != estimate.kind:
+        remedy = "compare a filtered estimate with causal, a smoothed one with batch"
+        raise UserError(f"optimum.kind: {optimum.kind!r} instead of {estimate.kind!r}; {remedy}")
+    for name, each in {"estimate": estimate, "optimum": optimum}.items():
         for field, count in rows.items():
             values = getattr(each, field, None)
             if values is not None and len(values) != count:
                 raise UserError(f"{name}.{field}: {len(values)} rows, but the recording needs {count}; give its own")
-    found = Measured(truth, recording, estimate, optimum, batch, compared)
+    found = Measured(truth, recording, estimate, optimum, compared)
     return Score({"kind": estimate.kind, **measured(found)}, found.nees, found.sigmas)

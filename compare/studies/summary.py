@@ -10,7 +10,6 @@ from pydantic_core import to_jsonable_python
 
 from slamgauge.compare.estimators.registry import BOUND, BOUNDS, CAUSAL, HINDSIGHT, HINDSIGHT_BOUND, REGISTRY, is_ours
 from slamgauge.compare.scoring.catalogue import BY_KEY, empty_columns, figure_cells, heads
-from slamgauge.compare.scoring.intervals import Interval
 from slamgauge.compare.scoring.metric import TableName
 from slamgauge.compare.scoring.optimum_notes import (
     beats_the_optimum,
@@ -27,7 +26,6 @@ from slamgauge.compare.scoring.text_page import Page
 from slamgauge.compare.scoring.verdicts import verdict_lines
 from slamgauge.compare.storage.result_files import origin
 from slamgauge.compare.studies.paired_comparisons import Against, RunFigures, against_parts
-from slamgauge.display import data_frame
 
 ERRORS = {BOUND: "causal_position_rmse_m", HINDSIGHT_BOUND: "hindsight_position_rmse_m"}  # keys of summary.json
 
@@ -98,16 +96,6 @@ class Summary:
 
     def _repr_html_(self) -> str:
         return summary_table(self).html()
-
-    def to_frame(self) -> Any:
-        """Return a `pandas.DataFrame`: a row for each estimator, columns KEY (mean over runs), KEY_low and KEY_high."""
-        columns: dict[str, list[float | None]] = {}
-        for key in BY_KEY:
-            figures = [entry.get(key) for entry in self.estimators.values()]
-            if any(isinstance(each, Interval) for each in figures):
-                for end, name in (("mean", key), ("low", f"{key}_low"), ("high", f"{key}_high")):
-                    columns[name] = [getattr(each, end, None) for each in figures]
-        return data_frame(columns, [*self.estimators])
 
     def to_json(self) -> dict[str, Any]:
         """Return the content of summary.json; with bounds, `bound` has their errors."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -53,22 +52,6 @@ def test_values_are_a_line_at_the_prompt_and_a_table_in_notebooks(shown: dict[st
         assert repr(value).startswith(start)
         assert len(repr(value)) < 100
         assert value._repr_html_().startswith('<div style="overflow-x: auto"><table>')
-
-
-def test_values_become_data_frames(shown: dict[str, Any], monkeypatch: pytest.MonkeyPatch):
-    recording, estimate, score, comparison, summary = shown.values()
-    frame = recording.to_frame()
-    assert list(frame) == ["step", "stamp", "landmark", "range", "bearing"]
-    np.testing.assert_array_equal(frame["bearing"], recording.observation[:, 1])
-    path = estimate.to_frame()
-    assert list(path) == ["x", "y", "heading", "sigma_x", "sigma_y", "sigma_heading"]
-    np.testing.assert_allclose(path["sigma_y"] ** 2, estimate.pose_covs[:, 1, 1], rtol=1e-12)
-    assert comparison.to_frame().loc["batch", "ate_m"] == comparison.scores["batch"]["ate_m"]
-    assert score.to_frame().loc["nees_pose", "value"] == score["nees_pose"]
-    assert summary.to_frame().loc["ekf", "ate_m_low"] == summary.estimators["ekf"]["ate_m"].low
-    monkeypatch.setitem(sys.modules, "pandas", None)
-    with pytest.raises(UserError, match="to_frame: needs pandas; pip install pandas"):
-        recording.to_frame()
 
 
 def test_one_covariance_stands_for_all_rows():
