@@ -131,12 +131,6 @@ class EKF:
     def predict(self, v, w, dt): ...
     def update(self, z, landmark_id): ...
 """
-ROBOT = """
-class Slam:
-    def __init__(self, robot): self.state = self.cov = 0
-    def motion_update(self, v, w): ...
-    def measurement_update(self, z): ...
-"""
 PARTS = "def motion_model(x, u): ...\ndef ekf_predict(x, P, u, Q, dt): ...\ndef ekf_update(x, P, z, R): ..."
 STATES = "it lacks estimate(recording), ekf_slam(xEst, PEst, u, y), or a class with"
 
@@ -147,7 +141,6 @@ STATES = "it lacks estimate(recording), ekf_slam(xEst, PEst, u, y), or a class w
         (UNREAD, "the file has motion(x, u, dt), ekf", "reads nowhere: write DT where it, or a function that it", ""),
         (TWO, "the file has predict(X, P, control,", STATES, "self.x, self.P = update(X, P, measure, measure_cov, k)"),
         (POSITIONS, "class EKF(Q, R) has predict(v, w, dt), update(z", "it lacks predict(", "self.filter.mu[:3]"),
-        (ROBOT, "class Slam(robot) has motion_update(v, w), me", "update(obs", "self.filter.measurement_update(z)"),
         (PARTS, "the file has motion_model(x, u), ekf_pred", STATES, "self.x, self.P = ekf_predict(x, P, u, Q, dt)"),
         ("x = 1", "the file has no function and no class", STATES, "self.x, self.P = predict(...)"),
         ("class Node:\n    def scan_callback(self, msg): ...", "the file has no function", STATES, "update(...)"),

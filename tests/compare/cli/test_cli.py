@@ -254,6 +254,7 @@ def test_recordings_without_ids(tmp_path: Path, capsys: pytest.CaptureFixture[st
 
 
 @pytest.mark.full  # real recordings of 6968 and 12608 steps
+@pytest.mark.skipif(not DATA.exists(), reason=f"{DATA} is not there")
 @pytest.mark.parametrize(
     ("words", "note"),
     [
@@ -262,12 +263,10 @@ def test_recordings_without_ids(tmp_path: Path, capsys: pytest.CaptureFixture[st
     ],
 )
 def test_real_recordings(words: tuple[str, str], note: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    if not (DATA / words[1]).exists():
-        pytest.skip(f"{DATA / words[1]} is not there")
     assert run("import", words[0], DATA / words[1], "--out", tmp_path / "log") == 0
     assert note in capsys.readouterr().err
-    words = ("evaluate", tmp_path / "log/recording.npz", "--estimators", "ekf,riekf,batch")
-    found = printed_by(capsys, *words)["estimators"]
+    log = ("evaluate", tmp_path / "log/recording.npz", "--estimators", "ekf,riekf,batch")
+    found = printed_by(capsys, *log)["estimators"]
     if note.endswith("no ground truth"):
         assert found["riekf"]["final_distance_to_batch_m"] < 0.1
         assert found["ekf"]["final_distance_to_batch_m"] > 2.0

@@ -103,6 +103,7 @@ CHANGED = "written by another version, or changed by hand; run its command again
         ("budget", "--estimators ekf", "budget.json has no estimators to choose"),
         ("bench", "--estimators riekf", "riekf"),
         ("damaged noise", "", CHANGED),
+        ("damaged budget", "", CHANGED),
         ("damaged bench", "", CHANGED),
         ("damaged sweep", "", CHANGED),
         ("", "", "contains no run, study, sweep, budget, noise or bench"),

@@ -19,6 +19,8 @@ import numpy as np
 import pytest
 from selenium import webdriver
 from selenium.webdriver.chrome.service import Service
+from selenium.webdriver.common.keys import Keys
+from selenium.webdriver.support.wait import WebDriverWait
 
 from slamgauge import compare_estimators, load_estimators, load_scenario, simulate
 from slamgauge.compare.figures.publishing import draw_stored
@@ -38,7 +40,7 @@ from slamgauge.compare.report.run_pages import closure_table
 from slamgauge.compare.report.study_pages import command_of_run
 from slamgauge.compare.scoring.comparison import metrics, write_comparison
 from slamgauge.compare.scoring.table import Cell, Head, Table
-from slamgauge.compare.storage.staged_folder import begin_folder, decorate
+from slamgauge.compare.storage.staged_folder import begin_folder
 from slamgauge.compare.studies.stored_study import load_study
 from slamgauge.compare.studies.summary import Request, Summary
 from slamgauge.errors import UserError
@@ -63,18 +65,7 @@ BARE = re.compile(r"^(?:export )?(?:async )?(?:function|class|const|let) +(\w+)"
 SOURCES = {name: (ASSETS / "modules" / f"{name}.js").read_text(encoding="utf-8") for name in MODULES}
 SCRUB = """const scrub = document.getElementById('scrub');
 scrub.value = arguments[0]; scrub.dispatchEvent(new Event('input'));"""
-FRAME = "return Number(document.getElementById('scrub').value)"
-TEXT = "return document.getElementById(arguments[0]).textContent"
 PICTURE = "return document.getElementById('map-canvas').toDataURL()"
-KEY = "document.body.dispatchEvent(new KeyboardEvent('keydown', {key: arguments[0], bubbles: true, cancelable: true}));"
-CLICK = """const canvas = document.getElementById(arguments[0]), box = canvas.getBoundingClientRect();
-const at = {clientX: box.left + box.width / 2, clientY: box.top + box.height / 2, bubbles: true, pointerId: 1};
-canvas.setPointerCapture = () => {};
-canvas.dispatchEvent(new PointerEvent('pointerdown', at));"""
-LATER = "const done = arguments[arguments.length - 1]; setTimeout(done, 300);"
-PLAYED = """const done = arguments[arguments.length - 1], scrub = document.getElementById('scrub');
-const look = () => Number(scrub.value) > 10 ? done(true) : setTimeout(look, 50);
-look();"""
 NAMELESS = """return [...document.querySelectorAll('button, select, input, canvas, img, [role=region]')]
 .filter((each) => !(each.textContent.trim() || each.getAttribute('aria-label') || each.alt || each.labels?.length))
 .map((each) => each.outerHTML)"""
@@ -84,39 +75,24 @@ return [table.querySelector('th[aria-sort]').getAttribute('aria-sort'),
   [...table.tBodies[0].rows].map((row) => row.cells[arguments[0]].dataset.value ?? null)];"""
 
 
-class Reader:
-    """A browser that records console messages, also those about anything that the policy of a page forbids."""
-
-    def __init__(self, driver: webdriver.Chrome) -> None:
-        self.driver, self.run, self.command = driver, driver.execute_script, driver.execute_cdp_cmd
-
-    def open(self, page: Path, width: int = 1280) -> None:
-        size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False}
-        self.command("Emulation.setDeviceMetricsOverride", size)
-        self.driver.get(page.as_uri())
-
-    def click(self, selector: str) -> None:
-        self.run("document.querySelector(arguments[0]).click()", selector)
-
-    def complaints(self) -> list[str]:
-        """Return console messages since the last call."""
-        return [entry["message"] for entry in self.driver.get_log("browser")]
-
-
 @pytest.fixture(scope="module")
-def reader() -> Generator[Reader]:
-    browser = external_programs.program("chromium", "chromium", "chromium-browser", "google-chrome")
+def browser() -> Generator[webdriver.Chrome]:
+    """A browser that logs console messages, also those about anything that the policy of a page forbids."""
     driver = external_programs.program("chromium-driver", "chromedriver")
     os.environ.update(SE_OFFLINE="true", SE_AVOID_STATS="true")
     options = webdriver.ChromeOptions()
-    options.binary_location = browser
+    options.binary_location = external_programs.program("chromium", "chromium", "chromium-browser", "google-chrome")
     for argument in ("--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage"):
         options.add_argument(argument)
     options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
-    opened = webdriver.Chrome(options=options, service=Service(driver))
-    opened.set_script_timeout(60)
-    yield Reader(opened)
-    opened.quit()
+    with webdriver.Chrome(options=options, service=Service(driver)) as opened:
+        yield opened
+
+
+def show(browser: webdriver.Chrome, page: Path, width: int = 1280) -> None:
+    size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False}
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+    browser.get(page.as_uri())
 
 
 def write_run(folder: Path) -> None:
@@ -241,22 +217,13 @@ def test_the_command_of_a_run_has_the_settings_of_the_study():
     assert "add the --set options of the study" in command_of_run(replace(summary, request=None), 7)
 
 
-def test_a_page_of_other_results_is_refused_and_the_results_are_kept(
-    page_of: PageOf, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-):
+def test_a_page_of_other_results_is_refused(page_of: PageOf, tmp_path: Path):
     study, value = page_of("study").parent, page_of("sweep").parent / "assumed.scale=2"
-    begin_folder(tmp_path)
     shutil.copy(study / "study.sqlite", tmp_path)
     summary = json.loads((study / "summary.json").read_text())
     (tmp_path / "summary.json").write_text(json.dumps({**summary, "digest": "0" * 64}))
-    (tmp_path / "budget.json").write_text("{}")
-    for file, message in (
-        ("summary.json", "has another study than the summary in this folder"),
-        ("budget.json", "written by another version, or changed by hand"),
-    ):
-        assert not decorate(tmp_path, {"report": lambda _, main=tmp_path / file: pages_of(main)}, file)
-        assert message in capsys.readouterr().err
-        assert (tmp_path / file).exists()
+    with pytest.raises(UserError, match="has another study than the summary in this folder"):
+        pages_of(tmp_path / "summary.json")
     assert [*load_study(value).runs] == ["ekf", "causal"]  # the optimum is stored beside the value
     for name in ("summary.json", "study.sqlite"):
         shutil.copy(value / name, tmp_path)
@@ -268,92 +235,107 @@ def test_a_page_of_other_results_is_refused_and_the_results_are_kept(
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_page_of_each_kind_loads_alone_without_errors_explains_its_columns_and_sorts(
-    reader: Reader, page_of: PageOf, kind: str
+def test_a_page_of_each_kind_loads_without_errors_explains_its_columns_and_sorts(
+    browser: webdriver.Chrome, page_of: PageOf, kind: str
 ):
     page = page_of(kind)
     for each in {page, *page.parent.glob("submissions/*.html")}:
-        reader.open(each)
-        levels = reader.run("return [...document.querySelectorAll('h1, h2, h3')].map((each) => +each.tagName[1])")
+        show(browser, each)
+        levels = browser.execute_script("return [...document.querySelectorAll('h1, h2, h3')].map((h) => +h.tagName[1])")
         assert levels.count(1) == 1 and all(after - before <= 1 for before, after in itertools.pairwise(levels))
-        assert reader.run(NAMELESS) == []
-        heads = reader.run("return document.querySelector('table').tHead.rows[0].cells.length")
+        assert browser.execute_script(NAMELESS) == []
+        heads = browser.execute_script("return document.querySelector('table').tHead.rows[0].cells.length")
         for column, order in itertools.product(range(heads), ("ascending", "descending")):
-            found, values = reader.run(SORTED, column)
+            found, values = browser.execute_script(SORTED, column)
             known = [float(value) for value in values if value is not None]
             assert (found, known) == (order, sorted(known, reverse=order == "descending"))
             assert None not in values[: len(known)] or not known  # cells without a number come last
-        reader.open(each, width=360)
-        assert reader.run("return document.documentElement.scrollWidth") <= 360
-        assert reader.complaints() == []
+        show(browser, each, width=360)
+        assert browser.execute_script("return document.documentElement.scrollWidth") <= 360
+        assert browser.get_log("browser") == []
         text = each.read_text(encoding="utf-8")
         patterns = ('<th scope="col"[^>]*>(.*?)</th>', "<dt>(.*?)</dt><dd>")
         titles, terms = ({html.unescape(found) for found in re.findall(pattern, text)} for pattern in patterns)
         assert titles - terms <= ({"ekf", "causal", "batch"} if kind == "study" else set())  # columns of estimators
 
 
-def test_pages_link_to_the_pages_of_values_submissions_and_replays(reader: Reader, page_of: PageOf):
-    for kind, link, title in (
+@pytest.mark.parametrize(
+    ("kind", "link", "title"),
+    [
         ("sweep", "#sweep tbody tr:nth-child(3) a, #sweep tbody tr:nth-child(2) a", "q1-short-dense at assumed.scale="),
         ("grades", "#grades a", 'a "<b>: FAILED, 47 of 100 points'),
         ("exercise", "h3 + p a", "q3-scale-0.1, seed "),
-    ):
-        reader.open(page_of(kind))
-        reader.click(link)
-        assert title in reader.run("return document.querySelector('h1').textContent")
+    ],
+)
+def test_pages_link_to_the_pages_of_values_submissions_and_replays(
+    browser: webdriver.Chrome, page_of: PageOf, kind: str, link: str, title: str
+):
+    show(browser, page_of(kind))
+    browser.find_element("css selector", link).click()
+    assert title in browser.find_element("tag name", "h1").text
 
 
-def test_a_run_is_replayed(reader: Reader, page_of: PageOf):
-    reader.open(page_of("run"))
-    before = reader.run(PICTURE)
-    reader.click("#play")
-    assert reader.run(TEXT, "play") == "Pause" and reader.driver.execute_async_script(PLAYED)
-    reader.click("#play")
-    frame = reader.run(FRAME)
-    assert reader.run(PICTURE) != before
-    reader.driver.execute_async_script(LATER)
-    assert reader.run(FRAME) == frame
-    reader.run(SCRUB, 900)
-    assert reader.run(TEXT, "now").startswith("t = 90 s, step 900: ekf 0.433 m")
+def test_a_run_is_replayed(browser: webdriver.Chrome, page_of: PageOf):
+    show(browser, page_of("run"))
+    play, now, scrub, follow = (browser.find_element("id", name) for name in ("play", "now", "scrub", "follow"))
+
+    def frame() -> int:
+        return int(scrub.get_property("value"))
+
+    def picture() -> str:
+        return browser.execute_script(PICTURE)
+
+    before = picture()
+    play.click()
+    assert play.text == "Pause"
+    WebDriverWait(browser, 60).until(lambda _: frame() > 10)
+    play.click()
+    paused = frame()
+    assert picture() != before and play.text == "Play"
+    browser.execute_script(SCRUB, 900)
+    assert paused < frame() == 900 and now.text.startswith("t = 90 s, step 900: ekf 0.433 m")
     for canvas in ("error-panel", "nees-panel", "nis-panel", "timeline"):
-        reader.run(SCRUB, 0)
-        reader.run(CLICK, canvas)
-        assert (canvas, reader.run(FRAME)) == (canvas, pytest.approx(0.5 * 1257, abs=60))
-    for key, frame in (("Home", 0), ("ArrowRight", 1), ("End", 1257), ("ArrowLeft", 1256)):
-        reader.run(KEY, key)
-        assert reader.run(FRAME) == frame
-    reader.run(SCRUB, 600)
-    shown = reader.run(PICTURE)
-    reader.run(KEY, "f")
-    assert reader.run(PICTURE) != shown
-    reader.run(KEY, "0")
+        browser.execute_script(SCRUB, 0)
+        browser.find_element("id", canvas).click()
+        assert (canvas, frame()) == (canvas, pytest.approx(0.5 * 1257, abs=60))
+    for key, expected in ((Keys.HOME, 0), (Keys.ARROW_RIGHT, 1), (Keys.END, 1257), (Keys.ARROW_LEFT, 1256)):
+        browser.find_element("tag name", "body").send_keys(key)
+        assert frame() == expected
+    browser.execute_script(SCRUB, 600)
+    shown = picture()
+    follow.click()
+    assert picture() != shown
+    browser.find_element("id", "whole").click()
     for button in ("estimator='1'", "layer=observations", "layer=innovations", "layer=ellipses"):
-        reader.click(f"[data-{button}]")
-        assert reader.run(PICTURE) != shown, button
-        assert ("ekf" in reader.run(TEXT, "now")) == button.startswith("layer")
-        reader.click(f"[data-{button}]")
-        assert reader.run(PICTURE) == shown, button
-    assert reader.complaints() == []
+        toggle = browser.find_element("css selector", f"[data-{button}]")
+        toggle.click()
+        assert picture() != shown, button
+        assert ("ekf" in now.text) == button.startswith("layer")
+        toggle.click()
+        assert picture() == shown, button
+    assert browser.get_log("browser") == []
 
 
-def test_a_page_can_be_downloaded_as_csv_printed_and_read_without_javascript(reader: Reader, page_of: PageOf):
-    reader.open(page_of("run"))
-    reader.run(
-        """window.taken = []; URL.createObjectURL = (blob) => (blob.text().then((text) => taken.push(text)), '#');
-        document.querySelector('[data-csv=scores]').click(); document.getElementById('series-csv').click();"""
+def test_a_page_can_be_downloaded_as_csv_printed_and_read_without_javascript(
+    browser: webdriver.Chrome, page_of: PageOf
+):
+    show(browser, page_of("run"))
+    scores, series = browser.execute_async_script(
+        """const done = arguments[arguments.length - 1], taken = [];
+        URL.createObjectURL = (blob) => (taken.push(blob.text()), '#');
+        document.querySelector('[data-csv=scores]').click(); document.getElementById('series-csv').click();
+        Promise.all(taken).then((texts) => done(texts.map((text) => text.trim().split('\\n'))));"""
     )
-    reader.driver.execute_async_script(LATER)
-    scores, series = (text.splitlines() for text in reader.run("return taken"))
     assert scores[0].startswith("estimator,kind,ATE [m],")
     assert {line.split(",")[0] for line in scores[1:]} >= {"ekf", '"own ""<b>&amp;"'}
     assert len(series) == 1 + 1258 and series[0].startswith("step,time_s,dead-reckoning x_m,")
-    reader.command("Emulation.setEmulatedMedia", {"media": "print"})
-    reader.open(page_of("run"), width=718)
-    assert reader.run("return document.getElementById('replay').clientHeight") == 0
-    assert reader.run("return document.documentElement.scrollWidth") <= 718  # A4 with margins of a centimetre
-    reader.command("Emulation.setEmulatedMedia", {"media": ""})
-    reader.command("Emulation.setScriptExecutionDisabled", {"value": True})
-    reader.open(page_of("run"))
-    reader.command("Emulation.setScriptExecutionDisabled", {"value": False})
-    assert reader.run("return document.getElementById('replay').hidden") is True
-    assert reader.run("return document.querySelectorAll('#scores tbody tr').length") == 5
+    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "print"})
+    show(browser, page_of("run"), width=718)  # A4 with margins of a centimetre
+    assert browser.find_element("id", "replay").size["height"] == 0
+    assert browser.execute_script("return document.documentElement.scrollWidth") <= 718
+    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": ""})
+    browser.execute_cdp_cmd("Emulation.setScriptExecutionDisabled", {"value": True})
+    show(browser, page_of("run"))
+    browser.execute_cdp_cmd("Emulation.setScriptExecutionDisabled", {"value": False})
+    assert not browser.find_element("id", "replay").is_displayed()
+    assert len(browser.find_elements("css selector", "#scores tbody tr")) == 5
