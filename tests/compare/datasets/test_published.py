@@ -245,6 +245,6 @@ def test_noise_that_is_zero_is_refused(read: Read):
 
 def test_negative_sigmas_are_refused(read: Read, tmp_path: Path):
     with pytest.raises(UserError, match=r"^bearing_sigma: -0\.05 is no standard deviation; [^\n]+$"):
-        read(bearing_sigma=-0.05)
+        read(MRCLAM, bearing_sigma=-0.05)
     with pytest.raises(UserError, match=r"^lateral_slip: -1 is no standard deviation; [^\n]+$"):
         read_lost_in_the_woods(tmp_path / "woods.mat", lateral_slip=-1.0)
