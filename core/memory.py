@@ -12,8 +12,10 @@ from pathlib import Path
 
 from slamgauge.errors import UserError
 
-if sys.platform != "win32":
+try:
     import resource
+except ImportError:  # Windows has no such module
+    resource = None
 
 GIGABYTE = 1e9
 SMALL = 1e9  # bytes
@@ -73,7 +75,7 @@ def _available() -> float:
 
 def _most_used() -> float:
     """Return the largest memory of this process so far in bytes; infinite if unknown."""
-    if sys.platform == "win32":
+    if resource is None:
         return math.inf
     unit = 1 if sys.platform == "darwin" else 1024
     return float(unit * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
@@ -81,7 +83,7 @@ def _most_used() -> float:
 
 def _limit() -> float:
     """Return the limit of this process in bytes (`ulimit -d`, `ulimit -v`); infinite without a limit."""
-    if sys.platform == "win32":
+    if resource is None:
         return math.inf
     limits = (resource.getrlimit(kind)[0] for kind in (resource.RLIMIT_AS, resource.RLIMIT_DATA))
     return min((float(limit) for limit in limits if limit != resource.RLIM_INFINITY), default=math.inf)

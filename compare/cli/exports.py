@@ -40,7 +40,7 @@ class Format:
     out: Path | None = None
 
     def write_file(self, ending: str, write: Callable[[Path], object], *beside: str) -> int:
-        """Write one file, and perhaps files beside it."""
+        """Write one file; `beside` are names of files that `write` may write next to it."""
         out = self.out or Path(f"{results_of('export', self.path)}{ending}")
         with staged_folder.staged_files(out.parent, (out.name, *beside)) as folder, imported_log.of_file(self.path):
             write(folder / out.name)

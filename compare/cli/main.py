@@ -225,7 +225,8 @@ def _mistake(kind: Any, program: str, words: Sequence[str]) -> str:
         form = options.get(option.removeprefix("--").replace("_", "-")) if option.startswith("--") else None
         value = value if equals else following
         if get_origin(form) is Literal and value not in get_args(form):
-            return f"{option}: {value!r} is none of {', '.join(get_args(form))}; {did_you_mean(value, get_args(form))}"
+            choices = ", ".join(get_args(form))
+            return f"{option}: {value!r} is not one of {choices}; {did_you_mean(value, get_args(form))}"
         for number in {int, float} & {form, *get_args(form)}:
             try:
                 number(value)

@@ -55,7 +55,7 @@ COMMANDS = {  # words of a command, without blanks inside, and the begin of its 
     "import csv log --set=a.b=1 --ouut x": "--ouut: no option of `slamgauge import`; did you mean",
     "run q1-long-dense --seed x": "--seed: 'x' is not a whole number; see `slamgauge run --help`",
     "budget q1-long-dense --lag=x": "--lag: 'x' is not a whole number; see `slamgauge budget --help`",
-    "evaluate x --align se3": "--align: 'se3' is none of none, se2; did you mean se2?",
+    "evaluate x --align se3": "--align: 'se3' is not one of none, se2; did you mean se2?",
     "run q1-long-dense more": "more: one word too many; see `slamgauge run --help`",
     "--versoin": "--versoin: no option of `slamgauge`; did you mean --version?",
     "run q1-long-dens": "q1-long-dens: no such scenario; did you mean q1-long-dense",
