@@ -22,7 +22,6 @@ from slamgauge.compare.scoring.optimum_notes import (
     is_misfit,
     left_out,
     misfits,
-    without_misleading,
 )
 from slamgauge.compare.scoring.own_stamps import optimum_at, truth_at
 from slamgauge.compare.scoring.scores import Score, evaluate
@@ -214,8 +213,6 @@ def notes(comparison: Comparison) -> list[str]:
     if comparison.stand_ins:
         names = " and ".join(comparison.stand_ins)
         found.append(f"no ids, and no true associations: compared with {names}, with associations right or wrong")
-    else:
-        found.append(without_misleading(optima, truth))
     found.append(_without_headings(truth))
     columns = [head for head in heads("run") if head.key != "nees_position"]
     found += empty_columns(columns, lambda key: all(score[key] is None for score in scores))

@@ -40,7 +40,7 @@ class Measured(RunArrays):
     @of_run(Column("end [m]", "final position error [m]", run=7, study=9), averaged=True)
     def final_position_error_m(self) -> float | None:
         """Position error of the last pose."""
-        return number(self.off[self.last])
+        return number(self.off[-1] if self.compared is None else self.off[self.compared][-1])
 
     @of_run()
     def rpe_m(self) -> float | None:

@@ -44,11 +44,6 @@ class RunArrays:
             return np.full(self.estimate.poses.shape, np.nan)
         return poses if self.compared is None else np.where(self.compared[:, None], poses, np.nan)
 
-    @property
-    def last(self) -> int:
-        """Last step that is compared."""
-        return len(self.estimate.poses) - 1 if self.compared is None else int(np.flatnonzero(self.compared)[-1])
-
     @cached_property
     def errors(self) -> Float:
         """Additive errors (N+1, 3) of the poses [m, m, rad]."""
