@@ -63,17 +63,6 @@ def test_a_landmark_at_the_robot_gives_no_information() -> None:
     assert np.isfinite(slam.landmarks).all()
 
 
-def test_growth_beyond_the_initial_capacity_changes_nothing() -> None:
-    _, recording = random_recording(3, landmarks=12)
-    roomy, tight = (
-        SlamFilter("range-bearing", recording.prior_mean, recording.prior_cov, landmarks=n) for n in (12, 0)
-    )
-    for slam in (roomy, tight):
-        assert len([*drive(slam, recording)]) == recording.steps + 1
-    assert np.array_equal(roomy.cov, tight.cov)
-    assert np.array_equal(roomy.landmarks, tight.landmarks)
-
-
 def test_bearing_only_sensors_are_refused() -> None:
     blind = SlamFilter("bearing", np.zeros(3), np.eye(3))
     with pytest.raises(ValueError, match="one bearing does not place a landmark"):
