@@ -18,7 +18,7 @@ TABLES = ("run", "study", "sweep")
 
 def metrics() -> str:
     """Return all metrics with their columns in printed tables and the files that contain them."""
-    lines = ["| column | tables | key | files | unit | meaning |", "|---|---|---|---|---|---|"]
+    lines = ["| column | tables | key | files | meaning |", "|---|---|---|---|---|"]
     for each in sorted(BY_KEY.values(), key=lambda each: each.measure is None):
         column, where = "", ""
         if each.column is not None:
@@ -27,7 +27,7 @@ def metrics() -> str:
         files = ", ".join(
             name for name, made in (("metrics", each.measure), ("summary", each.over_runs)) if made is not None
         )
-        lines.append(f"| {column} | {where} | `{each.key}` | {files} | {each.unit} | {each.help} |")
+        lines.append(f"| {column} | {where} | `{each.key}` | {files} | {each.help} |")
     return "\n".join(lines)
 
 

@@ -63,7 +63,10 @@ def _rows(bag: Bag, section: ObservationsTopic) -> Iterator[_Row]:
     arrays = [_getter(path) for path in _listed(section.array)] or [lambda content: [content]]
     ids = [_getter(path) for path in _listed(section.id)]
     covariance = _getter(section.covariance) if section.covariance else lambda _: ()
-    pattern = re.compile(section.pattern or "(.*)")
+    try:
+        pattern = re.compile(section.pattern or "(.*)")
+    except re.error as error:
+        raise UserError(f"observations.pattern: {section.pattern!r}: {error}; correct it") from None
     for received, content in bag.messages(section.topic or ""):
         stamp, frame = header_stamp(content), frame_of(content)
         try:

@@ -14,7 +14,6 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float, Int, Marks
-from slamgauge.compare.datasets.plausibility import path_doubts
 from slamgauge.compare.storage.csv_folder import read_estimate_csv
 from slamgauge.compare.storage.files import load_estimate
 from slamgauge.compare.storage.trajectories import Trajectory, has_stamps, interpolated_covs, read_trajectory
@@ -84,6 +83,8 @@ def load_stored(path: Path, recording: Recording, time_offset: float = 0.0, max_
         return StoredEstimate(load_estimate(path))
     else:
         found = StoredEstimate(read_estimate_csv(path, "filtered", recording.steps))
+    from slamgauge.compare.datasets.plausibility import path_doubts  # slow libraries
+
     for doubt in path_doubts(found.estimate.poses, recording):
         tell_once(f"{path}: its path {doubt}")
     return found

@@ -155,7 +155,7 @@ class Judgement:
 
     verdict: Verdict
     ratio: Interval | None = None  # geometric mean over runs; its interval holds for all conclusions together
-    runs: int = 0  # with both figures
+    runs: int = 0  # number of runs with both figures
     runs_needed: int | None = None
 
 

@@ -50,7 +50,9 @@ SWEPT = (
 )
 WIDE = 4.0  # values that span more than this factor get a logarithmic axis
 ASSUMED, FOUND = "#EE7733", "#0077BB"
-LOOKS: dict[str, dict[str, Any]] = {  # by the keys of noise.json: values with the assumed and with the estimated noise
+LOOKS: dict[
+    str, dict[str, Any]
+] = {  # the keys are those of noise.json: values with the assumed and with the estimated noise
     "before": {"color": ASSUMED, "fillstyle": "none"},
     "after": {"color": FOUND, "fillstyle": "full"},
 }

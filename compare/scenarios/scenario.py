@@ -180,7 +180,7 @@ def _line(place: Place, detail: ErrorDetails, kind: str) -> str:
             return "trajectory: has both forms; give segments, or speed, yaw_rate and duration"
         return f"{where}: a trajectory of the kind {kind} has none; remove it or change kind"
     values, what = detail.get("ctx", {}), f"{detail['msg'][0].lower()}{detail['msg'][1:]}"
-    if "message" in values:  # of our own validators (`section.invalid`)
+    if "message" in values:  # the text of our own validators (`section.invalid`)
         where, what = f"{where}.{values.get('key', '')}".strip("."), values["message"]
     elif "error" in values:  # a `UserError`
         what = str(values["error"])

@@ -22,7 +22,6 @@ from slamgauge.compare.scoring.optimum_notes import (
     is_misfit,
     left_out,
     misfits,
-    without_misleading,
 )
 from slamgauge.compare.scoring.own_stamps import optimum_at, truth_at
 from slamgauge.compare.scoring.scores import Score, evaluate
@@ -108,13 +107,13 @@ def compare_estimators(
     own = {name: own_poses_of(estimators.get(name)) for name in ran.estimates}
     best = {kind: ran.estimates[name] for kind, name in ran.optima.items()}
     for name, estimate in ran.estimates.items():
-        optimum, hindsight, stored = best.get(estimate.kind), best.get("smoothed"), own[name]
+        optimum, stored = best.get(estimate.kind), own[name]
         scored, true, compared = estimate, truth, None
         if stored is not None:  # at its own stamps
             scored, true, compared = stored.estimate, truth_at(stored.stamps, truth, recording), stored.compared
-            optimum, hindsight = (each and optimum_at(stored.stamps, each, recording) for each in (optimum, hindsight))
+            optimum = optimum and optimum_at(stored.stamps, optimum, recording)
         try:
-            score = evaluate(true, recording, scored, optimum, hindsight, compared)
+            score = evaluate(true, recording, scored, optimum, compared)
         except UserError as error:
             ran.failures[name] = f"estimator {name}: {error}"
             continue
@@ -214,8 +213,6 @@ def notes(comparison: Comparison) -> list[str]:
     if comparison.stand_ins:
         names = " and ".join(comparison.stand_ins)
         found.append(f"no ids, and no true associations: compared with {names}, with associations right or wrong")
-    else:
-        found.append(without_misleading(optima, truth))
     found.append(_without_headings(truth))
     columns = [head for head in heads("run") if head.key != "nees_position"]
     found += empty_columns(columns, lambda key: all(score[key] is None for score in scores))

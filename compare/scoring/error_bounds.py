@@ -18,8 +18,7 @@ from slamgauge.compare.scoring.intervals import (
     mean_interval,
     ratio_interval,
 )
-from slamgauge.compare.scoring.optimum_notes import doubt_in_runs
-from slamgauge.compare.scoring.runs import FIRST_STEP, share_of_doubt
+from slamgauge.compare.scoring.runs import FIRST_STEP
 from slamgauge.compare.scoring.scores import Score
 from slamgauge.errors import UserError
 
@@ -30,7 +29,6 @@ def assert_error_bounds(
     score: Score | Sequence[Score],
     *,
     max_ate_m: float | None = None,
-    max_ratio_to_optimum: float | None = None,
     nees_level: float | None = None,
     nis_level: float | None = None,
     reference: Sequence[Score] | None = None,
@@ -43,8 +41,6 @@ def assert_error_bounds(
     Args:
         score: one score, or those of independent runs of one estimator.
         max_ate_m: bound on the mean ATE [m].
-        max_ratio_to_optimum: bound on the mean over runs of ATE / the optimum's ATE (a mean of ratios); it cannot be
-            evaluated if the optimum is in doubt.
         nees_level: probability, for instance 0.95, for the pose NEES at the last step: its sum over M runs is
             chi-square with 3 M degrees of freedom. The mean over time is not, because errors are correlated.
         nis_level: probability for the NIS: it is white, so its total over steps and runs is chi-square.
@@ -59,16 +55,15 @@ def assert_error_bounds(
     scores = [score] if isinstance(score, Score) else list(score)
     if not scores:
         raise UserError("score: no score given; pass one Score, or one for each run")
-    if (max_ate_m, max_ratio_to_optimum, nees_level, nis_level, reference) == (None,) * 5:
-        raise UserError("no bound given; pass max_ate_m, max_ratio_to_optimum, nees_level, nis_level or reference")
+    if (max_ate_m, nees_level, nis_level, reference) == (None,) * 4:
+        raise UserError("no bound given; pass max_ate_m, nees_level, nis_level or reference")
     last = np.array([each.nees[-1] for each in scores])
-    total, dof = (_figures(scores, key) for key in ("nis_total", "nis_dof_total"))
+    total, dof = (np.array([each[key] for each in scores]) for key in ("nis_total", "nis_dof_total"))
     regular = "it needs the true last pose and an Estimate with a regular pose_covs[-1]"
     broken = [
-        _mean_above(scores, "ate_m", max_ate_m, "evaluate with a Truth that has poses"),
-        _mean_above(scores, "ratio_to_optimum", max_ratio_to_optimum, "evaluate with a Truth and an optimum"),
+        _ate_above(ates(scores), max_ate_m),
         _outside("pose NEES at the last step", last, np.full(len(last), 3), len(last), nees_level, regular),
-        _outside("NIS", total, dof.astype(int), dof.sum(), nis_level, "return an Estimate with nis and nis_dof"),
+        _outside("NIS", total, dof, dof.sum(), nis_level, "return an Estimate with nis and nis_dof"),
         *([] if reference is None else against_reference(scores, reference).broken),
     ]
     failures = [f"  {text}" for text in broken if text]
@@ -76,24 +71,17 @@ def assert_error_bounds(
         raise AssertionError("\n".join([f"{len(failures)} error bound(s) failed:", *failures]))
 
 
-def _figures(scores: Sequence[Score], key: str) -> Float:
-    return np.array([each[key] for each in scores], dtype=np.float64)
-
-
-def _mean_above(scores: list[Score], key: str, bound: float | None, remedy: str) -> str:
-    """Return why the mean of a figure fails its bound, or nothing."""
+def _ate_above(errors: Float, bound: float | None) -> str:
+    """Return why the mean ATE [m] of runs fails its bound, or nothing."""
     if bound is None:
         return ""
     if not bound > 0:
-        raise UserError(f"max_{key} = {bound}: no error can keep it; give a bound > 0")
-    doubt = doubt_in_runs("the optimum", share_of_doubt(_figures(scores, "yardstick_check_sigma")), "")
-    if key == "ratio_to_optimum" and doubt is not None:
-        return f"{key} cannot be evaluated, as {doubt}: give max_ate_m instead"
-    figures = _figures(scores, key)
-    average = float(figures.mean())
+        raise UserError(f"max_ate_m = {bound}: no error can keep it; give a bound > 0")
+    average = float(errors.mean())
     if np.isnan(average):
-        return f"{key} is missing in {np.isnan(figures).sum()} of {len(figures)} run(s): {remedy}"
-    return "" if average <= bound else f"{key} = {average:.6g}{_runs(figures)} exceeds max_{key} = {bound:.6g}"
+        missing = np.isnan(errors).sum()
+        return f"ate_m is missing in {missing} of {len(errors)} run(s): evaluate with a Truth that has poses"
+    return "" if average <= bound else f"ate_m = {average:.6g}{_runs(errors)} exceeds max_ate_m = {bound:.6g}"
 
 
 def _outside(name: str, totals: Float, dof: Int, count: float, level: float | None, remedy: str) -> str:
@@ -170,7 +158,7 @@ def against_reference(scores: Sequence[Score], reference: Sequence[Score]) -> Ag
 
 def ates(scores: Sequence[Score]) -> Float:
     """Return the ATE [m] of runs (R,), NaN if undefined."""
-    return _figures(scores, "ate_m")
+    return np.array([each["ate_m"] for each in scores], dtype=np.float64)
 
 
 def late_nees(scores: Sequence[Score]) -> Float:

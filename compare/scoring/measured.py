@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,7 +40,7 @@ class Measured(RunArrays):
     @of_run(Column("end [m]", "final position error [m]", run=7, study=9), averaged=True)
     def final_position_error_m(self) -> float | None:
         """Position error of the last pose."""
-        return number(self.off[self.last])
+        return number(self.off[-1] if self.compared is None else self.off[self.compared][-1])
 
     @of_run()
     def rpe_m(self) -> float | None:
@@ -145,12 +144,6 @@ class Measured(RunArrays):
         differences = pose_errors(self.optimum.poses, self.estimate.poses)
         squares = squared_mahalanobis(differences, pose_covs_of(self.optimum))
         return mean(squares if self.compared is None else squares[self.compared])
-
-    @of_run(Column("end to batch [m]", "final distance to batch [m]", run=13))
-    def final_distance_to_batch_m(self) -> float | None:
-        """Distance of the last position from batch's."""
-        last, batch = self.last, self.batch
-        return None if batch is None else number(math.dist(self.estimate.poses[last, :2], batch.poses[last, :2]))
 
     @of_run(stored=True)
     def optimum_check_sigma(self) -> float | None:

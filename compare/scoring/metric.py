@@ -17,7 +17,6 @@ TableName = Literal["run", "study", "sweep"]
 Measure = Callable[[Any], Any]  # argument: `Measured`; returns a figure, or several as a dataclass or a tuple
 OverRuns = Callable[[Any, Mapping[str, Any]], Any]  # arguments: `Runs` of the estimator, and those of all by name
 Function = TypeVar("Function", bound=Callable[..., Any])
-UNITS = {"_m": "m", "_rad": "rad"}  # units of keys with these endings
 
 
 @dataclass(frozen=True)
@@ -43,11 +42,6 @@ class Metric:
     over_runs: OverRuns | None = None  # None: not in summary.json
     stored: bool = False  # by studies, for every run
     column: Column | None = None  # in tables
-
-    @property
-    def unit(self) -> str:
-        """`m`, `rad`, `s`, or nothing."""
-        return "s" if self.key.startswith("seconds") else UNITS.get(self.key[self.key.rfind("_") :], "")
 
 
 DECLARED: dict[str, Metric] = {}

@@ -90,15 +90,6 @@ def left_out(name: str, truth: Truth | None, recording: Recording, optimum: Esti
     return f"{name} leaves out {counted(count, 'observation')}{why}" if count else None
 
 
-def without_misleading(names: Sequence[str], truth: Truth | None) -> str | None:
-    """Return how many outliers and clutter observations the optima leave out; None if none."""
-    misleading = None if truth is None else truth.misleading
-    if misleading is None or not misleading.any() or not names:
-        return None
-    verb, count = "leaves" if len(names) == 1 else "leave", counted(int(misleading.sum()), "observation")
-    return f"{' and '.join(names)} {verb} out {count}: the true outliers and clutter"
-
-
 # --- is it the optimum? --------------------------------------------------------------------------
 
 

@@ -27,7 +27,6 @@ class RunArrays:
         recording: input of the estimator.
         estimate: output of the estimator.
         optimum: estimate of `causal` if `estimate` is filtered, of `batch` if it is smoothed; None: not compared.
-        batch: the hindsight optimum, for the distance of the last pose.
         compared: (N+1,) the steps of which a stored trajectory has a pose; None: all.
     """
 
@@ -35,7 +34,6 @@ class RunArrays:
     recording: Recording
     estimate: Estimate
     optimum: Estimate | None = None
-    batch: Estimate | None = None
     compared: Marks | None = None
 
     @cached_property
@@ -45,11 +43,6 @@ class RunArrays:
         if poses is None:
             return np.full(self.estimate.poses.shape, np.nan)
         return poses if self.compared is None else np.where(self.compared[:, None], poses, np.nan)
-
-    @property
-    def last(self) -> int:
-        """Last step that is compared."""
-        return len(self.estimate.poses) - 1 if self.compared is None else int(np.flatnonzero(self.compared)[-1])
 
     @cached_property
     def errors(self) -> Float:
@@ -118,7 +111,7 @@ class RunArrays:
         true, ids = self.truth.association, self.estimate.landmark_ids
         if true is None or self.estimate.association is None:
             return None
-        if self.recording.landmark is not None:
+        if self.recording.landmark is not None and self.observed is not None:
             main = np.where(np.isin(ids, self.observed), ids, NOBODY)
         else:
             names, counts = self._counts(true)

@@ -80,17 +80,15 @@ def evaluate(
     recording: Recording,
     estimate: Estimate,
     optimum: Estimate | None = None,
-    batch: Estimate | None = None,
     compared: Marks | None = None,
 ) -> Score:
-    """Score an estimate against the truth, the optimum of the same kind and the hindsight optimum.
+    """Score an estimate against the truth and the optimum of the same kind.
 
     Args:
         truth: the known part of the truth; None on real data without ground truth.
         recording: input of the estimator.
         estimate: output of the estimator.
         optimum: estimate of `causal` if `estimate` is filtered, of `batch` if it is smoothed.
-        batch: the hindsight optimum, for the distance of the last pose.
         compared: (N+1,) the steps at which poses are scored; None: all.
 
     Raises:
@@ -102,14 +100,13 @@ def evaluate(
     require_type("estimate", estimate, Estimate)
     require_same_run(truth, recording)
     rows = {"poses": recording.steps + 1, "association": len(recording.observation)}
-    given = {"estimate": (estimate, estimate.kind), "optimum": (optimum, estimate.kind), "batch": (batch, "smoothed")}
-    for name, (each, kind) in given.items():
-        if each is not None and each.kind != kind:
-            remedy = "compare a filtered estimate with causal, a smoothed one with batch"
-            raise UserError(f"{name}.kind: {each.kind!r} instead of {kind!r}; {remedy}")
+    if optimum is not None and optimum.kind != estimate.kind:
+        remedy = "compare a filtered estimate with causal, a smoothed one with batch"
+        raise UserError(f"optimum.kind: {optimum.kind!r} instead of {estimate.kind!r}; {remedy}")
+    for name, each in {"estimate": estimate, "optimum": optimum}.items():
         for field, count in rows.items():
             values = getattr(each, field, None)
             if values is not None and len(values) != count:
                 raise UserError(f"{name}.{field}: {len(values)} rows, but the recording needs {count}; give its own")
-    found = Measured(truth, recording, estimate, optimum, batch, compared)
+    found = Measured(truth, recording, estimate, optimum, compared)
     return Score({"kind": estimate.kind, **measured(found)}, found.nees, found.sigmas)

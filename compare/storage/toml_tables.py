@@ -16,9 +16,10 @@ Table = dict[str, Any]
 
 def read_toml(path: Path) -> Table:
     """Return the tables of a TOML file; raise `UserError` with the line if it is not valid."""
+    text = read_text(path)
     try:
-        return tomllib.loads(read_text(path))
-    except tomllib.TOMLDecodeError as error:
+        return tomllib.loads(text)
+    except (ValueError, RecursionError) as error:  # also of numbers and brackets beyond the limits of Python
         raise UserError(f"{path}: not valid TOML: {error}; correct that line") from None
 
 
@@ -40,7 +41,7 @@ def override(table: Table, text: str) -> None:
         table = table[section]
     try:
         table[key] = tomllib.loads(f"value = {value}")["value"]
-    except ValueError:  # also of a number with more digits than Python reads
+    except (ValueError, RecursionError):  # also of a number with more digits than Python reads
         table[key] = value.strip()
 
 

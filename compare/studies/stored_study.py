@@ -34,7 +34,7 @@ from slamgauge.compare.studies.summary import EstimatorSummary, Summary, summari
 from slamgauge.errors import UserError
 from slamgauge.suggestions import did_you_mean
 
-KEY_COLUMNS = 4  # of tables for papers by default: the first columns of the printed table
+KEY_COLUMNS = 4  # default number of columns of tables for papers: the first ones of the printed table
 
 
 class StoredStudy(NamedTuple):

@@ -38,7 +38,7 @@ class Twin:
     recording: Recording  # the log with ids, without observations of landmarks that the optimum lacks
     optimum: Estimate  # the hindsight optimum
     landmark: Int  # (M,) number of the landmark of each observation, in the order of the optimum's ids
-    has_ids: bool  # of the log
+    has_ids: bool  # whether the log has ids
     left_out: int  # number of observations that the twin lacks
 
 

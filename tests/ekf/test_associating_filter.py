@@ -123,16 +123,6 @@ def test_joint_association_without_mistakes_equals_known_association(
 
 @FILTERS
 @SENSORS
-def test_both_methods_agree_if_scans_have_one_observation(estimator: Estimator, sensor: str) -> None:
-    recording = nameless(3, sensor, steps=60)
-    recording = recording.only(np.diff(recording.observation_step, prepend=-1) > 0)
-    nearest = estimator(recording, FilterSettings(Association()))
-    assert_same(estimator(recording, FilterSettings(Association("jcbb"))), nearest)
-    assert 6 <= len(np.unique(ids_of(nearest))) < 40
-
-
-@FILTERS
-@SENSORS
 @pytest.mark.parametrize("seed", range(3))
 def test_estimates_with_map_management_are_valid(estimator: Estimator, sensor: str, seed: int) -> None:
     recording = nameless(seed, sensor, steps=60, prior_sigmas=(0.5, 0.5, 0.3))  # pyrefly: ignore[bad-argument-type]

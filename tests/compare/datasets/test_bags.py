@@ -283,6 +283,7 @@ def test_a_folder_without_metadata_is_one_line(kind: str, tmp_path: Path):
         ("truth.topic=/detections", "truth.topic: /detections has the type"),
         ("observations.x=results.0.place", "a path does not fit its messages"),
         ("observations.covariance=results.0.pose.pose.position", "a path does not fit its messages"),
+        ("observations.pattern=tag(", "observations.pattern: 'tag(': missing ), unterminated subpattern"),
         ("noise.forward=-1", "noise.forward: input should be greater than or equal to 0"),
         ("frames.base=wheel", "no static transform from base_link to wheel"),
         ("transforms.base_link=1", "transforms.base_link: input should be a valid array"),

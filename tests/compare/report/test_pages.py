@@ -280,7 +280,7 @@ def test_a_run_is_replayed(browser: webdriver.Chrome, page_of: PageOf):
     play, now, scrub, follow = (browser.find_element("id", name) for name in ("play", "now", "scrub", "follow"))
 
     def frame() -> int:
-        return int(scrub.get_property("value"))
+        return int(str(scrub.get_property("value")))
 
     def picture() -> str:
         return browser.execute_script(PICTURE)

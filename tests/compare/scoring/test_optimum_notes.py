@@ -36,7 +36,7 @@ def compared(causal: Estimate = CAUSAL, batch: Estimate | None = BATCH, log: Rec
     recording, truth = log or examples.recording(), examples.truth()
     estimates = {"ekf": FILTER, "causal": causal} | ({} if batch is None else {"batch": batch})
     scores = {
-        name: evaluate(truth, recording, each, batch if each.kind == "smoothed" else causal, batch)
+        name: evaluate(truth, recording, each, batch if each.kind == "smoothed" else causal)
         for name, each in estimates.items()
     }
     optima = {"filtered": "causal"} | ({} if batch is None else {"smoothed": "batch"})
