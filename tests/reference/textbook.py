@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import Literal
 
@@ -24,7 +25,7 @@ from scipy.linalg import block_diag
 from scipy.optimize import least_squares
 
 from slamgauge.arrays import Float, Int
-from slamgauge.ekf import ekf_slam, fej_ekf, iekf, oc_ekf, riekf, textbook, textbook_ekf
+from slamgauge.ekf import Association, ekf_slam, fej_ekf, iekf, oc_ekf, riekf, textbook, textbook_ekf
 from slamgauge.ekf.kernels.belief import AT_POINT, Belief
 from slamgauge.ekf.kernels.linearisation import PROJECTED
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
@@ -156,6 +157,29 @@ def _run(recording: Recording, tails: float = math.inf, *, kind: Kind) -> Estima
         nis += slam.update([ids.index(names[i]) for i in again], scan.value[again], scan.cov[again])
         steps.append((slam.x[:3], slam.cov[:3, :3], nis, 2 * len(old + again)))
     return estimate_of(slam, np.array(ids, dtype=np.int64), steps, recording.landmark)
+
+
+def textbook_nearest_neighbour(recording: Recording, gate: float, kind: Kind) -> Estimate:
+    """Run a filter with nearest-neighbour association; landmark ids are 0, 1, ... in the order of their addition."""
+    if kind == "standard":
+        return textbook_ekf(replace(recording, landmark=None), Association(gate=gate))
+    slam = DenseFilter(recording.sensor, recording.prior_mean, recording.prior_cov, kind)
+    association, steps = list[int](), list[Step]()
+    for k, scan in enumerate(recording.scans()):
+        if k > 0:
+            slam.predict(recording.odometry[k - 1], recording.odometry_cov[k - 1])
+        nis, dof = 0.0, 0
+        for z, R in zip(scan.value, scan.cov, strict=True):
+            distances = slam.squared_distances(z, R)
+            if distances.min(initial=np.inf) <= gate:
+                slot = int(np.argmin(distances))
+                nis, dof = nis + slam.update([slot], z[None], R[None]), dof + 2
+            else:
+                slot = slam.landmark_count
+                slam.augment(z, R)
+            association.append(slot)
+        steps.append((slam.x[:3], slam.cov[:3, :3], nis, dof))
+    return estimate_of(slam, np.arange(slam.landmark_count), steps, np.array(association, dtype=np.int64))
 
 
 def estimate_of(slam: DenseFilter, ids: Int, steps: list[Step], association: Int) -> Estimate:
