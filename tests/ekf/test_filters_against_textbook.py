@@ -31,7 +31,7 @@ Estimator = Callable[[Recording], Estimate]
     ids=["slip", "no-slip", "fixed-start"],
 )
 @pytest.mark.parametrize("seed", [0, *in_full(range(1, 5))])
-@pytest.mark.parametrize(("ours", "textbook"), PAIRS)
+@pytest.mark.parametrize(("ours", "textbook"), PAIRS.values(), ids=PAIRS)
 def test_equals_the_textbook(
     ours: Estimator, textbook: Estimator, seed: int, options: dict[str, Any], sensor: str
 ) -> None:

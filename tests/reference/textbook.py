@@ -15,11 +15,11 @@ They share formulas with `slamgauge.ekf.textbook`, the EKF of the exercise. `Den
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import partial
 from typing import Literal
 
 import numpy as np
-import pytest
 from scipy.linalg import block_diag
 from scipy.optimize import least_squares
 
@@ -175,25 +175,18 @@ def estimate_of(slam: DenseFilter, ids: Int, steps: list[Step], association: Int
     )
 
 
-student_t_ekf = partial(_run, kind="standard")
-textbook_fej_ekf = partial(_run, kind="first-estimates")
-textbook_oc_ekf = partial(_run, kind="observable")
-textbook_iekf = partial(_run, kind="iterated")
-textbook_riekf = partial(_run, kind="invariant")
-
-
 def ekf_of_textbook(recording: Recording, tails: float | None = None) -> Estimate:
     """Run the textbook EKF, with `tails` the version that weighs observations."""
-    return textbook_ekf(recording) if tails is None else student_t_ekf(recording, tails)
+    return textbook_ekf(recording) if tails is None else _run(recording, tails, kind="standard")
 
 
-PAIRS = [  # filters of the fast family, each with its textbook version
-    pytest.param(ekf_slam, ekf_of_textbook, id="ekf"),
-    pytest.param(fej_ekf, textbook_fej_ekf, id="fej-ekf"),
-    pytest.param(oc_ekf, textbook_oc_ekf, id="oc-ekf"),
-    pytest.param(iekf, textbook_iekf, id="iekf"),
-    pytest.param(riekf, textbook_riekf, id="riekf"),
-]
+PAIRS: dict[str, tuple[Callable[..., Estimate], Callable[..., Estimate]]] = {  # filters and their textbook forms
+    "ekf": (ekf_slam, ekf_of_textbook),
+    "fej-ekf": (fej_ekf, partial(_run, kind="first-estimates")),
+    "oc-ekf": (oc_ekf, partial(_run, kind="observable")),
+    "iekf": (iekf, partial(_run, kind="iterated")),
+    "riekf": (riekf, partial(_run, kind="invariant")),
+}
 
 
 def belief_of(x: Float, P: Float, point: Float | None = None, *, observable: bool = False) -> Belief:
