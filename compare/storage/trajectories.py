@@ -9,16 +9,16 @@ be called `time`, `timestamp` or `t`, and the heading `heading` or `yaw`.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from slamgauge.arrays import Float, Int, Marks, chunks
 from slamgauge.compare.storage.csv_folder import POSE, POSE_COV, from_triangles, upper_triangles
 from slamgauge.compare.storage.files import explained, read_text
-from slamgauge.compare.storage.text_lines import Line, csv_lines, read_lines, read_whole, rows_below
+from slamgauge.compare.storage.text_lines import csv_lines, header_of, read_lines, read_whole, rows_below
 from slamgauge.errors import UserError
 from slamgauge.notices import tell_once
 from slamgauge.se2 import wrap
@@ -49,7 +49,7 @@ class Trajectory(NamedTuple):
 
 def has_stamps(path: Path) -> bool:
     """Return whether a file of poses has stamps, and not steps."""
-    return path.suffix != ".csv" or _header(csv_lines(path, read_text(path)))[:1] == ["stamp"]
+    return path.suffix != ".csv" or header_of(csv_lines(path, read_text(path)), WORDS)[:1] == ("stamp",)
 
 
 def read_trajectory(path: Path) -> Trajectory:
@@ -59,9 +59,8 @@ def read_trajectory(path: Path) -> Trajectory:
         UserError: the file cannot be read or a line is wrong; the message names the line.
     """
     if path.suffix == ".csv":
-        lines = csv_lines(path, read_whole(path))
-        lines[:1] = [replace(line, words=_header(lines)) for line in lines[:1]]
-        rows = _sorted(rows_below(path, lines, ("stamp", *POSE), ("stamp", *POSE, *POSE_COV)))
+        headers = ("stamp", *POSE), ("stamp", *POSE, *POSE_COV)
+        rows = _sorted(rows_below(path, read_whole(path), *headers, words=WORDS))
         covs = from_triangles(rows[:, 4:], 3) if rows.shape[1] > 4 else None
         return Trajectory(str(path), rows[:, 0], rows[:, 1:4], covs)
     rows = _sorted(_tum_rows(path))
@@ -76,11 +75,6 @@ def read_trajectory(path: Path) -> Trajectory:
 
 def _sorted(rows: Float) -> Float:
     return rows[np.argsort(rows[:, 0], kind="stable")]
-
-
-def _header(lines: list[Line]) -> list[str]:
-    """Return the names of the columns, with our words for the stamp and the heading."""
-    return [WORDS.get(word, word) for line in lines[:1] for word in line.words]
 
 
 def _tum_rows(path: Path) -> Float:
@@ -139,13 +133,7 @@ def write_tum(path: str | Path, stamps: Float, poses: Float, covs: Float | None 
 def rotations(quaternions: Float) -> Float:
     """Return matrices (n, 3, 3) of quaternions (n, 4) in x, y, z, w of any length; zeros are the identity."""
     unset = ~quaternions.any(axis=1, keepdims=True)
-    x, y, z, w = np.where(unset, [0.0, 0.0, 0.0, 1.0], quaternions).T
-    rows = [
-        [w * w + x * x - y * y - z * z, 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],
-        [2.0 * (x * y + z * w), w * w - x * x + y * y - z * z, 2.0 * (y * z - x * w)],
-        [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), w * w - x * x - y * y + z * z],
-    ]
-    return np.moveaxis(np.array(rows) / (w * w + x * x + y * y + z * z), 2, 0)
+    return Rotation.from_quat(np.where(unset, [0.0, 0.0, 0.0, 1.0], quaternions)).as_matrix()
 
 
 def planar_poses(poses: Float) -> Float:

@@ -33,7 +33,7 @@ from slamgauge.ekf.maps.map_state import NewEntries
 from slamgauge.ekf.textbook import J, Linearised
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
-from slamgauge.se2 import compose, mean_rotation, rotation, wrap
+from slamgauge.se2 import compose, exp, rotation, wrap
 from tests.reference.jacobians import differentiate
 
 Kind = Literal["standard", "first-estimates", "observable", "iterated", "invariant"]
@@ -298,7 +298,8 @@ def update_iterated(
 
 def exp_action(xi: Float, x: Float) -> Float:
     """Return exp(xi) acting from the left on robot and landmarks."""
-    R, V = rotation(xi[2]), mean_rotation(xi[2])
+    R = rotation(xi[2])
+    V = np.column_stack([exp([1.0, 0.0, xi[2]])[:2], exp([0.0, 1.0, xi[2]])[:2]])
     out = x.copy()
     out[:2] = R @ x[:2] + V @ xi[:2]
     out[2] = x[2] + xi[2]
