@@ -50,7 +50,7 @@ def test_the_textbook_filter_and_a_right_one():
         ({"nis_per_dof": 1.69}, f"innovations are 1.3 times {EXPECTED} too small", "show this"),
         ({"nis_per_dof": 0.25}, f"innovations are 0.5 times {EXPECTED} too large", "show this"),
         ({"nis_per_dof": 1.05}, "linearisation", "innovations"),  # small deviations are not stated
-        ({"nis_per_dof": 1.11}, "innovations are 1.05 times", "linearisation"),
+        ({"nis_per_dof": 1.11}, "innovations are 1.1 times", "linearisation"),
         ({"nis_per_dof": None, "nis_dof": 0}, "claims", "linearisation"),
         ({"wrong_associations": 12.3}, "; 12 wrong associations per run;", "linearisation"),
         ({"wrong_associations": 0.25}, "; 0.25 wrong associations per run;", "linearisation"),
