@@ -10,7 +10,7 @@ import pytest
 
 from slamgauge.compare.checks.examination import CHECKS, OVERDUE
 from slamgauge.compare.cli.main import main
-from tests.reference.command_line import Module, Refuse, run
+from tests.reference.command_line import Module, run
 
 pytestmark = pytest.mark.slow
 
@@ -131,12 +131,3 @@ def test_estimators_that_fail_are_rows_with_their_reasons(
     for name, (_, message) in zip(names, SOURCES, strict=True):
         reason = f"estimator {name}:estimate: {message.replace('OWN', name)}.*"
         assert any(re.fullmatch(reason, line) for line in lines), reason
-
-
-def test_import_paths_that_do_not_exist(stored: Path, refuse: Refuse, module: Module):
-    module("")
-    for path, message in (
-        ("nowhere_at_all:estimate", "no module 'nowhere_at_all' is found; run in its folder or install it"),
-        (":estimate", "write FILE.py:callable or module:callable, for example my_filter.py:estimate"),
-    ):
-        assert message in refuse.line("evaluate", stored / "recording.npz", "--estimators", path)

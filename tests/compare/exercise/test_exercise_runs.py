@@ -144,12 +144,6 @@ def _fails(_: object) -> None:
     raise UserError("no solution")
 
 
-def test_an_unknown_question_is_refused_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    assert main(["exercise", "q5", "--out", str(tmp_path / "out")]) == 2
-    assert capsys.readouterr().err == "slamgauge: question 'q5' is not known; use q1, q2, q3, q4\n"
-    assert not (tmp_path / "out").exists()
-
-
 @pytest.mark.usefixtures("studies_in_a_thread")
 def test_the_command_writes_results_figures_and_pages_and_continues(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
@@ -185,14 +179,8 @@ def test_every_key_of_the_json_file_is_documented(question_1: Exercise):
     found = question_1.to_json()
     for setting in found["questions"]["q1"]["settings"]:
         setting["estimators"] = {}  # as in summary.json
-    assert keys_of(found) - {"q1", *FILTERS, *OPTIMA} <= documented | {"mean", "low", "high"}
-
-
-def keys_of(value: Any) -> set[str]:
-    """Return the keys of all mappings in a JSON value."""
-    if isinstance(value, dict):
-        return {*value}.union(*map(keys_of, value.values()))
-    return set[str]().union(*map(keys_of, value)) if isinstance(value, list) else set()
+    keys = {*re.findall(r'"([^"]+)": ', json.dumps(found))}
+    assert keys - {"q1", *FILTERS, *OPTIMA} <= documented | {"mean", "low", "high"}
 
 
 def test_settings_are_those_of_the_handout():

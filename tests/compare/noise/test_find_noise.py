@@ -1,9 +1,12 @@
-"""`find_noise` on simulated logs with known noise, and the parameters of a recording: form, systematic errors."""
+"""`find_noise` on simulated logs with known noise, parameters of a recording, and the command `slamgauge noise`."""
 
 from __future__ import annotations
 
+import json
 import math
+import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,7 +15,8 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize
 from scipy.stats import binom
 
-from slamgauge import Recording, UserError, find_noise, load_scenario, riekf, simulate
+from slamgauge import Recording, UserError, find_noise, load_recording, load_scenario, riekf, save, simulate
+from slamgauge.compare.cli.main import main
 from slamgauge.compare.noise.diagnosis import autocorrelation
 from slamgauge.compare.noise.estimation import Noise
 from slamgauge.compare.noise.likelihood import Fit, NoiseModel
@@ -224,10 +228,6 @@ def test_correlation_is_computed_within_each_landmark():
 BIASES = dict(zip(SYSTEMATIC, (0.03, 0.02, 0.1, 0.2), strict=True))
 
 
-def recorded(*overrides: str) -> Recording:
-    return simulate(load_scenario("q1-short-dense", ["trajectory.duration=15", *overrides]), 3)[1]
-
-
 @given(st.integers(0, 10_000), st.integers(1, 3))
 def test_the_form_of_covariances_reproduces_them(seed: int, rank: int):
     roots = np.random.default_rng(seed).standard_normal((4, 3, rank)) * np.array([[1.0], [1e-3], [0.1]])
@@ -237,7 +237,7 @@ def test_the_form_of_covariances_reproduces_them(seed: int, rank: int):
     np.testing.assert_allclose(form.covariances(form.assumed) / scale, covs / scale, atol=1e-7)
 
 
-def test_lateral_noise_excludes_the_effect_of_the_turn():
+def test_lateral_noise_excludes_the_effect_of_the_turn_and_unknown_noise_varies_like_forward_noise():
     """A sensor d ahead of the robot's centre moves sideways by the robot's slip plus d times the turn."""
     ahead, slip, turn = 0.22, 0.002, 0.01
     jacobian = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, ahead], [0.0, 0.0, 1.0]])
@@ -245,28 +245,14 @@ def test_lateral_noise_excludes_the_effect_of_the_turn():
     form = odometry_form(np.stack([cov, 4.0 * cov]))
     np.testing.assert_allclose(form.assumed, np.sqrt(2.5) * np.array([0.03, slip, turn]), rtol=1e-9)
     np.testing.assert_allclose(form.profile[1] / form.profile[0], 2.0)
-
-
-def test_noise_that_is_not_stated_varies_like_forward_noise():
-    form = odometry_form(np.stack([np.diag([1.0, 0.0, 0.0]), np.diag([4.0, 0.0, 0.0])]))
-    np.testing.assert_allclose(form.profile[:, 1], form.profile[:, 0])
-    np.testing.assert_allclose(form.profile[:, 2], form.profile[:, 0])
+    profile = odometry_form(np.stack([np.diag([1.0, 0.0, 0.0]), np.diag([4.0, 0.0, 0.0])])).profile
+    np.testing.assert_allclose(profile[:, 1:], profile[:, :1].repeat(2, axis=1))
     assert (odometry_form(np.zeros((2, 3, 3))).profile == 1.0).all()
-
-
-def test_coordinates_of_one_are_the_assumed_noise():
-    model = NoiseModel(recorded("assumed.scale=2"))
-    values = model.values([1.0] * 5)
-    assert values["range"] == pytest.approx(0.1 * np.sqrt(2.0))
-    assert values["turn"] == pytest.approx(np.deg2rad(0.3) * np.sqrt(2.0))
-    own = model.parameters.recording_with(values | {"lateral": 0.0})
-    np.testing.assert_allclose(own.odometry_cov, model.recording.odometry_cov, atol=1e-18)
-    np.testing.assert_allclose(own.observation_cov, model.recording.observation_cov, rtol=1e-12)
 
 
 def test_systematic_errors_are_removed_from_the_measurements():
     """For a log of even motion this is exact up to rounding, also for bearings across pi."""
-    recording = recorded("motion.sigma_speed=0", "motion.sigma_yaw_rate_deg=0")
+    recording = recording_of("motion.sigma_speed=0", "motion.sigma_yaw_rate_deg=0", duration=15.0)
     odometry, observation = recording.odometry.copy(), recording.observation + np.array([0.1, 0.2])
     odometry[:, :2] *= 1.03
     odometry[:, 2] += 0.02 * np.hypot(recording.odometry[:, 0], recording.odometry[:, 1])
@@ -279,7 +265,7 @@ def test_systematic_errors_are_removed_from_the_measurements():
 
 def test_the_forward_direction_of_headings_only_rotates_the_map():
     """The map rotates about the start by the offset, because increments with their noise or bearings are rotated."""
-    recording = recorded()
+    recording = recording_of(duration=15.0)
     parameters = NoiseParameters(recording)
     values = parameters.begin | BIASES | {"lateral": 0.01}
     by_sensor, by_odometry = (parameters.recording_with(values, heading) for heading in ("sensor", "odometry"))
@@ -293,12 +279,30 @@ def test_the_forward_direction_of_headings_only_rotates_the_map():
 
 
 def test_a_position_is_corrected_like_range_and_bearing():
-    recording = recorded()
-    x = recording.observation[:, 0] * np.cos(recording.observation[:, 1])
-    y = recording.observation[:, 0] * np.sin(recording.observation[:, 1])
-    there = replace(recording, sensor="position", observation=np.column_stack([x, y]))
+    recording = recording_of(duration=15.0)
+    ranges, bearings = recording.observation.T
+    there = np.column_stack([ranges * np.cos(bearings), ranges * np.sin(bearings)])
     values: dict[str, float] = dict.fromkeys(("forward", "lateral", "turn", "range", "bearing", "position"), 1.0)
     values |= dict(zip(SYSTEMATIC, (0.0, 0.0, 0.1, 0.2), strict=True))
-    polar, cartesian = (NoiseParameters(each).recording_with(values).observation for each in (recording, there))
+    records = (recording, replace(recording, sensor="position", observation=there))
+    polar, cartesian = (NoiseParameters(each).recording_with(values).observation for each in records)
     np.testing.assert_allclose(np.hypot(*cartesian.T), polar[:, 0], atol=1e-12)
     np.testing.assert_allclose(np.sin(np.arctan2(*cartesian.T[::-1]) - polar[:, 1]), 0.0, atol=1e-9)
+
+
+def test_the_command_writes_its_findings_and_replaces_no_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    log, out, tuned = tmp_path / "log.npz", tmp_path / "out", tmp_path / "tuned" / "log.npz"
+    save(log, recording_of("assumed.scale=4", duration=10.0, seed=2))
+    assert main(["noise", str(log), "--out", str(out), "--write", str(tuned)]) == 0
+    printed = capsys.readouterr()
+    assert "times too large" in printed.out
+    assert {*printed.err.splitlines()} == {f"written to {out}", f"written to {tuned}"}
+    content = json.loads((out / "noise.json").read_text())
+    assert {"parameters", "outlier_rate", "systematic", "nis_by_channel", "log_likelihood_gain"} < content.keys()
+    sigma = content["parameters"]["range"]
+    assert sigma["low"] < sigma["sigma"] < sigma["high"] < sigma["assumed"] == pytest.approx(0.2)
+    np.testing.assert_allclose(load_recording(tuned).observation_cov[:, 0, 0], sigma["sigma"] ** 2)
+    assert (out / "noise.svg").is_file()
+    for write, message in ((log, "is the recording itself; give another --write"), (tuned, "exists already; move it")):
+        assert main(["noise", str(log), "--write", str(write)]) == 2
+        assert re.fullmatch(f"slamgauge: {write}: {message}.*\n", capsys.readouterr().err)

@@ -25,29 +25,10 @@ def test_four_planted_mistakes_are_reported_together(write: Write):
 
 
 @pytest.mark.parametrize(
-    "section", ["", "prior", "trajectory", "trajectory.segments[0]", "motion", "sensor", "assumed", "landmarks"]
-)
-def test_unknown_keys_are_found_in_every_section(write: Write, section: str):
-    text = GOOD + "[prior]\n[assumed]\n"
-    if not section:
-        text = "zzz = 1\n" + text
-    elif section.endswith("]"):
-        text = text.replace("[{", "[{zzz = 1, ")
-    else:
-        text = text.replace(f"[{section}]\n", f"[{section}]\nzzz = 1\n")
-    [mistake] = mistakes(write(text))
-    assert mistake.startswith(f"{section}.zzz: unknown key; use ".removeprefix("."))
-
-
-@pytest.mark.parametrize(
     ("old", "new", "mistake"),
     [
         ("sigma_position = 0.2", "", "sensor.sigma_position: missing; a position sensor needs it"),
-        (
-            "max_range",
-            "sigma_range = 1\nmax_range",
-            "sensor.sigma_range: a position sensor has none; remove it or change",
-        ),
+        ("max_range", "sigma_range = 1\nmax_range", "sensor.sigma_range: a position sensor has none; remove it or"),
         ('"position"', '"radar"', "sensor.kind: input should be 'range-bearing', 'bearing' or 'position', not 'radar'"),
         ("max_range", "min_range = 6\nmax_range", "sensor.min_range: must not exceed max_range"),
         ("step = 0.1", "step = 0.1\nspeed = 1.0", "trajectory: has both forms; give segments, or speed, yaw_rate"),
@@ -55,13 +36,7 @@ def test_unknown_keys_are_found_in_every_section(write: Write, section: str):
         ("[motion]", "[motions]", "motions: unknown key; did you mean motion?"),
         ("description", "name = 'x'\ndescription", "name: unknown key; the file's own name is the scenario's name"),
         ("sigma_speed = 0.1", "sigma_speed = true", "motion.sigma_speed: input should be a valid number, not True"),
-        ("[[1, 2], [3.5, -1]]", "[[1, 2], 3.5]", "landmarks.positions[1]: input should be a valid tuple, not 3.5"),
         ("[motion]", "[prior]\nmean = [0, 0, 0, 0]\n[motion]", "prior.mean: tuple should have at most 3 items"),
-        (
-            "[motion]",
-            "[prior]\nvariances = [0, -1, 0]\n[motion]",
-            "prior.variances[1]: input should be greater than or equal to 0",
-        ),
     ],
 )
 def test_each_mistake_has_its_line(write: Write, old: str, new: str, mistake: str):
@@ -77,9 +52,7 @@ OVERRIDES = {  # by scenario: override, and its line, or the begin of a long one
         "trajectory={kind='waypoints', step=1, points=[], speed=1, yaw_rate=1}": "trajectory.points: tuple should",
         "trajectory={kind='csv', file='none.csv'}": "trajectory.file: none.csv: cannot be read (No such file",
         "trajectory.speed=1e60": "trajectory.speed: must be at most 1e+50 in size, not 1e+60",
-        "trajectory.step=fast": "trajectory.step: input should be a valid number, not 'fast'",
         "trajectory.sped=2": "trajectory.sped: unknown key; did you mean speed?",
-        "sensor.outlier_rate=1.2": "sensor.outlier_rate: input should be less than or equal to 1, not 1.2",
         f"sensor.{'a' * 5000}=1": f"sensor.{'a' * 80}",
         f"sensor.max_range={'1' * 5000}": "sensor.max_range: input should be a valid number, not '1111",
         "prior.covariance=[[1,0,0],[0,-1,0],[0,0,1]]": "prior.covariance: covariance[0] = ",
@@ -90,7 +63,6 @@ OVERRIDES = {  # by scenario: override, and its line, or the begin of a long one
         "min_distance = 1.0; lower it or enlarge the box",
     },
     "q2-long-dense": {
-        "association.method=nearest": "association.method: input should be 'known', 'nearest-neighbour' or 'jcbb'",
         "association.gate=0": "association.gate: 0.0 is out of range; choose it above 0",
     },
     "q4-ring": {
@@ -98,10 +70,8 @@ OVERRIDES = {  # by scenario: override, and its line, or the begin of a long one
         "fis.s_min=10": "fis.s_max: 10.0 m must be beyond s_min, 10.0 m; choose it larger",
         "fis.s_min=1e-307": f"fis.beta: 1.7 gives 1337 {TOO_MANY}",
         "fis.alpha=1": "fis.alpha: 1.0 is out of range; choose it above 0 and below 1",
-        "fis.beta=1": "fis.beta: 1.0 is out of range; choose it above 1",
         "fis.beta=1.000001": f"fis.beta: 1.000001 gives 693149 {TOO_MANY}",
         "delayed.poses=2": "delayed.poses: 2 is out of range; choose it at least 3",
-        "sensor.sigma_range=1": "sensor.sigma_range: a bearing sensor has none; remove it or change kind",
     },
 }
 ROWS = [(scenario, *row) for scenario, rows in OVERRIDES.items() for row in rows.items()]
@@ -123,17 +93,9 @@ def test_unknown_names_list_near_misses_or_all() -> None:
     ("text", "line"),
     [
         ("a = 1\nb = = 2\n", r"not valid TOML: [^\n]* \(at line 2, [^\n]*"),
-        ("a = 1\n\n[motion", r"not valid TOML: [^\n]* \(at line 3, [^\n]*"),
         (f"[sensor]\nmax_range = {'[' * 3000}{']' * 3000}\n", r"not valid TOML: [^\n]{1,200}"),
-        (f"[sensor]\nmax_range = {'1' * 5000}\n", r"not valid TOML: [^\n]{1,200}"),
-        (
-            'extends = "q2-long-dens"',
-            "extends: 'q2-long-dens' is not a shipped scenario; did you mean q2-long-dense\\?",
-        ),
-        *(
-            (f"extends = {wrong}", r"extends: [^\n]+ is not a shipped scenario; [^\n]+")
-            for wrong in ("3", "[1]", "{a = 1}")
-        ),
+        ('extends = "q2-long-dens"', "extends: 'q2-long-dens' is not a shipped scenario; did you mean q2-long-dense.*"),
+        ("extends = {a = 1}", r"extends: [^\n]+ is not a shipped scenario; [^\n]+"),
         (f"extends = {'1' * 4000}", r"extends: '.{100}' is not a shipped scenario; [^\n]+"),
     ],
 )
@@ -156,15 +118,11 @@ def test_files_and_overrides_that_cannot_be_read(tmp_path: Path):
 @pytest.mark.parametrize(
     ("path", "line"),
     [
-        ("stamp,x,y\n1,2,3\n", "path.csv: line 1 is not the header of this file; write stamp,x,y,theta"),
         ("stamp,x,y,theta\n0,0,0,0\n", "path.csv: 1 poses; give 2 to 1000001"),
         ("stamp,x,y,theta\n0,0,0,0\n1,1,0,nan\n", "path.csv, line 3, column 4: 'nan' is not a finite number"),
         ("stamp,x,y,theta\n0,0,0,0\n1,1,0,0\n1,2,0,0\n", "path.csv, line 4: stamps must increase; sort the rows"),
         ("stamp,x,y,theta\n0,1,0,0\n1,1,0,0\n", "prior.mean: [0.0, 0.0, 0.0] is not where the path of path.csv"),
-        (
-            "step,cov_xx,cov_xy,cov_xt,cov_yy,cov_yt,cov_tt\n1,1,0,0,1,0,1\n",
-            "motion.sigma_speed: motion.covariances has",
-        ),
+        ("step,cov_xx,cov_xy,cov_xt,cov_yy,cov_yt,cov_tt\n1,1,0,0,1,0,1\n", "motion.sigma_speed: motion.covariances"),
     ],
 )
 def test_mistakes_in_files_of_a_scenario_are_located(tmp_path: Path, path: str, line: str) -> None:

@@ -114,20 +114,21 @@ def whole(run: Run, tmp_path: Path) -> Path:
     return tmp_path / "study.sqlite"
 
 
-@pytest.mark.parametrize("damage", ["cut", "zeros", "text", "names", "rows"])
+DAMAGES: dict[str, Callable[[bytes], bytes]] = {
+    "cut": lambda good: good[: len(good) // 2],
+    "zeros": lambda good: bytes(4096) + good[4096:],
+    "names": lambda good: good.replace(b"study", b"stud\xff").replace(b"CREATE TABLE", b"CREATE TABLX"),
+}
+
+
+@pytest.mark.parametrize("damage", ["rows", *DAMAGES])
 def test_a_damaged_store_is_refused_in_a_line(whole: Path, run: Run, load: Load, damage: str) -> None:
-    good = whole.read_bytes()
-    if damage == "cut":
-        whole.write_bytes(good[: len(good) // 2])
-    elif damage == "zeros":
-        whole.write_bytes(bytes(4096) + good[4096:])
-    elif damage == "text":
-        whole.write_text("not a database, but long enough to be read as one " * 50)
-    elif damage == "names":  # bytes that are no text, in a message of SQLite
-        whole.write_bytes(good.replace(b"study", b"stud\xff").replace(b"CREATE TABLE", b"CREATE TABLX"))
-    else:
+    """Damaged names are no text, and SQLite prints them in its message."""
+    if damage == "rows":
         with opened(whole.parent) as connection:
             connection.execute("UPDATE outcome SET series = substr(series, 2) WHERE run = 3")
+    else:
+        whole.write_bytes(DAMAGES[damage](whole.read_bytes()))
     for use in (load, run):
         with pytest.raises(
             UserError, match=rf"^{whole}: cannot be used as a study's store [^\n]+; give another --out$"
@@ -147,7 +148,6 @@ def test_a_store_in_use_is_refused_at_once(run: Run, whole: Path) -> None:
     run(RUNS, NAMES)
 
 
-RUN_ONCE = "slamgauge.compare.studies.study.run_once"
 BOTH = ("ekf", "riekf")
 
 
@@ -208,7 +208,6 @@ def test_an_estimator_that_changes_the_kind_of_its_estimates_is_refused_with_all
     )
     assert (summary.estimators["mine"]["kind"], summary.estimators["mine"]["runs"]) == (None, 0)
     assert len(load(4, chosen)["mine"].run) == 0
-    assert summary.estimators["ekf"]["runs"] == 4
     assert summary.against == {"ekf": {"mine": {}}}
     assert "run 2: mine failed: its poses are" in str(summary_table(summary))
 
@@ -217,7 +216,7 @@ def test_workers_that_always_die_are_one_line_and_stored_runs_are_kept(
     run: Run, load: Load, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     run(1, ("ekf",))
-    monkeypatch.setattr(RUN_ONCE, leave_at_once)
+    monkeypatch.setattr("slamgauge.compare.studies.study.run_once", leave_at_once)
     line = r"^a worker process died 3 times in a row, the last time at run 3 alone .*; make room, and give the same"
     with pytest.raises(UserError, match=line), local_processes(1) as executor:
         run(6, ("ekf",), executor=executor)
@@ -228,7 +227,7 @@ def test_a_run_that_kills_its_worker_is_named_and_the_others_continue(
     run: Run, load: Load, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with monkeypatch.context() as patched, local_processes(1) as executor:
-        patched.setattr(RUN_ONCE, leave_at_run_1)
+        patched.setattr("slamgauge.compare.studies.study.run_once", leave_at_run_1)
         summary = run(4, BOTH, executor=executor)
     assert [(each.run, each.estimator) for each in summary.failures] == [(1, "ekf"), (1, "riekf")]
     assert {each.error for each in summary.failures} == {f"its worker process died (out of memory?) ({AGAIN})"}
