@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -114,10 +115,9 @@ def test_outliers_are_named_and_do_not_increase_a_sigma(share: float):
         assert found.parameters[name].mean == pytest.approx(TRUE[name], rel=0.05)
     assert (found.after.nis["range"].mean or 0.0) == pytest.approx(1.0, abs=0.05)
     assert len(found.tuned.observation) == len(observation)
-    ids = recording.landmark
-    assert ids is not None
     first = found.outliers[0]
-    assert (first.step, first.landmark) == (recording.observation_step[first.observation], ids[first.observation])
+    assert first.step == recording.observation_step[first.observation]
+    assert recording.landmark is not None and first.landmark == recording.landmark[first.observation]
     assert f"outliers: {named.sum()} of {len(wrong)} observations" in " ".join(text_of(found).split())
 
 
@@ -138,9 +138,6 @@ def test_noise_that_is_less_likely_on_the_held_out_half_is_not_written():
     found = find_noise(recording)
     assert found.held_out is not None
     assert found.held_out.log_likelihood_gain < 0.0
-    small = text_of(replace(found, held_out=found.held_out._replace(log_likelihood_gain=-0.01)))
-    assert "gains +0.0 nats" in small
-    assert "(+0.000 each)" in " ".join(small.split())
     assert found.tuned == recording
     assert "the assumed noise is kept" in " ".join(text_of(found).split())
 
@@ -228,6 +225,12 @@ def test_correlation_is_computed_within_each_landmark():
 BIASES = dict(zip(SYSTEMATIC, (0.03, 0.02, 0.1, 0.2), strict=True))
 
 
+def positions_of(recording: Recording) -> Recording:
+    ranges, bearings = recording.observation.T
+    positions = np.column_stack([ranges * np.cos(bearings), ranges * np.sin(bearings)])
+    return replace(recording, sensor="position", observation=positions)
+
+
 @given(st.integers(0, 10_000), st.integers(1, 3))
 def test_the_form_of_covariances_reproduces_them(seed: int, rank: int):
     roots = np.random.default_rng(seed).standard_normal((4, 3, rank)) * np.array([[1.0], [1e-3], [0.1]])
@@ -250,17 +253,18 @@ def test_lateral_noise_excludes_the_effect_of_the_turn_and_unknown_noise_varies_
     assert (odometry_form(np.zeros((2, 3, 3))).profile == 1.0).all()
 
 
-def test_systematic_errors_are_removed_from_the_measurements():
+@pytest.mark.parametrize("of", [lambda recording: recording, positions_of], ids=["range-bearing", "position"])
+def test_systematic_errors_are_removed_from_the_measurements(of: Callable[[Recording], Recording]):
     """For a log of even motion this is exact up to rounding, also for bearings across pi."""
     recording = recording_of("motion.sigma_speed=0", "motion.sigma_yaw_rate_deg=0", duration=15.0)
     odometry, observation = recording.odometry.copy(), recording.observation + np.array([0.1, 0.2])
     odometry[:, :2] *= 1.03
     odometry[:, 2] += 0.02 * np.hypot(recording.odometry[:, 0], recording.odometry[:, 1])
     observation[:, 1] = wrap(observation[:, 1])
-    parameters = NoiseParameters(replace(recording, odometry=odometry, observation=observation))
+    parameters = NoiseParameters(of(replace(recording, odometry=odometry, observation=observation)))
     found = parameters.recording_with(dict.fromkeys(parameters.sigmas, 1.0) | BIASES)
     np.testing.assert_allclose(found.odometry, recording.odometry, atol=1e-12)
-    np.testing.assert_allclose(found.observation, recording.observation, atol=1e-12)
+    np.testing.assert_allclose(found.observation, of(recording).observation, atol=1e-12)
 
 
 def test_the_forward_direction_of_headings_only_rotates_the_map():
@@ -276,18 +280,6 @@ def test_the_forward_direction_of_headings_only_rotates_the_map():
     np.testing.assert_allclose(wrap(one.poses[:, 2] - other.poses[:, 2]), 0.0, atol=1e-9)
     assert one.nis is not None and other.nis is not None
     np.testing.assert_allclose(one.nis, other.nis, rtol=1e-6)
-
-
-def test_a_position_is_corrected_like_range_and_bearing():
-    recording = recording_of(duration=15.0)
-    ranges, bearings = recording.observation.T
-    there = np.column_stack([ranges * np.cos(bearings), ranges * np.sin(bearings)])
-    values: dict[str, float] = dict.fromkeys(("forward", "lateral", "turn", "range", "bearing", "position"), 1.0)
-    values |= dict(zip(SYSTEMATIC, (0.0, 0.0, 0.1, 0.2), strict=True))
-    records = (recording, replace(recording, sensor="position", observation=there))
-    polar, cartesian = (NoiseParameters(each).recording_with(values).observation for each in records)
-    np.testing.assert_allclose(np.hypot(*cartesian.T), polar[:, 0], atol=1e-12)
-    np.testing.assert_allclose(np.sin(np.arctan2(*cartesian.T[::-1]) - polar[:, 1]), 0.0, atol=1e-9)
 
 
 def test_the_command_writes_its_findings_and_replaces_no_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]):

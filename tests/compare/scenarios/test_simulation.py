@@ -62,11 +62,6 @@ def test_a_map_without_landmarks():
     assert recording.observation.shape == (0, 2)
 
 
-def test_a_negative_seed_is_refused():
-    with pytest.raises(ValueError, match="seed: -1 is not valid; use a whole number >= 0"):
-        simulate(scenario(), -1)
-
-
 def test_noise_has_the_stated_size_and_no_mean():
     truth, recording = simulate(scenario(POSITION), 11)
     path, seen = given(truth.poses), recording.observation_step
