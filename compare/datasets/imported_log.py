@@ -212,6 +212,13 @@ def with_sigmas(covs: Float, sigmas: Sequence[Float | float | None]) -> Float:
     return covs
 
 
+def require_sigmas(**sigmas: float) -> None:
+    """Refuse standard deviations below 0 and ones that are not finite."""
+    for name, sigma in sigmas.items():
+        if not 0.0 <= sigma < np.inf:
+            raise UserError(f"{name}: {sigma:g} is no standard deviation; give a number from 0 on")
+
+
 def require_rows(lines: Sequence[Line], wrong: Marks, what: str, remedy: str, values: Float | None = None) -> None:
     """Refuse the first of the lines (n,) that are marked as wrong; {} in `what` is its value."""
     if wrong.any():

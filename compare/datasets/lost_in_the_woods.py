@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.compare.datasets.imported_log import Imported, Log, Observed
+from slamgauge.compare.datasets.imported_log import Imported, Log, Observed, require_sigmas
 from slamgauge.compare.datasets.synchronisation import Odometry
 from slamgauge.compare.storage.files import explained
 from slamgauge.compare.storage.trajectories import Trajectory
@@ -33,6 +33,7 @@ def read_lost_in_the_woods(path: Path, *, max_range: float = 5.0, lateral_slip: 
     Raises:
         UserError: With the file, the field and the remedy.
     """
+    require_sigmas(lateral_slip=lateral_slip)
     fields = _read_fields(path)
     ahead, ranges, bearings = float(fields["d"].item()), fields["r"], fields["b"]
     stamps, speeds, rates, x, y, heading, valid = (fields[name][:, 0] for name in COLUMNS)

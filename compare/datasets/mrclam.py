@@ -18,7 +18,15 @@ from pathlib import Path
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.compare.datasets.imported_log import Imported, Log, Observed, checked, require_order, with_sigmas
+from slamgauge.compare.datasets.imported_log import (
+    Imported,
+    Log,
+    Observed,
+    checked,
+    require_order,
+    require_sigmas,
+    with_sigmas,
+)
 from slamgauge.compare.datasets.synchronisation import Odometry
 from slamgauge.compare.storage.text_lines import Line, read_table
 from slamgauge.compare.storage.trajectories import Trajectory, interpolated
@@ -47,6 +55,7 @@ def read_mrclam(
     Raises:
         UserError: With the file, the line and the remedy.
     """
+    require_sigmas(forward=forward, lateral=lateral, turn=turn, range_sigma=range_sigma, bearing_sigma=bearing_sigma)
     found = sorted(folder.glob("*Odometry.dat" if robot is None else f"Robot{robot}_Odometry.dat"))
     if len(found) != 1:
         names = ", ".join(path.name for path in found)
