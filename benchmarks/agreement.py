@@ -2,9 +2,9 @@
 
     python benchmarks/agreement.py [--recordings 200] [--seed 0] [--only 17] [--jobs 2]
 
-`tests/reference/drawn_recordings.py` draws recordings of all kinds. The references are: textbook filters, and for
-`iekf` also the gradient of its cost; a damped least-squares solver with several starts for `batch`; the optimum of the
-measurements up to each step for `causal`. Bearing-only filters have no reference: they must run without an error.
+`tests/reference/drawn_recordings.py` draws recordings of all kinds. The references are: textbook filters; a
+damped least-squares solver with several starts for `batch`; the optimum of the measurements up to each step for
+`causal`. Bearing-only filters have no reference: they must run without an error.
 
 A result is `undecided` if the reference has no answer either: double precision is exhausted, or no minimum exists. Each
 worse or failed result is printed on stderr with number, seed and tags; `--only` takes one recording.
@@ -27,9 +27,8 @@ import tyro
 from tqdm import tqdm
 
 from slamgauge import local_processes
-from tests.reference.agreement import Outcome, table
+from tests.reference.agreement import Outcome, judge_filters, table
 from tests.reference.drawn_recordings import draw
-from tests.reference.filter_agreement import judge_filters
 from tests.reference.optimum_agreement import judge_optima
 
 

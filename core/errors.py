@@ -30,14 +30,10 @@ class CovarianceError(UserError):
 def refused_by_the_machine(error: BaseException) -> bool:
     """Return whether the error or its cause is a lack of memory, disk space or connection: a retry may succeed."""
     refused = isinstance(error, OSError) and errno.errorcode.get(error.errno or 0) in _REFUSALS
-    if refused or no_room_for_library(error) or isinstance(error, MemoryError):
+    no_library = isinstance(error, ImportError | OSError) and any(text in str(error) for text in _NO_LIBRARY)
+    if refused or no_library or isinstance(error, MemoryError):
         return True
     return error.__cause__ is not None and refused_by_the_machine(error.__cause__)
-
-
-def no_room_for_library(error: BaseException) -> bool:
-    """Return whether memory is too small to load a library."""
-    return isinstance(error, ImportError | OSError) and any(text in str(error) for text in _NO_LIBRARY)
 
 
 def failure_text(error: Exception) -> str:

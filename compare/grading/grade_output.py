@@ -15,7 +15,7 @@ from slamgauge.compare.scoring.text_page import Page
 from slamgauge.compare.storage.files import explained, write_csv, write_json
 from slamgauge.compare.storage.result_files import GRADES, GRADESCOPE, PAGES, RESULTS, RUBRIC
 
-Row = Mapping[str, Any]  # of `Grade.to_json` or of grades.csv
+Row = Mapping[str, Any]  # a row of `Grade.to_json` or of grades.csv
 SUBMISSION = Head("submission", help="file name of the submission", words=True)
 VERDICT = Head("verdict", help="passed if no criterion fails", words=True)
 FAILED = Head("checks failed", help="number of failed checks")

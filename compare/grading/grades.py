@@ -44,8 +44,8 @@ class Grade:
     reasons: tuple[str, ...]  # why it has not passed, or the one reason why it is not graded
     mark: Mark
     remarks: tuple[str, ...] = ()  # for the teacher, without effect on the grade
-    kind: str = ""  # of its estimates; empty if it is not graded
-    figures: Mapping[str, Interval | None] = field(default_factory=dict)  # by the keys of `FIGURES`, if it is graded
+    kind: str = ""  # kind of its estimates; empty if it is not graded
+    figures: Mapping[str, Interval | None] = field(default_factory=dict)  # the keys are those of `FIGURES`
     seconds: float | None = None  # median over runs
 
     @property

@@ -30,7 +30,7 @@ class Grades:
 
     settings: GradeSettings
     reference: Grade  # compared with itself
-    grades: tuple[Grade, ...]  # of the submissions, in the order of their names
+    grades: tuple[Grade, ...]  # in the order of the names of the submissions
 
     def to_json(self) -> list[dict[str, Any]]:
         """Return a row for each submission, with scenario, seed and their digest."""

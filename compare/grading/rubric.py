@@ -65,9 +65,9 @@ class Rubric(Section):
     """Weights of the items of a mark."""
 
     total: Weight  # points of a right filter
-    accuracy: Scale  # of the ATE divided by that of the reference
-    consistency: Scale  # of the NEES divided by that of the reference
-    checks: dict[str, Weight]  # by the name of the check
+    accuracy: Scale  # scale of the ATE divided by the reference's
+    consistency: Scale  # scale of the NEES divided by the reference's
+    checks: dict[str, Weight]  # weights, the keys are names of checks
 
     @property
     def needed_checks(self) -> list[Check]:

@@ -24,7 +24,7 @@ MAIN = ("submission.py", "main.py")  # main file of a folder with several files,
 class Submission:
     """A submitted filter."""
 
-    name: str  # of its file or folder
+    name: str  # name of its file or folder
     where: Address | None  # its file or package, without the name of a callable; None if there is a reason
     reason: str = ""  # why it cannot be run
 

@@ -40,10 +40,10 @@ class Trial:
 
     callable: str = ""  # name of the callable that was found in its file
     form: str = ""  # description of its form
-    scores: list[Score] = field(default_factory=list)  # of its runs in their order, as far as they succeeded
+    scores: list[Score] = field(default_factory=list)  # scores of its runs, as far as they succeeded
     settings: list[str] = field(default_factory=list)  # remarks of its form, for example settings that are replaced
-    own_noise: list[Score] = field(default_factory=list)  # of the same runs with the noise of the file, if it differs
-    verdicts: list[Verdict] = field(default_factory=list)  # of the checks, if they apply
+    own_noise: list[Score] = field(default_factory=list)  # the same runs with the noise of the file, if it differs
+    verdicts: list[Verdict] = field(default_factory=list)  # results of the checks, if they apply
     no_checks: str = ""  # why the checks do not apply
     output: str = ""  # its last printed lines
     reason: str | None = None  # why it cannot be graded
@@ -57,8 +57,8 @@ class Trial:
 class Run(NamedTuple):
     """A run of the reference."""
 
-    seed: int  # of the simulation
-    score: Score  # of the reference
+    seed: int  # seed of the simulation
+    score: Score  # score of the reference
     optimum: Estimate | None  # causal optimum; None if it is undetermined
 
 
@@ -66,7 +66,7 @@ class Run(NamedTuple):
 class GradeSettings:
     """Settings of grading."""
 
-    scenario: Scenario  # of the simulated runs
+    scenario: Scenario  # scenario of the simulated runs
     runs: int  # number of runs, at least 2
     seed: int  # root seed, not negative
     reference: Asked  # estimator whose results submissions are compared with

@@ -17,7 +17,7 @@ from pydantic_core import PydanticCustomError
 
 from slamgauge.arrays import Float
 from slamgauge.compare.storage.csv_folder import from_triangles
-from slamgauge.compare.storage.text_lines import csv_lines, read_whole, rows_below
+from slamgauge.compare.storage.text_lines import read_whole, rows_below
 from slamgauge.ekf.setting_rules import is_fitted, mistake_of
 from slamgauge.errors import UserError
 from slamgauge.validation import LARGEST, as_covariances
@@ -106,7 +106,7 @@ class TableText(Section, frozen=True):
 
 @lru_cache(maxsize=16)  # every run of a study needs the rows
 def _rows(table: TableText, headers: tuple[Header, ...]) -> Float:
-    rows = rows_below(table.name, csv_lines(table.name, table.text), *headers)
+    rows = rows_below(table.name, table.text, *headers)
     rows.setflags(write=False)
     return rows
 

@@ -20,7 +20,7 @@ SERIES = (
     *("error_x", "error_y", "error_heading", "sigma_x", "sigma_y", "sigma_heading"),
     *("nees_pose", "nees_position", "nees_heading", "nis", "nis_dof"),
 )
-BAND_LEVEL = 0.999  # probability of the chi-square band, for the share of steps inside
+BAND_LEVEL = 0.999  # probability of the chi-square bands at every step
 CHECK_LIMIT = 0.05  # sigmas: a causal optimum that is farther from the hindsight optimum at the end is in doubt
 FIRST_STEP = 11  # first step of NEES means: before it the start still dominates
 
@@ -105,22 +105,6 @@ class Runs:
     def nees_pose_per_dof(self, _: Others) -> Interval | None:
         """Mean over runs and steps from the 11th on of the pose NEES over 3."""
         return mean_interval(late_means(self.series["nees_pose"] / 3))
-
-    @of_study()
-    def nees_position_per_dof(self, _: Others) -> Interval | None:
-        """Mean over runs and steps from the 11th on of the position NEES over 2."""
-        return mean_interval(late_means(self.series["nees_position"] / 2))
-
-    @of_study()
-    def nees_heading(self, _: Others) -> Interval | None:
-        """Mean over runs and steps from the 11th on of the heading NEES."""
-        return mean_interval(late_means(self.series["nees_heading"]))
-
-    @of_study(Column(f"NEES in {BAND_LEVEL:.1%} band", form="{:.1%}", study=14))
-    def nees_share_inside_band(self, _: Others) -> float | None:
-        """Share of steps whose mean pose NEES over runs is in its chi-square band."""
-        average, low, high = self.nees_per_step()
-        return mean(np.where(np.isnan(average), np.nan, (average >= low) & (average <= high)))
 
     @of_study(Column("x causal", study=3, sweep=3, relative=True))
     def ratio_to_causal(self, others: Others) -> Interval | None:

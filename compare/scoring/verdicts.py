@@ -1,11 +1,8 @@
 """Verdicts: sentences that state by fixed rules (docs/consistency.md) what the figures of an estimator show.
 
-A deviation is stated if it is significant and at least WORTH, in a sigma or in a ratio.
-
-The test of the NEES does not need the correlation of errors over time. The mean over the steps of a run varies most if
-errors last for the whole run; it is then chi-square with 3 degrees of freedom. The mean over R independent runs is
-therefore compared with the two-sided band of chi-square with 3 R: a right filter is outside with probability
-1 - BAND_LEVEL at most. The NIS is white: its total is chi-square with all its degrees of freedom.
+A deviation is stated if it is significant and at least WORTH, in a sigma or in a ratio. The mean NEES over R runs is
+compared with the two-sided band of chi-square with 3 R, the widest: that of errors that last for the whole run. So a
+right filter is outside with probability 1 - BAND_LEVEL at most. The NIS is white, with all its degrees of freedom.
 """
 
 from __future__ import annotations

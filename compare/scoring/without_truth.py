@@ -1,29 +1,15 @@
-"""Consistency of a filter without ground truth (Hausman, Econometrica 46(6), 1978).
+"""Consistency of a filter without ground truth (Hausman, Econometrica 46(6), 1978); docs/no_ground_truth.md derives it.
 
-Let x_f be the pose of a filter at a step and x_s that of the optimum of all measurements, with errors e_f and e_s,
-covariances P_f and P_s, and the difference d = x_f - x_s = e_f - e_s. If the noise of the recording is right, the
-optimum is efficient: no unbiased combination x_s + A d has a smaller covariance, so that cov(e_s, d) = 0. Then
-
-    P_f = cov(e_s + d) = P_s + cov(d),    cov(d) = P_f - P_s.
-
-This holds for every unbiased filter that states its own covariance, also for one that does not use all of its
-measurements. For the Kalman filter and the smoother of Rauch, Tung and Striebel (1965) it is an identity. The statistic
-of a step is the expected NEES, the mean of e_f' P_f^-1 e_f given d; if the filter is consistent, it is 3 on average:
+Let d be the difference of a filter's pose (covariance P_f) and that of the optimum of all measurements (P_s). The
+optimum is efficient if the noise of the recording is right, so that cov(d) = P_f - P_s. The statistic of a step is the
+expected NEES given d, which is 3 on average if the filter is consistent:
 
     c = d' P_f^-1 d + tr(P_f^-1 P_s)
 
-Where P_f - P_s has a negative eigenvalue, the filter claims to be more certain than the optimum.
-
-Wrong noise in filter and optimum alike hardly changes d. It changes the residuals of the optimum, so that two more
-figures are compared: the mean squared residuals of odometry and of observations, in units of the stated covariances.
-Except for a constant, they are the derivatives of the log-likelihood by the logarithms of the scales of Q and R.
-
-Errors at neighbouring steps are correlated. The three figures are therefore compared with those of simulated twins of
-the same log: its optimum is the true path and map, new noise is drawn from the stated covariances, and a consistent
-filter and the optimum are computed. The logarithm of each figure is standardised with mean and standard deviation of
-log and twins together, and the largest absolute value of the three is ranked (Westfall and Young, Resampling-Based
-Multiple Testing, 1993). The level is exact if log and twins are exchangeable. They differ in the path, which is the
-optimum instead of the true one, and in the correlations of the filter, which is not the tested one.
+The mean squared residuals of odometry and observations at the optimum show wrong noise, which hardly changes d. The
+three figures are compared with those of simulated twins of the same log. The largest of their standardised logarithms
+is ranked (Westfall and Young, Resampling-Based Multiple Testing, 1993): the level is exact if log and twins are
+exchangeable. They differ in the path, which is the optimum's, and in the filter, which is not the tested one.
 """
 
 from __future__ import annotations

@@ -18,14 +18,14 @@ An estimate is one file with a row for each of the steps 0..N in order. A map ma
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from slamgauge.arrays import Float, Int
 from slamgauge.compare.storage.files import explained, write_csv
-from slamgauge.compare.storage.text_lines import csv_lines, read_whole, rows_below
+from slamgauge.compare.storage.text_lines import read_whole, rows_below
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, Kind
 from slamgauge.notices import tell_once
@@ -42,7 +42,6 @@ POSE_COV = ("cov_xx", "cov_xy", "cov_xt", "cov_yy", "cov_yt", "cov_tt")
 INCREMENT = ("dx", "dy", "dtheta")
 POINT = ("x", "y")
 POINT_COV = ("cov_xx", "cov_xy", "cov_yy")
-
 
 # columns of each sensor, then those of its covariance (upper triangle, named by first letters)
 OBSERVED: dict[Sensor, tuple[str, ...]] = {
@@ -70,13 +69,12 @@ def write_recording_csv(folder: Path, recording: Recording) -> None:
     """Write the three files of a recording into an existing folder; raise `UserError` if a file cannot be written."""
     stamps, steps = recording.stamps, np.arange(1, recording.steps + 1)
     ids = np.full(len(recording.observation), -1) if recording.landmark is None else recording.landmark
-    prior = np.column_stack([stamps[:1], recording.prior_mean[None], upper_triangles(recording.prior_cov[None])])
-    moves = np.column_stack([stamps[1:], recording.odometry, upper_triangles(recording.odometry_cov)])
-    seen = np.column_stack([recording.observation, upper_triangles(recording.observation_cov)])
-    write_rows(folder / START, ("stamp", *POSE, *POSE_COV), prior.tolist())
-    write_rows(folder / ODOMETRY, ("step", "stamp", *INCREMENT, *POSE_COV), _numbered(moves, steps))
-    columns = ("step", "landmark", *OBSERVED[recording.sensor])
-    write_rows(folder / OBSERVATIONS, columns, _numbered(seen, recording.observation_step, ids))
+    start = stamps[:1], recording.prior_mean[None], upper_triangles(recording.prior_cov[None])
+    moves = steps, stamps[1:], recording.odometry, upper_triangles(recording.odometry_cov)
+    seen = recording.observation_step, ids, recording.observation, upper_triangles(recording.observation_cov)
+    write_rows(folder / START, ("stamp", *POSE, *POSE_COV), *start)
+    write_rows(folder / ODOMETRY, ("step", "stamp", *INCREMENT, *POSE_COV), *moves)
+    write_rows(folder / OBSERVATIONS, ("step", "landmark", *OBSERVED[recording.sensor]), *seen)
 
 
 def write_estimate_csv(path: Path, estimate: Estimate) -> None:
@@ -85,13 +83,14 @@ def write_estimate_csv(path: Path, estimate: Estimate) -> None:
     Raises:
         UserError: If a file cannot be written.
     """
-    steps = np.arange(len(estimate.poses))
-    _write_estimates(path, ("step", *POSE), POSE_COV, steps, estimate.poses, estimate.pose_covs)
+    poses, covs = estimate.poses, estimate.pose_covs
+    more, triangles = ((), []) if covs is None else (POSE_COV, [upper_triangles(covs)])
+    write_rows(path, ("step", *POSE, *more), np.arange(len(poses)), poses, *triangles)
     if len(estimate.landmarks):
-        places, covs = estimate.landmarks, estimate.landmark_covs
-        _write_estimates(
-            path.with_name(LANDMARKS), ("landmark", *POINT), POINT_COV, estimate.landmark_ids, places, covs
-        )
+        covs = estimate.landmark_covs
+        more, triangles = ((), []) if covs is None else (POINT_COV, [upper_triangles(covs)])
+        header = ("landmark", *POINT, *more)
+        write_rows(path.with_name(LANDMARKS), header, estimate.landmark_ids, estimate.landmarks, *triangles)
 
 
 def read_estimate_csv(path: Path, kind: Kind, steps: int) -> Estimate:
@@ -105,7 +104,7 @@ def read_estimate_csv(path: Path, kind: Kind, steps: int) -> Estimate:
     Raises:
         UserError: If the file is missing or a row is wrong; the message names the line.
     """
-    rows = read_rows(path, ("step", *POSE), POSE_COV)
+    rows = rows_below(path, read_whole(path), ("step", *POSE), ("step", *POSE, *POSE_COV))
     wrong = np.flatnonzero(rows[: steps + 1, 0] != np.arange(len(rows[: steps + 1])))
     if len(wrong):
         at = wrong[0]
@@ -117,7 +116,9 @@ def read_estimate_csv(path: Path, kind: Kind, steps: int) -> Estimate:
     if has_map and any(path.with_name(name).exists() for name in LOG_FILES):
         tell_once(f"{beside}: belongs to the log in its folder, so {path.name} has no map; move the estimate away")
         has_map = False
-    landmarks = read_rows(beside, ("landmark", *POINT), POINT_COV) if has_map else np.zeros((0, 3))
+    landmarks = np.zeros((0, 3))
+    if has_map:
+        landmarks = rows_below(beside, read_whole(beside), ("landmark", *POINT), ("landmark", *POINT, *POINT_COV))
     try:
         return Estimate(
             kind,
@@ -131,26 +132,14 @@ def read_estimate_csv(path: Path, kind: Kind, steps: int) -> Estimate:
         raise UserError(f"{path}: {error}") from None
 
 
-def read_rows(path: Path, needed: tuple[str, ...], optional: tuple[str, ...]) -> Float:
-    """Return the rows (n, columns) of a file whose header is `needed`, or `needed` and `optional`."""
-    return rows_below(path, csv_lines(path, read_whole(path)), needed, needed + optional)
+def write_rows(path: Path, header: Sequence[str], *parts: Float | Int) -> None:
+    """Write a header and columns of numbers with all digits; raise `UserError` if the file cannot be written.
 
-
-def write_rows(path: Path, header: Sequence[str], rows: Iterable[Sequence[float]]) -> None:
-    """Write a header and rows of numbers with all digits; raise `UserError` if the file cannot be written."""
+    Args:
+        path: The file.
+        header: Names of the columns.
+        parts: One column (n,), or several (n, k), each. Whole numbers are written without a point.
+    """
+    columns = [column for part in parts for column in np.atleast_2d(part.T).tolist()]
     with explained(path, "written"), path.open("w", encoding="ascii", newline="") as file:
-        write_csv(file, [header, *rows])
-
-
-def _write_estimates(
-    path: Path, names: tuple[str, ...], cov_names: tuple[str, ...], numbers: Int, values: Float, covs: Float | None
-) -> None:
-    """Write numbered values (n, d) and, if given, the upper triangles of their covariances (n, d, d)."""
-    if covs is not None:
-        names, values = (*names, *cov_names), np.column_stack([values, upper_triangles(covs)])
-    write_rows(path, names, _numbered(values, numbers))
-
-
-def _numbered(rows: Float, *numbers: Int) -> list[list[float]]:
-    """Return rows of numbers behind the whole numbers of each row."""
-    return [[*whole, *row] for *whole, row in zip(*map(np.ndarray.tolist, numbers), rows.tolist(), strict=True)]
+        write_csv(file, [header, *zip(*columns, strict=True)])

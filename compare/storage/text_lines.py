@@ -119,24 +119,30 @@ def _cells(line: str, separator: str) -> list[str]:
     return [cell.strip() for cell in cells]
 
 
-def rows_below(path: Path | str, lines: Sequence[Line], *headers: tuple[str, ...]) -> Float:
-    """Return the numbers (n, columns) of a CSV file with one of the given headers.
+def rows_below(path: Path | str, text: str, *headers: tuple[str, ...], words: Mapping[str, str] = NOTHING) -> Float:
+    """Return the numbers (n, columns) of a CSV text with one of the given headers.
 
     Args:
         path: The file, for messages.
-        lines: Its lines.
+        text: Its text.
         headers: Allowed headers; each begins with the columns of the first.
+        words: Names of columns by other words for them that the header may have.
 
     Raises:
         UserError: the header is another one, or a line has another number of values or one that is not finite.
     """
-    header = tuple(lines[0].words) if lines else ()
-    if header not in headers:
+    lines = csv_lines(path, text)
+    if header_of(lines, words) not in headers:
         more = [",".join(each[len(headers[0]) :]) for each in headers[1:]]
         remedy = f"write {','.join(headers[0])}" + "".join(f", with or without {each}" for each in more if each)
         raise UserError(f"{path}: line 1 is not the header of this file; {remedy}")
     require_width(lines)
-    return np.array([line.numbers() for line in lines[1:]], dtype=np.float64).reshape(-1, len(header))
+    return np.array([line.numbers() for line in lines[1:]], dtype=np.float64).reshape(-1, len(lines[0].words))
+
+
+def header_of(lines: Sequence[Line], words: Mapping[str, str] = NOTHING) -> tuple[str, ...]:
+    """Return the names in the first line, those in `words` replaced; none without a line."""
+    return tuple(words.get(word, word) for line in lines[:1] for word in line.words)
 
 
 def require_width(lines: Sequence[Line]) -> None:

@@ -9,16 +9,15 @@ be called `time`, `timestamp` or `t`, and the heading `heading` or `yaw`.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from slamgauge.arrays import Float, Int, Marks, chunks
+from slamgauge.arrays import Float, Int, chunks
 from slamgauge.compare.storage.csv_folder import POSE, POSE_COV, from_triangles, upper_triangles
 from slamgauge.compare.storage.files import explained, read_text
-from slamgauge.compare.storage.text_lines import Line, csv_lines, read_lines, read_whole, rows_below
+from slamgauge.compare.storage.text_lines import csv_lines, header_of, read_lines, read_whole, rows_below
 from slamgauge.errors import UserError
 from slamgauge.notices import tell_once
 from slamgauge.se2 import wrap
@@ -49,7 +48,7 @@ class Trajectory(NamedTuple):
 
 def has_stamps(path: Path) -> bool:
     """Return whether a file of poses has stamps, and not steps."""
-    return path.suffix != ".csv" or _header(csv_lines(path, read_text(path)))[:1] == ["stamp"]
+    return path.suffix != ".csv" or header_of(csv_lines(path, read_text(path)), WORDS)[:1] == ("stamp",)
 
 
 def read_trajectory(path: Path) -> Trajectory:
@@ -59,9 +58,8 @@ def read_trajectory(path: Path) -> Trajectory:
         UserError: the file cannot be read or a line is wrong; the message names the line.
     """
     if path.suffix == ".csv":
-        lines = csv_lines(path, read_whole(path))
-        lines[:1] = [replace(line, words=_header(lines)) for line in lines[:1]]
-        rows = _sorted(rows_below(path, lines, ("stamp", *POSE), ("stamp", *POSE, *POSE_COV)))
+        headers = ("stamp", *POSE), ("stamp", *POSE, *POSE_COV)
+        rows = _sorted(rows_below(path, read_whole(path), *headers, words=WORDS))
         covs = from_triangles(rows[:, 4:], 3) if rows.shape[1] > 4 else None
         return Trajectory(str(path), rows[:, 0], rows[:, 1:4], covs)
     rows = _sorted(_tum_rows(path))
@@ -76,11 +74,6 @@ def read_trajectory(path: Path) -> Trajectory:
 
 def _sorted(rows: Float) -> Float:
     return rows[np.argsort(rows[:, 0], kind="stable")]
-
-
-def _header(lines: list[Line]) -> list[str]:
-    """Return the names of the columns, with our words for the stamp and the heading."""
-    return [WORDS.get(word, word) for line in lines[:1] for word in line.words]
 
 
 def _tum_rows(path: Path) -> Float:
@@ -138,14 +131,10 @@ def write_tum(path: str | Path, stamps: Float, poses: Float, covs: Float | None 
 
 def rotations(quaternions: Float) -> Float:
     """Return matrices (n, 3, 3) of quaternions (n, 4) in x, y, z, w of any length; zeros are the identity."""
+    from scipy.spatial.transform import Rotation  # imported here because it is slow and few commands need it
+
     unset = ~quaternions.any(axis=1, keepdims=True)
-    x, y, z, w = np.where(unset, [0.0, 0.0, 0.0, 1.0], quaternions).T
-    rows = [
-        [w * w + x * x - y * y - z * z, 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],
-        [2.0 * (x * y + z * w), w * w - x * x + y * y - z * z, 2.0 * (y * z - x * w)],
-        [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), w * w - x * x - y * y + z * z],
-    ]
-    return np.moveaxis(np.array(rows) / (w * w + x * x + y * y + z * z), 2, 0)
+    return Rotation.from_quat(np.where(unset, [0.0, 0.0, 0.0, 1.0], quaternions)).as_matrix()
 
 
 def planar_poses(poses: Float) -> Float:
@@ -164,25 +153,25 @@ def interpolated(stamps: Float, poses: Float, times: Float, max_gap: float) -> F
 
     Rows are NaN at times outside the stamps, or between two stamps that are more than `max_gap` [s] apart.
     """
-    before, after, share, known = _neighbours(stamps, times, max_gap)
-    found = poses[before] + share[:, None] * (poses[after] - poses[before])
-    found[:, 2] = wrap(poses[before, 2] + share * wrap(poses[after, 2] - poses[before, 2]))
-    found[~known] = np.nan
+    before, after, share = neighbours(stamps, times)
+    change = poses[after] - poses[before]
+    change[:, 2] = wrap(change[:, 2])
+    found = poses[before] + share[:, None] * change
+    found[:, 2] = wrap(found[:, 2])
+    is_met = np.minimum(np.abs(times - stamps[before]), np.abs(times - stamps[after])) <= SAME
+    is_between = (times > stamps[0]) & (times < stamps[-1]) & (stamps[after] - stamps[before] <= max_gap)
+    found[~(is_met | is_between)] = np.nan
     return found
 
 
 def interpolated_covs(stamps: Float, covs: Float, times: Float) -> Float:
     """Interpolate covariances (n, d, d) at stamps (n,) linearly to times (M,) [s]."""
-    before, after, share, _ = _neighbours(stamps, times, np.inf)
+    before, after, share = neighbours(stamps, times)
     return covs[before] + share[:, None, None] * (covs[after] - covs[before])
 
 
-def _neighbours(stamps: Float, times: Float, max_gap: float) -> tuple[Int, Int, Float, Marks]:
-    """Return indices of the stamps before and after each time, its share of the way, and whether they are near."""
-    before = np.clip(np.searchsorted(stamps, times + SAME, side="right") - 1, 0, len(stamps) - 1)
-    after = np.minimum(before + 1, len(stamps) - 1)
-    gap = stamps[after] - stamps[before]
-    share = np.clip((times - stamps[before]) / np.where(gap > 0.0, gap, 1.0), 0.0, 1.0)
-    met = np.abs(times - stamps[before]) <= SAME
-    share[met] = 0.0
-    return before, after, share, met | ((times > stamps[0]) & (times < stamps[-1]) & (gap <= max_gap))
+def neighbours(stamps: Float, times: Float) -> tuple[Int, Int, Float]:
+    """Return the rows of the stamps before and after each of times (M,), and its share of the way between them."""
+    places = np.interp(times, stamps, np.arange(len(stamps)))
+    before = places.astype(np.int64)
+    return before, np.minimum(before + 1, len(stamps) - 1), places - before

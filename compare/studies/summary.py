@@ -19,7 +19,7 @@ from slamgauge.compare.scoring.optimum_notes import (
     misfits,
 )
 from slamgauge.compare.scoring.ray_figures import describe
-from slamgauge.compare.scoring.runs import BAND_LEVEL, Runs
+from slamgauge.compare.scoring.runs import Runs
 from slamgauge.compare.scoring.scores import FiguresByKey
 from slamgauge.compare.scoring.table import ESTIMATOR, RUNS, Cell, Table
 from slamgauge.compare.scoring.text_page import Page
@@ -39,10 +39,7 @@ class EstimatorSummary(FiguresByKey):
 
     def to_json(self) -> dict[str, Any]:
         """Return the estimator's entry in summary.json; without `rays` if the estimator has none."""
-        share = self["nees_share_inside_band"]
-        band = None if share is None else {"level": BAND_LEVEL, "share": share}
-        entry = {"seconds_total": {"mean": self["seconds_total"]}, "nees_share_inside_band": band}
-        return FiguresByKey({**self, **entry}).to_json()
+        return FiguresByKey({**self, "seconds_total": {"mean": self["seconds_total"]}}).to_json()
 
 
 @dataclass(frozen=True, order=True)

@@ -74,11 +74,11 @@ def write_twin(folder: Path, twin: Twin, name: str) -> None:
     places = optimum.landmarks[np.argsort(optimum.landmark_ids)]
     distance = np.linalg.norm(places[twin.landmark] - optimum.poses[log.observation_step, :2], axis=1)
     sensor = {"kind": log.sensor, "max_range": float(math.ceil(distance.max() + 1e-9)), "sightings": TWIN_SIGHTINGS}
-    covs = upper_triangles(log.observation_cov).tolist()
+    covs = upper_triangles(log.observation_cov)
     variances = dict(zip(model.sigmas, np.diag(log.observation_cov[0]), strict=True))  # one for both axes of a position
     is_common = bool((log.observation_cov == np.diag([variances[name] for name in model.sigmas])).all())
     if is_common:
-        covs = [list[float]()] * len(covs)
+        covs = covs[:, :0]
         for each, is_angle in zip(model.sigmas, model.is_angle, strict=True):
             sigma = math.sqrt(variances[each])
             sensor[f"sigma_{each}{'_deg' if is_angle else ''}"] = math.degrees(sigma) if is_angle else sigma
@@ -91,12 +91,10 @@ def write_twin(folder: Path, twin: Twin, name: str) -> None:
         **({} if twin.has_ids else {"association": {"method": "jcbb"}}),
         "landmarks": {"positions": places.tolist()},
     }
-    seen = zip(log.observation_step.tolist(), twin.landmark.tolist(), covs, strict=True)
-    moved = enumerate(upper_triangles(log.odometry_cov).tolist(), 1)
     header = sightings_header(log.sensor, has_covs=not is_common)
-    write_rows(folder / TWIN_PATH, PATH_HEADER, np.column_stack([log.stamps, optimum.poses]).tolist())
-    write_rows(folder / TWIN_MOTION, COV_HEADER, ([step, *cov] for step, cov in moved))
-    write_rows(folder / TWIN_SIGHTINGS, header, ([step, landmark, *cov] for step, landmark, cov in seen))
+    write_rows(folder / TWIN_PATH, PATH_HEADER, log.stamps, optimum.poses)
+    write_rows(folder / TWIN_MOTION, COV_HEADER, np.arange(1, log.steps + 1), upper_triangles(log.odometry_cov))
+    write_rows(folder / TWIN_SIGHTINGS, header, log.observation_step, twin.landmark, covs)
     write_toml(folder / TWIN, sections)
 
 

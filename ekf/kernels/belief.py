@@ -39,15 +39,12 @@ def allocate_belief(landmarks: int, *, first_estimates: bool = False, form: int 
 
 def enlarged(belief: Belief, size: int) -> Belief:
     """Return a copy of the belief with capacity for `2 * size` entries; unused pages of its arrays take no memory."""
-    capacity, used = 2 * size, belief.size
-    more = capacity - used
-    state = np.pad(belief.state[:used], (0, more))
-    point = state if belief.point is belief.state else np.pad(belief.point[:used], (0, more))
-    cov = np.zeros((capacity, capacity))
-    cov[:used, :used] = belief.cov[:used, :used]
-    marks = np.ones(capacity // 2, dtype=np.bool_)
-    marks[: len(belief.points)] = belief.points
-    return Belief(state, point, cov, marks, used, belief.form)
+    used, is_separate = belief.size, belief.point is not belief.state
+    larger = allocate_belief(size, first_estimates=is_separate, form=belief.form)
+    larger.state[:used], larger.point[:used] = belief.state[:used], belief.point[:used]
+    larger.cov[:used, :used] = belief.cov[:used, :used]
+    larger.points[: len(belief.points)] = belief.points
+    return larger._replace(size=used)
 
 
 @inner

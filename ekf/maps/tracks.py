@@ -17,7 +17,7 @@ from slamgauge.ekf.settings import MapManagement
 
 
 class Tracks:
-    """The tracks of a map, in the order of its slots; without `management` every track is a landmark.
+    """The tracks of a map; without `management` every track is a landmark.
 
     Args:
         landmarks: the map.
@@ -25,82 +25,74 @@ class Tracks:
     """
 
     def __init__(self, landmarks: LandmarkMap, management: MapManagement | None) -> None:
-        self._map = landmarks
-        self._management = management
+        self._map, self._management = landmarks, management
         self._scan = 0
-        self._sights: Int = np.zeros(0, dtype=np.int64)  # observations of each slot
-        self._birth: Int = self._sights  # scan
-        self._apart = np.zeros((0, 0), dtype=bool)  # pairs that one scan has observed together
-        self._fate: Int = self._sights  # for each id ever given: itself, the id that it was merged into, or NONE
+        self._sights = dict[int, int]()  # observations of each track in the map
+        self._birth = dict[int, int]()  # its first scan
+        self._met = dict[int, set[int]]()  # tracks that one scan has observed together with it
+        self._fate = dict[int, int]()  # of each ended track: the id that it was merged into, or NONE
 
     @property
     def confirmed(self) -> Marks:
         """(L,) whether the track in each slot is a landmark."""
-        return self._sights >= (1 if self._management is None else self._management.sights)
+        least = 1 if self._management is None else self._management.sights
+        return np.array([self._sights[each] >= least for each in self._map.ids.tolist()], dtype=np.bool_)
 
     def close_scan(self, associated: Int) -> None:
         """Store the tracks of a scan, known and new; then delete failed tracks and merge duplicates."""
-        self._begin()
-        slots = np.flatnonzero(np.isin(self._map.ids, associated))
-        self._sights[slots] += 1
+        seen = {*associated.tolist()} - {NONE}
+        for each in seen:
+            self._sights[each] = self._sights.get(each, 0) + 1
+            self._birth.setdefault(each, self._scan)
         self._scan += 1
         if self._management is None:
             return
-        self._apart[np.ix_(slots, slots)] = True
-        overdue = (self._scan - self._birth >= self._management.probation) & ~self.confirmed
-        for slot in np.flatnonzero(overdue)[::-1].tolist():  # from the end: removal moves the last slot
-            self._end(slot, NONE)
-        self._join(associated, self._management.merge_gate)
-
-    def _begin(self) -> None:
-        """Store the tracks that were added to the map since the last scan."""
-        born = np.arange(len(self._fate), self._map.ids_taken)
-        self._fate = np.concatenate([self._fate, born])
-        self._sights = np.concatenate([self._sights, np.zeros(len(born), dtype=np.int64)])
-        self._birth = np.concatenate([self._birth, np.full(len(born), self._scan)])
-        if self._management is not None:
-            self._apart = np.pad(self._apart, (0, len(born)))
+        for each in seen:
+            self._met.setdefault(each, set()).update(seen)
+        for each in self._map.ids[~self.confirmed].tolist():
+            if self._scan - self._birth[each] >= self._management.probation:
+                self._end(each, NONE)
+        self._join(seen, self._management.merge_gate)
 
     def standing(self, ids: Int) -> Int:
         """Return the present ids of earlier ids: that of the merged track, or NONE if deleted or unconfirmed."""
-        fate = np.append(self._fate, NONE)  # fate[NONE] is NONE
+        fate = np.append(np.arange(self._map.ids_taken), NONE)  # fate[NONE] is NONE
+        for name, successor in self._fate.items():
+            fate[name] = successor
         fate[self._map.ids[~self.confirmed]] = NONE
         return followed(fate)[ids]
 
-    def _join(self, associated: Int, gate: float) -> None:
+    def _join(self, seen: set[int], gate: float) -> None:
         """Merge the scan's tracks with their duplicates, one pair after the other; the older id remains."""
         while True:
-            seen = np.isin(self._map.ids, followed(np.append(self._fate, NONE))[associated]) & self.confirmed
-            apart = self._apart[seen] | ~self.confirmed | seen  # not with tracks on probation or of the same scan
-            pairs = find_duplicates(self._map.belief, np.flatnonzero(seen), apart, gate)
-            partners = np.bincount(pairs.ravel(), minlength=len(self._map.ids))
+            seen = {self._fate.get(each, each) for each in seen}
+            ids, confirmed = self._map.ids, self.confirmed
+            slots = np.flatnonzero(np.isin(ids, [*seen]) & confirmed)
+            apart = np.tile(~confirmed, (len(slots), 1))  # not with tracks on probation, of the same or an earlier scan
+            for row, each in enumerate(ids[slots].tolist()):
+                apart[row] |= [other in self._met[each] or other in seen for other in ids.tolist()]
+            pairs = find_duplicates(self._map.belief, slots, apart, gate)
+            partners = np.bincount(pairs.ravel(), minlength=len(ids))
             alone = pairs[(partners[pairs] == 1).all(axis=1)]
             if not len(alone):
                 return
-            older_first = alone[0][np.argsort(self._map.ids[alone[0]])]
-            self._merge(*older_first.tolist())
+            self._merge(*sorted(ids[alone[0]].tolist()))
 
     def _merge(self, kept: int, gone: int) -> None:
-        """Merge the landmarks in two slots."""
         self._sights[kept] += self._sights[gone]
-        self._apart[kept] |= self._apart[gone]
-        self._apart[:, kept] |= self._apart[:, gone]
-        ids = self._map.ids[[kept, gone]].tolist()
-        self._map.equate(*ids)
-        self._end(gone, ids[0])
+        self._met[kept] |= self._met[gone]
+        for met in self._met.values():
+            if gone in met:
+                met.add(kept)
+        self._map.equate(kept, gone)
+        self._end(gone, kept)
 
-    def _end(self, slot: int, fate: int) -> None:
-        """Remove the track in `slot`; the last one moves into its slot, as in the map."""
-        name = int(self._map.ids[slot])
+    def _end(self, name: int, fate: int) -> None:
+        """Remove a track from the map."""
         self._fate[name] = fate
         self._map.remove(name)
-        for array in (self._sights, self._birth):
-            array[slot] = array[-1]
-        self._sights, self._birth = self._sights[:-1], self._birth[:-1]
-        if self._management is not None:
-            self._apart[slot] = self._apart[-1]
-            self._apart[:, slot] = self._apart[:, -1]
-            self._apart = self._apart[:-1, :-1]
+        for table in (self._sights, self._birth, self._met):
+            table.pop(name, None)
 
 
 def followed(fate: Int) -> Int:

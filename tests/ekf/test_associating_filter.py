@@ -22,10 +22,7 @@ from slamgauge.estimate import Estimate
 from slamgauge.recording import Observations, Recording
 from tests.marks import in_full
 from tests.reference.random_recordings import random_recording
-from tests.reference.textbook_association import (
-    Kind,
-    textbook_nearest_neighbour,
-)
+from tests.reference.textbook import Kind, textbook_nearest_neighbour
 
 pytestmark = pytest.mark.slow
 
@@ -119,16 +116,6 @@ def test_joint_association_without_mistakes_equals_known_association(
     recording, born = easy(seed, sensor)
     estimate = estimator(recording, FilterSettings(Association("jcbb", gate=16.0)))
     assert_same(estimate, estimator(replace(recording, landmark=born), FilterSettings(Association())))
-
-
-@FILTERS
-@SENSORS
-def test_both_methods_agree_if_scans_have_one_observation(estimator: Estimator, sensor: str) -> None:
-    recording = nameless(3, sensor, steps=60)
-    recording = recording.only(np.diff(recording.observation_step, prepend=-1) > 0)
-    nearest = estimator(recording, FilterSettings(Association()))
-    assert_same(estimator(recording, FilterSettings(Association("jcbb"))), nearest)
-    assert 6 <= len(np.unique(ids_of(nearest))) < 40
 
 
 @FILTERS

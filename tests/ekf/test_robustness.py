@@ -51,7 +51,7 @@ def with_outliers(recording: Recording) -> Recording:
 
 @pytest.mark.parametrize("sensor", ["range-bearing", "position"])
 @pytest.mark.parametrize("seed", [0, *in_full([1, 2])])
-@pytest.mark.parametrize(("ours", "textbook"), PAIRS)
+@pytest.mark.parametrize(("ours", "textbook"), PAIRS.values(), ids=PAIRS)
 def test_student_weights_equal_the_textbook(
     ours: Callable[..., Estimate], textbook: Callable[..., Estimate], seed: int, sensor: str
 ) -> None:

@@ -96,3 +96,10 @@ def test_studies_have_the_coverage_of_the_late_steps() -> None:
     series = dict.fromkeys(SERIES, np.full(nees.shape, np.nan)) | {"nees_position": nees}
     runs = Runs(np.arange(2), "filtered", {key: np.full(2, np.nan) for key in STORED}, series)
     assert summarise({"ekf": runs})["ekf"].to_json()["coverage_95"]["mean"] == pytest.approx((3 / 4 + 1) / 2)
+
+
+def test_the_mean_nees_of_a_step_has_the_band_of_the_runs_that_have_one() -> None:
+    series = {"nees_pose": np.array([[np.nan, 2.0], [np.nan, 4.0], [np.nan, np.nan]])}
+    value, low, high = Runs(np.arange(3), "filtered", {}, series).nees_per_step()
+    assert value == pytest.approx([np.nan, 3.0], nan_ok=True)
+    assert [low[1], high[1]] == pytest.approx(np.divide(chi2_band(0.999, 6), 2))

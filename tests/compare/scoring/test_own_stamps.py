@@ -93,8 +93,8 @@ def test_formats_thinned_offset_and_turned(run_folder: Path, capsys: pytest.Capt
     rows = np.column_stack([STAMPS, estimate.poses, covs[:, *UPPER]])
     header = ("time", *POSE[:2], "yaw", *POSE_COV)
     write_tum(run_folder / "tum.tum", STAMPS, estimate.poses, covs)
-    write_rows(run_folder / "csv.csv", header, rows.tolist())
-    write_rows(run_folder / "third.csv", header, rows[::3].tolist())
+    write_rows(run_folder / "csv.csv", header, rows)
+    write_rows(run_folder / "third.csv", header, rows[::3])
     save(run_folder / "whole.npz", estimate)
     names = ("whole.npz", "tum.tum", "csv.csv", "third.csv")
     files = [f"{name.partition('.')[0]}={run_folder / name}" for name in names]
@@ -108,7 +108,7 @@ def test_formats_thinned_offset_and_turned(run_folder: Path, capsys: pytest.Capt
     assert found["third"]["ratio_to_optimum"] == pytest.approx(np.sqrt(np.mean(off**2) / np.mean(best**2)), rel=1e-9)
     assert found["third"]["final_position_error_m"] == pytest.approx(off[-1], rel=1e-12)
     rows[:, 0] -= 1.0
-    write_rows(run_folder / "late.csv", header, rows.tolist())
+    write_rows(run_folder / "late.csv", header, rows)
     late = scores(run_folder, capsys, "--estimates", f"late={run_folder / 'late.csv'}", "--time-offset", "1")
     assert late["late"]["nees_pose"] == pytest.approx(found["whole"]["nees_pose"], rel=1e-9)
 

@@ -177,8 +177,8 @@ def test_covariances_of_3_and_6_dimensions_and_npz_files(tmp_path: Path) -> None
 
 @pytest.mark.parametrize("log", ["odometry.csv", "truth.csv", None])
 def test_the_true_landmarks_of_a_log_are_not_the_map_of_an_estimate(tmp_path: Path, log: str | None) -> None:
-    write_rows(tmp_path / "estimate.csv", ("step", *POSE), numbered(RECORDING.stamps, POSES).tolist())
-    write_rows(tmp_path / "landmarks.csv", ("landmark", "x", "y"), [[7, 1.0, 2.0]])
+    write_rows(tmp_path / "estimate.csv", ("step", *POSE), numbered(RECORDING.stamps, POSES))
+    write_rows(tmp_path / "landmarks.csv", ("landmark", "x", "y"), np.array([[7.0, 1.0, 2.0]]))
     if log is not None:
         (tmp_path / log).write_text("anything\n")
     found = load_stored(tmp_path / "estimate.csv", RECORDING).estimate
@@ -187,7 +187,7 @@ def test_the_true_landmarks_of_a_log_are_not_the_map_of_an_estimate(tmp_path: Pa
 
 def test_a_gap_of_more_than_a_second_has_no_pose(tmp_path: Path) -> None:
     rows = [[1e9 + stamp, 0.0, 0.0, 0.0] for stamp in (0.0, 0.2, 1.3, *np.arange(1.4, 6.1, 0.1))]
-    write_rows(tmp_path / "mine.csv", ("stamp", *POSE), rows)
+    write_rows(tmp_path / "mine.csv", ("stamp", *POSE), np.array(rows))
     with pytest.raises(UserError, match=r"no pose within 1 s of step 3 at t = .* --max-gap 1.1 accepts it"):
         load_stored(tmp_path / "mine.csv", RECORDING)
     with pytest.raises(UserError, match=r"no pose within 1 s of step 0 .* --time-offset S shifts them$"):
