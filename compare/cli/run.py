@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from slamgauge import memory
 from slamgauge.compare.cli.common import Estimators, OfScenario, OwnCode, WithPage, flattened, staged
 from slamgauge.compare.estimators import loading, requests, running
 from slamgauge.compare.scenarios import scenario as scenarios
@@ -96,7 +95,6 @@ def score(command: WithPage, out: Path | None, data: Data, asked: Sequence[reque
         raise UserError(next(iter(failures.values())))
     with staged(out, METRICS) as folder:
         found = comparison.compare_estimators(data.truth, data.recording, estimators, data.informed, twins=data.twins)
-        memory.give_back()
         found = replace(found, failures=failures | found.failures, study=data.study)
         content = comparison.metrics(found, *data.simulated)
         command.output.show(content, comparison.table(found))

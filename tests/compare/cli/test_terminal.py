@@ -7,7 +7,6 @@ import re
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -60,23 +59,18 @@ def test_tables_fit_pipes_and_terminals(
     assert len(printed(capsys, *study)[0]) > 60
 
 
-@pytest.mark.parametrize(
-    ("variable", "value", "is_terminal", "coloured"),
-    [
-        ("TERM", "xterm", True, True),
-        ("NO_COLOR", "1", True, False),
-        ("TERM", "dumb", True, False),
-        ("TERM", "xterm", False, False),
-    ],
-)
-def test_colours(
-    variable: str, value: str, is_terminal: bool, coloured: bool, capsys: Any, monkeypatch: pytest.MonkeyPatch
-):
-    for name, given in ({"TERM": "xterm", "NO_COLOR": ""} | {variable: value}).items():
-        monkeypatch.setenv(name, given)
-    monkeypatch.setattr(terminal.sys.stdout, "isatty", lambda: is_terminal, raising=False)
-    assert main(["check", "dead-reckoning"]) in (0, 1)
-    assert capsys.readouterr().out.startswith("\x1b[1mcheck") == coloured
+def test_colours(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
+    for term, no_color, is_terminal, coloured in (
+        ("xterm", "", True, True),
+        ("xterm", "1", True, False),
+        ("dumb", "", True, False),
+        ("xterm", "", False, False),
+    ):
+        monkeypatch.setenv("TERM", term)
+        monkeypatch.setenv("NO_COLOR", no_color)
+        monkeypatch.setattr(terminal.sys.stdout, "isatty", lambda answer=is_terminal: answer, raising=False)
+        assert main(["check", "dead-reckoning"]) in (0, 1)
+        assert capsys.readouterr().out.startswith("\x1b[1mcheck") == coloured
 
 
 def test_a_poor_encoding_and_no_home(study: list[str]):
