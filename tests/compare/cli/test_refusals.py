@@ -58,10 +58,9 @@ COMMANDS = {  # words of a command, without blanks inside, and the begin of its 
     "evaluate x --align se3": "--align: 'se3' is not one of none, se2; did you mean se2?",
     "run q1-long-dense more": "more: one word too many; see `slamgauge run --help`",
     "--versoin": "--versoin: no option of `slamgauge`; did you mean --version?",
-    "run q1-long-dens": "q1-long-dens: no such scenario; did you mean q1-long-dense",
-    "run q1-long-dense --set start": "start: not an override; write dotted.key=value",
     "run q1-long-dense --estimators ekf,isam": "estimator 'isam' is not known; did you mean isam2?",
     "run q1-long-dense --estimators ,": "estimators: none given; ",
+    "run q1-short-dense --seed -1 --out o": "seed: -1 is not valid; use a whole number >= 0",
     "run tp4-handout --timeout 2147484": "timeout: 2.14748e+06 s leaves no time, or sets no limit",
     "import csv none": "none: cannot be read (No such file or directory); check the path",
     "evaluate a\u2028b\x1b.npz": "a\\u2028b\\x1b.npz: cannot be read",
@@ -72,8 +71,15 @@ COMMANDS = {  # words of a command, without blanks inside, and the begin of its 
     f"study q1-short-dense --runs {MANY}": "runs: to sum up 100000000 of",
     f"grade . --scenario q1-short-dense --runs {MANY} --unconfined --out o": "runs: to sum up",
     "budget q1-short-dense --runs 100000000000 --out o": "runs: a budget of 100000000000",
+    "study q1-short-dense --runs 0": "runs: 0 is too few; give at least 1",
+    "budget q1-short-dense --seed -1 --out o": "seed: -1 is negative; use a whole number >= 0",
+    "budget q1-short-dense --filter batch --out o": "filter: 'batch' is not a filter whose error can be split; use",
+    "study q1-short-dense --estimators ekf --against riekf": "estimator 'riekf': is not among --estimators; choose",
+    "study q1-short-dense --against ekf --sweep fis.beta=1,9": "sweep: takes no --against and no --baseline; study a",
+    "exercise q5": "question 'q5' is not known; use q1, q2, q3, q4",
+    "evaluate x --estimators nowhere_at_all:estimate": "estimator nowhere_at_all:estimate: no module ",
+    "evaluate x --estimators :estimate": "estimator ':estimate': write FILE.py:callable or module:callable, for",
     "study q1-short-dense --runs 1 --jobs 1025": "jobs: 1025 is out of range; give 1 to 1024",
-    f"export csv {'[' * 3000}": f"{'[' * 60}",
 }
 
 
