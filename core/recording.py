@@ -112,8 +112,8 @@ class Recording(Record):
         steps_only = {name: getattr(self, name)[:steps] for name in ("odometry", "odometry_cov")}
         return replace(self.only(slice(last)), stamps=self.stamps[: steps + 1], **steps_only)
 
-    def only(self, kept: Marks | slice) -> Self:
-        """Return the recording with the observations marked in `kept` (M,) only."""
+    def only(self, kept: Marks | Int | slice) -> Self:
+        """Return the recording with the observations marked in `kept` (M,), or in these rows, only."""
         return replace(
             self,
             observation_step=self.observation_step[kept],

@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
@@ -39,10 +39,6 @@ class Section(BaseModel):
     """Base of settings: unknown keys are refused."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
-
-    def changed(self, **values: Any) -> Self:
-        """Return the settings with other values."""
-        return self.model_copy(update=values)
 
 
 class Noise(Section):
@@ -168,10 +164,9 @@ class TruthTopic(Section):
 
 
 class Frames(Section):
-    """Frame of the robot (by default the child frame of the odometry, else base_link) and the source of stamps."""
+    """Frame of the robot, by default the child frame of the odometry, else base_link."""
 
     base: Text | None = None
-    clock: Literal["header", "recording"] = "header"
 
 
 class BagMapping(Section):

@@ -82,7 +82,7 @@ class DenseFilter:
         return self.first if self.kind in ("first-estimates", "observable") else self.x
 
     def predict(self, increment: Float, Q: Float) -> None:
-        x = moved(self.x, increment)
+        x = np.concatenate([compose(self.x[:3], increment), self.x[3:]])
         F, G = np.eye(len(x)), np.zeros((len(x), 3))
         G[:3] = textbook.motion_jacobians(self.x, increment)[1]
         if self.kind == "invariant":
@@ -233,10 +233,6 @@ def additive_from_invariant(x: Float) -> Float:
     for i in range(3, len(x), 2):
         D[i : i + 2, 2] = J @ x[i : i + 2]
     return D
-
-
-def moved(x: Float, increment: Float) -> Float:
-    return np.concatenate([compose(x[:3], increment), x[3:]])
 
 
 def block_diagonal(R: Float) -> Float:

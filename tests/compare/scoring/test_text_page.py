@@ -8,7 +8,7 @@ import pytest
 
 from slamgauge.compare.scoring.intervals import Interval
 from slamgauge.compare.scoring.table import Head, Table, cell, interval_cell
-from slamgauge.compare.scoring.text_page import Page, Tone
+from slamgauge.compare.scoring.text_page import Page
 
 ROWS = [["estimator", "ATE [m]", "NEES"], ["ekf", "1.25", "3.1"], ["mine", "0.5", "failed"]]
 CLAIMS = [["no", "claim", "verdict"], ["1", "a gate that is too small maps more than there is", "holds"]]
@@ -26,16 +26,10 @@ def table(rows: list[list[str]], words: Collection[int] = (0,), wraps: int | Non
     return Table.of(heads, rows[1:])
 
 
-def toned(text: str, tone: Tone) -> str:
-    return text if tone == "plain" else f"<{tone}>{text}</{tone}>"
-
-
 def test_a_page_without_a_width_is_complete():
     line = "a line that is longer than the table under which it stands"
     shown = ["estimator  ATE [m]    NEES", "ekf           1.25     3.1", "mine           0.5  failed"]
     assert str(Page((table(ROWS), "", line))).splitlines() == [*shown, "", line]
-    lines = Page((table(ROWS),)).text(None, toned).splitlines()
-    assert lines == [f"<head>{shown[0]}</head>", shown[1], "mine           0.5  <bad>failed</bad>"]
 
 
 @pytest.mark.parametrize(
@@ -86,7 +80,7 @@ def test_columns_without_figures_are_not_named_and_long_names_stay_without_a_wid
     grid = table([[*ROWS[0], "NIS"], *([*row, "-"] for row in ROWS[1:])])
     assert Page((grid,)).text(24).splitlines()[3:] == ["Hidden columns (show", "  with --wide): NEES"]
     assert "many_characters" in str(Page((table(NAMES),)))
-    assert Page((table(CLAIMS, range(3), 1),)).text(40, toned).splitlines()[1].endswith("small  <good>holds</good>")
+    assert Page((table(CLAIMS, range(3), 1),)).text(40).splitlines()[1].endswith("small  holds")
 
 
 def test_notebooks_show_tables_with_full_names_and_escape_texts():

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from slamgauge.compare.cli.main import main
-from slamgauge.compare.datasets.lost_in_the_woods import read_lost_in_the_woods
+from slamgauge.compare.datasets.published import read_lost_in_the_woods
 from slamgauge.compare.scenarios.scenario import load_scenario
 from slamgauge.compare.scenarios.simulation import simulate
 from slamgauge.compare.storage.files import save

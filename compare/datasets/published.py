@@ -1,4 +1,6 @@
-"""One robot's log of the UTIAS Multi-Robot Cooperative Localization and Mapping data (Leung et al., IJRR 30(8), 2011).
+"""Published recordings: one robot's log of UTIAS (Leung et al., IJRR 30(8), 2011), and Lost in the Woods (AER1513).
+
+Files of UTIAS, the Multi-Robot Cooperative Localization and Mapping data, in the folder of a robot:
 
     Odometry.dat               time [s], forward velocity [m/s], yaw rate [rad/s]: valid until the next line
     Measurement.dat            time [s], barcode, range [m], bearing [rad]
@@ -9,10 +11,14 @@
 Odometry, Measurement and Groundtruth may have the robot's prefix, as in the archive: `Robot1_Odometry.dat`. Subjects 1
 to 5 are robots, not landmarks. With ground truth the log begins at the first odometry that has a true pose, and the
 start is known exactly; else it begins at the origin.
+
+Lost in the Woods (University of Toronto) is a MATLAB file with ground truth.
 """
 
 from __future__ import annotations
 
+import zlib
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -22,19 +28,25 @@ from slamgauge.compare.datasets.imported_log import (
     Imported,
     Log,
     Observed,
+    Odometry,
     checked,
     require_order,
     require_sigmas,
     with_sigmas,
 )
-from slamgauge.compare.datasets.synchronisation import Odometry
+from slamgauge.compare.storage.files import explained
 from slamgauge.compare.storage.text_lines import Line, read_table
 from slamgauge.compare.storage.trajectories import Trajectory, interpolated
 from slamgauge.errors import UserError
-from slamgauge.se2 import exp
+from slamgauge.se2 import compose, exp, wrap
+from slamgauge.validation import LARGEST
 
 ROBOTS = 5
 MAX_GAP = 1.0  # s: ground truth is not interpolated over longer gaps
+COLUMNS = ("t", "v", "om", "x_true", "y_true", "th_true", "true_valid")
+SCALARS = ("d", "r_var", "b_var", "v_var", "om_var")
+# errors of loadmat at damaged files
+DAMAGED = (OSError, ValueError, TypeError, LookupError, ArithmeticError, NotImplementedError, MemoryError, zlib.error)
 
 
 def read_mrclam(
@@ -83,8 +95,7 @@ def read_mrclam(
     seconds = np.diff(stamps)
     twists = np.column_stack([speeds[:-1], np.zeros(len(seconds)), rates[:-1]])
     covs = with_sigmas(np.zeros((len(seconds), 3, 3)), [each * np.sqrt(seconds) for each in (forward, lateral, turn)])
-    seen = _read_observations(folder, prefix, notes)
-    seen = seen._replace(covs=with_sigmas(seen.covs, [range_sigma, bearing_sigma]))
+    seen = _read_observations(folder, prefix, (range_sigma, bearing_sigma), notes)
     odometry = Odometry(stamps, exp(twists * seconds[:, None]), covs, lines[begin:])
     log = Log(where=folder, odometry=odometry, seen=seen, path=path, max_gap=MAX_GAP, map=true_map, notes=notes)
     return log.imported()
@@ -98,8 +109,8 @@ def _in_time(path: Path, form: str) -> tuple[list[Line], Float]:
     return [lines[at] for at in np.flatnonzero(last)], table[last]
 
 
-def _read_observations(folder: Path, prefix: str, notes: list[str]) -> Observed:
-    """Read the observations of landmarks, without their noise, and add notes about others."""
+def _read_observations(folder: Path, prefix: str, sigmas: tuple[float, float], notes: list[str]) -> Observed:
+    """Read the observations of landmarks, with standard deviations [m, rad], and add notes about others."""
     barcodes, _ = read_table(folder / "Barcodes.dat", "subject barcode")
     subject_of = {line.id_at(1): line.id_at(0) for line in barcodes}
     lines, table = read_table(folder / f"{prefix}Measurement.dat", "time barcode range bearing")
@@ -107,11 +118,68 @@ def _read_observations(folder: Path, prefix: str, notes: list[str]) -> Observed:
     values = checked("range-bearing", lines, table[:, 2:])
     subjects = np.array([subject_of.get(line.id_at(1), -1) for line in lines], dtype=np.int64)
     kept = subjects > ROBOTS
-    for count, why in (
-        (np.sum((subjects >= 1) & ~kept), "are of other robots"),
-        (np.sum(subjects < 1), "have a barcode that is not in Barcodes.dat"),
-    ):
-        notes += [f"{count} observations {why} and are dropped"] if count else []
-    return Observed(
-        "range-bearing", table[kept, 0], subjects[kept].tolist(), values[kept], np.zeros((kept.sum(), 2, 2))
+    if not kept.all():
+        notes.append(f"{np.sum(~kept)} observations of other robots or unknown barcodes are dropped")
+    covs = with_sigmas(np.zeros((kept.sum(), 2, 2)), sigmas)
+    return Observed("range-bearing", table[kept, 0], subjects[kept].tolist(), values[kept], covs)
+
+
+def read_lost_in_the_woods(path: Path, *, max_range: float = 5.0, lateral_slip: float = 0.02) -> Imported:
+    """Read the recording and its ground truth, with the body frame at the laser, `d` m ahead of the robot's centre.
+
+    The start is the true first pose, fixed. Association is known. Control k moves the robot from pose k-1 to pose k.
+    Poses without valid ground truth are rows of NaN. Observations beyond `max_range` [m] are dropped. `lateral_slip` is
+    the standard deviation of the sideways velocity at the robot's centre [m/s], which is not in the file.
+
+    Raises:
+        UserError: With the file, the field and the remedy.
+    """
+    require_sigmas(lateral_slip=lateral_slip)
+    fields = _read_fields(path)
+    ahead, ranges, bearings = float(fields["d"].item()), fields["r"], fields["b"]
+    stamps, speeds, rates, x, y, heading, valid = (fields[name][:, 0] for name in COLUMNS)
+    true_poses = compose(np.column_stack([x, y, heading]), np.array([ahead, 0.0, 0.0]))
+    seen_at, seen = np.nonzero((ranges > 0) & (ranges <= max_range))
+    seconds = np.diff(stamps)
+    turns = rates[1:] * seconds
+    # the robot's centre moves by (v dt, slip dt, omega dt), and the sensor by d (cos dtheta - 1, sin dtheta) more
+    way = speeds[1:] * seconds + ahead * (np.cos(turns) - 1.0)
+    increments = np.column_stack([way, ahead * np.sin(turns), turns])
+    jacobian = np.tile(np.eye(3), (len(seconds), 1, 1))  # derivatives by (v, slip, omega), divided by dt
+    jacobian[:, 0, 2], jacobian[:, 1, 2] = -ahead * np.sin(turns), ahead * np.cos(turns)
+    jacobian *= seconds[:, None, None]
+    variances = np.array([fields["v_var"].item(), lateral_slip**2, fields["om_var"].item()])
+    values = np.column_stack([ranges[seen_at, seen], wrap(bearings[seen_at, seen])])
+    noise = np.tile(np.diag([fields["r_var"].item(), fields["b_var"].item()]), (len(seen), 1, 1))
+    log = Log(
+        where=path,
+        odometry=Odometry(stamps, increments, np.einsum("nij,j,nkj->nik", jacobian, variances, jacobian)),
+        seen=Observed("range-bearing", seen_at.astype(np.float64), seen.tolist(), values, noise),
+        has_steps=True,
+        path=Trajectory("true_valid", stamps[valid != 0], true_poses[valid != 0]),
+        max_gap=0.0,
+        map=(path, range(len(fields["l"])), fields["l"]),
     )
+    return log.imported()
+
+
+def _read_fields(path: Path) -> dict[str, Float]:
+    """Read columns (N+1, 1), tables (N+1, L) and (L, 2) and scalars (1, 1)."""
+    from scipy.io import loadmat  # imported here because it is slow and only this format needs it
+    from scipy.io.matlab import MatReadError
+
+    with explained(path, "read"):
+        content = path.read_bytes()
+    try:
+        raw = loadmat(BytesIO(content), variable_names=(*COLUMNS, *SCALARS, "r", "b", "l"))
+        steps, landmarks = len(raw["t"]), len(raw["l"])
+        shapes = dict.fromkeys(COLUMNS, (steps, 1)) | dict.fromkeys(SCALARS, (1, 1))
+        shapes |= dict.fromkeys(("r", "b"), (steps, landmarks)) | {"l": (landmarks, 2)}
+        fields = {name: np.asarray(raw[name]).astype(np.float64, casting="same_kind") for name in shapes}
+    except (MatReadError, *DAMAGED) as error:
+        what = " ".join(str(error).split())[:200]
+        raise UserError(f"{path}: not a whole dataset2.mat of Lost in the Woods ({what}); copy it again") from None
+    for name, shape in shapes.items():
+        if fields[name].shape != shape or not (np.abs(fields[name]) < LARGEST).all():
+            raise UserError(f"{path}: field {name} must be {shape} finite numbers; correct it")
+    return fields
