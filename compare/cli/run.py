@@ -14,8 +14,7 @@ from slamgauge.compare.scenarios import scenario as scenarios
 from slamgauge.compare.scenarios import simulation
 from slamgauge.compare.scoring import comparison
 from slamgauge.compare.storage import files, staged_folder
-from slamgauge.compare.storage.result_files import METRICS
-from slamgauge.compare.storage.safe_names import file_name, shown
+from slamgauge.compare.storage.result_files import METRICS, file_name, shown
 from slamgauge.errors import UserError
 
 if TYPE_CHECKING:

@@ -27,8 +27,7 @@ from slamgauge.compare.datasets.imported_log import (
 )
 from slamgauge.compare.datasets.log_settings import CsvMapping, Motion, Noise, load_settings
 from slamgauge.compare.storage.csv_folder import OBSERVED, POSE_COV
-from slamgauge.compare.storage.result_files import MAPPING
-from slamgauge.compare.storage.safe_names import shown
+from slamgauge.compare.storage.result_files import MAPPING, shown
 from slamgauge.compare.storage.trajectories import Trajectory
 from slamgauge.errors import UserError
 from slamgauge.se2 import between, exp

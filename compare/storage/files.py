@@ -20,8 +20,7 @@ from typing import Any, Literal, NamedTuple, TextIO, TypeVar, get_args, get_orig
 
 import numpy as np
 
-from slamgauge.compare.storage.result_files import METRICS, RECORDING, TRUTH
-from slamgauge.compare.storage.safe_names import shown
+from slamgauge.compare.storage.result_files import METRICS, RECORDING, TRUTH, shown
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, MapHistory, RayLog
 from slamgauge.recording import Recording

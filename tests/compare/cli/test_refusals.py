@@ -59,6 +59,7 @@ COMMANDS = {  # words of a command, without blanks inside, and the begin of its 
     "run q1-long-dense more": "more: one word too many; see `slamgauge run --help`",
     "--versoin": "--versoin: no option of `slamgauge`; did you mean --version?",
     "run q1-long-dense --estimators ekf,isam": "estimator 'isam' is not known; did you mean isam2?",
+    "run q1-short-dense --estimators bound --out o": "bound: is a bound, which estimates nothing; `slamgauge study` ",
     "run q1-long-dense --estimators ,": "estimators: none given; ",
     "run q1-short-dense --seed -1 --out o": "seed: -1 is not valid; use a whole number >= 0",
     "run tp4-handout --timeout 2147484": "timeout: 2.14748e+06 s leaves no time, or sets no limit",

@@ -16,7 +16,7 @@ from slamgauge.compare.cli.main import main
 from slamgauge.compare.scenarios.scenario import load_scenario
 from slamgauge.compare.scenarios.simulation import simulate
 from slamgauge.compare.storage.files import save
-from slamgauge.compare.storage.safe_names import file_name, shown
+from slamgauge.compare.storage.result_files import file_name, shown
 
 pytestmark = [pytest.mark.full, pytest.mark.slow]  # several programs, and a run for each name
 
