@@ -29,6 +29,7 @@ from slamgauge.ekf.textbook import J
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Observations, Recording
 from slamgauge.se2 import between, compose, rotation
+from tests.reference.given import given
 from tests.reference.random_recordings import bearing_only, random_recording
 
 Estimator = Callable[[Recording], Estimate]
@@ -37,27 +38,22 @@ SENSORS = pytest.mark.parametrize("sensor", ["range-bearing", "position"])
 
 
 def covs_of(estimate: Estimate) -> Float:
-    assert estimate.pose_covs is not None
-    return estimate.pose_covs
+    return given(estimate.pose_covs)
 
 
 def map_of(estimate: Estimate) -> tuple[Int, Float, Float]:
     """Return ids in increasing order, landmarks and their covariances."""
     assert estimate.landmark_ids is not None
-    assert estimate.landmarks is not None
-    assert estimate.landmark_covs is not None
     order = np.argsort(estimate.landmark_ids)
-    return estimate.landmark_ids[order], estimate.landmarks[order], estimate.landmark_covs[order]
+    return estimate.landmark_ids[order], given(estimate.landmarks)[order], given(estimate.landmark_covs)[order]
 
 
 def results_of(estimate: Estimate) -> list[Float | Int]:
-    assert estimate.nis is not None
-    return [estimate.poses, covs_of(estimate), *map_of(estimate), estimate.nis]
+    return [estimate.poses, covs_of(estimate), *map_of(estimate), given(estimate.nis)]
 
 
 def ids_of(recording: Recording) -> Int:
-    assert recording.landmark is not None
-    return recording.landmark
+    return given(recording.landmark)
 
 
 def assert_close(actual: Float | Int, expected: Float | Int) -> None:

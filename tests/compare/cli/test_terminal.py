@@ -1,4 +1,4 @@
-"""Tables fit pipes and terminals, colours stay on terminals, and poor or closed streams do no harm."""
+"""Tables fit pipes and terminals, and poor or closed streams do no harm."""
 
 from __future__ import annotations
 
@@ -52,25 +52,10 @@ def test_tables_fit_pipes_and_terminals(
     assert "mapped landmarks" in whole[0]
     assert not any("\x1b" in line for line in (*lines, *whole))
     monkeypatch.setattr(terminal.sys.stdout, "isatty", lambda: True, raising=False)
-    monkeypatch.setenv("NO_COLOR", "1")
     monkeypatch.setenv("COLUMNS", "250")
     assert "mapped landmarks" in printed(capsys, *study)[0]
     monkeypatch.setenv("COLUMNS", "60")  # no terminal is taken for narrower than 80
     assert len(printed(capsys, *study)[0]) > 60
-
-
-def test_colours(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
-    for term, no_color, is_terminal, coloured in (
-        ("xterm", "", True, True),
-        ("xterm", "1", True, False),
-        ("dumb", "", True, False),
-        ("xterm", "", False, False),
-    ):
-        monkeypatch.setenv("TERM", term)
-        monkeypatch.setenv("NO_COLOR", no_color)
-        monkeypatch.setattr(terminal.sys.stdout, "isatty", lambda answer=is_terminal: answer, raising=False)
-        assert main(["check", "dead-reckoning"]) in (0, 1)
-        assert capsys.readouterr().out.startswith("\x1b[1mcheck") == coloured
 
 
 def test_a_poor_encoding_and_no_home(study: list[str]):

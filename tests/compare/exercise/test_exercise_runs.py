@@ -8,6 +8,7 @@ import re
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -122,10 +123,6 @@ def test_a_failed_estimator_has_a_line_and_the_others_their_figures(
     assert row[3].startswith("0.") and row[4] == "-"  # errors of EKF and GTSAM batch
 
 
-def _fails(_: object) -> None:
-    raise UserError("no solution")
-
-
 @pytest.mark.usefixtures("studies_in_a_thread")
 def test_the_command_writes_results_figures_and_pages_and_continues(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
@@ -146,8 +143,8 @@ def test_the_command_writes_results_figures_and_pages_and_continues(
             *FILTERS,
             *OPTIMA,
         }
-    monkeypatch.setattr(exercise_pages, "publish_first_run", _fails)
-    monkeypatch.setattr(study, "run_once", _fails)
+    for module, name in ((exercise_pages, "publish_first_run"), (study, "run_once")):
+        monkeypatch.setattr(module, name, Mock(side_effect=UserError("not again")))
     assert main(words) == 0
     assert json.loads(capsys.readouterr().out) == printed
     assert main([*words, "--seed", "1"]) == 2

@@ -4,18 +4,51 @@ from __future__ import annotations
 
 import pickle
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from slamgauge.compare.scenarios.scenario import load_scenario, shipped_scenarios
+from slamgauge.compare.scenarios.scenario import Scenario, load_scenario, shipped_scenarios
 from slamgauge.compare.scenarios.simulation import simulate
+from slamgauge.compare.scenarios.trajectory import Segments
 from slamgauge.ekf.settings import Delayed, Rays
 from slamgauge.errors import UserError
 from tests.reference.given import given
 
-from .conftest import GOOD, Write, mistakes, segmented
+Write = Callable[[str], str]
+
+GOOD = """
+description = "a square's first side, and a turn"
+[trajectory]
+step = 0.1
+segments = [{speed = 1.0, yaw_rate = 0.0, duration = 2.0}, {speed = 0.0, yaw_rate = 1.5, duration = 1.04}]
+[motion]
+sigma_speed = 0.1
+sigma_yaw_rate_deg = 1
+[sensor]
+kind = "position"
+max_range = 5
+sigma_position = 0.2
+[landmarks]
+positions = [[1, 2], [3.5, -1]]
+"""
+
+
+@pytest.fixture
+def write(tmp_path: Path) -> Write:
+    def write(text: str) -> str:
+        path = tmp_path / "my.toml"
+        path.write_text(text, encoding="utf-8")
+        return str(path)
+
+    return write
+
+
+def segmented(scenario: Scenario) -> Segments:
+    assert isinstance(scenario.trajectory, Segments)
+    return scenario.trajectory
 
 
 def test_file_with_segments_and_defaults(write: Write):
@@ -157,6 +190,14 @@ def test_dense_maps_keep_eight_landmarks_in_view_and_the_sparse_one_none_for_mos
 
 
 # --- mistakes: a line for each, with its place and a remedy ----------------------------------------
+
+
+def mistakes(path: str, *overrides: str) -> list[str]:
+    with pytest.raises(UserError) as caught:
+        load_scenario(path, overrides)
+    lines = str(caught.value).splitlines()
+    assert all(line.startswith(f"{path}: ") for line in lines)
+    return [line.removeprefix(f"{path}: ") for line in lines]
 
 
 def test_four_planted_mistakes_are_reported_together(write: Write):

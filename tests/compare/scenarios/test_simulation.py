@@ -20,12 +20,16 @@ from slamgauge.compare.storage.files import load_truth, save
 from slamgauge.compare.studies.store import digest
 from slamgauge.recording import Recording
 from slamgauge.se2 import between, chain, in_body, rotation, wrap
-from slamgauge.truth import NOBODY
+from slamgauge.truth import NOBODY, Truth
 from tests.reference.given import given
 
-from .conftest import FALSE_ALARM_RATE, run
+FALSE_ALARM_RATE = 1e-4  # probability that a right simulator fails a statistical test
 
 POSITION = "sensor={kind='position', max_range=10, sigma_position=0.2}"
+
+
+def run(*overrides: str, seed: int = 3) -> tuple[Truth, Recording]:
+    return simulate(load_scenario("q1-short-dense", overrides), seed)
 
 
 def scenario(*overrides: str) -> Scenario:

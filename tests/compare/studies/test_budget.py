@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -27,8 +28,6 @@ from slamgauge.compare.studies.budget import (
 )
 from slamgauge.compare.studies.study_run import run_seed
 from slamgauge.errors import UserError
-from slamgauge.estimate import Estimate
-from slamgauge.recording import Recording
 
 pytestmark = pytest.mark.slow
 
@@ -112,10 +111,7 @@ def test_the_costliest_rung_is_named_with_its_share_and_its_significance() -> No
 def test_an_estimator_that_fails_is_named_with_the_seed(
     thread: ThreadPoolExecutor, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def broken(_: Recording, **__: object) -> Estimate:
-        raise UserError("broken on purpose")
-
-    monkeypatch.setattr("slamgauge.ekf.ekf_slam", broken)
+    monkeypatch.setattr("slamgauge.ekf.ekf_slam", Mock(side_effect=UserError("broken on purpose")))
     with pytest.raises(ValueError, match=rf"^run with seed {run_seed(0, 0)}: estimator ekf: broken on purpose$"):
         error_budget(short(), "ekf", 2, 0, thread)
 
