@@ -23,6 +23,7 @@ from slamgauge.suggestions import did_you_mean
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
 
+NANOSECOND = np.float64(1e-9)  # s
 TREES = ("/tf", "/tf_static")  # topics that are read as observations only if they are named
 
 

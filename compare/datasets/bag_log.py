@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from slamgauge.arrays import Float, Int
-from slamgauge.compare.datasets.bag_file import Bag, header_stamp, opened
+from slamgauge.compare.datasets.bag_file import NANOSECOND, Bag, header_stamp, opened
 from slamgauge.compare.datasets.bag_observations import read_observations
 from slamgauge.compare.datasets.imported_log import Imported, Log, Odometry, with_sigmas
 from slamgauge.compare.datasets.log_settings import BagMapping, Frames, ObservationsTopic, load_settings
@@ -61,7 +61,7 @@ def read_bag(
         if settings.truth.topic is not None:
             topic = bag.topic_of(POSES, "truth.topic", settings.truth.topic)
             stamps, poses, _ = _samples(bag, topic, _pose_of, notes)
-            true_path = Trajectory(topic, 1e-9 * stamps, planar_poses(poses))
+            true_path = Trajectory(topic, NANOSECOND * stamps, planar_poses(poses))
     log = Log(
         where=path,
         odometry=odometry,
@@ -80,7 +80,7 @@ def read_bag_trajectory(path: Path, topic: str) -> Trajectory:
     with opened(path) as bag:
         bag.topic_of(POSES, "topic", topic)
         stamps, poses, covs = _samples(bag, topic, _pose_of, [])
-    return Trajectory(f"{path}:{topic}", 1e-9 * stamps, planar_poses(poses), covs if covs.any() else None)
+    return Trajectory(f"{path}:{topic}", NANOSECOND * stamps, planar_poses(poses), covs if covs.any() else None)
 
 
 def topics_text(path: Path, msgs: Sequence[Path] = ()) -> str:
@@ -139,7 +139,7 @@ def _read_odometry(bag: Bag, mapping: BagMapping, notes: list[str]) -> tuple[Odo
     if len(stamps) < 2:
         raise UserError(f"{where}: {len(stamps)} messages with different stamps; odometry needs two or more")
     rows = slice(1, None) if section.holds == "since-last" else slice(None, -1)
-    twists, poses, seconds = numbers[rows, :3], planar_poses(numbers[:, 3:]), 1e-9 * np.diff(stamps)
+    twists, poses, seconds = numbers[rows, :3], planar_poses(numbers[:, 3:]), NANOSECOND * np.diff(stamps)
     increments = between(poses[:-1], poses[1:])
     if section.kind == "twist":
         if has_poses:
@@ -155,7 +155,7 @@ def _read_odometry(bag: Bag, mapping: BagMapping, notes: list[str]) -> tuple[Odo
         sigmas.append(None if stated is None else stated * noise.growth(seconds))
     base = mapping.frames.base or children[-1] or "base_link"
     found = {"odometry": section.model_copy(update={"topic": topic}), "frames": Frames(base=base)}
-    return Odometry(1e-9 * stamps, increments, with_sigmas(covs, sigmas)), mapping.model_copy(update=found)
+    return Odometry(NANOSECOND * stamps, increments, with_sigmas(covs, sigmas)), mapping.model_copy(update=found)
 
 
 def _require_twists_of_the_robot(where: str, twists: Float, headings: Float, seconds: Float, motions: Float) -> None:

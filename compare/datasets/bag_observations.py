@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.compare.datasets.bag_file import Bag, frame_of, header_stamp
+from slamgauge.compare.datasets.bag_file import NANOSECOND, Bag, frame_of, header_stamp
 from slamgauge.compare.datasets.imported_log import Observed, with_sigmas
 from slamgauge.compare.datasets.log_settings import BagMapping, ObservationsTopic, Paths
 from slamgauge.compare.storage.trajectories import rotations
@@ -54,7 +54,7 @@ def read_observations(bag: Bag, mapping: BagMapping, notes: list[str]) -> Observ
         needed = " ".join(f"noise.{name}=SIGMA" for name in dict.fromkeys(names))
         what = f"{missing.sum()} of {len(covs)} observations have no covariance"
         raise UserError(f"{where}: {what}; state the noise: --set {needed}")
-    return Observed(sensor, 1e-9 * stamps, [row.id for row in rows], values, covs)
+    return Observed(sensor, NANOSECOND * stamps, [row.id for row in rows], values, covs)
 
 
 def _rows(bag: Bag, section: ObservationsTopic) -> Iterator[_Row]:

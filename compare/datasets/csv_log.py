@@ -163,13 +163,13 @@ def _read_observations(mapping: CsvMapping, clock: float | None, notes: list[str
     named = zip(model.columns, model.sigmas, strict=True)
     covs = _covariances(table, mapping.noise, named, OBSERVED[sensor][model.dim :])
     notes += table.unused()
-    kept, zero = np.arange(len(times)), np.flatnonzero(values[:, 0] == 0.0) if model.has_range else []
-    if len(zero):
-        line = table.rows[zero[0]].number
-        what = f"{len(zero)} observations have range 0 m (no detection?), the first in line {line}"
+    zero = (values[:, 0] == 0.0) & model.has_range
+    if zero.any():
+        line = table.rows[int(np.argmax(zero))].number
+        what = f"{zero.sum()} observations have range 0 m (no detection?), the first in line {line}"
         remedy = "leave them out with --set observations.drop_zero_ranges=true"
         notes.append(f"{what}; they are left out" if section.drop_zero_ranges else f"warning: {what}; {remedy}")
-        kept = np.flatnonzero(values[:, 0]) if section.drop_zero_ranges else kept
+    kept = np.flatnonzero(~(zero & section.drop_zero_ranges))
     return Observed(sensor, times[kept], [ids[at] for at in kept.tolist()], values[kept], covs[kept]), has_steps
 
 

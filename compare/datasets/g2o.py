@@ -83,7 +83,7 @@ def read_g2o(path: Path, *, drop_loop_edges: bool = False, isam: bool = False) -
         UserError: With the file, the line and the remedy.
     """
     lines = read_tagged(path, FORMS | dict.fromkeys(RAW, ""), UNSUPPORTED)
-    notes = _shorten_keys(lines)
+    _shorten_keys(lines)
     motions, seen = _of(lines, MOTIONS), _of(lines, SENSED)
     for what, tags, found in (("edge between poses", MOTIONS, motions), ("observation of a landmark", SENSED, seen)):
         if not found:
@@ -105,11 +105,11 @@ def read_g2o(path: Path, *, drop_loop_edges: bool = False, isam: bool = False) -
         reached = chain(np.zeros(3), increments[: step_of[fixed]])[-1]
         prior_mean = compose(vertices.get(fixed, np.zeros(3)), between(reached, np.zeros(3)))
         prior_cov = np.zeros((3, 3))
+    notes = list[str]()
     if fixed != poses[0]:
         notes.append(f"pose {fixed} in mid-path is fixed: the start is placed so that dead reckoning reaches it")
     if len(edges) < len(motions):
         notes.append(f"{len(motions) - len(edges)} edges between poses that are not on the path are dropped")
-    notes += [f"{len(lines[tag])} lines {tag} are not used" for tag in RAW if lines[tag]]
     seen.sort(key=lambda line: step_of[line.id_at(1)])
     sensor, values, of_seen = _measured(seen, isam=isam)
     steps = np.array([step_of[line.id_at(1)] for line in seen], dtype=np.float64)
@@ -130,22 +130,18 @@ def _of(lines: Lines, tags: Iterable[str]) -> list[Line]:
     return sorted((line for tag in tags for line in lines[tag]), key=lambda line: line.number)
 
 
-def _shorten_keys(lines: Lines) -> list[str]:
-    """Replace the keys of GTSAM by small ids, in place; return a note about them.
+def _shorten_keys(lines: Lines) -> None:
+    """Replace the keys of GTSAM by small ids, in place.
 
     A key has the letter of its symbol in the highest of eight bytes. The id of l7 is 7108: 108 is the code of l.
     """
     places = [(line, at) for line in _of(lines, (*MOTIONS, *SENSED)) for at in (1, 2)]
     places += [(line, 1) for line in _of(lines, (*VERTICES, "VERTEX_XY", "FIX", PRIOR))]
-    letters = set[str]()
     for line, at in places:
         word = line.words[at]
         letter, number = divmod(int(word), 1 << 56) if word.isdecimal() and len(word) < 20 else (0, 0)
         if chr(letter).isalpha():
-            letters.add(chr(letter))
             line.words[at] = str(1000 * number + letter)
-    named = [f"{letter}7 has the id {7000 + ord(letter)}" for letter in sorted(letters)]
-    return [f"ids are keys of GTSAM and are shortened: {', '.join(named)}"] if named else []
 
 
 def _known(lines: Lines) -> int | None:
@@ -250,4 +246,4 @@ def _covariances(lines: list[Line], entries: Float, size: int, *, isam: bool = F
 
 def smallest_eigenvalues(matrices: Float) -> Float:
     """Return the smallest eigenvalues (n,) of correlations; 0 or less if a variance of the matrices (n, d, d) is 0."""
-    return np.linalg.eigvalsh(matrices / scale_of(matrices))[:, 0]
+    return np.asarray(np.linalg.eigvalsh(matrices / scale_of(matrices))[:, 0], dtype=np.float64)

@@ -116,7 +116,8 @@ class Log:
         kept = np.flatnonzero(landmark >= 0) if has_ids else np.arange(count)
         if len(kept) < count:
             notes.append(f"{count - len(kept)} of {count} observations have no id and are dropped")
-        odometry, steps = self.odometry, seen.times[kept]
+        odometry = self.odometry
+        steps: Any = seen.times[kept]
         if not self.has_steps:
             self._require_turns()
             with of_file(self.where):
@@ -241,9 +242,6 @@ def _nearest(stamps: Float, times: Float) -> Int:
     """Return the index (M,) of the stamp nearest to each time."""
     after = np.clip(np.searchsorted(stamps, times), 1, len(stamps) - 1)
     return np.where(times - stamps[after - 1] <= stamps[after] - times, after - 1, after)
-
-
-# --- parts of readers -------------------------------------------------------------------------------
 
 
 @contextmanager

@@ -64,9 +64,6 @@ class Start(Section):
     sigmas: tuple[Sigma, Sigma, Sigma] = (0.0, 0.0, 0.0)
 
 
-# --- CSV files --------------------------------------------------------------------------------------
-
-
 class FileTable(Section):
     """Units of a file where its header has none, and the names of its columns."""
 
@@ -117,9 +114,6 @@ class CsvMapping(Section):
     start: FileStart = FileStart()
     truth: TruthTable = TruthTable()
     ids: Ids = {}
-
-
-# --- ROS bags ---------------------------------------------------------------------------------------
 
 
 class BagNoise(Noise):

@@ -11,8 +11,6 @@ Files of UTIAS, the Multi-Robot Cooperative Localization and Mapping data, in th
 Odometry, Measurement and Groundtruth may have the robot's prefix, as in the archive: `Robot1_Odometry.dat`. Subjects 1
 to 5 are robots, not landmarks. With ground truth the log begins at the first odometry that has a true pose, and the
 start is known exactly; else it begins at the origin.
-
-Lost in the Woods (University of Toronto) is a MATLAB file with ground truth.
 """
 
 from __future__ import annotations
@@ -89,8 +87,6 @@ def read_mrclam(
             true_map = places, [line.id_at(0) for line in rows], table[:, 1:3]
     if len(commands) < begin + 2:
         raise UserError(f"{found[0]}: fewer than two stamps of odometry; give the whole log")
-    if begin:
-        notes.append(f"{begin} lines of odometry are before the ground truth and are dropped")
     stamps, speeds, rates = commands[begin:].T
     seconds = np.diff(stamps)
     twists = np.column_stack([speeds[:-1], np.zeros(len(seconds)), rates[:-1]])
@@ -125,7 +121,7 @@ def _read_observations(folder: Path, prefix: str, sigmas: tuple[float, float], n
 
 
 def read_lost_in_the_woods(path: Path, *, max_range: float = 5.0, lateral_slip: float = 0.02) -> Imported:
-    """Read the recording and its ground truth, with the body frame at the laser, `d` m ahead of the robot's centre.
+    """Read dataset2.mat and its ground truth, with the body frame at the laser, `d` m ahead of the robot's centre.
 
     The start is the true first pose, fixed. Association is known. Control k moves the robot from pose k-1 to pose k.
     Poses without valid ground truth are rows of NaN. Observations beyond `max_range` [m] are dropped. `lateral_slip` is

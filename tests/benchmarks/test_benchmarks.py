@@ -55,6 +55,12 @@ SMALLEST = {
         "EKF, published 3.02 ",
         "causal ",
     ),  # 8 s
+    "seeded_bugs": (  # 20 s
+        "--seeds 1",
+        "bug named check caught other checks that fail",
+        "(none) - - -",
+        "wrong sign in F prediction-jacobian 1/1 - ",
+    ),
     "import_causes": (  # 10 s
         "--seeds 1",
         "1 logs for each mistake and noise",
@@ -82,8 +88,11 @@ def test_every_benchmark_is_run_here():
     assert {*SMALLEST} == {path.stem for path in BENCHMARKS.glob("*.py")}
 
 
+LONG = ("misfits", "seeded_bugs")  # tests/compare/checks has the bugs
+
+
 @pytest.mark.usefixtures("compiled_kernels")
-@pytest.mark.parametrize("name", [*(name for name in SMALLEST if name != "misfits"), *in_full(["misfits"])])
+@pytest.mark.parametrize("name", [*(name for name in SMALLEST if name not in LONG), *in_full(LONG)])
 def test_a_benchmark_prints_its_table(name: str, tmp_path: Path):
     arguments, *expected = SMALLEST[name]
     command = [sys.executable, BENCHMARKS / f"{name}.py", *arguments.split()]

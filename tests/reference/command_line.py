@@ -25,17 +25,12 @@ def command_after(preparation: str, *arguments: object) -> list[str]:
     return [sys.executable, "-c", code, *map(str, arguments)]
 
 
-def arrays(path: Path) -> dict[str, Any]:
-    with np.load(path, allow_pickle=False) as archive:
-        return dict(archive)
-
-
 def assert_equal_arrays(one: Path, other: Path) -> None:
     """Two npz files are equal to the last bit, except for computing times."""
-    first, second = arrays(one), arrays(other)
-    assert first.keys() == second.keys()
-    for field in first.keys() - {"seconds"}:
-        np.testing.assert_array_equal(first[field], second[field], field)
+    with np.load(one, allow_pickle=False) as first, np.load(other, allow_pickle=False) as second:
+        assert {*first.files} == {*second.files}
+        for field in {*first.files} - {"seconds"}:
+            np.testing.assert_array_equal(first[field], second[field], field)
 
 
 def metrics_of(folder: Path) -> dict[str, Any]:

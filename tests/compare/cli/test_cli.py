@@ -22,7 +22,7 @@ from slamgauge.compare.estimators.registry import BOUNDS
 from slamgauge.compare.storage.files import load_estimate, load_recording, load_truth
 from slamgauge.compare.storage.staged_folder import MARK
 from tests.kernels import compile_kernels
-from tests.reference.command_line import SHORT, assert_equal_arrays, metrics_of, run
+from tests.reference.command_line import SHORT, metrics_of, run
 
 pytestmark = pytest.mark.slow
 
@@ -121,20 +121,6 @@ def test_run_prints_a_table_and_writes_notes_on_standard_error(
     metrics = printed_by(capsys, *arguments)
     assert metrics == metrics_of(tmp_path / "results/q1-long-sparse-seed-0")
     assert metrics["digest"] != metrics_of(stored)["digest"]  # of another seed
-
-
-@pytest.mark.usefixtures("empty_pictures")
-def test_evaluate_reproduces_the_run(stored: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    before = metrics_of(stored)
-    again = printed_by(capsys, "evaluate", stored / "recording.npz", "--out", tmp_path / "again")
-    assert again == metrics_of(tmp_path / "again")
-    assert (again["digest"], again["truth"], again["scenario"], again["seed"]) == (before["digest"], True, None, None)
-    for content in (before, again):
-        for entry in content["estimators"].values():
-            del entry["seconds_total"]
-    assert again["estimators"] == before["estimators"]
-    for name in SHIPPED:
-        assert_equal_arrays(*(folder / "estimates" / f"{name}.npz" for folder in (stored, tmp_path / "again")))
 
 
 def test_the_page_is_opened_with_open(

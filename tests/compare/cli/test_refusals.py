@@ -54,7 +54,6 @@ COMMANDS = {  # words of a command, without blanks inside, and the begin of its 
     "twin log.npz --run 3": "--run: no option of `slamgauge twin`; `slamgauge twin --help` lists",
     "import csv log --set=a.b=1 --ouut x": "--ouut: no option of `slamgauge import`; did you mean",
     "run q1-long-dense --seed x": "--seed: 'x' is not a whole number; see `slamgauge run --help`",
-    "budget q1-long-dense --lag=x": "--lag: 'x' is not a whole number; see `slamgauge budget --help`",
     "evaluate x --align se3": "--align: 'se3' is not one of none, se2; did you mean se2?",
     "run q1-long-dense more": "more: one word too many; see `slamgauge run --help`",
     "--versoin": "--versoin: no option of `slamgauge`; did you mean --version?",

@@ -8,12 +8,11 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Generator
 from pathlib import Path
 from typing import Any
 
 import pytest
-from distributed import Client
+from distributed import Client, LocalCluster
 
 from slamgauge.compare.studies import executors as cluster
 from slamgauge.compare.studies.executors import dask_cluster
@@ -31,27 +30,15 @@ if __name__ == "__main__":
 """
 
 
-@pytest.fixture
-def scheduler(request: pytest.FixtureRequest) -> Generator[str]:
-    """The address of a scheduler in this process, with the number of workers of the test's parameter."""
-    from distributed import LocalCluster
-
-    options: dict[str, Any] = {"n_workers": request.param, "threads_per_worker": 1, "dashboard_address": None}
-    local: Any = LocalCluster(processes=False, protocol="tcp", **options)
-    with local:
-        yield f"{local.scheduler_address}"
-
-
 @pytest.mark.parametrize(
-    ("scheduler", "theirs", "line"),
+    ("workers", "theirs", "line"),
     [
         (0, {}, r"has no workers; start one: dask worker \S+"),
         (1, {"numpy": "1.0"}, r"worker tcp\S+ has numpy 1.0, and this is 2\S+; install the same on both sides"),
     ],
-    indirect=["scheduler"],
 )
 def test_workers_that_cannot_run_the_study(
-    scheduler: str, theirs: dict[str, str | None], line: str, monkeypatch: pytest.MonkeyPatch
+    workers: int, theirs: dict[str, str | None], line: str, monkeypatch: pytest.MonkeyPatch
 ):
     get_versions = Client.get_versions
 
@@ -63,8 +50,10 @@ def test_workers_that_cannot_run_the_study(
 
     monkeypatch.setattr(cluster, "WORKERS", 0.2)
     monkeypatch.setattr(Client, "get_versions", altered)
-    with pytest.raises(UserError, match=rf"^scheduler \S+: {line}$"):
-        dask_cluster(scheduler).__enter__()
+    options: dict[str, Any] = {"n_workers": workers, "threads_per_worker": 1, "dashboard_address": None}
+    local: Any = LocalCluster(processes=False, protocol="tcp", **options)
+    with local, pytest.raises(UserError, match=rf"^scheduler \S+: {line}$"):
+        dask_cluster(local.scheduler_address).__enter__()
 
 
 def test_a_scheduler_that_is_killed_is_one_line_within_seconds(

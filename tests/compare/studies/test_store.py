@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import json
 import os
 import re
@@ -164,16 +163,15 @@ def test_an_error_is_stored_as_a_line_that_distinguishes_mistakes_from_defects_a
         assert (summary.estimators["ekf"]["runs"], summary.estimators["riekf"]["runs"]) == (3, 2)
 
 
-@pytest.mark.parametrize("error", [MemoryError("too large"), OSError(errno.ENOSPC, "No space left on device")])
 @pytest.mark.parametrize("place", ["slamgauge.ekf.riekf", "slamgauge.compare.studies.study_run.simulate_informed"])
 def test_a_failure_of_the_machine_is_reported_and_the_same_command_repeats_the_run(
-    run: Run, monkeypatch: pytest.MonkeyPatch, place: str, error: Exception
+    run: Run, monkeypatch: pytest.MonkeyPatch, place: str
 ) -> None:
     """What did not fail is stored."""
     with monkeypatch.context() as patched:
-        patched.setattr(place, Mock(side_effect=error))
+        patched.setattr(place, Mock(side_effect=MemoryError("too large")))
         summary = run(1, BOTH)
-    line = f"{type(error).__name__}: {error} ({AGAIN})"
+    line = f"MemoryError: too large ({AGAIN})"
     failed = [("riekf", line)] if "riekf" in place else [(name, f"simulation: {line}") for name in BOTH]
     assert [(each.estimator, each.error) for each in summary.failures] == failed
     assert summary.estimators["ekf"]["runs"] == (1 if "riekf" in place else 0)
