@@ -54,9 +54,6 @@ def test_the_chi_square_band_equals_published_nees_bounds(runs: int, low: float,
         chi2_band(0.95, math.nan)
 
 
-# --- coverage of a path --------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("factor", [1.0, 0.5, 2.0])
 def test_coverage_has_its_expected_value(factor: float) -> None:
     """Sigmas that are `factor` times too large: coverage 1 - (1 - level)^factor^2, two-sided 0.999 binomial bounds."""

@@ -27,12 +27,12 @@ def test_ate_and_rpe(seed: int, tmp_path: Path):
     write_tum(tmp_path / "mine.tum", recording.stamps, chain(recording.prior_mean + turned, recording.odometry))
     poses = load_stored(tmp_path / "mine.tum", recording).estimate.poses
 
-    read = [read_tum_trajectory_file(tmp_path / name) for name in ("truth.tum", "mine.tum")]
+    reference, estimate = (read_tum_trajectory_file(tmp_path / name) for name in ("truth.tum", "mine.tum"))
     for metric, errors in (
         (metrics.APE, distances(pose_errors(path, poses))),
         (metrics.RPE, step_errors(path, poses)),
     ):
         theirs = metric(metrics.PoseRelation.translation_part)
-        theirs.process_data(tuple(read))
+        theirs.process_data((reference, estimate))
         assert rms(errors) == pytest.approx(theirs.get_statistic(metrics.StatisticsType.rmse), abs=1e-9, rel=0)
         assert given(rms(errors)) > 1e-3

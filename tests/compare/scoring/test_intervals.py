@@ -71,9 +71,6 @@ def test_95_percent_intervals_contain_the_true_figure_95_times_in_100() -> None:
     assert all(low <= count <= high for count in hits.values()), hits
 
 
-# --- paired comparisons --------------------------------------------------------------------------
-
-
 def test_a_paired_comparison_is_students_test_of_the_complete_pairs() -> None:
     ours = np.array([1.0, 2.5, np.nan, 4.0, 7.0, 3.0])
     theirs = np.array([0.5, 2.0, 1.0, 3.0, 7.5, np.nan])
