@@ -71,6 +71,11 @@ LIBRARIES = {
 }
 LAZY = ("slamgauge", "slamgauge.__main__")  # import names of all packages on first use
 SLOW_TO_START = ("numpy", "gtsam", "matplotlib", "numba", "scipy", "pydantic")
+ONCE_CALLED = (*SLOW_TO_START, "slamgauge.compare.cli.study")  # each command is imported when it is called
+COMMAND = """from slamgauge.compare.cli.main import main
+try: status = main("{words}".split())
+except SystemExit as end: status = end.code
+assert status == {status}"""
 FILES = {
     ".".join((package, *path.relative_to(ROOT / folder).with_suffix("").parts)).removesuffix(".__init__"): path
     for folder, package in FOLDERS.items()
@@ -133,22 +138,6 @@ def test_modules_import_the_libraries_of_their_folder_which_are_the_declared_one
     assert {library for name in FILES for library in libraries(name)} == names
 
 
-def loaded_by(statement: str) -> set[str]:
-    """Return the modules that a new process has loaded after `statement`."""
-    program = f"import sys\n{statement}\nprint(' '.join(sys.modules))"
-    done = subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True, cwd=ROOT)
-    return set(done.stdout.splitlines()[-1].split())
-
-
-@pytest.mark.parametrize(
-    ("words", "status"), [("--help", 0), ("run --help", 0), ("run q1-long-dense --sed 3", 2), ("run no-such", 2)]
-)
-def test_help_and_mistakes_load_none_of_the_slow_libraries(words: str, status: int) -> None:
-    main = f"status = main({words.split()})\nexcept SystemExit as end: status = end.code"
-    loaded = loaded_by(f"from slamgauge.compare.cli.main import main\ntry: {main}\nassert status == {status}")
-    assert not loaded & {*SLOW_TO_START, "slamgauge.compare.cli.study"}  # each command is imported when it is called
-
-
 @pytest.mark.parametrize(
     ("statement", "never"),
     [
@@ -156,9 +145,16 @@ def test_help_and_mistakes_load_none_of_the_slow_libraries(words: str, status: i
         ("from slamgauge.ekf import *", ("gtsam", "slamgauge.compare", "matplotlib")),
         ("from slamgauge.graph_baseline import *", ("pydantic", "slamgauge.compare", "matplotlib")),
         ("from slamgauge.recording import *", ("scipy", "slamgauge.compare", "matplotlib")),
+        *(
+            (COMMAND.format(words=words, status=2), ONCE_CALLED)
+            for words in ("run q1-long-dense --sed 3", "run no-such")
+        ),
+        *((COMMAND.format(words=words, status=0), ONCE_CALLED) for words in ("--help", "run --help")),
     ],
 )
-def test_a_package_loads_only_its_own_libraries(statement: str, never: tuple[str, ...]) -> None:
-    loaded = loaded_by(statement)
+def test_a_new_process_loads_only_the_libraries_that_it_needs(statement: str, never: tuple[str, ...]) -> None:
+    program = f"import sys\n{statement}\nprint(' '.join(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True, cwd=ROOT)
+    loaded = set(done.stdout.splitlines()[-1].split())
     assert statement.split()[1] in loaded
     assert not loaded & {*never}

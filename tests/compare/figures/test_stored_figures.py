@@ -74,9 +74,9 @@ def test_export_draws_the_chosen_estimators(results: Path, tmp_path: Path, drawn
     assert labels(drawn["figure"]) >= {"ekf", "causal"}
     (filled,) = (each for each in panel.collections if not isinstance(each, LineCollection))
     assert to_hex(np.asarray(filled.get_facecolor())[0]) == "#cc9900"  # the bounds of the first
-    for kind, name, more in (("sweep", "sweep", []), ("bench", "bench", []), ("study", "nees", ["99.9% band"])):
+    for kind, name in (("sweep", "sweep"), ("bench", "bench"), ("study", "nees")):
         drawings_of(results / kind, ["ekf"])[name](tmp_path)
-        assert labels(drawn[name]) == {"ekf", *more}
+        assert labels(drawn[name]) - {"99.9% band"} == {"ekf"}
 
 
 def test_numbers_of_the_study_are_drawn(results: Path, tmp_path: Path, drawn: dict[str, Figure]):
@@ -92,42 +92,35 @@ def test_numbers_of_the_study_are_drawn(results: Path, tmp_path: Path, drawn: di
     np.testing.assert_allclose([high, -low], np.tile(3 * series["sigma_x"].mean(axis=0), (2, 1)))
 
 
-CHANGED = "written by another version, or changed by hand; run its command again"
-
-
 @pytest.mark.parametrize(
     ("folder", "options", "message"),
     [
         ("run", "--estimators oc-ekf", "oc-ekf"),
         ("noise", "--estimators ekf", "noise.json has no estimators to choose"),
-        ("budget", "--estimators ekf", "budget.json has no estimators to choose"),
         ("bench", "--estimators riekf", "riekf"),
-        ("damaged noise", "", CHANGED),
-        ("damaged budget", "", CHANGED),
-        ("damaged bench", "", CHANGED),
-        ("damaged sweep", "", CHANGED),
         ("", "", "contains no run, study, sweep, budget, noise or bench"),
+        *(
+            (f"damaged/{kind}", "", f"{kind}.json: written by another version, or changed by hand; run its command")
+            for kind in ("noise", "budget", "bench", "sweep")
+        ),
     ],
 )
 def test_refusals(
     results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], folder: str, options: str, message: str
 ):
-    place = results / folder
     if folder.startswith("damaged"):
-        place = tmp_path
-        (place / f"{folder.split()[1]}.json").write_text("{}")
-    assert main(["export", "pdf", str(place), "--out", str(tmp_path / "out"), *options.split()]) == 2
+        (results / folder).mkdir(parents=True)
+        (results / folder / f"{Path(folder).name}.json").write_text("{}")
+    assert main(["export", "pdf", str(results / folder), "--out", str(tmp_path / "out"), *options.split()]) == 2
     assert message in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 
 
 def test_files_have_the_requested_format_and_width_and_no_date(results: Path, tmp_path: Path):
-    for folder in ("one", "other"):
-        out = str(tmp_path / folder)
-        assert main(["export", "pdf", str(results / "budget"), "--width", "column", "--out", out]) == 0
-    one, other = ((tmp_path / folder / "budget.pdf").read_bytes() for folder in ("one", "other"))
-    assert one == other
-    assert one.startswith(b"%PDF") and b"/MediaBox [ 0 0 244.8 " in one  # 3.4 in, in points
+    words = ("export", "pdf", str(results / "budget"), "--width", "column", "--out", str(tmp_path))
+    assert main([*words]) == 0
+    written = (tmp_path / "budget.pdf").read_bytes()
+    assert b"/MediaBox [ 0 0 244.8 " in written and b"CreationDate" not in written  # 3.4 in, in points
 
 
 def test_limits_ignore_a_diverged_estimator_and_name_it(results: Path, tmp_path: Path, drawn: dict[str, Figure]):
