@@ -1,7 +1,6 @@
-"""Run the commands that pages show in the order of the page: small, in this process, and without rendering.
+"""Run the commands of each page in its order, in this process: small scenarios and studies, empty figures, made logs.
 
-`docs/make_figures.py` parses the pages. Here shipped scenarios last three seconds, studies have two runs in a thread,
-and synthetic logs replace those of real robots. Benchmarks run in `tests/benchmarks`.
+Benchmarks run in `tests/benchmarks`. `docs/make_figures.py` parses the pages.
 """
 
 from __future__ import annotations

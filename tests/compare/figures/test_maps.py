@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from slamgauge import arrays
 from slamgauge.arrays import Float
 from slamgauge.compare.figures.frames import caption, has_rays, ray_moments, save_ray_strip
-from slamgauge.compare.figures.maps import FAINTEST, NEVER, Scene, draw_map, first_seen, map_at, sight_lines
+from slamgauge.compare.figures.maps import NEVER, Scene, first_seen, map_at, sight_lines
 from slamgauge.compare.storage.files import Results
 from slamgauge.estimate import Estimate, MapHistory, RayLog
 from slamgauge.truth import Truth
@@ -92,17 +92,6 @@ def test_a_scene_ends_paths_at_robots_and_takes_maps_from_the_history_or_the_fin
         members = int((map_at(WITH_RAYS, step).member >= 0).sum())
         ellipses = [each for each in ax.collections if isinstance(each, EllipseCollection)]
         assert sorted(len(np.asarray(each.get_offsets())) for each in ellipses) == [0, 1, 1, members]  # and two robots
-
-
-def test_opacity_of_members_grows_with_their_weight():
-    for step, points in ((12, 0), (STEPS, 3)):
-        rows, ax = map_at(WITH_RAYS, step), Figure().subplots()
-        draw_map(ax, rows, "#CC3311")
-        drawn, members = ax.collections
-        assert len(np.asarray(drawn.get_offsets())) == points
-        np.testing.assert_array_equal(members.get_offsets(), rows.position[points:])
-        expected = FAINTEST + (1 - FAINTEST) * rows.weight[points:]
-        assert np.asarray(members.get_edgecolor())[:, 3] == pytest.approx(expected)
 
 
 def test_the_strip_follows_the_oldest_ray_that_became_a_point():
