@@ -104,7 +104,7 @@ def test_every_strip_has_six_moments_in_order(fates: tuple[Fate, ...]):
     estimate = estimate_with_rays(fates)
     _, steps = ray_moments(estimate)
     assert steps == sorted(set(steps)) and (len(steps), steps[0]) == (6, 0)
-    assert "ray" not in fates or steps[-1] == STEPS  # the strip goes on to the last record
+    assert "ray" not in fates or steps[-1] == STEPS  # the strip continues to the last record
 
 
 @pytest.mark.parametrize("truth", [None, TRUTH], ids=["blind", "with truth"])
