@@ -9,20 +9,23 @@ from __future__ import annotations
 
 import math
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import tyro
 
-from slamgauge.compare.scoring.intervals import Interval
+from slamgauge.compare.scoring.intervals import Interval, mean_interval
+from slamgauge.compare.scoring.runs import Runs, late_means
 from slamgauge.compare.studies.executors import local_processes
 from slamgauge.compare.studies.study import run_study
 
 FILTERS = ("ekf", "fej-ekf", "iekf", "riekf", "causal")
-FIGURES = {  # key of the summary, and its unit's factor
-    "heading RMSE [deg]": ("heading_rmse_rad", math.degrees(1.0)),
-    "position RMSE [m]": ("position_rmse_m", 1.0),
-    "NEES heading": ("nees_heading", 1.0),
-    "NEES position": ("nees_position_per_dof", 1.0),
+DEGREE = math.radians(1.0)
+FIGURES: dict[str, tuple[Callable[[Runs], Interval | None], float]] = {  # with the unit
+    "heading RMSE [deg]": (lambda runs: runs.heading_rmse({}), DEGREE),
+    "position RMSE [m]": (lambda runs: runs.position_rmse_m({}), 1.0),
+    "NEES heading": (lambda runs: mean_interval(late_means(runs.series["nees_heading"])), 1.0),
+    "NEES position": (lambda runs: mean_interval(late_means(runs.series["nees_position"] / 2)), 1.0),
 }
 PUBLISHED = {
     "EKF, published": (3.02, 0.67, 2.88, 2.56),
@@ -38,15 +41,15 @@ def main(runs: int = 100, seed: int = 0, jobs: int = 2, out: Path = Path("result
     for name, figures in PUBLISHED.items():
         print(f"{name:22}" + "".join(f"{figure:20.2f}" for figure in figures))
     for name in FILTERS:
-        found = [(summary.estimators[name][key], factor) for key, factor in FIGURES.values()]
-        print(f"{name:22}" + "".join(f"{_text(interval, factor):>20}" for interval, factor in found))
+        found = [_text(figure(summary.loaded[name]), unit) for figure, unit in FIGURES.values()]
+        print(f"{name:22}" + "".join(f"{text:>20}" for text in found))
     return 0
 
 
-def _text(interval: Interval, factor: float) -> str:
+def _text(interval: Interval | None, unit: float) -> str:
     """Return a mean with half of its 95 % interval."""
-    assert interval.low is not None and interval.high is not None  # there are several runs
-    return f"{factor * interval.mean:.3f} ± {factor * (interval.high - interval.low) / 2:.3f}"
+    assert interval is not None and interval.low is not None and interval.high is not None  # there are several runs
+    return f"{interval.mean / unit:.3f} ± {(interval.high - interval.low) / 2 / unit:.3f}"
 
 
 if __name__ == "__main__":

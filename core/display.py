@@ -1,9 +1,9 @@
-"""Display of records: a line at the prompt, a table in notebooks."""
+"""Display of results: numbers with nouns, tables in notebooks."""
 
 from __future__ import annotations
 
 import html
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 LONGEST_FIGURE = 24  # characters; longer texts may wrap
 
@@ -19,11 +19,6 @@ def html_table(head: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
 def _cell(text: str) -> str:
     kept = "" if len(text) > LONGEST_FIGURE else ' style="white-space: nowrap"'
     return f"<td{kept}>{html.escape(text)}</td>"
-
-
-def fact_table(facts: Mapping[str, object]) -> str:
-    """Return a table of HTML with a row for each fact."""
-    return html_table(("", ""), [*facts.items()])
 
 
 def counted(count: int, what: str) -> str:

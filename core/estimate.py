@@ -8,7 +8,7 @@ from typing import Literal, Protocol
 import numpy as np
 
 from slamgauge.arrays import Float, Int
-from slamgauge.display import counted, fact_table
+from slamgauge.display import counted
 from slamgauge.errors import UserError
 from slamgauge.recording import Recording
 from slamgauge.validation import (
@@ -180,18 +180,9 @@ class Estimate(Record):
         _require_on_the_path(self.rays, self.history, steps=count - 1)
 
     def __repr__(self) -> str:
-        return f"Estimate({', '.join(str(each) for each in self._facts().values())})"
-
-    def _repr_html_(self) -> str:
-        return fact_table({"Estimate": "", **self._facts()})
-
-    def _facts(self) -> dict[str, object]:
         has = ("without", "with")[self.pose_covs is not None]
-        return {
-            "kind": self.kind,
-            "poses": f"{counted(len(self.poses), 'pose')} {has} covariances",
-            "map": counted(len(self.landmark_ids), "landmark"),
-        }
+        poses, landmarks = counted(len(self.poses), "pose"), counted(len(self.landmark_ids), "landmark")
+        return f"Estimate({self.kind}, {poses} {has} covariances, {landmarks})"
 
 
 def _as_figure(name: str, value: object) -> float | int:

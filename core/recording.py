@@ -10,7 +10,7 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from slamgauge.arrays import Float, Int, Marks, chunks, distinct
-from slamgauge.display import counted, fact_table
+from slamgauge.display import counted
 from slamgauge.errors import UserError
 from slamgauge.se2 import compose
 from slamgauge.sensors import SENSORS, Sensor, inverse
@@ -97,20 +97,9 @@ class Recording(Record):
         )
 
     def __repr__(self) -> str:
-        return f"Recording({', '.join(str(each) for each in self._facts().values())})"
-
-    def _repr_html_(self) -> str:
-        return fact_table({"Recording": "", **self._facts()})
-
-    def _facts(self) -> dict[str, object]:
-        count = counted(len(self.observation), "observation")
         whose = "without ids" if self.landmark is None else f"of {counted(len(distinct(self.landmark)), 'landmark')}"
-        return {
-            "sensor": self.sensor,
-            "steps": counted(self.steps, "step"),
-            "duration": f"{self.stamps[-1] - self.stamps[0]:.6g} s",
-            "observations": f"{count} {whose}",
-        }
+        steps, seen = counted(self.steps, "step"), counted(len(self.observation), "observation")
+        return f"Recording({self.sensor}, {steps}, {self.stamps[-1] - self.stamps[0]:.6g} s, {seen} {whose})"
 
     @property
     def steps(self) -> int:
@@ -123,8 +112,8 @@ class Recording(Record):
         steps_only = {name: getattr(self, name)[:steps] for name in ("odometry", "odometry_cov")}
         return replace(self.only(slice(last)), stamps=self.stamps[: steps + 1], **steps_only)
 
-    def only(self, kept: Marks | slice) -> Self:
-        """Return the recording with the observations marked in `kept` (M,) only."""
+    def only(self, kept: Marks | Int | slice) -> Self:
+        """Return the recording with the observations marked in `kept` (M,), or in these rows, only."""
         return replace(
             self,
             observation_step=self.observation_step[kept],

@@ -134,12 +134,6 @@ def chain(start: ArrayLike, increments: ArrayLike) -> Float:
     return poses
 
 
-def mean_rotation(turn: ArrayLike) -> Float:
-    """Return V(turn) (..., 2, 2), the mean of the rotations from 0 to `turn` [rad]: (R(turn) - I) / (turn J)."""
-    c, s = mean_cos_sin(np.asarray(turn, dtype=np.float64))
-    return np.stack([np.stack([c, -s], axis=-1), np.stack([s, c], axis=-1)], axis=-2)
-
-
 def exp(tangent: ArrayLike) -> Float:
     """Return the increments (..., 3) that the tangent vectors (..., 3) make in unit time; turns are not wrapped."""
     x, y, turn = _columns(tangent)

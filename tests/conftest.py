@@ -37,8 +37,7 @@ def gtsam_is_missing() -> bool:
 WITHOUT_GTSAM = gtsam_is_missing()
 OF_GTSAM = (  # they import it
     "test_gtsam_batch.py",
-    "test_gtsam_fixed_lag.py",
-    "test_gtsam_isam2.py",
+    "test_gtsam_incremental.py",
     "test_hard_recordings.py",
     "problem/test_linearisation.py",
     "test_optimum.py",

@@ -48,7 +48,6 @@ LEVELS = (
     "slamgauge.compare.exercise",
     "slamgauge.compare.noise",
     "slamgauge.compare.grading",
-    "slamgauge.compare.bench",
     "slamgauge.compare.figures",
     "slamgauge.compare.report",
     "slamgauge.compare.cli",

@@ -22,8 +22,7 @@ from slamgauge.compare.report import page as pages
 from slamgauge.compare.scenarios import scenario as scenarios
 from slamgauge.compare.scenarios.scenario_files import locate
 from slamgauge.compare.storage import staged_folder
-from slamgauge.compare.storage.result_files import REPORT
-from slamgauge.compare.storage.safe_names import file_name
+from slamgauge.compare.storage.result_files import REPORT, file_name
 from slamgauge.compare.studies import executors
 from slamgauge.errors import UserError
 

@@ -9,7 +9,7 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import distributions
 from pathlib import Path
 from time import perf_counter
 
@@ -45,26 +45,20 @@ class Command:
         found = {"slamgauge": f"{__version__}, {Path(__file__).parents[2]}"}
         found["Python"] = f"{platform.python_version()}, {sys.executable}"
         found["system"] = f"{platform.system()} {platform.release()}, {platform.machine()}, {os.cpu_count()} cores"
-        for name, otherwise in (LIBRARIES | OPTIONAL).items():
-            try:
-                found[name] = version(name)
-            except PackageNotFoundError:
-                found[name] = otherwise
-        found["BLAS"] = _attempt(_blas)
         found["threads"] = ", ".join(f"{name}={os.environ[name]}" for name in VARIABLES if name in os.environ)
-        found |= {f"{kernels} kernels": _attempt(partial(run_shortly, *each)) for kernels, each in WARM_UPS.items()}
-        found["machine code"] = _attempt(lambda: f"{len(jit.stored_files())} files, {jit.caches()}")
-        found["free memory"] = _attempt(lambda: f"{memory.free_memory() / memory.GIGABYTE:.1f} GB")
+        for name, otherwise in (LIBRARIES | OPTIONAL).items():
+            found[name] = next((each.version for each in distributions(name=name)), otherwise)
+        looks: dict[str, Callable[[], str]] = {"BLAS": _blas}
+        looks |= {f"{kernels} kernels": partial(run_shortly, *each) for kernels, each in WARM_UPS.items()}
+        looks["machine code"] = lambda: f"{len(jit.stored_files())} files, {jit.caches()}"
+        looks["free memory"] = lambda: f"{memory.free_memory() / memory.GIGABYTE:.1f} GB"
+        for name, look in looks.items():
+            try:
+                found[name] = look()
+            except Exception as error:  # noqa: BLE001 any error is a finding
+                found[name] = f"{BROKEN}{type(error).__name__}: {' '.join(str(error).split())}"
         Output(self.json).show(found, text_page.Page(tuple(f"{name:14}  {text}" for name, text in found.items())))
         return 1 if any(text == MISSING or text.startswith(BROKEN) for text in found.values()) else 0
-
-
-def _attempt(look: Callable[[], str]) -> str:
-    """Return what `look` returns, or a line with its error: a broken library is a finding."""
-    try:
-        return look()
-    except Exception as error:  # noqa: BLE001 any error is a finding
-        return f"{BROKEN}{type(error).__name__}: {' '.join(str(error).split())}"
 
 
 def _blas() -> str:

@@ -12,7 +12,7 @@ import numpy as np
 import tyro
 
 from slamgauge.compare.cli.common import Repeated, flattened, results_of
-from slamgauge.compare.datasets import bag_log, csv_log, g2o, imported_log, lost_in_the_woods, mrclam, plausibility
+from slamgauge.compare.datasets import bag_log, csv_log, g2o, imported_log, plausibility, published
 from slamgauge.compare.storage import files, staged_folder, toml_tables
 from slamgauge.compare.storage.result_files import MAPPING, RECORDING, TRUTH
 
@@ -128,7 +128,7 @@ class Mrclam(Format):
     bearing_sigma: float = 0.05
 
     def read(self) -> imported_log.Imported:
-        return mrclam.read_mrclam(self.path, **self.options())
+        return published.read_mrclam(self.path, **self.options())
 
 
 @dataclass
@@ -159,7 +159,7 @@ class LostInTheWoods(Format):
     lateral_slip: float = 0.02
 
     def read(self) -> imported_log.Imported:
-        return lost_in_the_woods.read_lost_in_the_woods(self.path, **self.options())
+        return published.read_lost_in_the_woods(self.path, **self.options())
 
 
 @dataclass

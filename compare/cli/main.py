@@ -20,8 +20,7 @@ from types import ModuleType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from slamgauge.compare.cli.terminal import drop_output, prepare_streams, put
-from slamgauge.compare.storage.result_files import commanded
-from slamgauge.compare.storage.safe_names import shown
+from slamgauge.compare.storage.result_files import commanded, shown
 from slamgauge.errors import UserError, refused_by_the_machine
 from slamgauge.suggestions import did_you_mean, near_names
 from slamgauge.version import __version__

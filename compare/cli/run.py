@@ -8,15 +8,13 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from slamgauge import memory
 from slamgauge.compare.cli.common import Estimators, OfScenario, OwnCode, WithPage, flattened, staged
 from slamgauge.compare.estimators import loading, requests, running
 from slamgauge.compare.scenarios import scenario as scenarios
 from slamgauge.compare.scenarios import simulation
 from slamgauge.compare.scoring import comparison
 from slamgauge.compare.storage import files, staged_folder
-from slamgauge.compare.storage.result_files import METRICS
-from slamgauge.compare.storage.safe_names import file_name, shown
+from slamgauge.compare.storage.result_files import METRICS, file_name, shown
 from slamgauge.errors import UserError
 
 if TYPE_CHECKING:
@@ -97,7 +95,6 @@ def score(command: WithPage, out: Path | None, data: Data, asked: Sequence[reque
         raise UserError(next(iter(failures.values())))
     with staged(out, METRICS) as folder:
         found = comparison.compare_estimators(data.truth, data.recording, estimators, data.informed, twins=data.twins)
-        memory.give_back()
         found = replace(found, failures=failures | found.failures, study=data.study)
         content = comparison.metrics(found, *data.simulated)
         command.output.show(content, comparison.table(found))

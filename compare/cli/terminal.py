@@ -1,4 +1,4 @@
-"""Standard streams, and the width and colours of the tables on them."""
+"""Standard streams, and the width of the tables on them."""
 
 from __future__ import annotations
 
@@ -12,11 +12,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from slamgauge.compare.scoring.text_page import Page, Tone
+    from slamgauge.compare.scoring.text_page import Page
 
 PIPED = 80  # characters: the width in pipes, and the smallest width on terminals
-SIGNS = {"plain": "", "head": "\x1b[1m", "good": "\x1b[32m", "bad": "\x1b[31m", "faint": "\x1b[2m"}
-END = "\x1b[0m"
 
 
 @dataclass(frozen=True)
@@ -40,16 +38,10 @@ class Output:
             file.write_text(f"{text}\n", encoding="utf-8")
 
     def laid_out(self, page: Page) -> str:
-        """Return the text of a page for this terminal or pipe, with colours on terminals if NO_COLOR is not set."""
-        is_terminal = sys.stdout.isatty()
-        width = max(PIPED, shutil.get_terminal_size().columns) if is_terminal else PIPED
-        width = None if self.wide else width
-        is_plain = not is_terminal or os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb"
-        return page.text(width) if is_plain else page.text(width, _painted)
-
-
-def _painted(text: str, tone: Tone) -> str:
-    return f"{SIGNS[tone]}{text}{END}" if SIGNS[tone] else text
+        """Return the text of a page for this terminal or pipe."""
+        if self.wide:
+            return page.text()
+        return page.text(max(PIPED, shutil.get_terminal_size().columns) if sys.stdout.isatty() else PIPED)
 
 
 def put(text: str) -> None:

@@ -13,8 +13,7 @@ from slamgauge.compare.cli.terminal import Output
 from slamgauge.compare.estimators.registry import HINDSIGHT, REGISTRY
 from slamgauge.compare.scoring import optimum_notes, text_page
 from slamgauge.compare.storage import files, staged_folder
-from slamgauge.compare.storage.result_files import TWIN
-from slamgauge.compare.storage.safe_names import shown
+from slamgauge.compare.storage.result_files import TWIN, shown
 from slamgauge.compare.studies import twin as twins
 
 

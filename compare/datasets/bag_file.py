@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from slamgauge.arrays import Float, Int
+from slamgauge.arrays import Int
 from slamgauge.compare.storage.files import read_text
 from slamgauge.errors import UserError
 from slamgauge.suggestions import did_you_mean
@@ -23,7 +23,7 @@ from slamgauge.suggestions import did_you_mean
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
 
-JUMP = 10.0  # s: largest difference between the time of stamps and the time of recording, from message to message
+NANOSECOND = np.float64(1e-9)  # s
 TREES = ("/tf", "/tf_static")  # topics that are read as observations only if they are named
 
 
@@ -35,13 +35,11 @@ class Bag:
         path: the bag, for messages.
         reader: of rosbags.
         topics: type and number of messages of each topic; a topic with several types has the type `several`.
-        clock: source of stamps, header or recording.
     """
 
     path: Path
     reader: AnyReader
     topics: dict[str, tuple[str, int]]
-    clock: str = "header"
 
     def of_types(self, types: Collection[str]) -> list[str]:
         """Return the topics that have one of the types and at least one message."""
@@ -68,24 +66,16 @@ class Bag:
         return self.topics[topic][0]
 
     def messages(self, topic: str) -> Iterator[tuple[int, Any]]:
-        """Yield time of recording [ns] and content of the messages of a topic, in the order of recording.
-
-        A message that repeats an earlier one byte by byte is dropped if it has a stamp: bags contain latched messages
-        once for each part of a recording.
-        """
+        """Yield time of recording [ns] and content of the messages of a topic, in the order of recording."""
         kind, count = self.topics[topic]
         connections = [each for each in self.reader.connections if each.topic == topic]
         if count and kind not in self.reader.typestore.fielddefs:
             what = f"{topic}: the bag has no definition of {kind}"
             raise UserError(f"{self.path}: {what}; give the folder of its .msg files: --msgs FOLDER")
-        earlier, read = set[bytes](), 0
+        read = 0
         for connection, received, raw in self.reader.messages(connections):
             read += 1
-            content = self.reader.deserialize(raw, connection.msgtype)
-            if raw in earlier and header_stamp(content):
-                continue
-            earlier.add(bytes(raw))
-            yield received, content
+            yield received, self.reader.deserialize(raw, connection.msgtype)
         if read != count:
             what = f"{read} of {count} messages of {topic} are in it: it is cut"
             raise UserError(f"{self.path}: {what}; copy it again, or repair its metadata with `ros2 bag reindex`")
@@ -94,21 +84,11 @@ class Bag:
         """Return the sorted stamps (n,) [ns] of a topic, and the order (n,) that sorts it; add notes.
 
         `times` are n stamps in headers, 0 without one, and times of recording [ns]. Topics without stamps have these.
-
-        Raises:
-            UserError: the clock of the stamps jumps by more than `JUMP` between two messages, in either direction.
         """
         stamps, received = np.array(times, dtype=np.int64).reshape(-1, 2).T
-        jumps = 1e-9 * (np.diff(stamps) - np.diff(received))
-        if self.clock == "recording" or not stamps.any():
-            if self.clock == "header" and len(stamps):
-                notes.append(f"{self.path}: {topic}: no stamps in its headers; times of recording are used")
+        if len(stamps) and not stamps.any():
+            notes.append(f"{self.path}: {topic}: no stamps in its headers; times of recording are used")
             stamps = received
-        elif np.abs(jumps).max(initial=0.0) > JUMP:
-            at = int(np.argmax(np.abs(jumps)))
-            what = f"the clock of the stamps jumps by {jumps[at]:+.6g} s at stamp {1e-9 * stamps[at + 1]:.9f} s"
-            remedy = "cut the bag there, or use times of recording: --set frames.clock=recording"
-            raise UserError(f"{self.path}: {topic}: {what}; {remedy}")
         order = np.argsort(stamps, kind="stable")
         return stamps[order], order
 
@@ -117,11 +97,6 @@ def header_stamp(content: Any) -> int:
     """Return the stamp [ns] in the header of a message, 0 without one."""
     header = getattr(content, "header", None)
     return 0 if header is None else 1_000_000_000 * header.stamp.sec + header.stamp.nanosec
-
-
-def seconds_of(nanoseconds: Int) -> Float:
-    """Return times [ns] in seconds."""
-    return nanoseconds.astype(np.float64) * 1e-9
 
 
 def frame_of(content: Any) -> str:
@@ -152,8 +127,8 @@ def opened(path: Path, msgs: Sequence[Path] = ()) -> Generator[Bag]:
         from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
     except ImportError:
         raise UserError("import bag: needs rosbags; in a clone of slamgauge run: pip install '.[ros]'") from None
-    of_rosbags = (AnyReaderError, Ros1Error, Ros2Error, SerdeError, TypesysError)
-    damaged = (*of_rosbags, sqlite3.Error, DatabaseError, struct.error, OSError)
+    damaged = (AnyReaderError, Ros1Error, Ros2Error, SerdeError, TypesysError)
+    damaged += (sqlite3.Error, DatabaseError, struct.error, OSError)
     try:
         types = dict[str, Any]()
         for file in sorted(file for folder in msgs for file in folder.rglob("*.msg")):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
@@ -13,11 +12,10 @@ from typing import Any
 import numpy as np
 
 from slamgauge.arrays import Float, Int
-from slamgauge.compare.datasets.bag_file import Bag, header_stamp, opened, seconds_of
+from slamgauge.compare.datasets.bag_file import NANOSECOND, Bag, header_stamp, opened
 from slamgauge.compare.datasets.bag_observations import read_observations
-from slamgauge.compare.datasets.imported_log import Imported, Log, with_sigmas
-from slamgauge.compare.datasets.log_settings import BagMapping, ObservationsTopic, load_settings
-from slamgauge.compare.datasets.synchronisation import Odometry
+from slamgauge.compare.datasets.imported_log import Imported, Log, Odometry, with_sigmas
+from slamgauge.compare.datasets.log_settings import BagMapping, Frames, ObservationsTopic, load_settings
 from slamgauge.compare.storage.toml_tables import Table, toml_text
 from slamgauge.compare.storage.trajectories import Trajectory, planar_covariances, planar_poses
 from slamgauge.errors import UserError
@@ -55,12 +53,15 @@ def read_bag(
     """
     with opened(path, msgs) as bag:
         settings = load_settings(BagMapping, mapping, overrides)
-        bag = replace(bag, clock=settings.frames.clock)
         notes: list[str] = []
         odometry, settings = _read_odometry(bag, settings, notes)
-        settings = settings.changed(observations=_completed(bag, settings.observations))
+        settings = settings.model_copy(update={"observations": _completed(bag, settings.observations)})
         seen = read_observations(bag, settings, notes)
-        true_path = _true_path(bag, settings, notes)
+        true_path = None
+        if settings.truth.topic is not None:
+            topic = bag.topic_of(POSES, "truth.topic", settings.truth.topic)
+            stamps, poses, _ = _samples(bag, topic, _pose_of, notes)
+            true_path = Trajectory(topic, NANOSECOND * stamps, planar_poses(poses))
     log = Log(
         where=path,
         odometry=odometry,
@@ -79,7 +80,7 @@ def read_bag_trajectory(path: Path, topic: str) -> Trajectory:
     with opened(path) as bag:
         bag.topic_of(POSES, "topic", topic)
         stamps, poses, covs = _samples(bag, topic, _pose_of, [])
-    return Trajectory(f"{path}:{topic}", seconds_of(stamps), planar_poses(poses), covs if covs.any() else None)
+    return Trajectory(f"{path}:{topic}", NANOSECOND * stamps, planar_poses(poses), covs if covs.any() else None)
 
 
 def topics_text(path: Path, msgs: Sequence[Path] = ()) -> str:
@@ -138,7 +139,7 @@ def _read_odometry(bag: Bag, mapping: BagMapping, notes: list[str]) -> tuple[Odo
     if len(stamps) < 2:
         raise UserError(f"{where}: {len(stamps)} messages with different stamps; odometry needs two or more")
     rows = slice(1, None) if section.holds == "since-last" else slice(None, -1)
-    twists, poses, seconds = numbers[rows, :3], planar_poses(numbers[:, 3:]), seconds_of(np.diff(stamps))
+    twists, poses, seconds = numbers[rows, :3], planar_poses(numbers[:, 3:]), NANOSECOND * np.diff(stamps)
     increments = between(poses[:-1], poses[1:])
     if section.kind == "twist":
         if has_poses:
@@ -153,8 +154,8 @@ def _read_odometry(bag: Bag, mapping: BagMapping, notes: list[str]) -> tuple[Odo
             raise UserError(f"{where}: its messages have no variance of noise.{name}; {remedy}")
         sigmas.append(None if stated is None else stated * noise.growth(seconds))
     base = mapping.frames.base or children[-1] or "base_link"
-    in_force = mapping.changed(odometry=section.changed(topic=topic), frames=mapping.frames.changed(base=base))
-    return Odometry(seconds_of(stamps), increments, with_sigmas(covs, sigmas)), in_force
+    found = {"odometry": section.model_copy(update={"topic": topic}), "frames": Frames(base=base)}
+    return Odometry(NANOSECOND * stamps, increments, with_sigmas(covs, sigmas)), mapping.model_copy(update=found)
 
 
 def _require_twists_of_the_robot(where: str, twists: Float, headings: Float, seconds: Float, motions: Float) -> None:
@@ -172,14 +173,6 @@ def _require_twists_of_the_robot(where: str, twists: Float, headings: Float, sec
     ):
         what = "the twists contradict the poses of the same messages, unless they are in the world's frame"
         raise UserError(f"{where}: {what}; give --set odometry.kind=poses")
-
-
-def _true_path(bag: Bag, mapping: BagMapping, notes: list[str]) -> Trajectory | None:
-    if mapping.truth.topic is None:
-        return None
-    topic = bag.topic_of(POSES, "truth.topic", mapping.truth.topic)
-    stamps, poses, _ = _samples(bag, topic, _pose_of, notes)
-    return Trajectory(topic, seconds_of(stamps), planar_poses(poses))
 
 
 def _pose_of(content: Any) -> tuple[list[float], Float]:

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.compare.datasets.bag_file import Bag, frame_of, header_stamp, seconds_of
+from slamgauge.compare.datasets.bag_file import NANOSECOND, Bag, frame_of, header_stamp
 from slamgauge.compare.datasets.imported_log import Observed, with_sigmas
 from slamgauge.compare.datasets.log_settings import BagMapping, ObservationsTopic, Paths
 from slamgauge.compare.storage.trajectories import rotations
@@ -54,7 +54,7 @@ def read_observations(bag: Bag, mapping: BagMapping, notes: list[str]) -> Observ
         needed = " ".join(f"noise.{name}=SIGMA" for name in dict.fromkeys(names))
         what = f"{missing.sum()} of {len(covs)} observations have no covariance"
         raise UserError(f"{where}: {what}; state the noise: --set {needed}")
-    return Observed(sensor, seconds_of(stamps), [row.id for row in rows], values, covs)
+    return Observed(sensor, NANOSECOND * stamps, [row.id for row in rows], values, covs)
 
 
 def _rows(bag: Bag, section: ObservationsTopic) -> Iterator[_Row]:
@@ -133,13 +133,11 @@ def _pose_in(base: str, frame: str, frames: Frames, where: str) -> Float:
     """Return the pose (4, 4) of a frame in the frame `base`."""
     found = list[tuple[str, Float]]()
     for name in (frame, base):
-        root, pose, visited = name, np.eye(4), {name}
-        while root in frames:
-            root, step = frames[root]
-            pose = step @ pose
-            if root in visited:
-                raise UserError(f"{where}: the transforms of {STATIC} make a circle at {root}; correct them")
-            visited.add(root)
+        root, pose = name, np.eye(4)
+        for _ in range(len(frames)):  # more steps would be a circle
+            if root in frames:
+                root, step = frames[root]
+                pose = step @ pose
         found.append((root, pose))
     (root, pose), (root_of_base, pose_of_base) = found
     if root != root_of_base:

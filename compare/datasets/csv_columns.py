@@ -111,7 +111,7 @@ class CsvTable:
         if not self.has("stamp") and self.has("sec", "nsec"):
             return self.numbers("sec") + 1e-9 * self.numbers("nsec")
         at = self._used("stamp")
-        self.has_times = any(_is_time(line.words[at]) for line in self.rows[:1])
+        self.has_times = any(":" in line.words[at] for line in self.rows[:1])
         return np.array([_seconds(line, at) for line in self.rows]) if self.has_times else self.numbers("stamp")
 
     def ids(self) -> list[int | str]:
@@ -173,10 +173,6 @@ def _id(line: Line, at: int) -> int | str:
     word = line.words[at]
     is_text = isnan(number_of(word)) and word.lower() not in ("", "nan")
     return word if is_text else line.id_at(at, least=-1)
-
-
-def _is_time(word: str) -> bool:
-    return len(word) >= len("2024-05-01T12:00") and word[:4].isdecimal() and word[4] == "-"
 
 
 def _seconds(line: Line, at: int) -> float:

@@ -19,16 +19,15 @@ from slamgauge.compare.datasets.imported_log import (
     Imported,
     Log,
     Observed,
+    Odometry,
     TrueMap,
     checked,
     require_order,
     with_sigmas,
 )
 from slamgauge.compare.datasets.log_settings import CsvMapping, Motion, Noise, load_settings
-from slamgauge.compare.datasets.synchronisation import Odometry
 from slamgauge.compare.storage.csv_folder import OBSERVED, POSE_COV
-from slamgauge.compare.storage.result_files import MAPPING
-from slamgauge.compare.storage.safe_names import shown
+from slamgauge.compare.storage.result_files import MAPPING, shown
 from slamgauge.compare.storage.trajectories import Trajectory
 from slamgauge.errors import UserError
 from slamgauge.se2 import between, exp
@@ -96,7 +95,8 @@ def _load(path: Path, overrides: Sequence[str]) -> CsvMapping:
         table = getattr(mapping, section)
         name = getattr(table, key) or (usual if (where.parent / usual).exists() else None)
         if name is not None:
-            mapping = mapping.changed(**{section: table.changed(**{key: str(where.parent / name)})})
+            stated = table.model_copy(update={key: str(where.parent / name)})
+            mapping = mapping.model_copy(update={section: stated})
     return mapping
 
 
@@ -110,8 +110,8 @@ def _with_start(mapping: CsvMapping) -> tuple[CsvMapping, Float]:
         raise UserError(f"{start.file}: has {len(table.rows)} rows; write one, the prior of the start pose")
     covs, pose = table.covariances(POSE_COV), start.pose or tuple(table.poses()[0].tolist())
     stamp = float(table.stamps()[0]) if start.stamp is None else start.stamp
-    stated = mapping.changed(start=start.changed(pose=pose, stamp=stamp))
-    return stated, cov if covs is None or cov.any() else covs[0]
+    stated = start.model_copy(update={"pose": pose, "stamp": stamp})
+    return mapping.model_copy(update={"start": stated}), cov if covs is None or cov.any() else covs[0]
 
 
 def _read_odometry(mapping: CsvMapping, notes: list[str]) -> tuple[Odometry, float | None]:
@@ -163,13 +163,13 @@ def _read_observations(mapping: CsvMapping, clock: float | None, notes: list[str
     named = zip(model.columns, model.sigmas, strict=True)
     covs = _covariances(table, mapping.noise, named, OBSERVED[sensor][model.dim :])
     notes += table.unused()
-    kept, zero = np.arange(len(times)), np.flatnonzero(values[:, 0] == 0.0) if model.has_range else []
-    if len(zero):
-        line = table.rows[zero[0]].number
-        what = f"{len(zero)} observations have range 0 m (no detection?), the first in line {line}"
+    zero = (values[:, 0] == 0.0) & model.has_range
+    if zero.any():
+        line = table.rows[int(np.argmax(zero))].number
+        what = f"{zero.sum()} observations have range 0 m (no detection?), the first in line {line}"
         remedy = "leave them out with --set observations.drop_zero_ranges=true"
         notes.append(f"{what}; they are left out" if section.drop_zero_ranges else f"warning: {what}; {remedy}")
-        kept = np.flatnonzero(values[:, 0]) if section.drop_zero_ranges else kept
+    kept = np.flatnonzero(~(zero & section.drop_zero_ranges))
     return Observed(sensor, times[kept], [ids[at] for at in kept.tolist()], values[kept], covs[kept]), has_steps
 
 

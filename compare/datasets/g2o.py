@@ -21,8 +21,15 @@ from pathlib import Path
 import numpy as np
 
 from slamgauge.arrays import Float, Marks
-from slamgauge.compare.datasets.imported_log import Imported, Log, Observed, checked, require_rows, with_sigmas
-from slamgauge.compare.datasets.synchronisation import Odometry
+from slamgauge.compare.datasets.imported_log import (
+    Imported,
+    Log,
+    Observed,
+    Odometry,
+    checked,
+    require_rows,
+    with_sigmas,
+)
 from slamgauge.compare.storage.csv_folder import from_triangles
 from slamgauge.compare.storage.text_lines import Line, read_tagged
 from slamgauge.covariances import inverted, scale_of
@@ -59,10 +66,7 @@ UNSUPPORTED = {
     **dict.fromkeys(("VERTEX_SE3:QUAT", "EDGE_SE3:QUAT", "VERTEX3", "EDGE3", "VERTEX_TRACKXYZ"), "a graph in space"),
 }
 TORO_ORDER = np.array([0, 1, 4, 2, 5, 3])  # places of xx xy xt yy yt tt in TORO's order
-REMEDY = "give every quantity a finite variance > 0, in the order of entries that its tag has"
 SINGULAR = 1e-12  # smallest eigenvalue of correlations whose inverse has no correct digits
-KEY_BITS = 56  # bits of the number behind the letter in a key of GTSAM
-PLAIN = "\0"  # letter of a key that is a number only
 
 Lines = dict[str, list[Line]]
 
@@ -79,7 +83,7 @@ def read_g2o(path: Path, *, drop_loop_edges: bool = False, isam: bool = False) -
         UserError: With the file, the line and the remedy.
     """
     lines = read_tagged(path, FORMS | dict.fromkeys(RAW, ""), UNSUPPORTED)
-    notes = _renumber(lines)
+    _shorten_keys(lines)
     motions, seen = _of(lines, MOTIONS), _of(lines, SENSED)
     for what, tags, found in (("edge between poses", MOTIONS, motions), ("observation of a landmark", SENSED, seen)):
         if not found:
@@ -101,11 +105,11 @@ def read_g2o(path: Path, *, drop_loop_edges: bool = False, isam: bool = False) -
         reached = chain(np.zeros(3), increments[: step_of[fixed]])[-1]
         prior_mean = compose(vertices.get(fixed, np.zeros(3)), between(reached, np.zeros(3)))
         prior_cov = np.zeros((3, 3))
+    notes = list[str]()
     if fixed != poses[0]:
         notes.append(f"pose {fixed} in mid-path is fixed: the start is placed so that dead reckoning reaches it")
     if len(edges) < len(motions):
         notes.append(f"{len(motions) - len(edges)} edges between poses that are not on the path are dropped")
-    notes += [f"{len(lines[tag])} lines {tag} are not used" for tag in RAW if lines[tag]]
     seen.sort(key=lambda line: step_of[line.id_at(1)])
     sensor, values, of_seen = _measured(seen, isam=isam)
     steps = np.array([step_of[line.id_at(1)] for line in seen], dtype=np.float64)
@@ -126,26 +130,18 @@ def _of(lines: Lines, tags: Iterable[str]) -> list[Line]:
     return sorted((line for tag in tags for line in lines[tag]), key=lambda line: line.number)
 
 
-def _renumber(lines: Lines) -> list[str]:
-    """Replace the keys of GTSAM by small ids, in place; return a note about them.
+def _shorten_keys(lines: Lines) -> None:
+    """Replace the keys of GTSAM by small ids, in place.
 
-    A key has the letter of its symbol in the highest of eight bytes, as in x12 or l3. The letter of the poses keeps its
-    numbers. The numbers of other letters follow after a power of ten: with 300 poses, landmark l7 has the id 1007.
+    A key has the letter of its symbol in the highest of eight bytes. The id of l7 is 7108: 108 is the code of l.
     """
     places = [(line, at) for line in _of(lines, (*MOTIONS, *SENSED)) for at in (1, 2)]
     places += [(line, 1) for line in _of(lines, (*VERTICES, "VERTEX_XY", "FIX", PRIOR))]
-    keys = {word: int(word) for line, at in places if (word := line.words[at]).isdecimal() and len(word) < 20}
-    symbols = {word: (chr(key >> KEY_BITS), key & ((1 << KEY_BITS) - 1)) for word, key in keys.items()}
-    letters = list(dict.fromkeys(letter for letter, _ in symbols.values()))
-    if letters in ([], [PLAIN]) or not all(letter == PLAIN or letter.isalpha() for letter in letters):
-        return []
-    apart = 10 ** len(str(max(number for _, number in symbols.values())))
     for line, at in places:
-        if line.words[at] in symbols:
-            letter, number = symbols[line.words[at]]
-            line.words[at] = str(letters.index(letter) * apart + number)
-    named = (f"{letter}1 has the id {apart * at + 1}" for at, letter in enumerate(letters) if letter != PLAIN)
-    return [f"ids are keys of GTSAM and are renumbered: {', '.join(named)}"]
+        word = line.words[at]
+        letter, number = divmod(int(word), 1 << 56) if word.isdecimal() and len(word) < 20 else (0, 0)
+        if chr(letter).isalpha():
+            line.words[at] = str(1000 * number + letter)
 
 
 def _known(lines: Lines) -> int | None:
@@ -163,26 +159,19 @@ def _known(lines: Lines) -> int | None:
 def _path_along(lines: list[Line], start: int | None, *, drop_others: bool) -> tuple[list[int], list[int], Marks]:
     """Return the poses of the path along edges, its edges as indices, and which of them (n,) lead backwards.
 
-    If all poses make up a single path, it is this one, and ids may have any order. It begins at the pose with a prior,
-    which must be its end, else at the end with the smaller id. Otherwise the path goes from id to id in increasing
-    order, by the first edge between each two. All other edges close loops; they are refused or dropped.
+    The path goes from id to id in increasing order, by the first edge between each two. All other edges close loops;
+    they are refused or dropped.
     """
     ids = [(line.id_at(1), line.id_at(2)) for line in lines]
     joined: dict[int, dict[int, int]] = {}  # the first edge from each pose to each neighbour
     for edge, (i, j) in enumerate(ids):
         joined.setdefault(i, {}).setdefault(j, edge)
         joined.setdefault(j, {}).setdefault(i, edge)
-    ends = sorted(pose for pose, neighbours in joined.items() if len(neighbours) == 1)
-    poses = [start if start in ends else min(ends, default=-1)]
-    if len(ends) == 2 and max(map(len, joined.values())) <= 2:
-        while further := [each for each in joined[poses[-1]] if each not in poses[-2:]]:
-            poses.append(further[0])
-    if len(poses) != len(joined):
-        poses = sorted(joined)
+    poses = sorted(joined)
     for i, j in pairwise(poses):
         if j not in joined[i]:
-            what = f"no edge joins the poses {i} and {j}, and the edges are not a single path"
-            raise lines[min(joined[j].values())].refused(what, "join all poses to one path, their ids in its order")
+            remedy = "join all poses to one path, their ids in its order"
+            raise lines[min(joined[j].values())].refused(f"no edge joins the poses {i} and {j}", remedy)
     path = [joined[i][j] for i, j in pairwise(poses)]
     others = sorted({*range(len(lines))} - {*path})
     if others and not drop_others:
@@ -210,19 +199,13 @@ def _require_on_path(lines: Lines, step_of: dict[int, int]) -> None:
 def _reversed(backwards: Marks, increments: Float, covs: Float) -> tuple[Float, Float]:
     """Reverse the increments (n, 3), with covariances (n, 3, 3), that are marked `backwards` (n,).
 
-    The error of a reversed edge is -Ad(z) times what it was, and its cost is the same.
+    The error of a reversed edge is -Ad(z) times what it was, z exp(v) = exp(Ad(z) v) z, and its cost is the same.
     """
-    adjoint = adjoints(increments[backwards])
-    covs[backwards] = adjoint @ covs[backwards] @ adjoint.swapaxes(1, 2)
-    return np.where(backwards[:, None], between(increments, np.zeros(3)), increments), covs
-
-
-def adjoints(increments: Float) -> Float:
-    """Return adjoints Ad(z) (n, 3, 3) of increments z (n, 3): z exp(v) = exp(Ad(z) v) z, v = (x, y, heading)."""
-    x, y, heading = increments.T
+    x, y, heading = increments[backwards].T
     adjoint = pose_rotation(heading)
     adjoint[:, 0, 2], adjoint[:, 1, 2] = y, -x
-    return adjoint
+    covs[backwards] = adjoint @ covs[backwards] @ adjoint.swapaxes(1, 2)
+    return np.where(backwards[:, None], between(increments, np.zeros(3)), increments), covs
 
 
 def _measured(lines: list[Line], *, isam: bool) -> tuple[Sensor, Float, Float]:
@@ -244,7 +227,7 @@ def _measured(lines: list[Line], *, isam: bool) -> tuple[Sensor, Float, Float]:
 
 
 def _covariances(lines: list[Line], entries: Float, size: int, *, isam: bool = False) -> Float:
-    """Return covariances (n, size, size) of the entries (n, k) that end edges; a motion may have a singular one."""
+    """Return covariances (n, size, size) of the entries (n, k) that end edges; `Recording` checks stated ones."""
     tags = np.array([line.words[0] for line in lines])
     of_toro = tags == "EDGE2"
     if of_toro.any() and not isam:
@@ -254,16 +237,13 @@ def _covariances(lines: list[Line], entries: Float, size: int, *, isam: bool = F
         roots = np.triu(matrices)
         matrices = np.where((has_cov | of_toro)[:, None, None], roots.swapaxes(1, 2) @ roots, matrices)
         has_cov[:] = False
-    is_motion = has_cov & (size == 3)
-    wrong = np.where(is_motion, smallest_eigenvalues(matrices) < -1e-9, smallest_eigenvalues(matrices) <= SINGULAR)
-    for kind, what in ((has_cov, "the covariance"), (~has_cov, "the information matrix")):
-        require_rows(lines, wrong & kind, f"{what} is not positive definite", REMEDY)
+    wrong = ~has_cov & (smallest_eigenvalues(matrices) <= SINGULAR)
+    remedy = "give every quantity a finite variance > 0, in the order of entries that its tag has"
+    require_rows(lines, wrong, "the information matrix is not positive definite", remedy)
     matrices[~has_cov] = inverted(matrices[~has_cov])
     return matrices
 
 
 def smallest_eigenvalues(matrices: Float) -> Float:
     """Return the smallest eigenvalues (n,) of correlations; 0 or less if a variance of the matrices (n, d, d) is 0."""
-    smallest = np.linalg.eigvalsh(matrices / scale_of(matrices))[:, 0]
-    has_variances = (np.diagonal(matrices, axis1=1, axis2=2) > 0.0).all(axis=1)
-    return np.where(has_variances, smallest, np.minimum(smallest, 0.0))
+    return np.asarray(np.linalg.eigvalsh(matrices / scale_of(matrices))[:, 0], dtype=np.float64)

@@ -77,10 +77,9 @@ def _observations(recording: Recording) -> Float:
 
 def _regular(covs: Float, name: str, lend: float | None) -> Float:
     """Return covariances (n, 3, 3) that have inverses, with regularising noise `lend` where that is needed."""
+    if lend is not None:
+        covs = covs + lend**2 * (smallest_eigenvalues(covs) <= SINGULAR)[:, None, None] * np.eye(3)
     singular = smallest_eigenvalues(covs) <= SINGULAR
-    if singular.any() and lend is not None:
-        covs = covs + lend**2 * singular[:, None, None] * np.eye(3)
-        singular = smallest_eigenvalues(covs) <= SINGULAR
     if singular.any():
         what = f"{name}[{int(np.argmax(singular))}]: is singular, but a graph needs its inverse"
         remedy = "add regularising noise, for example --lend 1e-4, or a larger one, or export as csv or mat"

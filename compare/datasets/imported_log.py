@@ -1,4 +1,9 @@
-"""A robot's log with stamps of its own, and the recording and truth that it becomes; checks that readers share."""
+"""A robot's log with stamps of its own, and the recording and truth that it becomes; checks that readers share.
+
+An observation belongs to the moment of its stamp. If that is between two rows of odometry, the step between them is
+split there. The robot is assumed to move at constant speed and yaw rate within the step: the parts, composed, are the
+whole step, and each has a share of its noise in proportion to its duration.
+"""
 
 from __future__ import annotations
 
@@ -12,16 +17,16 @@ import numpy as np
 
 from slamgauge.arrays import Float, Int, Marks
 from slamgauge.compare.datasets.log_settings import BagMapping, CsvMapping
-from slamgauge.compare.datasets.synchronisation import Odometry, joined, shown_stamp
 from slamgauge.compare.storage.text_lines import Line
-from slamgauge.compare.storage.trajectories import Trajectory, interpolated
+from slamgauge.compare.storage.trajectories import SAME, Trajectory, interpolated
 from slamgauge.errors import UserError
 from slamgauge.recording import Recording
-from slamgauge.se2 import chain, wrap
+from slamgauge.se2 import exp, log, wrap
 from slamgauge.sensors import SENSORS, Sensor
 from slamgauge.truth import Truth
 
-BEGINNING = 5.0  # m of a path, whose direction suggests the heading of the start
+GAP, MANY_ROWS = 1.0, 10.0  # s, typical times between rows: the shortest gap that a note is printed about
+FEW, SHORTEST = 20, 0.01  # observations; share of the odometry's time that they should cover
 UNWRAPPED = 0.5  # rad: largest turn in a row whose difference of headings jumps by a whole turn
 Id = int | str | None
 TrueMap = tuple[Path, Sequence[Id], Float]  # file, ids and places (L, 2) [m] of true landmarks
@@ -35,14 +40,24 @@ class Imported(NamedTuple):
         truth: true path and map; None if the log has no truth.
         notes: sentences about dropped content.
         mapping: settings with which CSV files or a bag were read (`log_settings`); None for other files.
-        unmatched: number of observations that were dropped because they are outside the odometry's time.
     """
 
     recording: Recording
     truth: Truth | None = None
     notes: tuple[str, ...] = ()
     mapping: dict[str, Any] | None = None
-    unmatched: int = 0
+
+
+class Odometry(NamedTuple):
+    """Stamps (N+1,) [s], strictly increasing, body-frame increments (N, 3) [m, m, rad] and covariances (N, 3, 3).
+
+    `lines` (N,) are the lines of a text that the increments are from, for messages.
+    """
+
+    stamps: Float
+    increments: Float
+    covs: Float
+    lines: Sequence[Line] = ()
 
 
 class Observed(NamedTuple):
@@ -101,13 +116,13 @@ class Log:
         kept = np.flatnonzero(landmark >= 0) if has_ids else np.arange(count)
         if len(kept) < count:
             notes.append(f"{count - len(kept)} of {count} observations have no id and are dropped")
-        odometry, unmatched = self.odometry, 0
+        odometry = self.odometry
         steps: Any = seen.times[kept]
         if not self.has_steps:
             self._require_turns()
             with of_file(self.where):
                 odometry, steps, inside, more = joined(odometry, steps)
-            kept, unmatched = kept[inside], int(np.sum(~inside))
+            kept = kept[inside]
             notes += more
         truth, poses, association = None, None, landmark[kept] if has_ids else None
         if self.path:
@@ -121,7 +136,7 @@ class Log:
         with of_file(self.where):
             recording = Recording(
                 stamps=odometry.stamps,
-                prior_mean=_start_pose(self.start, poses, odometry.increments, notes),
+                prior_mean=_start_pose(self.start, poses, notes),
                 prior_cov=self.prior_cov,
                 odometry=odometry.increments,
                 odometry_cov=odometry.covs,
@@ -131,8 +146,8 @@ class Log:
                 observation_cov=seen.covs[kept],
                 landmark=association,
             )
-        in_force = mapping.changed(ids=texts).model_dump() if mapping else None
-        return Imported(recording, truth, tuple(notes), in_force, unmatched)
+        in_force = mapping.model_copy(update={"ids": texts}).model_dump() if mapping else None
+        return Imported(recording, truth, tuple(notes), in_force)
 
     def _require_turns(self) -> None:
         """Refuse the first increment that turns by more than half a circle: odometry cannot resolve that."""
@@ -167,30 +182,66 @@ def _numbered(ids: Sequence[Id], stated: Mapping[str, int]) -> tuple[Int, dict[s
     return np.array(numbers, dtype=np.int64), table
 
 
-def _start_pose(stated: Sequence[float] | None, truth: Float | None, odometry: Float, notes: list[str]) -> Float:
-    """Return the start pose (3,), as stated, else the true one, else the origin.
-
-    If the true poses (N+1, 3) have no headings, a note states the heading that the increments (N, 3) suggest.
-    """
+def _start_pose(stated: Sequence[float] | None, truth: Float | None, notes: list[str]) -> Float:
+    """Return the start pose (3,), as stated, else the first of the true poses (N+1, 3), else the origin."""
     if stated is not None:
         return np.array(stated, dtype=np.float64)
     start = np.zeros(3) if truth is None else truth[0]
     if np.isnan(start[0]):
         raise UserError("start.pose: the ground truth has no pose at the start; state it, or cut the log")
-    if truth is None or not np.isnan(start[2]):
-        return start
-    start = np.array([*start[:2], 0.0])
-    driven = chain(start, odometry) - start
-    near = np.cumsum(np.hypot(*np.diff(driven[:, :2], axis=0).T)) < BEGINNING
-    ours, theirs = driven[1:, :2][near], truth[1:, :2][near] - start[:2]
-    dot, cross = np.nansum(ours * theirs), np.nansum(ours[:, 0] * theirs[:, 1] - ours[:, 1] * theirs[:, 0])
-    x, y, heading = *start[:2], np.arctan2(cross, dot)
-    fit = f"the first {BEGINNING:g} m suggest {heading:.3g} rad (--set start.pose=[{x:.6g},{y:.6g},{heading:.3g}])"
-    notes.append(f"the ground truth has no headings: the start has the heading 0; {fit}")
-    return start
+    if np.isnan(start[2]):
+        remedy = f"state its own with --set start.pose=[{start[0]:.6g},{start[1]:.6g},HEADING]"
+        notes.append(f"the ground truth has no headings: the start has the heading 0; {remedy}")
+    return np.nan_to_num(start)
 
 
-# --- parts of readers -------------------------------------------------------------------------------
+def joined(odometry: Odometry, times: Float) -> tuple[Odometry, Int, Marks, list[str]]:
+    """Split odometry at the times (M,) [s] of observations.
+
+    Return the odometry; the step of each observation within its span; which observations (M,) these are; and notes
+    about the others, which are dropped, and about a gap of the odometry. It is a UserError if all observations, or more
+    than half of many, are outside the span, or if their own span is too short.
+    """
+    first, last = odometry.stamps[0], odometry.stamps[-1]
+    inside = (times >= first - SAME) & (times <= last + SAME)
+    outside, many = int(np.sum(~inside)), len(times) > FEW
+    too_short = many and np.ptp(times) < SHORTEST * (last - first)
+    if too_short or outside > len(times) * (0.5 if many else 0.99):
+        begin, end, first, last = map(shown_stamp, (times.min(), times.max(), first, last))
+        spans = f"observations from {begin} to {end} s, odometry from {first} to {last} s"
+        raise UserError(f"{spans}; give each file the unit of its stamps, and both the same clock")
+    share = f", {outside / len(times):.0%}: check units and clocks of the files" if outside > 0.1 * len(times) else ""
+    notes = [f"{outside} observations outside the odometry's time are dropped{share}"] if outside else []
+    seconds = np.diff(odometry.stamps)
+    longest = int(np.argmax(seconds))
+    if seconds[longest] >= max(GAP, MANY_ROWS * float(np.median(seconds))):
+        where = f"{seconds[longest]:.3g} s from {shown_stamp(odometry.stamps[longest])} s on"
+        notes.append(f"the odometry has no row for {where}: constant speeds are assumed there")
+    return *split_at(odometry, times[inside]), inside, notes
+
+
+def shown_stamp(seconds: float) -> str:
+    """Return a stamp [s] with all its digits, at most nine behind the point."""
+    return np.format_float_positional(seconds, precision=9, trim="-")
+
+
+def split_at(odometry: Odometry, times: Float) -> tuple[Odometry, Int]:
+    """Split odometry at times (M,) within its span; return it and the step (M,) of each time."""
+    stamps = odometry.stamps
+    new = np.unique(times[np.abs(times - stamps[_nearest(stamps, times)]) > SAME])
+    new = new[np.diff(new, prepend=-np.inf) > SAME]
+    finer = np.sort(np.concatenate([stamps, new]))
+    whole = np.searchsorted(stamps, finer[:-1], side="right") - 1
+    share = (np.diff(finer) / np.diff(stamps)[whole])[:, None]
+    increments, covs = odometry.increments[whole], odometry.covs[whole]
+    parts = np.where(share == 1.0, increments, exp(share * log(increments)))  # whole steps are unchanged
+    return Odometry(finer, parts, share[:, None] * covs), _nearest(finer, times)
+
+
+def _nearest(stamps: Float, times: Float) -> Int:
+    """Return the index (M,) of the stamp nearest to each time."""
+    after = np.clip(np.searchsorted(stamps, times), 1, len(stamps) - 1)
+    return np.where(times - stamps[after - 1] <= stamps[after] - times, after - 1, after)
 
 
 @contextmanager

@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
@@ -40,10 +40,6 @@ class Section(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    def changed(self, **values: Any) -> Self:
-        """Return the settings with other values."""
-        return self.model_copy(update=values)
-
 
 class Noise(Section):
     """Standard deviations [m, rad] of a row of odometry, of a second of it, or of its speeds, and of the sensor."""
@@ -66,9 +62,6 @@ class Start(Section):
 
     pose: Pose | None = None
     sigmas: tuple[Sigma, Sigma, Sigma] = (0.0, 0.0, 0.0)
-
-
-# --- CSV files --------------------------------------------------------------------------------------
 
 
 class FileTable(Section):
@@ -123,9 +116,6 @@ class CsvMapping(Section):
     ids: Ids = {}
 
 
-# --- ROS bags ---------------------------------------------------------------------------------------
-
-
 class BagNoise(Noise):
     """The same standard deviations; those that are not stated are those of the messages."""
 
@@ -168,10 +158,9 @@ class TruthTopic(Section):
 
 
 class Frames(Section):
-    """Frame of the robot (by default the child frame of the odometry, else base_link) and the source of stamps."""
+    """Frame of the robot, by default the child frame of the odometry, else base_link."""
 
     base: Text | None = None
-    clock: Literal["header", "recording"] = "header"
 
 
 class BagMapping(Section):

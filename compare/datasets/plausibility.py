@@ -1,21 +1,29 @@
-"""Doubts about an imported log or a path: units, signs, ids and noise that the log's own measurements contradict.
+"""Doubts about an imported log or a path: units, signs, ids and clocks that the log's own measurements contradict.
 
-Where observations have ids, a quick filter pass over the beginning of a log finds mistakes (see `log_mistakes`): a log
-with a mistake of units or signs is refused. All other doubts are warnings.
+Where observations have ids, quick passes of the right-invariant EKF over the beginning of a log find mistakes. One is
+named only where undoing it turns disagreement into agreement: from less than `DOUBTED` of the observations to more than
+`CONVINCING`. A log with a mistake of units or signs is refused, all other doubts are warnings. The size of noise is the
+answer of `slamgauge noise`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import io
+from collections.abc import Iterator, Sequence
+from contextlib import redirect_stderr
+from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
+from scipy.stats import chi2
 
 from slamgauge.arrays import Float
 from slamgauge.compare.datasets.imported_log import Imported, of_file
-from slamgauge.compare.datasets.log_mistakes import agreement
+from slamgauge.ekf import riekf
+from slamgauge.errors import UserError
 from slamgauge.recording import Recording
-from slamgauge.se2 import between, in_body
+from slamgauge.se2 import between, exp, in_body, log
 from slamgauge.sensors import SENSORS, innovation, predict
 from slamgauge.truth import Truth
 
@@ -26,8 +34,18 @@ COVERED = 0.5  # share of the steps with a true pose, below which a warning is p
 MEDIAN = 0.6745  # median of the absolute value of a standard normal number
 MOST = 2.0  # largest ratio, or inverse ratio, of motions that are the same but for errors
 START = np.array([1.0, 1.0, 0.5])  # m, m, rad: a start that is farther from the prior's mean than this and 6 sigmas
-SHIFTS, CLEARLY, TURNING = 6, 4.0, 0.02  # delays that are tried; ratio of mean squares; rad that make a delay visible
 SIGNAL = 4.0  # smallest ratio of the odometry's squares to its variances; below it the odometry is mostly noise
+FEW = 20  # observations: fewer show no doubts
+BOUND = 0.999  # probability of the largest normalised innovation that agrees
+DOUBTED = 0.75  # share of observations that agree, below which mistakes are tried
+CONVINCING = 0.9  # smallest share with which a mistake is found; below it a log without one is warned of
+POOR_BEARINGS = 0.5  # the same for bearing-only landmarks, with which the filter of the pass is itself inconsistent
+DIFFERS, FACTOR = 3.0, 0.1  # deviation of the mean NIS in its standard deviations, and from 1: the noise does not fit
+INSIDE = 0.7  # smallest share of the observations that an offset leaves within the steps
+SMALL = 0.4  # median of NIS / dof, about 0.8 if the noise is right; lower if lengths are so small that anything agrees
+RESOLVED = 3.0  # smallest ratio of typical lengths and their standard deviation, below which no mistake is found
+DEGREE = np.pi / 180
+PLACE = "of the observations agree with one place per landmark"
 
 
 def examine(log: Imported, path: Path) -> tuple[dict[str, str], list[str]]:
@@ -44,7 +62,7 @@ def examine(log: Imported, path: Path) -> tuple[dict[str, str], list[str]]:
     facts = {
         "steps": f"{recording.steps} in {np.ptp(recording.stamps):.6g} s",
         "largest turn in a step": f"{np.rad2deg(np.abs(recording.odometry[:, 2]).max(initial=0.0)):.3g} deg",
-        "observations": f"{count} within the steps, {log.unmatched} outside",
+        "observations": f"{count} within the steps",
         "doubled observations": str(doubled),
     }
     doubts = [*_of_motion(recording)]
@@ -76,10 +94,6 @@ def _of_motion(recording: Recording) -> Iterator[str]:
     speeds = (ways / seconds)[ways > 0.0]
     if len(speeds) and np.median(speeds) > FASTEST:
         yield f"the typical speed is {np.median(speeds):.3g} m/s; check the units of lengths and stamps"
-    distance, sigma = np.quantile(ways, 0.9), np.median(np.sqrt(recording.odometry_cov[:, 0, 0]))
-    if sigma > NOISE * distance > 0.0:
-        what = f"the typical standard deviation of a step is {sigma:.3g} m, and its distance {distance:.3g} m"
-        yield f"{what}; correct the noise (variance, standard deviation or information?)"
     rate = np.quantile(np.abs(recording.odometry[:, 2]) / seconds, 0.9)
     if rate > QUICKEST:
         yield f"the robot often turns at {np.rad2deg(rate):.3g} deg/s; check the units of angles and stamps"
@@ -124,7 +138,6 @@ def path_doubts(poses: Float, recording: Recording) -> Iterator[str]:
     motions = between(poses[:-1], poses[1:])
     known = np.isfinite(motions).all(axis=1)
     variances = np.diagonal(recording.odometry_cov, axis1=1, axis2=2)
-    agrees = True
     for what, columns, remedy in (
         ("distances", [0, 1], "check the unit of lengths, the directions of the axes and the stamps"),
         ("turns", [2], "check the unit and the sign of headings, and the stamps"),
@@ -134,29 +147,145 @@ def path_doubts(poses: Float, recording: Recording) -> Iterator[str]:
         ratio = float(np.sum(odometry * motions[known][:, columns])) / (squares or 1.0)
         if squares > SIGNAL * float(np.sum(variances[known][:, columns])) and not 1.0 / MOST <= ratio <= MOST:
             yield f"has {ratio:.3g} times the {what} of the odometry; {remedy}"
-            agrees = False
-    late = _delay(poses, recording) if agrees and known.any() else 0.0
-    if late:
-        yield f"turns {abs(late):.3g} s {'after' if late > 0.0 else 'before'} the odometry; check its stamps"
 
 
-def _delay(poses: Float, recording: Recording) -> float:
-    """Return the time [s] by which the turns along a path are later than those of the odometry; 0 if that is not clear.
+class Mistake(NamedTuple):
+    """A mistake as a sentence about the log, and what undoes it.
 
-    Turns in a second are compared at delays of up to `SHIFTS` half seconds; steps that take longer have longer delays.
+    `late` is added to the stamps of observations [s]. The factor `bearing` -1 also mirrors positions in the body frame,
+    `length` is for observed lengths, `turn` and `way` are for the odometry. `rates` is whether the turns come from yaw
+    rates, so that the distances are chords of arcs.
     """
-    known, stamps = np.isfinite(poses).all(axis=1), recording.stamps
-    window = max(1.0, 2.0 * float(np.median(np.diff(stamps))))
-    shifts = 0.5 * window * np.arange(-SHIFTS, SHIFTS + 1)
-    times = np.arange(stamps[0] - shifts[0], stamps[-1] - shifts[-1] - window, 0.5 * window)
-    if len(times) < 4 * SHIFTS:
-        return 0.0
-    driven, path = np.append(0.0, np.cumsum(recording.odometry[:, 2])), np.unwrap(poses[known, 2])
-    turns = np.interp(times + window, stamps, driven) - np.interp(times, stamps, driven)
-    found = list[float]()
-    for shift in shifts:
-        begin, end = np.interp([times + shift, times + shift + window], stamps[known], path)
-        found.append(float(np.mean((end - begin - turns) ** 2)))
-    best = int(np.argmin(found))
-    is_clear = found[SHIFTS] > CLEARLY * found[best] and found[SHIFTS] > TURNING**2
-    return float(shifts[best]) if is_clear else 0.0
+
+    what: str
+    late: float = 0.0
+    bearing: float = 1.0
+    length: float = 1.0
+    turn: float = 1.0
+    way: float = 1.0
+    rates: bool = False
+
+    def undone(self, recording: Recording) -> Recording:
+        """Return a recording without the mistake; observations beyond its time are left out."""
+        stamps, of_column = recording.stamps, dict.fromkeys(("range", "x", "y"), self.length)
+        of_column |= {"y": self.length * np.sign(self.bearing), "bearing": self.bearing}
+        factors = np.array([of_column[name] for name in SENSORS[recording.sensor].columns])
+        ways = np.array([self.way, self.way, self.turn])
+        odometry = exp(log(recording.odometry) * ways) if self.rates else recording.odometry * ways
+        at = stamps[recording.observation_step] + self.late
+        inside = (at >= stamps[0]) & (at <= stamps[-1])
+        steps = np.rint(np.interp(at[inside], stamps, np.arange(len(stamps)))).astype(np.int64)
+        changed = replace(recording, odometry=odometry, observation=recording.observation * factors)
+        return replace(changed.only(inside), observation_step=steps)
+
+
+OFFSETS = tuple(
+    Mistake(f"their stamps are {abs(each):g} s {'late' if each < 0.0 else 'early'}", late=each)
+    for each in 0.5 * np.arange(-10, 11)
+    if each
+)
+MISTAKES = (
+    Mistake("observations and odometry count angles in opposite directions", bearing=-1.0),
+    Mistake("bearings are in degrees, read as radians", bearing=DEGREE),
+    Mistake("turns are in degrees, read as radians", turn=DEGREE),
+    Mistake("yaw rates are in deg/s, read as rad/s", turn=DEGREE, rates=True),
+    Mistake("bearings and turns are in degrees, read as radians", bearing=DEGREE, turn=DEGREE),
+    Mistake("bearings are in radians, read as degrees", bearing=1 / DEGREE),
+    Mistake("turns are in radians, read as degrees", turn=1 / DEGREE),
+    Mistake("bearings and turns are in radians, read as degrees", bearing=1 / DEGREE, turn=1 / DEGREE),
+    *(
+        Mistake(f"{what} are {factor:g} times too {size}", length=undone**length, turn=undone**turn, way=undone**way)
+        for what, (length, turn, way) in {
+            "observed lengths": (1, 0, 0),
+            "distances of the odometry": (0, 0, 1),
+            "all lengths": (1, 0, 1),
+            "turns and distances of the odometry": (0, 1, 1),
+        }.items()
+        for factor in (1000, 100)
+        for size, undone in (("large", 1 / factor), ("small", float(factor)))
+    ),
+)
+
+
+class Fit(NamedTuple):
+    """Share of observations that agree; median and mean of NIS / dof; deviation of the mean from 1, in its sigmas."""
+
+    share: float
+    nis: float
+    mean: float
+    deviation: float
+
+
+NO_ESTIMATE, NOTHING_SEEN_TWICE = Fit(0.0, 0.0, 0.0, 0.0), Fit(1.0, 0.0, 1.0, 0.0)
+
+
+def agreement(recording: Recording) -> tuple[float, str]:
+    """Return the share of observations that agree with one place per landmark, and a doubt; "" without one.
+
+    A mistake of units or signs is a UserError.
+    """
+    is_bearing = recording.sensor == "bearing"
+    if SENSORS[recording.sensor].has_range:
+        recording = recording.only(recording.observation[:, 0] > 0.0)  # sensors write 0 where they detect nothing
+    fit = _fit(recording)
+    if len(recording.observation) < FEW:
+        return fit.share, ""
+    if fit is NOTHING_SEEN_TWICE:
+        return fit.share, "no landmark is observed at two steps: nothing corrects the path; check the ids"
+    if fit.share < DOUBTED:
+        if offset := _found(OFFSETS, recording):
+            return fit.share, f"{fit.share:.1%} {PLACE}, but {offset}"
+        if mistake := _found(MISTAKES, recording):
+            raise UserError(f"{fit.share:.1%} {PLACE}, but {mistake}")
+    if fit.share < (POOR_BEARINGS if is_bearing else CONVINCING):
+        remedy = "check units, signs, stamps and ids, and the noise (`slamgauge noise`)"
+        return fit.share, f"only {fit.share:.1%} {PLACE}; {remedy}"
+    if not is_bearing and abs(fit.deviation) > DIFFERS and abs(fit.mean - 1.0) > FACTOR:
+        what = f"the measurements do not fit their stated noise (the mean NIS / dof is {fit.mean:.2g} instead of 1)"
+        return fit.share, f"{what}: `slamgauge noise RECORDING` finds the noise that they support"
+    return fit.share, ""
+
+
+def _fit(recording: Recording) -> Fit:
+    """Return how well the filter fits observations that do not add landmarks."""
+    with redirect_stderr(io.StringIO()), np.errstate(all="ignore"):
+        try:
+            estimate = riekf(recording)
+        except UserError:
+            return NO_ESTIMATE
+    nis, dof = estimate.nis, estimate.nis_dof
+    if nis is None or dof is None or not dof.any():
+        return NOTHING_SEEN_TWICE
+    counts = np.bincount(recording.observation_step, minlength=recording.steps + 1)[dof > 0]
+    nis, dof = nis[dof > 0], dof[dof > 0]
+    share = float(np.average(nis < chi2.ppf(BOUND, dof), weights=counts))
+    mean = float(nis.sum() / dof.sum())
+    return Fit(share, float(np.median(nis / dof)), mean, (mean - 1.0) * float(np.sqrt(dof.sum() / 2.0)))
+
+
+def _found(mistakes: Sequence[Mistake], recording: Recording) -> str:
+    """Return the mistake without which the observations agree, with its remedy; "" without one."""
+    undone = ((each, each.undone(recording)) for each in mistakes)
+    least = INSIDE * len(recording.observation)
+    fits = {each: _fit(other) for each, other in undone if len(other.observation) > least and _are_lengths(other)}
+
+    def evidence(each: Mistake) -> tuple[float, float, float]:  # small numbers agree with everything
+        size = abs(each.bearing) * each.length * each.turn * each.way
+        return round(size, 9), fits[each].share, -fits[each].mean
+
+    found = [each for each, fit in fits.items() if fit.share > CONVINCING and fit.nis > SMALL]
+    best = max(found, key=evidence, default=None)
+    if best is None:
+        return ""
+    remedy = "correct the unit (in recording.toml: angle, length, time)"
+    if best.bearing < 0.0 or best.late:
+        remedy = "give both files the same clock" if best.late else "change the sign of those that are clockwise"
+    return f"{fits[best].share:.1%} if {best.what}; {remedy}"
+
+
+def _are_lengths(recording: Recording) -> bool:
+    """Return whether typical observed lengths are above `RESOLVED` sigmas: with smaller ones most paths agree."""
+    sigmas = np.sqrt(np.diagonal(recording.observation_cov, axis1=1, axis2=2))
+    lengths = [name != "bearing" for name in SENSORS[recording.sensor].columns]
+    ratios = np.abs(recording.observation / sigmas)[:, lengths]
+    return not ratios.size or float(np.median(ratios)) >= RESOLVED

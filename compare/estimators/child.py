@@ -25,7 +25,7 @@ from slamgauge.compare.estimators.forms.signatures import Noise
 from slamgauge.compare.estimators.requests import Address, Limits
 from slamgauge.compare.estimators.sandbox import CODE, environment, require_wall, walled
 from slamgauge.compare.estimators.user_errors import FormError, OverdueError, UserCodeError
-from slamgauge.compare.storage.safe_names import file_name
+from slamgauge.compare.storage.result_files import file_name
 from slamgauge.estimate import Estimate
 from slamgauge.notices import tell_first
 from slamgauge.recording import Recording

@@ -17,7 +17,7 @@ from slamgauge.compare.estimators.code_folder import CodeFolder, installed_diges
 from slamgauge.compare.estimators.forms.signatures import Noise
 from slamgauge.compare.estimators.registry import BOUND, BOUNDS, HINDSIGHT_BOUND, entry_of, is_ours
 from slamgauge.compare.estimators.sandbox import require_wall
-from slamgauge.compare.storage.safe_names import LONGEST
+from slamgauge.compare.storage.result_files import LONGEST
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimator
 

@@ -13,10 +13,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from slamgauge.arrays import Float, Int, Marks
+from slamgauge.arrays import Float, Marks
 from slamgauge.compare.storage.csv_folder import read_estimate_csv
 from slamgauge.compare.storage.files import load_estimate
-from slamgauge.compare.storage.trajectories import Trajectory, has_stamps, interpolated_covs, read_trajectory
+from slamgauge.compare.storage.trajectories import (
+    Trajectory,
+    has_stamps,
+    interpolated_covs,
+    neighbours,
+    read_trajectory,
+)
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.notices import tell_once
@@ -161,18 +167,10 @@ def _along_odometry(trajectory: Trajectory, recording: Recording) -> Float:
     """
     stamps, poses = trajectory.stamps, trajectory.poses
     driven = chain(np.zeros(3), recording.odometry)
-    begin, share = _places(recording.stamps, stamps)
+    begin, _, share = neighbours(recording.stamps, stamps)
     motions = np.vstack([recording.odometry, np.zeros(3)])  # none after the last step
-    at_own = compose(driven[begin], exp(share * log(motions[begin])))
-    before, share = _places(stamps, recording.stamps)
-    after = np.minimum(before + 1, len(stamps) - 1)
+    at_own = compose(driven[begin], exp(share[:, None] * log(motions[begin])))
+    before, after, share = neighbours(stamps, recording.stamps)
     rest = poses[after] - compose(poses[before], between(at_own[before], at_own[after]))
     rest[:, 2] = wrap(rest[:, 2])
-    return compose(poses[before], between(at_own[before], driven)) + share * rest
-
-
-def _places(stamps: Float, times: Float) -> tuple[Int, Float]:
-    """Return the last stamp (row) before each of times (n,), and the share (n, 1) of the way from it to the next."""
-    places = np.interp(times, stamps, np.arange(len(stamps)))
-    rows = places.astype(np.int64)
-    return rows, (places - rows)[:, None]
+    return compose(poses[before], between(at_own[before], driven)) + share[:, None] * rest

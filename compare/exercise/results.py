@@ -41,7 +41,6 @@ VERBS = {  # for one conclusion and for several
     "does not hold": ("does not hold", "do not hold"),
     "undecided": ("is undecided", "are undecided"),
 }
-SMALL_FALL = 0.9  # error after a loop closure over that before: a correction by less than a tenth does not count
 
 
 @dataclass(frozen=True)
@@ -53,9 +52,6 @@ class AtClosure:
     three_sigma_before_m: float | None
     three_sigma_after_m: float | None
 
-    def __str__(self) -> str:
-        return f"{self.error_before_m:.2f} to {self.error_after_m:.2f} m"
-
 
 @dataclass(frozen=True)
 class Closure:
@@ -65,12 +61,6 @@ class Closure:
     time_s: float
     runs: int
     estimators: dict[str, AtClosure]
-
-    @property
-    def fall(self) -> float:
-        """Error of the EKF at the step over that before it; infinite if an error before is 0 or unknown."""
-        before, after = self.estimators[EKF].error_before_m, self.estimators[EKF].error_after_m
-        return (after or 0.0) / before if before and self.estimators[CAUSAL].error_before_m else math.inf
 
 
 @dataclass(frozen=True)
@@ -128,20 +118,6 @@ class QuestionResult:
         parts += [f"of the exercise's {len(self.judgements)} conclusions {_listed(verdicts)}"] if verdicts else []
         return f"{'; '.join(parts)}."
 
-    def largest_correction(self) -> str:
-        """Return the loop closure with the largest relative decrease of the EKF's error; empty without closures."""
-        every = [(closure, each.setting) for each in self.settings for closure in each.closures]
-        closure, setting = min(every, key=lambda pair: pair[0].fall, default=(None, None))
-        if closure is None or setting is None or closure.fall == math.inf:
-            return ""
-        if closure.fall > SMALL_FALL:
-            return "No first loop closure of a lap corrects the error of the EKF by more than a tenth."
-        return (
-            f"The largest correction by a loop closure is in {setting.figure} ({setting.title}), lap {closure.lap}: "
-            f"the error of the EKF goes from {closure.estimators[EKF]}, that of the causal optimum from "
-            f"{closure.estimators[CAUSAL]}."
-        )
-
 
 @dataclass(frozen=True)
 class Exercise:
@@ -168,7 +144,7 @@ class Exercise:
         }
         for question in self.questions:
             entry = {key: getattr(QUESTIONS[question.name], key) for key in ("title", "task")}
-            entry |= {"answer": question.answer(), "largest_correction": question.largest_correction()}
+            entry["answer"] = question.answer()
             entry["settings"] = [
                 {key: getattr(each.setting, key) for key in ("figure", "scenario", "title")}
                 | {"consistency": each.consistency, "landmarks_true": each.landmarks_true}

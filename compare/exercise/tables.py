@@ -63,7 +63,7 @@ def exercise_page(exercise: Exercise) -> Page:
         for table in tables_of(each):
             parts += [table, ""]
         answer = each.answer()
-        notes = [each.largest_correction(), *(setting.doubt for setting in each.settings)]
+        notes = [setting.doubt for setting in each.settings]
         parts += [answer[0].upper() + answer[1:], *filter(None, notes), ""]
     return Page((*parts[:-1], *exercise.failures))
 

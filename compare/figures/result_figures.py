@@ -10,7 +10,6 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from slamgauge.arrays import Float
-from slamgauge.compare.bench.step_times import step_time
 from slamgauge.compare.estimators.registry import BOUNDS, CAUSAL, FIXED_LAG, REGISTRY, is_optimum
 from slamgauge.compare.estimators.requests import labels_among
 from slamgauge.compare.figures.plot_style import (
@@ -199,10 +198,10 @@ def save_bench_figure(out: Path, folder: Path, names: Sequence[str]) -> None:
         axes, measured = figure.subplots(), read_json(folder / BENCH, "bench")["estimators"]
         chosen = styles(labels_among(names or [*measured], measured, NO_RESULTS))
         for name, style in chosen.items():
-            sizes = [int(size) for size in measured[name]]
-            times = 1e3 * np.array([step_time(figures) for figures in measured[name].values()])
-            high = 1e3 * np.array([figures.get("p95_s", np.nan) for figures in measured[name].values()])
-            curve(axes, sizes, times, style, name, marker="o")
+            sizes, times = [int(size) for size in measured[name]], measured[name].values()
+            steps = 1e3 * np.array([each.get("median_s") or each["mean_s"] for each in times])
+            high = 1e3 * np.array([each.get("p95_s", np.nan) for each in times])
+            curve(axes, sizes, steps, style, name, marker="o")
             axes.plot(sizes, high, color=style.color, linestyle="none", marker="_", markersize=6)
         every = sorted({int(size) for name in chosen for size in measured[name]})
         axes.set(xscale="log", yscale="log", xlabel="landmarks", ylabel="ms per step (dash: 95 %)")

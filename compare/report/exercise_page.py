@@ -147,7 +147,7 @@ def _question(figures: Path, found: QuestionResult) -> Section:
     return Section(
         f"Question {name[1:]}: {question.title}",
         name,
-        texts=[*filter(None, (question.task, found.largest_correction()))],
+        texts=[question.task],
         tables=[replace(table, id=f"{name}-{place}") for place, table in shown],
         pictures=pictures(figures, captions),
     )

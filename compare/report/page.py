@@ -25,8 +25,7 @@ from numpy.typing import ArrayLike
 
 from slamgauge.compare.figures.plot_style import styles
 from slamgauge.compare.scoring.table import Table, sized
-from slamgauge.compare.storage.result_files import BUDGET, GRADES, METRICS, NOISE, REPORT, SUMMARY, SWEEP
-from slamgauge.compare.storage.safe_names import shown
+from slamgauge.compare.storage.result_files import BUDGET, GRADES, METRICS, NOISE, REPORT, SUMMARY, SWEEP, shown
 from slamgauge.version import __version__
 
 # function of a folder of results, for each main file, that returns its page, or its pages by file name; it is imported

@@ -20,7 +20,7 @@ from slamgauge.compare.scenarios.scenario_files import locate, shipped
 from slamgauge.compare.scenarios.schema import Association, RandomLandmarks, Scenario
 from slamgauge.compare.scenarios.section import FOLDER
 from slamgauge.compare.scenarios.trajectory import KINDS, Segment, kind_of
-from slamgauge.compare.storage.safe_names import shown
+from slamgauge.compare.storage.result_files import shown
 from slamgauge.compare.storage.toml_tables import Table, toml_text
 from slamgauge.compare.storage.toml_tables import override as set_key
 from slamgauge.ekf.settings import Method

@@ -106,16 +106,6 @@ class Runs:
         """Mean over runs and steps from the 11th on of the pose NEES over 3."""
         return mean_interval(late_means(self.series["nees_pose"] / 3))
 
-    @of_study()
-    def nees_position_per_dof(self, _: Others) -> Interval | None:
-        """Mean over runs and steps from the 11th on of the position NEES over 2."""
-        return mean_interval(late_means(self.series["nees_position"] / 2))
-
-    @of_study()
-    def nees_heading(self, _: Others) -> Interval | None:
-        """Mean over runs and steps from the 11th on of the heading NEES."""
-        return mean_interval(late_means(self.series["nees_heading"]))
-
     @of_study(Column("x causal", study=3, sweep=3, relative=True))
     def ratio_to_causal(self, others: Others) -> Interval | None:
         """ATE over that of the causal optimum."""

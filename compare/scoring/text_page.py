@@ -4,32 +4,15 @@ from __future__ import annotations
 
 import html
 import textwrap
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
-from typing import Literal
 
 from slamgauge.compare.scoring.table import NO_FIGURE, Head, Table
 from slamgauge.display import html_table
 
-Tone = Literal["plain", "head", "good", "bad", "faint"]
-Paint = Callable[[str, Tone], str]
-
 LONGEST_NAME = 28  # characters of the first column if the width is limited; longer names lose their middle
 NARROWEST = 22  # characters: least width of a column of sentences
-TONES: dict[str, Tone] = {
-    "passed": "good",
-    "holds": "good",
-    "FAILED": "bad",
-    "failed": "bad",
-    "does not hold": "bad",
-    "not graded": "bad",
-}
-
-
-def plain(text: str, _: Tone) -> str:
-    """Return the text without colours."""
-    return text
 
 
 @dataclass(frozen=True)
@@ -45,14 +28,14 @@ class Page:
         """Return tables and paragraphs for a notebook."""
         return "\n".join(_html(part) for part in self.parts)
 
-    def text(self, width: int | None = None, paint: Paint = plain) -> str:
+    def text(self, width: int | None = None) -> str:
         """Return lines of at most `width` characters, except for longer words; None sets no limit.
 
         A table has full names in its head, or else short titles, or else the last columns are hidden.
         """
         lines: list[str] = []
         for part in self.parts:
-            lines += _table_lines(part, width, paint) if isinstance(part, Table) else _wrapped(part, width)
+            lines += _table_lines(part, width) if isinstance(part, Table) else _wrapped(part, width)
         return "\n".join(lines)
 
 
@@ -68,32 +51,30 @@ def _wrapped(line: str, width: int | None) -> list[str]:
     return textwrap.wrap(line, width, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False)
 
 
-def _table_lines(table: Table, width: int | None, paint: Paint) -> list[str]:
+def _table_lines(table: Table, width: int | None) -> list[str]:
     titles, *rows = table.texts()
     for head in ([head.full for head in table.heads], titles):
         if width is None or sum(_widths([head, *rows])) + 2 * len(head) - 2 <= width:
-            return _aligned([head, *rows], table.heads, paint)
-    return _fitted_lines(table, width or 0, paint)
+            return _aligned([head, *rows], table.heads)
+    return _fitted_lines(table, width or 0)
 
 
 def _widths(rows: Sequence[Sequence[str]]) -> list[int]:
     return [max(map(len, column)) for column in zip(*rows, strict=True)]
 
 
-def _aligned(rows: Sequence[Sequence[str]], heads: Sequence[Head], paint: Paint) -> list[str]:
-    """Return rows, first the titles, as lines without trailing blanks: words at the left, verdicts in their tone."""
-    lines: list[str] = []
+def _aligned(rows: Sequence[Sequence[str]], heads: Sequence[Head]) -> list[str]:
+    """Return rows, first the titles, as lines without trailing blanks: words are at the left, figures at the right."""
     widths = _widths(rows)
+    lines: list[str] = []
     for row in rows:
-        parts: list[str] = []
-        for text, width, head in zip(row, widths, heads, strict=False):
-            shown, blanks = paint(text, TONES.get(text, "plain")), " " * (width - len(text))
-            parts.append(shown + blanks if head.words else blanks + shown)
+        columns = zip(row, widths, heads, strict=False)
+        parts = [text.ljust(width) if head.words else text.rjust(width) for text, width, head in columns]
         lines.append("  ".join(parts).rstrip())
-    return [paint(lines[0], "head"), *lines[1:]]
+    return lines
 
 
-def _fitted_lines(table: Table, width: int, paint: Paint) -> list[str]:
+def _fitted_lines(table: Table, width: int) -> list[str]:
     """Return the columns that fit, sentences on several lines, and the names of the other columns that have figures."""
     rows = [[_shortened(row[0]), *row[1:]] for row in table.texts()]
     sizes = zip(_widths(rows), table.heads, strict=True)
@@ -106,11 +87,10 @@ def _fitted_lines(table: Table, width: int, paint: Paint) -> list[str]:
     for row in rows:
         columns = zip(row[:kept], least, table.heads, strict=False)
         tall += zip_longest(*(_pieces(text, head, size + room) for text, size, head in columns), fillvalue="")
-    lines = _aligned(tall, table.heads, paint)
     names = enumerate(table.heads[kept:], kept)
     hidden = [head.full for place, head in names if any(row[place] != NO_FIGURE for row in rows[1:])]
     note = f"Hidden columns (show with --wide): {', '.join(hidden)}"
-    return lines + [paint(line, "faint") for line in _wrapped(note, width) if hidden]
+    return _aligned(tall, table.heads) + (_wrapped(note, width) if hidden else [])
 
 
 def _pieces(text: str, head: Head, room: int) -> list[str]:

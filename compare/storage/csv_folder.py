@@ -83,15 +83,14 @@ def write_estimate_csv(path: Path, estimate: Estimate) -> None:
     Raises:
         UserError: If a file cannot be written.
     """
-    parts = [(path, ("step", *POSE), POSE_COV, np.arange(len(estimate.poses)), estimate.poses, estimate.pose_covs)]
+    poses, covs = estimate.poses, estimate.pose_covs
+    more, triangles = ((), []) if covs is None else (POSE_COV, [upper_triangles(covs)])
+    write_rows(path, ("step", *POSE, *more), np.arange(len(poses)), poses, *triangles)
     if len(estimate.landmarks):
-        ids, places, covs = estimate.landmark_ids, estimate.landmarks, estimate.landmark_covs
-        parts.append((path.with_name(LANDMARKS), ("landmark", *POINT), POINT_COV, ids, places, covs))
-    for file, names, cov_names, numbers, values, covs in parts:
-        if covs is None:
-            write_rows(file, names, numbers, values)
-        else:
-            write_rows(file, names + cov_names, numbers, values, upper_triangles(covs))
+        covs = estimate.landmark_covs
+        more, triangles = ((), []) if covs is None else (POINT_COV, [upper_triangles(covs)])
+        header = ("landmark", *POINT, *more)
+        write_rows(path.with_name(LANDMARKS), header, estimate.landmark_ids, estimate.landmarks, *triangles)
 
 
 def read_estimate_csv(path: Path, kind: Kind, steps: int) -> Estimate:

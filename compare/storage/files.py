@@ -20,8 +20,7 @@ from typing import Any, Literal, NamedTuple, TextIO, TypeVar, get_args, get_orig
 
 import numpy as np
 
-from slamgauge.compare.storage.result_files import METRICS, RECORDING, TRUTH
-from slamgauge.compare.storage.safe_names import shown
+from slamgauge.compare.storage.result_files import METRICS, RECORDING, TRUTH, shown
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, MapHistory, RayLog
 from slamgauge.recording import Recording
@@ -34,7 +33,7 @@ DAMAGED = (  # errors of zipfile and numpy at damaged or foreign files
     *(SyntaxError, struct.error, tokenize.TokenError, zipfile.BadZipFile, zlib.error, lzma.LZMAError),
 )
 RECORDS_WITHIN: set[type[object]] = {RayLog, MapHistory}  # records inside an `Estimate`
-FORMULA = ("=", "+", "-", "@", "\t", "\r")  # first characters of formulas in spreadsheets
+FORMULA = re.compile(r"'*[=+\-@\t\r]")  # begins texts that spreadsheets evaluate, or that have an apostrophe already
 LONGEST_FIELD = 63  # characters of a field's name in a MATLAB file
 
 
@@ -224,29 +223,28 @@ def write_csv(file: TextIO, rows: Iterable[Iterable[object]]) -> None:
 
     A text that a spreadsheet would evaluate as a formula gets an apostrophe in front.
     """
-    cells = ([f"'{cell}" if _is_formula(cell) else cell for cell in row] for row in rows)
-    csv.writer(file, lineterminator="\n").writerows(cells)
+    csv.writer(file, lineterminator="\n").writerows([_guarded(cell) for cell in row] for row in rows)
 
 
 def read_csv(path: Path) -> list[dict[str, str]]:
     """Read rows below a header that `write_csv` wrote, as they were; raise `UserError` if the file cannot be read."""
     with explained(path, "read"), path.open(encoding="utf-8", newline="") as file:
-        return [{key: _unquoted(text) for key, text in row.items()} for row in csv.DictReader(file)]
+        rows = [*csv.DictReader(file)]
+    return [
+        {key: text[1:] if text[:1] == "'" and FORMULA.match(text) else text for key, text in row.items()}
+        for row in rows
+    ]
 
 
-def _unquoted(text: str) -> str:
-    return text[1:] if text.startswith("'") and text.lstrip("'").startswith(FORMULA) else text
-
-
-def _is_formula(cell: object) -> bool:
-    """Return whether a cell is a text that begins like a formula, with or without apostrophes, and is not a number."""
-    if not isinstance(cell, str) or not cell.lstrip("'").startswith(FORMULA):
-        return False
+def _guarded(cell: object) -> object:
+    """Return a cell, with an apostrophe in front of a text that begins like a formula and is not a number."""
+    if not isinstance(cell, str) or not FORMULA.match(cell):
+        return cell
     try:
         float(cell)
     except ValueError:
-        return True
-    return False
+        return f"'{cell}"
+    return cell
 
 
 def write_mat(path: Path, records: Mapping[str, Recording | Truth | Estimate]) -> None:

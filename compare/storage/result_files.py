@@ -1,4 +1,8 @@
-"""Names of the files that commands write, and the provenance that JSON files record."""
+"""Names of the files that commands write, the provenance that JSON files record, and user-given names in output.
+
+A name of a user (scenario, file, folder, label) can contain control characters, bytes that are not valid UTF-8 or
+markup, and it can be too long for a file name: it passes `shown` or `file_name` before it is printed or written.
+"""
 
 from __future__ import annotations
 
@@ -29,6 +33,7 @@ GRADES, RUBRIC = "grades.csv", "rubric.toml"
 GRADESCOPE, RESULTS = "gradescope", "results.json"  # folder with a folder per submission, and its file
 PAGES = "submissions"  # folder with a page per submission
 
+LONGEST = 200  # bytes of a file name; most file systems allow 255, and extensions follow
 _COMMAND: ContextVar[str | None] = ContextVar("_COMMAND", default=None)
 
 
@@ -49,3 +54,16 @@ def origin(scenario_text: str | None) -> dict[str, str | None]:
         scenario_text: The scenario as TOML, overrides included; None without a scenario.
     """
     return {"version": __version__, "command": _COMMAND.get(), "scenario_text": scenario_text}
+
+
+def shown(name: str) -> str:
+    r"""Return the name with escapes (\x1b, \udcff) for characters that cannot be printed."""
+    if name.isprintable():
+        return name
+    return "".join(each if each.isprintable() else ascii(each)[1:-1] for each in name)
+
+
+def file_name(name: str) -> str:
+    """Return a valid file name: printable, short, and without folders."""
+    plain = shown(name).replace("/", "_").replace("\\", "_").encode()[:LONGEST].decode(errors="ignore")
+    return f"_{plain}" if plain in {"", ".", ".."} else plain

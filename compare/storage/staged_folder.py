@@ -20,7 +20,6 @@ from secrets import token_hex
 
 from slamgauge.compare.storage.files import explained, read_text
 from slamgauge.errors import UserError, failure_text
-from slamgauge.memory import give_back
 
 MARK = ".slamgauge.json"
 Drawing = Callable[[Path], object]  # writes its files into the given folder
@@ -133,7 +132,6 @@ def decorate(out: Path, drawings: Mapping[str, Drawing], main: str) -> bool:
     Returns:
         True if all were drawn.
     """
-    give_back()
     lost = 0
     for name, draw in drawings.items():
         try:

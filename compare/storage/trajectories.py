@@ -13,9 +13,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from slamgauge.arrays import Float, Int, Marks, chunks
+from slamgauge.arrays import Float, Int, chunks
 from slamgauge.compare.storage.csv_folder import POSE, POSE_COV, from_triangles, upper_triangles
 from slamgauge.compare.storage.files import explained, read_text
 from slamgauge.compare.storage.text_lines import csv_lines, header_of, read_lines, read_whole, rows_below
@@ -132,6 +131,8 @@ def write_tum(path: str | Path, stamps: Float, poses: Float, covs: Float | None 
 
 def rotations(quaternions: Float) -> Float:
     """Return matrices (n, 3, 3) of quaternions (n, 4) in x, y, z, w of any length; zeros are the identity."""
+    from scipy.spatial.transform import Rotation  # imported here because it is slow and few commands need it
+
     unset = ~quaternions.any(axis=1, keepdims=True)
     return Rotation.from_quat(np.where(unset, [0.0, 0.0, 0.0, 1.0], quaternions)).as_matrix()
 
@@ -152,25 +153,25 @@ def interpolated(stamps: Float, poses: Float, times: Float, max_gap: float) -> F
 
     Rows are NaN at times outside the stamps, or between two stamps that are more than `max_gap` [s] apart.
     """
-    before, after, share, known = _neighbours(stamps, times, max_gap)
-    found = poses[before] + share[:, None] * (poses[after] - poses[before])
-    found[:, 2] = wrap(poses[before, 2] + share * wrap(poses[after, 2] - poses[before, 2]))
-    found[~known] = np.nan
+    before, after, share = neighbours(stamps, times)
+    change = poses[after] - poses[before]
+    change[:, 2] = wrap(change[:, 2])
+    found = poses[before] + share[:, None] * change
+    found[:, 2] = wrap(found[:, 2])
+    is_met = np.minimum(np.abs(times - stamps[before]), np.abs(times - stamps[after])) <= SAME
+    is_between = (times > stamps[0]) & (times < stamps[-1]) & (stamps[after] - stamps[before] <= max_gap)
+    found[~(is_met | is_between)] = np.nan
     return found
 
 
 def interpolated_covs(stamps: Float, covs: Float, times: Float) -> Float:
     """Interpolate covariances (n, d, d) at stamps (n,) linearly to times (M,) [s]."""
-    before, after, share, _ = _neighbours(stamps, times, np.inf)
+    before, after, share = neighbours(stamps, times)
     return covs[before] + share[:, None, None] * (covs[after] - covs[before])
 
 
-def _neighbours(stamps: Float, times: Float, max_gap: float) -> tuple[Int, Int, Float, Marks]:
-    """Return indices of the stamps before and after each time, its share of the way, and whether they are near."""
-    before = np.clip(np.searchsorted(stamps, times + SAME, side="right") - 1, 0, len(stamps) - 1)
-    after = np.minimum(before + 1, len(stamps) - 1)
-    gap = stamps[after] - stamps[before]
-    share = np.clip((times - stamps[before]) / np.where(gap > 0.0, gap, 1.0), 0.0, 1.0)
-    met = np.abs(times - stamps[before]) <= SAME
-    share[met] = 0.0
-    return before, after, share, met | ((times > stamps[0]) & (times < stamps[-1]) & (gap <= max_gap))
+def neighbours(stamps: Float, times: Float) -> tuple[Int, Int, Float]:
+    """Return the rows of the stamps before and after each of times (M,), and its share of the way between them."""
+    places = np.interp(times, stamps, np.arange(len(stamps)))
+    before = places.astype(np.int64)
+    return before, np.minimum(before + 1, len(stamps) - 1), places - before

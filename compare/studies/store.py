@@ -22,8 +22,7 @@ from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.scoring.catalogue import STORED
 from slamgauge.compare.scoring.runs import SERIES, Runs
 from slamgauge.compare.storage.files import explained
-from slamgauge.compare.storage.result_files import LOCK
-from slamgauge.compare.storage.safe_names import shown
+from slamgauge.compare.storage.result_files import LOCK, shown
 from slamgauge.compare.studies.study_run import Outcome
 from slamgauge.errors import UserError
 from slamgauge.version import __version__

@@ -27,8 +27,7 @@ from slamgauge.compare.scoring.table import (
     markdown_text,
 )
 from slamgauge.compare.storage.files import read_json
-from slamgauge.compare.storage.result_files import OPTIMA, STORE, SUMMARY
-from slamgauge.compare.storage.safe_names import shown
+from slamgauge.compare.storage.result_files import OPTIMA, STORE, SUMMARY, shown
 from slamgauge.compare.studies.store import digest, read_store
 from slamgauge.compare.studies.summary import EstimatorSummary, Summary, summarise
 from slamgauge.errors import UserError

@@ -18,7 +18,7 @@ from slamgauge.compare.scoring.catalogue import measured
 from slamgauge.compare.scoring.consistency import squared_mahalanobis
 from slamgauge.compare.scoring.measured import Measured
 from slamgauge.compare.scoring.runs import SERIES
-from slamgauge.compare.storage.safe_names import shown
+from slamgauge.compare.storage.result_files import shown
 from slamgauge.errors import UserError, failure_text, refused_by_the_machine
 from slamgauge.recording import Recording
 from slamgauge.truth import Truth

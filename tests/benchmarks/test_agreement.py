@@ -4,19 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 import pytest
 from scipy.stats import chi2
 
 from slamgauge.arrays import Float
-from slamgauge.estimate import Estimate
+from slamgauge.estimate import Estimate, Estimator
+from slamgauge.graph_baseline import batch, causal
 from slamgauge.recording import Recording
 from slamgauge.se2 import between, log, rotation, wrap
 from tests.reference import agreement, optimum_agreement
 from tests.reference.agreement import PAIRS, Outcome, judge_filter, judge_filters, table
 from tests.reference.drawn_recordings import MOTIONS, PRIORS, SENSORS, Drawn, draw
+from tests.reference.given import given
 from tests.reference.least_squares import Model, square_root
 from tests.reference.optimum_agreement import judge_optima
 from tests.reference.random_recordings import random_recording
@@ -55,16 +57,16 @@ def test_all_kinds_are_drawn_and_each_recording_can_be_made_alone():
 def noise_of(each: Drawn) -> Iterator[tuple[str, Float, Float]]:
     """Yield every drawn noise with the covariance that the recording states."""
     recording, truth = each.recording, each.truth
-    assert truth.poses is not None and truth.landmarks is not None and recording.landmark is not None
-    start = truth.poses[0] - recording.prior_mean
+    path, places = given(truth.poses), given(truth.landmarks)
+    start = path[0] - recording.prior_mean
     yield "start", np.append(start[:2], wrap(start[2])), recording.prior_cov
-    moves = between(truth.poses[:-1], truth.poses[1:])
+    moves = between(path[:-1], path[1:])
     noise = moves - recording.odometry if "additive" in each.tags else log(between(recording.odometry, moves))
     noise[:, 2] = wrap(noise[:, 2])
     for own, cov in zip(noise, recording.odometry_cov, strict=True):
         yield "motion", own, cov
-    pose = truth.poses[recording.observation_step]
-    delta = np.einsum("mji,mj->mi", rotation(pose[:, 2]), truth.landmarks[recording.landmark] - pose[:, :2])
+    pose = path[recording.observation_step]
+    delta = np.einsum("mji,mj->mi", rotation(pose[:, 2]), places[given(recording.landmark)] - pose[:, :2])
     polar = np.column_stack([np.hypot(*delta.T), np.arctan2(*delta.T[::-1])])
     exact = delta if recording.sensor == "position" else polar
     error = recording.observation - exact[:, -recording.observation.shape[1] :]
@@ -95,8 +97,7 @@ def test_least_squares_has_the_jacobian_of_its_residuals(number: int):
     """Central differences, along a random direction."""
     each = drawn(number)
     model = Model(each.recording)
-    assert each.truth.poses is not None
-    at = model.start(model.relative(each.truth.poses))
+    at = model.start(model.relative(given(each.truth.poses)))
     direction = 1e-6 * np.random.default_rng(number).normal(size=model.size)
     expected = (model.residuals(at + direction) - model.residuals(at - direction)) / 2
     atol = 1e-6 * np.abs(expected).max(initial=1e-9)
@@ -105,8 +106,7 @@ def test_least_squares_has_the_jacobian_of_its_residuals(number: int):
 
 def shifted(estimate: Estimate, sigmas: float) -> Estimate:
     """Return an estimate with poses shifted by a number of their sigmas."""
-    assert estimate.pose_covs is not None
-    sigma = np.sqrt(np.diagonal(estimate.pose_covs, axis1=1, axis2=2))
+    sigma = np.sqrt(np.diagonal(given(estimate.pose_covs), axis1=1, axis2=2))
     return replace(estimate, poses=estimate.poses + sigmas * sigma)
 
 
@@ -115,7 +115,7 @@ def test_a_filter_with_an_error_of_two_millionths_of_a_sigma_is_detected(name: s
     _, recording = random_recording(1, steps=25)
     assert judge_filter(recording, name).verdict == "agrees"
     ours, textbook = PAIRS[name]
-    monkeypatch.setitem(agreement.PAIRS, name, (lambda given: shifted(ours(given), 2e-6), textbook))
+    monkeypatch.setitem(agreement.PAIRS, name, (lambda recording: shifted(ours(recording), 2e-6), textbook))
     assert judge_filter(recording, name).verdict == "worse"
 
 
@@ -125,16 +125,11 @@ def test_an_optimum_with_an_error_of_half_a_sigma_is_detected(monkeypatch: pytes
     assert right["batch"].verdict == "agrees"
     assert right["causal"].steps == each.recording.steps + 1
 
-    def wrong(name: str) -> None:
-        optimum = getattr(optimum_agreement, name)
+    def wrong(optimum: Estimator, recording: Recording) -> Estimate:
+        return shifted(optimum(recording), 0.5)
 
-        def with_error(recording: Recording) -> Estimate:
-            return shifted(optimum(recording), 0.5)
-
-        monkeypatch.setattr(optimum_agreement, name, with_error)
-
-    wrong("batch")
-    wrong("causal")
+    for optimum in (batch, causal):
+        monkeypatch.setattr(optimum_agreement, optimum.__name__, partial(wrong, optimum))
     found = {outcome.estimator: outcome for outcome in judge_optima(each)}
     assert found["batch"].verdict == "worse"
     assert found["causal"].steps_off > 0.9 * each.recording.steps

@@ -29,7 +29,6 @@ SMALLEST = {
         "riekf ",
         "causal steps:",
     ),
-    "compile_times": ("--only=--version", "command first [s] kernels again [s]", "--version "),
     "consistency_test": (  # 4 s
         "--runs 1 --twins 3 --set trajectory.duration=2 --estimators riekf --q 1,1.5",
         "estimator tested sigmas consistent overconfident too cautious",

@@ -14,6 +14,7 @@ from slamgauge.graph_baseline.solver.levenberg_marquardt import damped_descent, 
 from slamgauge.graph_baseline.solver.search import is_low
 from tests.reference.agreement import COST_BAR
 from tests.reference.drawn_recordings import draw
+from tests.reference.given import given
 from tests.reference.least_squares import Model, placed_only
 from tests.reference.optimum_agreement import judge_optima, lowest, of_estimate
 
@@ -27,8 +28,7 @@ INCONSISTENT = "landmarks with inconsistent bearings are left out: an optimum wi
 @pytest.mark.xfail(strict=True, raises=AssertionError, reason=INCONSISTENT)
 def test_bearings_correct_the_path_from_which_they_place_landmarks():
     each = draw(2027, 814)
-    assert each.recording.landmark is not None
-    assert set(batch(each.recording).landmark_ids) == set(each.recording.landmark)
+    assert set(batch(each.recording).landmark_ids) == set(given(each.recording.landmark))
 
 
 @pytest.mark.xfail(strict=True, raises=AssertionError, reason=INCONSISTENT)
@@ -36,8 +36,7 @@ def test_bearings_correct_the_path_from_which_they_place_landmarks():
 def test_a_landmark_that_is_placed_only_by_the_minimum_with_it_is_mapped(estimator: Estimator):
     """Its bearings do not cross from the path of the minimum without it."""
     each = draw(2032, 5)
-    assert each.recording.landmark is not None
-    assert set(estimator(each.recording).landmark_ids) == set(each.recording.landmark)
+    assert set(estimator(each.recording).landmark_ids) == set(given(each.recording.landmark))
 
 
 @pytest.mark.parametrize(
@@ -75,10 +74,8 @@ def test_batch_finds_the_minimum_of_bearings_that_a_single_descent_misses(number
     estimate = batch(each.recording)
     assert len(estimate.landmark_ids) == landmarks
     model = Model(placed_only(each.recording, estimate.landmark_ids))
-    assert each.truth.poses is not None
-    minimum = lowest(model, [model.start(model.relative(each.truth.poses)), of_estimate(model, estimate)])
-    assert minimum is not None and estimate.chi_square is not None
-    assert estimate.chi_square / 2 <= minimum.cost * (1 + COST_BAR)
+    minimum = lowest(model, [model.start(model.relative(given(each.truth.poses))), of_estimate(model, estimate)])
+    assert given(estimate.chi_square) / 2 <= given(minimum).cost * (1 + COST_BAR)
 
 
 @pytest.mark.parametrize("estimator", [batch, causal])
@@ -99,9 +96,7 @@ def test_descent_follows_a_bent_valley_by_rotations_of_the_motions():
 
 def test_batch_finds_the_minimum_of_sharp_ranges_that_lies_far_from_dead_reckoning():
     """The cost of dead reckoning is 1e8, and damped steps end in a minimum of 1.7e6."""
-    each = draw(2031, 20)
-    estimate = batch(each.recording)
-    assert estimate.chi_square is not None and estimate.chi_square < 100
+    assert given(batch(draw(2031, 20).recording).chi_square) < 100
 
 
 @pytest.mark.parametrize(("seed", "number"), [(2035, 38), (2040, 1540)])
@@ -111,8 +106,7 @@ def test_batch_finds_a_minimum_with_residuals_of_hundreds_of_sigmas(seed: int, n
     estimate = batch(each.recording)
     model = Model(each.recording)
     minimum = lowest(model, [of_estimate(model, estimate)])
-    assert minimum is not None and estimate.chi_square is not None
-    assert estimate.chi_square / 2 <= minimum.cost * (1 + 1e-9)
+    assert given(estimate.chi_square) / 2 <= given(minimum).cost * (1 + 1e-9)
 
 
 @pytest.mark.parametrize(
@@ -123,16 +117,14 @@ def test_batch_finds_a_minimum_with_residuals_of_hundreds_of_sigmas(seed: int, n
 def test_chord_steps_do_not_end_before_the_optimum(seed: int, number: int, steps: int):
     recording = draw(seed, number).recording.first(steps)
     optimum, estimate = batch(recording), causal(recording)
-    assert optimum.pose_covs is not None and estimate.pose_covs is not None
-    sigma, own = (np.sqrt(np.diag(each[steps])) for each in (optimum.pose_covs, estimate.pose_covs))
+    sigma, own = (np.sqrt(np.diag(given(each.pose_covs)[steps])) for each in (optimum, estimate))
     np.testing.assert_allclose(estimate.poses[steps] / sigma, optimum.poses[steps] / sigma, rtol=0, atol=5e-3)
     np.testing.assert_allclose(own, sigma, rtol=0.02)
 
 
 def test_the_check_of_a_causal_optimum_reports_a_landmark_that_only_batch_had_mapped():
     """At step 4 `batch` maps a landmark that the incremental optimum finds a step later."""
-    check = causal(draw(2038, 174).recording.first(6)).optimum_check
-    assert check is not None and check > 1.0
+    assert given(causal(draw(2038, 174).recording.first(6)).optimum_check) > 1.0
 
 
 def test_newton_steps_do_not_end_uphill():

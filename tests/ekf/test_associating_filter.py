@@ -22,10 +22,7 @@ from slamgauge.estimate import Estimate
 from slamgauge.recording import Observations, Recording
 from tests.marks import in_full
 from tests.reference.random_recordings import random_recording
-from tests.reference.textbook_association import (
-    Kind,
-    textbook_nearest_neighbour,
-)
+from tests.reference.textbook import Kind, textbook_nearest_neighbour
 
 pytestmark = pytest.mark.slow
 

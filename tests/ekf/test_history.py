@@ -20,6 +20,7 @@ from slamgauge.ekf.kernels.belief import NONE
 from slamgauge.ekf.settings import Initialisation
 from slamgauge.estimate import Estimate, MapHistory, RayLog
 from slamgauge.recording import Observations, Recording
+from tests.reference.given import given
 from tests.reference.random_recordings import random_recording
 
 INITIALISATIONS = pytest.mark.parametrize("initialisation", [Rays(), Delayed()], ids=["rays", "delayed"])
@@ -30,13 +31,11 @@ def ring() -> Recording:
 
 
 def history_of(estimate: Estimate) -> MapHistory:
-    assert estimate.history is not None
-    return estimate.history
+    return given(estimate.history)
 
 
 def rays_of(estimate: Estimate) -> RayLog:
-    assert estimate.rays is not None
-    return estimate.rays
+    return given(estimate.rays)
 
 
 # --- frames --------------------------------------------------------------------------------------

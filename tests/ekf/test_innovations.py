@@ -12,7 +12,7 @@ from scipy.stats import norm
 
 from slamgauge import Recording, UserError, load_scenario, riekf, simulate
 from slamgauge.ekf.innovations import Log, _run
-from tests.reference.random_recordings import bearing_only, with_rows
+from tests.reference.random_recordings import bearing_only
 
 
 def recording_of(*overrides: str, seed: int = 3) -> Recording:
@@ -49,7 +49,7 @@ def test_all_observations_of_the_first_step_of_a_landmark_carry_no_likelihood():
     first = np.flatnonzero(recording.observation_step == recording.observation_step[0])
     ids = recording.landmark
     assert ids is not None
-    twice = with_rows(recording, np.sort(np.concatenate([np.arange(len(ids)), first[:1]])))
+    twice = recording.only(np.sort(np.concatenate([np.arange(len(ids)), first[:1]])))
     found = innovations_of(twice)
     assert np.isnan(found.value[:2]).all()
     assert (found.log_likelihood[:2] == 0.0).all()

@@ -34,6 +34,7 @@ from slamgauge.estimate import Estimate
 from slamgauge.recording import Observations, Recording
 from slamgauge.truth import Truth
 from tests.marks import in_full
+from tests.reference.given import given
 from tests.reference.random_recordings import random_recording
 from tests.reference.textbook import PAIRS, fill_map
 
@@ -112,8 +113,7 @@ def test_the_gate_of_the_settings_equals_the_gate_of_update() -> None:
             slam.predict(recording.odometry[step - 1], recording.odometry_cov[step - 1])
         slam.update(scan, gate=6.0)
     np.testing.assert_array_equal(chosen.poses[-1], slam.pose)
-    assert chosen.association is not None
-    assert (chosen.association == -1).sum() > 5
+    assert (given(chosen.association) == -1).sum() > 5
 
 
 # --- accuracy and consistency --------------------------------------------------------------------
@@ -132,10 +132,8 @@ def judged(rate: float, robust: Robustness) -> tuple[float, float]:
     nees, ates = np.empty(RUNS), np.empty(RUNS)
     for run, (truth, recording) in enumerate(recorded(rate)):
         estimate = riekf(recording, FilterSettings(robust=robust))
-        assert truth.poses is not None
-        assert estimate.pose_covs is not None
-        errors: Float = pose_errors(truth.poses, estimate.poses)
-        nees[run] = squared_mahalanobis(errors, estimate.pose_covs)[10:].mean() / 3
+        errors: Float = pose_errors(given(truth.poses), estimate.poses)
+        nees[run] = squared_mahalanobis(errors, given(estimate.pose_covs))[10:].mean() / 3
         ates[run] = np.sqrt((errors[:, :2] ** 2).sum(axis=1).mean())
     return float(nees.mean()), float(ates.mean())
 

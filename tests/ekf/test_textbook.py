@@ -37,7 +37,7 @@ from slamgauge.ekf.textbook import (
     update,
 )
 from slamgauge.se2 import wrap
-from tests.reference.random_recordings import random_recording, recording_of, with_rows
+from tests.reference.random_recordings import random_recording, recording_of
 
 X = np.array([0.3, -0.2, 2.9, 1.5, 2.0, -0.6, -3.0])  # a robot that faces backwards, and two landmarks
 EQUAL = 1e-9  # largest difference, absolute up to 1 and relative above: sums in another order
@@ -114,7 +114,7 @@ def test_ekf_is_the_textbook_ekf_on_questions_1_and_2(name: str) -> None:
 
 def test_a_new_landmark_that_is_observed_twice_in_a_scan() -> None:
     _, recording = random_recording(2, steps=10)
-    repeated = with_rows(recording, np.repeat(np.arange(len(recording.observation)), 2))
+    repeated = recording.only(np.repeat(np.arange(len(recording.observation)), 2))
     assert_equal(ekf_slam(repeated), textbook_ekf(repeated))
 
 

@@ -18,6 +18,7 @@ from slamgauge.recording import Recording
 from slamgauge.se2 import between, rotation, wrap
 from slamgauge.sensors import Sensor
 from slamgauge.truth import Truth
+from tests.reference.given import given
 from tests.reference.jacobians import differentiate
 from tests.reference.random_recordings import bearing_only, random_recording
 
@@ -31,9 +32,7 @@ def small_run(
     """Return truth and recording of a random run with the landmark ids 0 to 3."""
     kind = "range-bearing" if sensor == "bearing" else sensor
     truth, recording = random_recording(seed, sensor=kind, slip=slip, noise=noise, steps=steps, landmarks=4)
-    assert truth.landmark_ids is not None
-    assert truth.association is not None
-    association = np.searchsorted(truth.landmark_ids, truth.association)
+    association = np.searchsorted(given(truth.landmark_ids), given(truth.association))
     truth = replace(truth, landmark_ids=np.arange(4), association=association)
     recording = replace(recording, landmark=association)
     return truth, bearing_only(recording) if sensor == "bearing" else recording
@@ -50,10 +49,8 @@ def predicted(sensor: str, pose: Float, landmark: Float) -> Float:
 
 def dense_information(truth: Truth, recording: Recording, last: int) -> Float:
     """Return the information about all poses and landmarks up to step `last`, by central differences at the truth."""
-    assert truth.poses is not None
-    assert truth.landmarks is not None
     assert truth.association is not None
-    poses, landmarks = truth.poses, truth.landmarks
+    poses, landmarks = given(truth.poses), given(truth.landmarks)
     size = 3 * len(poses)
     total = np.zeros((size + landmarks.size, size + landmarks.size))
     total[:3, :3] = np.linalg.inv(recording.prior_cov)
@@ -89,15 +86,13 @@ def test_bounds_are_blocks_of_the_inverse_information_at_the_truth(sensor: Senso
 def without_noise(truth: Truth, recording: Recording) -> Recording:
     """Return the measurements without noise, so that estimate and Jacobians of a filter stay at the truth."""
     assert truth.poses is not None
-    assert truth.landmarks is not None
-    assert truth.association is not None
-    observed = zip(recording.observation_step, truth.association, strict=True)
+    observed = zip(recording.observation_step, given(truth.association), strict=True)
     return replace(
         recording,
         prior_mean=truth.poses[0],
         odometry=between(truth.poses[:-1], truth.poses[1:]),
         observation=np.array(
-            [predicted(recording.sensor, truth.poses[k], truth.landmarks[name]) for k, name in observed]
+            [predicted(recording.sensor, truth.poses[k], given(truth.landmarks)[name]) for k, name in observed]
         ),
     )
 
@@ -139,8 +134,7 @@ def test_the_errors_of_the_optima_reach_the_bound_as_noise_shrinks(estimator: Es
     total = 0.0
     for seed in range(60):
         truth, recording = small_run(seed, "range-bearing", noise=0.1)
-        assert truth.poses is not None
-        error = estimator(recording).poses[-1] - truth.poses[-1]
+        error = estimator(recording).poses[-1] - given(truth.poses)[-1]
         error[2] = wrap(error[2])
         total += float(error @ np.linalg.solve(causal_bound(truth, recording)[-1], error))
     assert chi2.ppf(0.0005, 180) < total < chi2.ppf(0.9995, 180)

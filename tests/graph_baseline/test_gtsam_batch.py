@@ -18,6 +18,7 @@ from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline import UndeterminedError, batch
 from slamgauge.recording import Recording
+from tests.reference.given import given
 from tests.reference.random_recordings import recording_of
 from tests.reference.small_problems import Answer, answer, assert_same_covariances, pose_difference, sigmas_of
 
@@ -28,9 +29,7 @@ RANGE_BEARING = [name for name, _ in shipped_scenarios() if load_scenario(name).
 def recording_of_scenario(name: str, seed: int = 0) -> Recording:
     """Return the recording of a seed with true associations."""
     truth, recording = simulate(load_scenario(name), seed)
-    assert truth.association is not None
-    assert truth.misleading is not None
-    return recording.associated(np.where(truth.misleading, -1, truth.association))
+    return recording.associated(np.where(given(truth.misleading), -1, given(truth.association)))
 
 
 SOLVED: dict[bytes, tuple[Answer, Answer]] = {}  # scenarios of questions 1 to 3 share recordings

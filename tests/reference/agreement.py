@@ -23,6 +23,7 @@ from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.se2 import pose_rotation, wrap
+from tests.reference.given import given
 from tests.reference.textbook import PAIRS
 
 Verdict = Literal["agrees", "worse", "failed", "undecided", "not compared"]
@@ -138,11 +139,10 @@ def _textbook(recording: Recording, name: str, turn: float) -> Path | None:
 
 def _path(estimate: Estimate, origin: Float) -> Path:
     """Return the path of an estimate relative to an origin (3,) and in its frame."""
-    assert estimate.pose_covs is not None
     T = pose_rotation(origin[2])
     poses = (estimate.poses - origin) @ T
     poses[:, 2] = wrap(poses[:, 2])
-    variances = np.diagonal(T.T @ estimate.pose_covs @ T, axis1=1, axis2=2)
+    variances = np.diagonal(T.T @ given(estimate.pose_covs) @ T, axis1=1, axis2=2)
     return Path(poses, np.sqrt(np.maximum(variances, 0.0)))
 
 

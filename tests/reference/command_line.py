@@ -1,22 +1,18 @@
-"""The command line in tests: called in this process, in a new process, and with errors."""
+"""The command line in tests: called in this process and in a new process."""
 
 from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-import pytest
 
 from slamgauge.compare.cli.main import main
 
 # fifteen seconds with one loop closure, in a map of two landmarks
 SHORT = ("trajectory.duration=15", "trajectory.yaw_rate=0.5", "sensor.max_range=2.4")
-
-Module = Callable[[str], str]  # source code to import name
 
 
 def run(*arguments: object) -> int:
@@ -29,17 +25,12 @@ def command_after(preparation: str, *arguments: object) -> list[str]:
     return [sys.executable, "-c", code, *map(str, arguments)]
 
 
-def arrays(path: Path) -> dict[str, Any]:
-    with np.load(path, allow_pickle=False) as archive:
-        return dict(archive)
-
-
 def assert_equal_arrays(one: Path, other: Path) -> None:
     """Two npz files are equal to the last bit, except for computing times."""
-    first, second = arrays(one), arrays(other)
-    assert first.keys() == second.keys()
-    for field in first.keys() - {"seconds"}:
-        np.testing.assert_array_equal(first[field], second[field], field)
+    with np.load(one, allow_pickle=False) as first, np.load(other, allow_pickle=False) as second:
+        assert {*first.files} == {*second.files}
+        for field in {*first.files} - {"seconds"}:
+            np.testing.assert_array_equal(first[field], second[field], field)
 
 
 def metrics_of(folder: Path) -> dict[str, Any]:
@@ -49,26 +40,3 @@ def metrics_of(folder: Path) -> dict[str, Any]:
 def contents(folder: Path) -> dict[str, bytes | None]:
     """Return every path below a folder with the bytes of files."""
     return {str(path.relative_to(folder)): path.read_bytes() if path.is_file() else None for path in folder.rglob("*")}
-
-
-class Refuse(NamedTuple):
-    """Run a command that must fail without a change of files, and return its lines on standard error."""
-
-    out: Path
-    capsys: pytest.CaptureFixture[str]
-
-    def lines(self, *arguments: object, out: Path | None = None) -> list[str]:
-        self.capsys.readouterr()
-        before = contents(self.out.parent)
-        assert run(*arguments, "--out", out or self.out) == 2
-        printed = self.capsys.readouterr()
-        assert printed.out == ""
-        assert contents(self.out.parent) == before
-        assert printed.err.startswith("slamgauge: ")
-        assert "Traceback" not in printed.err
-        return printed.err.removeprefix("slamgauge: ").splitlines()
-
-    def line(self, *arguments: object, out: Path | None = None) -> str:
-        lines = self.lines(*arguments, out=out)
-        assert len(lines) == 1
-        return lines[0]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 
@@ -22,17 +22,7 @@ BIRTHS = (0, 5, 60)
 AGES = (12, 30, 70)  # [steps] at which a ray loses a member; at the last one it ends
 NOTED = np.unique(np.linspace(0, STEPS, 240).astype(int))
 BEARING_SIGMA = np.radians(5.0)
-
-
-class Row(NamedTuple):
-    """A row of a `MapHistory`."""
-
-    step: int
-    landmark: int
-    member: int
-    weight: float
-    position: Float
-    cov: Float
+Row = tuple[int, int, int, float, Float, Float]  # step, landmark, member, weight, position, covariance
 
 
 def half_loop() -> tuple[Truth, Recording]:
@@ -71,7 +61,7 @@ def estimate_with_rays(fates: Sequence[Fate] = ("point", "point", "point")) -> E
     for step in NOTED.tolist():
         for landmark, fate in enumerate(fates):
             if has_ended[landmark, step] and fate == "point":
-                rows.append(Row(step, landmark, -1, 1.0, LANDMARKS[landmark] + 0.2, 0.04 * np.eye(2)))
+                rows.append((step, landmark, -1, 1.0, LANDMARKS[landmark] + 0.2, 0.04 * np.eye(2)))
             rows += _ray(step, landmark, members[landmark, step], poses)
     mapped = [i for i, fate in enumerate(fates) if fate == "point"]
     return Estimate(
@@ -102,5 +92,5 @@ def _ray(step: int, landmark: int, members: int, poses: Float) -> list[Row]:
     for member in left:
         distance, weight = DISTANCES[member], (member + 1) / sum(each + 1 for each in left)
         spread = np.diag([0.3 * distance, BEARING_SIGMA * distance]) ** 2
-        rows.append(Row(step, landmark, member, weight, start[:2] + distance * along[:, 0], along @ spread @ along.T))
+        rows.append((step, landmark, member, weight, start[:2] + distance * along[:, 0], along @ spread @ along.T))
     return rows

@@ -21,6 +21,7 @@ from scipy.optimize import least_squares
 from slamgauge.arrays import Float, Int
 from slamgauge.recording import Recording
 from slamgauge.se2 import between, compose, pose_rotation, right_jacobian, rotation, wrap
+from tests.reference.given import given
 
 ARRIVED = 1e-8  # length of a step [standard deviations], over all unknowns
 EVALUATIONS = 400  # of the residuals, at most
@@ -58,10 +59,9 @@ class Model:
     """Maximum a posteriori problem of a recording with known association, with the prior's mean as origin."""
 
     def __init__(self, recording: Recording) -> None:
-        assert recording.landmark is not None
         self.recording = recording
         self.origin = recording.prior_mean[:2].copy()
-        self.ids, self.first, self.slot = np.unique(recording.landmark, return_index=True, return_inverse=True)
+        self.ids, self.first, self.slot = np.unique(given(recording.landmark), return_index=True, return_inverse=True)
         turn = pose_rotation(recording.prior_mean[2])
         covs = [turn.T @ recording.prior_cov @ turn, *recording.odometry_cov]
         self.roots = np.zeros((len(covs), 3, 3))  # padded with columns of zeros
@@ -251,8 +251,7 @@ class Model:
 
 def placed_only(recording: Recording, ids: Int) -> Recording:
     """Return the recording with the observations of the landmarks `ids` only."""
-    assert recording.landmark is not None
-    return recording.only(np.isin(recording.landmark, ids))
+    return recording.only(np.isin(given(recording.landmark), ids))
 
 
 def _log_se2(increment: Float) -> Float:

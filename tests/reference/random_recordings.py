@@ -20,18 +20,6 @@ def random_covariances(rng: np.random.Generator, count: int, sigmas: Float) -> F
     return A @ A.swapaxes(1, 2)
 
 
-def with_rows(recording: Recording, rows: Int) -> Recording:
-    """Return the recording with these rows of its observations, in this order; a row may occur twice."""
-    assert recording.landmark is not None
-    return replace(
-        recording,
-        observation_step=recording.observation_step[rows],
-        observation=recording.observation[rows],
-        observation_cov=recording.observation_cov[rows],
-        landmark=recording.landmark[rows],
-    )
-
-
 def noisy_bearings(pose: Float, landmarks: Float, ids: Int, rng: np.random.Generator, sigma: float) -> Observations:
     """Return one bearing of each of the landmarks (n, 2)."""
     offset = landmarks - pose[:2]

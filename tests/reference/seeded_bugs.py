@@ -107,7 +107,7 @@ def seeded_ekf(recording: Recording, bug: str = "") -> Estimate:
     """Run the textbook EKF with this bug, a key of `SEEDED`, or without a bug if empty."""
     x, P = recording.prior_mean, recording.prior_cov
     if bug == "inverse of the prior":
-        P = np.linalg.inv(np.linalg.inv(P))
+        P = np.asarray(np.linalg.inv(np.linalg.inv(P)), dtype=np.float64)
     if bug == "start with no uncertainty":
         P = np.zeros((3, 3))
     numbers, last_seen = dict[int, int](), dict[int, int]()  # by id

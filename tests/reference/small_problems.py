@@ -13,6 +13,7 @@ from slamgauge.graph_baseline import batch, cost
 from slamgauge.recording import Recording
 from slamgauge.se2 import wrap
 from slamgauge.truth import Truth
+from tests.reference.given import given
 from tests.reference.random_recordings import random_recording
 
 
@@ -28,15 +29,10 @@ class Answer(NamedTuple):
 
 def answer(estimate: Estimate) -> Answer:
     """Return the arrays of an estimate with landmarks in the order of their ids."""
-    assert estimate.pose_covs is not None
-    assert estimate.landmark_covs is not None
     order = np.argsort(estimate.landmark_ids)
+    covs = given(estimate.landmark_covs)[order]
     return Answer(
-        estimate.poses,
-        estimate.pose_covs,
-        estimate.landmark_ids[order],
-        estimate.landmarks[order],
-        estimate.landmark_covs[order],
+        estimate.poses, given(estimate.pose_covs), estimate.landmark_ids[order], estimate.landmarks[order], covs
     )
 
 

@@ -8,6 +8,8 @@ import numpy as np
 from scipy.io import savemat
 
 from slamgauge import Recording, Truth, load_scenario, simulate
+from slamgauge.compare.datasets.g2o_writer import write_g2o
+from tests.reference.random_recordings import recording_of
 from tests.reference.robot_logs import G2O, MRCLAM
 
 SHORT = ("trajectory.duration=6", "trajectory.step=0.1")
@@ -17,7 +19,7 @@ def write_published_logs(folder: Path) -> None:
     """Write `dataset2.mat`, `victoria_park.txt`, `graph.g2o` and `MRCLAM_Dataset1`."""
     truth, recording = simulate(load_scenario("q1-short-dense", SHORT), 1)
     savemat(folder / "dataset2.mat", lost_in_the_woods(truth, recording))
-    (folder / "victoria_park.txt").write_text(victoria_park(recording))
+    write_g2o(folder / "victoria_park.txt", recording_of("position"))
     (folder / "graph.g2o").write_text(G2O["graph.g2o"])
     (folder / "MRCLAM_Dataset1").mkdir()
     for file, text in MRCLAM.items():
@@ -50,16 +52,3 @@ def lost_in_the_woods(truth: Truth, recording: Recording) -> dict[str, object]:
         "v_var": 0.01,
         "om_var": 0.01,
     }
-
-
-def victoria_park(recording: Recording) -> str:
-    """Return edges between poses, and positions of trees in the body frame."""
-    assert recording.landmark is not None
-    edges = [
-        f"ODOMETRY {k} {k + 1} {dx} {dy} {turn} 1e-4 0 0 4e-6 0 4e-6"
-        for k, (dx, dy, turn) in enumerate(recording.odometry.tolist())
-    ]
-    reach, bearing = recording.observation.T
-    places = np.column_stack([reach * np.cos(bearing), reach * np.sin(bearing)]).tolist()
-    rows = zip(recording.observation_step.tolist(), recording.landmark.tolist(), places, strict=True)
-    return "\n".join([*edges, *(f"LANDMARK {step} {name} {x} {y} 0.4 0 0.4" for step, name, (x, y) in rows)])

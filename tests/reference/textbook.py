@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import Literal
 
@@ -24,7 +25,7 @@ from scipy.linalg import block_diag
 from scipy.optimize import least_squares
 
 from slamgauge.arrays import Float, Int
-from slamgauge.ekf import ekf_slam, fej_ekf, iekf, oc_ekf, riekf, textbook, textbook_ekf
+from slamgauge.ekf import Association, ekf_slam, fej_ekf, iekf, oc_ekf, riekf, textbook, textbook_ekf
 from slamgauge.ekf.kernels.belief import AT_POINT, Belief
 from slamgauge.ekf.kernels.linearisation import PROJECTED
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
@@ -32,7 +33,7 @@ from slamgauge.ekf.maps.map_state import NewEntries
 from slamgauge.ekf.textbook import J, Linearised
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
-from slamgauge.se2 import compose, mean_rotation, rotation, wrap
+from slamgauge.se2 import compose, exp, rotation, wrap
 from tests.reference.jacobians import differentiate
 
 Kind = Literal["standard", "first-estimates", "observable", "iterated", "invariant"]
@@ -81,7 +82,7 @@ class DenseFilter:
         return self.first if self.kind in ("first-estimates", "observable") else self.x
 
     def predict(self, increment: Float, Q: Float) -> None:
-        x = moved(self.x, increment)
+        x = np.concatenate([compose(self.x[:3], increment), self.x[3:]])
         F, G = np.eye(len(x)), np.zeros((len(x), 3))
         G[:3] = textbook.motion_jacobians(self.x, increment)[1]
         if self.kind == "invariant":
@@ -158,6 +159,29 @@ def _run(recording: Recording, tails: float = math.inf, *, kind: Kind) -> Estima
     return estimate_of(slam, np.array(ids, dtype=np.int64), steps, recording.landmark)
 
 
+def textbook_nearest_neighbour(recording: Recording, gate: float, kind: Kind) -> Estimate:
+    """Run a filter with nearest-neighbour association; landmark ids are 0, 1, ... in the order of their addition."""
+    if kind == "standard":
+        return textbook_ekf(replace(recording, landmark=None), Association(gate=gate))
+    slam = DenseFilter(recording.sensor, recording.prior_mean, recording.prior_cov, kind)
+    association, steps = list[int](), list[Step]()
+    for k, scan in enumerate(recording.scans()):
+        if k > 0:
+            slam.predict(recording.odometry[k - 1], recording.odometry_cov[k - 1])
+        nis, dof = 0.0, 0
+        for z, R in zip(scan.value, scan.cov, strict=True):
+            distances = slam.squared_distances(z, R)
+            if distances.min(initial=np.inf) <= gate:
+                slot = int(np.argmin(distances))
+                nis, dof = nis + slam.update([slot], z[None], R[None]), dof + 2
+            else:
+                slot = slam.landmark_count
+                slam.augment(z, R)
+            association.append(slot)
+        steps.append((slam.x[:3], slam.cov[:3, :3], nis, dof))
+    return estimate_of(slam, np.arange(slam.landmark_count), steps, np.array(association, dtype=np.int64))
+
+
 def estimate_of(slam: DenseFilter, ids: Int, steps: list[Step], association: Int) -> Estimate:
     """Return the estimate of a run; `ids` (L,) are the landmarks, `association` (M,) those of the observations."""
     poses, pose_covs, nis, dof = (np.array(each) for each in zip(*steps, strict=True))
@@ -209,10 +233,6 @@ def additive_from_invariant(x: Float) -> Float:
     for i in range(3, len(x), 2):
         D[i : i + 2, 2] = J @ x[i : i + 2]
     return D
-
-
-def moved(x: Float, increment: Float) -> Float:
-    return np.concatenate([compose(x[:3], increment), x[3:]])
 
 
 def block_diagonal(R: Float) -> Float:
@@ -274,7 +294,8 @@ def update_iterated(
 
 def exp_action(xi: Float, x: Float) -> Float:
     """Return exp(xi) acting from the left on robot and landmarks."""
-    R, V = rotation(xi[2]), mean_rotation(xi[2])
+    R = rotation(xi[2])
+    V = np.column_stack([exp([1.0, 0.0, xi[2]])[:2], exp([0.0, 1.0, xi[2]])[:2]])
     out = x.copy()
     out[:2] = R @ x[:2] + V @ xi[:2]
     out[2] = x[2] + xi[2]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 import signal
 import subprocess
 import time
@@ -16,9 +17,19 @@ from slamgauge.compare.cli.doctor import WARM_UPS, run_shortly
 from slamgauge.compare.storage.staged_folder import MARK
 from slamgauge.compare.studies.study import load_runs
 from slamgauge.errors import UserError
-from tests.reference.command_line import Refuse, command_after, contents
+from tests.reference.command_line import command_after, contents
 
 pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(params=["new folder", "older results"])
+def out(request: pytest.FixtureRequest, tmp_path: Path, stored: Path) -> Path:
+    """A folder that does not exist yet, and one with the results of a run."""
+    folder = tmp_path / "results/run"
+    folder.parent.mkdir()
+    if request.param == "older results":
+        shutil.copytree(stored, folder)
+    return folder
 
 
 def evaluate_with_room(stored: Path, out: Path, room: int) -> subprocess.CompletedProcess[str]:
@@ -29,22 +40,22 @@ def evaluate_with_room(stored: Path, out: Path, room: int) -> subprocess.Complet
     return subprocess.run(command_after(limit, *arguments), capture_output=True, text=True, check=False)
 
 
-def test_a_disk_that_is_full_costs_the_folder_but_not_the_table(stored: Path, refuse: Refuse):
-    before = contents(refuse.out.parent)
-    done = evaluate_with_room(stored, refuse.out, 2_000)
+def test_a_disk_that_is_full_costs_the_folder_but_not_the_table(stored: Path, out: Path):
+    before = contents(out.parent)
+    done = evaluate_with_room(stored, out, 2_000)
     assert (done.returncode, done.stdout.split()[0]) == (2, "estimator")
     assert re.fullmatch(r"slamgauge: \S+: cannot be written \(File too large\); check .*\n", done.stderr)
-    assert contents(refuse.out.parent) == before
+    assert contents(out.parent) == before
 
 
-def test_a_disk_that_fills_up_at_the_figure_costs_that_alone(stored: Path, refuse: Refuse):
-    done = evaluate_with_room(stored, refuse.out, 100_000)
+def test_a_disk_that_fills_up_at_the_figure_costs_that_alone(stored: Path, out: Path):
+    done = evaluate_with_room(stored, out, 100_000)
     assert (done.returncode, done.stdout.split()[0]) == (1, "estimator")
     lost, written = done.stderr.splitlines()
-    expected = rf"slamgauge: {refuse.out}/figure: not written \(OSError: .*too large.*all other files are written"
+    expected = rf"slamgauge: {out}/figure: not written \(OSError: .*too large.*all other files are written"
     assert re.fullmatch(expected, lost)
-    assert written == f"written to {refuse.out}"
-    assert {path.name for path in refuse.out.iterdir()} == {
+    assert written == f"written to {out}"
+    assert {path.name for path in out.iterdir()} == {
         *("recording.npz", "truth.npz", "metrics.json", "estimates", "trajectories", MARK)
     }
 
@@ -71,17 +82,17 @@ INTERRUPTED = "slamgauge: interrupted; the same command runs again, a study from
 
 
 @pytest.mark.parametrize(
-    ("refuse", "number", "status"),
+    ("out", "number", "status"),
     [("new folder", signal.SIGINT, 130), ("older results", signal.SIGTERM, 143), ("older results", signal.SIGHUP, 129)],
-    indirect=["refuse"],
+    indirect=["out"],
 )
-def test_a_run_that_is_interrupted_or_terminated_leaves_nothing_behind(refuse: Refuse, number: int, status: int):
-    before = contents(refuse.out.parent)
+def test_a_run_that_is_interrupted_or_terminated_leaves_nothing_behind(out: Path, number: int, status: int):
+    before = contents(out.parent)
     run_shortly(*WARM_UPS["graph"])  # compilation sometimes swallows an interrupt
-    words = ("run", "q1-long-dense", "--set", "trajectory.duration=500", "--estimators", "causal", "--out", refuse.out)
-    ended = signalled(number, lambda: contents(refuse.out.parent) != before, *words)  # the staging folder exists
+    words = ("run", "q1-long-dense", "--set", "trajectory.duration=500", "--estimators", "causal", "--out", out)
+    ended = signalled(number, lambda: contents(out.parent) != before, *words)  # the staging folder exists
     assert ended == (status, "", INTERRUPTED)
-    assert contents(refuse.out.parent) == before
+    assert contents(out.parent) == before
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -93,7 +104,7 @@ def test_a_study_that_is_interrupted_keeps_its_finished_runs(tmp_path: Path, num
             return len(load_runs("q1-short-dense", 10_000, 0, ["dead-reckoning"], tmp_path / "study").popitem()[1].run)
         return 0
 
-    status, out, err = signalled(number, lambda: stored() > 0, *words, "--out", tmp_path / "study")
-    assert (status, out, err.splitlines(keepends=True)[-1]) == (128 + number, "", INTERRUPTED)
+    status, printed, err = signalled(number, lambda: stored() > 0, *words, "--out", tmp_path / "study")
+    assert (status, printed, err.splitlines(keepends=True)[-1]) == (128 + number, "", INTERRUPTED)
     assert stored() > 0
     assert {path.name for path in (tmp_path / "study").iterdir()} <= {MARK, "study.sqlite", "study.sqlite-lock"}

@@ -1,4 +1,4 @@
-"""Two runs of a command write equal results, apart from measured times, which have their own arrays, keys and cells."""
+"""Two runs of a command, and `evaluate` after `run`, write equal results, apart from measured times."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from slamgauge.compare.cli.main import main
-from tests.reference.command_line import assert_equal_arrays
+from tests.reference.command_line import assert_equal_arrays, metrics_of
 from tests.reference.fast_commands import studies_in_a_thread
 
 pytestmark = pytest.mark.slow
@@ -17,12 +17,13 @@ pytestmark = pytest.mark.slow
 SHORT = ("q1-short-dense", "--set", "trajectory.duration=3")
 COMMANDS = (
     ("run", *SHORT, "--estimators", "ekf,causal", "--out", "run"),
-    ("evaluate", "run/recording.npz", "--truth", "run/truth.npz", "--estimators", "ekf", "--out", "evaluation"),
+    ("evaluate", "run/recording.npz", "--estimators", "ekf,causal", "--out", "evaluation"),
     ("study", *SHORT, "--runs", "3", "--estimators", "ekf,riekf", "--jobs", "2", "--out", "study"),
 )
 WITH_TIMES = {  # every other file is equal byte by byte
     *("run/metrics.json", "run/report.html", "run/estimates/ekf.npz", "run/estimates/causal.npz"),
-    *("evaluation/metrics.json", "evaluation/report.html", "evaluation/estimates/ekf.npz"),
+    *("evaluation/metrics.json", "evaluation/report.html"),
+    *("evaluation/estimates/ekf.npz", "evaluation/estimates/causal.npz"),
     *("study/summary.json", "study/study.sqlite"),
 }
 
@@ -50,3 +51,9 @@ def test_only_times_differ(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
             assert without_times(json.loads(first[name])) == without_times(json.loads(second[name]))
         if name.endswith(".npz"):
             assert_equal_arrays(*(tmp_path / folder / name for folder in ("first", "second")))
+    folders = [tmp_path / "first" / each for each in ("run", "evaluation")]
+    for name in ("ekf", "causal"):
+        assert_equal_arrays(*(folder / f"estimates/{name}.npz" for folder in folders))
+    ran, evaluated = (without_times(metrics_of(folder)) for folder in folders)
+    assert [evaluated[key] for key in ("digest", "truth", "scenario", "seed")] == [ran["digest"], True, None, None]
+    assert evaluated["estimators"] == ran["estimators"]

@@ -1,4 +1,4 @@
-"""Tables fit pipes and terminals, colours stay on terminals, and poor or closed streams do no harm."""
+"""Tables fit pipes and terminals, and poor or closed streams do no harm."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import re
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -53,30 +52,10 @@ def test_tables_fit_pipes_and_terminals(
     assert "mapped landmarks" in whole[0]
     assert not any("\x1b" in line for line in (*lines, *whole))
     monkeypatch.setattr(terminal.sys.stdout, "isatty", lambda: True, raising=False)
-    monkeypatch.setenv("NO_COLOR", "1")
     monkeypatch.setenv("COLUMNS", "250")
     assert "mapped landmarks" in printed(capsys, *study)[0]
     monkeypatch.setenv("COLUMNS", "60")  # no terminal is taken for narrower than 80
     assert len(printed(capsys, *study)[0]) > 60
-
-
-@pytest.mark.parametrize(
-    ("variable", "value", "is_terminal", "coloured"),
-    [
-        ("TERM", "xterm", True, True),
-        ("NO_COLOR", "1", True, False),
-        ("TERM", "dumb", True, False),
-        ("TERM", "xterm", False, False),
-    ],
-)
-def test_colours(
-    variable: str, value: str, is_terminal: bool, coloured: bool, capsys: Any, monkeypatch: pytest.MonkeyPatch
-):
-    for name, given in ({"TERM": "xterm", "NO_COLOR": ""} | {variable: value}).items():
-        monkeypatch.setenv(name, given)
-    monkeypatch.setattr(terminal.sys.stdout, "isatty", lambda: is_terminal, raising=False)
-    assert main(["check", "dead-reckoning"]) in (0, 1)
-    assert capsys.readouterr().out.startswith("\x1b[1mcheck") == coloured
 
 
 def test_a_poor_encoding_and_no_home(study: list[str]):

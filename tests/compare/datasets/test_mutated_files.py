@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from slamgauge.compare.datasets.csv_log import read_csv_log
 from slamgauge.compare.datasets.g2o import read_g2o
-from slamgauge.compare.datasets.mrclam import read_mrclam
+from slamgauge.compare.datasets.published import read_mrclam
 from slamgauge.compare.estimators.stored_trajectory import load_stored
 from slamgauge.compare.storage.csv_folder import write_recording_csv
 from slamgauge.compare.storage.files import load_recording, save

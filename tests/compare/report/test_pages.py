@@ -39,7 +39,6 @@ from slamgauge.compare.report.study_pages import command_of_run
 from slamgauge.compare.studies.stored_study import load_study
 from slamgauge.compare.studies.summary import Request, Summary
 from slamgauge.errors import UserError
-from tests.reference import external_programs
 from tests.reference.result_folders import SCRIPT_NAME, USER_NAME, WRITE
 
 pytestmark = pytest.mark.slow
@@ -58,13 +57,25 @@ return [table.querySelector('th[aria-sort]').getAttribute('aria-sort'),
   [...table.tBodies[0].rows].map((row) => row.cells[arguments[0]].dataset.value ?? null)];"""
 
 
+def installed(package: str, *names: str) -> str:
+    """Return the path of the first installed program of these names; CONTRIBUTING.md lists them.
+
+    Without one the test is skipped, or fails with SLAMGAUGE_PROGRAMS=required, which `.ci/run` sets.
+    """
+    found = next(filter(None, map(shutil.which, names)), None)
+    if found is None:
+        end = pytest.fail if os.environ.get("SLAMGAUGE_PROGRAMS") == "required" else pytest.skip
+        end(f"no {names[0]} on the PATH; install Debian's package {package}")
+    return found
+
+
 @pytest.fixture(scope="module")
 def browser() -> Generator[webdriver.Chrome]:
     """A browser that logs console messages, also those about anything that the policy of a page forbids."""
-    driver = external_programs.program("chromium-driver", "chromedriver")
+    driver = installed("chromium-driver", "chromedriver")
     os.environ.update(SE_OFFLINE="true", SE_AVOID_STATS="true")
     options = webdriver.ChromeOptions()
-    options.binary_location = external_programs.program("chromium", "chromium", "chromium-browser", "google-chrome")
+    options.binary_location = installed("chromium", "chromium", "chromium-browser", "google-chrome")
     for argument in ("--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage"):
         options.add_argument(argument)
     options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
@@ -135,7 +146,7 @@ def test_the_script_evaluates_nothing_and_loads_nothing():
 
 
 def test_typescript_finds_no_error_in_the_modules():
-    words = [external_programs.program("node-typescript", "tsc"), "-p", "jsconfig.json", "--noEmit", "--listFiles"]
+    words = [installed("node-typescript", "tsc"), "-p", "jsconfig.json", "--noEmit", "--listFiles"]
     found = subprocess.run(words, cwd=str(ASSETS), capture_output=True, text=True, check=False).stdout.splitlines()
     assert {Path(line).stem for line in found if line.endswith(".js")} == set(MODULES)
     assert [line for line in found if not line.endswith((".js", ".d.ts"))] == []

@@ -1,4 +1,4 @@
-"""The simulator: exact truth on every kind of path, random maps, independent random streams, and stated noise.
+"""The simulator: exact truth on every kind of path, random maps, independent random streams, stated noise and errors.
 
 Statistical tests use fixed seeds and two-sided bounds that a right simulator exceeds once in 10 000.
 """
@@ -10,20 +10,26 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.stats import chi2
+from scipy.stats import binom, chi2, poisson
 
 from slamgauge.arrays import Float, Int
 from slamgauge.compare.scenarios.scenario import Scenario, load_scenario, shipped_scenarios
 from slamgauge.compare.scenarios.simulation import simulate
 from slamgauge.compare.scenarios.trajectory import Segments
+from slamgauge.compare.storage.files import load_truth, save
 from slamgauge.compare.studies.store import digest
 from slamgauge.recording import Recording
 from slamgauge.se2 import between, chain, in_body, rotation, wrap
+from slamgauge.truth import NOBODY, Truth
 from tests.reference.given import given
 
-from .conftest import FALSE_ALARM_RATE, run
+FALSE_ALARM_RATE = 1e-4  # probability that a right simulator fails a statistical test
 
 POSITION = "sensor={kind='position', max_range=10, sigma_position=0.2}"
+
+
+def run(*overrides: str, seed: int = 3) -> tuple[Truth, Recording]:
+    return simulate(load_scenario("q1-short-dense", overrides), seed)
 
 
 def scenario(*overrides: str) -> Scenario:
@@ -60,36 +66,6 @@ def test_a_map_without_landmarks():
     assert recording.observation.shape == (0, 2)
 
 
-def test_a_seed_gives_the_same_run_and_another_seed_another():
-    (truth, first), (again_truth, again) = simulate(scenario(), 7), simulate(scenario(), 7)
-    np.testing.assert_array_equal(first.odometry, again.odometry)
-    np.testing.assert_array_equal(first.observation, again.observation)
-    np.testing.assert_array_equal(truth.poses, again_truth.poses)
-    assert not np.array_equal(first.odometry, simulate(scenario(), 8)[1].odometry)
-
-
-def test_the_map_and_the_start_do_not_change_the_odometry():
-    _, dense = simulate(scenario("start=sampled"), 3)
-    _, sparse = simulate(load_scenario("q1-long-sparse", ["start=mean"]), 3)
-    np.testing.assert_array_equal(dense.odometry, sparse.odometry)
-
-
-@pytest.mark.parametrize("overrides", [(), (POSITION,)])
-def test_an_added_landmark_does_not_change_the_noise_of_the_others(overrides: tuple[str, ...]):
-    small = scenario(*overrides)
-    positions = [list(position) for position in small.landmarks.positions]
-    _, before = simulate(small, 5)
-    _, after = simulate(scenario(*overrides, f"landmarks.positions={[*positions, [1.0, 5.0]]}"), 5)
-    old = given(after.landmark) < len(positions)
-    assert not old.all()
-    np.testing.assert_array_equal(after.observation[old], before.observation)
-
-
-def test_a_negative_seed_is_refused():
-    with pytest.raises(ValueError, match="seed: -1 is not valid; use a whole number >= 0"):
-        simulate(scenario(), -1)
-
-
 def test_noise_has_the_stated_size_and_no_mean():
     truth, recording = simulate(scenario(POSITION), 11)
     path, seen = given(truth.poses), recording.observation_step
@@ -102,17 +78,18 @@ def test_noise_has_the_stated_size_and_no_mean():
 
 
 def test_estimators_receive_the_scaled_covariances():
+    """`tests/test_questions.py` shows that measurements do not change."""
     _, recording = simulate(scenario("assumed.motion_scale=10", "assumed.sensor_scale=0.1"), 0)
-    _, plain = simulate(scenario(), 0)
     np.testing.assert_allclose(recording.odometry_cov[-1], np.diag([10 * 0.03**2, 0, 10 * np.deg2rad(0.3) ** 2]))
     np.testing.assert_allclose(recording.observation_cov[-1], np.diag([0.1 * 0.1**2, 0.1 * np.deg2rad(5) ** 2]))
-    np.testing.assert_array_equal(recording.odometry, plain.odometry)
-    np.testing.assert_array_equal(recording.observation, plain.observation)
     np.testing.assert_allclose(recording.prior_cov, np.diag([0.01, 0.01, 0.0001]))
 
 
 def before(scenario: Scenario, seed: int) -> tuple[Float, Float, Float, list[Int]]:
-    """Return path, odometry, observations, and their steps and landmarks, simulated without options."""
+    """Return path, odometry, observations, and their steps and landmarks, simulated without options.
+
+    Start, motion and each landmark have a random stream of their own, so that none changes the draws of another.
+    """
     start, motion, sensor = np.random.SeedSequence(seed).spawn(3)
     assert isinstance(scenario.trajectory, Segments)
     dt, mean = scenario.trajectory.step, np.array(scenario.prior.mean)
@@ -170,8 +147,7 @@ def test_the_noise_of_the_octave_course() -> None:
 
 def moved(trajectory: str, *overrides: str) -> tuple[Float, Recording]:
     truth, recording = run("start=mean", f"trajectory={trajectory}", *overrides)
-    assert truth.poses is not None
-    return truth.poses, recording
+    return given(truth.poses), recording
 
 
 def test_waypoints_are_reached_exactly_and_speeds_are_limited() -> None:
@@ -202,8 +178,7 @@ def test_a_path_of_a_file_keeps_its_poses_and_stamps(tmp_path: Path) -> None:
     )
     scenario = load_scenario(tmp_path / "my.toml", ["start=mean"])
     truth, recording = simulate(scenario, 0)
-    assert truth.poses is not None
-    np.testing.assert_allclose(truth.poses, [[1, 2, 3], [1.5, 2, -3], [2, 2.5, -2]], atol=1e-12)
+    np.testing.assert_allclose(given(truth.poses), [[1, 2, 3], [1.5, 2, -3], [2, 2.5, -2]], atol=1e-12)
     np.testing.assert_array_equal(recording.stamps, [5, 5.5, 6.5])
     np.testing.assert_allclose(np.sqrt(recording.odometry_cov[:, 0, 0]), [0.15, 0.3])
     assert scenario.trajectory.step == 0.75
@@ -220,11 +195,106 @@ def test_random_landmarks_are_the_same_map_in_every_run() -> None:
     chosen = "landmarks={random={count=40, box=[-5, 0, 5, 20], seed=4, min_distance=1}}"
     (one, _), (other, _) = run(chosen), run(chosen, seed=9)
     np.testing.assert_array_equal(one.landmarks, other.landmarks)
-    assert one.landmarks is not None
-    apart = np.linalg.norm(one.landmarks[:, None] - one.landmarks, axis=2)[np.triu_indices(40, 1)]
+    landmarks = given(one.landmarks)
+    apart = np.linalg.norm(landmarks[:, None] - landmarks, axis=2)[np.triu_indices(40, 1)]
     assert apart.min() >= 1.0
-    assert (one.landmarks >= [-5, 0]).all()
-    assert (one.landmarks <= [5, 20]).all()
-    more = run(chosen.replace("40", "41"))[0].landmarks
-    assert more is not None
-    np.testing.assert_array_equal(more[:40], one.landmarks)
+    assert (landmarks >= [-5, 0]).all()
+    assert (landmarks <= [5, 20]).all()
+    np.testing.assert_array_equal(given(run(chosen.replace("40", "41"))[0].landmarks)[:40], landmarks)
+
+
+# --- errors of measurements that no estimator receives: none of them changes other draws -----------
+
+OUTLIERS = ("sensor.outlier_rate=0.1",)
+CLUTTER = ("sensor.clutter_rate=0.5",)
+
+
+@pytest.mark.parametrize(
+    "option", [*OUTLIERS, "sensor.outlier_rate=1", *CLUTTER, "sensor.detection_probability=0.5", "motion.slip_rate=0.2"]
+)
+def test_an_option_changes_no_other_draws(option: str) -> None:
+    plain_truth, plain = run("start=sampled")
+    truth, recording = run("start=sampled", option)
+    np.testing.assert_array_equal(truth.poses, plain_truth.poses)
+    sound = np.flatnonzero(~truth.misleading) if truth.misleading is not None else np.arange(0)
+    rows = {
+        key: row for row, key in enumerate(zip(plain.observation_step, given(plain_truth.association), strict=True))
+    }
+    same = [rows[recording.observation_step[i], given(truth.association)[i]] for i in sound]
+    np.testing.assert_array_equal(recording.observation[sound], plain.observation[same])
+    if not option.startswith("motion"):
+        np.testing.assert_array_equal(recording.odometry, plain.odometry)
+        assert recording != plain
+
+
+def test_a_higher_rate_keeps_the_outliers_of_a_lower_rate() -> None:
+    few, many = (given(run(f"sensor.outlier_rate={rate}")[0].outlier) for rate in (0.02, 0.1))
+    assert many[few].all()
+    assert 0 < few.sum() < many.sum()
+
+
+def assert_count(count: int, trials: int, probability: float) -> None:
+    low, high = binom.ppf([FALSE_ALARM_RATE / 2, 1 - FALSE_ALARM_RATE / 2], trials, probability)
+    assert low <= count <= high
+
+
+def test_outliers_have_the_stated_rate_and_are_uniform() -> None:
+    truth, recording = run(*OUTLIERS, "sensor.field_of_view_deg=180", "sensor.min_range=1")
+    outlier = given(truth.outlier)
+    assert_count(int(outlier.sum()), len(outlier), 0.1)
+    ranges, bearings = recording.observation[outlier].T
+    assert 1.0 <= ranges.min() < 2.0 < 9.0 < ranges.max() <= 10.0
+    assert_count(int((bearings > 0).sum()), len(bearings), 0.5)
+    assert 1.4 < np.abs(bearings).max() <= np.pi / 2
+
+
+def test_wide_outliers_have_ten_times_the_noise() -> None:
+    truth, recording = run("sensor.outlier_rate=1", "sensor.outlier=wide", "sensor.min_range=5")
+    offsets = given(truth.landmarks)[truth.association] - given(truth.poses)[recording.observation_step, :2]
+    noise = (recording.observation[:, 0] - np.hypot(*offsets.T)) / 1.0
+    assert abs(noise.std() - 1.0) < 3.9 / np.sqrt(2 * len(noise))
+
+
+def test_clutter_is_of_no_landmark_and_has_new_ids() -> None:
+    truth, recording = run(*CLUTTER, "sensor.first_step=10")
+    association, ids = given(truth.association), given(recording.landmark)
+    clutter = association == NOBODY
+    mean = 0.5 * (recording.steps + 1 - 10)
+    low, high = poisson.ppf([FALSE_ALARM_RATE / 2, 1 - FALSE_ALARM_RATE / 2], mean)
+    assert low <= clutter.sum() <= high
+    assert recording.observation_step.min() >= 10
+    assert not np.isin(ids[clutter], given(truth.landmark_ids)).any()
+    assert len(np.unique(ids[clutter])) == clutter.sum()
+    np.testing.assert_array_equal(ids[~clutter], association[~clutter])
+    assert recording.observation[clutter, 0].max() <= 10.0
+
+
+def test_field_of_view_and_detection_probability() -> None:
+    truth, recording = run("sensor.field_of_view_deg=120", "sensor.sigma_bearing_deg=0.01")
+    assert 1.0 < np.abs(recording.observation[:, 1]).max() < np.deg2rad(60.1)
+    some = len(run("sensor.detection_probability=0.3")[1].observation)
+    assert_count(some, len(run()[1].observation), 0.3)
+    assert truth.outlier is None
+
+
+def test_odometry_has_the_stated_errors() -> None:
+    plain = run()[1].odometry
+    longer = run("motion.scale_error=0.02")[1].odometry
+    np.testing.assert_allclose(longer - plain, np.tile([0.002, 0.0, 0.0], (len(plain), 1)), atol=1e-15)
+    turned = run("motion.turn_bias_per_metre=-0.1")[1].odometry
+    np.testing.assert_allclose(turned - plain, np.tile([0.0, 0.0, -0.01], (len(plain), 1)), atol=1e-15)
+    slipped = run("motion.slip_rate=0.2")[1].odometry - plain
+    slips = slipped[:, 0] > 1e-12
+    assert_count(int(slips.sum()), len(slips), 0.2)
+    assert slipped[:, 0].max() <= 0.1 + 1e-12
+    np.testing.assert_array_equal(slipped[~slips][:, 0].round(12), 0.0)
+    np.testing.assert_allclose(slipped[:, 1:], 0.0, atol=1e-15)
+
+
+def test_outliers_of_a_truth_are_stored_if_it_has_them(tmp_path: Path) -> None:
+    for name, overrides in (("with", OUTLIERS), ("without", ())):
+        truth, _ = run(*overrides)
+        save(tmp_path / f"{name}.npz", truth)
+        assert load_truth(tmp_path / f"{name}.npz") == truth
+        with np.load(tmp_path / f"{name}.npz") as file:
+            assert ("outlier" in file.files) == (name == "with")

@@ -8,15 +8,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from slamgauge.arrays import Float
 from slamgauge.compare.scoring.catalogue import STORED
-from slamgauge.compare.scoring.consistency import (
-    FARTHEST,
-    SINGULAR,
-    chi2_band,
-    is_inside,
-    squared_mahalanobis,
-)
+from slamgauge.compare.scoring.consistency import FARTHEST, SINGULAR, chi2_band, is_inside, squared_mahalanobis
 from slamgauge.compare.scoring.runs import FIRST_STEP, SERIES, Runs
 from slamgauge.compare.scoring.scores import evaluate
 from slamgauge.compare.studies.summary import summarise
@@ -29,30 +22,21 @@ STEPS = 20_000
 COV = np.array([[0.04, 0.01, 0.002], [0.01, 0.09, -0.003], [0.002, -0.003, 0.0025]])
 
 
-def errors_and_covs(count: int, scales: list[list[float]], seed: int) -> tuple[Float, Float]:
-    """Return errors (count, 3) drawn from random covariances (count, 3, 3)."""
-    rng = np.random.default_rng(seed)
-    A = rng.normal(size=(count, 3, 3)) * scales
-    return np.einsum("nij,nj->ni", A, rng.normal(size=(count, 3))), A @ A.swapaxes(1, 2)
-
-
 def test_distance_agrees_with_the_inverse_in_any_units() -> None:
-    errors, covs = errors_and_covs(50, [[1e4], [1.0], [1e-6]], 0)
+    rng = np.random.default_rng(0)
+    A = rng.normal(size=(50, 3, 3)) * [[1e4], [1.0], [1e-6]]
+    errors, covs = np.einsum("nij,nj->ni", A, rng.normal(size=(50, 3))), A @ A.swapaxes(1, 2)
     units = np.array([1e-4, 1.0, 1e6])
     pairs = [*zip(errors * units, covs * units[:, None] * units, strict=True)]
     assert squared_mahalanobis(errors, covs) == pytest.approx([e @ np.linalg.inv(P) @ e for e, P in pairs], rel=1e-6)
 
 
-def test_a_singular_covariance_has_no_distance() -> None:
+def test_a_singular_covariance_has_no_distance_and_distances_are_limited() -> None:
     nearly = [[1, 1 - SINGULAR / 2, 0], [1 - SINGULAR / 2, 1, 0], [0, 0, 1]]  # an eigenvalue of half the limit
     covs = np.array([np.diag([1, 1, 0.0]), nearly, np.eye(3), np.full((3, 3), np.nan), np.diag([1e-12, 1, 1e6])])
     found = squared_mahalanobis(np.ones((5, 3)), covs)
     assert found == pytest.approx([np.nan, np.nan, 3, np.nan, 1e12 + 1], nan_ok=True)
-
-
-def test_distances_are_limited() -> None:
-    distances = squared_mahalanobis(np.full((2, 3), 1e9), np.array([np.eye(3) * 1e-307, np.eye(3)]))
-    assert distances == pytest.approx([FARTHEST, 3e18])
+    assert squared_mahalanobis(np.full((1, 3), 1e9), np.eye(3)[None] * 1e-307) == FARTHEST
 
 
 @pytest.mark.parametrize(("size", "ratio"), [(1e-12, None), (1e-8, pytest.approx(3.0))])
@@ -66,12 +50,8 @@ def test_nothing_is_divided_by_the_rounding_errors_of_an_optimum(size: float, ra
 def test_the_chi_square_band_equals_published_nees_bounds(runs: int, low: float, high: float) -> None:
     band = chi2_band(0.95, 3 * runs)
     assert (band[0] / runs, band[1] / runs) == pytest.approx((low, high), abs=0.006)
-
-
-@pytest.mark.parametrize("arguments", [(0.0, 3), (1.0, 3), (95, 3), (0.95, 0), (0.95, math.nan)])
-def test_the_chi_square_band_refuses_invalid_levels_and_degrees_of_freedom(arguments: tuple[float, float]) -> None:
-    with pytest.raises(ValueError, match=r"^(level|dof) = "):
-        chi2_band(*arguments)
+    with pytest.raises(ValueError, match=r"^dof = "):
+        chi2_band(0.95, math.nan)
 
 
 # --- coverage of a path --------------------------------------------------------------------------

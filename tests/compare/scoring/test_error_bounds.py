@@ -22,15 +22,12 @@ from .builders import straight
 STEPS = 30
 
 
-def resting_run(seed: int, *, claimed: float = 1.0, nis_scale: float = 1.0) -> Score:
-    """Return the score of one step with random pose errors and white innovations, 2 degrees of freedom a step.
-
-    Standard deviations are `claimed` times too large, and the reported NIS is `nis_scale` times too large.
-    """
+def resting_run(seed: int) -> Score:
+    """Return the score of one step with random pose errors and white innovations, 2 degrees of freedom a step."""
     rng = np.random.default_rng(seed)
     sigmas = np.array([1.0, 2.0, 0.1])  # heading errors far from pi
-    errors, covs = sigmas * rng.normal(size=(2, 3)), np.tile(np.diag(claimed * sigmas) ** 2, (2, 1, 1))
-    estimate = Estimate("filtered", errors, covs, nis=nis_scale * rng.chisquare(2, size=2), nis_dof=np.array([2, 2]))
+    errors, covs = sigmas * rng.normal(size=(2, 3)), np.tile(np.diag(sigmas) ** 2, (2, 1, 1))
+    estimate = Estimate("filtered", errors, covs, nis=rng.chisquare(2, size=2), nis_dof=np.array([2, 2]))
     return evaluate(Truth(np.zeros((2, 3))), straight(1), estimate)
 
 
@@ -61,23 +58,20 @@ def test_bounds_that_hold_raise_nothing_and_every_other_one_is_shown_with_its_fi
         "the estimator is too sure",
         "  NIS = 0.0025 is outside [0.05175, 3.715], the 99 % chi-square band: the estimator is too cautious",
     ]
-
-
-def test_means_over_runs_are_compared() -> None:
-    scores = [with_figures(ate_m=1.0), with_figures(ate_m=2.0)]
-    assert_error_bounds(scores, max_ate_m=1.5)
-    message = failure(scores, max_ate_m=1.4)
-    assert "ate_m = 1.5 (mean of 2 runs) exceeds max_ate_m = 1.4" in message
+    runs = [with_figures(ate_m=1.0), with_figures(ate_m=2.0)]
+    assert_error_bounds(runs, max_ate_m=1.5)
+    assert "ate_m = 1.5 (mean of 2 runs) exceeds max_ate_m = 1.4" in failure(runs, max_ate_m=1.4)
 
 
 def test_the_edges_of_the_nees_band_are_those_of_its_sum() -> None:
     low, high = chi2_band(0.9, 9)
-    for total, holds in [(low * 0.999, False), (low * 1.001, True), (high * 0.999, True), (high * 1.001, False)]:
-        scores = [with_figures(nees=np.array([np.nan, share * total])) for share in (0.2, 0.3, 0.5)]
-        if holds:
-            assert_error_bounds(scores, nees_level=0.9)
-        else:
-            assert "3 runs" in failure(scores, nees_level=0.9)
+    for edge, inside, side in ((low, 1.001, "cautious"), (high, 0.999, "sure")):
+        right, wrong = (
+            [with_figures(nees=np.array([np.nan, share * total])) for share in (0.2, 0.3, 0.5)]
+            for total in (edge * inside, edge / inside)
+        )
+        assert_error_bounds(right, nees_level=0.9)
+        assert f"the estimator is too {side}" in failure(wrong, nees_level=0.9)
 
 
 def test_a_missing_figure_fails_with_its_remedy() -> None:
@@ -99,7 +93,6 @@ def test_a_missing_figure_fails_with_its_remedy() -> None:
         ({"max_ate_m": 0.0}, "max_ate_m = 0.0: no error can keep it; "),
         ({"max_ate_m": math.nan}, "max_ate_m = nan: "),
         ({"nees_level": 95.0}, "level = 95.0: not a probability"),
-        ({"nis_level": 0.0}, "level = 0.0: not a probability"),
         ({"score": [], "max_ate_m": 1}, "score: no score given"),
         ({"score": [SCORE] * 3, "reference": [SCORE] * 2}, "reference: 2 scores for 3 of other runs"),
         ({"reference": [SCORE]}, "reference: a single run has no interval"),
@@ -123,20 +116,10 @@ def test_right_runs_fail_as_often_as_the_levels_say(bound: str) -> None:
     assert abs(failures - 30) <= 3.29 * math.sqrt(300 * 0.1 * 0.9)
 
 
-@pytest.mark.parametrize(("factor", "side"), [(0.5, "sure"), (2.0, "cautious")])
-def test_wrong_sigmas_fail_in_both_directions(factor: float, side: str) -> None:
-    """Thirty runs whose sigmas are wrong by a factor of two; the test misses this with a probability below 1e-4."""
-    scores = [resting_run(run, claimed=factor, nis_scale=factor**-2) for run in range(30)]
-    message = failure(scores, nees_level=0.99, nis_level=0.99)
-    assert message.count(f"the estimator is too {side}") == 2
-
-
 # --- relative to a reference ---------------------------------------------------------------------
 
 
-def scores(
-    ate: float = 1.0, nees: float = 3.0, sigma: float = 1.0, heading: float = 1.0, spread: float = 0.0
-) -> list[Score]:
+def scores(ate: float = 1, nees: float = 3, sigma: float = 1, heading: float = 1, spread: float = 0) -> list[Score]:
     """Return 20 scores with these figures, times a factor that estimators share and an own factor of `spread`.
 
     The first steps, which do not count, have other figures.
@@ -162,20 +145,11 @@ def test_the_reference_keeps_its_own_bounds_and_its_ratios_are_one():
         ({"ate": 1.1, "spread": 0.5}, {}, ""),  # not significant
         ({"nees": 9.0}, {"nees": 6.0}, "NEES is 1.5 ± "),
         ({"nees": 2.0}, {"nees": 1.0}, ""),  # at most a consistent estimate's
-        (
-            {"sigma": 0.8, "nees": 4.0},
-            {"nees": 4.0},
-            "sigma of the position is 0.8 ± 0 times the reference's, less than",
-        ),
-        (
-            {"heading": 1.3, "nees": 1.0},
-            {"nees": 3.0},
-            "sigma of the heading is 1.3 ± 0 times the reference's, more than",
-        ),
+        ({"sigma": 0.8, "nees": 4.0}, {"nees": 4.0}, "sigma of the position is 0.8 ± 0 times the reference's, less"),
+        ({"heading": 1.3, "nees": 1.0}, {}, "sigma of the heading is 1.3 ± 0 times the reference's, more than"),
         ({"sigma": 1.5, "heading": 1.5, "nees": 3.0}, {"nees": 9.0}, ""),  # the reference is too sure
         ({"sigma": 0.5, "nees": 3.0}, {"nees": 1.0}, ""),  # the reference is too cautious
         ({"sigma": 0.5, "nees": 9.0}, {"nees": 1.0}, "NEES is 9 ± "),
-        ({"ate": 0.5, "nees": 3.0, "sigma": 1.2}, {"nees": 9.0}, ""),
     ],
 )
 def test_rules(ours: dict[str, Any], reference: dict[str, Any], said: str):

@@ -8,34 +8,30 @@ import pytest
 
 from slamgauge.compare.scoring.intervals import Interval
 from slamgauge.compare.scoring.table import Head, Table, cell, interval_cell
-from slamgauge.compare.scoring.text_page import Page, Tone
+from slamgauge.compare.scoring.text_page import Page
 
 ROWS = [["estimator", "ATE [m]", "NEES"], ["ekf", "1.25", "3.1"], ["mine", "0.5", "failed"]]
+SHOWN = ["estimator  ATE [m]    NEES", "ekf           1.25     3.1", "mine           0.5  failed"]
 CLAIMS = [["no", "claim", "verdict"], ["1", "a gate that is too small maps more than there is", "holds"]]
+WRAPPED = [
+    "no  claim                     verdict",
+    "1   a gate that is too small  holds",
+    "    maps more than there is",
+]
 NOISE = [["noise", "verdict", "more"], ["forward", "any value below that of the log", "x" * 40]]
 NAMES = [["estimator", "ATE [m]"], ["a_name_of_many_characters/and_more:of_them", "1.0"], ["b", "2.0"]]
-RUNGS = [["rung", "adds", "for"], ["causal", "0.5", "for knowing only the past"]]
 
 
 def table(rows: list[list[str]], words: Collection[int] = (0,), wraps: int | None = None, **names: str) -> Table:
     """Return a table; the first row has the titles, `names` are full names by title."""
-    heads = [
-        Head(title, names.get(title, ""), words=place in words, wraps=place == wraps)
-        for place, title in enumerate(rows[0])
-    ]
+    places = enumerate(rows[0])
+    heads = [Head(title, names.get(title, ""), words=n in words, wraps=n == wraps) for n, title in places]
     return Table.of(heads, rows[1:])
-
-
-def toned(text: str, tone: Tone) -> str:
-    return text if tone == "plain" else f"<{tone}>{text}</{tone}>"
 
 
 def test_a_page_without_a_width_is_complete():
     line = "a line that is longer than the table under which it stands"
-    shown = ["estimator  ATE [m]    NEES", "ekf           1.25     3.1", "mine           0.5  failed"]
-    assert str(Page((table(ROWS), "", line))).splitlines() == [*shown, "", line]
-    lines = Page((table(ROWS),)).text(None, toned).splitlines()
-    assert lines == [f"<head>{shown[0]}</head>", shown[1], "mine           0.5  <bad>failed</bad>"]
+    assert str(Page((table(ROWS), "", line))).splitlines() == [*SHOWN, "", line]
 
 
 @pytest.mark.parametrize(
@@ -43,32 +39,8 @@ def test_a_page_without_a_width_is_complete():
     [
         (table(ROWS, NEES="pose NEES"), 29, ["estimator  ATE [m]  pose NEES"]),  # full names if the table then fits
         (table(ROWS, NEES="pose NEES"), 28, ["estimator  ATE [m]    NEES"]),
-        (
-            table(ROWS, NEES="pose NEES"),
-            24,
-            [
-                "estimator  ATE [m]",
-                "ekf           1.25",
-                "mine           0.5",
-                "Hidden columns (show",
-                "  with --wide): pose",
-            ],
-        ),
-        (table(RUNGS, (0, 2), 2), 30, ["rung    adds", "causal   0.5", "Hidden columns (show with"]),
-        (
-            table(RUNGS, (0, 2), 2),
-            36,
-            ["rung    adds  for", "causal   0.5  for knowing only the", "              past"],
-        ),
-        (
-            table(CLAIMS, range(3), 1),
-            40,
-            [
-                "no  claim                     verdict",
-                "1   a gate that is too small  holds",
-                "    maps more than there is",
-            ],
-        ),
+        (table(ROWS), 24, [*(line[:18] for line in SHOWN), "Hidden columns (show", "  with --wide): NEES"]),
+        (table(CLAIMS, range(3), 1), 40, WRAPPED),
         (table(NOISE, range(3), 1), 40, ["noise    verdict"]),
         (table(NAMES), 40, ["estimator                    ATE [m]", "a_name_of_ma...more:of_them      1.0"]),
     ],
@@ -86,7 +58,7 @@ def test_columns_without_figures_are_not_named_and_long_names_stay_without_a_wid
     grid = table([[*ROWS[0], "NIS"], *([*row, "-"] for row in ROWS[1:])])
     assert Page((grid,)).text(24).splitlines()[3:] == ["Hidden columns (show", "  with --wide): NEES"]
     assert "many_characters" in str(Page((table(NAMES),)))
-    assert Page((table(CLAIMS, range(3), 1),)).text(40, toned).splitlines()[1].endswith("small  <good>holds</good>")
+    assert Page((table(CLAIMS, range(3), 1),)).text(40).splitlines()[1].endswith("small  holds")
 
 
 def test_notebooks_show_tables_with_full_names_and_escape_texts():
@@ -103,12 +75,9 @@ def test_notebooks_show_tables_with_full_names_and_escape_texts():
     ("value", "form", "shown"),
     [
         (None, "{:.2f}", "-"),
-        (1.234, "{:.2f}", "1.23"),
         (-12345678.0, "{:.2f}", "-12345678.00"),
         (5.4e299, "{:.2f}", "5.4e+299"),
-        (-1e9, "{:.2f}", "-1e+09"),
         (-0.001, "{:.0%}", "0%"),  # what is rounded to zero has no minus
-        (-0.001, "{:+.2f}", "+0.00"),
         (-0.001, "{:.3f}", "-0.001"),
         (Interval(5.4e299, 1.4e299, 9.4e299), "{:.2f}", "5.4e+299 ± 4e+299"),
         (Interval(1.0, 0.5, 1.5), "{:+.2f}", "+1.00 ± 0.50"),

@@ -11,15 +11,7 @@ from scipy import stats
 
 from slamgauge.compare.scoring.consistency import chi2_band
 from slamgauge.compare.scoring.intervals import WORTH, Interval, needed_runs
-from slamgauge.compare.scoring.verdicts import (
-    BAND_LEVEL,
-    SCATTER,
-    Evidence,
-    faults,
-    single_run,
-    verdict,
-    verdict_lines,
-)
+from slamgauge.compare.scoring.verdicts import BAND_LEVEL, SCATTER, Evidence, faults, single_run, verdict
 
 TEXTBOOK = Evidence(
     runs=100,
@@ -33,7 +25,6 @@ TEXTBOOK = Evidence(
     wrong_associations=0.0,
 )
 RIGHT = replace(TEXTBOOK, nees_per_dof=0.98, coverage_95=0.951, nis_per_dof=1.0, ratio=Interval(0.99, 0.97, 1.01))
-
 EXPECTED = "as large as it expects: the stated noise is"
 ERROR = "the causal optimum's error"
 
@@ -54,20 +45,14 @@ def test_the_textbook_filter_and_a_right_one():
 @pytest.mark.parametrize(
     ("changed", "said", "unsaid"),
     [
-        (
-            {"nees_per_dof": 0.25, "coverage_95": 0.999},
-            "claims 2 times too large a sigma (95 % ellipses contain 100 %)",
-            "",
-        ),
+        ({"nees_per_dof": 0.25, "coverage_95": 0.999}, "2 times too large a sigma (95 % ellipses contain 100 %)", ""),
         ({"nees_per_dof": 0.0}, "has no error at all, whatever sigma it claims: check whether it receives the", "inf"),
-        ({"nees_per_dof": 1e-12}, "claims 1e+06 times too large a sigma", ""),
         ({"nis_per_dof": 1.69}, f"innovations are 1.3 times {EXPECTED} too small", "show this"),
         ({"nis_per_dof": 0.25}, f"innovations are 0.5 times {EXPECTED} too large", "show this"),
-        ({"nis_per_dof": 1.69}, "claims", "linearisation"),
-        ({"nis_per_dof": None, "nis_dof": 0}, "claims", "NIS"),
+        ({"nis_per_dof": 1.05}, "linearisation", "innovations"),  # small deviations are not stated
+        ({"nis_per_dof": 1.11}, "innovations are 1.1 times", "linearisation"),
         ({"nis_per_dof": None, "nis_dof": 0}, "claims", "linearisation"),
         ({"wrong_associations": 12.3}, "; 12 wrong associations per run;", "linearisation"),
-        ({"wrong_associations": 156.6}, "; 157 wrong associations per run;", "linearisation"),
         ({"wrong_associations": 0.25}, "; 0.25 wrong associations per run;", "linearisation"),
         ({"wrong_associations": None}, "claims", "linearisation"),
         ({"nees_per_dof": 1.0}, "1.42 ± 0.17 times", "linearisation"),
@@ -76,7 +61,6 @@ def test_the_textbook_filter_and_a_right_one():
         ({"ratio": Interval(0.8, 0.7, 0.9)}, f"0.80 ± 0.10 times {ERROR}, less than the optimum's", "cause"),
         ({"ratio": Interval(0.96, 0.93, 0.99)}, f"0.96 ± 0.03 times {ERROR}", "less than"),
         ({"ratio": Interval(1.02, 0.92, 1.12)}, "error, not significant: about 400 runs are needed", "cause"),
-        ({"ratio": Interval(1.02, 0.92, 1.12), "ratio_runs": 400}, "significant: about 1600 runs are needed", "cause"),
         ({"ratio": Interval(0.96, 0.91, 1.01)}, f"0.96 ± 0.05 times {ERROR}, not significant;", "runs"),
     ],
 )
@@ -89,25 +73,20 @@ def test_sentences_by_figures(changed: dict[str, object], said: str, unsaid: str
 @pytest.mark.parametrize(
     ("changed", "said"),
     [
-        ({}, "claims too small a sigma, worse than the causal optimum"),
-        ({"nees_per_dof": 0.0, "ratio": None}, "claims too large a sigma"),
-        (
-            {"wrong_associations": 12.0, "ratio": None, "nis_per_dof": 1.69},
-            "claims too small a sigma, wrong associations, innovations larger than it expects",
-        ),
-        ({"nees_per_dof": None, "ratio": None, "nis_per_dof": 0.25}, "innovations smaller than it expects"),
-        ({"nees_per_dof": 1.0, "ratio": Interval(1.02, 0.92, 1.12), "wrong_associations": 12.0}, ""),
+        ({}, ["claims too small a sigma", "worse than the causal optimum"]),
+        ({"nees_per_dof": 0.0, "ratio": None}, ["claims too large a sigma"]),
+        ({"nees_per_dof": None, "ratio": None, "nis_per_dof": 0.25}, ["innovations smaller than it expects"]),
+        ({"ratio": None, "wrong_associations": 12.0}, ["claims too small a sigma", "wrong associations"]),
+        ({"nees_per_dof": 1.0, "ratio": Interval(1.02, 0.92, 1.12), "wrong_associations": 12.0}, []),
     ],
 )
-def test_faults_are_those_of_the_verdict_without_sizes(changed: dict[str, object], said: str):
-    assert ", ".join(faults(replace(TEXTBOOK, **changed))) == said  # pyrefly: ignore[bad-argument-type]
+def test_faults_are_those_of_the_verdict_without_sizes(changed: dict[str, object], said: list[str]):
+    assert [*faults(replace(TEXTBOOK, **changed))] == said  # pyrefly: ignore[bad-argument-type]
 
 
 def test_a_single_run_shows_only_gross_errors():
     single = replace(TEXTBOOK, runs=1, ratio=None, ratio_runs=0, nis_dof=29_000)
-    assert verdict(replace(single, nees_per_dof=4.0)) is None
-    assert verdict(replace(single, nees_per_dof=4.84)) is not None
-    assert verdict_lines({"ekf": None, "mine": "claims"}) == ["mine: claims"]
+    assert verdict(single) is not None and verdict(replace(single, nees_per_dof=4.0)) is None
     assert verdict(replace(single, nees_per_dof=None, nis_per_dof=None, nis_dof=0)) is None
 
 
@@ -116,8 +95,6 @@ def test_small_deviations_are_not_stated():
     assert math.sqrt(barely) < 1 + WORTH  # significant, yet small
     assert "claims" not in str(verdict(replace(RIGHT, runs=10_000, nees_per_dof=barely + 0.001)))
     assert "claims" in str(verdict(replace(RIGHT, runs=10_000, nees_per_dof=(1 + WORTH) ** 2 + 1e-6)))
-    assert "innovations" not in str(verdict(replace(RIGHT, nis_per_dof=1.05)))
-    assert "innovations" in str(verdict(replace(RIGHT, nis_per_dof=1.11)))
 
 
 def test_the_number_of_runs_for_five_percent():
@@ -139,8 +116,7 @@ def test_a_right_filter_fails_with_at_most_the_stated_probability(lasting: float
     """Errors of any correlation over time fail with 1 - BAND_LEVEL at most, and equal if they last (0.999 bounds)."""
     rng = np.random.default_rng(11)
     trials, steps = 4000, 60
-    errors = rng.standard_normal((trials * runs, 3))
-    nees = np.zeros(trials * runs)
+    errors, nees = rng.standard_normal((trials * runs, 3)), np.zeros(trials * runs)
     for _ in range(steps):
         errors = lasting * errors + math.sqrt(1 - lasting**2) * rng.standard_normal(errors.shape)
         nees += np.square(errors).sum(axis=1) / (3 * steps)
@@ -148,6 +124,4 @@ def test_a_right_filter_fails_with_at_most_the_stated_probability(lasting: float
     low, high = np.array(chi2_band(BAND_LEVEL, 3 * runs)) / (3 * runs)
     accused = int(np.sum((means < low) | (means > high)))
     fewest, most = stats.binom.interval(0.999, trials, 1 - BAND_LEVEL)
-    assert accused <= most
-    if lasting == 1.0:
-        assert accused >= fewest
+    assert fewest * (lasting == 1.0) <= accused <= most

@@ -7,7 +7,7 @@ from xml.etree import ElementTree
 from hypothesis import given
 from hypothesis import strategies as st
 
-from slamgauge.compare.storage.safe_names import LONGEST, file_name, shown
+from slamgauge.compare.storage.result_files import LONGEST, file_name, shown
 
 
 @given(st.text(st.characters(codec=None)))  # includes lone surrogates

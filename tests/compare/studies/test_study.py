@@ -38,7 +38,8 @@ EXAMPLE = Path(__file__).parents[3] / "examples/student_ekf.py"
 Run = Callable[..., Summary]
 Load = Callable[..., dict[str, Runs]]
 
-NAMES = ("ekf", "riekf", "causal")
+BOTH = ("ekf", "riekf")
+NAMES = (*BOTH, "causal")
 SHORT = ["start=sampled", "trajectory.duration=4"]  # same as the fixture `scenario`
 
 
@@ -69,83 +70,55 @@ def test_the_summary_agrees_with_the_runs(scenario: Scenario, run: Run) -> None:
         assert entry["runs"] == 6
 
 
-def test_a_study_continues_and_repeats_nothing(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    whole = run(5, ("ekf", "riekf"), "whole")
+def test_an_interrupted_study_continues_and_repeats_nothing(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = run(5, BOTH, "whole")
     run(2, ("ekf",), "parts")
-    done: list[tuple[int, tuple[str, ...]]] = []
-    original = study_run.run_once
+    original, left, done = study_run.run_once, [0], list[tuple[int, tuple[str, ...]]]()
 
     def counted(each: Scenario, seed: int, asked: list[Asked]) -> list[study_run.Outcome]:
+        if len(done) == left[0]:
+            raise KeyboardInterrupt
         done.append((seed, tuple(one.label for one in asked)))
         return original(each, seed, asked)
 
     monkeypatch.setattr("slamgauge.compare.studies.study.run_once", counted)
-    parts = run(5, ("ekf", "riekf"), "parts")
-    seeds = [run_seed(0, number) for number in range(5)]
-    assert done == [(seeds[0], ("riekf",)), (seeds[1], ("riekf",)), *((seed, ("ekf", "riekf")) for seed in seeds[2:])]
-    assert figures_of(parts) == figures_of(whole)
-    done.clear()
-    assert run(2, ("ekf",), "parts").estimators["ekf"]["runs"] == 2
-    assert not done
-
-
-def test_an_interrupted_study_has_the_figures_of_a_whole_one(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    whole = run(5, ("ekf", "riekf"), "whole")
-    original, left = study_run.run_once, [0]
-
-    def killed(*arguments: Any) -> list[study_run.Outcome]:
-        if not left[0]:
-            raise KeyboardInterrupt
-        left[0] -= 1
-        return original(*arguments)
-
-    monkeypatch.setattr("slamgauge.compare.studies.study.run_once", killed)
-    for runs in (2, 1):  # the second time after a single run more
-        left[0] = runs
+    monkeypatch.setattr("slamgauge.compare.studies.study.IN_FLIGHT", 1)
+    for left[0] in (2, 3):  # the second time after a single run more
         with pytest.raises(KeyboardInterrupt):
-            run(5, ("ekf", "riekf"), "parts")
+            run(5, BOTH, "parts")
+    left[0] = 5
+    assert figures_of(run(5, BOTH, "parts")) == figures_of(whole)
+    seeds = [run_seed(0, number) for number in range(5)]
+    assert done == [(seeds[0], ("riekf",)), (seeds[1], ("riekf",)), *((seed, BOTH) for seed in seeds[2:])]
+    assert run(2, ("ekf",), "parts").estimators["ekf"]["runs"] == 2
     monkeypatch.undo()
     with local_processes(2) as executor:
-        assert figures_of(run(5, ("ekf", "riekf"), "parts", executor=executor)) == figures_of(whole)
-    run(7, ("ekf", "riekf"), "parts")  # additional runs in the store change nothing
-    assert figures_of(run(5, ("ekf", "riekf"), "parts")) == figures_of(whole)
+        run(7, BOTH, "parts", executor=executor)  # additional runs in the store change nothing
+    assert figures_of(run(5, BOTH, "parts")) == figures_of(whole)
 
 
-@pytest.mark.parametrize(
-    ("overrides", "seed", "message"),
-    [(["sensor.max_range=8"], 0, "another scenario"), ([], 1, "another seed")],
-)
-def test_a_store_of_another_study_is_refused(run: Run, overrides: list[str], seed: int, message: str) -> None:
+def test_a_store_of_another_study_is_refused(run: Run) -> None:
     run(1, ("ekf",))
-    other = load_scenario("q1-long-dense", [*SHORT, *overrides])
-    with pytest.raises(UserError, match=f"{message}.*give another --out"):
-        run(1, ("ekf",), seed=seed, scenario=other)
+    with pytest.raises(UserError, match=r"another scenario.*give another --out"):
+        run(1, ("ekf",), scenario=load_scenario("q1-long-dense", [*SHORT, "sensor.max_range=8"]))
+    with pytest.raises(UserError, match=r"another seed.*give another --out"):
+        run(1, ("ekf",), seed=1)
     assert run(1, ("ekf",)).estimators["ekf"]["runs"] == 1
 
 
-@pytest.mark.parametrize("table", ["patients (name TEXT)", "study (key TEXT, value TEXT)"])
-def test_foreign_databases_are_refused_and_unchanged(run: Run, load: Load, tmp_path: Path, table: str) -> None:
+def test_a_foreign_database_is_refused_and_unchanged(run: Run, load: Load, tmp_path: Path) -> None:
     path = tmp_path / "study.sqlite"
     with pytest.raises(UserError, match="no study is there"):
         load(1, ("ekf",))
     with closing(sqlite3.connect(path)) as connection, connection:
-        connection.execute(f"CREATE TABLE {table}")
+        connection.execute("CREATE TABLE patients (name TEXT)")
     before = path.read_bytes()
     with pytest.raises(ValueError, match=r"exists already, .* has not made it .*; move it"):
         run(1, ("ekf",))
-    with pytest.raises(ValueError, match=r"no such table|has no study"):
+    with pytest.raises(ValueError, match="no such table"):
         load(1, ("ekf",))
     assert path.read_bytes() == before
     assert [each.name for each in tmp_path.iterdir()] == [path.name]
-
-
-@pytest.mark.parametrize(("runs", "seed", "names"), [(0, 0, ["ekf"]), (1, -1, ["ekf"]), (1, 0, ["efk"]), (1, 0, [])])
-def test_bad_input_is_refused_before_anything_is_written(
-    run: Run, tmp_path: Path, runs: int, seed: int, names: list[str]
-) -> None:
-    with pytest.raises(UserError, match=r"give at least 1|negative|did you mean ekf|name at least one"):
-        run(runs, names, "new", seed=seed)
-    assert not (tmp_path / "new").exists()
 
 
 @pytest.mark.full  # tests/compare/estimators has a cluster
@@ -204,7 +177,7 @@ def study(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_each_format(study: Path):
+def test_each_format_and_missing_columns(study: Path):
     assert study_table(study, "csv", ["ate_m"], []).splitlines() == [
         "estimator,runs,ate_m,ate_m_low,ate_m_high",
         "ekf,7,1.0,0.5,1.5",
@@ -223,19 +196,13 @@ def test_each_format(study: Path):
     assert r"\caption{my\_scene, 7 runs (seed 3), means with 95 \% intervals. ATE [m]: " in latex
     assert r"a\_b|c & 7 & - & 2.000 $\pm$ 0.500 & 3.00 $\pm$ 0.50 & 90.0\% $\pm$ 50.0\% \\" in latex
     assert escaped(r"$x^2$ & {~\}#") == r"\$x\textasciicircum{}2\$ \& \{\textasciitilde{}\textbackslash{}\}\#"
-
-
-@pytest.mark.parametrize(
-    ("keys", "estimators", "message"),
-    [
-        (["ate"], [], "ate: no column of this study; did you mean ate_m?"),
+    for keys, names, message in (
+        (["ate"], [], r"ate: no column of this study; did you mean ate_m\?"),
         (["seconds_total"], [], "seconds_total: no column"),  # it has no interval
-        ([], ["efk"], "efk: no estimator of this study; did you mean ekf?"),
-    ],
-)
-def test_missing_columns_and_estimators_are_refused(study: Path, keys: list[str], estimators: list[str], message: str):
-    with pytest.raises(UserError, match=message.replace("?", r"\?")):
-        study_table(study, "csv", keys, estimators)
+        ([], ["efk"], r"efk: no estimator of this study; did you mean ekf\?"),
+    ):
+        with pytest.raises(UserError, match=message):
+            study_table(study, "csv", keys, names)
 
 
 def test_the_command_prints_or_writes_it(study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
@@ -245,8 +212,6 @@ def test_the_command_prints_or_writes_it(study: Path, tmp_path: Path, capsys: py
     assert printed.splitlines()[2] == "| ekf | 7 | 1.000 |"
     assert main([*arguments, "--out", str(tmp_path / "tables" / "ate.md")]) == 0
     assert (tmp_path / "tables" / "ate.md").read_text(encoding="utf-8").rstrip() == printed.rstrip()
-    assert main(["export", "g2o", str(study)]) == 2
     (study / "summary.json").write_text("[]", encoding="utf-8")
-    capsys.readouterr()
     assert main(arguments) == 2
-    assert capsys.readouterr().err.count("\n") == 1
+    assert capsys.readouterr().err.endswith("summary.json: not what `slamgauge study` writes; run it again\n")

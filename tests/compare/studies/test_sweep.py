@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from textwrap import fill
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
 from slamgauge.compare.scenarios.simulation import informed, simulate
 from slamgauge.compare.studies.study_run import run_seed
 from slamgauge.compare.studies.summary import EstimatorSummary, Summary, summary_table
-from slamgauge.compare.studies.sweep import Sweep, run_sweep, split_sweep, sweep_table
+from slamgauge.compare.studies.sweep import Sweep, run_sweep, sweep_table
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline import causal_bound, hindsight_bound
@@ -45,26 +45,8 @@ def swept(thread: ThreadPoolExecutor, tmp_path: Path) -> Swept:
     return swept
 
 
-@pytest.mark.parametrize(
-    ("texts", "message"),
-    [
-        (
-            ["prior.mean=[0,0,0],[1,0,0]", "description=a/b", "a={b=1}"],
-            "cannot be swept; write a scenario file for each",
-        ),
-        (["association.gate", "=1,2", "association.gate=", "association.gate= , "], r"write key=v1,v2,\.\.\."),
-        (["a.b=1,2,1"], "name each once"),
-    ],
-)
-def test_texts_that_are_no_sweep_are_refused(texts: list[str], message: str):
-    for text in texts:
-        with pytest.raises(UserError, match=message):
-            split_sweep(text)
-    assert split_sweep("a.b = 1, x ,2.5") == ("a.b", ("1", "x", "2.5"))
-
-
 def test_every_point_is_the_study_of_its_scenario_and_the_optimum_runs_once(swept: Swept, run: Run, tmp_path: Path):
-    sweep = swept("q2-long-dense", "association.gate=1,9", 3, seed=5)
+    sweep = swept("q2-long-dense", "association.gate = 1, 9", 3, seed=5)
     assert sweep.values == ("1", "9")
     for value, summary in zip(sweep.values, sweep.summaries, strict=True):
         scenario = load_scenario("q2-long-dense", [*SHORT, f"association.gate={value}"])
@@ -89,9 +71,7 @@ def test_a_key_that_changes_the_measurements_has_an_optimum_at_each_value(swept:
 def test_more_values_later_run_no_optimum_again_and_failures_are_reported(
     swept: Swept, monkeypatch: pytest.MonkeyPatch
 ):
-    def broken(*_: object, **__: object) -> Estimate:
-        raise UserError("broken on purpose")
-
+    broken = Mock(side_effect=UserError("broken on purpose"))
     swept("q2-long-dense", "association.gate=9,16", 2)
     monkeypatch.setattr("slamgauge.graph_baseline.causal", broken)
     monkeypatch.setattr("slamgauge.ekf.ekf_slam", broken)
@@ -104,16 +84,19 @@ def test_more_values_later_run_no_optimum_again_and_failures_are_reported(
 
 
 @pytest.mark.parametrize(
-    ("values", "name", "message"),
+    ("sweep", "name", "message"),
     [
-        ("9,-1", "ekf", "choose it above 0"),
-        ("9,9.0", "ekf", r"9 and 9\.0 are the same value"),
-        ("9", "causal", "add a filter"),
+        ("prior.mean=[0,0,0],[1,0,0]", "ekf", "cannot be swept; write a scenario file for each"),
+        ("association.gate= , ", "ekf", r"write key=v1,v2,\.\.\."),
+        ("association.gate=1,2,1", "ekf", "name each once"),
+        ("association.gate=9,-1", "ekf", "choose it above 0"),
+        ("association.gate=9,9.0", "ekf", r"9 and 9\.0 are the same value"),
+        ("association.gate=9", "causal", "add a filter"),
     ],
 )
-def test_mistakes_are_found_before_anything_is_run(swept: Swept, tmp_path: Path, values: str, name: str, message: str):
+def test_mistakes_are_found_before_anything_is_run(swept: Swept, tmp_path: Path, sweep: str, name: str, message: str):
     with pytest.raises(UserError, match=message):
-        swept("q2-long-dense", f"association.gate={values}", 1, (name,))
+        swept("q2-long-dense", sweep, 1, (name,))
     assert not list(tmp_path.iterdir())
 
 
@@ -204,12 +187,6 @@ def test_columns_rows_and_lines_of_bounds_exist_if_they_are_requested(
     assert {axes.get_ylabel() for axes in drawn["errors"].axes} - {""} == {"ekf", "batch"}
 
 
-def test_a_single_run_has_no_bound(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    words = ["run", "q1-short-dense", "--estimators", "dead-reckoning,bound", "--set", "trajectory.duration=2"]
-    assert main([*words, "--no-report", "--out", str(tmp_path / "out")]) == 1
-    assert "bound: is a bound, which estimates nothing" in capsys.readouterr().out
-
-
 WIDTH = 91  # characters of a line in a figure of 7 in
 NOTE = (
     "causal is more than 0.05 sigma from the optimum at a checked step in 50.0% of the runs: "
@@ -236,37 +213,24 @@ def studied(scenario: Scenario, run: Run, monkeypatch: pytest.MonkeyPatch) -> Ca
     return studied
 
 
-def marks(table: str) -> list[int]:
-    """Return the number of marked figures in each row."""
-    return [line.count("?") for line in table.splitlines() if re.match(r"\w+ +2 ", line)]
-
-
-def test_the_share_of_runs_in_doubt_is_below_the_table(studied: Callable[..., Summary]) -> None:
+def test_optima_in_doubt_are_noted_and_marked_in_tables_and_figures(
+    studied: Callable[[list[float], str], Summary], tmp_path: Path, drawn: dict[str, Figure]
+) -> None:
     sure, doubtful = studied([0.01, 0.05], "sure"), studied([0.01, 0.31], "doubtful")
-    assert [each.estimators["causal"]["optimum_check_share"] for each in (sure, doubtful)] == [0.0, 0.5]
-    assert doubtful.to_json()["estimators"]["causal"]["optimum_check_share"] == 0.5
-    assert doubtful.to_json()["estimators"]["ekf"]["optimum_check_share"] is None
+    entries = doubtful.to_json()["estimators"]
+    assert [entries[name]["optimum_check_share"] for name in BOTH] == [None, 0.5]
     fit = "fit of the model: chi2/dof of the causal optimum 1.040 ± 0.000"
-    assert str(summary_table(sure)).splitlines()[3] == fit
-    assert marks(str(summary_table(sure))) == [0, 0]
-    assert str(summary_table(doubtful)).splitlines()[3:5] == [fit, NOTE]
-    assert marks(str(summary_table(doubtful))) == [1, 1]  # x causal
+    for summary, notes in ((sure, []), (doubtful, [NOTE])):
+        lines, count = str(summary_table(summary)).splitlines(), len(notes)
+        assert [line.count("?") for line in lines[1:3]] == [count, count]  # x causal
+        assert [line for line in lines if line in (fit, NOTE)] == [fit, *notes]
+        study_drawings(summary, dict(summary.loaded), 0.1)["ratios"](tmp_path)
+        assert [tick.get_text() for tick in drawn["ratios"].axes[0].get_yticklabels()] == ["ekf / causal" + "?" * count]
+        assert drawn["ratios"].get_suptitle().partition("\n")[2] == fill("".join(notes), WIDTH)
     sweep = Sweep("x", "a.b", 2, 0, ("1", "7"), (sure, doubtful))
     lines = str(sweep_table(sweep)).splitlines()
     assert lines[5] == f"a.b=7: {NOTE}"
     assert [line.count("?") for line in lines[1:5]] == [0, 0, 1, 1]
     assert len({len(line) for line in lines[:5]}) == 1
-
-
-def test_figures_have_the_same_marks_and_notes(
-    studied: Callable[[list[float], str], Summary], tmp_path: Path, drawn: dict[str, Figure]
-) -> None:
-    sure, doubtful = studied([0.01, 0.01], "sure"), studied([0.01, 0.31], "doubtful")
-    for summary, label, note in ((sure, "ekf / causal", ""), (doubtful, "ekf / causal?", fill(NOTE, WIDTH))):
-        for draw in study_drawings(summary, dict(summary.loaded), 0.1).values():
-            draw(tmp_path)
-        assert [tick.get_text() for tick in drawn["ratios"].axes[0].get_yticklabels()] == [label]
-        assert drawn["ratios"].get_suptitle().partition("\n")[2] == note
-    save_sweep_figure(tmp_path, Sweep("x", "a.b", 2, 0, ("1", "2"), (sure, doubtful)))
-    line = f"a.b=2: {NOTE.rpartition(': ')[0]}"
-    assert drawn["sweep"].get_suptitle().partition("\n")[2] == fill(line, WIDTH)
+    save_sweep_figure(tmp_path, sweep)
+    assert drawn["sweep"].get_suptitle().partition("\n")[2] == fill(lines[5].rpartition(": ")[0], WIDTH)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from slamgauge.compare.cli.main import main
-from slamgauge.compare.datasets.lost_in_the_woods import read_lost_in_the_woods
+from slamgauge.compare.datasets.published import read_lost_in_the_woods
 from slamgauge.compare.scenarios.scenario import load_scenario
 from slamgauge.compare.scenarios.simulation import simulate
 from slamgauge.compare.storage.files import save
@@ -19,7 +19,7 @@ from slamgauge.graph_baseline import batch
 from slamgauge.recording import Recording
 from slamgauge.se2 import between
 from tests.reference.given import given
-from tests.reference.random_recordings import random_recording
+from tests.reference.random_recordings import recording_of
 
 pytestmark = pytest.mark.slow
 
@@ -28,11 +28,7 @@ WOODS = Path(__file__).parents[4] / "shared" / "data" / "lost_in_the_woods" / "d
 
 def log(sensor: str = "range-bearing", steps: int = 40) -> Recording:
     """Return a log with stamps, covariances and a prior that no scenario of segments has."""
-    kind = "range-bearing" if sensor == "bearing" else sensor
-    recording = random_recording(4, sensor=kind, steps=steps)[1]
-    if sensor == "bearing":
-        values, covs = recording.observation[:, 1:], recording.observation_cov[:, 1:, 1:]
-        recording = replace(recording, sensor="bearing", observation=values, observation_cov=covs)
+    recording = recording_of(sensor, 4, steps=steps)
     stamps = 3.0 + np.cumsum(np.random.default_rng(1).uniform(0.05, 0.4, steps + 1))
     prior = recording.prior_cov + np.array([[0, 1e-4, 0], [1e-4, 0, 0], [0, 0, 0]])
     return replace(recording, stamps=stamps, prior_cov=prior)

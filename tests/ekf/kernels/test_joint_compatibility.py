@@ -5,11 +5,16 @@ The numbers that a problem must reach (`assert marked > 3`) keep a test from pas
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
 import numpy as np
 import pytest
 from scipy.stats import chi2
 
 from slamgauge.arrays import Float, Int
+from slamgauge.ekf import textbook
 from slamgauge.ekf.associating_filter import AssociatingFilter
 from slamgauge.ekf.kernels.belief import NONE
 from slamgauge.ekf.kernels.individual_compatibility import Pairs, find_compatible
@@ -21,18 +26,93 @@ from slamgauge.se2 import rotation
 from slamgauge.sensors import SENSORS as MODELS
 from slamgauge.sensors import predict
 from tests.reference.random_recordings import random_covariances
-from tests.reference.textbook import DenseFilter, additive_from_invariant, belief_of, fill_map
-from tests.reference.textbook_association import (
-    Pair,
-    Scan,
-    brute_force_joint,
-    dense_scan,
-    search_order,
-)
+from tests.reference.textbook import DenseFilter, additive_from_invariant, belief_of, block_diagonal, fill_map
 
 pytestmark = pytest.mark.slow
 
+Pair = tuple[int, int]  # observation, slot
 SENSORS = pytest.mark.parametrize("sensor", ["range-bearing", "position"])
+
+
+# --- references ---------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Scan:
+    """Dense innovations and Jacobians of m observations and L landmarks."""
+
+    innovation: Float  # (m, L, 2)
+    jacobian: Float  # (m, L, 2, n)
+    P: Float  # (n, n)
+    R: Float  # (m, 2, 2)
+
+    def distance(self, pairs: Sequence[Pair]) -> float:
+        """Return the joint d^2 of the pairs."""
+        if not pairs:
+            return 0.0
+        v = np.concatenate([self.innovation[pair] for pair in pairs])
+        H = np.concatenate([self.jacobian[pair] for pair in pairs])
+        S = H @ self.P @ H.T + block_diagonal(self.R[[i for i, _ in pairs]])
+        return float(v @ np.linalg.inv(S) @ v)
+
+    def distances(self) -> Float:
+        """Return d^2 (m, L) of every single pair."""
+        m, landmarks = self.innovation.shape[:2]
+        return np.array([[self.distance([(i, slot)]) for slot in range(landmarks)] for i in range(m)])
+
+
+def dense_scan(sensor: str, x: Float, point: Float, P: Float, z: Float, R: Float) -> Scan:
+    """Return the scan of observations (m, 2) with covariances (m, 2, 2), with Jacobians at `point`."""
+    slots = np.arange((len(x) - 3) // 2)
+    no_noise = np.zeros((len(slots), 2, 2))
+    copies = [np.tile(value, (len(slots), 1)) for value in z]
+    seen = [textbook.linearise(sensor, x, slots, each, no_noise, point) for each in copies]
+    innovation = np.array([each.innovation for each in seen])
+    jacobian = np.array([textbook.stack(each, len(x))[1].reshape(-1, 2, len(x)) for each in seen])
+    return Scan(innovation, jacobian, P, R)
+
+
+def search_order(scan: Scan, gate: float) -> list[tuple[int, list[int]]]:
+    """Return the observations with landmarks inside the gate, fewest landmarks first, nearest landmark first."""
+    distances = scan.distances()
+    found = [(i, [int(s) for s in np.argsort(row) if row[s] <= gate]) for i, row in enumerate(distances)]
+    return sorted([entry for entry in found if entry[1]], key=lambda entry: len(entry[1]))
+
+
+def brute_force_joint(scan: Scan, gate: float, quantiles: Float, *, every_subset: bool = False) -> list[Pair]:
+    """Return the compatible assignment with the most pairs, and among those the one with the smallest joint d^2.
+
+    An assignment is compatible if its pairs are one to one, each within `gate`, and the first 1, 2, ... pairs in the
+    order of `search_order` have a joint d^2 within quantiles[1], [2], ... Branch and bound visits these assignments.
+    With `every_subset`, all subsets of the pairs must be within their quantile.
+    """
+    best: list[Pair] = []
+    least = 0.0
+    for pairs, distance in _compatible_assignments(scan, search_order(scan, gate), quantiles, [], 0.0):
+        if len(pairs) < len(best) or (len(pairs) == len(best) and distance >= least):
+            continue
+        if not every_subset or are_compatible_in_every_subset(scan, pairs, quantiles):
+            best, least = pairs, distance
+    return best
+
+
+def _compatible_assignments(
+    scan: Scan, rest: list[tuple[int, list[int]]], quantiles: Float, pairs: list[Pair], distance: float
+) -> Iterator[tuple[list[Pair], float]]:
+    if not rest:
+        yield pairs, distance
+        return
+    (i, slots), *rest = rest
+    for slot in slots:
+        longer = [*pairs, (i, slot)]
+        if slot not in [taken for _, taken in pairs] and scan.distance(longer) <= quantiles[len(longer)]:
+            yield from _compatible_assignments(scan, rest, quantiles, longer, scan.distance(longer))
+    yield from _compatible_assignments(scan, rest, quantiles, pairs, distance)
+
+
+def are_compatible_in_every_subset(scan: Scan, pairs: Sequence[Pair], quantiles: Float) -> bool:
+    subsets = (subset for size in range(1, len(pairs) + 1) for subset in combinations(pairs, size))
+    return all(scan.distance(subset) <= quantiles[len(subset)] for subset in subsets)
 
 
 # --- pairs ---------------------------------------------------------------------------------------

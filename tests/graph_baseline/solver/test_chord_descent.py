@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from slamgauge import batch, causal, load_scenario, simulate
-from slamgauge.compare.bench.step_times import workload
+from slamgauge.compare.cli.bench import workload
 from slamgauge.graph_baseline.solver import chord_descent, incremental
 from slamgauge.graph_baseline.solver.anderson import AndersonAcceleration, largest_entry
 from slamgauge.graph_baseline.solver.chord_descent import ChordDescent

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from slamgauge.compare.bench.step_times import growth_exponent, workload
+from slamgauge.compare.cli.bench import growth_exponent, workload
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.scenarios.trajectory import Segments
 

@@ -1,11 +1,13 @@
-"""Any name of a user's file or scenario works: imports do not meet it, and pictures, pages and files can show it."""
+"""Commands run among files with any name, with scenarios of any name, and without the things that Windows lacks."""
 
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
+from textwrap import indent
 from xml.etree import ElementTree
 
 import pytest
@@ -14,9 +16,9 @@ from slamgauge.compare.cli.main import main
 from slamgauge.compare.scenarios.scenario import load_scenario
 from slamgauge.compare.scenarios.simulation import simulate
 from slamgauge.compare.storage.files import save
-from slamgauge.compare.storage.safe_names import file_name, shown
+from slamgauge.compare.storage.result_files import file_name, shown
 
-pytestmark = pytest.mark.full  # several programs, and a run for each name
+pytestmark = [pytest.mark.full, pytest.mark.slow]  # several programs, and a run for each name
 
 # our folders, libraries that we import, modules that Python loads early, our test helpers
 NAMES = (
@@ -73,3 +75,43 @@ def test_a_scenario_with_any_name_is_run_and_drawn(
     assert "\x1b" not in "".join(capsys.readouterr())
     assert json.loads((out / "metrics.json").read_text(encoding="utf-8"))["scenario"].isprintable()
     ElementTree.parse(out / "figure.svg")
+
+
+BLOCKED = Path(__file__).parents[2] / "like_windows"
+SHORT = ["--set", "trajectory.duration=5"]
+COMMANDS = [
+    ["scenarios"],
+    ["run", "q1-short-dense", *SHORT, "--estimators", "ekf,causal,batch", "--out", "run"],
+    ["evaluate", "run/recording.npz", "--truth", "run/truth.npz", "--estimators", "ekf,mine.py:estimate"],
+    ["study", "q1-short-dense", *SHORT, "--runs", "3", "--jobs", "2", "--estimators", "ekf", "--out", "study"],
+    ["check", "mine.py:estimate"],
+    ["noise", "run/recording.npz", "--out", "noise"],
+    ["export", "csv", "run", "--out", "log"],
+    ["import", "csv", "log", "--out", "imported"],
+    ["bench", "--landmarks", "5", "--estimators", "ekf"],
+    ["doctor"],
+]
+MINE = "import slamgauge\n\n\ndef estimate(recording):\n    return slamgauge.ekf_slam(recording)\n"
+
+
+def test_the_main_commands_run_like_on_windows(tmp_path: Path):
+    """In one process, one after the other, without `fcntl`, `resource`, `pwd` and GTSAM."""
+    program = (
+        "import sys\n"
+        "from slamgauge.compare.cli.main import main\n"
+        "assert sys.modules['fcntl'] is sys.modules['gtsam'] is None\n"
+        f"for words in {COMMANDS}:\n"
+        "    assert main(words) == 0, words\n"
+    )
+    (tmp_path / "mine.py").write_text(MINE)
+    (tmp_path / "commands.py").write_text(f"if __name__ == '__main__':\n{indent(program, '    ')}")  # for `study`
+    done = subprocess.run(
+        [sys.executable, "commands.py"],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(BLOCKED), "PYTHONWARNINGS": "ignore"},  # filelock warns on Linux alone
+        check=False,
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+    assert done.returncode == 0, done.stderr

@@ -1,1 +1,0 @@
-"""Step times against map size."""
