@@ -8,10 +8,9 @@ from pathlib import Path
 
 import tyro
 
-from slamgauge.compare.cli.common import RootSeed, WithPage, Work
+from slamgauge.compare.cli.common import RootSeed, WithPage, Work, staged
 from slamgauge.compare.exercise import results, tables
 from slamgauge.compare.report import exercise_page
-from slamgauge.compare.storage import files, staged_folder
 from slamgauge.compare.storage.result_files import EXERCISE
 
 
@@ -39,11 +38,9 @@ class Command(WithPage):
 
     def run(self) -> int:
         with self.work.executor() as executor:
-            exercise = results.run_exercise(self.questions, self.runs, self.seed, self.out, executor)
-            content, done = exercise.to_json(), True
-            self.output.show(content, tables.exercise_page(exercise))
-            with staged_folder.staged_folder(self.out, EXERCISE) as stage:
-                files.write_json(stage / EXERCISE, content)
+            exercise, done = results.run_exercise(self.questions, self.runs, self.seed, self.out, executor), True
+            with staged(self.out, EXERCISE) as folder:
+                self.output.show(exercise.to_json(), tables.exercise_page(exercise), folder and folder / EXERCISE)
             if not self.page.no_report:
                 exercise_page.publish_first_runs(exercise.settings, self.seed, self.out, executor)
                 done = exercise_page.publish_exercise(self.out, exercise)

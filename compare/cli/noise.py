@@ -15,7 +15,6 @@ from slamgauge.compare.noise import estimation, noise_json, tables
 from slamgauge.compare.scoring import comparison
 from slamgauge.compare.storage import files, staged_folder
 from slamgauge.compare.storage.result_files import NOISE
-from slamgauge.errors import UserError
 
 
 @dataclass
@@ -43,8 +42,6 @@ class Command(WithPage):
 
     def run(self) -> int:
         recording, write = files.load_recording(self.recording), self.write
-        if write is not None and write.resolve() == self.recording.resolve():
-            raise UserError(f"{write}: is the recording itself; give another --write")
         beside = nullcontext() if write is None else staged_folder.staged_files(write.parent, [write.name])
         with beside as parent, staged(self.out, NOISE) as folder:
             noise = estimation.find_noise(recording, systematic=self.systematic, heading=self.heading)

@@ -98,9 +98,12 @@ def test_increments_poses_and_velocities_of_one_drive_agree(log: Log):
 
 
 @pytest.mark.parametrize(("per", "growth"), [("step", 1.0), ("second", 0.25), ("speed", 0.0625)])
-def test_noise_of_motions(log: Log, per: str, growth: float):
+def test_noise_of_motions_and_of_the_start(log: Log, per: str, growth: float):
     files = odometry("stamp,v,omega\n0,1,0\n0.5,1,0\n0.75,0,0\n")
-    recording = log(files, *NOISE, f"noise.per={per}", "noise.lateral=0.02").recording
+    start = ("start.pose=[1, 2, 3]", "start.sigmas=[0.1,0,0]")
+    recording = log(files, *NOISE, f"noise.per={per}", "noise.lateral=0.02", *start).recording
+    assert_array_equal(recording.prior_mean, [1, 2, 3])
+    assert_allclose(recording.prior_cov, np.diag([0.01, 0, 0]))
     assert_allclose(recording.odometry_cov[1], growth * np.diag([0.1, 0.02, 0.05]) ** 2, rtol=1e-12)
 
 
@@ -121,13 +124,6 @@ def test_observations_without_an_id_or_a_range_or_outside_the_odometry_are_dropp
         "1 of 5 observations have no id and are dropped",
         "2 observations outside the odometry's time are dropped, 50%: check units and clocks of the files",
     )
-
-
-def test_the_start_can_be_stated(log: Log):
-    start = ("start.pose=[1, 2, 3]", "start.sigmas=[0.1,0,0]")
-    recording = log(odometry("stamp,v,omega\n0,1,0\n1,1,0\n"), *NOISE, *start).recording
-    assert_array_equal(recording.prior_mean, [1, 2, 3])
-    assert_allclose(recording.prior_cov, np.diag([0.01, 0, 0]))
 
 
 DRIVE = "stamp,v,omega\n0,1,0\n1,1,0\n"
@@ -156,11 +152,7 @@ DRIVE = "stamp,v,omega\n0,1,0\n1,1,0\n"
         (odometry(DRIVE), "noise.per=metre", "noise.per: input should be 'step', 'second' or 'speed', not 'metre'"),
         (odometry(DRIVE), "truth.file=none.csv", "none.csv: cannot be read"),
         (odometry("step,stamp,dx,dtheta\n1,1,1,0\n3,2,1,0\n"), "", "line 1: the steps are not 1, 2, 3, ..."),
-        (
-            odometry(DRIVE) | {"start.csv": "stamp,x,y,theta\n0,0,0,0\n1,0,0,0\n"},
-            "",
-            "has 2 rows; write one",
-        ),
+        (odometry(DRIVE) | {"start.csv": "stamp,x,y,theta\n0,0,0,0\n1,0,0,0\n"}, "", "has 2 rows; write one"),
         (observations("step,range,bearing\n0,1,1\n0.5,1,1\n"), "", "observation_step[1] = 0.5"),
     ],
 )
