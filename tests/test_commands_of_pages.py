@@ -1,9 +1,6 @@
-"""Run the commands that pages show in the order of the page: small, in this process, and without rendering.
+"""Run the commands of each page in its order, in this process: small scenarios and studies, empty figures, made logs.
 
-`docs/make_figures.py` parses the blocks of a page and their remarks. Here shipped scenarios last three seconds, studies
-have two runs in a thread and sweeps one value, and figures are empty. Synthetic logs replace those of real robots.
-Benchmarks do not run here, because `tests/benchmarks` runs each at its smallest size; commands that install or wait for
-others do not run either.
+Benchmarks run in `tests/benchmarks`. `docs/make_figures.py` parses the pages.
 """
 
 from __future__ import annotations
@@ -18,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from slamgauge.compare.cli.main import COMMANDS, main
+from slamgauge.compare.cli.main import main
 from slamgauge.compare.scenarios import scenario, scenario_files
 from tests.marks import in_full
 from tests.reference.synthetic_logs import write_published_logs
@@ -62,10 +59,10 @@ def blocks(page: Path) -> list[tuple[str, str, list[str]]]:
 
 @pytest.mark.parametrize("page", [*USUAL, *in_full(page for page in PAGES if page not in USUAL)])
 def test_every_command_of_a_page(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    shipped: dict[str, Path] = {}
     (tmp_path / "scenarios").mkdir()
-    for name, file in scenario_files.shipped().items():
-        shipped[name] = tmp_path / f"scenarios/{name}.toml"
+    files = scenario_files.shipped()
+    shipped = {name: tmp_path / f"scenarios/{name}.toml" for name in files}
+    for name, file in files.items():
         shipped[name].write_text(small(file.read_text()))
     for module in (scenario_files, scenario):  # `scenario` resolves `extends`
         monkeypatch.setattr(module, "shipped", lambda: shipped)
@@ -87,9 +84,3 @@ def test_every_command_of_a_page(page: str, tmp_path: Path, monkeypatch: pytest.
                 subprocess.run([sys.executable, *words[1:]], check=True, capture_output=True)
             elif words[:1] not in ([], ["python"]):
                 subprocess.run(["bash", "-euc", line], check=True, capture_output=True)
-
-
-def test_pages_show_every_command():
-    """`doctor` and `scenarios` need no page."""
-    lines = [line for page in PAGES.values() for _, _, found in blocks(page) for line in found]
-    assert {*COMMANDS} - {line.split()[1] for line in lines if line.startswith("slamgauge ")} <= {"doctor", "scenarios"}

@@ -13,10 +13,9 @@ import pytest
 from scipy.stats import chi2
 
 from slamgauge.compare.cli.main import main
-from slamgauge.compare.storage.files import load_recording, save
+from slamgauge.compare.storage.files import load_recording
 from slamgauge.graph_baseline import batch
 from tests.kernels import compile_kernels
-from tests.reference.random_recordings import random_recording
 
 pytestmark = pytest.mark.slow
 
@@ -25,9 +24,7 @@ pytestmark = pytest.mark.slow
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A copy of the examples; kernels are compiled, because the first compilation prints a message."""
     compile_kernels()
-    there = tmp_path_factory.mktemp("copy") / "examples"
-    ignored = shutil.ignore_patterns("__pycache__", "results")
-    return shutil.copytree(Path(__file__).parents[1] / "examples", there, ignore=ignored)
+    return shutil.copytree(Path(__file__).parents[1] / "examples", tmp_path_factory.mktemp("copy") / "examples")
 
 
 def run(folder: Path, *arguments: str) -> str:
@@ -46,27 +43,12 @@ def test_exercise(folder: Path):
     assert (folder / "exercise.png").stat().st_size > 0
 
 
-def test_fej2_ekf(folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
-    run(folder, "fej2_ekf.py", "0.1", "close.toml")
-    monkeypatch.chdir(folder)
-    estimators = "ekf,projected=fej2_ekf.py:projected,inflated=fej2_ekf.py:inflated"
-    words = ("run", "close.toml", "--set", "trajectory.duration=2", "--estimators", estimators, "--no-report")
-    assert main([*words, "--out", "close"]) == 0
-    rows = [line.split()[0] for line in capsys.readouterr().out.splitlines()[1:4]]
-    assert rows == ["ekf", "projected", "inflated"]
-
-
-def test_own_estimator(folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
-    """On one fixed run the naive filter is worse than the optimum and very overconfident; it refuses other sensors."""
+def test_own_estimator(folder: Path):
+    """On one fixed run the naive filter is worse than the optimum and very overconfident."""
     lines = [re.split(r"\s{2,}", line.strip()) for line in run(folder, "own_estimator.py").splitlines()[:4]]
     table = {name: dict(zip(lines[0][1:], cells, strict=True)) for name, *cells in lines[1:]}
     assert 1.2 < float(table["own"]["x optimum"]) < 3.0
     assert float(table["own"]["NEES"]) > 30.0
-    assert 0.0 < float(table["causal"]["NEES"]) < 5.0
-    save(folder / "position.npz", random_recording(0, sensor="position", steps=5)[1])
-    monkeypatch.chdir(folder)
-    assert main(["evaluate", "position.npz", "--estimators", "own_estimator:estimate"]) == 2
-    assert "this filter needs known association, ranges and bearings (own_estimator.py, " in capsys.readouterr().err
 
 
 def test_robot_log_and_loop(folder: Path):

@@ -1,4 +1,4 @@
-"""Recordings, estimates, tables and figures for other programs: `slamgauge export FORMAT`."""
+"""Recordings, estimates, tables and figures for other programs: `slamgauge export FORMAT`, a subcommand for each."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 import tyro
 
@@ -26,90 +26,20 @@ if TYPE_CHECKING:
 
     Exported = tuple[Recording | None, Truth | None, dict[str, Estimate]]
 
-TABLES, FIGURES = ("csv", "latex", "markdown"), ("pdf", "png", "svg")
-FORMATS = {  # which have an option
-    "columns": TABLES,
-    "estimators": TABLES + FIGURES,
-    "means_only": TABLES,
-    "width": FIGURES,
-    "lend": ("g2o",),
-    "recording": ("tum",),
-}
-
 
 @dataclass
-class Command:
-    """Write recordings, estimates, tables of studies and figures in a format of other programs.
-
-    csv: a recording as three files in a folder, the path and map of an estimate (FOLDER/estimates/NAME.npz), or the
-    table of a study. A folder of a run stands for its recording. docs/your_filter.md describes the files.
-
-    g2o: a recording as a graph. tum: poses of an estimate, lines `t x y z qx qy qz qw`, then the upper triangle of the
-    covariance, if it has one. mat: everything in a recording, an estimate or a run, for Octave and MATLAB.
-
-    latex (with booktabs), markdown: the table of a study, its means with 95 % intervals, on standard output without
-    --out. pdf, png, svg: the figures of a run, a study, a sweep, an error budget, noise or bench, redrawn for a paper.
-
-    For example:
-      slamgauge export mat first-run
-      slamgauge export latex results/q1 --columns ate_m,nees_pose_per_dof
-      slamgauge export pdf first-run --width column --estimators ekf,causal
+class Format:
+    """A format, with its options.
 
     Attributes:
-        format: The format.
-        path: What is exported: a recording.npz, an estimate, or the folder of results or of an import.
+        path: What is exported, described above.
         out: The file or folder that is written. If not given: results/export-NAME, with the ending of the format.
-        columns: Tables: comma-separated keys of summary.json that have an interval. If not given: its key columns.
-        estimators: Tables and figures: comma-separated. If not given: all. In the figure of a run the 3-sigma bounds
-            of the first are filled.
-        means_only: Tables: leave out the intervals.
-        width: Figures: column is 3.4 in (one of two columns), page is 7.0 in.
-        lend: g2o: standard deviation [m, rad] of regularising noise for motions whose covariance is singular.
-        recording: tum: the recording with the time stamps. If not given: the recording of its run.
     """
 
-    format: tyro.conf.Positional[Literal["csv", "g2o", "mat", "tum", "latex", "markdown", "pdf", "png", "svg"]]
     path: tyro.conf.Positional[Path]
     out: Path | None = None
-    columns: str = ""
-    estimators: str = ""
-    means_only: bool = False
-    width: Literal["column", "page"] = "page"
-    lend: float | None = None
-    recording: Path | None = None
 
-    def run(self) -> int:
-        given = [name for name in FORMATS if getattr(self, name) != getattr(Command, name)]
-        for name in given:
-            if self.format not in FORMATS[name]:
-                formats = ", ".join(FORMATS[name])
-                raise UserError(f"{name.replace('_', '-')}: an option of {formats}; leave it out for {self.format}")
-        match self.format:
-            case "pdf" | "png" | "svg" as form:
-                return self._figures(form)
-            case "latex" | "markdown" as form:
-                return self._table(form)
-            case "csv" if given or (self.path / SUMMARY).exists():
-                return self._table("csv")
-        recording, truth, estimates = _load(self.path)
-        if self.format == "tum":
-            return self._tum(estimates)
-        if self.format == "mat":
-            records = {"recording": recording, "truth": truth, **estimates}
-            found = {name: record for name, record in records.items() if record is not None}
-            return self._file(".mat", lambda out: files.write_mat(out, found))
-        if self.format == "g2o":
-            return self._g2o(recording)
-        if recording is None:
-            (estimate,) = estimates.values()
-            return self._file(".csv", lambda out: csv_folder.write_estimate_csv(out, estimate), csv_folder.LANDMARKS)
-        out = self.out or results_of("export", self.path)
-        with staged_folder.staged_folder(out, csv_folder.START) as folder, imported_log.of_file(self.path):
-            csv_folder.write_recording_csv(folder, recording)
-        print(f"written to {out}", file=sys.stderr)
-        return 0
-
-    def _file(self, ending: str, write: Callable[[Path], object], *beside: str) -> int:
+    def write_file(self, ending: str, write: Callable[[Path], object], *beside: str) -> int:
         """Write one file; `beside` are names of files that `write` may write next to it."""
         out = self.out or Path(f"{results_of('export', self.path)}{ending}")
         with staged_folder.staged_files(out.parent, (out.name, *beside)) as folder, imported_log.of_file(self.path):
@@ -117,33 +47,97 @@ class Command:
         print(f"written to {out}", file=sys.stderr)
         return 0
 
-    def _table(self, form: Literal["csv", "latex", "markdown"]) -> int:
+
+@dataclass
+class StudyTable(Format):
+    """The table of a study: its means with 95 % intervals. Without --out it is printed on standard output.
+
+    Attributes:
+        columns: Comma-separated keys of summary.json that have an interval. If not given: its key columns.
+        estimators: Comma-separated. If not given: all.
+        means_only: Leave out the intervals.
+    """
+
+    form: ClassVar[Literal["csv", "latex", "markdown"]] = "csv"
+    columns: str = ""
+    estimators: str = ""
+    means_only: bool = False
+
+    def run(self) -> int:
         columns, names = split_names(self.columns), split_names(self.estimators)
-        text = stored_study.study_table(self.path, form, columns, names, intervals=not self.means_only)
+        text = stored_study.study_table(self.path, self.form, columns, names, intervals=not self.means_only)
         if self.out is not None:
-            return self._file("", lambda out: out.write_text(text, encoding="utf-8"))
+            return self.write_file("", lambda out: out.write_text(text, encoding="utf-8"))
         put(text.rstrip("\n"))
         return 0
 
-    def _figures(self, form: Literal["pdf", "png", "svg"]) -> int:
-        drawings = publishing.drawings_of(self.path, split_names(self.estimators))
-        out, main = self.out or results_of("export", self.path), f"{next(iter(drawings))}.{form}"
-        sheet = plot_style.Sheet(self.width, (form,))
-        with staged_folder.staged_folder(out, main) as folder, plot_style.printed_on(sheet):
-            for draw in drawings.values():
-                draw(folder)
-            written = sorted(path.name for path in folder.iterdir())
-        print(f"written to {out}: {', '.join(written)}", file=sys.stderr)
+
+@dataclass
+class Csv(StudyTable):
+    """A recording as three files in a folder, the path and map of an estimate, or the table of a study.
+
+    PATH is a recording.npz, an estimate of a run (FOLDER/estimates/NAME.npz), or the folder of a run or a study. A
+    folder of a run stands for its recording. docs/your_filter.md describes the files.
+    """
+
+    def run(self) -> int:
+        if (self.path / SUMMARY).exists() or self.columns or self.estimators or self.means_only:
+            return super().run()
+        recording, _, estimates = _load(self.path)
+        if recording is None:
+            (estimate,) = estimates.values()
+            return self.write_file(
+                ".csv", lambda out: csv_folder.write_estimate_csv(out, estimate), csv_folder.LANDMARKS
+            )
+        out = self.out or results_of("export", self.path)
+        with staged_folder.staged_folder(out, csv_folder.START) as folder, imported_log.of_file(self.path):
+            csv_folder.write_recording_csv(folder, recording)
+        print(f"written to {out}", file=sys.stderr)
         return 0
 
-    def _g2o(self, recording: Recording | None) -> int:
+
+@dataclass
+class G2o(Format):
+    """A recording as a graph. PATH is a recording.npz, or the folder of a run or an import.
+
+    Attributes:
+        lend: Standard deviation [m, rad] of regularising noise for motions whose covariance is singular.
+    """
+
+    lend: float | None = None
+
+    def run(self) -> int:
         if self.lend is not None and not 0.0 < self.lend < 1.0:
             raise UserError(f"lend: {self.lend:g} is not a small standard deviation; give one between 0 and 1")
+        recording, _, _ = _load(self.path)
         if recording is None:
             raise UserError(f"{self.path}: it is an estimate, not a recording; give recording.npz, or another format")
-        return self._file(".g2o", lambda out: g2o_writer.write_g2o(out, recording, lend=self.lend))
+        return self.write_file(".g2o", lambda out: g2o_writer.write_g2o(out, recording, lend=self.lend))
 
-    def _tum(self, estimates: dict[str, Estimate]) -> int:
+
+@dataclass
+class Mat(Format):
+    """Everything, for Octave and MATLAB. PATH is a recording, an estimate, or the folder of a run."""
+
+    def run(self) -> int:
+        recording, truth, estimates = _load(self.path)
+        records = {"recording": recording, "truth": truth, **estimates}
+        found = {name: record for name, record in records.items() if record is not None}
+        return self.write_file(".mat", lambda out: files.write_mat(out, found))
+
+
+@dataclass
+class Tum(Format):
+    """Poses of an estimate: lines `t x y z qx qy qz qw`, then the upper triangle of the covariance, if it has one.
+
+    Attributes:
+        recording: The recording with the time stamps. If not given: the recording of its run.
+    """
+
+    recording: Path | None = None
+
+    def run(self) -> int:
+        estimates = _load(self.path)[2]
         if len(estimates) != 1:
             what = f"{self.path}: it has {len(estimates)} estimates"
             raise UserError(f"{what}; give one, as FOLDER/estimates/NAME.npz")
@@ -154,7 +148,84 @@ class Command:
         if len(stamps) != len(poses):
             what = f"{self.path}: it has {len(poses)} poses, but {path} has {len(stamps)}"
             raise UserError(f"{what}; give the recording of its run with --recording")
-        return self._file(".tum", lambda out: trajectories.write_tum(out, stamps, poses, estimate.pose_covs))
+        return self.write_file(".tum", lambda out: trajectories.write_tum(out, stamps, poses, estimate.pose_covs))
+
+
+@dataclass
+class Figures(Format):
+    """The figures of a run, a study, a sweep, an error budget, noise or bench, redrawn for a paper, in a folder.
+
+    Attributes:
+        width: column is 3.4 in (one of two columns), page is 7.0 in.
+        estimators: Comma-separated. If not given: all. In the figure of a run the 3-sigma bounds of the first are
+            filled.
+    """
+
+    form: ClassVar[Literal["pdf", "png", "svg"]] = "pdf"
+    width: Literal["column", "page"] = "page"
+    estimators: str = ""
+
+    def run(self) -> int:
+        drawings = publishing.drawings_of(self.path, split_names(self.estimators))
+        out, main = self.out or results_of("export", self.path), f"{next(iter(drawings))}.{self.form}"
+        sheet = plot_style.Sheet(self.width, (self.form,))
+        with staged_folder.staged_folder(out, main) as folder, plot_style.printed_on(sheet):
+            for draw in drawings.values():
+                draw(folder)
+            written = sorted(path.name for path in folder.iterdir())
+        print(f"written to {out}: {', '.join(written)}", file=sys.stderr)
+        return 0
+
+
+@dataclass
+class Latex(StudyTable):
+    """The table of a study for LaTeX, with booktabs and a caption. Without --out it is printed on standard output."""
+
+    form = "latex"
+
+
+@dataclass
+class Markdown(StudyTable):
+    """The table of a study for Markdown. Without --out it is printed on standard output."""
+
+    form = "markdown"
+
+
+@dataclass
+class Pdf(Figures):
+    """The figures of a run, a study, a sweep, an error budget, noise or bench as PDF, redrawn for a paper."""
+
+
+@dataclass
+class Png(Figures):
+    """The figures of a run, a study, a sweep, an error budget, noise or bench as PNG, redrawn for a paper."""
+
+    form = "png"
+
+
+@dataclass
+class Svg(Figures):
+    """The figures of a run, a study, a sweep, an error budget, noise or bench as SVG, redrawn for a paper."""
+
+    form = "svg"
+
+
+@dataclass
+class Command:
+    """Write recordings, estimates, tables of studies and figures in a format of other programs.
+
+    `slamgauge export FORMAT --help` describes each format.
+
+    For example:
+      slamgauge export mat first-run
+      slamgauge export latex results/q1 --columns ate_m,nees_pose_per_dof
+      slamgauge export pdf first-run --width column --estimators ekf,causal
+    """
+
+    format: Csv | G2o | Mat | Tum | Latex | Markdown | Pdf | Png | Svg
+
+    def run(self) -> int:
+        return self.format.run()
 
 
 def _load(path: Path) -> Exported:

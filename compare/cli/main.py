@@ -59,7 +59,6 @@ commands:
 MORE = """
 `slamgauge COMMAND --help` prints the options of a command, `slamgauge --version` the version, and
 `slamgauge --tyro-print-completion bash` (zsh, tcsh) a script that completes the words of a shell."""
-KEBAB = re.compile(r"(?<=[a-z])(?=[A-Z])")  # where the name of a class gets a dash in the name of a subcommand
 COMPLETION = "--tyro-print-completion"
 HELP = {"-h", "--help"}
 
@@ -215,10 +214,10 @@ def _parsed(kind: Any, program: str, words: Sequence[str]) -> Any:
 def _mistake(kind: Any, program: str, words: Sequence[str]) -> str:
     """Return a line about a wrong format, about the first option with a value of the wrong type, or missing words."""
     options, union = _options(kind), get_args(get_type_hints(kind).get("format"))
-    formats = [each if isinstance(each, str) else KEBAB.sub("-", each.__name__).lower() for each in union]
+    formats = [re.sub(r"(?<=[a-z])(?=[A-Z])", "-", each.__name__).lower() for each in union]
     if formats and words and words[0] not in formats:
         return f"{words[0]}: no such format; {did_you_mean(words[0], formats)}"
-    if words and formats != [*union]:
+    if formats and words:
         kind, program = union[formats.index(words[0])], f"{program} {words[0]}"
     for word, following in zip(words, [*words, ""][1:], strict=True):
         option, equals, value = word.partition("=")

@@ -25,17 +25,21 @@ from slamgauge.compare.studies.budget import RUNGS, summarise_budget
 from slamgauge.compare.studies.study import load_runs, run_study
 from tests.reference import fast_commands
 
-SCRIPT_NAME = "<script>alert(1)</script>"
+SCRIPT_NAME, USER_NAME = "<script>alert(1)</script>", 'own "<b>&amp;'
 SHORT = ["start=sampled", "trajectory.duration=5"]
 
 
-def run(folder: Path) -> None:
-    """Write a bearing-only run, with rays."""
+def run(folder: Path, scenario: str = "q4-ring") -> None:
+    """Write a run, by default bearing-only with rays."""
     begin_folder(folder)
-    truth, recording = simulate(load_scenario("q4-ring", SHORT), 0)
-    estimators = load_estimators(["dead-reckoning", "ekf", "causal"], frames=240)
-    comparison = compare_estimators(truth, recording, estimators)
-    write_comparison(folder, comparison, metrics(comparison, "q4-ring", 0))
+    truth, recording = simulate(load_scenario(scenario, ["start=sampled", "trajectory.duration=30"]), 0)
+    named = {"dead-reckoning": "dead-reckoning", "ekf": "ekf", USER_NAME: "riekf", "causal": "causal"}
+    comparison = compare_estimators(truth, recording, load_estimators(named, frames=240))
+    write_comparison(folder, comparison, metrics(comparison, SCRIPT_NAME, 0))
+
+
+def ranges(folder: Path) -> None:
+    run(folder, "q1-long-dense")
 
 
 def study(folder: Path) -> None:
@@ -114,5 +118,5 @@ def exercise(folder: Path) -> None:
 
 
 WRITE: dict[str, Callable[[Path], None]] = {
-    each.__name__: each for each in (run, study, sweep, budget, noise, bench, grades, exercise)
+    each.__name__: each for each in (run, ranges, study, sweep, budget, noise, bench, grades, exercise)
 }

@@ -40,16 +40,10 @@ def test_own_estimators_pass_except_for_the_limits_of_their_method(name: str):
     assert {each.name for each in verdicts.values() if each.limit_of_method} == LIMITS.get(name, set())
 
 
-@pytest.mark.full  # one seed is usual
-def test_a_right_textbook_filter_passes_for_20_seeds():
-    for seed in range(20):
-        assert not failed(verdicts_of(seeded_ekf, seed)), seed
-
-
-@pytest.mark.parametrize("bug", SEEDED)
-@pytest.mark.parametrize("seed", [0, *in_full([1, 2])])
-def test_a_seeded_bug_fails_its_check_and_no_other(seed: int, bug: str):
-    assert failed(verdicts_of(partial(seeded_ekf, bug=bug), seed)) == {SEEDED[bug]}
+@pytest.mark.parametrize("bug", ["", *SEEDED])
+@pytest.mark.parametrize("seed", [0, *in_full(range(1, 5))])
+def test_a_right_textbook_filter_passes_and_a_seeded_bug_fails_its_check_and_no_other(seed: int, bug: str):
+    assert failed(verdicts_of(partial(seeded_ekf, bug=bug), seed)) == ({SEEDED[bug]} if bug else set())
 
 
 def test_checks_have_bugs_of_their_own_presuppose_others_and_never_each_other_and_are_on_the_page():
@@ -129,10 +123,3 @@ def test_the_command_prints_a_table_and_exits_with_1_if_a_check_fails(
     assert {*broken} == {"name", "passed", "figure", "bound", "blame", "limit_of_method"}
     assert (broken["passed"], broken["limit_of_method"]) == (False, False)
     assert "the Jacobian F of the prediction" in broken["blame"]
-
-
-@pytest.mark.parametrize("words", [["ekf", "--seed", "-1"], ["ekff"], ["no_such_file.py:estimate"]])
-def test_a_users_mistake_gives_one_line(words: list[str], capsys: pytest.CaptureFixture[str]):
-    assert main(["check", *words]) == 2
-    printed = capsys.readouterr()
-    assert (printed.out, len(printed.err.splitlines())) == ("", 1)

@@ -83,13 +83,6 @@ def test_a_right_filter_with_its_own_noise_fails_no_check(scale: float):
         assert found == (set(), UNJUDGED)
 
 
-def test_the_reason_names_the_ignored_noise():
-    only_r = partial(own_noise, Q=np.zeros((3, 3)))
-    for estimator, name, noise in ((own_noise, "time-step", "odometry"), (only_r, "measurement-noise", "observation")):
-        blames = {each.name: each.blame for each in check_estimator("mine", estimator, 0, CHECKS)}
-        assert blames[name] == f"not judged: it ignores the {noise} noise of the recording"
-
-
 @pytest.mark.full  # bugs of other filters are usual
 @pytest.mark.parametrize("bug", SEEDED)
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")  # bugs may overflow

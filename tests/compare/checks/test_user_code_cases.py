@@ -9,7 +9,6 @@ import pytest
 
 from slamgauge.compare.checks.examination import check_estimator
 from slamgauge.compare.estimators.loading import load_estimators
-from slamgauge.compare.scenarios.scenario import load_scenario
 from slamgauge.compare.scenarios.simulation import simulate
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimator
@@ -116,14 +115,10 @@ for gain in range(3):
 def estimate(recording):
     return Estimate("filtered", np.tile([NOISE[0, 0], len(GAINS), 0.0], (recording.steps + 1, 1)))
 """
-    recording = simulate(load_scenario("q1-short-dense", ["trajectory.duration=2"]), 0)[1]
+    recording = simulate("q1-short-dense", 0)[1]
     assert np.allclose(estimator(written(tmp_path, source))(recording).poses, [0.09, 3.0, 0.0])
 
 
-UNREAD = """
-def motion(x, u, dt=0.01): return x + dt * u
-def ekf_slam(xEst, PEst, u, y): return motion(xEst, u), PEst
-"""
 TWO = "def predict(X, P, control, control_cov, k): ...\ndef update(X, P, measure, measure_cov, k): ..."
 POSITIONS = """
 class EKF:
@@ -138,7 +133,6 @@ STATES = "it lacks estimate(recording), ekf_slam(xEst, PEst, u, y), or a class w
 @pytest.mark.parametrize(
     ("source", "has", "lacks", "calls"),
     [
-        (UNREAD, "the file has motion(x, u, dt), ekf", "reads nowhere: write DT where it, or a function that it", ""),
         (TWO, "the file has predict(X, P, control,", STATES, "self.x, self.P = update(X, P, measure, measure_cov, k)"),
         (POSITIONS, "class EKF(Q, R) has predict(v, w, dt), update(z", "it lacks predict(", "self.filter.mu[:3]"),
         (PARTS, "the file has motion_model(x, u), ekf_pred", STATES, "self.x, self.P = ekf_predict(x, P, u, Q, dt)"),
@@ -152,14 +146,6 @@ def test_another_form_is_refused_with_what_it_has_and_the_wrapper(
     with pytest.raises(UserError) as caught:
         load_estimators([f"mine={written(tmp_path, source)}"])
     first, second, remedy, *wrapper = str(caught.value).splitlines()
-    assert has in first
-    assert lacks in second
+    assert has in first and lacks in second
     assert remedy.startswith("copy this wrapper into another file")
-    assert "class Wrapper:" in "\n".join(wrapper)
-    assert calls in "\n".join(wrapper)
-
-
-def test_a_library_that_is_missing_is_named(tmp_path: Path):
-    remedy = "install rospy_of_old beside slamgauge, or write the filter in a file that does"
-    with pytest.raises(UserError, match=remedy):
-        load_estimators([f"mine={written(tmp_path, 'import rospy_of_old')}"])
+    assert "class Wrapper:" in "\n".join(wrapper) and calls in "\n".join(wrapper)

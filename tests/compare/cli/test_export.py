@@ -94,7 +94,6 @@ def test_an_estimate_as_tum_and_csv(run: Path, tmp_path: Path, capsys: pytest.Ca
         ("", "csv", ("--columns", "ate_m"), "summary.json: cannot be read"),
         ("metrics.json", "mat", (), "metrics.json: not a whole npz file"),
         ("", "g2o", (), "odometry_cov[0]: is singular"),
-        ("", "mat", ("--lend", "1e-3"), "lend: an option of g2o; leave it out for mat"),
         ("", "g2o", ("--lend", "-1"), "lend: -1 is not a small standard deviation"),
     ],
 )

@@ -108,7 +108,7 @@ MODULES = {
     "get_ipython()": r"cannot be loaded, it raised NameError: .*; remove the lines that only a notebook can run",
     "xrange(3)": r"cannot be loaded, it raised NameError: .*; this is code of Python 2; convert it to Python 3",
     "print 'a'": r"cannot be loaded, it raised SyntaxError: .*; this is code of Python 2; convert it to Python 3",
-    "import nowhere_at_all": r"cannot be loaded, it raised ModuleNotFoundError: .* \(OWN.py, line 1\)",
+    "import nowhere_at_all": r"cannot be loaded, .*\(OWN.py, line 1\); install nowhere_at_all beside slamgauge, or",
     "def estimates(recording): ...": "OWN has no 'estimate'; did you mean estimates?",
     "estimate = 3": "is a int; give a callable Recording -> Estimate",
 }

@@ -179,7 +179,6 @@ LOGS: dict[str, tuple[Change, str]] = {
     ),
     "observations in ms": (scaled(SEEN, stamp=1e3), "give each file the unit of its stamps"),
     "all stamps in ms": (both(*(scaled(file, stamp=1e3) for file in ALL)), "check the units of angles and stamps"),
-    "observations an hour late": (moved(SEEN, "stamp", 3600.0), "both the same clock"),
     "observations 1 s early": (moved(SEEN, "stamp", -1.0), "if their stamps are 1 s early"),
     "no observations": (rows(SEEN, lambda _: []), "there are no observations"),
     # units, signs and frames
@@ -299,10 +298,6 @@ GRAPHS: dict[str, tuple[ChangedGraph, str]] = {
     "landmarks without vertices": (each("VERTEX_XY", lambda _: []), READ),
     "keys of GTSAM": (with_keys, READ),
     "clockwise bearings": (times("BR", 3, -1.0), "angles in opposite directions"),
-    "bearing and range exchanged": (
-        each("BR", lambda line: [*line[:3], line[4], line[3], *line[5:]]),
-        "the range is negative",
-    ),
     "turns in degrees": (times("EDGE_SE2", 5, DEGREE), "turns are in degrees, read as radians"),
     "variances instead of information": (times("EDGE_SE2", 6, 1e-10), NOISE_DIFFERS),
     "doubled edges": (each("EDGE_SE2", lambda line: [*line, "\n", *line]), "a second edge between the poses"),

@@ -10,7 +10,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from matplotlib.collections import LineCollection
-from matplotlib.colors import to_hex, to_rgba
+from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 
 from slamgauge.compare.cli.main import main
@@ -18,7 +18,7 @@ from slamgauge.compare.figures.plot_style import INCHES, Sheet, Width, printed_o
 from slamgauge.compare.figures.publishing import drawings_of
 from slamgauge.compare.figures.study_figures import study_drawings
 from slamgauge.compare.studies.stored_study import load_study
-from tests.reference.result_folders import WRITE
+from tests.reference.result_folders import USER_NAME, WRITE
 
 pytestmark = pytest.mark.slow
 
@@ -70,13 +70,10 @@ def test_export_draws_the_chosen_estimators(results: Path, tmp_path: Path, drawn
     words = ("export", "svg", str(results / "run"), "--out", str(tmp_path / "out"))
     assert main([*words, "--estimators", "causal,ekf"]) == 0
     assert set(drawn) == {"figure", "rays"}
-    panel = drawn["figure"].axes[1]
-    assert labels(drawn["figure"]) >= {"ekf", "causal"}
-    (filled,) = (each for each in panel.collections if not isinstance(each, LineCollection))
-    assert to_hex(np.asarray(filled.get_facecolor())[0]) == "#cc9900"  # the bounds of the first
-    for kind, name, more in (("sweep", "sweep", []), ("bench", "bench", []), ("study", "nees", ["99.9% band"])):
+    assert labels(drawn["figure"]) >= {"ekf", "causal"} and USER_NAME not in labels(drawn["figure"])
+    for kind, name in (("sweep", "sweep"), ("bench", "bench"), ("study", "nees")):
         drawings_of(results / kind, ["ekf"])[name](tmp_path)
-        assert labels(drawn[name]) == {"ekf", *more}
+        assert labels(drawn[name]) - {"99.9% band"} == {"ekf"}
 
 
 def test_numbers_of_the_study_are_drawn(results: Path, tmp_path: Path, drawn: dict[str, Figure]):
@@ -92,42 +89,35 @@ def test_numbers_of_the_study_are_drawn(results: Path, tmp_path: Path, drawn: di
     np.testing.assert_allclose([high, -low], np.tile(3 * series["sigma_x"].mean(axis=0), (2, 1)))
 
 
-CHANGED = "written by another version, or changed by hand; run its command again"
-
-
 @pytest.mark.parametrize(
     ("folder", "options", "message"),
     [
         ("run", "--estimators oc-ekf", "oc-ekf"),
         ("noise", "--estimators ekf", "noise.json has no estimators to choose"),
-        ("budget", "--estimators ekf", "budget.json has no estimators to choose"),
         ("bench", "--estimators riekf", "riekf"),
-        ("damaged noise", "", CHANGED),
-        ("damaged budget", "", CHANGED),
-        ("damaged bench", "", CHANGED),
-        ("damaged sweep", "", CHANGED),
         ("", "", "contains no run, study, sweep, budget, noise or bench"),
+        *(
+            (f"damaged/{kind}", "", f"{kind}.json: written by another version, or changed by hand; run its command")
+            for kind in ("noise", "budget", "bench", "sweep")
+        ),
     ],
 )
 def test_refusals(
     results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], folder: str, options: str, message: str
 ):
-    place = results / folder
     if folder.startswith("damaged"):
-        place = tmp_path
-        (place / f"{folder.split()[1]}.json").write_text("{}")
-    assert main(["export", "pdf", str(place), "--out", str(tmp_path / "out"), *options.split()]) == 2
+        (results / folder).mkdir(parents=True)
+        (results / folder / f"{Path(folder).name}.json").write_text("{}")
+    assert main(["export", "pdf", str(results / folder), "--out", str(tmp_path / "out"), *options.split()]) == 2
     assert message in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 
 
 def test_files_have_the_requested_format_and_width_and_no_date(results: Path, tmp_path: Path):
-    for folder in ("one", "other"):
-        out = str(tmp_path / folder)
-        assert main(["export", "pdf", str(results / "budget"), "--width", "column", "--out", out]) == 0
-    one, other = ((tmp_path / folder / "budget.pdf").read_bytes() for folder in ("one", "other"))
-    assert one == other
-    assert one.startswith(b"%PDF") and b"/MediaBox [ 0 0 244.8 " in one  # 3.4 in, in points
+    words = ("export", "pdf", str(results / "budget"), "--width", "column", "--out", str(tmp_path))
+    assert main([*words]) == 0
+    written = (tmp_path / "budget.pdf").read_bytes()
+    assert b"/MediaBox [ 0 0 244.8 " in written and b"CreationDate" not in written  # 3.4 in, in points
 
 
 def test_limits_ignore_a_diverged_estimator_and_name_it(results: Path, tmp_path: Path, drawn: dict[str, Figure]):
@@ -139,21 +129,17 @@ def test_limits_ignore_a_diverged_estimator_and_name_it(results: Path, tmp_path:
     runs = study.runs["ekf"]
     wild = {key: 1e4 * rows if key.startswith(("error", "nees", "nis")) else rows for key, rows in runs.series.items()}
     lost = replace(runs, series=wild, figures={**runs.figures, "ate_m": 1e4 * runs.figures["ate_m"]})
-    for name, others in (("sane", study.runs), ("wild", {**study.runs, "ekf": lost})):
-        for draw in study_drawings(study.summary, others, study.step).values():
-            draw(tmp_path)
-        drawn |= {f"{name} {key}": figure for key, figure in drawn.items() if " " not in key}
+    for draw in study_drawings(study.summary, {**study.runs, "ekf": lost}, study.step).values():
+        draw(tmp_path)
     for key in ("nees", "rmse", "errors"):
-        sane, wild_ = (drawn[f"{name} {key}"].axes[0].get_ylim()[1] for name in ("sane", "wild"))
-        assert wild_ < 4 * sane
-        assert any("ekf exceeds the axes" in axes.get_title() for axes in drawn[f"wild {key}"].axes)
-    assert drawn["wild ratios"].axes[0].get_xlim()[1] < 200
-    assert "ekf / hindsight, ekf / causal exceed the axes" in drawn["wild ratios"].axes[0].get_title()
+        assert drawn[key].axes[0].get_ylim()[1] < 40
+        assert any("ekf exceeds the axes" in axes.get_title() for axes in drawn[key].axes)
+    assert drawn["ratios"].axes[0].get_xlim()[1] < 200
+    assert "ekf / hindsight, ekf / causal exceed the axes" in drawn["ratios"].axes[0].get_title()
 
 
 def test_users_can_load_the_style_by_its_name():
     with plt.style.context("slamgauge.paper"):
         assert mpl.rcParams["figure.figsize"] == [INCHES["column"], 2.4]
-        assert (mpl.rcParams["pdf.fonttype"], mpl.rcParams["svg.fonttype"]) == (42, "none")
         colours = [to_rgba(each["color"]) for each in mpl.rcParams["axes.prop_cycle"]]
         assert len({*colours}) == len(colours) == 8

@@ -26,7 +26,6 @@ from slamgauge.compare.grading.rubric import load_rubric
 from slamgauge.compare.grading.trial import Trial, run_trial
 from slamgauge.compare.scenarios.scenario import load_scenario
 from slamgauge.compare.scoring.intervals import Interval
-from slamgauge.compare.scoring.scores import Score
 from slamgauge.compare.studies.store import digest
 from slamgauge.compare.studies.study_run import run_seed
 from tests.reference.fast_commands import studies_in_a_thread
@@ -167,8 +166,7 @@ def test_the_middle_run_is_checked_and_too_much_memory_is_a_reason(scenario: Pat
     }
     assert graded_class(tmp_path, scenario, files, "--runs", "3", "--seed", "0") == 1
     reasons = {name: row["reason"] for name, row in rows(tmp_path / "out").items()}
-    assert reasons["right"] == ""
-    assert reasons["in_the_middle"].startswith("run 1: uses the future: ")
+    assert reasons["right"] == "" and reasons["in_the_middle"].startswith("run 1: uses the future: ")
     assert "MemoryError: Unable to allocate 44.7 GiB" in reasons["greedy"]
     assert reasons["greedy"].endswith("; its process may take 4 GB")
 
@@ -180,18 +178,11 @@ def test_the_middle_run_is_checked_and_too_much_memory_is_a_reason(scenario: Pat
         ({"a.py": "X = 1 / 0"}, (), "nothing could be graded; a: cannot be loaded, it raised ZeroDivisionError"),
         ({"a.py": ""}, ("--runs", "1"), "runs: 1 has no interval"),
         ({"a.py": ""}, ("--reference", "efk"), "estimator 'efk' is not known"),
-        ({"a.py": ""}, ("--timeout", "0"), "timeout: 0 s leaves no time"),
-        ({"a.py": ""}, ("--seed", "-1"), "seed: -1 is negative"),
         ({"a/x.py": "", "a/y.py": ""}, (), "a: may be x.py, y.py; call the one that counts submission.py"),
     ],
 )
 def test_errors_are_one_line_and_status_2(
-    scenario: Path,
-    tmp_path: Path,
-    files: dict[str, str],
-    words: tuple[str, ...],
-    message: str,
-    capsys: pytest.CaptureFixture[str],
+    scenario: Path, tmp_path: Path, files: dict[str, str], words: tuple[str, ...], message: str, capsys: Any
 ):
     assert graded_class(tmp_path, scenario, files, "--runs", "2", *words) == 2
     error = capsys.readouterr().err.splitlines()[-1]
@@ -223,10 +214,6 @@ def test_an_error_of_slamgauge_costs_one_submission_its_grade(
         assert "&lt;b&gt;zero&lt;/b&gt;" in text and "<b>zero" not in text
 
 
-def with_figures(score: Score, **figures: object) -> Score:
-    return replace(score, figures={**score.figures, **figures})
-
-
 def test_grades_of_scores():
     """Figures that are not finite are missing; errors below the optimum's and smoothed poses do not pass."""
     theirs = scores(ate=1.0, spread=0.1)
@@ -236,13 +223,12 @@ def test_grades_of_scores():
     assert (row["ate_m"], row["ate_m_low"], row["ate_m_high"]) == (None, None, None)
     ours = scores(ate=0.5, spread=0.1)
     for check, passes in ((None, False), (9.0, True)):  # an optimum in doubt proves nothing
-        relative = [
-            with_figures(each, ratio_to_optimum=0.5, yardstick_check_sigma=check, seconds_total=1.0) for each in ours
-        ]
+        more = {"ratio_to_optimum": 0.5, "yardstick_check_sigma": check, "seconds_total": 1.0}
+        relative = [replace(each, figures={**each.figures, **more}) for each in ours]
         found = grade("mine", Trial(scores=relative), ours, RUBRIC)
         assert found.passed == passes
         assert passes or found.reasons[0].startswith("its error is 0.5 ± ")
-    smoothed = [with_figures(each, kind="smoothed") for each in theirs]
+    smoothed = [replace(each, figures={**each.figures, "kind": "smoothed"}) for each in theirs]
     reasons = grade("mine", Trial(scores=smoothed), theirs, RUBRIC).reasons
     assert reasons[0] == "its poses are smoothed; filtered poses are required"
 
@@ -259,24 +245,18 @@ def test_identical_figures_are_named_on_both_sides():
 
 
 @pytest.mark.full  # tests/compare/estimators has the noise of files
-def test_other_noise_of_a_file_is_graded_too_and_the_same_noise_is_not(
-    scenario: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-):
-    """A square is missing in the Q of `root`: with the noise of the file it is more cautious."""
+def test_other_noise_of_a_file_is_graded_too(scenario: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    """A square is missing in its Q: with the noise of the file it is more cautious."""
     recording = simulate(load_scenario(scenario), 0)[1]
     dt = recording.stamps[1] - recording.stamps[0]
     Q, Py = np.diag(recording.odometry_cov[0])[[0, 2]] / dt**2, np.diag(recording.observation_cov[0])
-    noise = "{}\nQ = np.diag({})\nPy = np.diag({})\nDT = {}\n"
-    files = {
-        f"{name}.py": noise.format(STUDENT, own.tolist(), Py.tolist(), dt)
-        for name, own in {"same": Q, "root": np.sqrt(Q)}.items()
-    }
-    assert graded_class(tmp_path, scenario, files, "--runs", "3", "--seed", "0", "--json") == 0
-    root, same = json.loads(capsys.readouterr().out)
-    assert (same["settings"], same["own_noise_ate_ratio"]) == ("", None)
+    noise = f"\nQ = np.diag({np.sqrt(Q).tolist()})\nPy = np.diag({Py.tolist()})\nDT = {dt}\n"
+    words = ("--runs", "3", "--seed", "0", "--json")
+    assert graded_class(tmp_path, scenario, {"root.py": STUDENT + noise}, *words) == 0
+    (root,) = json.loads(capsys.readouterr().out)
     assert root["settings"].startswith("Q of the file, diag(") and "a square is missing" in root["settings"]
     assert 0.8 < root["own_noise_nees_ratio"] / root["nees_ratio"] < 0.97
-    assert root["points"] == same["points"] == 100  # they count the noise of the recording
+    assert root["points"] == 100  # they count the noise of the recording
     page = (tmp_path / "out/submissions/root.html").read_text()
     assert "NEES x, own noise" in page and "<li>Q of the file, diag(" in page
 
@@ -298,8 +278,6 @@ def test_the_autograder_of_the_examples(scenario: Path, tmp_path: Path, name: st
         error = "nothing could be graded; submission: cannot be loaded, it raised ZeroDivisionError"
         assert found["score"] == 0 and found["output"].startswith(error)
         return
-    assert {*found} > {"execution_time", "output_format", "visibility", "stdout_visibility"}
     assert (found["score"], found["max_score"], found["extra_data"]["passed"]) == (20, 20, True)
     assert {each["status"] for each in found["tests"]} == {"passed"}
-    assert found["output"].startswith("Graded is ekf_slam: step function of the exercise")
     assert "root seed" in ran.stdout and "1 of 1 graded, 1 passed" in ran.stdout

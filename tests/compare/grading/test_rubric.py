@@ -42,27 +42,24 @@ def test_the_default_rubric_weighs_every_check_is_on_the_page_and_gives_a_right_
 
 
 @pytest.mark.parametrize(
-    ("ate", "points"), [(0.9, 25.0), (1.05, 25.0), (1.525, 12.5), (1.99, 0.263), (2.0, 0.0), (40.0, 0.0)]
-)
-def test_accuracy_has_partial_credit(ate: float, points: float):
-    assert points_of(mark(ate=ate))["accuracy"] == (pytest.approx(points, abs=1e-3), 25.0)
-
-
-@pytest.mark.parametrize(
-    ("nees", "other", "points"),
+    ("ate", "nees", "other", "accuracy", "consistency"),
     [
-        (3.0, 3.0, 25.0),
-        (1.0, 3.0, 25.0),  # better than the reference
-        (9.3, 3.0, 12.5),
-        (3.1, 0.9, 12.5),  # the reference is consistent
-        (1 / 3.1, 1.0, 12.5),  # too cautious
-        (0.3, 0.3, 25.0),  # just as cautious as the reference
-        (float("inf"), 1.0, 0.0),
-        (None, 1.0, 0.0),
+        (0.9, 3.0, 3.0, 25.0, 25.0),
+        (1.05, 1.0, 3.0, 25.0, 25.0),  # NEES better than that of the reference
+        (1.525, 9.3, 3.0, 12.5, 12.5),
+        (1.99, 3.1, 0.9, 0.263, 12.5),  # the reference is consistent
+        (2.0, 1 / 3.1, 1.0, 0.0, 12.5),  # too cautious
+        (40.0, 0.3, 0.3, 0.0, 25.0),  # just as cautious as the reference
+        (1.0, float("inf"), 1.0, 25.0, 0.0),
+        (1.0, None, 1.0, 25.0, 0.0),
     ],
 )
-def test_consistency_is_relative_to_the_reference_on_both_sides(nees: float | None, other: float, points: float):
-    assert points_of(mark(nees=nees, other=other))["consistency"] == (pytest.approx(points, abs=1e-3), 25.0)
+def test_accuracy_and_consistency_relative_to_the_reference_have_partial_credit(
+    ate: float, nees: float | None, other: float, accuracy: float, consistency: float
+):
+    found = points_of(mark(ate=ate, nees=nees, other=other))
+    assert found["accuracy"] == (pytest.approx(accuracy, abs=1e-3), 25.0)
+    assert found["consistency"] == (pytest.approx(consistency, abs=1e-3), 25.0)
 
 
 def test_checks_that_do_not_judge_leave_their_points_to_the_others_and_limits_of_the_method_have_all():
@@ -95,15 +92,10 @@ def test_a_file_replaces_only_the_keys_that_it_has_and_the_used_rubric_is_a_file
     [
         ("totl = 3", "totl: unknown section; did you mean total?"),
         ("[accuracy]\nfull = 1.1\nweigth = 3", "accuracy.weigth: unknown key; did you mean weight?"),
-        ("[checks]\ntruth-recoverd = 3", "checks.truth-recoverd: unknown key; did you mean truth-recovered?"),
-        ("checks = 3", "checks: input should be an object, not '3'; correct it"),
         ("[checks]\ntime-step = -1", "checks.time-step: input should be greater than or equal to 0, not '-1'"),
-        ("[checks]\ntime-step = true", "checks.time-step: input should be a valid number, not 'True'"),
         ("total = nan", "total: input should be a finite number, not 'nan'; correct it"),
         ("[consistency]\nzero = 1.2", "consistency: full = 1.2 and zero = 1.2; give ratios 1 <= full < zero"),
-        ("total = 0", "some submissions could have no points at all"),
         ("[accuracy]\nweight = 0\n[consistency]\nweight = 0", "some submissions could have no points at all"),
-        ("total = ", "not valid TOML"),
     ],
 )
 def test_mistakes_in_a_rubric_are_one_line(tmp_path: Path, text: str, message: str):

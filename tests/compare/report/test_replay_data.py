@@ -33,12 +33,6 @@ def results() -> Results:
     return Results("a run", truth, recording, compare_estimators(truth, recording, estimators).estimates)
 
 
-def test_frames_are_evenly_spaced_from_the_first_step_to_the_last():
-    assert frame_steps(10, 100).tolist() == list(range(11))
-    assert frame_steps(1000, 11).tolist() == list(range(0, 1001, 100))
-    assert frame_steps(0, 5).tolist() == [0]
-
-
 @pytest.mark.parametrize("count", [201, 40, 2])
 def test_a_frame_has_the_last_scan_since_the_frame_before_at_its_measured_places(results: Results, count: int):
     recording = results.recording
@@ -53,8 +47,6 @@ def test_a_frame_has_the_last_scan_since_the_frame_before_at_its_measured_places
         before = step
     ranges, bearings = recording.observation[observations.observation].T
     np.testing.assert_allclose(observations.body.T, ranges * [np.cos(bearings), np.sin(bearings)], atol=1e-12)
-    none = shown_observations(recording.only(np.zeros(len(recording.observation), bool)), shown, 1.0)
-    assert (none.start.tolist(), none.body.shape) == ([0] * (len(shown) + 1), (0, 2))
 
 
 def test_maps_errors_and_nees_are_those_of_the_estimates(results: Results):
