@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from slamgauge.compare.cli.main import main
+from slamgauge.compare.cli.main import COMMANDS, main
 from slamgauge.compare.scenarios import scenario, scenario_files
 from tests.marks import in_full
 from tests.reference.synthetic_logs import write_published_logs
@@ -84,3 +84,9 @@ def test_every_command_of_a_page(page: str, tmp_path: Path, monkeypatch: pytest.
                 subprocess.run([sys.executable, *words[1:]], check=True, capture_output=True)
             elif words[:1] not in ([], ["python"]):
                 subprocess.run(["bash", "-euc", line], check=True, capture_output=True)
+
+
+def test_pages_show_every_command():
+    """`doctor` and `scenarios` need no page."""
+    lines = [line for page in PAGES.values() for _, _, found in blocks(page) for line in found]
+    assert {*COMMANDS} - {line.split()[1] for line in lines if line.startswith("slamgauge ")} <= {"doctor", "scenarios"}

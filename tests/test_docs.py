@@ -50,3 +50,16 @@ def test_python_on_a_page_imports_names_that_exist(monkeypatch: pytest.MonkeyPat
 def test_no_file_names_a_place_on_somebodys_machine():
     words = ["git", "grep", "-IlE", r"/(home|Users|root|work)/\w+"]
     assert subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=False).stdout == ""
+
+
+def test_the_walk_of_one_step_goes_where_it_says():
+    """Every name of the table is in the module of its row, or of the last row that has a module."""
+    walk = PAGES["docs/architecture.md"].partition("## One step")[2]
+    rows = re.findall(r"^\| (?:`([\w.]+)`)? ?\| (`.*?`) \|", walk, re.MULTILINE)
+    assert len(rows) > 12
+    source = ""
+    for module, names in rows:
+        if module:
+            source = (ROOT / f"{module.replace('.', '/')}.py").read_text(encoding="utf-8")
+        for name in re.findall(r"`([\w.]+)`", names):
+            assert re.search(rf"^ *(def |class )?{name.rpartition('.')[2]}\b", source, re.MULTILINE), (module, name)
