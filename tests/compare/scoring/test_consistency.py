@@ -39,13 +39,6 @@ def test_a_singular_covariance_has_no_distance_and_distances_are_limited() -> No
     assert squared_mahalanobis(np.full((1, 3), 1e9), np.eye(3)[None] * 1e-307) == FARTHEST
 
 
-@pytest.mark.parametrize(("size", "ratio"), [(1e-12, None), (1e-8, pytest.approx(3.0))])
-def test_nothing_is_divided_by_the_rounding_errors_of_an_optimum(size: float, ratio: float | None) -> None:
-    paths = (np.tile([error, 0.0, 0.0], (4, 1)) for error in (3.0 * size, size))
-    estimate, optimum = (Estimate("filtered", poses, np.tile(np.eye(3), (4, 1, 1))) for poses in paths)
-    assert evaluate(Truth(poses=np.zeros((4, 3))), straight(3), estimate, optimum)["ratio_to_optimum"] == ratio
-
-
 @pytest.mark.parametrize(("runs", "low", "high"), [(20, 2.02, 4.17), (50, 2.36, 3.72), (100, 2.54, 3.50)])
 def test_the_chi_square_band_equals_published_nees_bounds(runs: int, low: float, high: float) -> None:
     band = chi2_band(0.95, 3 * runs)

@@ -74,6 +74,9 @@ def test_figures_against_the_optimum_by_hand() -> None:
     score = evaluate(truth, recording, estimate, optimum)
     assert score["ratio_to_optimum"] == pytest.approx(3)
     assert score["mahalanobis_to_optimum"] == pytest.approx(0.4**2 / 0.01 + 0.2**2 / 0.04)
+    for size, ratio in ((1e-12, None), (1e-8, pytest.approx(3.0))):  # nothing is divided by rounding errors
+        paths = [filtered(path(recording, [0, factor * size, 0])) for factor in (3, 1)]
+        assert evaluate(truth, recording, *paths)["ratio_to_optimum"] == ratio
 
 
 def test_a_fixed_start_is_skipped_in_comparisons_of_covariances() -> None:

@@ -11,7 +11,7 @@ from scipy import stats
 
 from slamgauge.compare.scoring.consistency import chi2_band
 from slamgauge.compare.scoring.intervals import WORTH, Interval, needed_runs
-from slamgauge.compare.scoring.verdicts import BAND_LEVEL, SCATTER, Evidence, faults, single_run, verdict
+from slamgauge.compare.scoring.verdicts import BAND_LEVEL, SCATTER, Evidence, faults, verdict
 
 TEXTBOOK = Evidence(
     runs=100,
@@ -95,8 +95,6 @@ def test_the_number_of_runs_for_five_percent():
     half = 1.959964 * SCATTER / math.sqrt(20)
     assert needed_runs(Interval(1.0, 1.0 - half, 1.0 + half), 20).startswith(": about 420 runs are needed")
     assert needed_runs(Interval(1.0, 0.95, 1.05), 20) == needed_runs(Interval(1.0, None, None), 1) == ""
-    assert single_run("") == "One run: from run to run the ATE varies by about 52 % of its mean"
-    assert single_run("slamgauge study x").endswith(" of its mean. For conclusions use many runs: slamgauge study x")
     rng = np.random.default_rng(3)
     errors = np.hypot(*rng.standard_normal((2, 2000, 420)))
     half = 1.96 * errors.std(axis=1, ddof=1) / math.sqrt(420) / errors.mean(axis=1)
