@@ -22,7 +22,6 @@ from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain, rotation
 from slamgauge.truth import Truth
-from tests.reference.random_recordings import with_rows
 
 Estimates = Mapping[str, Estimate]
 STEPS = 200
@@ -182,7 +181,7 @@ def test_files_of_the_figure_are_reproducible_and_names_with_dollars_are_not_for
 def test_only_some_of_many_loop_closures_are_marked():
     """Steps of 10 s and one landmark that is observed at every second step."""
     steps, stamps = np.arange(0, STEPS, 2), np.linspace(0.0, 10.0 * STEPS, STEPS + 1)
-    recording = replace(with_rows(RECORDING, np.zeros_like(steps)), stamps=stamps, observation_step=steps)
+    recording = replace(RECORDING.only(np.zeros_like(steps)), stamps=stamps, observation_step=steps)
     panels = panels_of({"ekf": estimate()}, recording=recording)
     ticks = [each for each in panels[0].collections if isinstance(each, LineCollection)]
     assert [len(each.get_segments()) for each in ticks] == [50]  # every second one of 99
