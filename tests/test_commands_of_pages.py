@@ -25,7 +25,7 @@ pytestmark = [pytest.mark.usefixtures("studies_in_a_thread", "empty_pictures"), 
 ROOT = Path(__file__).parents[1]
 MADE = runpy.run_path(str(ROOT / "docs/make_figures.py"))
 PAGES = {path.name: path for path in (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))}
-USUAL = ("README.md", "index.md", "your_robot.md")
+USUAL = ("README.md", "index.md", "scenarios.md")
 ELSEWHERE = re.compile(rf"{re.escape(MADE['CHECK'])}|^pip install|^dask|^openssl|--scheduler", re.MULTILINE)
 SMALLER = (
     *MADE["SMALL"],

@@ -88,7 +88,7 @@ def test_every_benchmark_is_run_here():
     assert {*SMALLEST} == {path.stem for path in BENCHMARKS.glob("*.py")}
 
 
-LONG = ("misfits", "seeded_bugs")  # tests/compare/checks has the bugs
+LONG = ("misfits", "import_causes", "seeded_bugs")  # other tests have the causes and the bugs
 
 
 @pytest.mark.usefixtures("compiled_kernels")

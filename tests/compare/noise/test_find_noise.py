@@ -27,7 +27,6 @@ from slamgauge.compare.noise.parameters import SYSTEMATIC, NoiseParameters, odom
 from slamgauge.compare.noise.tables import noise_page
 from slamgauge.compare.scoring.intervals import Interval
 from slamgauge.se2 import rotation, wrap
-from tests.marks import in_full
 
 pytestmark = pytest.mark.slow
 
@@ -99,7 +98,8 @@ def test_intervals_contain_the_truth_in_95_percent_of_logs():
     assert min(held.values()) >= binom.ppf(0.0005 / len(TRUE), LOGS, 0.95)
 
 
-@pytest.mark.parametrize("share", [0.02, *in_full([0.1])])
+@pytest.mark.full  # 12 s and more
+@pytest.mark.parametrize("share", [0.02, 0.1])
 def test_outliers_are_named_and_do_not_increase_a_sigma(share: float):
     recording, rng = recording_of(), np.random.default_rng(0)
     wrong = rng.random(len(recording.observation)) < share
@@ -142,6 +142,7 @@ def test_noise_that_is_less_likely_on_the_held_out_half_is_not_written():
     assert "the assumed noise is kept" in " ".join(text_of(found).split())
 
 
+@pytest.mark.full  # 36 s
 def test_systematic_errors_are_found():
     recording = recording_of("assumed.scale=1", "motion.sigma_speed=0.02", "motion.sigma_yaw_rate_deg=0.5")
     odometry, observation = recording.odometry.copy(), recording.observation + np.array([0.15, 0.04])
