@@ -14,7 +14,7 @@ import os
 import shutil
 import sys
 from collections.abc import Callable, Generator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from secrets import token_hex
 
@@ -112,6 +112,7 @@ def staged_files(folder: Path, names: Sequence[str]) -> Generator[Path]:
 def _temporary_folder(parent: Path, out: Path) -> Generator[Path]:
     """Yield an empty folder below `parent`, on the file system of `out`; remove it at the end if it is still there."""
     stage = parent / f".slamgauge.{token_hex(4)}.partial"
+    is_new = not parent.exists()
     with explained(out, "written"):
         parent.mkdir(parents=True, exist_ok=True)
         stage.mkdir()
@@ -119,6 +120,9 @@ def _temporary_folder(parent: Path, out: Path) -> Generator[Path]:
         yield stage
     finally:
         shutil.rmtree(stage, ignore_errors=True)
+        if is_new:
+            with suppress(OSError):  # it contains the results
+                parent.rmdir()
 
 
 def decorate(out: Path, drawings: Mapping[str, Drawing], main: str) -> bool:

@@ -30,7 +30,7 @@ class Tracks:
         self._sights = dict[int, int]()  # observations of each track in the map
         self._birth = dict[int, int]()  # its first scan
         self._met = dict[int, set[int]]()  # tracks that one scan has observed together with it
-        self._fate = dict[int, int]()  # of each ended track: the id that it was merged into, or NONE
+        self._fate = dict[int, int]()  # id that each ended track was merged into, or NONE
 
     @property
     def confirmed(self) -> Marks:

@@ -120,7 +120,7 @@ def test_run_prints_a_table_and_writes_notes_on_standard_error(
     assert printed.err == "written to results/q1-long-sparse-seed-0\n"
     metrics = printed_by(capsys, *arguments)
     assert metrics == metrics_of(tmp_path / "results/q1-long-sparse-seed-0")
-    assert metrics["digest"] != metrics_of(stored)["digest"]  # of another seed
+    assert metrics["digest"] != metrics_of(stored)["digest"]  # the seed is another one
 
 
 def test_the_page_is_opened_with_open(

@@ -162,3 +162,9 @@ def test_a_failed_drawing_is_reported_and_the_others_are_published(tmp_path: Pat
     assert line.startswith(f"slamgauge: {tmp_path / 'a'}: not written (OSError: [Errno 28] No space left")
     with pytest.raises(KeyboardInterrupt):
         decorate(tmp_path, {"a": draws("a.png", KeyboardInterrupt())}, MAIN)
+
+
+def test_a_refused_command_leaves_no_folder(tmp_path: Path):
+    with pytest.raises(UserError), staged_folder(tmp_path / "results/new", "main.json"):
+        raise UserError("seed: -1 is negative")
+    assert not any(tmp_path.iterdir())
