@@ -139,9 +139,7 @@ class StepFunction(Form):
             if 0 < len(more) < len(needed):
                 raise UserCodeError(f"it returns {len(more)} of the values for {', '.join(needed)}; return all of them")
             passed |= dict(zip(passed, more, strict=False))
-        if (
-            not settings.shows_ids and recording.landmark is None
-        ):  # else 0, 1, ... would be read as ids of the recording
+        if not settings.shows_ids and recording.landmark is None:  # with ids, 0, 1, ... would be ids of the recording
             ids = [*range((len(state) - 3) // 2)]
         return _estimate(recording, (poses, covs, seconds), ids if is_named else [], state, cov)
 
