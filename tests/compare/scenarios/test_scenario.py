@@ -296,9 +296,7 @@ def test_files_and_overrides_that_cannot_be_read(tmp_path: Path):
         "cannot be read (No such file or directory); check the path and its permissions"
     ]
     (tmp_path / "latin.toml").write_bytes(b'description = "\xe9"')
-    with pytest.raises(
-        UserError, match=r"latin\.toml, line 1: not a text in UTF-8; give another file, or"
-    ):
+    with pytest.raises(UserError, match=r"latin\.toml, line 1: not a text in UTF-8; give another file, or"):
         load_scenario(tmp_path / "latin.toml")
     for override in ("start", "=1"):
         with pytest.raises(UserError, match=rf"^{override}: not an override; write dotted\.key=value$"):
