@@ -39,7 +39,6 @@ class Format:
         return {name: value for name, value in vars(self).items() if name not in ("path", "out")}
 
     def run(self) -> int:
-        """Import the log, and write its files."""
         out = self.out or results_of("import", self.path)
         staged_folder.require_ours(out)  # before long files are read
         log = self.read()
@@ -211,6 +210,3 @@ class Command:
     """
 
     format: Csv | G2o | Bag | Mrclam | VictoriaPark | LostInTheWoods
-
-    def run(self) -> int:
-        return self.format.run()

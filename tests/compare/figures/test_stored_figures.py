@@ -97,7 +97,7 @@ def test_numbers_of_the_study_are_drawn(results: Path, tmp_path: Path, drawn: di
         ("bench", "--estimators riekf", "riekf"),
         ("", "", "contains no run, study, sweep, budget, noise or bench"),
         *(
-            (f"damaged/{kind}", "", f"{kind}.json: written by another version, or changed by hand; run its command")
+            (f"damaged/{kind}", "", f"{kind}.json: written by another version, or changed by hand; move it away, and run")
             for kind in ("noise", "budget", "bench", "sweep")
         ),
     ],
