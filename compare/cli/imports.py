@@ -40,10 +40,9 @@ class Format:
 
     def run(self) -> int:
         out = self.out or results_of("import", self.path)
-        staged_folder.require_ours(out)  # before long files are read
-        log = self.read()
-        facts, doubts = plausibility.examine(log, self.path)
         with staged_folder.staged_folder(out, RECORDING) as folder:
+            log = self.read()
+            facts, doubts = plausibility.examine(log, self.path)
             files.save(folder / RECORDING, log.recording)
             if log.truth is not None:
                 files.save(folder / TRUTH, log.truth)

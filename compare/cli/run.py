@@ -14,7 +14,7 @@ from slamgauge.compare.estimators import loading, requests, running
 from slamgauge.compare.scenarios import scenario as scenarios
 from slamgauge.compare.scenarios import simulation
 from slamgauge.compare.scoring import comparison
-from slamgauge.compare.storage import files, staged_folder
+from slamgauge.compare.storage import files
 from slamgauge.compare.storage.result_files import METRICS, file_name, shown
 from slamgauge.errors import UserError
 
@@ -51,7 +51,6 @@ class Command(OfScenario, WithPage):
     def run(self) -> int:
         scenario, asked = self.load(), self.own_code.ask(self.estimators)
         out = self.out or Path("results") / f"{file_name(scenario.name)}-seed-{self.seed}"
-        staged_folder.require_ours(out)
         simulated = (scenario.name, self.seed, scenarios.scenario_text(scenario))
         data = Data(*simulation.simulate_informed(scenario, self.seed), simulated, self._study_command())
         settings = (scenario.association, scenario.initialisation_settings, scenario.robustness)

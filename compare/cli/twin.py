@@ -38,10 +38,8 @@ class Command:
     def run(self) -> int:
         folder = self.recording.resolve().parent
         out = self.out or results_of("twin", folder)
-        recording = files.load_recording(self.recording)
-        staged_folder.require_ours(out)
-        twin = twins.make_twin(recording)
         with staged_folder.staged_folder(out, TWIN) as stage:
+            twin = twins.make_twin(files.load_recording(self.recording))
             twins.write_twin(stage, twin, shown(f"{folder.name}/{self.recording.name}"))
         notes: list[str] = []
         if not twin.has_ids:
