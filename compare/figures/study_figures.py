@@ -219,15 +219,15 @@ def save_closure_figure(path: Path, settings: Sequence[SettingResult], title: st
 
     Settings without a loop closure have no panel; nothing is written if no setting has one.
     """
-    closed = [each for each in settings if each.closures]
+    closed = [each for each in settings if each.loop_closures]
     if not closed:
         return
     with _panels(path, [each.setting for each in closed], title) as (figure, panels):
         for axes, each in zip(panels, closed, strict=True):
-            for closure in each.closures:
+            for closure in each.loop_closures:
                 _draw_closure(axes, closure)
-            laps = [closure.lap for closure in each.closures]
-            axes.set_xticks(laps, [f"lap {closure.lap}\n{closure.time_s:.0f} s" for closure in each.closures])
+            laps = [closure.lap for closure in each.loop_closures]
+            axes.set_xticks(laps, [f"lap {closure.lap}\n{closure.time_s:.0f} s" for closure in each.loop_closures])
             axes.set(xlim=(min(laps) - 0.5, max(laps) + 0.5), ylim=(0.0, None))
         figure.supylabel("position [m]", fontsize=7.5)
         labelled = dict(zip(*reversed(panels[0].get_legend_handles_labels()), strict=True))  # each label once
@@ -240,12 +240,11 @@ def _draw_closure(axes: Axes, closure: Closure) -> None:
         found, center = closure.estimators[name], closure.lap + PLACES[name]
         dot: dict[str, Any] = {"markersize": 4.5, "color": "w", "markeredgecolor": style.color, "markeredgewidth": 1.2}
         dot |= {"marker": "D" if name == GTSAM else "o", "linestyle": "none"}
-        error = np.array([found.error_before_m, found.error_after_m], dtype=np.float64)
+        error, bounds = np.array([found.error_m, found.three_sigma_m], dtype=np.float64)
         if name == GTSAM:
             axes.plot(center, error[1], label=f"RMS error of {name}", **dot)
             continue
         places = center + BAR * np.array([-0.5, 0.5])
-        bounds = np.array([found.three_sigma_before_m, found.three_sigma_after_m], dtype=np.float64)
         moments = (("before", BEFORE), ("at the closure", AFTER))
         for place, bound, (when, opacity) in zip(places, bounds, moments, strict=True):
             axes.bar(place, bound, 0.9 * BAR, color=style.color, alpha=opacity, label=f"3σ of {name} {when}")
