@@ -16,24 +16,9 @@ from slamgauge.arrays import Float
 from slamgauge.compare.estimators.registry import BOUNDS, CAUSAL, HINDSIGHT
 from slamgauge.compare.exercise.results import Closure, SettingResult
 from slamgauge.compare.exercise.settings import EKF, GTSAM, Setting
+from slamgauge.compare.figures.curves import band, curve, exceeding, logarithmic, robust_limits, three_sigma
 from slamgauge.compare.figures.frames import RayStrip, has_rays
-from slamgauge.compare.figures.plot_style import (
-    DIVERGED,
-    DIVERGED_LOG,
-    MARK_COLOR,
-    SHEET,
-    Sheet,
-    band,
-    curve,
-    exceeding,
-    legend_below,
-    logarithmic,
-    printed,
-    printed_on,
-    robust_limits,
-    styles,
-    three_sigma,
-)
+from slamgauge.compare.figures.plot_style import MARK_COLOR, SHEET, Sheet, legend_below, printed, printed_on, styles
 from slamgauge.compare.figures.run_figures import HEIGHTS, draw_map_and_errors
 from slamgauge.compare.scoring.optimum_notes import MARK, doubt_in_runs, misfits
 from slamgauge.compare.scoring.runs import BAND_LEVEL, PerStep, Runs, paired
@@ -87,11 +72,8 @@ def _draw_over_time(path: Path, title: str, drawn: Mapping[str, PerStep], step: 
         return
     with printed(path, 3.2, title) as figure:
         axes = figure.subplots()
-        heights, diverged = robust_limits(
-            {name: np.array([np.nanmax(each.value)]) for name, each in found.items()},
-            DIVERGED_LOG if is_log else DIVERGED,
-        )
-        height = heights[0]
+        extents = {name: np.array([np.nanmax(each.value)]) for name, each in found.items()}
+        (height,), diverged = robust_limits(extents, is_log=is_log)
         if not is_error:
             low = np.fmin.reduce([each.low for each in found.values()])
             high = np.fmax.reduce([each.high for each in found.values()])
@@ -168,7 +150,7 @@ def _draw_ratios(path: Path, title: str, runs: Mapping[str, Runs], doubtful: Col
             median.set(color=color, linewidth=1.5)
         axes.axvline(1.0, color=MARK_COLOR, linewidth=0.6)
         extents = {label: each.max(keepdims=True) for label, each, _ in boxes}
-        heights, diverged = robust_limits(extents, DIVERGED_LOG)
+        heights, diverged = robust_limits(extents, is_log=True)
         axes.set(xlabel="ATE / optimum's ATE, run by run", title=exceeding(diverged), xscale="log")
         if diverged:
             axes.set_xlim(right=1.3 * heights[0])
