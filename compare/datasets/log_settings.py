@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from slamgauge.arrays import Float
-from slamgauge.compare.storage.toml_tables import Table, override, read_toml
+from slamgauge.compare.storage.files import Table, override, read_toml
 from slamgauge.errors import UserError
 from slamgauge.sensors import Sensor
 from slamgauge.suggestions import did_you_mean
