@@ -170,7 +170,8 @@ def judge(conclusion: Conclusion, runs: Mapping[str, Mapping[str, Runs]]) -> Jud
 
 def log_ratios(above: Measure, below: Measure, runs: Mapping[str, Mapping[str, Runs]]) -> Float:
     """Return the logarithms (R,), at most LIMIT, of a ratio in the runs that have both figures."""
-    ours, theirs = (runs[each.setting][CAUSAL if CAUSAL in each.name else EKF] for each in (above, below))
+    ours = runs[above.setting][CAUSAL if CAUSAL in above.name else EKF]
+    theirs = runs[below.setting][CAUSAL if CAUSAL in below.name else EKF]
     rows, others = paired(ours, theirs)
     high, low = FIGURES[above.name](ours)[rows], FIGURES[below.name](theirs)[others]
     known = (high > 0.0) & (low > 0.0)  # False for NaN
@@ -192,8 +193,10 @@ def judge_ratio(logarithms: Float, asserted: tuple[float, float]) -> Judgement:
 
 def _margin(logarithms: Float, asserted: tuple[float, float]) -> float:
     """Return how far the mean logarithm is inside the asserted range, from the nearest end; it is negative outside."""
+    if not len(logarithms):
+        return -math.inf
     low, high = np.log(np.maximum(asserted, np.finfo(float).tiny))
-    return float(min(logarithms.mean() - low, high - logarithms.mean())) if len(logarithms) else -math.inf
+    return min(float(logarithms.mean() - low), float(high - logarithms.mean()))
 
 
 def _runs_needed(logarithms: Float, distance: float, level: float) -> int | None:

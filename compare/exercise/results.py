@@ -171,7 +171,9 @@ def run_exercise(names: Sequence[str], runs: int, seed: int, out: str | Path, ex
     chosen = [setting for question in questions.values() for setting in question.settings]
     concluded = [each for each in CONCLUSIONS if each.id.partition("-")[0] in questions]
     compared = [SETTINGS[measure.setting] for each in concluded for measure in each.measures]
-    found, loaded, failures = dict[Setting, SettingResult](), dict[str, Mapping[str, Runs]](), list[str]()
+    found: dict[Setting, SettingResult] = {}
+    loaded: dict[str, Mapping[str, Runs]] = {}
+    failures: list[str] = []
     for setting in dict.fromkeys([*chosen, *compared]):
         estimators = (*FILTERS, *OPTIMA) if setting in chosen else (EKF,)
         scenario, study = run_setting(setting, estimators, runs, seed, Path(out), executor)
@@ -215,16 +217,21 @@ def first_closures(scenario: Scenario, seed: int) -> list[int]:
     assert truth.poses is not None and steps is not None
     turns = np.abs(np.unwrap(truth.poses[:, 2]) - truth.poses[0, 2]) / (2.0 * math.pi)
     laps = np.floor(turns + 1e-9).astype(np.int64)  # full turns at each step
-    return [int(steps[laps[steps] == lap][:1].max(initial=-1)) for lap in range(math.ceil(turns.max() - 1e-2))]
+    found: list[int] = []
+    for lap in range(math.ceil(turns.max() - 1e-2)):
+        of_lap = steps[laps[steps] == lap]
+        found.append(int(of_lap[0]) if len(of_lap) else -1)
+    return found
 
 
 def _at(runs: Runs, steps: Int) -> AtClosure:
     """Return error and sigma of an estimator at the steps (runs,) and just before them; step -1 does not count."""
     step = steps[runs.run]
     rows = np.flatnonzero(step >= 0)
-    error, sigma = (np.hypot(runs.series[f"{what}_x"], runs.series[f"{what}_y"]) for what in ("error", "sigma"))
-    pairs = [(rms(each[rows, step[rows] - 1]), rms(each[rows, step[rows]])) for each in (error, 3.0 * sigma)]
-    return AtClosure(*pairs)
+    before, after = (rows, step[rows] - 1), (rows, step[rows])
+    error = np.hypot(runs.series["error_x"], runs.series["error_y"])
+    bound = 3.0 * np.hypot(runs.series["sigma_x"], runs.series["sigma_y"])
+    return AtClosure((rms(error[before]), rms(error[after])), (rms(bound[before]), rms(bound[after])))
 
 
 def _listed(parts: Sequence[str]) -> str:

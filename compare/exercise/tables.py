@@ -59,7 +59,9 @@ def exercise_page(exercise: Exercise) -> Page:
         for table in tables_of(each):
             parts += [table, ""]
         answer = each.answer()
-        parts += [answer[0].upper() + answer[1:], *(ran.doubt for ran in each.settings if ran.doubt), ""]
+        parts.append(answer[0].upper() + answer[1:])
+        parts += [ran.doubt for ran in each.settings if ran.doubt]
+        parts.append("")
     return Page((*parts[:-1], *exercise.failures))
 
 
@@ -71,53 +73,56 @@ def tables_of(question: QuestionResult, *, with_ratio: bool = False) -> list[Tab
 
 def scores(settings: Sequence[SettingResult]) -> Table:
     """Return the table of accuracy and consistency."""
-    rows: list[list[Cell]] = []
+    rows: list[list[Cell | str]] = []
     for each in settings:
         ekf, gtsam = each.estimators[EKF], each.estimators[GTSAM]
         ratio = figure(ekf["ratio_to_causal"], "{:.2f}")
-        row = [*_named(each), mean_of(ekf["ate_m"], "{:.3f}"), mean_of(gtsam["ate_m"], "{:.3f}")]
-        row += [ratio._replace(text=ratio.text + MARK * bool(each.doubt)), mean_of(ekf["nees_pose_per_dof"], "{:.2f}")]
-        rows.append([*row, mean_of(ekf["coverage_95"], "{:.0%}"), Cell(each.consistency)])
-    return Table(SCORES, rows, "Accuracy and consistency")
+        row = [
+            mean_of(ekf["ate_m"], "{:.3f}"),
+            mean_of(gtsam["ate_m"], "{:.3f}"),
+            ratio._replace(text=ratio.text + MARK * bool(each.doubt)),
+            mean_of(ekf["nees_pose_per_dof"], "{:.2f}"),
+            mean_of(ekf["coverage_95"], "{:.0%}"),
+        ]
+        rows.append([each.setting.figure, each.setting.title, *row, each.consistency])
+    return Table.of(SCORES, rows, "Accuracy and consistency")
 
 
 def closures(settings: Sequence[SettingResult]) -> Table:
     """Return the table of the first loop closure of each lap: figures just before and at it."""
-    rows: list[list[Cell]] = []
-    for name, closure in ((each.setting.figure, closure) for each in settings for closure in each.loop_closures):
-        ekf, causal, gtsam = (closure.estimators[each] for each in (EKF, CAUSAL, GTSAM))
-        pairs = (ekf.error_m, ekf.three_sigma_m, causal.error_m, causal.three_sigma_m)
-        row = [Cell(name), Cell(str(closure.lap)), figure(closure.time_s, "{:.1f}")]
-        row += [Cell(" → ".join(cell(each, "{:.2f}") for each in pair), pair[0]) for pair in pairs]
-        rows.append([*row, figure(gtsam.error_m[1], "{:.2f}")])
-    return Table(CLOSURES, rows, "The first loop closure of each lap")
+    rows: list[list[Cell | str]] = []
+    for each in settings:
+        for closure in each.loop_closures:
+            ekf, causal, gtsam = (closure.estimators[name] for name in (EKF, CAUSAL, GTSAM))
+            pairs = (ekf.error_m, ekf.three_sigma_m, causal.error_m, causal.three_sigma_m)
+            cells = [Cell(f"{cell(before, '{:.2f}')} → {cell(at, '{:.2f}')}", before) for before, at in pairs]
+            start = [each.setting.figure, str(closure.lap), figure(closure.time_s, "{:.1f}")]
+            rows.append([*start, *cells, figure(gtsam.error_m[1], "{:.2f}")])
+    return Table.of(CLOSURES, rows, "The first loop closure of each lap")
 
 
 def landmarks(settings: Sequence[SettingResult]) -> Table:
     """Return the table of mapped landmarks and wrong associations; no rows with known association."""
-    rows: list[list[Cell]] = []
+    rows: list[list[Cell | str]] = []
+    is_unknown = False
     for each in settings:
-        mapped, wrong = (each.estimators[EKF][key] for key in ("landmarks_mapped", "wrong_associations"))
-        true = figure(each.landmarks_true, "{:.1f}")
-        rows.append([*_named(each), mean_of(mapped, "{:.1f}"), true, mean_of(wrong, "{:.1f}")])
-    is_unknown = any(row[-1].text not in (NO_FIGURE, "0.0") for row in rows)
-    return Table(LANDMARKS, rows if is_unknown else [], "Landmarks and associations")
+        mapped = mean_of(each.estimators[EKF]["landmarks_mapped"], "{:.1f}")
+        wrong = mean_of(each.estimators[EKF]["wrong_associations"], "{:.1f}")
+        is_unknown |= wrong.text not in (NO_FIGURE, "0.0")
+        rows.append([each.setting.figure, each.setting.title, mapped, figure(each.landmarks_true, "{:.1f}"), wrong])
+    return Table.of(LANDMARKS, rows if is_unknown else [], "Landmarks and associations")
 
 
 def conclusions(judged: Sequence[tuple[Conclusion, Judgement]], *, with_ratio: bool = False) -> Table:
     """Return the table of conclusions; see `tables_of`."""
-    heads, rows = [*CONCLUSIONS, *([RATIO] if with_ratio else [])], list[list[Cell]]()
+    heads = [*CONCLUSIONS, RATIO] if with_ratio else CONCLUSIONS
+    rows: list[list[Cell | str]] = []
     for conclusion, found in judged:
-        ratio, needed = found.ratio, found.runs_needed
+        ratio, needed = found.ratio, figure(found.runs_needed, "{:.0f}")
         interval = Cell(NO_FIGURE) if ratio is None else from_to(ratio.low, ratio.high, "{:.3g}")
-        row = [Cell(found.verdict), Cell(conclusion.text), mean_of(ratio, "{:.3g}"), interval]
-        row += [figure(needed, "{:.0f}"), Cell(conclusion.hypothesis)]
+        row = [found.verdict, conclusion.text, mean_of(ratio, "{:.3g}"), interval, needed, conclusion.hypothesis]
         rows.append(row[: len(heads)])
-    return Table(heads, rows, "Conclusions of the exercise")
-
-
-def _named(ran: SettingResult) -> list[Cell]:
-    return [Cell(ran.setting.figure), Cell(ran.setting.title)]
+    return Table.of(heads, rows, "Conclusions of the exercise")
 
 
 def mean_of(interval: Interval | None, form: str) -> Cell:
