@@ -13,6 +13,7 @@ from slamgauge.errors import UserError
 from slamgauge.recording import Recording
 from slamgauge.validation import (
     Record,
+    are_among,
     as_array,
     as_covariances,
     as_distinct_ids,
@@ -168,7 +169,7 @@ class Estimate(Record):
             if getattr(self, name) is not None:
                 store(self, **{name: check(name, getattr(self, name), shape)})
         if self.association is not None:
-            known = np.isin(self.association, ids) | (self.association == -1)
+            known = are_among(self.association, ids) | (self.association == -1)
             rule = "give an id of landmark_ids, or -1 for a rejected observation"
             require_rows("association", known, self.association, rule)
         for name in ("chi_square", "chi_square_dof", "optimum_check"):

@@ -11,6 +11,7 @@ from slamgauge.errors import UserError
 from slamgauge.recording import Recording
 from slamgauge.validation import (
     Record,
+    are_among,
     as_array,
     as_distinct_ids,
     as_floats,
@@ -64,7 +65,7 @@ class Truth(Record):
             association = as_ints("association", self.association, (None,))
             known = association >= NOBODY
             if self.landmark_ids is not None:
-                known &= np.isin(association, self.landmark_ids) | (association == NOBODY)
+                known &= are_among(association, self.landmark_ids) | (association == NOBODY)
             require_rows("association", known, association, "every true id must be among landmark_ids, or -1 for none")
             store(self, association=association)
         if self.outlier is not None:

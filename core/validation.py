@@ -172,6 +172,12 @@ def _symmetric(name: str, stack: Float, first: int, *, definite: bool) -> Float:
     return stack
 
 
+def are_among(values: Int, ids: Int) -> NDArray[np.bool_]:
+    """Return whether each value (n,) is among the ids."""
+    found = [np.isin(values[rows], ids) for rows in chunks(len(values))]
+    return np.concatenate([np.zeros(0, np.bool_), *found])
+
+
 def for_all(matrix: object, count: int) -> object:
     """Return a matrix (d, d) as a view (count, d, d); any other value unchanged."""
     try:
