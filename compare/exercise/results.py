@@ -41,8 +41,6 @@ VERBS = {  # for one conclusion and for several
     "does not hold": ("does not hold", "do not hold"),
     "undecided": ("is undecided", "are undecided"),
 }
-
-
 Pair = tuple[float | None, float | None]  # just before a step, and at it
 
 
