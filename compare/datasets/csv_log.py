@@ -23,6 +23,7 @@ from slamgauge.compare.datasets.imported_log import (
     TrueMap,
     checked,
     require_order,
+    shown_stamp,
     with_sigmas,
 )
 from slamgauge.compare.datasets.log_settings import CsvMapping, Motion, Noise, load_settings
@@ -131,7 +132,7 @@ def _read_odometry(mapping: CsvMapping, notes: list[str]) -> tuple[Odometry, flo
     if start is not None and not looks_back:
         raise UserError(f"{section.file}: start.stamp: the log starts at the first row of {kind}; remove it")
     if start is not None and len(stamps) and not start < stamps[0]:
-        raise table.rows[0].refused(f"is not after the start at {start:.9g} s", "correct start.stamp")
+        raise table.rows[0].refused(f"is not after the start at {shown_stamp(start)} s", "correct start.stamp")
     stamps = stamps if start is None else np.append(start, stamps)
     if len(stamps) < 2:
         raise UserError(f"{section.file}: fewer than two stamps; give the whole log")

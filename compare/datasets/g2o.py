@@ -60,10 +60,11 @@ SENSED: dict[str, Sensor] = {
     "BR": "range-bearing",
 }
 RAW = ("ROBOTLASER1", "PARAMS_SE2OFFSET")  # in g2o's files and not used: laser scans, the place of another sensor
-UNSUPPORTED = {
-    **dict.fromkeys(("EDGE_RANGE_SE2_XY", "EDGE_SE2_XY_RANGE", "EDGE_SE2_POINT_RANGE"), "a range-only edge"),
-    **dict.fromkeys(("EDGE_PRIOR_XY", "EDGE_PRIOR_SE2_XY", "EDGE_XY_PRIOR"), "a prior of a landmark or a position"),
-    **dict.fromkeys(("VERTEX_SE3:QUAT", "EDGE_SE3:QUAT", "VERTEX3", "EDGE3", "VERTEX_TRACKXYZ"), "a graph in space"),
+UNSUPPORTED = {  # parts of further tags, and what their lines are
+    "RANGE": "a range-only edge",
+    "PRIOR": "a prior of a landmark or a position",
+    "XYZ": "a graph in space",
+    "3": "a graph in space",
 }
 TORO_ORDER = np.array([0, 1, 4, 2, 5, 3])  # places of xx xy xt yy yt tt in TORO's order
 SINGULAR = 1e-12  # smallest eigenvalue of correlations whose inverse has no correct digits
@@ -147,9 +148,10 @@ def _shorten_keys(lines: Lines) -> None:
 def _known(lines: Lines) -> int | None:
     """Return the pose that is fixed or has a prior; None without such a pose."""
     found = [(line.id_at(1), line) for line in (*lines["FIX"], *lines[PRIOR])]
-    landmarks = {line.id_at(1) for line in lines["VERTEX_XY"]}
+    poses = {line.id_at(at) for line in _of(lines, MOTIONS) for at in (1, 2)}
+    landmarks = {*(line.id_at(1) for line in lines["VERTEX_XY"]), *(line.id_at(2) for line in _of(lines, SENSED))}
     for name, line in found:
-        if name in landmarks:
+        if name in landmarks - poses:
             raise line.refused(f"landmark {name} is fixed, which is not supported", "remove the line, and fix a pose")
         if name != found[0][0] or len(lines[PRIOR]) > 1:
             raise line.refused("more poses than the start are fixed or have a prior", "fix one pose, the first")
@@ -170,7 +172,7 @@ def _path_along(lines: list[Line], start: int | None, *, drop_others: bool) -> t
     poses = sorted(joined)
     for i, j in pairwise(poses):
         if j not in joined[i]:
-            remedy = "join all poses to one path, their ids in its order"
+            remedy = "number the poses in the order of the path, and join each one to the next"
             raise lines[min(joined[j].values())].refused(f"no edge joins the poses {i} and {j}", remedy)
     path = [joined[i][j] for i, j in pairwise(poses)]
     others = sorted({*range(len(lines))} - {*path})

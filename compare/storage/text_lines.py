@@ -179,7 +179,7 @@ def read_tagged(
     Args:
         path: The file.
         forms: Form of the lines of each tag, for example `SENSOR id range bearing`; "" allows any number of words.
-        unsupported: What lines of further tags contain, which are refused.
+        unsupported: Parts of further tags, and what their lines are; they are refused.
 
     Raises:
         UserError: the file cannot be read, a tag is unknown, or a line does not have the form of its tag.
@@ -187,9 +187,10 @@ def read_tagged(
     lines: dict[str, list[Line]] = {tag: [] for tag in forms}
     for line in read_lines(path):
         tag = line.words[0]
-        if tag in unsupported:
-            raise line.refused(f"{tag} is {unsupported[tag]}, which is not supported", "leave such lines out")
         if tag not in forms:
+            for part, what in unsupported.items():
+                if part in tag:
+                    raise line.refused(f"{tag[:30]} is {what}, which is not supported", "leave such lines out")
             raise line.refused(f"{tag[:30]!r} is an unknown tag", did_you_mean(tag[:30], forms))
         if forms[tag]:
             line.require(forms[tag])
