@@ -296,9 +296,14 @@ def _fit(recording: Recording) -> Fit:
 
 def _found(mistakes: Sequence[Mistake], recording: Recording) -> str:
     """Return the mistake without which the observations agree, with its remedy; "" without one."""
-    undone = ((each, each.undone(recording)) for each in mistakes)
-    least = INSIDE * len(recording.observation)
-    fits = {each: _fit(other) for each, other in undone if len(other.observation) > least and _are_lengths(other)}
+    fits, model = dict[Mistake, Fit](), SENSORS[recording.sensor]
+    for each in mistakes:
+        undone = each.undone(recording)
+        sigmas = np.sqrt(np.diagonal(undone.observation_cov, axis1=1, axis2=2))
+        lengths = (np.abs(undone.observation) / sigmas)[:, ~np.array(model.is_angle)]
+        are_resolved = not lengths.size or np.median(lengths) >= RESOLVED  # with smaller ones most paths agree
+        if are_resolved and len(lengths) > INSIDE * len(recording.observation):
+            fits[each] = _fit(undone)
 
     def evidence(each: Mistake) -> tuple[float, float, float]:  # small numbers agree with everything
         size = abs(each.bearing) * each.length * each.turn * each.way
@@ -312,11 +317,3 @@ def _found(mistakes: Sequence[Mistake], recording: Recording) -> str:
     if best.bearing < 0.0 or best.late:
         remedy = "give both files the same clock" if best.late else "change the sign of those that are clockwise"
     return f"{fits[best].share:.1%} if {best.what}; {remedy}"
-
-
-def _are_lengths(recording: Recording) -> bool:
-    """Return whether typical observed lengths are above `RESOLVED` sigmas: with smaller ones most paths agree."""
-    sigmas = np.sqrt(np.diagonal(recording.observation_cov, axis1=1, axis2=2))
-    lengths = [name != "bearing" for name in SENSORS[recording.sensor].columns]
-    ratios = np.abs(recording.observation / sigmas)[:, lengths]
-    return not ratios.size or float(np.median(ratios)) >= RESOLVED
