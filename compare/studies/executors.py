@@ -74,7 +74,7 @@ def lost_worker(error: BaseException) -> bool:
 
 @contextmanager
 def local_processes(jobs: int) -> Generator[Executor]:
-    """Start worker processes on this machine, each with one BLAS thread; they end with their parent in all cases.
+    """Context manager: worker processes on this machine, each with one BLAS thread; they end with their parent.
 
     Raises:
         UserError: a worker died, and the caller did not handle it.
@@ -104,7 +104,7 @@ def _begin_work() -> None:
 
 @contextmanager
 def dask_cluster(address: str) -> Generator[Executor]:
-    """Connect to a running Dask cluster; its workers need the same version of slamgauge.
+    """Context manager: a running Dask cluster, whose workers need the same version of slamgauge.
 
     Raises:
         UserError: the extra `cluster` is not installed, the address is not valid, no scheduler answers, it has no

@@ -130,7 +130,9 @@ def run_beside_optima(
 def load_runs(
     scenario: Scenario | str | Path, runs: int, seed: int, estimators: Chosen, out: str | Path
 ) -> dict[str, Runs]:
-    """Return the stored runs of each estimator, for figures and statistics in user code.
+    """Return the stored runs of each estimator, for your own figures and statistics; arguments as in `run_study`.
+
+    `runs.figures["ate_m"]` is an array (R,) over runs, `runs.series["nees_pose"]` one (R, N+1) over runs and steps.
 
     Raises:
         UserError: the store does not exist, has another study, or cannot be used.
