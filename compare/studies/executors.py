@@ -43,8 +43,6 @@ class _Processes(Executor):
 
     def _begin(self) -> ProcessPoolExecutor:
         os.environ.setdefault("PYTHONSAFEPATH", "1")  # workers must not import libraries from the current folder
-        if hasattr(signal, "SIGHUP"):  # not on Windows
-            _start_tracker()
         context = multiprocessing.get_context("spawn")  # a fork would inherit BLAS threads and locks
         return ProcessPoolExecutor(self._jobs, mp_context=context, initializer=_begin_work)
 
@@ -92,27 +90,6 @@ def local_processes(jobs: int) -> Generator[Executor]:
         raise
     finally:
         pool.shutdown(cancel_futures=True)
-
-
-def _start_tracker() -> None:
-    """Start Python's process that removes semaphores after its parent was killed; let it do so without a word.
-
-    It must survive a closed terminal (SIGHUP), and its warnings about the semaphores help no user.
-    """
-    from multiprocessing import resource_tracker
-
-    main = threading.current_thread() is threading.main_thread()  # only there can Python set handlers
-    handler = signal.signal(signal.SIGHUP, signal.SIG_IGN) if main else None
-    warned = os.environ.get("PYTHONWARNINGS")
-    os.environ["PYTHONWARNINGS"] = "ignore"
-    try:
-        resource_tracker.ensure_running()
-    finally:
-        del os.environ["PYTHONWARNINGS"]
-        if warned is not None:
-            os.environ["PYTHONWARNINGS"] = warned
-        if main:
-            signal.signal(signal.SIGHUP, handler)
 
 
 def _begin_work() -> None:

@@ -64,8 +64,8 @@ def test_columns_without_figures_are_not_named_and_long_names_stay_without_a_wid
 def test_notebooks_show_tables_with_full_names_and_escape_texts():
     shown = Page((table([["estimator"], ["<b>"]], estimator="name"), "", "a & b")).html()
     assert shown.splitlines() == [
-        '<div style="overflow-x: auto"><table><thead><tr><th>name</th></tr></thead>'
-        '<tbody><tr><td style="white-space: nowrap">&lt;b&gt;</td></tr></tbody></table></div>',
+        '<div style="overflow-x: auto; white-space: nowrap"><table><thead><tr><th>name</th></tr></thead>'
+        "<tbody><tr><td>&lt;b&gt;</td></tr></tbody></table></div>",
         "",
         "<p>a &amp; b</p>",
     ]
