@@ -31,7 +31,7 @@ Ids = dict[str, Annotated[int, Field(ge=0)]]  # numbers of landmarks whose ids a
 Pose = tuple[Number, Number, Number]
 Motion = Literal["increments", "velocities", "poses"]
 Holds = Literal["until-next", "since-last"]  # how long a velocity is valid
-Per = Literal["step", "second", "speed"]  # what the noise of motions belongs to
+Per = Literal["step", "second", "speed"]  # unit of the noise of motions
 Settings = TypeVar("Settings", bound="Section")
 
 

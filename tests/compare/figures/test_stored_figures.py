@@ -14,7 +14,8 @@ from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 
 from slamgauge.compare.cli.main import main
-from slamgauge.compare.figures.plot_style import INCHES, Sheet, Width, printed_on, robust_limits
+from slamgauge.compare.figures.curves import robust_limits
+from slamgauge.compare.figures.plot_style import INCHES, Sheet, Width, printed_on
 from slamgauge.compare.figures.publishing import drawings_of
 from slamgauge.compare.figures.study_figures import study_drawings
 from slamgauge.compare.studies.stored_study import load_study
