@@ -9,7 +9,8 @@ from collections.abc import Sequence
 def html_table(head: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
     """Return a table of HTML with escaped texts, which do not wrap: a wide table scrolls."""
     titles = "".join(f"<th>{html.escape(title)}</th>" for title in head)
-    lines = "".join(f"<tr>{''.join(f'<td>{html.escape(str(text))}</td>' for text in row)}</tr>" for row in rows)
+    cells = ["".join(f"<td>{html.escape(str(text))}</td>" for text in row) for row in rows]
+    lines = "".join(f"<tr>{each}</tr>" for each in cells)
     table = f"<table><thead><tr>{titles}</tr></thead><tbody>{lines}</tbody></table>"
     return f'<div style="overflow-x: auto; white-space: nowrap">{table}</div>'
 

@@ -24,7 +24,7 @@ from slamgauge.compare.studies.budget import ErrorBudget, notes, verdict
 from slamgauge.compare.studies.sweep import Sweep, shares_in_doubt
 
 BASE, COST, GAIN = "#777777", "#CC3311", "#009988"
-LABEL = 14  # characters of a line under a bar
+LABEL = 15  # characters of a line under a bar
 SWEPT = (
     ("ate_m", "ATE [m]"),
     ("nees_pose_per_dof", "pose NEES / 3 (1 when consistent)"),

@@ -82,13 +82,6 @@ def test_arguments_of_another_type_are_named():
             call()
 
 
-def test_the_floor_of_comparisons_lists_its_names():
-    names = dir(slamgauge.compare)
-    assert {"Comparison", "run_study", "load_scenario"} <= {*names}
-    assert "SlamFilter" not in names
-    assert slamgauge.compare.run_study is run_study
-
-
 def test_scenarios_and_folders_may_be_texts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr("slamgauge.compare.figures.publishing.decorate", lambda out, *_: isinstance(out, Path))
     assert simulate("q1-short-dense", 3) == simulate(load_scenario("q1-short-dense"), 3)
