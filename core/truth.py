@@ -26,7 +26,7 @@ NOBODY = -1  # landmark of clutter
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Truth(Record):
-    """Ground truth of a run, which only the scores receive; a field without ground truth is None.
+    """Ground truth of a run, which only the scores receive; None stands for a field without ground truth.
 
     Attributes:
         poses: (N+1, 3); a row of NaN in a gap of the ground truth, a heading of NaN where only the position is known.
