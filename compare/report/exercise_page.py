@@ -77,7 +77,8 @@ def _is_complete(setting: Setting, scenario: Scenario, seed: int, folder: Path) 
     if not (folder / METRICS).is_file():
         return False
     content = read_json(folder / METRICS)
-    known = {*content.get("estimators", ()), *(each["estimator"] for each in content.get("failures", ()))}
+    failed = [each["estimator"] for each in content.get("failures", ())]
+    known = {*content.get("estimators", ()), *failed}
     if content.get("version") != __version__ or known != {*_estimators_of(setting)}:
         return False
     return content.get("digest") == digest(simulate(scenario, seed)[1])
@@ -161,9 +162,8 @@ def what_the_figure_shows(ran: SettingResult, metrics: dict[str, Any]) -> str:
         runs = ran.runs[name]
         if len(runs.run) and runs.run[0] == 0:
             ates.append(f"{runs.figures['ate_m'][0]:.2f} m ({name})")
-            error, sigma = (
-                np.array([runs.series[f"{what}_{axis}"][0] for axis in "xy"]) for what in ("error", "sigma")
-            )
+            error = np.array([runs.series["error_x"][0], runs.series["error_y"][0]])
+            sigma = np.array([runs.series["sigma_x"][0], runs.series["sigma_y"][0]])
             share = (np.abs(error) > 3.0 * sigma).any(axis=0).mean()
             outside += [] if name == DEAD_RECKONING else [f"{share:.0%} ({name})"]
     parts = [
