@@ -109,7 +109,8 @@ def study_table(
     _require(chosen, known, "column")
     _require(estimators, entries, "estimator")
     titles = {head.key: head for head in heads("study", bounded=True)}
-    found = [titles.get(key, Head(key, help=BY_KEY[key].help, key=key, form="{:.4g}")) for key in chosen]
+    others = {key: Head(key, help=BY_KEY[key].help, key=key, form="{:.4g}") for key in chosen}
+    found = [titles.get(key, others[key]) for key in chosen]
     rows: list[list[Cell]] = []
     for name in estimators or entries:
         row, runs = [Cell(shown(name))], entries[name]["runs"]

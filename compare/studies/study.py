@@ -88,6 +88,7 @@ def run_study(
     labels = {each.key: each.label for each in asked}
     failures = [replace(each, estimator=labels[each.estimator]) for each in found if each.estimator in labels]
     per_run = {label: run_figures(each) for label, each in loaded.items()}
+    compared = [label for label in per_run if label not in BOUNDS]
     return Summary(
         scenario=scenario.name,
         runs=runs,
@@ -96,7 +97,7 @@ def run_study(
         failures=tuple(sorted(failures)),
         estimators=summarise(loaded),
         against={
-            name: {label: per_run[label].against(per_run[name]) for label in per_run if label not in (name, *BOUNDS)}
+            name: {label: per_run[label].against(per_run[name]) for label in compared if label != name}
             for name in against
         },
         scenario_text=scenario_text(scenario),
