@@ -92,14 +92,12 @@ def test_it_sees_its_own_folder_and_neither_truth_nor_other_submissions(walled: 
         ("socket.create_connection(('127.0.0.1', PORT), timeout=5)", "refused"),
         ("socket.create_connection(('1.1.1.1', 53), timeout=5)", "unreachable"),
         ("raise ValueError(any(b'pytest' in p.read_bytes() for p in Path('/proc').glob('*/cmdline')))", "False"),
-        (f"raise ValueError([os.listdir(each) for each in {WRITABLE[:2]}])", "ValueError: [[], []]"),
+        ("raise ValueError(os.listdir('/dev/shm'))", "ValueError: []"),
         ("np.ones(600_000_000)", "its process may take 4 GB"),
         ("Path('/tmp/large').open('wb').truncate(600_000_000)", "File too large"),
         ("[open('/dev/null') for _ in range(2000)]", "Too many open files"),
-        (  # the system limits the processes of root by nothing: there the time ends them
-            "[os.fork() or signal.pause() for _ in range(300)]\nwhile True: pass",
-            "Resource temporarily unavailable" if os.getuid() else "it was not done after 5 s",
-        ),
+        ("[os.fork() or signal.pause() for _ in range(300)]", "Resource temporarily unavailable"),
+        ("raise ValueError(os.getuid() == 0)", "ValueError: False"),  # also where root runs slamgauge
     ],
 )
 def test_what_it_may_not_do_or_take(walled: Walled, statements: str, expected: str):
@@ -122,8 +120,9 @@ if os.fork() == 0:
     os.setsid()
     signal.pause()
 raise ValueError(found)""")
-    assert reason(host) == reason(host)
-    assert "[[], [], ['.cache']" in reason(host)
+    first = reason(host)
+    assert first == reason(host)
+    assert "[], ['.cache']" in first and "left" not in first
 
 
 def descendants(pid: int) -> set[int]:
