@@ -13,6 +13,7 @@ from collections.abc import Callable
 from contextlib import closing
 from io import BytesIO
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from textwrap import indent
 from time import monotonic, sleep
 
@@ -104,6 +105,15 @@ def test_what_it_may_not_do_or_take(walled: Walled, statements: str, expected: s
     with socket.create_server(("127.0.0.1", 0)) as server:
         host = walled(statements.replace("PORT", str(server.getsockname()[1])), 5.0)
         assert expected in reason(host)
+
+
+@needs_wall
+def test_programs_below_a_writable_folder_are_seen_and_stay(walled: Walled, monkeypatch: pytest.MonkeyPatch):
+    with TemporaryDirectory(dir="/tmp") as folder:
+        monkeypatch.setenv("PATH", f"{folder}:{os.environ['PATH']}")
+        host = walled(f"Path('/tmp/left').touch()\nraise ValueError(os.path.ismount({folder!r}), os.listdir('/tmp'))")
+        first = reason(host)
+        assert first == reason(host) and "ValueError: (True, [" in first
 
 
 @needs_wall
