@@ -40,6 +40,7 @@ def run(code: str, **variables: str) -> tuple[list[str], str]:
     return done.stdout.splitlines(), done.stderr
 
 
+@pytest.mark.slow
 def test_a_filter_step_compiled_or_not_compiled_gives_the_same() -> None:
     compile_kernels()
     plain, error = run(STEP, NUMBA_DISABLE_JIT="1")
@@ -47,6 +48,7 @@ def test_a_filter_step_compiled_or_not_compiled_gives_the_same() -> None:
     assert run(STEP) == (plain, "")
 
 
+@pytest.mark.slow
 def test_a_kernel_is_compiled_once_and_loaded_afterwards(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The compilation prints one line. A folder that cannot be written is copied."""
     plain, error = run(SMALL_KERNEL, NUMBA_DISABLE_JIT="1")

@@ -245,6 +245,15 @@ def test_a_long_path_is_mapped_to_its_end() -> None:
     assert (bins > 0.5 * there).all()
 
 
+def test_the_oldest_pose_that_no_landmark_in_view_uses_is_removed_first() -> None:
+    """Each landmark is observed once, and waits until its pose is removed."""
+    slam = started(Delayed(poses=8, spacing=0.2))
+    for k in range(20):
+        slam.predict([0.3, 0.0, 0.0], Q)
+        slam.update(Observations(np.array([k]), np.array([[1.5]]), np.array([[[SIGMA**2]]])))
+    assert [*slam.provisional] == [*range(12, 20)]
+
+
 def test_a_standing_robot_adds_no_poses() -> None:
     rng = np.random.default_rng(8)
     slam = started(Delayed(spacing=0.2))
