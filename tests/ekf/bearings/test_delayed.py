@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 from scipy.linalg import block_diag
+from scipy.stats import chi2
 
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf import textbook
@@ -175,6 +176,24 @@ def test_bearings_of_two_landmarks_with_one_id_are_never_placed() -> None:
     assert offset @ np.linalg.solve(slam.landmark_covs[0], offset) < 13.8  # chi-square, 2 dof, 1 in 1000
     np.testing.assert_allclose(slam.landmarks, sound.landmarks, rtol=0, atol=1e-9)
     assert 0.0 < IMPROBABLE < 0.05
+
+
+@pytest.mark.parametrize(("factor", "placed"), [(0.95, True), (1.05, False)])
+def test_a_landmark_waits_if_the_chi_square_of_its_bearings_is_improbable(factor: float, placed: bool) -> None:
+    """The path is exact, and the fewest bearings deviate in turn to the left and right."""
+    sigma, distances = 1e-3, np.linspace(0.0, 3.0, FEWEST)
+    offsets = np.column_stack([1.5 - distances, np.full(FEWEST, 4.0)])
+    gradient = offsets @ J.T / np.sum(offsets**2, axis=1, keepdims=True)
+    deviation = (-1.0) ** np.arange(FEWEST)
+    rest = deviation - gradient @ np.linalg.lstsq(gradient, deviation)[0]
+    deviation *= sigma * math.sqrt(factor * chi2.isf(IMPROBABLE, FEWEST - 2) / (rest @ rest))
+    slam = started(Delayed(poses=60, spacing=0.0))
+    for k in range(FEWEST):
+        if k:
+            slam.predict([distances[1], 0.0, 0.0], np.zeros((3, 3)))
+        bearing = math.atan2(offsets[k, 1], offsets[k, 0]) + deviation[k]
+        slam.update(Observations(np.array([0]), np.array([[bearing]]), np.array([[[sigma**2]]])))
+    assert (0 in slam.landmark_ids) == placed
 
 
 # --- the window ----------------------------------------------------------------------------------
