@@ -167,7 +167,7 @@ def test_a_variant_is_read_or_refused_or_doubted(
 @pytest.mark.parametrize(("metres", "doubts"), [(3.9, 0), (4.1, 1)])
 def test_a_start_is_doubted_from_a_metre_and_six_sigmas_of_the_prior_on(metres: float, doubts: int) -> None:
     recording = replace(RECORDING, prior_cov=np.diag([0.25, 0.25, 0.01]))
-    assert len([*path_doubts(POSES + [metres, 0.0, 0.0], recording)]) == doubts
+    assert len([*path_doubts(np.add(POSES, [metres, 0.0, 0.0]), recording)]) == doubts
 
 
 def test_covariances_of_3_and_6_dimensions_and_npz_files(tmp_path: Path) -> None:
