@@ -5,20 +5,14 @@ from __future__ import annotations
 import html
 from collections.abc import Sequence
 
-LONGEST_FIGURE = 24  # characters; longer texts may wrap
-
 
 def html_table(head: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
-    """Return a table of HTML with escaped texts: figures do not wrap, and a wide table scrolls."""
+    """Return a table of HTML with escaped texts, which do not wrap: a wide table scrolls."""
     titles = "".join(f"<th>{html.escape(title)}</th>" for title in head)
-    lines = "".join(f"<tr>{''.join(_cell(str(text)) for text in row)}</tr>" for row in rows)
+    cells = ["".join(f"<td>{html.escape(str(text))}</td>" for text in row) for row in rows]
+    lines = "".join(f"<tr>{each}</tr>" for each in cells)
     table = f"<table><thead><tr>{titles}</tr></thead><tbody>{lines}</tbody></table>"
-    return f'<div style="overflow-x: auto">{table}</div>'
-
-
-def _cell(text: str) -> str:
-    kept = "" if len(text) > LONGEST_FIGURE else ' style="white-space: nowrap"'
-    return f"<td{kept}>{html.escape(text)}</td>"
+    return f'<div style="overflow-x: auto; white-space: nowrap">{table}</div>'
 
 
 def counted(count: int, what: str) -> str:

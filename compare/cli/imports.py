@@ -13,7 +13,7 @@ import tyro
 
 from slamgauge.compare.cli.common import Repeated, flattened, results_of
 from slamgauge.compare.datasets import bag_log, csv_log, g2o, imported_log, plausibility, published
-from slamgauge.compare.storage import files, staged_folder, toml_tables
+from slamgauge.compare.storage import files, staged_folder
 from slamgauge.compare.storage.result_files import MAPPING, RECORDING, TRUTH
 
 
@@ -39,17 +39,15 @@ class Format:
         return {name: value for name, value in vars(self).items() if name not in ("path", "out")}
 
     def run(self) -> int:
-        """Import the log, and write its files."""
         out = self.out or results_of("import", self.path)
-        staged_folder.require_ours(out)  # before long files are read
-        log = self.read()
-        facts, doubts = plausibility.examine(log, self.path)
         with staged_folder.staged_folder(out, RECORDING) as folder:
+            log = self.read()
+            facts, doubts = plausibility.examine(log, self.path)
             files.save(folder / RECORDING, log.recording)
             if log.truth is not None:
                 files.save(folder / TRUTH, log.truth)
             if log.mapping is not None:
-                toml_tables.write_toml(folder / MAPPING, log.mapping)
+                files.write_toml(folder / MAPPING, log.mapping)
         table = [f"{name:<34}{value}" for name, value in facts.items()]
         warnings = [f"warning: {doubt}" for doubt in doubts]
         counts = f"{log.recording.steps} steps, {len(log.recording.observation)} observations"
@@ -211,6 +209,3 @@ class Command:
     """
 
     format: Csv | G2o | Bag | Mrclam | VictoriaPark | LostInTheWoods
-
-    def run(self) -> int:
-        return self.format.run()

@@ -18,7 +18,7 @@ from slamgauge.arrays import Float
 from slamgauge.compare.datasets.imported_log import require_rows
 from slamgauge.compare.datasets.log_settings import FileTable
 from slamgauge.compare.storage.csv_folder import from_triangles
-from slamgauge.compare.storage.text_lines import Line, csv_lines, number_of, read_whole, require_width
+from slamgauge.compare.storage.text_lines import Line, csv_lines, number_of, read_whole
 from slamgauge.compare.storage.trajectories import planar_poses
 from slamgauge.errors import UserError
 from slamgauge.suggestions import did_you_mean
@@ -59,7 +59,8 @@ class CsvTable:
         if not lines:
             raise UserError(f"{path}: no line in it; write a header and rows")
         self.header, self.rows = lines[0], lines[1:]
-        require_width(lines)
+        for row in self.rows:
+            row.require(self.header.words)
         for name in names:
             if name not in WORDS:
                 raise UserError(f"{path}: columns.{name}: unknown column; {did_you_mean(name, WORDS)}")
@@ -97,7 +98,7 @@ class CsvTable:
         """Return covariances (n, d, d) of each row; `names` are the columns of their upper triangles, or nothing."""
         if not self.has(*names):
             return None
-        return from_triangles(np.column_stack([self.numbers(name) for name in names]), int((2 * len(names)) ** 0.5))
+        return from_triangles(np.column_stack([self.numbers(name) for name in names]))
 
     def poses(self) -> Float:
         """Return poses (n, 3) x, y, theta; headings are NaN if the file has none."""
@@ -116,8 +117,12 @@ class CsvTable:
 
     def ids(self) -> list[int | str]:
         """Return the ids of landmarks: whole numbers from -1, or texts; -1 in all rows without the column."""
-        at = self._used("landmark") if self.has("landmark") else None
-        return [-1 if at is None else _id(line, at) for line in self.rows]
+        if not self.has("landmark"):
+            return [-1] * len(self.rows)
+        at = self._used("landmark")
+        words = [line.words[at] for line in self.rows]
+        is_text = [isnan(number_of(word)) and word.lower() not in ("", "nan") for word in words]
+        return [words[row] if is_text[row] else line.id_at(at, least=-1) for row, line in enumerate(self.rows)]
 
     def _place(self, name: str) -> int | None:
         """Return the place of a column of ours: with the file's own name for it, else ours or another word for it."""
@@ -169,16 +174,10 @@ def _name_and_unit(text: str) -> tuple[str, str]:
     return (name, unit) if is_ours and any(unit in units for units in UNITS.values()) else (text, "")
 
 
-def _id(line: Line, at: int) -> int | str:
-    word = line.words[at]
-    is_text = isnan(number_of(word)) and word.lower() not in ("", "nan")
-    return word if is_text else line.id_at(at, least=-1)
-
-
 def _seconds(line: Line, at: int) -> float:
     """Return a time of ISO 8601, UTC if it has no zone, as seconds since 1970."""
     try:
         found = datetime.fromisoformat(line.words[at])
     except ValueError:
-        raise line.wrong_word(at, "is not a time", "write seconds, or 2024-05-01T12:00:00.25") from None
+        raise line.refused("is not a time", "write seconds, or 2024-05-01T12:00:00.25", at) from None
     return (found if found.tzinfo else found.replace(tzinfo=UTC)).timestamp()

@@ -54,11 +54,7 @@ RUNGS = {
     "linearisation": "linearisation of the filter",
 }
 HEADS = (
-    Head(
-        "rung",
-        help="an estimator on the same measurements, with one disadvantage more than the rung before",
-        words=True,
-    ),
+    Head("rung", help="an estimator on the same measurements: one disadvantage more than the rung before", words=True),
     Head("mse [m^2]", help="mean squared position error over runs and steps"),
     Head("adds [m^2]", help="increase over the rung before: the largest possible gain there"),
     Head("95 % interval", help="interval of the increase, bootstrapped over runs"),
@@ -114,7 +110,7 @@ def read_budget(folder: Path) -> ErrorBudget:
         UserError: budget.json does not exist or is not valid.
     """
     path = folder / BUDGET
-    content = read_json(path, "budget")
+    content = read_json(path)
     with of_this_version(path):
         return TypeAdapter(ErrorBudget).validate_python({**content, "fit": content["chi_square_per_dof"]})
 

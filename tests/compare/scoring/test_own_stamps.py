@@ -84,7 +84,7 @@ def test_a_filtered_optimum_between_steps_follows_the_odometry() -> None:
 def test_formats_thinned_offset_and_turned(run_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A filter's poses as TUM and CSV, late by a second, and every third one, have the scores of the filter."""
     rows = np.column_stack([STAMPS, FILTERED.poses, COVS[:, *np.triu_indices(3)]])
-    header = ("time", *POSE[:2], "yaw", *POSE_COV)
+    header = ("stamp", *POSE, *POSE_COV)
     write_tum(run_folder / "tum.tum", STAMPS, FILTERED.poses, COVS)
     write_rows(run_folder / "late.csv", header, rows - np.eye(1, rows.shape[1]))  # a second
     write_rows(run_folder / "third.csv", header, rows[::3])
@@ -168,8 +168,8 @@ def test_options_that_do_not_fit(run_folder: Path, capsys: pytest.CaptureFixture
     (run_folder / "truth.npz").unlink()
     words = ["evaluate", run_folder / "recording.npz", "--estimates", f"e={run_folder / 'e.npz'}"]
     for more, message in (
-        (["--max-gap", "0"], "max-gap: 0 s is not above 0; give seconds > 0"),
-        (["--time-offset", "nan"], "time-offset: nan is not a time"),
+        (["--max-gap", "0"], "time-offset and max-gap: 0 s and 0 s are not a time and a gap above 0; give seconds"),
+        (["--time-offset", "nan"], "time-offset and max-gap: nan s and 1 s"),
         (["--align", "se2"], "align: se2 needs true positions"),
     ):
         assert run(*words, *more) == 2
