@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -116,6 +117,9 @@ def test_ekf_is_the_textbook_ekf_on_questions_1_and_2(name: str) -> None:
 def test_a_new_landmark_that_is_observed_twice_in_a_scan() -> None:
     _, recording = random_recording(2, steps=10)
     repeated = recording.only(np.repeat(np.arange(len(recording.observation)), 2))
+    observation = repeated.observation.copy()
+    observation[1::2] += np.sqrt(np.diagonal(repeated.observation_cov[1::2], axis1=1, axis2=2))
+    repeated = replace(repeated, observation=observation)
     assert_equal(ekf_slam(repeated), textbook_ekf(repeated))
 
 
