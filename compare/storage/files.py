@@ -138,7 +138,7 @@ def _made(path: str | Path, kind: type[Record], values: dict[str, Any]) -> Recor
         return kind(**values)
     except UserError as error:
         raise UserError(f"{path}: {error}") from None
-    except TypeError as error:  # of Python, with the names of fields that are missing or unknown
+    except TypeError as error:  # names the fields that are missing or unknown
         raise UserError(f"{path}: not a whole {kind.__name__}: {error}; give another file") from None
 
 
@@ -233,7 +233,7 @@ def read_csv(path: Path) -> list[dict[str, str]]:
 
 
 def _is_formula(cell: object) -> bool:
-    """Return whether a cell begins like what a spreadsheet evaluates, behind apostrophes or not, and is no number."""
+    """Return whether a cell begins like what a spreadsheet evaluates, behind apostrophes or not; numbers do not."""
     return isinstance(cell, str) and FORMULA.match(cell) is not None
 
 

@@ -23,7 +23,7 @@ from slamgauge.arrays import Float
 from slamgauge.covariances import inverted, without_negative_eigenvalues
 from slamgauge.graph_baseline.problem.linearisation import LinearModel, Scans
 
-COLUMNS = 192  # of the inverse that are computed together; a multiple of 3; with 10 000 landmarks they take 100 MB
+COLUMNS = 192  # computed together for the inverse; a multiple of 3; with 10 000 landmarks they take 100 MB
 LOST_DETERMINANT = 1e-12  # a determinant of D below this share of the product of its diagonal is rounding
 
 
