@@ -14,8 +14,7 @@ from slamgauge.compare.grading.rubric import Mark, Rubric
 from slamgauge.compare.grading.trial import Trial, optimum_ates
 from slamgauge.compare.scoring.error_bounds import against_reference, ates, late_nees
 from slamgauge.compare.scoring.intervals import Interval, mean_interval, number, ratio_interval
-from slamgauge.compare.scoring.optimum_notes import beats_the_optimum
-from slamgauge.compare.scoring.runs import share_of_doubt
+from slamgauge.compare.scoring.optimum_notes import beats_the_optimum, share_of_doubt
 from slamgauge.compare.scoring.scores import Score
 from slamgauge.compare.scoring.table import Head
 

@@ -10,8 +10,7 @@ import numpy as np
 
 from slamgauge.compare.report.page import Line, Page, Section, looks, origin, pictures, said
 from slamgauge.compare.scoring.catalogue import BY_KEY
-from slamgauge.compare.scoring.ray_figures import describe
-from slamgauge.compare.scoring.runs import Runs
+from slamgauge.compare.scoring.runs import Runs, rays_text
 from slamgauge.compare.scoring.table import ESTIMATOR, Cell, Head, Table, figure
 from slamgauge.compare.storage.files import read_json
 from slamgauge.compare.storage.result_files import BUDGET, REPORT, SWEEP
@@ -55,7 +54,7 @@ def study_page(folder: Path) -> Page:
     value = f" at {summary.request.swept}" if summary.request and summary.request.swept else ""
     first, *others = [*pictures(folder, PICTURES), None]
     every, entries = run_table(study), summary.estimators.items()
-    rays = [Line(name, f"a run's {describe(each['rays'])}.") for name, each in entries if each["rays"]]
+    rays = [Line(name, f"a run's {rays_text(each['rays'])}.") for name, each in entries if each["rays"]]
     lines = [*optimum_lines(summary), *empty_column_lines([summary], "study")]
     tables = [estimator_table(summary), *against_tables(summary.against)]
     return Page(

@@ -1,26 +1,18 @@
-"""List of all metrics, and their columns in tables."""
+"""The metrics of estimates by key, and their columns in tables."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from operator import attrgetter
-from typing import Any
+from typing import Any, Literal
 
 from slamgauge.compare.scoring.measured import Measured
-from slamgauge.compare.scoring.metric import DECLARED, Column, Metric, TableName
-from slamgauge.compare.scoring.ray_figures import RAY_FIGURES, mean_rays, ray_figures
+from slamgauge.compare.scoring.metric import BY_KEY, Column
+from slamgauge.compare.scoring.runs import RAYS
 from slamgauge.compare.scoring.table import MARK, Cell, Head, figure, marked
-from slamgauge.compare.scoring.verdicts import faults_over_runs, verdict_on_run, verdict_over_runs
 
-OTHERS = (
-    Metric("rays", "Result of the rays of a bearing-only estimate (`ray_figures.RayFigures`)", ray_figures, mean_rays),
-    Metric("verdict", "Conclusions from the figures, in words (`verdicts`)", verdict_on_run, verdict_over_runs),
-    Metric("faults", "Faults in a few words, without sizes (`verdicts`)", over_runs=faults_over_runs),
-)
-BY_KEY = DECLARED
-BY_KEY.update({each.key: each for each in OTHERS})
-STORED = (*(key for key, each in BY_KEY.items() if each.stored), *(f"rays_{name}" for name in RAY_FIGURES))
+STORED = (*(key for key, each in BY_KEY.items() if each.stored), *(f"rays_{name}" for name in RAYS))
+TableName = Literal["run", "study", "sweep"]
 
 
 def measured(found: Measured, *, in_study: bool = False) -> dict[str, Any]:
@@ -32,13 +24,13 @@ def measured(found: Measured, *, in_study: bool = False) -> dict[str, Any]:
     }
     if not in_study:
         return figures
-    rays = ray_figures(found)
-    return figures | {f"rays_{name}": getattr(rays, name, None) for name in RAY_FIGURES}
+    rays = found.rays() or dict.fromkeys(RAYS)
+    return figures | {f"rays_{name}": count for name, count in rays.items()}
 
 
 def heads(table: TableName, *, bounded: bool = False) -> list[Column]:
     """Return the columns of metrics in a table, from the left; with those of bounds if `bounded`."""
-    columns = [replace(each.column, key=key, help=each.help) for key, each in BY_KEY.items() if each.column is not None]
+    columns = [each.column for each in BY_KEY.values() if each.column is not None]
     shown = [each for each in columns if getattr(each, table) is not None and (bounded or not each.of_bounds)]
     return sorted(shown, key=attrgetter(table))
 

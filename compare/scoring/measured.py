@@ -2,26 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
+from slamgauge.arrays import Marks
 from slamgauge.compare.scoring.consistency import distances, is_inside, pose_errors, squared_mahalanobis, step_errors
 from slamgauge.compare.scoring.intervals import ROUNDING, mean, number, rms
 from slamgauge.compare.scoring.metric import Column, of_run
 from slamgauge.compare.scoring.run_arrays import RunArrays, closure_steps, pose_covs_of
 from slamgauge.compare.scoring.runs import Runs
+from slamgauge.compare.scoring.verdicts import Evidence
+from slamgauge.estimate import RayLog
+from slamgauge.truth import NOBODY
 
-
-@dataclass(frozen=True)
-class LoopClosure:
-    """Position error, and root of the trace of its covariance, before and at a loop closure; None if unknown."""
-
-    step: int
-    error_before_m: float | None
-    error_after_m: float | None
-    sigma_before_m: float | None
-    sigma_after_m: float | None
+FAR_OFF = 9.0  # squared Mahalanobis distance of three sigma
 
 
 class Measured(RunArrays):
@@ -162,16 +157,68 @@ class Measured(RunArrays):
         return chi_square / dof if chi_square is not None and dof else None
 
     @of_run()
-    def loop_closure(self) -> tuple[LoopClosure, ...] | None:
-        """One entry per loop closure (`measured.LoopClosure`)."""
+    def loop_closure(self) -> tuple[dict[str, Any], ...] | None:
+        """At each loop closure its `step`, and the errors and sigmas of the position before and after it."""
         steps = closure_steps(self.truth, self.recording)
         if steps is None:
             return None
         sigmas = np.sqrt((self.covs[:, 0, 0] + self.covs[:, 1, 1]).clip(min=0))
+        names = ("error_before_m", "error_after_m", "sigma_before_m", "sigma_after_m")
         rows = np.column_stack([self.off[steps - 1], self.off[steps], sigmas[steps - 1], sigmas[steps]])
-        return tuple(LoopClosure(step, *map(number, row)) for step, row in zip(steps.tolist(), rows, strict=True))
+        closures = zip(steps.tolist(), rows, strict=True)
+        return tuple({"step": step, **dict(zip(names, map(number, row), strict=True))} for step, row in closures)
 
     @of_run(Column("time [s]", "computing time [s]", form="{:.2f}", run=14), Runs.mean_seconds, stored=True)
     def seconds_total(self) -> float | None:
         """Computing time."""
         return None if self.estimate.seconds is None else float(self.estimate.seconds.sum())
+
+    @of_run(over_runs=Runs.mean_rays)
+    def rays(self) -> dict[str, float | None] | None:
+        """Rays of a bearing-only estimate: mean number of `members` in the state, and rays by their result.
+
+        `collapsed` rays became points, `lost` ones were deleted, `left` ones are rays at the end. A collapsed ray is
+        `off` if its landmark is more than three sigma off at the end, and `wrong` if it is off, or if its survivor was
+        not the member nearest to the truth at the ray's birth.
+        """
+        log = self.estimate.rays
+        if log is None:
+            return None
+        collapsed, ended = log.survivor >= 0, log.end >= 0
+        wrong, off = None, None
+        if self.truth.poses is not None and self.truth.landmark_ids is not None:
+            is_off = np.isin(log.landmark, self.estimate.landmark_ids[self.map_nees > FAR_OFF])
+            wrong = float(np.sum(collapsed & (is_off | ~self._nearest_survived(log))))
+            off = float(np.sum(collapsed & is_off))
+        return {
+            "members": float(log.members.mean()),
+            "collapsed": float(collapsed.sum()),
+            "wrong": wrong,
+            "off": off,
+            "lost": float((ended & ~collapsed).sum()),
+            "left": float((~ended).sum()),
+        }
+
+    def _nearest_survived(self, log: RayLog) -> Marks:
+        """Return whether each ray's survivor was at birth the member nearest to the true distance; True if unknown."""
+        if not len(log.birth):  # without observations, rays have no members
+            return np.zeros(0, dtype=np.bool_)
+        owners = dict(zip(self.estimate.landmark_ids.tolist(), self.true_ids.tolist(), strict=True))
+        owner = np.array([owners.get(name, NOBODY) for name in log.landmark.tolist()])
+        true = distances(self.from_truth(owner, self.reference[log.birth, :2]))
+        gaps = np.abs(log.distances - true[:, None])
+        return np.isnan(gaps).all(axis=1) | (np.nan_to_num(gaps, nan=np.inf).argmin(axis=1) == log.survivor)
+
+    @of_run(over_runs=Runs.verdict)
+    def verdict(self) -> str | None:
+        """Conclusions from the figures, in words (`verdicts`)."""
+        nees = mean(self.nees / 3)
+        evidence = Evidence(
+            runs=1,
+            nees_per_dof=mean(self.nees_xy / 2) if nees is None else nees,  # positions, without true headings
+            coverage_95=self.coverage_95(),
+            nis_per_dof=self.nis_per_dof(),
+            nis_dof=self.nis_dof_total(),
+            wrong_associations=self.wrong_associations(),
+        )
+        return evidence.verdict()

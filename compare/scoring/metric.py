@@ -1,20 +1,19 @@
 """Declaration of metrics: a decorated function computes the figure, its name is the key, its docstring the meaning.
 
-Decorated are methods of `Measured` for runs, and functions of `runs.Runs` for studies. `Score` (a run),
-`EstimatorSummary` (a study), their files, stores, tables and pages, and the manual (`docs/make_tables.py`) follow.
+Decorated are methods of `Measured` for runs, and methods of `Runs` for studies. `Score` (a run), `EstimatorSummary` (a
+study), their files, stores, tables and pages, and the manual (`docs/make_tables.py`) follow.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import Any, Literal, TypeVar
+from dataclasses import dataclass, replace
+from typing import Any, TypeVar
 
 from slamgauge.compare.scoring.intervals import mean_interval
 from slamgauge.compare.scoring.table import Head
 
-TableName = Literal["run", "study", "sweep"]
-Measure = Callable[[Any], Any]  # argument: `Measured`; returns a figure, or several as a dataclass or a tuple
+Measure = Callable[[Any], Any]  # argument: `Measured`; returns a figure, or several as a dictionary or a tuple
 OverRuns = Callable[[Any, Mapping[str, Any]], Any]  # arguments: `Runs` of the estimator, and those of all by name
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -38,13 +37,13 @@ class Metric:
 
     key: str  # in metrics.json, summary.json and the store of a study
     help: str
+    column: Column | None  # in tables
     measure: Measure | None = None  # None: not in metrics.json
     over_runs: OverRuns | None = None  # None: not in summary.json
     stored: bool = False  # by studies, for every run
-    column: Column | None = None  # in tables
 
 
-DECLARED: dict[str, Metric] = {}
+BY_KEY: dict[str, Metric] = {}  # all metrics, once `catalogue` is imported
 
 
 def of_run(
@@ -55,22 +54,18 @@ def of_run(
     def declare(measure: Function) -> Function:
         key = measure.__name__
         mean = (lambda runs, _: mean_interval(runs.figures[key])) if averaged else over_runs
-        DECLARED[key] = Metric(key, _meaning(measure), measure, mean, stored or averaged, column)
-        return measure
+        return _declared(measure, column, measure=measure, over_runs=mean, stored=stored or averaged)
 
     return declare
 
 
 def of_study(column: Column | None = None) -> Callable[[Function], Function]:
     """Declare a figure of many runs."""
-
-    def declare(aggregate: Function) -> Function:
-        key = aggregate.__name__
-        DECLARED[key] = Metric(key, _meaning(aggregate), over_runs=aggregate, column=column)
-        return aggregate
-
-    return declare
+    return lambda aggregate: _declared(aggregate, column, over_runs=aggregate)
 
 
-def _meaning(function: Callable[..., Any]) -> str:
-    return " ".join((function.__doc__ or "").split()).removesuffix(".")
+def _declared(function: Function, column: Column | None, **parts: Any) -> Function:
+    key, meaning = function.__name__, " ".join((function.__doc__ or "").split()).removesuffix(".")
+    head = None if column is None else replace(column, key=key, help=meaning)
+    BY_KEY[key] = Metric(key, meaning, head, **parts)
+    return function

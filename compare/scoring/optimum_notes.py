@@ -10,9 +10,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from slamgauge.arrays import Float
 from slamgauge.compare.scoring.consistency import chi2_band
-from slamgauge.compare.scoring.intervals import LEVEL, Interval, is_above, is_below
-from slamgauge.compare.scoring.runs import CHECK_LIMIT
+from slamgauge.compare.scoring.intervals import LEVEL, Interval, mean
 from slamgauge.compare.scoring.table import MARK, interval_cell
 from slamgauge.display import counted
 from slamgauge.estimate import Estimate
@@ -20,15 +20,12 @@ from slamgauge.recording import Recording
 from slamgauge.sensors import SENSORS
 from slamgauge.truth import NOBODY, Truth
 
-FIT_LEVEL = 0.95  # probability of the two-sided chi-square band of the fit
+CHECK_LIMIT = 0.05  # sigmas: a causal optimum that is farther from the hindsight optimum at the end is in doubt
 MISFIT_LEVEL = 0.999  # probability of the two-sided chi-square band outside of which residuals are implausible
 MISFIT = 0.05  # least deviation of chi2/dof from 1 that causes a warning
 SURE = 0.999  # probability of the two-sided interval: one in 2000 estimators with the optimum's accuracy is reported
 WHY = "no filter can be; check whether it uses the truth, later measurements or the scenario"
 MARKED = f": figures relative to it are marked {MARK}"
-
-
-# --- fit of the model ----------------------------------------------------------------------------
 
 
 def is_misfit(optimum: Estimate) -> bool:
@@ -42,7 +39,7 @@ def is_misfit(optimum: Estimate) -> bool:
 
 def is_misfit_in_runs(fit: Interval | None) -> bool:
     """Return the same for the mean chi2/dof of many runs with its 95 % interval."""
-    return is_above(fit, 1.0 + MISFIT) or is_below(fit, 1.0 - MISFIT)
+    return fit is not None and (fit.is_above(1.0 + MISFIT) or fit.is_below(1.0 - MISFIT))
 
 
 def misfits(names: Sequence[str]) -> str | None:
@@ -59,23 +56,18 @@ def fit_of_the_model(title: str, optimum: Estimate) -> str | None:
     if optimum.chi_square is None or not dof:
         return None
     figure = optimum.chi_square / dof
-    low, high = (bound / dof for bound in chi2_band(FIT_LEVEL, dof))
-    digits = max(2, 1 - math.floor(math.log10(high - low)))  # at least two digits of the band's width
+    low, high = (bound / dof for bound in chi2_band(LEVEL, dof))
+    form = f".{max(2, 1 - math.floor(math.log10(high - low)))}f"  # at least two digits of the band's width
+    band = f"{100 * LEVEL:g} % band {low:{form}} to {high:{form}}"
     verdict = ", above it: the stated noise is too small, or there are outliers" if figure > high else ""
     if figure < low:
         verdict = ", below it: the stated noise is too large"
-    return (
-        f"fit of the model: chi2/dof of the {title} {figure:.{digits}f} ({dof} degrees of freedom, "
-        f"{100 * FIT_LEVEL:g} % band {low:.{digits}f} to {high:.{digits}f}){verdict}"
-    )
+    return f"fit of the model: chi2/dof of the {title} {figure:{form}} ({dof} degrees of freedom, {band}){verdict}"
 
 
 def mean_fit(title: str, fit: Interval | None) -> str | None:
     """Return the mean chi2/dof of many runs with its 95 % interval."""
     return None if fit is None else f"fit of the model: chi2/dof of the {title} {interval_cell(fit, '{:.3f}')}"
-
-
-# --- observations left out -----------------------------------------------------------------------
 
 
 def left_out(name: str, truth: Truth | None, recording: Recording, optimum: Estimate) -> str | None:
@@ -85,17 +77,18 @@ def left_out(name: str, truth: Truth | None, recording: Recording, optimum: Esti
     unused = optimum.association == NOBODY
     if truth is not None and truth.misleading is not None:
         unused &= ~truth.misleading
-    count = int(np.sum(unused))
     why = "" if SENSORS[recording.sensor].places_landmarks else " that bearings do not determine"
-    return f"{name} leaves out {counted(count, 'observation')}{why}" if count else None
-
-
-# --- is it the optimum? --------------------------------------------------------------------------
+    return f"{name} leaves out {counted(int(unused.sum()), 'observation')}{why}" if unused.any() else None
 
 
 def is_in_doubt(check: float | None) -> bool:
     """Return whether an optimum was checked and is too far from the hindsight optimum."""
     return check is not None and check > CHECK_LIMIT
+
+
+def share_of_doubt(checks: Float) -> float | None:
+    """Return the share of the checked runs (R,) whose optimum is in doubt; NaN is not checked."""
+    return mean(np.where(np.isnan(checks), np.nan, checks > CHECK_LIMIT))
 
 
 def doubt(name: str, check: float | None, then: str = "") -> str | None:
@@ -108,12 +101,9 @@ def doubt(name: str, check: float | None, then: str = "") -> str | None:
 
 
 def doubt_in_runs(name: str, share: float | None, then: str = MARKED) -> str | None:
-    """Return in which share of many runs a causal optimum is far from the true optimum, and `then`."""
-    if not share:
-        return None
-    return (
-        f"{name} is more than {CHECK_LIMIT:g} sigma from the optimum at a checked step in {share:.1%} of the runs{then}"
-    )
+    """Return in which share of many runs a causal optimum is far from the true optimum, and `then`; None if in none."""
+    far = f"{name} is more than {CHECK_LIMIT:g} sigma from the optimum at a checked step"
+    return f"{far} in {share:.1%} of the runs{then}" if share else None
 
 
 def at_places(name: str, shares: Mapping[str, float | None], then: str = MARKED) -> list[str]:
@@ -128,9 +118,6 @@ def placed(texts: Mapping[str, str | None]) -> list[str]:
         if line is not None:
             lines.setdefault(line, []).append(place)
     return [f"{', '.join(places)}: {line}" for line, places in lines.items()]
-
-
-# --- estimates that are better -------------------------------------------------------------------
 
 
 def beats_the_optimum(ratio: Interval | None, runs: int) -> str | None:

@@ -20,21 +20,16 @@ ROUNDING = 1e-6  # rounding error [s] of stamps such as 0.1 k
 
 @dataclass(frozen=True)
 class RunArrays:
-    """An estimate, the known part of the truth, and the optima. A mapped landmark with its observations is a track.
+    """An estimate, the known part of the truth, and the optimum of the same kind.
 
-    Attributes:
-        truth: known part of the truth; figures that need another part are undefined.
-        recording: input of the estimator.
-        estimate: output of the estimator.
-        optimum: estimate of `causal` if `estimate` is filtered, of `batch` if it is smoothed; None: not compared.
-        compared: (N+1,) the steps of which a stored trajectory has a pose; None: all.
+    A mapped landmark with its observations is a track. Figures that need an unknown part of the truth are undefined.
     """
 
     truth: Truth
     recording: Recording
     estimate: Estimate
-    optimum: Estimate | None = None
-    compared: Marks | None = None
+    optimum: Estimate | None = None  # None: not compared
+    compared: Marks | None = None  # (N+1,) the steps of which a stored trajectory has a pose; None: all
 
     @cached_property
     def reference(self) -> Float:

@@ -9,19 +9,21 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float, Int
-from slamgauge.compare.estimators.registry import BOUND_OF, CAUSAL, OPTIMA
+from slamgauge.compare.estimators.registry import BOUND_OF, CAUSAL, OPTIMA, REGISTRY
 from slamgauge.compare.scoring.consistency import chi2_band, is_inside
 from slamgauge.compare.scoring.intervals import Interval, half_widths, jackknife_interval, mean, mean_interval
 from slamgauge.compare.scoring.intervals import ratio_interval as ratio_of
 from slamgauge.compare.scoring.metric import Column, of_study
+from slamgauge.compare.scoring.optimum_notes import is_misfit_in_runs, share_of_doubt
+from slamgauge.compare.scoring.verdicts import Evidence
 
 # stored for every step: errors and sigmas [m, m, rad], NEES, and the NIS with its degrees of freedom
 SERIES = (
     *("error_x", "error_y", "error_heading", "sigma_x", "sigma_y", "sigma_heading"),
     *("nees_pose", "nees_position", "nees_heading", "nis", "nis_dof"),
 )
+RAYS = ("members", "collapsed", "wrong", "off", "lost", "left")  # figures of `Measured.rays`
 BAND_LEVEL = 0.999  # probability of the chi-square bands at every step
-CHECK_LIMIT = 0.05  # sigmas: a causal optimum that is farther from the hindsight optimum at the end is in doubt
 FIRST_STEP = 11  # first step of NEES means: before it the start still dominates
 
 
@@ -35,19 +37,12 @@ class PerStep(NamedTuple):
 
 @dataclass(frozen=True)
 class Runs:
-    """Runs of one estimator without the failed ones.
+    """Runs of one estimator without the failed ones; NaN where a figure is undefined."""
 
-    Attributes:
-        run: (R,) numbers of the runs, increasing.
-        kind: `filtered` or `smoothed`.
-        figures: arrays (R,) by key (`catalogue.STORED`); NaN where undefined.
-        series: arrays (R, N+1) by name (`SERIES`); NaN where undefined.
-    """
-
-    run: Int
-    kind: str
-    figures: dict[str, Float]
-    series: dict[str, Float]
+    run: Int  # (R,) numbers of the runs, increasing
+    kind: str  # `filtered` or `smoothed`
+    figures: dict[str, Float]  # (R,) by key (`catalogue.STORED`)
+    series: dict[str, Float]  # (R, N+1) by name (`SERIES`)
 
     def squares(self, *series: str) -> Float:
         """Return the sums (R, N+1) of the squares of these series."""
@@ -94,7 +89,44 @@ class Runs:
     def over_optimum(self, others: Others, name: str | None = None) -> Interval | None:
         """Return mean ATE over that of an optimum on the same runs; by default the one of the same kind."""
         optimum = others.get(name or OPTIMA.get(self.kind, ""))
-        return None if optimum is None else ratio_of(*paired_figures("ate_m", self, optimum))
+        if optimum is None:
+            return None
+        ours, theirs = paired(self, optimum)
+        return ratio_of(self.figures["ate_m"][ours], optimum.figures["ate_m"][theirs])
+
+    def mean_rays(self, _: Others) -> dict[str, float | None] | None:
+        """Return the mean figures of the rays of a run; None without rays."""
+        means = {name: mean(self.figures[f"rays_{name}"]) for name in RAYS}
+        return None if means["members"] is None else means
+
+    def verdict(self, others: Others) -> str | None:
+        """Return the verdict on the runs."""
+        return self.evidence(others).verdict() if self.kind else None
+
+    @of_study()
+    def faults(self, others: Others) -> tuple[str, ...]:
+        """Faults in a few words, without sizes (`verdicts`)."""
+        return self.evidence(others).faults() if self.kind else ()
+
+    def evidence(self, others: Others) -> Evidence:
+        """Return the figures on which the verdict is based; the ratio to an optimum in doubt is left out."""
+        name, ratio, common = OPTIMA[self.kind], None, 0
+        optimum = others.get(name, self)
+        is_misfit = is_misfit_in_runs(mean_interval(optimum.figures["chi_square_per_dof"]))
+        if optimum is not self and not is_misfit and not optimum.optimum_check_share(others):
+            ratio, common = self.over_optimum(others), len(paired(self, optimum)[0])
+        nees, coverage, nis = self.nees_pose_per_dof(others), self.late_coverage(others), self.total_nis(others)
+        return Evidence(
+            runs=int(np.sum(~np.isnan(late_means(self.series["nees_pose"])))),
+            nees_per_dof=None if nees is None else nees.mean,
+            coverage_95=None if coverage is None else coverage.mean,
+            nis_per_dof=None if nis is None else nis.mean,
+            nis_dof=int(np.nansum(self.figures["nis_dof_total"])),
+            ratio=ratio,
+            ratio_runs=common,
+            optimum=REGISTRY[name].title,
+            wrong_associations=mean(self.figures["wrong_associations"]),
+        )
 
     @of_study(Column("RMSE [m]", study=2, sweep=2, of_bounds=True))
     def position_rmse_m(self, _: Others) -> Interval | None:
@@ -146,10 +178,12 @@ def paired(runs: Runs, optimum: Runs) -> tuple[Int, Int]:
     return ours, theirs
 
 
-def paired_figures(key: str, runs: Runs, other: Runs) -> tuple[Float, Float]:
-    """Return a figure (C,) of the common runs of two estimators."""
-    ours, theirs = paired(runs, other)
-    return runs.figures[key][ours], other.figures[key][theirs]
+def rays_text(rays: Mapping[str, float | None]) -> str:
+    """Return the figures of the rays of one run, or their means over runs, in a sentence."""
+    shown = {name: "?" if count is None else f"{count:.3g}" for name, count in rays.items()}
+    judged = "" if rays["wrong"] is None else f" ({shown['wrong']} wrongly, {shown['off']} end off by 3 sigma)"
+    rest = f"{shown['lost']} were lost, {shown['left']} are left; {shown['members']} members in the state"
+    return f"{rays['collapsed']:.4g} rays became points{judged}, {rest}"
 
 
 def late_means(series: Float) -> Float:
@@ -157,11 +191,6 @@ def late_means(series: Float) -> Float:
     late = series[:, FIRST_STEP:]
     count = (~np.isnan(late)).sum(axis=1)
     return np.divide(np.nansum(late, axis=1), count, out=np.full(len(series), np.nan), where=count > 0)
-
-
-def share_of_doubt(checks: Float) -> float | None:
-    """Return the share of the checked runs (R,) whose optimum is in doubt; NaN is not checked."""
-    return mean(np.where(np.isnan(checks), np.nan, checks > CHECK_LIMIT))
 
 
 def _mean_root(sums: Float, count: int) -> Float:

@@ -21,27 +21,16 @@ LATEX = {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textascii
 
 @dataclass(frozen=True)
 class Head:
-    """Column of a table.
-
-    Attributes:
-        title: short name.
-        name: full name, if it differs from the title.
-        help: explanation.
-        words: whether the cells are texts, which are aligned at the left.
-        wraps: whether the texts may continue on further lines.
-        key: key of the metric, if it is one.
-        form: format of the figures.
-        relative: whether figures are relative to an optimum, and marked if that is in doubt.
-    """
+    """Column of a table."""
 
     title: str
-    name: str = ""
+    name: str = ""  # full name, if it differs from the title
     help: str = ""
-    words: bool = False
-    wraps: bool = False
-    key: str = ""
-    form: str = "{:.3f}"
-    relative: bool = False
+    words: bool = False  # the cells are texts, which are aligned at the left
+    wraps: bool = False  # the texts may continue on further lines
+    key: str = ""  # of a metric
+    form: str = "{:.3f}"  # of the figures
+    relative: bool = False  # figures are relative to an optimum, and marked if that is in doubt
 
     @property
     def full(self) -> str:
@@ -50,28 +39,21 @@ class Head:
 
 
 class Cell(NamedTuple):
-    """Cell of a table: text, value for sorting and for files, and link."""
+    """Cell of a table."""
 
     text: str
-    value: float | Interval | None = None
+    value: float | Interval | None = None  # for sorting and for files
     link: str = ""
 
 
 @dataclass(frozen=True)
 class Table:
-    """A table with the most important columns first.
-
-    Attributes:
-        heads: columns.
-        rows: cells of each row.
-        caption: what the table shows.
-        id: name on a page.
-    """
+    """A table with the most important columns first."""
 
     heads: Sequence[Head]
     rows: Sequence[Sequence[Cell]]
     caption: str = ""
-    id: str = ""
+    id: str = ""  # name on a page
 
     @classmethod
     def of(cls, heads: Sequence[Head], rows: Sequence[Sequence[Cell | str]], caption: str = "", id: str = "") -> Table:
@@ -103,10 +85,9 @@ def cell(value: float | None, form: str) -> str:
 
 def interval_cell(interval: Interval | None, form: str) -> str:
     """Return `mean ± half width`, or `-` for None."""
-    if interval is None or interval.low is None or interval.high is None:
+    if interval is None or interval.half_width is None:
         return cell(None if interval is None else interval.mean, form)
-    half = cell((interval.high - interval.low) / 2, form).removeprefix("+")
-    return f"{cell(interval.mean, form)} ± {half}"
+    return f"{cell(interval.mean, form)} ± {cell(interval.half_width, form).removeprefix('+')}"
 
 
 def figure(value: float | Interval | None, form: str) -> Cell:

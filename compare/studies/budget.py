@@ -28,8 +28,7 @@ from slamgauge.compare.scenarios.simulation import simulate_informed
 from slamgauge.compare.scoring.consistency import pose_errors, squared_distances
 from slamgauge.compare.scoring.intervals import Interval, bootstrap_interval, mean_interval
 from slamgauge.compare.scoring.measured import Measured
-from slamgauge.compare.scoring.optimum_notes import MARK, at_places, is_misfit_in_runs, misfits
-from slamgauge.compare.scoring.runs import share_of_doubt
+from slamgauge.compare.scoring.optimum_notes import MARK, at_places, is_misfit_in_runs, misfits, share_of_doubt
 from slamgauge.compare.scoring.table import Cell, Head, Table, from_to, marked
 from slamgauge.compare.scoring.text_page import Page
 from slamgauge.compare.storage import progress

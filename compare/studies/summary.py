@@ -9,8 +9,7 @@ from typing import Any
 from pydantic_core import to_jsonable_python
 
 from slamgauge.compare.estimators.registry import BOUND, BOUNDS, CAUSAL, HINDSIGHT, HINDSIGHT_BOUND, REGISTRY, is_ours
-from slamgauge.compare.scoring.catalogue import BY_KEY, empty_columns, figure_cells, heads
-from slamgauge.compare.scoring.metric import TableName
+from slamgauge.compare.scoring.catalogue import BY_KEY, TableName, empty_columns, figure_cells, heads
 from slamgauge.compare.scoring.optimum_notes import (
     beats_the_optimum,
     doubt_in_runs,
@@ -18,8 +17,7 @@ from slamgauge.compare.scoring.optimum_notes import (
     mean_fit,
     misfits,
 )
-from slamgauge.compare.scoring.ray_figures import describe
-from slamgauge.compare.scoring.runs import Runs
+from slamgauge.compare.scoring.runs import Runs, rays_text
 from slamgauge.compare.scoring.scores import FiguresByKey
 from slamgauge.compare.scoring.table import ESTIMATOR, RUNS, Cell, Table
 from slamgauge.compare.scoring.text_page import Page
@@ -124,7 +122,7 @@ def summarise(runs: Mapping[str, Runs]) -> dict[str, EstimatorSummary]:
 
 def summary_table(summary: Summary) -> Page:
     """Return the table of a study: means with 95 % intervals; below it notes, verdicts, failures and comparisons."""
-    rays = [f"{name}: a run's {describe(each['rays'])}" for name, each in summary.estimators.items() if each["rays"]]
+    rays = [f"{name}: a run's {rays_text(each['rays'])}" for name, each in summary.estimators.items() if each["rays"]]
     below = [
         *optimum_lines(summary),
         *empty_column_lines([summary], "study"),

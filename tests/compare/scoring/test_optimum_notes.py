@@ -13,8 +13,13 @@ import pytest
 from slamgauge.compare.scoring.comparison import Comparison, metrics, notes, table
 from slamgauge.compare.scoring.consistency import chi2_band
 from slamgauge.compare.scoring.intervals import Interval, ratio_interval
-from slamgauge.compare.scoring.optimum_notes import MARK, beats_the_optimum, fit_of_the_model, mean_fit
-from slamgauge.compare.scoring.runs import CHECK_LIMIT
+from slamgauge.compare.scoring.optimum_notes import (
+    CHECK_LIMIT,
+    MARK,
+    beats_the_optimum,
+    fit_of_the_model,
+    mean_fit,
+)
 from slamgauge.compare.scoring.scores import evaluate
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
