@@ -11,7 +11,7 @@ import tyro
 from slamgauge.compare.cli.common import results_of
 from slamgauge.compare.cli.terminal import Output
 from slamgauge.compare.estimators.registry import HINDSIGHT, REGISTRY
-from slamgauge.compare.scoring import optimum_notes, text_page
+from slamgauge.compare.scoring import optimum_notes, table
 from slamgauge.compare.storage import files, staged_folder
 from slamgauge.compare.storage.result_files import TWIN, shown
 from slamgauge.compare.studies import twin as twins
@@ -51,7 +51,7 @@ class Command:
             notes.append(f"{twin.left_out} observations dropped: they have no association or no landmark position")
         fit = optimum_notes.fit_of_the_model(REGISTRY[HINDSIGHT].title, twin.optimum)
         if fit is not None:
-            notes.append(Output().laid_out(text_page.Page((fit,))))
+            notes.append(Output().laid_out(table.Page((fit,))))
         counts = f"{twin.recording.steps} steps, {len(twin.optimum.landmark_ids)} landmarks"
         written = f"{counts}, {len(twin.landmark)} observations: written to {out / TWIN}"
         print(*notes, written, sep="\n", file=sys.stderr)

@@ -66,7 +66,7 @@ FIGURES: dict[str, Callable[[Runs], Float]] = {  # functions that read a figure 
     "mapped landmarks": _stored("landmarks_mapped"),
     "true landmarks": _stored("landmarks_true"),
     "landmarks found": _found,
-    **{f"{a} of the {b} half of the map": _stored(f"landmark_{a}_{b}_m") for a in WHAT for b in HALVES},
+    **{f"{a} of the {b} half of the map": _stored(f"landmark_halves_{a}_{b}_m") for a in WHAT for b in HALVES},
     **{f"position {what} {stretch}": partial(_during, what, stretch) for what in WHAT for stretch in STRETCHES},
 }
 

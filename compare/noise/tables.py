@@ -8,8 +8,7 @@ from __future__ import annotations
 from typing import Any
 
 from slamgauge.compare.scoring.intervals import Interval
-from slamgauge.compare.scoring.table import Cell, Head, Table, figure
-from slamgauge.compare.scoring.text_page import Page
+from slamgauge.compare.scoring.table import Cell, Head, Page, Table, figure
 
 SIGNIFICANT = "significant"
 HEADS = (

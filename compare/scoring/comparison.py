@@ -25,8 +25,7 @@ from slamgauge.compare.scoring.optimum_notes import (
 )
 from slamgauge.compare.scoring.own_stamps import optimum_at, truth_at
 from slamgauge.compare.scoring.scores import Score, evaluate
-from slamgauge.compare.scoring.table import ESTIMATOR, KIND, NO_FIGURE, Cell, Table
-from slamgauge.compare.scoring.text_page import Page
+from slamgauge.compare.scoring.table import ESTIMATOR, KIND, NO_FIGURE, Cell, Page, Table
 from slamgauge.compare.scoring.verdicts import verdict_lines
 from slamgauge.compare.storage.files import save, write_json
 from slamgauge.compare.storage.result_files import METRICS, RECORDING, TRUTH, origin

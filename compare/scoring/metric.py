@@ -6,7 +6,7 @@ study), their files, stores, tables and pages, and the manual (`docs/make_tables
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
@@ -35,26 +35,35 @@ class Column(Head):
 class Metric:
     """A figure of an estimate, or of an estimator over many runs."""
 
-    key: str  # in metrics.json, summary.json and the store of a study
+    key: str  # in metrics.json and summary.json
     help: str
     column: Column | None  # in tables
     measure: Measure | None = None  # None: not in metrics.json
     over_runs: OverRuns | None = None  # None: not in summary.json
-    stored: bool = False  # by studies, for every run
+    stored: tuple[str, ...] = ()  # names in the store of a study, one for each part of the figure
 
 
 BY_KEY: dict[str, Metric] = {}  # all metrics, once `catalogue` is imported
 
 
 def of_run(
-    column: Column | None = None, over_runs: OverRuns | None = None, *, stored: bool = False, averaged: bool = False
+    column: Column | None = None,
+    over_runs: OverRuns | None = None,
+    *,
+    stored: bool = False,
+    averaged: bool = False,
+    parts: Sequence[str] = (),
 ) -> Callable[[Function], Function]:
-    """Declare a figure of runs: aggregated by `over_runs`, `stored` by studies, or stored and `averaged` by them."""
+    """Declare a figure of runs: aggregated by `over_runs`; `stored` by studies, or stored and `averaged` by them.
+
+    A figure with `parts`, keys of a dictionary, is stored part by part.
+    """
 
     def declare(measure: Function) -> Function:
         key = measure.__name__
         mean = (lambda runs, _: mean_interval(runs.figures[key])) if averaged else over_runs
-        return _declared(measure, column, measure=measure, over_runs=mean, stored=stored or averaged)
+        names = tuple(f"{key}_{part}" for part in parts) or (key,) * (stored or averaged)
+        return _declared(measure, column, measure=measure, over_runs=mean, stored=names)
 
     return declare
 

@@ -11,8 +11,7 @@ from typing import Any
 from pydantic_core import to_jsonable_python
 
 from slamgauge.arrays import Float, Marks
-from slamgauge.compare.scoring.catalogue import BY_KEY, measured
-from slamgauge.compare.scoring.measured import Measured
+from slamgauge.compare.scoring.catalogue import BY_KEY, Measured, measured
 from slamgauge.display import html_table
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate

@@ -25,12 +25,11 @@ from slamgauge.compare.estimators.running import run_estimator
 from slamgauge.compare.scenarios.scenario import Scenario, as_scenario, scenario_text
 from slamgauge.compare.scenarios.schema import Assumed
 from slamgauge.compare.scenarios.simulation import simulate_informed
+from slamgauge.compare.scoring.catalogue import Measured
 from slamgauge.compare.scoring.consistency import pose_errors, squared_distances
 from slamgauge.compare.scoring.intervals import Interval, bootstrap_interval, mean_interval
-from slamgauge.compare.scoring.measured import Measured
 from slamgauge.compare.scoring.optimum_notes import MARK, at_places, is_misfit_in_runs, misfits, share_of_doubt
-from slamgauge.compare.scoring.table import Cell, Head, Table, from_to, marked
-from slamgauge.compare.scoring.text_page import Page
+from slamgauge.compare.scoring.table import Cell, Head, Page, Table, from_to, marked
 from slamgauge.compare.storage import progress
 from slamgauge.compare.storage.files import of_this_version, read_json
 from slamgauge.compare.storage.result_files import BUDGET, origin

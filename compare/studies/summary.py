@@ -19,8 +19,7 @@ from slamgauge.compare.scoring.optimum_notes import (
 )
 from slamgauge.compare.scoring.runs import Runs, rays_text
 from slamgauge.compare.scoring.scores import FiguresByKey
-from slamgauge.compare.scoring.table import ESTIMATOR, RUNS, Cell, Table
-from slamgauge.compare.scoring.text_page import Page
+from slamgauge.compare.scoring.table import ESTIMATOR, RUNS, Cell, Page, Table
 from slamgauge.compare.scoring.verdicts import verdict_lines
 from slamgauge.compare.storage.result_files import origin
 from slamgauge.compare.studies.paired_comparisons import Against, RunFigures, against_parts

@@ -17,8 +17,7 @@ from slamgauge.compare.scenarios.simulation import informed
 from slamgauge.compare.scoring.catalogue import figure_cells, heads
 from slamgauge.compare.scoring.optimum_notes import at_places, misfits, placed
 from slamgauge.compare.scoring.runs import Runs
-from slamgauge.compare.scoring.table import ESTIMATOR, Cell, Head, Table
-from slamgauge.compare.scoring.text_page import Page
+from slamgauge.compare.scoring.table import ESTIMATOR, Cell, Head, Page, Table
 from slamgauge.compare.storage.files import of_this_version, read_json
 from slamgauge.compare.storage.result_files import OPTIMA, SWEEP, origin
 from slamgauge.compare.storage.staged_folder import begin_folder, require_ours

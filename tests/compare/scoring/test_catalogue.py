@@ -11,9 +11,8 @@ import pytest
 from slamgauge.compare.estimators.loading import load_estimators
 from slamgauge.compare.scenarios.scenario import load_scenario
 from slamgauge.compare.scenarios.simulation import simulate, simulate_informed
-from slamgauge.compare.scoring.catalogue import BY_KEY, STORED
+from slamgauge.compare.scoring.catalogue import BY_KEY, STORED, Measured
 from slamgauge.compare.scoring.comparison import compare_estimators, metrics, table
-from slamgauge.compare.scoring.measured import Measured
 from slamgauge.compare.scoring.metric import Column, of_run
 from slamgauge.compare.scoring.runs import SERIES, Runs
 from slamgauge.compare.studies.study_run import run_once

@@ -7,8 +7,7 @@ from collections.abc import Collection
 import pytest
 
 from slamgauge.compare.scoring.intervals import Interval
-from slamgauge.compare.scoring.table import Head, Table, cell, interval_cell
-from slamgauge.compare.scoring.text_page import Page
+from slamgauge.compare.scoring.table import Head, Page, Table, cell, interval_cell
 
 ROWS = [["estimator", "ATE [m]", "NEES"], ["ekf", "1.25", "3.1"], ["mine", "0.5", "failed"]]
 SHOWN = ["estimator  ATE [m]    NEES", "ekf           1.25     3.1", "mine           0.5  failed"]
