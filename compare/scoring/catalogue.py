@@ -6,6 +6,7 @@ The name of a decorated method is the key of a metric, its docstring the meaning
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from operator import attrgetter
 from typing import Any, Literal
 
@@ -17,7 +18,7 @@ from slamgauge.compare.scoring.intervals import ROUNDING, mean, number, rms
 from slamgauge.compare.scoring.metric import BY_KEY, Column, of_run
 from slamgauge.compare.scoring.run_arrays import RunArrays, closure_steps, pose_covs_of
 from slamgauge.compare.scoring.runs import RAYS, Runs
-from slamgauge.compare.scoring.table import MARK, Cell, Head, figure, marked
+from slamgauge.compare.scoring.table import Cell, Head, figure, marked
 from slamgauge.compare.scoring.verdicts import Evidence
 from slamgauge.estimate import RayLog
 from slamgauge.truth import NOBODY
@@ -25,6 +26,17 @@ from slamgauge.truth import NOBODY
 FAR_OFF = 9.0  # squared Mahalanobis distance of three sigma
 HALVES = ("error_near_m", "error_far_m", "sigma_near_m", "sigma_far_m")  # figures of `Measured.landmark_halves`
 TableName = Literal["run", "study", "sweep"]
+
+
+@dataclass(frozen=True)
+class LoopClosure:
+    """Position error, and root of the trace of its covariance, before and at a loop closure; None if unknown."""
+
+    step: int
+    error_before_m: float | None
+    error_after_m: float | None
+    sigma_before_m: float | None
+    sigma_after_m: float | None
 
 
 class Measured(RunArrays):
@@ -90,7 +102,7 @@ class Measured(RunArrays):
         """Mean NEES of the mapped landmarks over its 2 degrees of freedom."""
         return mean(self.map_nees / 2)
 
-    @of_run(parts=HALVES)
+    @of_run(stored=HALVES)
     def landmark_halves(self) -> dict[str, float | None]:
         """RMS error and sigma of the half of the map that is nearer to the start, and of the farther half."""
         way = distances(self.from_truth(self.true_ids, np.tile(self.reference[0, :2], (len(self.true_ids), 1))))
@@ -155,23 +167,21 @@ class Measured(RunArrays):
         return chi_square / dof if chi_square is not None and dof else None
 
     @of_run()
-    def loop_closure(self) -> tuple[dict[str, Any], ...] | None:
+    def loop_closure(self) -> tuple[LoopClosure, ...] | None:
         """At each loop closure its `step`, and the errors and sigmas of the position before and after it."""
         steps = closure_steps(self.truth, self.recording)
         if steps is None:
             return None
         sigmas = np.sqrt((self.covs[:, 0, 0] + self.covs[:, 1, 1]).clip(min=0))
-        names = ("error_before_m", "error_after_m", "sigma_before_m", "sigma_after_m")
         rows = np.column_stack([self.off[steps - 1], self.off[steps], sigmas[steps - 1], sigmas[steps]])
-        closures = zip(steps.tolist(), rows, strict=True)
-        return tuple({"step": step, **dict(zip(names, map(number, row), strict=True))} for step, row in closures)
+        return tuple(LoopClosure(step, *map(number, row)) for step, row in zip(steps.tolist(), rows, strict=True))
 
     @of_run(Column("time [s]", "computing time [s]", form="{:.2f}", run=14), Runs.mean_seconds, stored=True)
     def seconds_total(self) -> float | None:
         """Computing time."""
         return None if self.estimate.seconds is None else float(self.estimate.seconds.sum())
 
-    @of_run(over_runs=Runs.mean_rays, parts=RAYS)
+    @of_run(over_runs=Runs.mean_rays, stored=RAYS)
     def rays(self) -> dict[str, float | None] | None:
         """Rays of a bearing-only estimate: mean number of `members` in the state, and rays by their result.
 
@@ -252,8 +262,7 @@ def figure_cells(entry: Mapping[str, Any], columns: Sequence[Head], is_marked: b
     for head in columns:
         value = entry[head.key]
         found = figure(value, "{:d}" if isinstance(value, int) else head.form)
-        is_relative = head.relative and is_marked is not None
-        cells.append(marked(found, MARK, is_marked=bool(is_marked)) if is_relative else found)
+        cells.append(marked(found, is_marked) if head.relative else found)
     return cells
 
 

@@ -15,6 +15,7 @@ from slamgauge.compare.scoring.table import Head
 
 Measure = Callable[[Any], Any]  # argument: `Measured`; returns a figure, or several as a dictionary or a tuple
 OverRuns = Callable[[Any, Mapping[str, Any]], Any]  # arguments: `Runs` of the estimator, and those of all by name
+Stored = bool | Sequence[str]  # whether a figure is stored, or the keys of the parts of a figure that is a dictionary
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
@@ -47,22 +48,15 @@ BY_KEY: dict[str, Metric] = {}  # all metrics, once `catalogue` is imported
 
 
 def of_run(
-    column: Column | None = None,
-    over_runs: OverRuns | None = None,
-    *,
-    stored: bool = False,
-    averaged: bool = False,
-    parts: Sequence[str] = (),
+    column: Column | None = None, over_runs: OverRuns | None = None, *, stored: Stored = False, averaged: bool = False
 ) -> Callable[[Function], Function]:
-    """Declare a figure of runs: aggregated by `over_runs`; `stored` by studies, or stored and `averaged` by them.
-
-    A figure with `parts`, keys of a dictionary, is stored part by part.
-    """
+    """Declare a figure of runs: aggregated by `over_runs`, `stored` by studies, or stored and `averaged` by them."""
 
     def declare(measure: Function) -> Function:
         key = measure.__name__
         mean = (lambda runs, _: mean_interval(runs.figures[key])) if averaged else over_runs
-        names = tuple(f"{key}_{part}" for part in parts) or (key,) * (stored or averaged)
+        parts = () if isinstance(stored, bool) else stored
+        names = tuple(f"{key}_{part}" for part in parts) or (key,) * (averaged or stored is True)
         return _declared(measure, column, measure=measure, over_runs=mean, stored=names)
 
     return declare

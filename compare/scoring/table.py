@@ -19,9 +19,8 @@ NARROWEST = 22  # characters: least width of a column of sentences
 VAST = 1e9  # figures from here on are written with an exponent, to keep columns narrow
 NO_FIGURE = "-"  # text of None
 MARK = "?"  # behind figures that are relative to an optimum in doubt
-LATEX = {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "±": r"$\pm$"} | {
-    sign: f"\\{sign}" for sign in "&%$#_{}"
-}
+LATEX_NAMES = {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "±": r"$\pm$"}
+LATEX = str.maketrans({sign: f"\\{sign}" for sign in "&%$#_{}"} | LATEX_NAMES)  # escapes
 
 
 @dataclass(frozen=True)
@@ -106,9 +105,11 @@ def from_to(low: float | None, high: float | None, form: str) -> Cell:
     return Cell(NO_FIGURE if low is None and high is None else f"{cell(low, form)} to {cell(high, form)}", low)
 
 
-def marked(found: Cell, mark: str, *, is_marked: bool) -> Cell:
-    """Return a cell with the mark, or with blanks instead, to keep the figures of a column aligned."""
-    return found._replace(text=found.text + (mark if is_marked and found.text != NO_FIGURE else " " * len(mark)))
+def marked(found: Cell, is_marked: bool | None) -> Cell:
+    """Return a cell with the mark of a doubt, or with a blank, to keep a column aligned; None: with neither."""
+    if is_marked is None:
+        return found
+    return found._replace(text=found.text + (MARK if is_marked and found.text != NO_FIGURE else " " * len(MARK)))
 
 
 def sized(value: float | Interval | None) -> float | None:
@@ -236,13 +237,13 @@ def markdown_text(table: Table) -> str:
 
 def latex_text(table: Table, label: str, comment: str) -> str:
     """Return a floating table with the caption of `table`; `comment` is a line on top."""
-    head, *body = [" & ".join(map(escaped, row)) + r" \\" for row in table.texts()]
+    head, *body = [" & ".join(row).translate(LATEX) + r" \\" for row in table.texts()]
     lines = [
         f"% {comment}",
         r"% needs \usepackage{booktabs}",
         r"\begin{table}",
         r"  \centering",
-        rf"  \caption{{{escaped(table.caption)}}}",
+        rf"  \caption{{{table.caption.translate(LATEX)}}}",
         rf"  \label{{tab:{label}}}",
         rf"  \begin{{tabular}}{{{''.join('l' if each.words else 'r' for each in table.heads)}}}",
         r"    \toprule",
@@ -254,8 +255,3 @@ def latex_text(table: Table, label: str, comment: str) -> str:
         r"\end{table}",
     ]
     return "\n".join(lines) + "\n"
-
-
-def escaped(text: str) -> str:
-    """Escape a text for LaTeX."""
-    return "".join(LATEX.get(sign, sign) for sign in text)

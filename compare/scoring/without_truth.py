@@ -1,15 +1,14 @@
 """Consistency of a filter without ground truth (Hausman, Econometrica 46(6), 1978); docs/no_ground_truth.md derives it.
 
 Let d be the difference of a filter's pose (covariance P_f) and that of the optimum of all measurements (P_s). The
-optimum is efficient if the noise of the recording is right, so that cov(d) = P_f - P_s. The statistic of a step is the
-expected NEES given d, which is 3 on average if the filter is consistent:
+statistic of a step is the expected NEES given d, which is 3 on average if the filter is consistent:
 
     c = d' P_f^-1 d + tr(P_f^-1 P_s)
 
-The mean squared residuals of odometry and observations at the optimum show wrong noise, which hardly changes d. The
-three figures are compared with those of simulated twins of the same log. The largest of their standardised logarithms
-is ranked (Westfall and Young, Resampling-Based Multiple Testing, 1993): the level is exact if log and twins are
-exchangeable. They differ in the path, which is the optimum's, and in the filter, which is not the tested one.
+Its mean, and the mean squared residuals of odometry and observations at the optimum, which show wrong noise, are
+compared with those of simulated twins of the same log. The largest of the three standardised logarithms is ranked
+(Westfall and Young, Resampling-Based Multiple Testing, 1993): the level is exact if log and twins are exchangeable.
+They differ in the path, which is the optimum's, and in the filter, which is not the tested one.
 """
 
 from __future__ import annotations

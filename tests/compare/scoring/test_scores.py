@@ -3,7 +3,7 @@
 import json
 import math
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import astuple, fields, replace
 from functools import partial
 from typing import Any
 
@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from slamgauge.arrays import Float
-from slamgauge.compare.scoring.catalogue import BY_KEY
+from slamgauge.compare.scoring.catalogue import BY_KEY, LoopClosure
 from slamgauge.compare.scoring.run_arrays import closure_steps
 from slamgauge.compare.scoring.scores import Score, evaluate
 from slamgauge.ekf import ekf_slam
@@ -26,7 +26,6 @@ from tests.reference.given import given as there
 from .builders import path, straight
 
 METRICS_JSON = {"kind", *(key for key, each in BY_KEY.items() if each.measure is not None)} - {"rays"}
-CLOSURE = ("step", "error_before_m", "error_after_m", "sigma_before_m", "sigma_after_m")
 true: Any = Truth  # Any: lists instead of arrays
 filtered: Any = partial(Estimate, "filtered")
 smoothed: Any = partial(Estimate, "smoothed")
@@ -174,13 +173,13 @@ def test_loop_closure_entries_by_hand() -> None:
     covs = constant_covs(recording, 9, 16, 1)
     covs[4] = np.eye(3)
     closures = evaluate(true(path(recording)), recording, filtered(poses, covs))["loop_closure"]
-    assert [tuple(each.values()) for each in closures] == [(2, 5, 1, 5, 5), (4, 2, 0, 5, pytest.approx(math.sqrt(2)))]
+    assert [*map(astuple, closures)] == [(2, 5, 1, 5, 5), (4, 2, 0, 5, pytest.approx(math.sqrt(2)))]
 
 
 def test_loop_closures_need_ids_and_their_errors_the_truth() -> None:
     named = straight(2, [(0, 1), (2, 1)], dt=10.0)
     nameless = replace(named, landmark=None)
-    closure = (dict.fromkeys(CLOSURE) | {"step": 2},)
+    closure = (LoopClosure(2, None, None, None, None),)
     for truth, recording, found in (
         (None, named, closure),
         (None, nameless, None),
@@ -235,7 +234,7 @@ def test_json_has_exactly_the_keys_and_no_nan() -> None:
         entry = score.to_json()
         assert set(entry) == METRICS_JSON
         assert json.loads(json.dumps(entry, allow_nan=False)) == entry
-    assert {*scores[0].to_json()["loop_closure"][0]} == {*CLOSURE}
+    assert {*scores[0].to_json()["loop_closure"][0]} == {each.name for each in fields(LoopClosure)}
     given_anyway = {"kind", "landmarks_mapped", "loop_closure", "nis_total", "nis_dof_total"}
     assert {key for key, value in scores[1].to_json().items() if value is not None} == given_anyway
 

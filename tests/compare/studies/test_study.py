@@ -20,7 +20,7 @@ from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
 from slamgauge.compare.scenarios.simulation import simulate
 from slamgauge.compare.scoring.runs import FIRST_STEP, Runs
 from slamgauge.compare.scoring.scores import evaluate
-from slamgauge.compare.scoring.table import escaped
+from slamgauge.compare.scoring.table import LATEX
 from slamgauge.compare.studies import study_run as study_run
 from slamgauge.compare.studies.executors import dask_cluster, local_processes
 from slamgauge.compare.studies.stored_study import study_table
@@ -195,7 +195,7 @@ def test_each_format_and_missing_columns(study: Path):
     assert all(f"\\{rule}rule" in latex for rule in ("top", "mid", "bottom"))
     assert r"\caption{my\_scene, 7 runs (seed 3), means with 95 \% intervals. ATE [m]: " in latex
     assert r"a\_b|c & 7 & - & 2.000 $\pm$ 0.500 & 3.00 $\pm$ 0.50 & 90.0\% $\pm$ 50.0\% \\" in latex
-    assert escaped(r"$x^2$ & {~\}#") == r"\$x\textasciicircum{}2\$ \& \{\textasciitilde{}\textbackslash{}\}\#"
+    assert r"$x^2$ & {~\}#".translate(LATEX) == r"\$x\textasciicircum{}2\$ \& \{\textasciitilde{}\textbackslash{}\}\#"
     for keys, names, message in (
         (["ate"], [], r"ate: no column of this study; did you mean ate_m\?"),
         (["seconds_total"], [], "seconds_total: no column"),  # it has no interval
