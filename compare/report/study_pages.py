@@ -21,7 +21,6 @@ from slamgauge.compare.studies.study_run import run_seed
 from slamgauge.compare.studies.summary import (
     Request,
     Summary,
-    empty_column_lines,
     estimator_table,
     failure_lines,
     optimum_lines,
@@ -55,13 +54,12 @@ def study_page(folder: Path) -> Page:
     first, *others = [*pictures(folder, PICTURES), None]
     every, entries = run_table(study), summary.estimators.items()
     rays = [Line(name, f"a run's {rays_text(each['rays'])}.") for name, each in entries if each["rays"]]
-    lines = [*optimum_lines(summary), *empty_column_lines([summary], "study")]
     tables = [estimator_table(summary), *against_tables(summary.against)]
     return Page(
         kind="a study",
         title=f"{summary.scenario}{value}, {summary.runs} runs",
         lead=[Line(name, f"{each['verdict']}.") for name, each in entries if each["verdict"]],
-        notes=said([*lines, *too_good_lines(summary), *failure_lines(summary)]),
+        notes=said([*optimum_lines(summary), *too_good_lines(summary), *failure_lines(summary)]),
         picture=first,
         sections=[
             Section("Metrics of each estimator", "figures", tables=tables),

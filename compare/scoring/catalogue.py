@@ -5,7 +5,7 @@ The name of a decorated method is the key of a metric, its docstring the meaning
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from operator import attrgetter
 from typing import Any, Literal
@@ -264,9 +264,3 @@ def figure_cells(entry: Mapping[str, Any], columns: Sequence[Head], is_marked: b
         found = figure(value, "{:d}" if isinstance(value, int) else head.form)
         cells.append(marked(found, is_marked) if head.relative else found)
     return cells
-
-
-def empty_columns(columns: Sequence[Head], is_empty: Callable[[str], bool]) -> list[str]:
-    """Return a line that names the columns without any figure; no line if every column has one."""
-    names = [head.full for head in columns if is_empty(head.key)]
-    return [f"Empty columns: {', '.join(names)} (docs/your_filter.md lists what each needs)"] if names else []

@@ -13,7 +13,7 @@ import numpy as np
 
 from slamgauge.compare.estimators.registry import OPTIMA, REGISTRY
 from slamgauge.compare.estimators.running import own_poses_of, run_side_by_side
-from slamgauge.compare.scoring.catalogue import empty_columns, figure_cells, heads
+from slamgauge.compare.scoring.catalogue import figure_cells, heads
 from slamgauge.compare.scoring.optimum_notes import (
     MARKED,
     doubt,
@@ -200,10 +200,10 @@ def table(comparison: Comparison) -> Page:
 
 
 def notes(comparison: Comparison) -> list[str]:
-    """Return notes on the run, on empty columns, and on the optima: their model, associations, doubts and betters."""
-    scores, estimates, truth = comparison.scores.values(), comparison.estimates, comparison.truth
+    """Return notes on the run, and on the optima: their model, associations, doubts and betters."""
+    estimates, truth = comparison.estimates, comparison.truth
     found: list[str | None] = []
-    if any(score["ate_m"] is not None for score in scores):
+    if any(score["ate_m"] is not None for score in comparison.scores.values()):
         more = f". For conclusions use many runs: {comparison.study}" if comparison.study else ""
         found.append(f"One run: from run to run the ATE varies by about {100 * SCATTER:.0f} % of its mean{more}")
     optima = sorted(comparison.optima.values())
@@ -218,8 +218,6 @@ def notes(comparison: Comparison) -> list[str]:
         count = "no headings" if headless.all() else f"no headings at {headless.sum()} of {len(headless)} steps"
         left = "heading errors, relative errors and pose NEES are left out there"
         found.append(f"the truth has {count}: {left}" if headless.any() else None)
-    columns = [head for head in heads("run") if head.key != "nees_position"]
-    found += empty_columns(columns, lambda key: all(score[key] is None for score in scores))
     if optima:
         kind = "smoothed" if "smoothed" in comparison.optima else "filtered"
         found.append(fit_of_the_model(REGISTRY[OPTIMA[kind]].title, estimates[comparison.optima[kind]]))

@@ -94,9 +94,6 @@ def _runs(figures: Float) -> str:
     return f" (mean of {len(figures)} runs)" if len(figures) > 1 else ""
 
 
-# --- relative to a reference ---------------------------------------------------------------------
-
-
 def against_reference(
     scores: Sequence[Score], reference: Sequence[Score]
 ) -> tuple[dict[str, Interval | None], tuple[str, ...]]:

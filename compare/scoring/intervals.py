@@ -111,9 +111,6 @@ def _around(middle: float, half: Float | float) -> Interval:
     return Interval(middle, number(float(middle - half)), number(float(middle + half)))
 
 
-# --- two estimators on the same runs -------------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class Paired:
     """Comparison of the means of two estimators on the same runs."""

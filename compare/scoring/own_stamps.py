@@ -66,9 +66,6 @@ def _moved(poses: Float, motions: Float, recording: Recording, times: Float) -> 
     return found
 
 
-# --- alignment and frames ------------------------------------------------------------------------
-
-
 def aligned(label: str, stored: StoredEstimate, truth: Truth, recording: Recording) -> StoredEstimate:
     """Return a stored estimate moved and turned to fit the true positions; the transform is printed."""
     estimate, reference = _with_truth(stored, truth, recording)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 from pydantic_core import to_jsonable_python
 
 from slamgauge.compare.estimators.registry import BOUND, BOUNDS, CAUSAL, HINDSIGHT, HINDSIGHT_BOUND, REGISTRY, is_ours
-from slamgauge.compare.scoring.catalogue import BY_KEY, TableName, empty_columns, figure_cells, heads
+from slamgauge.compare.scoring.catalogue import BY_KEY, figure_cells, heads
 from slamgauge.compare.scoring.optimum_notes import (
     beats_the_optimum,
     doubt_in_runs,
@@ -124,7 +124,6 @@ def summary_table(summary: Summary) -> Page:
     rays = [f"{name}: a run's {rays_text(each['rays'])}" for name, each in summary.estimators.items() if each["rays"]]
     below = [
         *optimum_lines(summary),
-        *empty_column_lines([summary], "study"),
         *rays,
         *verdict_lines({name: each["verdict"] for name, each in summary.estimators.items()}),
         *too_good_lines(summary),
@@ -184,14 +183,6 @@ def too_good_lines(summary: Summary) -> list[str]:
     known = summary.estimators[CAUSAL]["runs"] if CAUSAL in summary.estimators else 0
     found = {name: beats_the_optimum(each["ratio_to_causal"], min(each["runs"], known)) for name, each in own.items()}
     return [f"{name}: {text}" for name, text in found.items() if text]
-
-
-def empty_column_lines(summaries: Sequence[Summary], table: TableName) -> list[str]:
-    """Return a line that names the empty columns of a table of these summaries; no line if none is empty."""
-    entries = [entry for summary in summaries for entry in summary.estimators.values()]
-    bounded = any(is_bounded(summary.estimators) for summary in summaries)
-    found = heads(table, bounded=bounded)
-    return empty_columns(found, lambda key: all(each[key] is None for each in entries))
 
 
 def failure_lines(summary: Summary) -> list[str]:

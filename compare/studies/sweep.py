@@ -26,7 +26,6 @@ from slamgauge.compare.studies.study import run_beside_optima
 from slamgauge.compare.studies.study_run import require_numbers
 from slamgauge.compare.studies.summary import (
     Summary,
-    empty_column_lines,
     failure_lines,
     is_bounded,
     is_marked_against,
@@ -180,9 +179,9 @@ def value_table(sweep: Sweep, links: Mapping[str, str] = MappingProxyType({})) -
 
 
 def notes(sweep: Sweep) -> list[str]:
-    """Return notes on the optima and the empty columns."""
+    """Return notes on the optima."""
     fits = {place: misfits(misfit_optima(summary)) for place, summary in sweep.by_place().items()}
-    return [*at_places(CAUSAL, shares_in_doubt(sweep)), *placed(fits), *empty_column_lines(sweep.summaries, "sweep")]
+    return [*at_places(CAUSAL, shares_in_doubt(sweep)), *placed(fits)]
 
 
 def faults(sweep: Sweep) -> dict[str, str]:
