@@ -1,3 +1,3 @@
 """Version of slamgauge, for messages and results."""
 
-__version__ = "0.5.0"
+__version__ = "0.6.0"

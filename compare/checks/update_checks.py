@@ -252,7 +252,7 @@ def _lost_correction(subject: Subject, distance: float) -> float:
     side = LOOSE / 2.0
     disturbance = np.array([[0.0, side], [0.0, -side]])
     ahead = subject(_imprecise_move(0.0, LOOSE, np.array([distance, 0.0])).recording(disturbance)).poses[-1, 2]
-    behind_only = replace(subject)  # a confusion here is what is measured
+    behind_only = replace(subject)  # this check measures a confusion here
     behind = behind_only(_imprecise_move(0.0, LOOSE, np.array([-distance, 0.0])).recording(disturbance)).poses[-1, 2]
     return float(abs(behind - ahead) / max(abs(ahead), KNOWN))
 

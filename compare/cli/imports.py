@@ -13,7 +13,7 @@ import tyro
 
 from slamgauge.compare.cli.common import Repeated, flattened, results_of
 from slamgauge.compare.datasets import bag_log, csv_log, g2o, imported_log, plausibility, published
-from slamgauge.compare.storage import files, staged_folder, toml_tables
+from slamgauge.compare.storage import files, staged_folder
 from slamgauge.compare.storage.result_files import MAPPING, RECORDING, TRUTH
 
 
@@ -49,7 +49,7 @@ class Format:
             if log.truth is not None:
                 files.save(folder / TRUTH, log.truth)
             if log.mapping is not None:
-                toml_tables.write_toml(folder / MAPPING, log.mapping)
+                files.write_toml(folder / MAPPING, log.mapping)
         table = [f"{name:<34}{value}" for name, value in facts.items()]
         warnings = [f"warning: {doubt}" for doubt in doubts]
         counts = f"{log.recording.steps} steps, {len(log.recording.observation)} observations"

@@ -16,8 +16,8 @@ from slamgauge.compare.datasets.bag_file import NANOSECOND, Bag, header_stamp, o
 from slamgauge.compare.datasets.bag_observations import read_observations
 from slamgauge.compare.datasets.imported_log import Imported, Log, Odometry, with_sigmas
 from slamgauge.compare.datasets.log_settings import BagMapping, Frames, ObservationsTopic, load_settings
-from slamgauge.compare.storage.toml_tables import Table, toml_text
-from slamgauge.compare.storage.trajectories import Trajectory, planar_covariances, planar_poses
+from slamgauge.compare.storage.files import Table, toml_text
+from slamgauge.compare.storage.trajectories import Trajectory, planar_poses
 from slamgauge.errors import UserError
 from slamgauge.se2 import between, exp, rotation
 
@@ -34,6 +34,7 @@ POSES = (
 )
 REPEATED = 1000  # ns: a message so near to another one repeats its stamp
 CONTRADICTS = 0.1  # share of mean squares above which motions contradict each other
+PLANAR = (0, 1, 5)  # rows of x, y and heading in a covariance (6, 6) of ROS
 UNKNOWN = np.zeros(36)  # covariance of a pose or a twist that is not stated
 
 
@@ -204,4 +205,4 @@ def _samples(
         notes.append(f"{topic}: {np.sum(~is_new)} messages repeat the stamp of another one and are dropped")
     rows = order[is_new]
     whole = np.array(numbers).reshape(len(numbers), -1 if numbers else 7)
-    return stamps[is_new], whole[rows], planar_covariances(np.array(covs).reshape(-1, 36))[rows]
+    return stamps[is_new], whole[rows], np.array(covs).reshape(-1, 6, 6)[rows][:, PLANAR][:, :, PLANAR]

@@ -18,7 +18,7 @@ from slamgauge.arrays import Float
 from slamgauge.compare.datasets.imported_log import require_rows
 from slamgauge.compare.datasets.log_settings import FileTable
 from slamgauge.compare.storage.csv_folder import from_triangles
-from slamgauge.compare.storage.text_lines import Line, csv_lines, number_of, read_whole, require_width
+from slamgauge.compare.storage.text_lines import Line, csv_lines, number_of, read_whole
 from slamgauge.compare.storage.trajectories import planar_poses
 from slamgauge.errors import UserError
 from slamgauge.suggestions import did_you_mean
@@ -59,7 +59,8 @@ class CsvTable:
         if not lines:
             raise UserError(f"{path}: no line in it; write a header and rows")
         self.header, self.rows = lines[0], lines[1:]
-        require_width(lines)
+        for row in self.rows:
+            row.require(self.header.words)
         for name in names:
             if name not in WORDS:
                 raise UserError(f"{path}: columns.{name}: unknown column; {did_you_mean(name, WORDS)}")
@@ -97,7 +98,7 @@ class CsvTable:
         """Return covariances (n, d, d) of each row; `names` are the columns of their upper triangles, or nothing."""
         if not self.has(*names):
             return None
-        return from_triangles(np.column_stack([self.numbers(name) for name in names]), int((2 * len(names)) ** 0.5))
+        return from_triangles(np.column_stack([self.numbers(name) for name in names]))
 
     def poses(self) -> Float:
         """Return poses (n, 3) x, y, theta; headings are NaN if the file has none."""
@@ -180,5 +181,5 @@ def _seconds(line: Line, at: int) -> float:
     try:
         found = datetime.fromisoformat(line.words[at])
     except ValueError:
-        raise line.wrong_word(at, "is not a time", "write seconds, or 2024-05-01T12:00:00.25") from None
+        raise line.refused("is not a time", "write seconds, or 2024-05-01T12:00:00.25", at) from None
     return (found if found.tzinfo else found.replace(tzinfo=UTC)).timestamp()

@@ -93,13 +93,13 @@ def read_g2o(path: Path, *, drop_loop_edges: bool = False, isam: bool = False) -
     step_of = {pose: step for step, pose in enumerate(poses)}
     _require_on_path(lines, step_of)
     numbers = np.array([motions[edge].numbers(3) for edge in edges])
-    covs = _covariances([motions[edge] for edge in edges], numbers[:, 3:], 3, isam=isam)
+    covs = _covariances([motions[edge] for edge in edges], numbers[:, 3:], isam=isam)
     increments, covs = _reversed(backwards, numbers[:, :3], covs)
     fixed = poses[0] if known is None else known
     if lines[PRIOR] and not lines["FIX"]:
         (prior,) = np.array([lines[PRIOR][0].numbers(2)])
         turn = pose_rotation(prior[2])
-        prior_mean, prior_cov = prior[:3], turn @ _covariances(lines[PRIOR], prior[None, 3:], 3)[0] @ turn.T
+        prior_mean, prior_cov = prior[:3], turn @ _covariances(lines[PRIOR], prior[None, 3:])[0] @ turn.T
     else:
         vertices = {line.id_at(1): line.numbers(2) for line in _of(lines, VERTICES)}
         reached = chain(np.zeros(3), increments[: step_of[fixed]])[-1]
@@ -218,7 +218,7 @@ def _measured(lines: list[Line], *, isam: bool) -> tuple[Sensor, Float, Float]:
     numbers = np.array([line.numbers(3) for line in lines])
     dim = SENSORS[sensor].dim
     if sensor != "range-bearing":
-        covs = _covariances(lines, numbers[:, dim:], dim, isam=isam)
+        covs = _covariances(lines, numbers[:, dim:], isam=isam)
         return sensor, checked(sensor, lines, numbers[:, :dim]), covs
     bearings, ranges, *sigmas = numbers.T
     require_rows(lines, np.min(sigmas, axis=0) <= 0.0, "a sigma is not > 0", "correct it")
@@ -226,13 +226,13 @@ def _measured(lines: list[Line], *, isam: bool) -> tuple[Sensor, Float, Float]:
     return sensor, checked(sensor, lines, np.column_stack([ranges, bearings])), covs
 
 
-def _covariances(lines: list[Line], entries: Float, size: int, *, isam: bool = False) -> Float:
-    """Return covariances (n, size, size) of the entries (n, k) that end edges; `Recording` checks stated ones."""
+def _covariances(lines: list[Line], entries: Float, *, isam: bool = False) -> Float:
+    """Return covariances (n, d, d) of the entries (n, k) that end edges; `Recording` checks stated ones."""
     tags = np.array([line.words[0] for line in lines])
     of_toro = tags == "EDGE2"
     if of_toro.any() and not isam:
         entries = np.where(of_toro[:, None], entries[:, TORO_ORDER], entries)
-    matrices, has_cov = from_triangles(entries, size), np.isin(tags, ("ODOMETRY", "LANDMARK"))
+    matrices, has_cov = from_triangles(entries), np.isin(tags, ("ODOMETRY", "LANDMARK"))
     if isam:
         roots = np.triu(matrices)
         matrices = np.where((has_cov | of_toro)[:, None, None], roots.swapaxes(1, 2) @ roots, matrices)

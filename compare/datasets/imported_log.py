@@ -1,4 +1,4 @@
-"""A robot's log with stamps of its own, and the recording and truth that it becomes; checks that readers share.
+"""A robot's log whose files have separate stamps, its recording and truth, and checks that readers share.
 
 An observation belongs to the moment of its stamp. If that is between two rows of odometry, the step between them is
 split there. The robot is assumed to move at constant speed and yaw rate within the step: the parts, composed, are the
@@ -267,7 +267,7 @@ def require_sigmas(**sigmas: float) -> None:
     """Refuse standard deviations below 0 and ones that are not finite."""
     for name, sigma in sigmas.items():
         if not 0.0 <= sigma < np.inf:
-            raise UserError(f"{name}: {sigma:g} is no standard deviation; give a number from 0 on")
+            raise UserError(f"{name}: {sigma:g} is not a standard deviation; give a number from 0 on")
 
 
 def require_rows(lines: Sequence[Line], wrong: Marks, what: str, remedy: str, values: Float | None = None) -> None:

@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from slamgauge.arrays import Float
-from slamgauge.compare.storage.toml_tables import Table, override, read_toml
+from slamgauge.compare.storage.files import Table, override, read_toml
 from slamgauge.errors import UserError
 from slamgauge.sensors import Sensor
 from slamgauge.suggestions import did_you_mean
@@ -31,7 +31,7 @@ Ids = dict[str, Annotated[int, Field(ge=0)]]  # numbers of landmarks whose ids a
 Pose = tuple[Number, Number, Number]
 Motion = Literal["increments", "velocities", "poses"]
 Holds = Literal["until-next", "since-last"]  # how long a velocity is valid
-Per = Literal["step", "second", "speed"]  # what the noise of motions belongs to
+Per = Literal["step", "second", "speed"]  # unit of the noise of motions
 Settings = TypeVar("Settings", bound="Section")
 
 

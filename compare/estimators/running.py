@@ -80,7 +80,7 @@ def run_estimator(
 
 
 def _misfit(estimate: object, recording: Recording) -> str:
-    """Return why something is no estimate of a recording; empty if it is one."""
+    """Return why something cannot be an estimate of a recording; empty if it can."""
     if not isinstance(estimate, Estimate):
         return f"returned a {type(estimate).__name__}; return a slamgauge.Estimate"
     count = len(estimate.poses)

@@ -149,7 +149,7 @@ RATIOS = sum(len(each.measures) - 1 for each in CONCLUSIONS)
 class Judgement:
     """Verdict on a conclusion, or on one of its ratios, and the ratio, None without runs.
 
-    `runs_needed` runs would decide it with a probability of 90 %, if they scatter as these do; it is None if the
+    `runs_needed` runs would decide it with a probability of 90 %, if they scatter as these do; None if the
     conclusion is decided, or if the ratio is at an end of the asserted range.
     """
 

@@ -81,7 +81,7 @@ def _of_run(folder: Path, names: Sequence[str]) -> Drawings:
     seen = next((name for name in chosen if has_rays(estimates[name])), None)
     if seen is not None:
         drawings["rays"] = lambda out: save_ray_strip(out, results, seen)
-    tested = read_json(folder / METRICS, "run").get("without_truth", {})
+    tested = read_json(folder / METRICS).get("without_truth", {})
     entries = {name: tested[name] for name in chosen if name in tested}
     if entries:
         drawings["consistency"] = lambda out: save_consistency_figure(out, entries, title)

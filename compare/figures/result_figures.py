@@ -139,7 +139,7 @@ def save_noise_figure(out: Path, folder: Path) -> None:
     """Write the figure `noise` of the results in a folder: sigmas, and NIS by landmark."""
     shape, height = ((2, 1), 4.6) if SHEET.get().is_narrow else ((1, 2), 2.9)
     with of_this_version(folder / NOISE), printed(out / "noise", height) as figure:
-        content = read_json(folder / NOISE, "noise")
+        content = read_json(folder / NOISE)
         sigmas, nis = figure.subplots(*shape).flat
         _draw_sigmas(sigmas, content["parameters"])
         _draw_nis(nis, content["nis_by_landmark"])
@@ -195,7 +195,7 @@ def save_bench_figure(out: Path, folder: Path, names: Sequence[str]) -> None:
     Step times are medians, or the mean over a run for estimators without steps. Without `names` all are drawn.
     """
     with of_this_version(folder / BENCH), printed(out / "bench", 3.4) as figure:
-        axes, measured = figure.subplots(), read_json(folder / BENCH, "bench")["estimators"]
+        axes, measured = figure.subplots(), read_json(folder / BENCH)["estimators"]
         chosen = styles(labels_among(names or [*measured], measured, NO_RESULTS))
         for name, style in chosen.items():
             sizes, times = [int(size) for size in measured[name]], measured[name].values()

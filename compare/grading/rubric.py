@@ -15,7 +15,7 @@ from slamgauge.compare.checks.check import Check
 from slamgauge.compare.checks.examination import CHECKS, Verdict, presupposed
 from slamgauge.compare.datasets.log_settings import Section, validated
 from slamgauge.compare.scoring.intervals import Interval
-from slamgauge.compare.storage.toml_tables import read_toml, toml_text
+from slamgauge.compare.storage.files import read_toml, toml_text
 from slamgauge.errors import UserError
 from slamgauge.suggestions import did_you_mean
 

@@ -85,7 +85,7 @@ def _is_complete(setting: Setting, scenario: Scenario, seed: int, folder: Path) 
     """Return whether the folder has the results of this run by this version."""
     if not (folder / METRICS).is_file():
         return False
-    content = read_json(folder / METRICS, "exercise")
+    content = read_json(folder / METRICS)
     known = {*content.get("estimators", ()), *(each["estimator"] for each in content.get("failures", ()))}
     if content.get("version") != __version__ or known != {*_estimators_of(setting)}:
         return False
@@ -159,7 +159,7 @@ def _setting(run_0: Path, ran: SettingResult) -> Section:
     caption = "Run 0: map with truth, dead reckoning, EKF and GTSAM batch, and errors in their ±3σ bounds."
     return Section(
         f"Figure {setting.figure}: {setting.title} ({setting.scenario})",
-        texts=[what_the_figure_shows(ran, read_json(folder / METRICS, "exercise"))],
+        texts=[what_the_figure_shows(ran, read_json(folder / METRICS))],
         pictures=pictures(folder, {"figure.png": caption}),
         link=f"{RUN_0}/{quote(setting.figure)}/{REPORT}",
         level=3,

@@ -61,7 +61,7 @@ def check_table(rows: list[Row]) -> Table:
 
 def submission_page(folder: Path, row: Row) -> Page:
     """Return the page of a submission, for its author: without remarks for the teacher."""
-    results: dict[str, Any] = read_json(folder / GRADESCOPE / row["submission"] / RESULTS, "grade")
+    results: dict[str, Any] = read_json(folder / GRADESCOPE / row["submission"] / RESULTS)
     items = [
         [
             Cell(each["name"]),

@@ -34,7 +34,7 @@ TERMS = (
 
 def run_page(folder: Path) -> Page:
     """Return the page of the results of `run` or `evaluate --out` in a folder."""
-    results, metrics = load_results(folder), read_json(folder / METRICS, "run")
+    results, metrics = load_results(folder), read_json(folder / METRICS)
     title, _, recording, estimates = results
     optima: dict[Kind, str] = {each.kind: name for name, each in estimates.items() if OPTIMA.get(each.kind) == name}
     doubtful = doubtful_kinds({kind: estimates[name] for kind, name in optima.items()})
@@ -98,7 +98,7 @@ def closure_table(metrics: dict[str, Any]) -> Table:
 
 def noise_page(folder: Path) -> Page:
     """Return the page of the results of `noise --out` in a folder."""
-    content = read_json(folder / NOISE, "noise")
+    content = read_json(folder / NOISE)
     found = noise_table(content)
     return Page(
         kind="the noise of a recording",

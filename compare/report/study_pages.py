@@ -76,7 +76,7 @@ def study_page(folder: Path) -> Page:
 
 def sweep_page(folder: Path) -> Page:
     """Return the page of the results of `study --sweep` in a folder."""
-    sweep, content = read_sweep(folder), read_json(folder / SWEEP, "study --sweep")
+    sweep, content = read_sweep(folder), read_json(folder / SWEEP)
     digests = [(f"Digest at {value}", each.digest) for value, each in zip(sweep.values, sweep.summaries, strict=True)]
     links = {value: f"{quote(f'{sweep.key}={value}')}/{REPORT}" for value in sweep.values}
     return Page(
@@ -94,7 +94,7 @@ def sweep_page(folder: Path) -> Page:
 
 def budget_page(folder: Path) -> Page:
     """Return the page of the results of `budget` in a folder."""
-    budget, content = read_budget(folder), read_json(folder / BUDGET, "budget")
+    budget, content = read_budget(folder), read_json(folder / BUDGET)
     return Page(
         kind="an error budget",
         title=f"Where the error of {budget.filter} comes from: {budget.scenario}",

@@ -7,9 +7,7 @@ sections and keys.
 from __future__ import annotations
 
 import reprlib
-import tomllib
 from collections.abc import Sequence
-from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any
 
@@ -20,9 +18,9 @@ from slamgauge.compare.scenarios.scenario_files import locate, shipped
 from slamgauge.compare.scenarios.schema import Association, RandomLandmarks, Scenario
 from slamgauge.compare.scenarios.section import FOLDER
 from slamgauge.compare.scenarios.trajectory import KINDS, Segment, kind_of
+from slamgauge.compare.storage.files import Table, read_toml, toml_text
+from slamgauge.compare.storage.files import override as set_key
 from slamgauge.compare.storage.result_files import shown
-from slamgauge.compare.storage.toml_tables import Table, toml_text
-from slamgauge.compare.storage.toml_tables import override as set_key
 from slamgauge.ekf.settings import Method
 from slamgauge.errors import UserError
 from slamgauge.suggestions import did_you_mean, near_names
@@ -53,7 +51,7 @@ def load_scenario(name_or_path: str | Path, overrides: Sequence[str] = ()) -> Sc
     """
     where = str(name_or_path)
     source = locate(where)
-    table = _extended(_parse(source, where), where)
+    table = _extended(read_toml(source), where)
     for override in overrides:
         other = ALTERNATIVES.get(override.partition("=")[0].strip())
         if other is not None and isinstance(table.get("landmarks"), dict):
@@ -106,20 +104,6 @@ def scenario_text(scenario: Scenario) -> str:
     return toml_text({"": top, **{name: value for name, value in keys.items() if isinstance(value, dict)}})
 
 
-def _parse(source: Traversable, where: str) -> Table:
-    try:
-        text = source.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise UserError(f"{where}: cannot be read ({error.strerror}); check the path") from None
-    except UnicodeDecodeError:
-        raise UserError(f"{where}: not a UTF-8 text; save it as UTF-8") from None
-    try:
-        return tomllib.loads(text)
-    except (ValueError, RecursionError) as error:  # TOMLDecodeError, and values beyond the limits of Python
-        message = str(error).replace("at end of document", f"at line {len(text.splitlines())}, the end")
-        raise UserError(f"{where}: not valid TOML: {message}; correct that line") from None
-
-
 def _extended(table: Table, where: str) -> Table:
     """Apply a table key by key to the shipped scenario that its key `extends` names."""
     if "extends" not in table:
@@ -129,7 +113,7 @@ def _extended(table: Table, where: str) -> Table:
         given = str(name)[:LONGEST_KEY]
         remedy = did_you_mean(given, sorted(known))
         raise UserError(f"{where}: extends: {given!r} is not a shipped scenario; {remedy}")
-    base = _extended(_parse(known[name], name), name)
+    base = _extended(read_toml(known[name]), name)
     for key, value in table.items():
         merged = isinstance(value, dict) and isinstance(base.get(key), dict) and not FORMS & value.keys()
         base[key] = {**base[key], **value} if merged else value

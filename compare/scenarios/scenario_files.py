@@ -2,26 +2,19 @@
 
 from __future__ import annotations
 
-from importlib import resources
-from importlib.resources.abc import Traversable
 from pathlib import Path
 
 from slamgauge.errors import UserError
 from slamgauge.suggestions import did_you_mean
 
 
-def shipped() -> dict[str, Traversable]:
+def shipped() -> dict[str, Path]:
     """Return the files of the shipped scenarios by name."""
-    folder = resources.files(__package__ or "")
-    return {file.name.removesuffix(".toml"): file for file in folder.iterdir() if file.name.endswith(".toml")}
+    return {path.stem: path for path in Path(__file__).parent.glob("*.toml")}
 
 
-def locate(where: str) -> Traversable:
-    """Return the file of a shipped name or path; a shipped name wins.
-
-    Raises:
-        UserError: no scenario has that name or path.
-    """
+def locate(where: str) -> Path:
+    """Return the file of a shipped name or path; a shipped name wins, and an unknown one is refused."""
     known, path = shipped(), Path(where)
     if where in known:
         return known[where]

@@ -120,7 +120,7 @@ def covariances(table: TableText, header: Header, dim: int, *, is_definite: bool
     """
     triangles = table.rows(header)[:, -(dim * (dim + 1) // 2) :]
     try:
-        covs = as_covariances("row", from_triangles(triangles, dim), (len(triangles), dim, dim), definite=is_definite)
+        covs = as_covariances("row", from_triangles(triangles), (len(triangles), dim, dim), definite=is_definite)
     except UserError as error:
         raise UserError(f"{table.name}: {error}") from None
     covs.setflags(write=False)

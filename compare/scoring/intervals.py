@@ -1,6 +1,6 @@
 """Means of figures, intervals over independent runs, and comparisons of two estimators on the same runs.
 
-An undefined figure is NaN in arrays; an undefined result is None.
+An undefined figure is NaN in arrays; for an undefined result functions return None.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ def mean_interval(values: Float, level: float = LEVEL) -> Interval | None:
 def ratio_interval(numerator: Float, denominator: Float, level: float = LEVEL) -> Interval | None:
     """Return the interval of mean / mean over the same runs, to first order (delta method), without NaN pairs.
 
-    The result is None if the mean denominator is not above ROUNDING.
+    Return None if the mean denominator is not above ROUNDING.
     """
     both = ~np.isnan(numerator) & ~np.isnan(denominator)
     above, below = numerator[both], denominator[both]

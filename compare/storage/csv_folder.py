@@ -1,19 +1,7 @@
 """Read and write recordings and estimates as CSV files, for programs in any language.
 
-A recording is a folder of three files with headers. Headings are in radians; covariances are upper triangles.
-
-    start.csv         stamp,x,y,theta,cov_xx,cov_xy,cov_xt,cov_yy,cov_yt,cov_tt           one row: the prior
-    odometry.csv      step,stamp,dx,dy,dtheta,cov_xx,cov_xy,cov_xt,cov_yy,cov_yt,cov_tt   steps 1..N, body frame
-    observations.csv  step,landmark,range,bearing,cov_rr,cov_rb,cov_bb                    steps 0..N, ordered by step
-
-`stamp` [s] is the time at the end of the step. `landmark` is an id >= 0, or -1 in all rows if ids are unknown.
-A bearing-only sensor has the columns `step,landmark,bearing,cov_bb`, a position sensor (body frame, [m])
-`step,landmark,x,y,cov_xx,cov_xy,cov_yy`.
-
-An estimate is one file with a row for each of the steps 0..N in order. A map may be in the same folder:
-
-    estimate.csv      step,x,y,theta  or  step,x,y,theta,cov_xx,cov_xy,cov_xt,cov_yy,cov_yt,cov_tt
-    landmarks.csv     landmark,x,y  or  landmark,x,y,cov_xx,cov_xy,cov_yy
+docs/your_filter.md has the files of a recording and of an estimate, with the columns and units of each. Covariances are
+upper triangles, row by row. Landmarks are -1 in all rows of a recording without ids.
 """
 
 from __future__ import annotations
@@ -56,8 +44,9 @@ def upper_triangles(matrices: Float) -> Float:
     return matrices[:, rows, columns]
 
 
-def from_triangles(triangles: Float, size: int) -> Float:
-    """Return symmetric matrices (n, size, size) from their upper triangles (n, size (size + 1) / 2)."""
+def from_triangles(triangles: Float) -> Float:
+    """Return symmetric matrices (n, d, d) from their upper triangles (n, d (d + 1) / 2)."""
+    size = int((2 * triangles.shape[1]) ** 0.5)
     rows, columns = np.triu_indices(size)
     matrices = np.empty((len(triangles), size, size))
     matrices[:, rows, columns] = triangles
@@ -66,7 +55,7 @@ def from_triangles(triangles: Float, size: int) -> Float:
 
 
 def write_recording_csv(folder: Path, recording: Recording) -> None:
-    """Write the three files of a recording into an existing folder; raise `UserError` if a file cannot be written."""
+    """Write the three files of a recording into an existing folder."""
     stamps, steps = recording.stamps, np.arange(1, recording.steps + 1)
     ids = np.full(len(recording.observation), -1) if recording.landmark is None else recording.landmark
     start = stamps[:1], recording.prior_mean[None], upper_triangles(recording.prior_cov[None])
@@ -78,11 +67,7 @@ def write_recording_csv(folder: Path, recording: Recording) -> None:
 
 
 def write_estimate_csv(path: Path, estimate: Estimate) -> None:
-    """Write the poses of an estimate, and its map, if it has one, into landmarks.csv in the same folder.
-
-    Raises:
-        UserError: If a file cannot be written.
-    """
+    """Write the poses of an estimate, and its map, if it has one, into landmarks.csv in the same folder."""
     poses, covs = estimate.poses, estimate.pose_covs
     more, triangles = ((), []) if covs is None else (POSE_COV, [upper_triangles(covs)])
     write_rows(path, ("step", *POSE, *more), np.arange(len(poses)), poses, *triangles)
@@ -94,16 +79,7 @@ def write_estimate_csv(path: Path, estimate: Estimate) -> None:
 
 
 def read_estimate_csv(path: Path, kind: Kind, steps: int) -> Estimate:
-    """Read an estimate from a CSV file, and its map from landmarks.csv in the same folder if that is not a log's.
-
-    Args:
-        path: CSV file of the poses.
-        kind: Kind of the estimate.
-        steps: Number of steps N; the file has N+1 rows.
-
-    Raises:
-        UserError: If the file is missing or a row is wrong; the message names the line.
-    """
+    """Read an estimate of N `steps` from a CSV file, and its map from landmarks.csv beside it if no log is there."""
     rows = rows_below(path, read_whole(path), ("step", *POSE), ("step", *POSE, *POSE_COV))
     wrong = np.flatnonzero(rows[: steps + 1, 0] != np.arange(len(rows[: steps + 1])))
     if len(wrong):
@@ -111,34 +87,28 @@ def read_estimate_csv(path: Path, kind: Kind, steps: int) -> Estimate:
         raise UserError(f"{path}, line {at + 2}: step {rows[at, 0]:g}, expected {at}; sort the rows by step")
     if len(rows) != steps + 1:
         raise UserError(f"{path}: has {len(rows)} rows; write {steps + 1}, one for the start and one for each step")
-    beside = path.with_name(LANDMARKS)
-    has_map = beside.exists()
-    if has_map and any(path.with_name(name).exists() for name in LOG_FILES):
+    beside, landmarks = path.with_name(LANDMARKS), np.zeros((0, 3))
+    if beside.exists() and any(path.with_name(name).exists() for name in LOG_FILES):
         tell_once(f"{beside}: belongs to the log in its folder, so {path.name} has no map; move the estimate away")
-        has_map = False
-    landmarks = np.zeros((0, 3))
-    if has_map:
+    elif beside.exists():
         landmarks = rows_below(beside, read_whole(beside), ("landmark", *POINT), ("landmark", *POINT, *POINT_COV))
     try:
         return Estimate(
             kind,
             poses=rows[:, 1:4],
-            pose_covs=from_triangles(rows[:, 4:], 3) if rows.shape[1] > 4 else None,
+            pose_covs=from_triangles(rows[:, 4:]) if rows.shape[1] > 4 else None,
             landmark_ids=as_ints("landmark", landmarks[:, 0], (None,)),
             landmarks=landmarks[:, 1:3],
-            landmark_covs=from_triangles(landmarks[:, 3:], 2) if landmarks.shape[1] > 3 else None,
+            landmark_covs=from_triangles(landmarks[:, 3:]) if landmarks.shape[1] > 3 else None,
         )
     except UserError as error:
         raise UserError(f"{path}: {error}") from None
 
 
 def write_rows(path: Path, header: Sequence[str], *parts: Float | Int) -> None:
-    """Write a header and columns of numbers with all digits; raise `UserError` if the file cannot be written.
+    """Write a header and numbers with all digits; a part is one column (n,) or several (n, k).
 
-    Args:
-        path: The file.
-        header: Names of the columns.
-        parts: One column (n,), or several (n, k), each. Whole numbers are written without a point.
+    Whole numbers are written without a point.
     """
     columns = [column for part in parts for column in np.atleast_2d(part.T).tolist()]
     with explained(path, "written"), path.open("w", encoding="ascii", newline="") as file:

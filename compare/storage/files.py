@@ -1,4 +1,7 @@
-"""Read and write results: npz files of records, folders of runs, JSON, CSV and MATLAB files."""
+"""Read and write results: npz files of records, folders of runs, JSON, CSV, TOML and MATLAB files.
+
+A file that cannot be read or written, or that another program wrote, is a `UserError` of one line.
+"""
 
 from __future__ import annotations
 
@@ -9,14 +12,14 @@ import lzma
 import re
 import struct
 import tokenize
+import tomllib
 import zipfile
 import zlib
 from collections.abc import Generator, Iterable, Mapping
 from contextlib import contextmanager
-from dataclasses import MISSING, fields, is_dataclass
+from dataclasses import fields, is_dataclass
 from pathlib import Path
-from types import NoneType
-from typing import Any, Literal, NamedTuple, TextIO, TypeVar, get_args, get_origin, get_type_hints
+from typing import Any, NamedTuple, TextIO, TypeVar
 
 import numpy as np
 
@@ -27,14 +30,14 @@ from slamgauge.recording import Recording
 from slamgauge.truth import Truth, require_same_run
 
 Record = TypeVar("Record", Recording, Truth, Estimate)
+Table = dict[str, Any]
 
 DAMAGED = (  # errors of zipfile and numpy at damaged or foreign files
     *(ValueError, TypeError, AttributeError, EOFError, LookupError, OverflowError, MemoryError, RuntimeError),
     *(SyntaxError, struct.error, tokenize.TokenError, zipfile.BadZipFile, zlib.error, lzma.LZMAError),
 )
-RECORDS_WITHIN: set[type[object]] = {RayLog, MapHistory}  # records inside an `Estimate`
-FORMULA = re.compile(r"'*[=+\-@\t\r]")  # begins texts that spreadsheets evaluate, or that have an apostrophe already
-LONGEST_FIELD = 63  # characters of a field's name in a MATLAB file
+RECORDS_WITHIN = {"rays": RayLog, "history": MapHistory}  # fields of an `Estimate`
+FORMULA = r"(?![-+]?[\d.]+(e[-+]?\d+)?\Z)'*[=+\-@\t\r]"  # what spreadsheets evaluate, perhaps quoted already; no number
 
 
 @contextmanager
@@ -50,11 +53,7 @@ def explained(path: str | Path, verb: str) -> Generator[None]:
 
 
 def read_text(path: Path) -> str:
-    """Return the text of a file in UTF-8, with or without a byte order mark.
-
-    Raises:
-        UserError: it cannot be read, or is not a text; with the line.
-    """
+    """Return the text of a file in UTF-8, with or without a byte order mark; an error names the line."""
     with explained(path, "read"):
         content = path.read_bytes()
     try:
@@ -77,6 +76,9 @@ def of_this_version(path: Path) -> Generator[None]:
         raise
     except (LookupError, TypeError, ValueError, AttributeError):
         raise UserError(f"{path}: written by another version, or changed by hand; run its command again") from None
+
+
+# --- records and folders of results ---------------------------------------------------------------
 
 
 def save(path: str | Path, record: Recording | Truth | Estimate) -> None:
@@ -121,31 +123,24 @@ def load_estimate(path: str | Path) -> Estimate:
 def load_recording_or_estimate(path: str | Path) -> Recording | Estimate:
     """Load a recording or an estimate from an npz file; raise `UserError` if the file contains neither."""
     values = _arrays(path)
-    return _made(path, Estimate if "kind" in values else Recording, values)
+    return _made(path, Estimate, values) if "kind" in values else _made(path, Recording, values)
 
 
-def _made(path: str | Path, kind: type[Any], values: dict[str, Any], within: str = "") -> Any:
-    """Build a record from the `values` of a file; `within` is the prefix of its field names in the file."""
-    hints = get_type_hints(kind)
-    for field, hint in hints.items():
-        for inner in RECORDS_WITHIN & {*get_args(hint)}:
-            begin = f"{field}_"
-            parts = {name.removeprefix(begin): values.pop(name) for name in [*values] if name.startswith(begin)}
-            if parts:
-                values[field] = _made(path, inner, parts, begin)
-    optional = {name for name, hint in hints.items() if NoneType in get_args(hint)}
-    defaults = {each.name for each in fields(kind) if (each.default, each.default_factory) != (MISSING, MISSING)}
-    required = hints.keys() - optional - defaults
-    for verdict, names in (("lacks", required - values.keys()), ("has the unknown", values.keys() - hints.keys())):
-        if names:
-            found = f"it {verdict} {', '.join(sorted(f'{within}{name}' for name in names))}"
-            raise UserError(f"{path}: not a {kind.__name__}, {found}; give another file")
-    texts = {field: str(values[field]) for field, hint in hints.items() if get_origin(hint) is Literal}
-    arguments: dict[str, Any] = dict.fromkeys(optional) | values | texts
+def _made(path: str | Path, kind: type[Record], values: dict[str, Any]) -> Record:
+    """Build a record from the `values` of a file."""
+    if kind is Recording:
+        values.setdefault("landmark", None)
     try:
-        return kind(**arguments)
+        for name, inner in RECORDS_WITHIN.items() if kind is Estimate else ():
+            begin = f"{name}_"
+            parts = {each.removeprefix(begin): values.pop(each) for each in [*values] if each.startswith(begin)}
+            if parts:
+                values[name] = inner(**parts)
+        return kind(**values)
     except UserError as error:
         raise UserError(f"{path}: {error}") from None
+    except TypeError as error:  # of Python, with the names of fields that are missing or unknown
+        raise UserError(f"{path}: not a whole {kind.__name__}: {error}; give another file") from None
 
 
 def _arrays(path: str | Path) -> dict[str, Any]:
@@ -158,7 +153,7 @@ def _arrays(path: str | Path) -> dict[str, Any]:
             raise UserError(f"{path}: not a whole npz file of plain arrays; write it again with numpy.savez") from None
     for array in arrays.values():
         array.setflags(write=False)
-    return arrays
+    return {name: str(array) if array.dtype.kind == "U" else array for name, array in arrays.items()}
 
 
 class Results(NamedTuple):
@@ -171,20 +166,14 @@ class Results(NamedTuple):
 
 
 def load_results(folder: Path) -> Results:
-    """Read the results in a folder.
-
-    Raises:
-        UserError: If the folder has no results, or its files belong to different runs.
-    """
+    """Read the results in a folder; raise `UserError` if it has none, or if its files belong to different runs."""
     path = folder / METRICS
     if not path.is_file():
         what = f"not a folder of results, it has no {METRICS}"
         raise UserError(f"{folder}: {what}; give one that `slamgauge run` or `slamgauge evaluate --out` has written")
-    metrics = read_json(path, "run")
+    metrics = read_json(path)
     with of_this_version(path):
         names, scenario, seed = list(metrics["estimators"]), metrics["scenario"], metrics["seed"]
-    if not names:
-        raise UserError(f"{path}: contains no estimators; run the command again with at least one")
     recording = load_recording(folder / RECORDING)
     truth = load_truth(folder / TRUTH) if (folder / TRUTH).exists() else None
     require_same_run(truth, recording)
@@ -197,58 +186,8 @@ def load_results(folder: Path) -> Results:
     return Results(title, truth, recording, estimates)
 
 
-def write_json(path: Path, content: object) -> None:
-    """Write `content` as indented JSON; raise `UserError` if the file cannot be written."""
-    with explained(path, "written"), path.open("w", encoding="utf-8") as file:
-        json.dump(content, file, indent=2, allow_nan=False)  # streamed: a long run has megabytes of loop closures
-        file.write("\n")
-
-
-def read_json(path: Path, command: str) -> Any:
-    """Return the content of a JSON file that `slamgauge COMMAND` wrote.
-
-    Raises:
-        UserError: If the file cannot be read or is not JSON.
-    """
-    with explained(path, "read"):
-        text = path.read_bytes()
-    try:
-        return json.loads(text)
-    except ValueError:
-        raise UserError(f"{path}: not what `slamgauge {command}` writes; run it again") from None
-
-
-def write_csv(file: TextIO, rows: Iterable[Iterable[object]]) -> None:
-    """Write rows to a text file that was opened with `newline=""`.
-
-    A text that a spreadsheet would evaluate as a formula gets an apostrophe in front.
-    """
-    csv.writer(file, lineterminator="\n").writerows([_guarded(cell) for cell in row] for row in rows)
-
-
-def read_csv(path: Path) -> list[dict[str, str]]:
-    """Read rows below a header that `write_csv` wrote, as they were; raise `UserError` if the file cannot be read."""
-    with explained(path, "read"), path.open(encoding="utf-8", newline="") as file:
-        rows = [*csv.DictReader(file)]
-    return [
-        {key: text[1:] if text[:1] == "'" and FORMULA.match(text) else text for key, text in row.items()}
-        for row in rows
-    ]
-
-
-def _guarded(cell: object) -> object:
-    """Return a cell, with an apostrophe in front of a text that begins like a formula and is not a number."""
-    if not isinstance(cell, str) or not FORMULA.match(cell):
-        return cell
-    try:
-        float(cell)
-    except ValueError:
-        return f"'{cell}"
-    return cell
-
-
 def write_mat(path: Path, records: Mapping[str, Recording | Truth | Estimate]) -> None:
-    """Write one struct of arrays per record into a MATLAB file; raise `UserError` if it cannot be written.
+    """Write one struct of arrays per record into a MATLAB file.
 
     Fields and shapes are those of Python: covariances are (rows, d, d), and steps count from 0. Fields without a value
     are omitted. Names of estimates become identifiers: letters, digits and underscores, beginning with a letter.
@@ -258,7 +197,94 @@ def write_mat(path: Path, records: Mapping[str, Recording | Truth | Estimate]) -
     structs: dict[str, dict[str, Any]] = {}
     for name, record in records.items():
         plain = re.sub(r"[^A-Za-z0-9_]", "_", name)
-        plain = plain if plain[:1].isalpha() else f"x{plain}"
-        structs[plain[:LONGEST_FIELD]] = flat_fields(record)
-    with explained(path, "written"), path.open("wb") as file:
-        savemat(file, structs, long_field_names=True, oned_as="column")
+        structs[plain if plain[:1].isalpha() else f"x{plain}"] = flat_fields(record)
+    with explained(path, "written"):
+        savemat(path, structs, appendmat=False, long_field_names=True, oned_as="column")
+
+
+# --- JSON and CSV ---------------------------------------------------------------------------------
+
+
+def write_json(path: Path, content: object) -> None:
+    """Write `content` as indented JSON."""
+    with explained(path, "written"), path.open("w", encoding="utf-8") as file:
+        json.dump(content, file, indent=2, allow_nan=False)  # streamed: a long run has megabytes of loop closures
+        file.write("\n")
+
+
+def read_json(path: Path) -> Any:
+    """Return the content of a JSON file that slamgauge wrote."""
+    with explained(path, "read"), of_this_version(path):
+        return json.loads(path.read_bytes())
+
+
+def write_csv(file: TextIO, rows: Iterable[Iterable[object]]) -> None:
+    """Write rows to a text file that was opened with `newline=""`; formulas get an apostrophe in front."""
+    quoted = (
+        [re.sub(rf"\A(?={FORMULA})", "'", cell) if isinstance(cell, str) else cell for cell in row] for row in rows
+    )
+    csv.writer(file, lineterminator="\n").writerows(quoted)
+
+
+def read_csv(path: Path) -> list[dict[str, str]]:
+    """Read rows below a header that `write_csv` wrote, as they were."""
+    with explained(path, "read"), path.open(encoding="utf-8", newline="") as file:
+        rows = [*csv.DictReader(file)]
+    return [{key: re.sub(rf"\A'(?={FORMULA})", "", text) for key, text in row.items()} for row in rows]
+
+
+# --- TOML -----------------------------------------------------------------------------------------
+
+
+def read_toml(path: Path) -> Table:
+    """Return the tables of a TOML file; raise `UserError` with the line if it is not valid."""
+    text = read_text(path)
+    try:
+        return tomllib.loads(text)
+    except (ValueError, RecursionError) as error:  # also of numbers and brackets beyond the limits of Python
+        raise UserError(f"{path}: not valid TOML: {error}; correct that line") from None
+
+
+def override(table: Table, text: str) -> None:
+    """Set one `dotted.key=value` in the table; missing sections are created.
+
+    The value is parsed as TOML; if that fails, it is taken as a string.
+
+    Raises:
+        UserError: If the key or the `=` is missing.
+    """
+    path, equals, value = text.partition("=")
+    if not equals or not path.strip():
+        raise UserError(f"{text[:100]}: not an override; write dotted.key=value")
+    *sections, key = path.strip().split(".")
+    for section in sections:
+        if not isinstance(table.get(section), dict):
+            table[section] = {}
+        table = table[section]
+    try:
+        table[key] = tomllib.loads(f"value = {value}")["value"]
+    except (ValueError, RecursionError):  # also of a number with more digits than Python reads
+        table[key] = value.strip()
+
+
+def write_toml(path: Path, sections: Mapping[str, Mapping[str, Any]]) -> None:
+    """Write sections as a TOML file (see `toml_text`)."""
+    with explained(path, "written"):
+        path.write_text(toml_text(sections), encoding="utf-8")
+
+
+def toml_text(sections: Mapping[str, Mapping[str, Any]]) -> str:
+    """Return sections as TOML without their None values; section "" has the keys before all other sections."""
+    lines: list[str] = []
+    for name, section in sections.items():
+        keys = [f"{key} = {_value(value)}" for key, value in section.items() if value is not None]
+        lines += [*([f"[{name}]"] if name else []), *keys, ""]
+    return "\n".join(lines)
+
+
+def _value(value: object) -> str:
+    if isinstance(value, Mapping):
+        return f"{{ {', '.join(f'{json.dumps(key)} = {_value(each)}' for key, each in value.items())} }}"
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(_value, value))}]"
+    return json.dumps(value, ensure_ascii=False) if isinstance(value, str | bool) else repr(value)

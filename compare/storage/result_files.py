@@ -48,11 +48,7 @@ def commanded(words: Sequence[str]) -> Generator[None]:
 
 
 def origin(scenario_text: str | None) -> dict[str, str | None]:
-    """Return version, command and scenario for a JSON file; results of a Python program have no command.
-
-    Args:
-        scenario_text: The scenario as TOML, overrides included; None without a scenario.
-    """
+    """Return version, command (None: a Python program) and scenario (None: without one) for a JSON file."""
     return {"version": __version__, "command": _COMMAND.get(), "scenario_text": scenario_text}
 
 

@@ -26,7 +26,7 @@ Drawing = Callable[[Path], object]  # writes its files into the given folder
 
 
 def require_ours(*folders: Path) -> None:
-    """Raise `UserError` if a folder exists, is not empty and was not made by slamgauge, or is not a folder."""
+    """Refuse a folder that exists, is not empty and was not made by slamgauge, and what is not a folder."""
     for folder in folders:
         with explained(folder, "written"):
             try:
@@ -40,7 +40,7 @@ def require_ours(*folders: Path) -> None:
 
 
 def begin_folder(folder: Path) -> None:
-    """Make a folder whose files are then written in place; raise `UserError` as `require_ours`."""
+    """Make a folder whose files are then written in place; refuse it as `require_ours` does."""
     require_ours(folder)
     with explained(folder, "written"):
         folder.mkdir(parents=True, exist_ok=True)
@@ -52,15 +52,8 @@ def begin_folder(folder: Path) -> None:
 def staged_folder(out: str | Path, main: str, *, adds: bool = False) -> Generator[Path]:
     """Yield a temporary folder; publish its files in `out` if the block succeeds, delete them if it fails.
 
-    Files of an earlier command with the same main file are removed.
-
-    Args:
-        out: Folder of the results.
-        main: Name of the file that marks complete results: the old one is removed first, the new one is moved last.
-        adds: The files, for example pictures, are added to the results that `main` marks, which stay.
-
-    Raises:
-        UserError: `out` is a folder that slamgauge has not made, or cannot be written.
+    Files of an earlier command with the same `main` file are removed: its old main file first, and the new one is moved
+    last. With `adds` the files, for example pictures, are added to the results that `main` marks.
     """
     out = Path(out)
     require_ours(out)
@@ -95,8 +88,7 @@ def _written(out: Path) -> dict[str, list[str]]:
 def staged_files(folder: Path, names: Sequence[str]) -> Generator[Path]:
     """Yield a temporary folder; move its files into a folder of the user's if the block succeeds.
 
-    Raises:
-        UserError: a file of one of these names exists already, or the folder cannot be written.
+    A file that exists already under one of the `names` is refused.
     """
     for name in names:
         if os.path.lexists(folder / name):
@@ -126,22 +118,16 @@ def _temporary_folder(parent: Path, out: Path) -> Generator[Path]:
 
 
 def decorate(out: Path, drawings: Mapping[str, Drawing], main: str) -> bool:
-    """Draw pictures or pages of the results that `main` marks in `out`; a failure is a line, and costs that one alone.
+    """Draw pictures or pages, by name, of the results that `main` marks in `out`; return whether all were drawn.
 
-    Args:
-        out: Folder of the results.
-        drawings: Functions that draw, by name.
-        main: Main file of the results.
-
-    Returns:
-        True if all were drawn.
+    A failure is a line on standard error; the results and the other drawings are kept.
     """
     lost = 0
     for name, draw in drawings.items():
         try:
             with staged_folder(out, main, adds=True) as stage:
                 draw(stage)
-        except Exception as error:  # noqa: BLE001 the results and the other drawings are complete
+        except Exception as error:  # noqa: BLE001 even a defect costs one drawing only
             lost += 1
             line = f"{out / name}: not written ({failure_text(error)}); all other files are written"
             print(f"slamgauge: {line}", file=sys.stderr)

@@ -23,7 +23,7 @@ from slamgauge.validation import LARGEST
 
 LARGEST_ID = 2**53  # not every larger whole number is a float64
 SEPARATORS = ";\t"  # separators of CSV files, if the header has one of them; else a comma
-NOTHING: Mapping[str, str] = {}
+Form = Sequence[str]  # names of the words of a line
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,14 +34,15 @@ class Line:
     number: int
     words: list[str]
 
-    def refused(self, what: str, remedy: str) -> UserError:
-        """Return the error for a mistake in the line."""
-        return UserError(f"{self.path}, line {self.number}: {what}; {remedy}")
+    def refused(self, what: str, remedy: str, at: int | None = None) -> UserError:
+        """Return the error for a mistake in the line, or in the word at a place."""
+        place, word = ("", "") if at is None else (f", column {at + 1}", f"{self.words[at][:40]!r} ")
+        return UserError(f"{self.path}, line {self.number}{place}: {word}{what}; {remedy}")
 
-    def require(self, form: str) -> None:
-        """Refuse the line unless it has as many words as its form, for example `TAG i j x y`."""
-        if len(self.words) != len(form.split()):
-            raise self.refused(f"has {len(self.words)} words, not {len(form.split())}", f"write {form}")
+    def require(self, form: Form) -> None:
+        """Refuse the line unless it has as many words as its form."""
+        if len(self.words) != len(form):
+            raise self.refused(f"has {len(self.words)} words, not {len(form)}", f"write {' '.join(form)}")
 
     def numbers(self, first: int = 0) -> list[float]:
         """Return the words from place `first` on as numbers, see `number_at`."""
@@ -51,19 +52,15 @@ class Line:
         """Return the word at a place as a number; refuse it if it is not finite or larger than `LARGEST`."""
         number = number_of(self.words[at])
         if not abs(number) < LARGEST:
-            raise self.wrong_word(at, "is not a finite number", "correct it, or remove the line")
+            raise self.refused("is not a finite number", "correct it, or remove the line", at)
         return number
 
     def id_at(self, at: int, least: int = 0) -> int:
         """Return the word at a place as a whole number, `least` or more; 3.0 is one, too."""
         number = number_of(self.words[at])
         if not number.is_integer() or not least <= number < LARGEST_ID:
-            raise self.wrong_word(at, "is not an id", f"give a whole number from {least} below 2**53")
+            raise self.refused("is not an id", f"give a whole number from {least} below 2**53", at)
         return int(number)
-
-    def wrong_word(self, at: int, what: str, remedy: str) -> UserError:
-        """Return the error for a mistake in the word at a place."""
-        return UserError(f"{self.path}, line {self.number}, column {at + 1}: {self.words[at][:40]!r} {what}; {remedy}")
 
 
 def number_of(word: str) -> float:
@@ -75,11 +72,7 @@ def number_of(word: str) -> float:
 
 
 def read_whole(path: Path) -> str:
-    """Return the text of a file; print a notice if it has no line end: a number that is cut short is still a number.
-
-    Raises:
-        UserError: the file cannot be read, or is not a text.
-    """
+    """Return the text of a file; print a notice if it has no line end: a number that is cut short is still a number."""
     text = read_text(path)
     if text.strip() and not text.endswith(("\n", "\r")):
         last = text.splitlines()[-1][-40:]
@@ -87,11 +80,7 @@ def read_whole(path: Path) -> str:
     return text
 
 
-def read_lines(path: Path, separator: str = " ") -> list[Line]:
-    """Return the lines of a text file, words between white space or a separator; text behind a # is a remark."""
-    lines = enumerate(io.StringIO(read_whole(path).replace(separator, " "), newline=None), start=1)
-    words = ((number, line.partition("#")[0].split()) for number, line in lines)
-    return [Line(path, number, each) for number, each in words if each]
+# --- CSV ------------------------------------------------------------------------------------------
 
 
 def csv_lines(path: Path | str, text: str) -> list[Line]:
@@ -119,79 +108,57 @@ def _cells(line: str, separator: str) -> list[str]:
     return [cell.strip() for cell in cells]
 
 
-def rows_below(path: Path | str, text: str, *headers: tuple[str, ...], words: Mapping[str, str] = NOTHING) -> Float:
-    """Return the numbers (n, columns) of a CSV text with one of the given headers.
-
-    Args:
-        path: The file, for messages.
-        text: Its text.
-        headers: Allowed headers; each begins with the columns of the first.
-        words: Names of columns by other words for them that the header may have.
-
-    Raises:
-        UserError: the header is another one, or a line has another number of values or one that is not finite.
-    """
+def rows_below(path: Path | str, text: str, *headers: Form) -> Float:
+    """Return the numbers (n, columns) of a CSV text; refuse another header than these, which begin like the first."""
     lines = csv_lines(path, text)
-    if header_of(lines, words) not in headers:
+    if not lines or (*lines[0].words,) not in headers:
         more = [",".join(each[len(headers[0]) :]) for each in headers[1:]]
         remedy = f"write {','.join(headers[0])}" + "".join(f", with or without {each}" for each in more if each)
         raise UserError(f"{path}: line 1 is not the header of this file; {remedy}")
-    require_width(lines)
-    return np.array([line.numbers() for line in lines[1:]], dtype=np.float64).reshape(-1, len(lines[0].words))
+    return _numbers(lines[1:], lines[0].words)
 
 
-def header_of(lines: Sequence[Line], words: Mapping[str, str] = NOTHING) -> tuple[str, ...]:
-    """Return the names in the first line, those in `words` replaced; none without a line."""
-    return tuple(words.get(word, word) for line in lines[:1] for word in line.words)
-
-
-def require_width(lines: Sequence[Line]) -> None:
-    """Refuse the first line that does not have as many words as the first, the header."""
-    for line in lines:
-        if len(line.words) != len(lines[0].words):
-            what = f"has {len(line.words)} columns where the header has {len(lines[0].words)}"
-            raise line.refused(what, "correct the line")
-
-
-def read_table(path: Path, form: str) -> tuple[list[Line], Float]:
-    """Read a file of numbers only; return its lines and the numbers (n, k) of its k columns.
-
-    Args:
-        path: The file.
-        form: Names of the columns, for example `time x y`.
-
-    Raises:
-        UserError: the file cannot be read or has no lines, or a line does not have the form.
-    """
-    lines = read_lines(path)
+def _numbers(lines: Sequence[Line], form: Form) -> Float:
     for line in lines:
         line.require(form)
+    return np.array([line.numbers() for line in lines], dtype=np.float64).reshape(-1, len(form))
+
+
+# --- words between white space --------------------------------------------------------------------
+
+
+def _read_lines(path: Path) -> list[Line]:
+    """Return the lines of a text file, words between white space or commas; text behind a # is a remark."""
+    lines = enumerate(io.StringIO(read_whole(path).replace(",", " "), newline=None), start=1)
+    words = ((number, line.partition("#")[0].split()) for number, line in lines)
+    return [Line(path, number, each) for number, each in words if each]
+
+
+def read_table(path: Path, form: str, more: Form = ()) -> tuple[list[Line], Float]:
+    """Read a file of numbers only; return its lines and the numbers (n, columns).
+
+    `form` has the names of the columns, for example `time x y`. The columns `more` may follow, in all lines or in none.
+    """
+    lines, columns = _read_lines(path), form.split()
     if not lines:
         raise UserError(f"{path}: no line in it; write lines of {form}")
-    return lines, np.array([line.numbers() for line in lines])
+    return lines, _numbers(lines, [*columns, *more] if len(lines[0].words) > len(columns) else columns)
 
 
-def read_tagged(
-    path: Path, forms: Mapping[str, str], unsupported: Mapping[str, str] = NOTHING
-) -> dict[str, list[Line]]:
+def read_tagged(path: Path, forms: Mapping[str, str], unsupported: Mapping[str, str]) -> dict[str, list[Line]]:
     """Read the lines of a file by their first word, the tag.
 
-    Args:
-        path: The file.
-        forms: Form of the lines of each tag, for example `SENSOR id range bearing`; "" allows any number of words.
-        unsupported: What lines of further tags contain, which are refused.
-
-    Raises:
-        UserError: the file cannot be read, a tag is unknown, or a line does not have the form of its tag.
+    `forms` are those of the lines of each tag, for example `SENSOR id range bearing`; "" allows any number of words.
+    `unsupported` describes lines of further tags, which are refused.
     """
     lines: dict[str, list[Line]] = {tag: [] for tag in forms}
-    for line in read_lines(path):
+    for line in _read_lines(path):
         tag = line.words[0]
         if tag in unsupported:
             raise line.refused(f"{tag} is {unsupported[tag]}, which is not supported", "leave such lines out")
         if tag not in forms:
             raise line.refused(f"{tag[:30]!r} is an unknown tag", did_you_mean(tag[:30], forms))
         if forms[tag]:
-            line.require(forms[tag])
+            line.require(forms[tag].split())
         lines[tag].append(line)
     return lines

@@ -1,32 +1,26 @@
 """Trajectories with stamps in files: TUM, and CSV with a column `stamp`; their interpolation, and their planar parts.
 
-A TUM file has lines `t x y z qx qy qz qw`. The upper triangle of a covariance may follow: 6 numbers for (x, y,
-heading), or 21 for (x, y, z, roll, pitch, yaw). Only the planar parts are used.
-
-A CSV file has the columns `stamp,x,y,theta`, with or without those of a covariance (`csv_folder`). The stamp may also
-be called `time`, `timestamp` or `t`, and the heading `heading` or `yaw`.
+A TUM file has lines `t x y z qx qy qz qw`, of which the planar parts are used. The upper triangle of the covariance of
+x, y and heading may follow. A CSV file has the columns `stamp,x,y,theta`, with or without those of a covariance.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from slamgauge.arrays import Float, Int, chunks
+from slamgauge.arrays import Float, Int
 from slamgauge.compare.storage.csv_folder import POSE, POSE_COV, from_triangles, upper_triangles
 from slamgauge.compare.storage.files import explained, read_text
-from slamgauge.compare.storage.text_lines import csv_lines, header_of, read_lines, read_whole, rows_below
-from slamgauge.errors import UserError
+from slamgauge.compare.storage.text_lines import Line, csv_lines, read_table, read_whole, rows_below
 from slamgauge.notices import tell_once
 from slamgauge.se2 import wrap
 
 UNIT, TILTED = 1e-3, 0.1  # largest error of a quaternion's length, and qx or qy of a robot that stands level
-WORDS = {"time": "stamp", "timestamp": "stamp", "t": "stamp", "heading": "theta", "yaw": "theta"}
-TUM = 8  # columns without covariances
-TRIANGLES = (6, 21)  # numbers of values in the triangle of a covariance of x, y, heading, or of a pose in space
-PLANAR = (0, 1, 5)  # rows of x, y and heading in a covariance (6, 6) of ROS
+TUM = "t x y z qx qy qz qw"
 SAME = 1e-6  # s: nearer stamps are the same; a float64 of today's time in seconds resolves 2e-7 s
 
 
@@ -48,85 +42,47 @@ class Trajectory(NamedTuple):
 
 def has_stamps(path: Path) -> bool:
     """Return whether a file of poses has stamps, and not steps."""
-    return path.suffix != ".csv" or header_of(csv_lines(path, read_text(path)), WORDS)[:1] == ("stamp",)
+    return path.suffix != ".csv" or [line.words[0] for line in csv_lines(path, read_text(path))[:1]] == ["stamp"]
 
 
 def read_trajectory(path: Path) -> Trajectory:
-    """Read poses with stamps from a CSV file, or from a TUM file of any other ending.
-
-    Raises:
-        UserError: the file cannot be read or a line is wrong; the message names the line.
-    """
+    """Read poses with stamps from a CSV file, or from a TUM file of any other ending; errors name the line."""
     if path.suffix == ".csv":
-        headers = ("stamp", *POSE), ("stamp", *POSE, *POSE_COV)
-        rows = _sorted(rows_below(path, read_whole(path), *headers, words=WORDS))
-        covs = from_triangles(rows[:, 4:], 3) if rows.shape[1] > 4 else None
-        return Trajectory(str(path), rows[:, 0], rows[:, 1:4], covs)
-    rows = _sorted(_tum_rows(path))
-    _require_headings(path, rows[:, 4:TUM])
-    covs = None
-    if rows.shape[1] == TUM + TRIANGLES[0]:
-        covs = from_triangles(rows[:, TUM:], 3)
-    elif rows.shape[1] > TUM:
-        covs = planar_covariances(from_triangles(rows[:, TUM:], 6))
-    return Trajectory(str(path), rows[:, 0], planar_poses(rows[:, 1:TUM]), covs)
+        rows = rows_below(path, read_whole(path), ("stamp", *POSE), ("stamp", *POSE, *POSE_COV))
+        poses, triangles = rows[:, 1:4], rows[:, 4:]
+    else:
+        lines, rows = read_table(path, TUM, POSE_COV)
+        _require_headings(lines, rows[:, 4:8])
+        poses, triangles = planar_poses(rows[:, 1:8]), rows[:, 8:]
+    order = np.argsort(rows[:, 0], kind="stable")
+    covs = from_triangles(triangles)[order] if triangles.shape[1] else None
+    return Trajectory(str(path), rows[order, 0], poses[order], covs)
 
 
-def _sorted(rows: Float) -> Float:
-    return rows[np.argsort(rows[:, 0], kind="stable")]
-
-
-def _tum_rows(path: Path) -> Float:
-    """Return the numbers (n, columns) of a TUM file."""
-    lines = read_lines(path, separator=",")
-    for line in lines:
-        if len(line.words) - TUM not in (0, *TRIANGLES):
-            counts = ", ".join(str(TUM + more) for more in (0, *TRIANGLES))
-            raise line.refused(f"{len(line.words)} columns", f"write {counts} numbers, t x y z qx qy qz qw first")
-        if len(line.words) != len(lines[0].words):
-            raise line.refused("has another number of columns than the first", "write all with or without covariances")
-    return np.array([line.numbers() for line in lines]).reshape(len(lines), -1 if lines else TUM)
-
-
-def _require_headings(path: Path, quaternions: Float) -> None:
+def _require_headings(lines: Sequence[Line], quaternions: Float) -> None:
     """Refuse quaternions (n, 4) in x, y, z, w that are not of unit length, and warn of tilted poses."""
-    norms = np.linalg.norm(quaternions, axis=1)
-    wrong = np.abs(norms - 1.0) > UNIT
-    if wrong.any():
-        step = int(wrong.argmax())
-        what = f"pose {step}: the quaternion qx qy qz qw has the length {norms[step]:.4g}"
-        raise UserError(f"{path}: {what}; write unit quaternions, 0 0 sin(heading/2) cos(heading/2) in the plane")
-    tilts = np.abs(quaternions[:, :2]).max(axis=1)
-    if tilts.max(initial=0.0) > TILTED:
-        step = int(tilts.argmax())
-        tell_once(
-            f"{path}: qx or qy is {tilts[step]:.2f} at pose {step}: the robot is tilted, or the columns are not in the "
-            "order qx qy qz qw; only the heading is used"
-        )
+    norms, tilts = np.linalg.norm(quaternions, axis=1), np.abs(quaternions[:, :2]).max(axis=1)
+    wrong, most = int(np.abs(norms - 1.0).argmax()), int(tilts.argmax())
+    if abs(norms[wrong] - 1.0) > UNIT:
+        remedy = "write unit quaternions, 0 0 sin(heading/2) cos(heading/2) in the plane"
+        raise lines[wrong].refused(f"the quaternion qx qy qz qw has the length {norms[wrong]:.4g}", remedy)
+    if tilts[most] > TILTED:
+        what = f"{lines[most].path}, line {lines[most].number}: qx or qy is {tilts[most]:.2f}: the robot is tilted"
+        tell_once(f"{what}, or the columns are not in the order qx qy qz qw; only the heading is used")
 
 
 def write_tum(path: str | Path, stamps: Float, poses: Float, covs: Float | None = None) -> None:
-    """Write a trajectory in the TUM format of evo: `t x y z qx qy qz qw`, without rows of NaN.
+    """Write stamps (N+1,), poses (N+1, 3) and covariances (N+1, 3, 3) as TUM, without poses of NaN.
 
-    With covariances each line continues with the upper triangle (xx xy xt yy yt tt), which evo does not read.
-
-    Args:
-        path: Text file.
-        stamps: Times (N+1,) [s].
-        poses: Poses (N+1, 3): x [m], y [m], heading [rad].
-        covs: Covariances (N+1, 3, 3) of the poses.
-
-    Raises:
-        UserError: If the file cannot be written.
+    evo reads files without covariances.
     """
+    x, y, heading = poses.T
+    zero = np.zeros_like(x)
+    parts = [stamps, x, y, zero, zero, zero, np.sin(heading / 2), np.cos(heading / 2)]
+    table = np.column_stack(parts if covs is None else [*parts, upper_triangles(covs)])
+    known = table[~np.isnan(poses).any(axis=1)]
     with explained(path, "written"), Path(path).open("w", encoding="ascii") as file:
-        for rows in chunks(len(poses)):
-            x, y, heading = poses[rows].T
-            zero = np.zeros_like(x)
-            parts = [stamps[rows], x, y, zero, zero, zero, np.sin(heading / 2), np.cos(heading / 2)]
-            table = np.column_stack(parts if covs is None else [*parts, upper_triangles(covs[rows])])
-            known = table[~np.isnan(poses[rows]).any(axis=1)]
-            file.writelines(f"{' '.join(map(repr, row))}\n" for row in known.tolist())
+        file.writelines(f"{' '.join(map(repr, row))}\n" for row in known.tolist())
 
 
 def rotations(quaternions: Float) -> Float:
@@ -141,11 +97,6 @@ def planar_poses(poses: Float) -> Float:
     """Return x, y and heading (n, 3) of poses (n, 7): position, then quaternion in x, y, z, w."""
     turned = rotations(poses[:, 3:])
     return np.column_stack([poses[:, :2], np.arctan2(turned[:, 1, 0], turned[:, 0, 0])])
-
-
-def planar_covariances(covs: Float) -> Float:
-    """Return covariances (n, 3, 3) of x, y, heading from those, (n, 6, 6) or (n, 36), of x, y, z, roll, pitch, yaw."""
-    return covs.reshape(-1, 6, 6)[:, PLANAR][:, :, PLANAR]
 
 
 def interpolated(stamps: Float, poses: Float, times: Float, max_gap: float) -> Float:

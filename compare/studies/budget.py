@@ -112,7 +112,7 @@ def read_budget(folder: Path) -> ErrorBudget:
         UserError: budget.json does not exist or is not valid.
     """
     path = folder / BUDGET
-    content = read_json(path, "budget")
+    content = read_json(path)
     with of_this_version(path):
         return TypeAdapter(ErrorBudget).validate_python({**content, "fit": content["chi_square_per_dof"]})
 

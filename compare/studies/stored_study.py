@@ -26,7 +26,7 @@ from slamgauge.compare.scoring.table import (
     latex_text,
     markdown_text,
 )
-from slamgauge.compare.storage.files import read_json
+from slamgauge.compare.storage.files import of_this_version, read_json
 from slamgauge.compare.storage.result_files import OPTIMA, STORE, SUMMARY, shown
 from slamgauge.compare.studies.store import digest, read_store
 from slamgauge.compare.studies.summary import EstimatorSummary, Summary, summarise
@@ -46,21 +46,15 @@ class StoredStudy(NamedTuple):
 
 
 def read_summary(path: Path) -> tuple[dict[str, Any], Summary]:
-    """Return the content of a summary.json, and the summary of its figures.
-
-    Raises:
-        UserError: the file cannot be read, or is not what `slamgauge study` writes.
-    """
-    content = read_json(path, "study")
-    try:
+    """Return the content of a summary.json, and the summary of its figures."""
+    content = read_json(path)
+    with of_this_version(path):
         entries = {
             name: EstimatorSummary({key: _figure(each) for key, each in entry.items()})
             for name, entry in content["estimators"].items()
         }
         known = {**content, "estimators": entries, "per_run": content["per_run"]}
         return content, TypeAdapter(Summary).validate_python(known)
-    except (ValueError, TypeError, KeyError, AttributeError):
-        raise UserError(f"{path}: not what `slamgauge study` writes; run it again") from None
 
 
 def _figure(value: Any) -> Any:

@@ -81,7 +81,7 @@ def read_sweep(folder: Path) -> Sweep:
         UserError: the folder has no sweep, or lacks a study of it.
     """
     path = folder / SWEEP
-    content = read_json(path, "study --sweep")
+    content = read_json(path)
     with of_this_version(path):
         key, values = content["key"], tuple(str(point["value"]) for point in content["points"])
         summaries = tuple(load_study(folder / f"{key}={value}").summary for value in values)

@@ -21,8 +21,8 @@ from slamgauge.compare.scenarios.measurement_errors import COV_HEADER, sightings
 from slamgauge.compare.scenarios.schema import Association
 from slamgauge.compare.scenarios.trajectory import PATH_HEADER
 from slamgauge.compare.storage.csv_folder import upper_triangles, write_rows
+from slamgauge.compare.storage.files import write_toml
 from slamgauge.compare.storage.result_files import TWIN, TWIN_MOTION, TWIN_PATH, TWIN_SIGHTINGS
-from slamgauge.compare.storage.toml_tables import write_toml
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording

@@ -54,7 +54,7 @@ def estimate_with_rays(fates: Sequence[Fate] = ("point", "point", "point")) -> E
     assert truth.poses is not None
     drift = np.linspace(0, 1, STEPS + 1)[:, None]
     poses = truth.poses + drift * [0.5, -0.4, 0.05]
-    ages = np.arange(STEPS + 1) - np.array(BIRTHS[: len(fates)])[:, None]  # of each ray at each step
+    ages = np.arange(STEPS + 1) - np.array(BIRTHS[: len(fates)])[:, None]  # age of each ray at each step
     has_ended = (ages >= AGES[-1]) & (np.array(fates)[:, None] != "ray")
     members = np.where((ages < 0) | has_ended, 0, 4 - sum((ages >= age).astype(int) for age in AGES[:2]))
     rows: list[Row] = []

@@ -24,7 +24,7 @@ from slamgauge.se2 import between, compose, pose_rotation, right_jacobian, rotat
 from tests.reference.given import given
 
 ARRIVED = 1e-8  # length of a step [standard deviations], over all unknowns
-EVALUATIONS = 400  # of the residuals, at most
+EVALUATIONS = 400  # most evaluations of the residuals
 NEWTON_STEPS = 10
 
 

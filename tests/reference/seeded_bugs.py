@@ -110,7 +110,7 @@ def seeded_ekf(recording: Recording, bug: str = "") -> Estimate:
         P = np.asarray(np.linalg.inv(np.linalg.inv(P)), dtype=np.float64)
     if bug == "start with no uncertainty":
         P = np.zeros((3, 3))
-    numbers, last_seen = dict[int, int](), dict[int, int]()  # by id
+    numbers, last_seen = dict[int, int](), dict[int, int]()  # their keys are ids
     poses, covs = list[Float](), list[Float]()
     for k, scan in enumerate(recording.scans()):
         if k > 0:

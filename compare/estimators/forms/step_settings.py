@@ -72,7 +72,7 @@ class StepSettings:
         if noise == "recording" and self._observation:
             self._replaced = {self._motion, self._observation} & self._used
         if self._motion != POSE and np.shape(self._file.get(self._motion, 0)) == (3, 3):
-            self._replaced.discard(self._motion)  # it is no noise of u
+            self._replaced.discard(self._motion)  # it is not the noise of u
         self.replaces_noise = any(self._noise_remark(name) for name in self._replaced)
         self._reads_known = KNOWN_IDS in read or KNOWN_IDS in self._parameters
         is_known = self._file.get(KNOWN_IDS, True) if self._reads_known else DISTANCE not in read
@@ -88,7 +88,7 @@ class StepSettings:
                 raise UserCodeError(f"no global has the value of its parameter {name}; give it a default")
 
     def named(self) -> dict[str, Any]:
-        """Return arguments for parameters that have the name of a setting or global; containers are no settings."""
+        """Return arguments for parameters that have the name of a setting or global; containers are not settings."""
         found = {name: self.space[name] for name in self._parameters if name in self.space}
         return {
             name: each for name, each in found.items() if name in SETTINGS or not isinstance(each, list | dict | set)

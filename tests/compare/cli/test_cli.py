@@ -90,7 +90,7 @@ def test_run_writes_every_file(stored: Path):
 
 
 def test_metrics_have_every_value_that_exists_and_their_provenance(stored: Path):
-    """The values that are None are those that an estimator cannot have."""
+    """None stands for a value that an estimator cannot have."""
     metrics = metrics_of(stored)
     assert (metrics["scenario"], metrics["seed"], metrics["truth"]) == ("q1-long-sparse", 3, True)
     assert metrics["version"] == __version__

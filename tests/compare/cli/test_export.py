@@ -90,7 +90,7 @@ def test_an_estimate_as_tum_and_csv(run: Path, tmp_path: Path, capsys: pytest.Ca
     [
         ("", "tum", (), "run: it has 2 estimates; give one, as FOLDER/estimates/NAME.npz"),
         ("estimates/ekf.npz", "g2o", (), "ekf.npz: it is an estimate, not a recording"),
-        ("truth.npz", "csv", (), "truth.npz: not a Recording, it lacks"),
+        ("truth.npz", "csv", (), "truth.npz: not a whole Recording: "),
         ("", "csv", ("--columns", "ate_m"), "summary.json: cannot be read"),
         ("metrics.json", "mat", (), "metrics.json: not a whole npz file"),
         ("", "g2o", (), "odometry_cov[0]: is singular"),

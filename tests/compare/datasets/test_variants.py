@@ -124,7 +124,7 @@ LOGS: dict[str, tuple[Change, str]] = {
     "decimal commas": (text(SEEN, lambda t: t.replace(",", ";").replace(".", ",")), NUMBER),
     "blank lines at the end": (every(*ALL, change=lambda t: t + "\n \n\n"), READ),
     "no line end at the end": (text(TRUTH, str.rstrip), "no line end after"),
-    "a line cut short": (text(SEEN, lambda t: t[:-12]), "columns where the header has"),
+    "a line cut short": (text(SEEN, lambda t: t[:-12]), "words, not"),
     "header behind #": (text(ODOMETRY, lambda t: "# " + t), READ),
     "all cells in quotes": (every(*ALL, change=in_quotes), READ),
     "another column": (cells(SEEN, lambda line: [*line, "note"]), "columns that are not used: note"),

@@ -60,7 +60,7 @@ def test_the_help_text_lists_all_names():
     assert all(name in HELP for name in REGISTRY)
     assert "causal (causal optimum), batch (hindsight), robust-batch, isam2 (GTSAM's iSAM2), gtsam-batch (" in HELP
     entry = entry_of("batch@riekf")
-    assert (entry.name, entry.kind, entry.role) == ("batch@riekf", "smoothed", "graph")  # it is no optimum
+    assert (entry.name, entry.kind, entry.role) == ("batch@riekf", "smoothed", "graph")  # not an optimum
 
 
 @pytest.mark.parametrize("name", ["causal@", "causal@batch", "ekf@causal", "causal@ekf@ekf", "dead-reckoning@ekf"])

@@ -76,7 +76,7 @@ ATTACKS = {
         """libc = ctypes.CDLL(None, use_errno=True)
     if libc.ptrace(16, os.getppid(), None, None) < 0:
         raise OSError(ctypes.get_errno(), 'not traced')""",
-        "it was not done after 5 s",  # it may stop the process of its own submission, and waits for it then
+        "it was not done after 5 s",  # it may stop its process, and waits for it then
     ),
     "everybody": ("os.kill(-1, signal.SIGKILL)", "its process "),
     "flood": ("for _ in range(100): print('x' * 1_000_000)", "it printed more than 10 MB in a run"),

@@ -292,9 +292,12 @@ def test_texts_that_are_no_scenario_are_a_line(write: Write, text: str, line: st
 
 
 def test_files_and_overrides_that_cannot_be_read(tmp_path: Path):
-    assert mistakes(str(tmp_path / "none.toml")) == ["cannot be read (No such file or directory); check the path"]
+    assert mistakes(str(tmp_path / "none.toml")) == [
+        "cannot be read (No such file or directory); check the path and its permissions"
+    ]
     (tmp_path / "latin.toml").write_bytes(b'description = "\xe9"')
-    assert mistakes(str(tmp_path / "latin.toml")) == ["not a UTF-8 text; save it as UTF-8"]
+    with pytest.raises(UserError, match=r"latin\.toml, line 1: not a text in UTF-8; give another file, or"):
+        load_scenario(tmp_path / "latin.toml")
     for override in ("start", "=1"):
         with pytest.raises(UserError, match=rf"^{override}: not an override; write dotted\.key=value$"):
             load_scenario("q1-long-sparse", [override])

@@ -84,7 +84,7 @@ def test_a_filtered_optimum_between_steps_follows_the_odometry() -> None:
 def test_formats_thinned_offset_and_turned(run_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A filter's poses as TUM and CSV, late by a second, and every third one, have the scores of the filter."""
     rows = np.column_stack([STAMPS, FILTERED.poses, COVS[:, *np.triu_indices(3)]])
-    header = ("time", *POSE[:2], "yaw", *POSE_COV)
+    header = ("stamp", *POSE, *POSE_COV)
     write_tum(run_folder / "tum.tum", STAMPS, FILTERED.poses, COVS)
     write_rows(run_folder / "late.csv", header, rows - np.eye(1, rows.shape[1]))  # a second
     write_rows(run_folder / "third.csv", header, rows[::3])

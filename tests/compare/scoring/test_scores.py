@@ -130,7 +130,7 @@ def test_wrong_associations_with_ids_are_those_that_differ() -> None:
     [
         # track 0 is landmark 6 (with one observation of 5), tracks 1 and 2 are landmark 5 and a duplicate of 6
         ([5, 6, 5, 6, 6], {0: [6, 1], 1: [5, 1], 2: [6, 1]}, [1, 0, 0, 2, -1], (3, 2, 0, 1), 1.0),
-        ([5, 6, 6, 6, 7], {3: [6, 0.5]}, [3, 3, 3, 3, -1], (1, 3, 2, 1), 0.5),  # of the most observations
+        ([5, 6, 6, 6, 7], {3: [6, 0.5]}, [3, 3, 3, 3, -1], (1, 3, 2, 1), 0.5),  # most observations count
         ([5, 6, 6, 6, 7], {5: [5, 0]}, None, (1, 3, None, None), None),
         # clutter is rejected, starts a false track, or is assigned to a wrong one
         ([5, 6, -1, 5, 6], {0: [5, 1], 1: [6, 1]}, [0, 1, -1, 0, 1], (2, 2, 0, 0), 1.0),

@@ -76,7 +76,7 @@ def test_notebooks_show_tables_with_full_names_and_escape_texts():
         (None, "{:.2f}", "-"),
         (-12345678.0, "{:.2f}", "-12345678.00"),
         (5.4e299, "{:.2f}", "5.4e+299"),
-        (-0.001, "{:.0%}", "0%"),  # what is rounded to zero has no minus
+        (-0.001, "{:.0%}", "0%"),  # a zero by rounding has no minus
         (-0.001, "{:.3f}", "-0.001"),
         (Interval(5.4e299, 1.4e299, 9.4e299), "{:.2f}", "5.4e+299 ± 4e+299"),
         (Interval(1.0, 0.5, 1.5), "{:+.2f}", "+1.00 ± 0.50"),

@@ -120,7 +120,7 @@ def test_evaluate_prints_the_verdict(tmp_path: Path, capsys: pytest.CaptureFixtu
     command = ("evaluate", tmp_path / "recording.npz", "--twins", 19, "--estimators")
     assert run(*command, "riekf,batch", "--no-report", "--out", tmp_path / "out") == 0
     assert "riekf: without ground truth: consistent as far as this log shows" in capsys.readouterr().out
-    entry = read_json(tmp_path / "out/metrics.json", "evaluate")["without_truth"]["riekf"]
+    entry = read_json(tmp_path / "out/metrics.json")["without_truth"]["riekf"]
     assert len(entry["twins_high"]) == len(entry["time_s"]) == 31
     assert np.all(np.array(entry["twins_low"]) <= entry["twins_high"])
     assert (tmp_path / "out/consistency.png").exists()

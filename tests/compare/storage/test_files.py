@@ -16,9 +16,12 @@ from slamgauge.compare.storage.files import (
     load_estimate,
     load_recording,
     load_truth,
+    override,
     read_csv,
+    read_toml,
     save,
     write_csv,
+    write_toml,
 )
 from slamgauge.compare.storage.trajectories import write_tum
 from slamgauge.errors import UserError
@@ -46,9 +49,9 @@ def test_round_trip_of_records_inside_an_estimate(tmp_path: Path):
     with np.load(tmp_path / "record.npz") as archive:
         arrays = {name: archive[name] for name in archive if name != "rays_birth"}
     np.savez(tmp_path / "part.npz", **arrays)
-    assert (
-        error_message(load_estimate, tmp_path / "part.npz") == ": not a RayLog, it lacks rays_birth; give another file"
-    )
+    message = error_message(load_estimate, tmp_path / "part.npz")
+    assert message.startswith(": not a whole Estimate: ")
+    assert message.endswith("missing 1 required positional argument: 'birth'; give another file")
 
 
 OPTIMA = [replace(ESTIMATE, chi_square=1 / 3, chi_square_dof=4, optimum_check=check) for check in (None, np.inf)]
@@ -80,8 +83,8 @@ def test_damaged_and_foreign_files_are_an_error(tmp_path: Path):
 @pytest.mark.parametrize(
     ("fields", "load", "message"),
     [
-        ({"kind": "filtered", "poses": np.zeros((2, 3))}, load_recording, "not a Recording, it lacks observation, obs"),
-        ({"pozes": np.zeros((2, 3))}, load_truth, "not a Truth, it has the unknown pozes; give another file"),
+        ({"kind": "filtered", "poses": np.zeros((2, 3))}, load_recording, "not a whole Recording: "),
+        ({"pozes": np.zeros((2, 3))}, load_truth, "unexpected keyword argument 'pozes'"),
         ({"kind": "guessed", "poses": np.zeros((2, 3))}, load_estimate, "kind: 'guessed' is not known"),
         ({"kind": "filtered", "poses": np.full((2, 3), np.nan)}, load_estimate, "poses[0]"),
         ({"kind": "filtered", "poses": np.zeros((2, 3)), "optimum_check": "far"}, load_estimate, "optimum_check: "),
@@ -120,3 +123,34 @@ def test_formulas_have_an_apostrophe_in_front(tmp_path: Path):
         write_csv(file, [["name", "value"], *([cell, -0.5] for cell in cells)])
     assert path.read_text().splitlines() == ["name,value", *(f"{cell},-0.5" for cell in written)]
     assert read_csv(path) == [{"name": cell, "value": "-0.5"} for cell in cells]
+
+
+# --- TOML -----------------------------------------------------------------------------------------
+
+
+def test_a_toml_file_is_read_as_it_was_written(tmp_path: Path):
+    sections = {
+        "one": {"text": 'a "quoted" \\ é\n', "number": 1e-9, "whole": 3, "list": [1.0, -2.5, 3.0], "none": None},
+        "two": {"table": {"a b": "c", "d": 4}, "empty": {}},
+    }
+    write_toml(tmp_path / "file.toml", sections)
+    del sections["one"]["none"]
+    assert read_toml(tmp_path / "file.toml") == sections
+
+
+def test_overrides_create_missing_sections():
+    table = {"a": {"b": 1}, "c": 2}
+    for text in ("a.b=3", "a.d = [1, 2]", "c.e=a bare text", "f=true", f"g={'1' * 5000}"):
+        override(table, text)
+    assert table == {"a": {"b": 3, "d": [1, 2]}, "c": {"e": "a bare text"}, "f": True, "g": "1" * 5000}
+    with pytest.raises(UserError, match=r"^=1{99}: not an override; write dotted.key=value$"):
+        override({}, "=" + "1" * 5000)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"), [(b"a = \n", "not valid TOML: .*line 1"), (b"a = '\xff'", "line 1: not a text in UTF-8")]
+)
+def test_invalid_toml_is_an_error(tmp_path: Path, content: bytes, message: str):
+    (tmp_path / "file.toml").write_bytes(content)
+    with pytest.raises(UserError, match=message):
+        read_toml(tmp_path / "file.toml")

@@ -114,7 +114,7 @@ DAMAGES: dict[str, Callable[[bytes], bytes]] = {
 
 @pytest.mark.parametrize("damage", ["rows", *DAMAGES])
 def test_a_damaged_store_is_refused_in_a_line(whole: Path, run: Run, load: Load, damage: str) -> None:
-    """Damaged names are no text, and SQLite prints them in its message."""
+    """Damaged names are not text, and SQLite prints them in its message."""
     if damage == "rows":
         with opened(whole.parent) as connection:
             connection.execute("UPDATE outcome SET series = substr(series, 2) WHERE run = 3")

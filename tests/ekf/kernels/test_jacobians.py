@@ -109,7 +109,7 @@ def test_the_jacobian_of_observations(sensor: str, heading: float, distance: flo
         np.testing.assert_allclose(found, v, rtol=0, atol=1e-12)
         np.testing.assert_allclose(dense, H, rtol=1e-12, atol=1e-12)
         assert informative == H.any(axis=1).sum()
-        if distance == 0.0:  # where a bearing has no direction
+        if distance == 0.0:  # a bearing has no direction there
             continue
         point = state + 0.1 * np.sin(np.arange(9.0))
         for actual, expected in zip(
