@@ -27,7 +27,7 @@ from slamgauge.compare.scoring.intervals import mean, rms
 from slamgauge.compare.scoring.optimum_notes import doubt_in_runs
 from slamgauge.compare.scoring.run_arrays import closure_steps
 from slamgauge.compare.scoring.runs import Runs
-from slamgauge.compare.scoring.table import interval_cell
+from slamgauge.compare.scoring.table import cell
 from slamgauge.compare.storage.result_files import STUDIES, origin
 from slamgauge.compare.storage.staged_folder import begin_folder, require_ours
 from slamgauge.compare.studies.stored_study import optima_beside
@@ -103,7 +103,7 @@ class QuestionResult:
         ratios = [(each.estimators[EKF]["ratio_to_causal"], each.setting) for each in self.settings]
         known = sorted((pair for pair in ratios if pair[0]), key=lambda pair: pair[0].mean)
         ends = [
-            f"{interval_cell(ratio, '{:.2f}')} ({setting.figure}, {setting.title})"
+            f"{cell(ratio, '{:.2f}')} ({setting.figure}, {setting.title})"
             for ratio, setting in dict.fromkeys([*known[:1], *known[-1:]])
         ]
         accuracy = f"the error of the EKF is {' to '.join(ends)} times that of the causal optimum"

@@ -15,9 +15,8 @@ import numpy as np
 from slamgauge.arrays import Marks
 from slamgauge.compare.scoring.consistency import distances, is_inside, pose_errors, squared_mahalanobis, step_errors
 from slamgauge.compare.scoring.intervals import ROUNDING, mean, number, rms
-from slamgauge.compare.scoring.metric import BY_KEY, Column, of_run
 from slamgauge.compare.scoring.run_arrays import RunArrays, closure_steps, pose_covs_of
-from slamgauge.compare.scoring.runs import RAYS, Runs
+from slamgauge.compare.scoring.runs import BY_KEY, RAYS, Column, Runs, of_run
 from slamgauge.compare.scoring.table import Cell, Head, figure, marked
 from slamgauge.compare.scoring.verdicts import Evidence
 from slamgauge.estimate import RayLog
@@ -25,7 +24,6 @@ from slamgauge.truth import NOBODY
 
 FAR_OFF = 9.0  # squared Mahalanobis distance of three sigma
 HALVES = ("error_near_m", "error_far_m", "sigma_near_m", "sigma_far_m")  # figures of `Measured.landmark_halves`
-TableName = Literal["run", "study", "sweep"]
 
 
 @dataclass(frozen=True)
@@ -103,11 +101,12 @@ class Measured(RunArrays):
         return mean(self.map_nees / 2)
 
     @of_run(stored=HALVES)
-    def landmark_halves(self) -> dict[str, float | None]:
+    def landmark_halves(self) -> dict[str, float | None] | None:
         """RMS error and sigma of the half of the map that is nearer to the start, and of the farther half."""
         way = distances(self.from_truth(self.true_ids, np.tile(self.reference[0, :2], (len(self.true_ids), 1))))
-        middle = np.nan if np.isnan(way).all() else np.nanmedian(way)
-        near, far = way <= middle, way > middle
+        if np.isnan(way).all():
+            return None
+        near, far = way <= np.nanmedian(way), way > np.nanmedian(way)
         sigmas = np.sqrt(np.trace(self.map_covs, axis1=1, axis2=2).clip(min=0))
         figures = (self.map_off[near], self.map_off[far], sigmas[near], sigmas[far])
         return dict(zip(HALVES, map(rms, figures), strict=True))
@@ -176,7 +175,7 @@ class Measured(RunArrays):
         rows = np.column_stack([self.off[steps - 1], self.off[steps], sigmas[steps - 1], sigmas[steps]])
         return tuple(LoopClosure(step, *map(number, row)) for step, row in zip(steps.tolist(), rows, strict=True))
 
-    @of_run(Column("time [s]", "computing time [s]", form="{:.2f}", run=14), Runs.mean_seconds, stored=True)
+    @of_run(Column("time [s]", "computing time [s]", form="{:.2f}", run=14), averaged=True)
     def seconds_total(self) -> float | None:
         """Computing time."""
         return None if self.estimate.seconds is None else float(self.estimate.seconds.sum())
@@ -192,20 +191,13 @@ class Measured(RunArrays):
         log = self.estimate.rays
         if log is None:
             return None
-        collapsed, ended = log.survivor >= 0, log.end >= 0
-        wrong, off = None, None
+        collapsed, ended, wrong, off = log.survivor >= 0, log.end >= 0, None, None
         if self.truth.poses is not None and self.truth.landmark_ids is not None:
-            is_off = np.isin(log.landmark, self.estimate.landmark_ids[self.map_nees > FAR_OFF])
-            wrong = float(np.sum(collapsed & (is_off | ~self._nearest_survived(log))))
-            off = float(np.sum(collapsed & is_off))
-        return {
-            "members": float(log.members.mean()),
-            "collapsed": float(collapsed.sum()),
-            "wrong": wrong,
-            "off": off,
-            "lost": float((ended & ~collapsed).sum()),
-            "left": float((~ended).sum()),
-        }
+            off = collapsed & np.isin(log.landmark, self.estimate.landmark_ids[self.map_nees > FAR_OFF])
+            wrong = off | (collapsed & ~self._nearest_survived(log))
+        marks = {"collapsed": collapsed, "wrong": wrong, "off": off, "lost": ended & ~collapsed, "left": ~ended}
+        counts = {name: None if each is None else float(each.sum()) for name, each in marks.items()}
+        return {"members": float(log.members.mean()), **counts}
 
     def _nearest_survived(self, log: RayLog) -> Marks:
         """Return whether each ray's survivor was at birth the member nearest to the true distance; True if unknown."""
@@ -246,7 +238,7 @@ def measured(found: Measured, *, in_study: bool = False) -> dict[str, Any]:
     return figures
 
 
-def heads(table: TableName, *, bounded: bool = False) -> list[Column]:
+def heads(table: Literal["run", "study", "sweep"], *, bounded: bool = False) -> list[Column]:
     """Return the columns of metrics in a table, from the left; with those of bounds if `bounded`."""
     columns = [each.column for each in BY_KEY.values() if each.column is not None]
     shown = [each for each in columns if getattr(each, table) is not None and (bounded or not each.of_bounds)]

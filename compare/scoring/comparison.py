@@ -26,7 +26,6 @@ from slamgauge.compare.scoring.optimum_notes import (
 from slamgauge.compare.scoring.own_stamps import optimum_at, truth_at
 from slamgauge.compare.scoring.scores import Score, evaluate
 from slamgauge.compare.scoring.table import ESTIMATOR, KIND, NO_FIGURE, Cell, Page, Table
-from slamgauge.compare.scoring.verdicts import verdict_lines
 from slamgauge.compare.storage.files import save, write_json
 from slamgauge.compare.storage.result_files import METRICS, RECORDING, TRUTH, origin
 from slamgauge.compare.storage.trajectories import write_tum
@@ -100,11 +99,10 @@ def compare_estimators(
     require_type("recording", recording, Recording)
     require_type("estimators", estimators, Mapping)
     require_same_run(truth, recording)
-    if informed is None:
-        informed = recording
-        if recording.landmark is None and truth is not None and truth.association is not None:
-            informed = replace(recording, landmark=truth.association.clip(min=0))  # `misleading` marks clutter anyway
-    ran = run_side_by_side(estimators, recording, informed, None if truth is None else truth.misleading)
+    if informed is None and recording.landmark is None and truth is not None and truth.association is not None:
+        informed = replace(recording, landmark=truth.association.clip(min=0))  # `misleading` marks clutter anyway
+    misleading = None if truth is None else truth.misleading
+    ran = run_side_by_side(estimators, recording, informed or recording, misleading)
     if not ran.estimates and ran.failures:
         raise UserError(next(iter(ran.failures.values())))
     scores: dict[str, Score] = {}
@@ -195,7 +193,7 @@ def table(comparison: Comparison) -> Page:
     """Return the scores as a table, with notes below."""
     optima = {kind: comparison.estimates[name] for kind, name in comparison.optima.items()}
     scores = run_table(comparison.scores, doubtful_kinds(optima), comparison.failures)
-    verdicts = verdict_lines({name: score["verdict"] for name, score in comparison.scores.items()})
+    verdicts = [f"{name}: {score['verdict']}" for name, score in comparison.scores.items() if score["verdict"]]
     return Page((scores, *notes(comparison), *verdicts, *comparison.failures.values()))
 
 
@@ -215,16 +213,16 @@ def notes(comparison: Comparison) -> list[str]:
         found.append(f"no ids, and no true associations: compared with {names}, with associations right or wrong")
     if truth is not None and truth.poses is not None:
         headless = np.isfinite(truth.poses[:, 0]) & np.isnan(truth.poses[:, 2])
-        count = "no headings" if headless.all() else f"no headings at {headless.sum()} of {len(headless)} steps"
+        where = "" if headless.all() else f" at {headless.sum()} of {len(headless)} steps"
         left = "heading errors, relative errors and pose NEES are left out there"
-        found.append(f"the truth has {count}: {left}" if headless.any() else None)
+        found.append(f"the truth has no headings{where}: {left}" if headless.any() else None)
     if optima:
         kind = "smoothed" if "smoothed" in comparison.optima else "filtered"
         found.append(fit_of_the_model(REGISTRY[OPTIMA[kind]].title, estimates[comparison.optima[kind]]))
     found += [left_out(name, truth, comparison.recording, estimates[name]) for name in optima]
     found += [doubt(name, estimates[name].optimum_check, MARKED) for name in optima]
     found += [doubt(name, each.optimum_check) for name, each in estimates.items() if name not in optima]
-    found += verdict_lines({name: test.text() for name, test in comparison.without_truth.items()})
+    found += [f"{name}: {test.text()}" for name, test in comparison.without_truth.items()]
     return [line for line in found if line]
 
 

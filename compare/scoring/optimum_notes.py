@@ -13,7 +13,7 @@ import numpy as np
 from slamgauge.arrays import Float
 from slamgauge.compare.scoring.consistency import chi2_band
 from slamgauge.compare.scoring.intervals import LEVEL, Interval, mean
-from slamgauge.compare.scoring.table import MARK, interval_cell
+from slamgauge.compare.scoring.table import MARK
 from slamgauge.display import counted
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
@@ -24,7 +24,6 @@ CHECK_LIMIT = 0.05  # sigmas: a causal optimum that is farther from the hindsigh
 MISFIT_LEVEL = 0.999  # probability of the two-sided chi-square band outside of which residuals are implausible
 MISFIT = 0.05  # least deviation of chi2/dof from 1 that causes a warning
 SURE = 0.999  # probability of the two-sided interval: one in 2000 estimators with the optimum's accuracy is reported
-WHY = "no filter can be; check whether it uses the truth, later measurements or the scenario"
 MARKED = f": figures relative to it are marked {MARK}"
 
 
@@ -44,10 +43,8 @@ def is_misfit_in_runs(fit: Interval | None) -> bool:
 
 def misfits(names: Sequence[str]) -> str | None:
     """Return that the residuals of these optima contradict the stated noise; None without names."""
-    if not names:
-        return None
     which = f"the residuals of {' and '.join(names)} contradict the stated noise"
-    return f"{which}, so they are not optimal: figures relative to them are marked {MARK}"
+    return f"{which}, so they are not optimal: figures relative to them are marked {MARK}" if names else None
 
 
 def fit_of_the_model(title: str, optimum: Estimate) -> str | None:
@@ -60,14 +57,8 @@ def fit_of_the_model(title: str, optimum: Estimate) -> str | None:
     form = f".{max(2, 1 - math.floor(math.log10(high - low)))}f"  # at least two digits of the band's width
     band = f"{100 * LEVEL:g} % band {low:{form}} to {high:{form}}"
     verdict = ", above it: the stated noise is too small, or there are outliers" if figure > high else ""
-    if figure < low:
-        verdict = ", below it: the stated noise is too large"
+    verdict = ", below it: the stated noise is too large" if figure < low else verdict
     return f"fit of the model: chi2/dof of the {title} {figure:{form}} ({dof} degrees of freedom, {band}){verdict}"
-
-
-def mean_fit(title: str, fit: Interval | None) -> str | None:
-    """Return the mean chi2/dof of many runs with its 95 % interval."""
-    return None if fit is None else f"fit of the model: chi2/dof of the {title} {interval_cell(fit, '{:.3f}')}"
 
 
 def left_out(name: str, truth: Truth | None, recording: Recording, optimum: Estimate) -> str | None:
@@ -126,8 +117,9 @@ def beats_the_optimum(ratio: Interval | None, runs: int) -> str | None:
 
     if ratio is None or ratio.high is None:
         return None
-    wider = stdtrit(runs - 1, (1 + SURE) / 2) / stdtrit(runs - 1, (1 + LEVEL) / 2)
-    half = float(wider * (ratio.high - ratio.mean))
+    wider, narrower = (stdtrit(runs - 1, (1 + level) / 2) for level in (SURE, LEVEL))
+    half = float(wider / narrower * (ratio.high - ratio.mean))
     if ratio.mean + half >= 1.0:
         return None
-    return f"its error is {ratio.mean:.3g} ± {half:.2g} times the causal optimum's ({SURE:.1%} interval): {WHY}"
+    why = "no filter can be; check whether it uses the truth, later measurements or the scenario"
+    return f"its error is {ratio.mean:.3g} ± {half:.2g} times the causal optimum's ({SURE:.1%} interval): {why}"

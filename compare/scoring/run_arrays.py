@@ -34,9 +34,7 @@ class RunArrays:
     @cached_property
     def reference(self) -> Float:
         """True poses (N+1, 3); NaN where they are not known or not compared."""
-        poses = self.truth.poses
-        if poses is None:
-            return np.full(self.estimate.poses.shape, np.nan)
+        poses = np.full(self.estimate.poses.shape, np.nan) if self.truth.poses is None else self.truth.poses
         return poses if self.compared is None else np.where(self.compared[:, None], poses, np.nan)
 
     @cached_property
@@ -68,8 +66,6 @@ class RunArrays:
     def nees_xy(self) -> Float:
         """NEES (N+1,) of the positions."""
         return squared_mahalanobis(self.errors[:, :2], self.covs[:, :2, :2])
-
-    # --- landmarks ---------------------------------------------------------------------------------
 
     @cached_property
     def observed(self) -> Int | None:

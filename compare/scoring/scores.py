@@ -12,7 +12,7 @@ from pydantic_core import to_jsonable_python
 
 from slamgauge.arrays import Float, Marks
 from slamgauge.compare.scoring.catalogue import BY_KEY, Measured, measured
-from slamgauge.display import html_table
+from slamgauge.display import preformatted
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
@@ -36,12 +36,9 @@ class FiguresByKey(Mapping[str, Any]):
         return len(self.figures)
 
     def to_json(self) -> dict[str, Any]:
-        """Return plain numbers, lists and None, as in files; `rays` only if the estimator has any.
-
-        JSON has no infinity: an infinite check becomes the largest double.
-        """
-        entry = {key: sys.float_info.max if value == math.inf else value for key, value in self.items()}
-        return to_jsonable_python({key: value for key, value in entry.items() if key != "rays" or value is not None})
+        """Return plain numbers, lists and None, as in files; an infinite check becomes the largest double."""
+        finite = {key: sys.float_info.max if value == math.inf else value for key, value in self.items()}
+        return to_jsonable_python(finite)  # JSON has no infinity
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -66,8 +63,8 @@ class Score(FiguresByKey):
 
     def _repr_html_(self) -> str:
         numbers = {key: value for key, value in self.to_json().items() if isinstance(value, int | float)}
-        rows = [(key, f"{value:.4g}", BY_KEY[key].help) for key, value in numbers.items()]
-        return html_table((f"{self['kind']} estimate", "", ""), rows)
+        lines = [f"{key:24}{value:<12.4g}{BY_KEY[key].help}" for key, value in numbers.items()]
+        return preformatted("\n".join([f"{self['kind']} estimate", *lines]))
 
     def timed(self, seconds: float | None) -> Score:
         """Return the score with this computing time [s]."""

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from slamgauge.compare.scoring.intervals import Interval
 from slamgauge.compare.storage.files import write_csv
-from slamgauge.display import html_table
+from slamgauge.display import preformatted
 
 LONGEST_NAME = 28  # characters of the first column if the width is limited; longer names lose their middle
 NARROWEST = 22  # characters: least width of a column of sentences
@@ -79,25 +79,23 @@ KIND = Head(
 RUNS = Head("runs", help="number of runs")
 
 
-def cell(value: float | None, form: str) -> str:
-    """Return a figure formatted by `form`, `-` for None; a figure that is rounded to 0 has no minus."""
+def cell(value: float | Interval | None, form: str) -> str:
+    """Return a figure formatted by `form`, an interval as `mean ± half width`, `-` for None.
+
+    A figure that is rounded to 0 has no minus.
+    """
     if value is None:
         return NO_FIGURE
+    if isinstance(value, Interval):
+        half = "" if value.half_width is None else f" ± {cell(value.half_width, form).removeprefix('+')}"
+        return f"{cell(value.mean, form)}{half}"
     text = form.format(value) if abs(value) < VAST else f"{value:.3g}"
     return form.format(0.0) if text.startswith("-") and not set(text) & set("123456789") else text
 
 
-def interval_cell(interval: Interval | None, form: str) -> str:
-    """Return `mean ± half width`, or `-` for None."""
-    if interval is None or interval.half_width is None:
-        return cell(None if interval is None else interval.mean, form)
-    return f"{cell(interval.mean, form)} ± {cell(interval.half_width, form).removeprefix('+')}"
-
-
 def figure(value: float | Interval | None, form: str) -> Cell:
     """Return a cell that shows a number, or a mean with its interval."""
-    text = interval_cell(value, form) if isinstance(value, Interval) else cell(value, form)
-    return Cell(text, value)
+    return Cell(cell(value, form), value)
 
 
 def from_to(low: float | None, high: float | None, form: str) -> Cell:
@@ -113,11 +111,8 @@ def marked(found: Cell, is_marked: bool | None) -> Cell:
 
 
 def sized(value: float | Interval | None) -> float | None:
-    """Return the number by which a cell is sorted."""
+    """Return a number, or the mean of an interval: cells are sorted by it."""
     return value.mean if isinstance(value, Interval) else value
-
-
-# --- printed and notebook pages ------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -130,8 +125,8 @@ class Page:
         return self.text()
 
     def html(self) -> str:
-        """Return tables and paragraphs for a notebook."""
-        return "\n".join(_html(part) for part in self.parts)
+        """Return the text for a notebook."""
+        return preformatted(self.text())
 
     def text(self, width: int | None = None) -> str:
         """Return lines of at most `width` characters, except for longer words; None sets no limit.
@@ -142,12 +137,6 @@ class Page:
         for part in self.parts:
             lines += _table_lines(part, width) if isinstance(part, Table) else _wrapped(part, width)
         return "\n".join(lines)
-
-
-def _html(part: Table | str) -> str:
-    if isinstance(part, Table):
-        return html_table([head.full for head in part.heads], part.texts()[1:])
-    return f"<p>{html.escape(part)}</p>" if part else ""
 
 
 def _wrapped(line: str, width: int | None) -> list[str]:

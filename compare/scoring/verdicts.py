@@ -8,7 +8,6 @@ right filter is outside with probability 1 - BAND_LEVEL at most. The NIS is whit
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 from slamgauge.compare.scoring.consistency import chi2_band
@@ -118,8 +117,3 @@ def _is_off(figure: float | None, dof: int) -> bool:
         return False
     low, high = chi2_band(BAND_LEVEL, dof)
     return not low <= figure * dof <= high and not 1 / (1 + WORTH) <= math.sqrt(figure) <= 1 + WORTH
-
-
-def verdict_lines(verdicts: Mapping[str, str | None]) -> list[str]:
-    """Return a line for each estimator with a verdict."""
-    return [f"{name}: {text}" for name, text in verdicts.items() if text]

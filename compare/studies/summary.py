@@ -10,17 +10,10 @@ from pydantic_core import to_jsonable_python
 
 from slamgauge.compare.estimators.registry import BOUND, BOUNDS, CAUSAL, HINDSIGHT, HINDSIGHT_BOUND, REGISTRY, is_ours
 from slamgauge.compare.scoring.catalogue import BY_KEY, figure_cells, heads
-from slamgauge.compare.scoring.optimum_notes import (
-    beats_the_optimum,
-    doubt_in_runs,
-    is_misfit_in_runs,
-    mean_fit,
-    misfits,
-)
+from slamgauge.compare.scoring.optimum_notes import beats_the_optimum, doubt_in_runs, is_misfit_in_runs, misfits
 from slamgauge.compare.scoring.runs import Runs, rays_text
 from slamgauge.compare.scoring.scores import FiguresByKey
-from slamgauge.compare.scoring.table import ESTIMATOR, RUNS, Cell, Page, Table
-from slamgauge.compare.scoring.verdicts import verdict_lines
+from slamgauge.compare.scoring.table import ESTIMATOR, RUNS, Cell, Page, Table, cell
 from slamgauge.compare.storage.result_files import origin
 from slamgauge.compare.studies.paired_comparisons import Against, RunFigures, against_parts
 
@@ -33,10 +26,6 @@ class EstimatorSummary(FiguresByKey):
 
     `kind` (None if all runs failed) and `runs`, the number of runs without failure, are keys, too.
     """
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the estimator's entry in summary.json; without `rays` if the estimator has none."""
-        return FiguresByKey({**self, "seconds_total": {"mean": self["seconds_total"]}}).to_json()
 
 
 @dataclass(frozen=True, order=True)
@@ -125,7 +114,7 @@ def summary_table(summary: Summary) -> Page:
     below = [
         *optimum_lines(summary),
         *rays,
-        *verdict_lines({name: each["verdict"] for name, each in summary.estimators.items()}),
+        *(f"{name}: {each['verdict']}" for name, each in summary.estimators.items() if each["verdict"]),
         *too_good_lines(summary),
         *failure_lines(summary),
     ]
@@ -168,11 +157,11 @@ def _optima(summary: Summary) -> list[str]:
 
 def optimum_lines(summary: Summary) -> list[str]:
     """Return lines on the optima: the fit of the model, and whether the causal optimum is in doubt."""
-    fits = [
-        mean_fit(REGISTRY[name].title, summary.estimators[name]["chi_square_per_dof"]) for name in _optima(summary)[:1]
-    ]
-    lines = [*fits, misfits(misfit_optima(summary)), doubt_in_runs(CAUSAL, share_in_doubt(summary))]
-    return [line for line in lines if line]
+    fits = {REGISTRY[name].title: summary.estimators[name]["chi_square_per_dof"] for name in _optima(summary)[:1]}
+    shown = {title: cell(fit, "{:.3f}") for title, fit in fits.items() if fit is not None}
+    lines = [f"fit of the model: chi2/dof of the {title} {figure}" for title, figure in shown.items()]
+    doubts = (misfits(misfit_optima(summary)), doubt_in_runs(CAUSAL, share_in_doubt(summary)))
+    return [*lines, *filter(None, doubts)]
 
 
 def too_good_lines(summary: Summary) -> list[str]:

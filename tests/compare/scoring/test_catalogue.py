@@ -13,8 +13,7 @@ from slamgauge.compare.scenarios.scenario import load_scenario
 from slamgauge.compare.scenarios.simulation import simulate, simulate_informed
 from slamgauge.compare.scoring.catalogue import BY_KEY, STORED, Measured, heads
 from slamgauge.compare.scoring.comparison import compare_estimators, notes, run_table, table
-from slamgauge.compare.scoring.metric import Column, of_run
-from slamgauge.compare.scoring.runs import SERIES, Runs
+from slamgauge.compare.scoring.runs import SERIES, Column, Runs, of_run
 from slamgauge.compare.studies.study_run import run_once
 from slamgauge.compare.studies.summary import Summary, summarise, summary_table
 

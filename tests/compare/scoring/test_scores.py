@@ -25,7 +25,7 @@ from tests.reference.given import given as there
 
 from .builders import path, straight
 
-METRICS_JSON = {"kind", *(key for key, each in BY_KEY.items() if each.measure is not None)} - {"rays"}
+METRICS_JSON = {"kind", *(key for key, each in BY_KEY.items() if each.measure is not None)}
 true: Any = Truth  # Any: lists instead of arrays
 filtered: Any = partial(Estimate, "filtered")
 smoothed: Any = partial(Estimate, "smoothed")

@@ -169,7 +169,7 @@ def interval(mean: float) -> dict[str, float]:
 @pytest.fixture
 def study(tmp_path: Path) -> Path:
     entry = {"runs": 7, "ate_m": interval(1.0), "ratio_to_causal": interval(2.0), "nees_pose_per_dof": interval(3.0)}
-    entry |= {"coverage_95": interval(0.9), "seconds_total": {"mean": 1.0}, "landmarks_mapped": None}
+    entry |= {"coverage_95": interval(0.9), "verdict": "right", "landmarks_mapped": None}
     estimators = {"ekf": entry, "a_b|c": entry | {"ate_m": None}}
     content = {"scenario": "my_scene", "runs": 7, "seed": 3, "command": "slamgauge study", "version": "1"}
     content |= {"digest": "", "failures": [], "per_run": {}}
@@ -198,7 +198,7 @@ def test_each_format_and_missing_columns(study: Path):
     assert r"$x^2$ & {~\}#".translate(LATEX) == r"\$x\textasciicircum{}2\$ \& \{\textasciitilde{}\textbackslash{}\}\#"
     for keys, names, message in (
         (["ate"], [], r"ate: no column of this study; did you mean ate_m\?"),
-        (["seconds_total"], [], "seconds_total: no column"),  # it has no interval
+        (["verdict"], [], "verdict: no column"),  # it has no interval
         ([], ["efk"], r"efk: no estimator of this study; did you mean ekf\?"),
     ):
         with pytest.raises(UserError, match=message):
