@@ -118,7 +118,7 @@ class Paired:
     runs: int  # with both figures
     difference: Interval  # mean of the differences, first minus second, with Student's interval
     ratio: Interval | None  # `ratio_interval`
-    p_value: float | None  # of Student's two-sided paired test of equal means; None for a single run
+    p_value: float | None  # p-value of Student's two-sided paired test of equal means; None for a single run
 
 
 def compare_paired(first: Float, second: Float, level: float = LEVEL) -> Paired | None:

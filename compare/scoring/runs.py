@@ -55,7 +55,7 @@ class Metric:
     key: str  # in metrics.json and summary.json
     help: str
     column: Column | None  # in tables
-    measure: Callable[[Any], Any] | None = None  # of `Measured`; None: not in metrics.json
+    measure: Callable[[Any], Any] | None = None  # method of `Measured`; None: not in metrics.json
     over_runs: OverRuns | None = None  # None: not in summary.json
     stored: tuple[str, ...] = ()  # names in the store of a study, one for each part of the figure
 

@@ -32,8 +32,8 @@ class Head:
     help: str = ""
     words: bool = False  # the cells are texts, which are aligned at the left
     wraps: bool = False  # the texts may continue on further lines
-    key: str = ""  # of a metric
-    form: str = "{:.3f}"  # of the figures
+    key: str = ""  # key of a metric
+    form: str = "{:.3f}"  # format of the figures
     relative: bool = False  # figures are relative to an optimum, and marked if that is in doubt
 
     @property
