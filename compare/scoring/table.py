@@ -226,7 +226,7 @@ def markdown_text(table: Table) -> str:
 
 def latex_text(table: Table, label: str, comment: str) -> str:
     """Return a floating table with the caption of `table`; `comment` is a line on top."""
-    head, *body = [" & ".join(row).translate(LATEX) + r" \\" for row in table.texts()]
+    head, *body = [" & ".join(text.translate(LATEX) for text in row) + r" \\" for row in table.texts()]
     lines = [
         f"% {comment}",
         r"% needs \usepackage{booktabs}",
