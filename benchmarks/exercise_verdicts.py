@@ -34,12 +34,12 @@ def main(
 ) -> int:
     with local_processes(1) as executor:
         exercise = run_exercise(only, runs, seed, folder, executor)
-    found = {(ran.setting.figure, name): each for ran in exercise.settings for name, each in ran.runs.items()}
+    found = {ran.setting.figure: ran.runs for ran in exercise.settings}
     rng, total = np.random.default_rng(1), np.zeros(len(RUNS))
     print(f"{studies} studies from {runs} runs; wrong and decided share with {', '.join(map(str, RUNS))} runs")
     for conclusion in (pair[0] for question in exercise.questions for pair in question.judgements):
         above, *others = conclusion.measures
-        for below in (each for each in others if each.key in found):
+        for below in (each for each in others if each.setting in found):
             logs = log_ratios(above, below, found)
             ends = [np.log(end) for end in conclusion.asserted if 0.0 < end < np.inf]
             shifted = logs - logs.mean() + min(ends, key=lambda end: abs(end - logs.mean()))

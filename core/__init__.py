@@ -132,8 +132,3 @@ if "numpy" not in sys.modules:  # later the number has no effect
 
 def __dir__() -> list[str]:
     return sorted([*_HOMES, *_PACKAGES])
-
-
-def names_of(package: str) -> list[str]:
-    """Return the public names that a package defines, sorted."""
-    return sorted(name for name, home in _HOMES.items() if home.split(".")[1] == package)

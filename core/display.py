@@ -1,13 +1,18 @@
-"""Display of results: numbers with nouns, printed tables in notebooks."""
+"""Display of results: numbers with nouns, tables in notebooks."""
 
 from __future__ import annotations
 
 import html
+from collections.abc import Sequence
 
 
-def preformatted(text: str) -> str:
-    """Return a text as HTML, with aligned columns; long lines scroll."""
-    return f'<pre style="white-space: pre; overflow-x: auto">{html.escape(text)}</pre>'
+def html_table(head: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
+    """Return a table of HTML with escaped texts, which do not wrap: a wide table scrolls."""
+    titles = "".join(f"<th>{html.escape(title)}</th>" for title in head)
+    cells = ["".join(f"<td>{html.escape(str(text))}</td>" for text in row) for row in rows]
+    lines = "".join(f"<tr>{each}</tr>" for each in cells)
+    table = f"<table><thead><tr>{titles}</tr></thead><tbody>{lines}</tbody></table>"
+    return f'<div style="overflow-x: auto; white-space: nowrap">{table}</div>'
 
 
 def counted(count: int, what: str) -> str:

@@ -6,26 +6,9 @@ bearing in the second row; the first row is 0 and carries no information.
 
 from __future__ import annotations
 
+from slamgauge import se2, sensors
 from slamgauge.jit import inner
-from slamgauge.se2 import (
-    exp_xy,
-    half_cotangent,
-    jacobian_coefficients,
-    log_xy,
-    mean_cos_sin,
-    right_jacobian_entries,
-    wrap_angle,
-)
-from slamgauge.sensors import (
-    MIN_BEARING_DISTANCE,
-    SENSORS,
-    bearing_gradient,
-    locate_polar,
-    locate_position,
-    observe_bearing,
-    observe_polar,
-    observe_position,
-)
+from slamgauge.sensors import MIN_BEARING_DISTANCE, SENSORS
 
 POSITION, BEARING = SENSORS["position"].code, SENSORS["bearing"].code
 _BY_CODE = sorted(SENSORS.values(), key=lambda each: each.code)
@@ -34,19 +17,19 @@ DIM = tuple(each.dim for each in _BY_CODE)  # rows that carry information
 HAS_RANGE = tuple(each.has_range for each in _BY_CODE)
 PLACES_LANDMARKS = tuple(each.places_landmarks for each in _BY_CODE)
 
-inner(half_cotangent)
-inner(jacobian_coefficients)
-wrap = inner(wrap_angle)  # (angle) -> angle
-mean_rotation = inner(mean_cos_sin)  # (turn) -> (cosine, sine) of V(turn)
-exp = inner(exp_xy)  # (x, y, turn) -> (x, y)
-log = inner(log_xy)  # (x, y, turn) -> (x, y)
-right_jacobian = inner(right_jacobian_entries)  # (x, y, turn) -> (j00, j01, j02, j12)
-inner(bearing_gradient)
-inner(observe_bearing)
-inner(observe_polar)
-inner(observe_position)
-inner(locate_polar)
-inner(locate_position)
+wrap = inner(se2.wrap_angle)  # (angle) -> angle
+mean_rotation = inner(se2.mean_cos_sin)  # (turn) -> (cosine, sine) of V(turn)
+exp = inner(se2.exp_xy)  # (x, y, turn) -> (x, y)
+log = inner(se2.log_xy)  # (x, y, turn) -> (x, y)
+right_jacobian = inner(se2.right_jacobian_entries)  # (x, y, turn) -> (j00, j01, j02, j12)
+observe_bearing = inner(sensors.observe_bearing)  # (dx, dy, nearest) -> (bearing, its two derivatives)
+observe_polar = inner(sensors.observe_polar)  # (dx, dy, nearest) -> as `observe`
+observe_position = inner(sensors.observe_position)  # (dx, dy, nearest) -> as `observe`
+locate_polar = inner(sensors.locate_polar)  # (z0, z1) -> as `locate`
+locate_position = inner(sensors.locate_position)  # (z0, z1) -> as `locate`
+inner(se2.half_cotangent)  # a part of the formulas above, as the next two
+inner(se2.jacobian_coefficients)
+inner(sensors.bearing_gradient)
 
 
 @inner

@@ -70,19 +70,17 @@ def caches() -> Path | None:
 
     A folder that can only be read is copied to a temporary one.
     """
-    folder = parent() / digest()
-    if is_writable(folder):
-        return folder
+    folder, copied = parent() / digest(), None
+    with suppress(OSError):
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            return folder
     with suppress(OSError):
         copied = Path(tempfile.mkdtemp(prefix="slamgauge-kernels-"))
         atexit.register(shutil.rmtree, copied, ignore_errors=True)
-        if folder.is_dir():
-            shutil.copytree(folder, copied, dirs_exist_ok=True)
-        else:
-            tell_once(NOT_STORED.format(folder))
-        return copied
+        return shutil.copytree(folder, copied, dirs_exist_ok=True)
     tell_once(NOT_STORED.format(folder))
-    return None
+    return copied
 
 
 def stored_files() -> list[Path]:
@@ -111,16 +109,6 @@ def digest() -> str:
     return found.hexdigest()[:16]
 
 
-def is_writable(folder: Path) -> bool:
-    """Make a folder; return whether a file can be written there."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            return True
-    except OSError:
-        return False
-
-
 class _Compilation(event.Listener):
     """Prints a line before a compilation, and disables the garbage collector, which takes a tenth of its time."""
 
@@ -129,24 +117,17 @@ class _Compilation(event.Listener):
             gc.disable()
             event.data["restart"] = True
         if event.data["dispatcher"].py_func.__module__.partition(".")[0] == "slamgauge":
-            announce()
+            tell_once(FIRST_USE)
 
     def on_end(self, event: Any) -> None:
         if event.data.pop("restart", False):
             gc.enable()
 
 
-def announce() -> None:
-    """Print that kernels are compiled."""
-    tell_once(FIRST_USE)
-
-
 event.register("numba:compile", _Compilation())
 
 
-def _choose(condition: Any, one: Any, other: Any) -> Any:
-    """Return `select` for numbers."""
-    return one if condition else other
-
-
-overload(select, jit_options={"error_model": "numpy"}, strict=False)(lambda *_: _choose)  # in kernels
+@overload(select, jit_options={"error_model": "numpy"}, strict=False)
+def _select(*_types: Any) -> Callable[..., Any]:
+    """Return `select` for numbers, as kernels compile it."""
+    return lambda condition, one, other: one if condition else other

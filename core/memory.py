@@ -3,26 +3,16 @@
 from __future__ import annotations
 
 import math
-import os
 from pathlib import Path
 
 from slamgauge.errors import UserError
 
 GIGABYTE = 1e9
-FREE_IN_PROC = Path("/proc/meminfo")  # Linux; on other systems all memory counts as free
+FREE_IN_PROC = Path("/proc/meminfo")  # Linux; on other systems nothing is refused
 
 
 def require_memory(needed: float, what: str, remedy: str) -> None:
-    """Refuse work that needs more than the free memory.
-
-    Args:
-        needed: bytes.
-        what: name of the work, for the error text.
-        remedy: end of the error text.
-
-    Raises:
-        UserError: fewer bytes are free.
-    """
+    """Raise `UserError` if work, named `what`, needs more than the free memory [bytes]; `remedy` ends its text."""
     free = free_memory()
     if needed > free:
         raise UserError(
@@ -31,14 +21,9 @@ def require_memory(needed: float, what: str, remedy: str) -> None:
 
 
 def free_memory() -> float:
-    """Return the free bytes of this machine, else all its bytes, else infinity."""
+    """Return the free bytes of this machine; infinity if they are not known."""
     try:
-        lines = FREE_IN_PROC.read_text(encoding="ascii").splitlines()
-        sizes = dict(line.split(":", 1) for line in lines)
+        sizes = dict(line.split(":", 1) for line in FREE_IN_PROC.read_text(encoding="ascii").splitlines())
         return 1024.0 * int(sizes["MemAvailable"].split()[0])
     except (OSError, KeyError, ValueError):
-        pass
-    try:
-        return float(os.sysconf("SC_PHYS_PAGES")) * os.sysconf("SC_PAGE_SIZE")
-    except (AttributeError, OSError, ValueError):  # Windows has no sysconf
         return math.inf

@@ -18,7 +18,7 @@ from slamgauge.validation import Record, as_covariances, as_floats, as_ints, for
 
 
 class Observations(NamedTuple):
-    """The observations of one step: ids (m,), values (m, d) and covariances (m, d, d)."""
+    """The observations of one step: ids (m,) or None, values (m, d) and covariances (m, d, d) as in a `Recording`."""
 
     landmark: Int | None
     value: Float

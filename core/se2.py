@@ -100,7 +100,7 @@ def pose_rotation(heading: ArrayLike) -> Float:
 
 
 def compose(pose: ArrayLike, increment: ArrayLike) -> Float:
-    """Return the poses (..., 3) reached from `pose` by the body-frame `increment` (..., 3)."""
+    """Return the poses (..., 3) [m, m, rad] reached from `pose` by the body-frame `increment` (..., 3)."""
     pose, increment = np.asarray(pose, dtype=np.float64), np.asarray(increment, dtype=np.float64)
     position = pose[..., :2] + np.einsum("...ij,...j->...i", rotation(pose[..., 2]), increment[..., :2])
     heading = wrap(pose[..., 2] + increment[..., 2])
@@ -113,14 +113,14 @@ def in_body(pose: Float, point: Float) -> Float:
 
 
 def between(start: ArrayLike, end: ArrayLike) -> Float:
-    """Return the body-frame increments (..., 3) from the poses `start` to the poses `end`."""
+    """Return the body-frame increments (..., 3) [m, m, rad] from the poses `start` to the poses `end`."""
     start, end = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
     position = in_body(start, end[..., :2])
     return np.concatenate([position, wrap(end[..., 2] - start[..., 2])[..., None]], axis=-1)
 
 
 def chain(start: ArrayLike, increments: ArrayLike) -> Float:
-    """Return the poses (N+1, 3) of a path from `start` (3,) along body-frame `increments` (N, 3)."""
+    """Return the poses (N+1, 3) [m, m, rad] of a path from `start` (3,) along body-frame `increments` (N, 3)."""
     start, increments = np.asarray(start, dtype=np.float64), np.asarray(increments, dtype=np.float64)
     headings = start[2] + np.concatenate([[0.0], np.cumsum(increments[:, 2])])
     poses = np.zeros((len(headings), 3))

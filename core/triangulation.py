@@ -16,7 +16,7 @@ FOUND = 0.1  # standard deviations; a smaller step ends the search
 
 
 class Triangulation(NamedTuple):
-    """A landmark (2,) [m] from its bearings, and its largest standard deviation [m] if the poses are exact."""
+    """A landmark (2,) [m], its largest standard deviation [m] if the poses are exact, and whether it is `placed`."""
 
     landmark: Float
     sigma: float

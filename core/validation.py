@@ -174,10 +174,8 @@ def _symmetric(name: str, stack: Float, first: int, *, definite: bool) -> Float:
 
 def are_among(values: Int, ids: Int) -> NDArray[np.bool_]:
     """Return whether each value (n,) is among the ids."""
-    found = np.zeros(len(values), dtype=np.bool_)
-    for rows in chunks(len(values)):
-        found[rows] = np.isin(values[rows], ids)
-    return found
+    found = [np.isin(values[rows], ids) for rows in chunks(len(values))]
+    return np.concatenate([np.zeros(0, np.bool_), *found])
 
 
 def for_all(matrix: object, count: int) -> object:
@@ -192,12 +190,7 @@ def for_all(matrix: object, count: int) -> object:
 def require_type(name: str, value: object, kind: type) -> None:
     """Refuse an argument of another type."""
     if not isinstance(value, kind):
-        is_, give = (_with_article(each.__name__) for each in (type(value), kind))
-        raise UserError(f"{name}: is {is_}; give {give}")
-
-
-def _with_article(name: str) -> str:
-    return f"{'an' if name[0] in 'AEIOUaeiou' else 'a'} {name}"
+        raise UserError(f"{name}: is of type {type(value).__name__}; give type {kind.__name__}")
 
 
 def wrap_headings(poses: Float) -> Float:

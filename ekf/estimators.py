@@ -29,7 +29,7 @@ def ekf_slam(recording: Recording, settings: FilterSettings = DEFAULTS) -> Estim
     """Textbook EKF-SLAM (the exercise, equation 1.1).
 
     Example:
-        truth, recording = slamgauge.simulate(slamgauge.load_scenario("q1-long-dense"), seed=0)
+        truth, recording = slamgauge.simulate("q1-long-dense", seed=0)
         estimate = slamgauge.ekf_slam(recording)
         print(estimate.poses[-1], estimate.pose_covs[-1])
 

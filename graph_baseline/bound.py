@@ -34,7 +34,7 @@ factorise, solve_triangular = get_lapack_funcs(("potrf", "trtrs"), dtype=np.floa
 
 
 def causal_bound(truth: Truth, recording: Recording) -> Float:
-    """Return bounds (N+1, 3, 3) of each pose's error covariance given the measurements up to the pose.
+    """Return Cramer-Rao bounds (N+1, 3, 3) of each pose's error covariance given the measurements up to the pose.
 
     The errors are additive, in the world frame.
 

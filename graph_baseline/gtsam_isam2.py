@@ -29,7 +29,7 @@ def isam2(
     relinearize_threshold: float = RELINEARIZE_THRESHOLD,
     relinearize_skip: int = RELINEARIZE_SKIP,
 ) -> Estimate:
-    """Return the newest pose of iSAM2 at every step, and the final map.
+    """Return the newest pose of iSAM2 (Kaess et al., IJRR 31(2), 2012) at every step, and the final map.
 
     `causal` computes the same quantity at the minimum of the exact cost; iSAM2 stops at its relinearisation threshold.
 

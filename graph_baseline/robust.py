@@ -26,6 +26,7 @@ def robust_batch(recording: Recording, association: Int | None = None) -> Estima
     """Return `batch` without the observations that are inconsistent with the others; their `association` is -1.
 
     An observation is an outlier if its squared Mahalanobis residual is above the 0.999 quantile of chi-square.
+    Source: graduated non-convexity (Yang et al., RA-L 5(2), 2020).
 
     Args:
         recording: measurements.

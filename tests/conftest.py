@@ -10,11 +10,10 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from slamgauge import jit
+from slamgauge import jit, notices
 from slamgauge.blas_threads import pin_blas_threads
 from slamgauge.compare.cli import terminal
 from slamgauge.compare.figures import plot_style
-from slamgauge.notices import tell_once
 from tests.kernels import compile_kernels
 from tests.reference import fast_commands
 
@@ -90,14 +89,12 @@ def whole_lines(monkeypatch: pytest.MonkeyPatch):
 @pytest.fixture(autouse=True)
 def silent_compiler(monkeypatch: pytest.MonkeyPatch):
     """Disable the message about a first use, which `core/test_jit.py` tests."""
-    monkeypatch.setattr(jit, "announce", lambda: None)
+    monkeypatch.setattr(jit, "tell_once", lambda _: None)
 
 
 @pytest.fixture
-def no_notices_yet() -> Generator[None]:
-    tell_once.cache_clear()
-    yield
-    tell_once.cache_clear()
+def no_notices_yet(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(notices, "TOLD", set())
 
 
 @pytest.fixture

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from slamgauge.compare.cli.main import COMMANDS, main
+from slamgauge.compare.cli.main import COMMANDS, COMPLETION, main
 from slamgauge.compare.scenarios import scenario, scenario_files
 from tests.marks import in_full
 from tests.reference.synthetic_logs import write_published_logs
@@ -26,6 +26,7 @@ ROOT = Path(__file__).parents[1]
 MADE = runpy.run_path(str(ROOT / "docs/make_figures.py"))
 PAGES = {path.name: path for path in (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))}
 USUAL = ("README.md", "index.md", "scenarios.md")
+OTHER_TOOLS = {"--nthreads", "--no-dashboard", "--ros-args", "--seeds", "--system-site-packages", "--to"}
 ELSEWHERE = re.compile(rf"{re.escape(MADE['CHECK'])}|^pip install|^dask|^openssl|--scheduler", re.MULTILINE)
 SMALLER = (
     *MADE["SMALL"],
@@ -90,3 +91,18 @@ def test_pages_show_every_command():
     """`doctor` and `scenarios` need no page."""
     lines = [line for page in PAGES.values() for _, _, found in blocks(page) for line in found]
     assert {*COMMANDS} - {line.split()[1] for line in lines if line.startswith("slamgauge ")} <= {"doctor", "scenarios"}
+
+
+def test_options_in_the_text_are_those_of_a_command(capsys: pytest.CaptureFixture[str]):
+    texts = [re.sub(r"^```.*?^```$", "", page.read_text(), flags=re.DOTALL | re.MULTILINE) for page in PAGES.values()]
+    printed, helps = "", [[command] for command in COMMANDS]
+    for words in helps:
+        with pytest.raises(SystemExit):
+            main([*words, "--help"])
+        shown = capsys.readouterr().out
+        if formats := re.match(rf"usage: slamgauge {words[-1]} \[-h\] \{{([\w,-]+)\}}", shown):
+            helps += [[*words, each] for each in formats[1].split(",")]
+        printed += shown
+    named = {option for text in texts for option in re.findall(r"(?<![\w-])--[a-z][a-z-]+", text)}
+    assert len(named) > 40
+    assert named - {*OTHER_TOOLS, COMPLETION, *re.findall(r"--[a-z][a-z-]+", printed)} == set()

@@ -62,7 +62,7 @@ LIBRARIES = {
     "slamgauge.ekf.kernels.blas": {"numba", "llvmlite"},
     "slamgauge.graph_baseline": {"scipy", "gtsam"},
     "slamgauge.compare": {"scipy", "tqdm", "distributed", "filelock", "pydantic", "pydantic_core"},
-    "slamgauge.compare.datasets.bag_file": {"apsw", "rosbags"},
+    "slamgauge.compare.datasets.bag_file": {"rosbags"},
     "slamgauge.compare.figures": {"matplotlib"},
     "slamgauge.compare.report": {"jinja2", "markupsafe"},
     "slamgauge.compare.cli": {"tyro"},

@@ -17,7 +17,7 @@ class Command:
     """Draw a run as a moving picture: animation.gif.
 
     It shows the paths, robots and maps of the filtered estimates (of more than three, only the first) and the paths of
-    the smoothed ones. The page of a study has the commands of its worst and median runs.
+    the smoothed ones. The page of a study has the commands of its runs.
 
     For example:
       slamgauge animate first-run --estimators ekf,riekf --seconds 20 --fps 25

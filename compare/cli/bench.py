@@ -1,7 +1,6 @@
 """Step times of this computer against map size: `slamgauge bench`.
 
-The workload is two rounds of a circle at 1 m/s with a 10 m sensor; medians are over the second round, when the map is
-complete.
+Medians are over the second round, when the map is complete.
 """
 
 from __future__ import annotations
@@ -9,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -24,9 +23,6 @@ from slamgauge.compare.scoring import table
 from slamgauge.compare.storage import progress
 from slamgauge.compare.storage.result_files import BENCH, origin
 from slamgauge.errors import UserError
-
-if TYPE_CHECKING:
-    from slamgauge.compare.estimators.requests import Chosen
 
 WORKLOAD = (
     "circle, 1 m/s, two rounds, 0.1 s steps, range 10 m, the exercise's noise, known association; "
@@ -71,28 +67,16 @@ def workload(landmarks: int) -> scenario.Scenario:
     drawn = np.random.default_rng(0).uniform(-reach, reach, (10 * landmarks, 2))
     distance = np.abs(np.hypot(*drawn.T) - radius)
     positions = np.array([0.0, radius]) + drawn[(distance >= 0.5) & (distance <= furthest)][:landmarks]
-    return scenario.Scenario.model_validate(
-        {
-            "name": f"bench-{landmarks}",
-            "description": WORKLOAD,
-            "trajectory": {"step": 0.1, "speed": 1.0, "yaw_rate": 1.0 / radius, "duration": 4.0 * np.pi * radius},
-            "motion": {"sigma_speed": 0.3, "sigma_yaw_rate_deg": 3.0},
-            "sensor": {"kind": "range-bearing", "max_range": 10.0, "sigma_range": 0.1, "sigma_bearing_deg": 5.0},
-            "landmarks": {"positions": positions.tolist()},
-        }
-    )
+    path = f"trajectory.yaw_rate={1.0 / radius}", f"trajectory.duration={4.0 * np.pi * radius}"
+    return scenario.load_scenario("q1-long-dense", [*path, f"landmarks.positions={positions.tolist()}"])
 
 
-def run_bench(sizes: Sequence[int], chosen: Chosen) -> dict[str, Any]:
-    """Measure every estimator on every map size; see `slamgauge bench --json` for the keys.
-
-    Raises:
-        UserError: an unknown estimator, or a map whose covariance does not fit into memory.
-    """
+def run_bench(sizes: Sequence[int], names: Sequence[str]) -> dict[str, Any]:
+    """Measure every estimator on every map size, unless a covariance does not fit into memory."""
     for size in sizes:
         what = f"landmarks: the covariance of {size}"
         memory.require_memory(COPIES * 8.0 * (3.0 + 2.0 * size) ** 2, what, "give a smaller map")
-    contestants = loading.load_estimators(chosen)
+    contestants = loading.load_estimators(names)
     results: dict[str, dict[str, dict[str, float]]] = {name: {} for name in contestants}
     with progress.counted(len(sizes) * len(contestants), "run") as bar:
         for size in sizes:

@@ -134,7 +134,7 @@ class WithPage:
     def finish(self, out: Path | None, main: str, *, done: bool = True) -> int:
         """Draw the results that `main` marks in `out`, and write their page; return the exit status."""
         if out is not None:
-            done = figures.draw_stored(out, main) and done
+            done = (main not in figures.KINDS or figures.draw_stored(out, main)) and done
             print(f"written to {out}", file=sys.stderr)
         return 0 if self.page.write(out, main) and done else 1
 

@@ -12,7 +12,7 @@ import tyro
 from slamgauge import notices
 from slamgauge.compare.cli.common import Estimators, OwnCode, Repeated, WithPage, flattened
 from slamgauge.compare.cli.run import DEFAULT_ESTIMATORS, Data, score
-from slamgauge.compare.estimators import requests, stored_trajectory, user_errors
+from slamgauge.compare.estimators import requests, stored_trajectory
 from slamgauge.compare.scenarios import scenario as scenarios
 from slamgauge.compare.scenarios import schema
 from slamgauge.compare.scoring import own_stamps
@@ -23,11 +23,9 @@ from slamgauge.ekf import settings as filters
 from slamgauge.errors import UserError
 
 if TYPE_CHECKING:
-    from slamgauge.estimate import Estimate, Estimator
+    from slamgauge.estimate import Estimator
     from slamgauge.recording import Recording
     from slamgauge.truth import Truth
-
-MOST_TWINS = 10_000
 
 
 @dataclass(frozen=True)
@@ -47,36 +45,17 @@ class Stored:
     max_gap: float = 1.0
     align: Literal["none", "se2"] = "none"
 
-    def estimators(self, paths: dict[str, Path], recording: Recording, truth: Truth | None) -> dict[str, Estimator]:
-        """Return estimators of the estimates in files by label; one that cannot be read raises the reason when run."""
-        if not math.isfinite(self.time_offset):
-            raise UserError(f"time-offset: {self.time_offset:g} is not a time; give seconds")
-        if not self.max_gap > 0.0:
-            raise UserError(f"max-gap: {self.max_gap:g} s is not above 0; give seconds > 0")
-        if self.align == "se2" and (truth is None or truth.poses is None):
-            raise UserError("align: se2 needs true positions; give --truth, or leave this option out")
-        found: dict[str, Estimator] = {}
-        for label, path in paths.items():
-            try:
-                stored = stored_trajectory.load_stored(path, recording, self.time_offset, self.max_gap)
-                if self.covariance_frame == "body":
-                    stored = own_stamps.in_world_frame(stored)
-                elif doubt := own_stamps.frame_doubt(label, stored, truth, recording):
-                    notices.tell_once(doubt)
-                found[label] = stored
-                if self.align == "se2" and truth is not None:
-                    name = f"{label}-aligned"
-                    found[name] = own_stamps.aligned(name, stored, truth, recording)
-            except UserError as error:
-                found[label] = _unreadable(str(error))
-        return found
-
-
-def _unreadable(reason: str) -> Estimator:
-    def refuse(_: Recording) -> Estimate:
-        raise user_errors.UserCodeError(reason)
-
-    return refuse
+    def read(self, label: str, path: Path, recording: Recording, truth: Truth | None) -> dict[str, Estimator]:
+        """Return the estimate in a file, and the aligned one if that is requested, by their labels."""
+        stored = stored_trajectory.load_stored(path, recording, self.time_offset, self.max_gap)
+        if self.covariance_frame == "body":
+            stored = own_stamps.in_world_frame(stored)
+        elif doubt := own_stamps.frame_doubt(label, stored, truth, recording):
+            notices.tell_once(doubt)
+        if self.align == "none" or truth is None:
+            return {label: stored}
+        name = f"{label}-aligned"
+        return {label: stored, name: own_stamps.aligned(name, stored, truth, recording)}
 
 
 @dataclass
@@ -127,13 +106,19 @@ class Command(WithPage):
             setting_rules.fitted(schema.INITIALISATIONS[self.initialisation], self.reach),
             filters.Robustness(self.robust),
         )
-        pairs = [text.partition("=") for text in flattened(self.estimates)]
-        for label, equals, stored in pairs:
-            if not label or not equals or not stored:
-                raise UserError(f"estimates {label + equals + stored!r}: write LABEL=PATH, for example mine=mine.csv")
-        paths = {label: Path(stored) for label, _, stored in pairs}
-        named = self.own_code.ask(self.estimators)
-        asked = requests.ask([*named, *requests.ask(self.stored.estimators(paths, recording, truth))])
-        if not 0 <= self.twins <= MOST_TWINS:
-            raise UserError(f"twins: {self.twins} is out of range; give 0 to {MOST_TWINS}")
-        return score(self, self.out, Data(truth, recording, twins=self.twins), asked, settings)
+        if not math.isfinite(self.stored.time_offset) or not self.stored.max_gap > 0.0:
+            what = f"time-offset and max-gap: {self.stored.time_offset:g} s and {self.stored.max_gap:g} s"
+            raise UserError(f"{what} are not a time and a gap above 0; give seconds")
+        if self.stored.align == "se2" and (truth is None or truth.poses is None):
+            raise UserError("align: se2 needs true positions; give --truth, or leave this option out")
+        stored, failures = dict[str, "Estimator"](), dict[str, str]()
+        for text in flattened(self.estimates):
+            label, _, place = text.partition("=")
+            if not label or not place:
+                raise UserError(f"estimates {text!r}: write LABEL=PATH, for example mine=mine.csv")
+            try:
+                stored |= self.stored.read(label, Path(place), recording, truth)
+            except UserError as error:
+                failures[label] = f"estimator {label}: {error}"
+        asked = requests.ask([*self.own_code.ask(self.estimators), *requests.ask(stored)])
+        return score(self, self.out, Data(truth, recording, twins=self.twins, failures=failures), asked, settings)

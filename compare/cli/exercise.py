@@ -43,8 +43,7 @@ class Command(WithPage):
                 self.output.show(exercise.to_json(), tables.exercise_page(exercise), folder and folder / EXERCISE)
             if not self.page.no_report:
                 exercise_page.publish_first_runs(exercise.settings, self.seed, self.out, executor)
-                done = exercise_page.publish_exercise(self.out, exercise)
-        if done and not self.page.no_report:
-            self.page.show(self.out)
+                if done := exercise_page.publish_exercise(self.out, exercise):
+                    self.page.show(self.out)
         print(f"written to {self.out}", file=sys.stderr)
         return 0 if done and not exercise.failures else 1

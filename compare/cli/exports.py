@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import ClassVar, Literal
 
 import tyro
 
@@ -18,13 +18,6 @@ from slamgauge.compare.storage import csv_folder, files, staged_folder, trajecto
 from slamgauge.compare.storage.result_files import METRICS, RECORDING, SUMMARY, TRUTH
 from slamgauge.compare.studies import stored_study
 from slamgauge.errors import UserError
-
-if TYPE_CHECKING:
-    from slamgauge.estimate import Estimate
-    from slamgauge.recording import Recording
-    from slamgauge.truth import Truth
-
-    Exported = tuple[Recording | None, Truth | None, dict[str, Estimate]]
 
 
 @dataclass
@@ -44,6 +37,14 @@ class Format:
         out = self.out or Path(f"{results_of('export', self.path)}{ending}")
         with staged_folder.staged_files(out.parent, (out.name, *beside)) as folder, imported_log.of_file(self.path):
             write(folder / out.name)
+        print(f"written to {out}", file=sys.stderr)
+        return 0
+
+    def write_folder(self, main: str, write: Callable[[Path], object]) -> int:
+        """Write a folder of results with the main file `main`."""
+        out = self.out or results_of("export", self.path)
+        with staged_folder.staged_folder(out, main) as folder, imported_log.of_file(self.path):
+            write(folder)
         print(f"written to {out}", file=sys.stderr)
         return 0
 
@@ -84,16 +85,10 @@ class Csv(StudyTable):
         if (self.path / SUMMARY).exists() or self.columns or self.estimators or self.means_only:
             return super().run()
         recording, _, estimates = _load(self.path)
-        if recording is None:
-            (estimate,) = estimates.values()
-            return self.write_file(
-                ".csv", lambda out: csv_folder.write_estimate_csv(out, estimate), csv_folder.LANDMARKS
-            )
-        out = self.out or results_of("export", self.path)
-        with staged_folder.staged_folder(out, csv_folder.START) as folder, imported_log.of_file(self.path):
-            csv_folder.write_recording_csv(folder, recording)
-        print(f"written to {out}", file=sys.stderr)
-        return 0
+        if recording is not None:
+            return self.write_folder(csv_folder.START, lambda out: csv_folder.write_recording_csv(out, recording))
+        (estimate,) = estimates.values()
+        return self.write_file(".csv", lambda out: csv_folder.write_estimate_csv(out, estimate), csv_folder.LANDMARKS)
 
 
 @dataclass
@@ -139,8 +134,7 @@ class Tum(Format):
     def run(self) -> int:
         estimates = _load(self.path)[2]
         if len(estimates) != 1:
-            what = f"{self.path}: it has {len(estimates)} estimates"
-            raise UserError(f"{what}; give one, as FOLDER/estimates/NAME.npz")
+            raise UserError(f"{self.path}: it has {len(estimates)} estimates; give FOLDER/estimates/NAME.npz")
         (estimate,) = estimates.values()
         folder = self.path if self.path.is_dir() else self.path.parent.parent
         path = self.recording or folder / RECORDING
@@ -149,32 +143,6 @@ class Tum(Format):
             what = f"{self.path}: it has {len(poses)} poses, but {path} has {len(stamps)}"
             raise UserError(f"{what}; give the recording of its run with --recording")
         return self.write_file(".tum", lambda out: trajectories.write_tum(out, stamps, poses, estimate.pose_covs))
-
-
-@dataclass
-class Figures(Format):
-    """The figures of a run, a study, a sweep, an error budget, noise or bench, redrawn for a paper, in a folder.
-
-    Attributes:
-        width: column is 3.4 in (one of two columns), page is 7.0 in.
-        estimators: Comma-separated. If not given: all. In the figure of a run the 3-sigma bounds of the first are
-            filled.
-    """
-
-    form: ClassVar[Literal["pdf", "png", "svg"]] = "pdf"
-    width: Literal["column", "page"] = "page"
-    estimators: str = ""
-
-    def run(self) -> int:
-        drawings = publishing.drawings_of(self.path, split_names(self.estimators))
-        out, main = self.out or results_of("export", self.path), f"{next(iter(drawings))}.{self.form}"
-        sheet = plot_style.Sheet(self.width, (self.form,))
-        with staged_folder.staged_folder(out, main) as folder, plot_style.printed_on(sheet):
-            for draw in drawings.values():
-                draw(folder)
-            written = sorted(path.name for path in folder.iterdir())
-        print(f"written to {out}: {', '.join(written)}", file=sys.stderr)
-        return 0
 
 
 @dataclass
@@ -192,22 +160,25 @@ class Markdown(StudyTable):
 
 
 @dataclass
-class Pdf(Figures):
-    """The figures of a run, a study, a sweep, an error budget, noise or bench as PDF, redrawn for a paper."""
+class Figures(Format):
+    """The figures of a run, a study, a sweep, an error budget, noise or bench, redrawn for a paper, in a folder.
 
+    Attributes:
+        form: Format of the pictures.
+        width: column is 3.4 in (one of two columns), page is 7.0 in.
+        estimators: Comma-separated. If not given: all. In the figure of a run the 3-sigma bounds of the first are
+            filled.
+    """
 
-@dataclass
-class Png(Figures):
-    """The figures of a run, a study, a sweep, an error budget, noise or bench as PNG, redrawn for a paper."""
+    form: Literal["pdf", "png", "svg"] = "pdf"
+    width: Literal["column", "page"] = "page"
+    estimators: str = ""
 
-    form = "png"
-
-
-@dataclass
-class Svg(Figures):
-    """The figures of a run, a study, a sweep, an error budget, noise or bench as SVG, redrawn for a paper."""
-
-    form = "svg"
+    def run(self) -> int:
+        drawings = publishing.drawings_of(self.path, split_names(self.estimators))
+        with plot_style.printed_on(plot_style.Sheet(self.width, (self.form,))):
+            main = f"{next(iter(drawings))}.{self.form}"
+            return self.write_folder(main, lambda out: [draw(out) for draw in drawings.values()])
 
 
 @dataclass
@@ -219,16 +190,13 @@ class Command:
     For example:
       slamgauge export mat first-run
       slamgauge export latex results/q1 --columns ate_m,nees_pose_per_dof
-      slamgauge export pdf first-run --width column --estimators ekf,causal
+      slamgauge export figures first-run --width column --estimators ekf,causal
     """
 
-    format: Csv | G2o | Mat | Tum | Latex | Markdown | Pdf | Png | Svg
-
-    def run(self) -> int:
-        return self.format.run()
+    format: Csv | G2o | Mat | Tum | Latex | Markdown | Figures
 
 
-def _load(path: Path) -> Exported:
+def _load(path: Path) -> tuple[files.Recording | None, files.Truth | None, dict[str, files.Estimate]]:
     """Load a recording, an estimate, or the folder of a run or an import."""
     if (path / METRICS).exists():
         _, truth, recording, estimates = files.load_results(path)

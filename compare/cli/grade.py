@@ -73,6 +73,4 @@ class Command(common.WithPage):
                 print(f"slamgauge: root seed {seed} (random; --seed {seed} grades on the same runs)", file=sys.stderr)
             self.output.show(grades.to_json(), grade_output.grades_page(grades))
             grade_output.write_grades(stage, grades)
-        done = all(each.is_graded for each in grades.grades)
-        print(f"written to {out}", file=sys.stderr)
-        return 0 if self.page.write(out, GRADES) and done else 1
+        return self.finish(out, GRADES, done=all(each.is_graded for each in grades.grades))

@@ -39,12 +39,10 @@ class Format:
         return {name: value for name, value in vars(self).items() if name not in ("path", "out")}
 
     def run(self) -> int:
-        """Import the log, and write its files."""
         out = self.out or results_of("import", self.path)
-        staged_folder.require_ours(out)  # before long files are read
-        log = self.read()
-        facts, doubts = plausibility.examine(log, self.path)
         with staged_folder.staged_folder(out, RECORDING) as folder:
+            log = self.read()
+            facts, doubts = plausibility.examine(log, self.path)
             files.save(folder / RECORDING, log.recording)
             if log.truth is not None:
                 files.save(folder / TRUTH, log.truth)
@@ -211,6 +209,3 @@ class Command:
     """
 
     format: Csv | G2o | Bag | Mrclam | VictoriaPark | LostInTheWoods
-
-    def run(self) -> int:
-        return self.format.run()

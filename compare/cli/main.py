@@ -6,6 +6,7 @@ import dataclasses
 import errno
 import importlib
 import re
+import shlex
 import signal
 import sys
 import threading
@@ -17,18 +18,21 @@ from importlib.machinery import ModuleSpec
 from importlib.util import LazyLoader
 from io import StringIO
 from types import ModuleType
-from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Any, Literal, get_args, get_origin, get_type_hints
+
+import tyro
 
 from slamgauge.compare.cli.terminal import drop_output, prepare_streams, put
-from slamgauge.compare.storage.result_files import commanded, shown
-from slamgauge.errors import UserError, refused_by_the_machine
+from slamgauge.compare.storage.result_files import COMMAND, shown
+from slamgauge.errors import UserError, failure_text, refused_by_the_machine
 from slamgauge.suggestions import did_you_mean, near_names
 from slamgauge.version import __version__
 
 BAD_INPUT = 2  # exit status
 DEFECT = 70  # EX_SOFTWARE of sysexits.h
 REFUSED = 71  # EX_OSERR
-LONGEST = 200  # characters of the machine's own message
+CONFIG = (tyro.conf.OmitSubcommandPrefixes, tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff)
+NUMBERS = {int: "a whole number", float: "a number"}
 # signals that interrupt a command; Windows has no SIGHUP
 ENDS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 
@@ -50,17 +54,17 @@ COMMANDS = {
     "doctor": "print what a bug report needs",
 }
 MODULES = {"import": "imports", "export": "exports"}  # Python reserves the word `import`
-ABOUT = """usage: slamgauge COMMAND ...
+HELP = """usage: slamgauge COMMAND ...
 
 Is your EKF-SLAM overconfident, and how much accuracy does it lose?
 
 commands:
-"""
-MORE = """
+{}
+
 `slamgauge COMMAND --help` prints the options of a command, `slamgauge --version` the version, and
 `slamgauge --tyro-print-completion bash` (zsh, tcsh) a script that completes the words of a shell."""
 COMPLETION = "--tyro-print-completion"
-HELP = {"-h", "--help"}
+HEAD_OPTIONS = ("--version", "--help")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -86,9 +90,8 @@ def _run(words: Sequence[str]) -> int:
         put(f"slamgauge {__version__}")
         return 0
     try:
-        command = parse(words)
-        with commanded(words):
-            return command.run()
+        COMMAND.set(shlex.join(["slamgauge", *words]))
+        return parse(words).run()
     except UserError as error:
         lines = str(error).split("\n")  # `shown` escapes the other line ends, which are parts of names
         return _ended(BAD_INPUT, "\n".join(map(shown, lines)))
@@ -99,14 +102,16 @@ def _run(words: Sequence[str]) -> int:
         if isinstance(error, OSError) and error.errno == errno.ENAMETOOLONG:
             return _ended(BAD_INPUT, f"{str(error.filename)[:60]} ...: this name is too long; check the path")
         if refused_by_the_machine(error):
-            what = " ".join(str(error).split())[:LONGEST] or "too little memory"
-            return _ended(REFUSED, f"the machine refused: {what}; make room and give the same command again")
+            what = f"the machine refused: {failure_text(error)}"
+            return _ended(REFUSED, f"{what}; make room and give the same command again")
         traceback.print_exception(error)
         return _ended(
             DEFECT,
             "this is a defect of slamgauge, not a mistake of yours; please report it to its maintainers "
             f"(CONTRIBUTING.md) with the lines above, the command and its version (slamgauge {__version__})",
         )
+    finally:
+        COMMAND.set(None)
 
 
 def _ended(status: int, message: str) -> int:
@@ -138,29 +143,33 @@ def parse(words: Sequence[str]) -> Any:
     """Return the command with its options for the words after `slamgauge`; only its own module is imported.
 
     Raises:
-        UserError: a command or option does not exist, or something is missing.
+        UserError: a command, format or option does not exist, or something is missing.
         SystemExit: help was requested and printed.
     """
     if not words:
         raise UserError(f"no command is given; use one of {', '.join(COMMANDS)}, or --help")
-    name = words[0]
-    if name in COMMANDS:
-        return _parsed(load(name), f"slamgauge {name}", words[1:])
-    if name in HELP:
-        print(ABOUT + "".join(f"  {name:9}  {summary}\n" for name, summary in COMMANDS.items()) + MORE)
+    name, *options = words
+    if name in ("-h", "--help"):
+        print(HELP.format("\n".join(f"  {name:9}  {summary}" for name, summary in COMMANDS.items())))
         raise SystemExit(0)
     if name == COMPLETION:
-        return _parsed(_any_command(), "slamgauge", words)
-    if name.startswith("-"):
-        raise UserError(f"{name}: no option of `slamgauge`; {did_you_mean(name, ('--version', '--help'))}")
-    raise UserError(f"{name}: no such command; {did_you_mean(name, COMMANDS)}")
+        every = {each: load(each) for each in COMMANDS}
+        return tyro.extras.subcommand_cli_from_dict(every, prog="slamgauge", args=words, config=CONFIG)
+    if name not in COMMANDS:
+        what, known = ("option of `slamgauge`", HEAD_OPTIONS) if name.startswith("-") else ("such command", COMMANDS)
+        raise UserError(f"{name}: no {what}; {did_you_mean(name, known)}")
+    command, program = load(name), f"slamgauge {name}"
+    if (union := get_type_hints(command).get("format")) and options and not options[0].startswith("-"):
+        formats = {re.sub(r"(?<=[a-z])(?=[A-Z])", "-", each.__name__).lower(): each for each in get_args(union)}
+        form, *options = options
+        if form not in formats:
+            raise UserError(f"{form}: no such format; {did_you_mean(form, formats)}")
+        command, program = formats[form], f"{program} {form}"
+    return _parsed(command, program, options)
 
 
 class _Lazily(MetaPathFinder):
-    """Finds the modules of slamgauge as usual, and lets each run when it is first used instead of when it is imported.
-
-    Then a module of a command imports all that it needs at its head, and help and usage errors load no slow library.
-    """
+    """Lets modules of slamgauge run when they are first used: commands import all they need, and help stays fast."""
 
     def find_spec(self, fullname: str, path: Any, target: ModuleType | None = None) -> ModuleSpec | None:
         if not fullname.startswith("slamgauge."):
@@ -181,21 +190,10 @@ def load(name: str) -> Any:
         sys.meta_path.remove(lazily)
 
 
-def _any_command() -> Any:
-    """Return the union of all commands."""
-    import tyro
-
-    named = [Annotated[load(name), tyro.conf.subcommand(name=name, description=COMMANDS[name])] for name in COMMANDS]  # pyrefly: ignore[invalid-annotation]
-    return Union[tuple(named)]  # noqa: UP007 types known at run time only  # pyrefly: ignore[invalid-annotation]
-
-
 def _parsed(kind: Any, program: str, words: Sequence[str]) -> Any:
-    import tyro
-
-    config = (tyro.conf.OmitSubcommandPrefixes, tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff)
     try:
         with redirect_stderr(StringIO()):  # tyro's own boxes
-            command, others = tyro.cli(kind, prog=program, args=words, config=config, return_unknown_args=True)
+            command, others = tyro.cli(kind, prog=program, args=words, config=CONFIG, return_unknown_args=True)
     except SystemExit as end:
         if end.code != BAD_INPUT:
             sys.stdout.flush()
@@ -212,13 +210,8 @@ def _parsed(kind: Any, program: str, words: Sequence[str]) -> Any:
 
 
 def _mistake(kind: Any, program: str, words: Sequence[str]) -> str:
-    """Return a line about a wrong format, about the first option with a value of the wrong type, or missing words."""
-    options, union = _options(kind), get_args(get_type_hints(kind).get("format"))
-    formats = [re.sub(r"(?<=[a-z])(?=[A-Z])", "-", each.__name__).lower() for each in union]
-    if formats and words and words[0] not in formats:
-        return f"{words[0]}: no such format; {did_you_mean(words[0], formats)}"
-    if formats and words:
-        kind, program = union[formats.index(words[0])], f"{program} {words[0]}"
+    """Return a line about the first option with a value of the wrong type, or about missing words."""
+    options = _options(kind)
     for word, following in zip(words, [*words, ""][1:], strict=True):
         option, equals, value = word.partition("=")
         form = options.get(option.removeprefix("--").replace("_", "-")) if option.startswith("--") else None
@@ -226,23 +219,20 @@ def _mistake(kind: Any, program: str, words: Sequence[str]) -> str:
         if get_origin(form) is Literal and value not in get_args(form):
             choices = ", ".join(get_args(form))
             return f"{option}: {value!r} is not one of {choices}; {did_you_mean(value, get_args(form))}"
-        for number in {int, float} & {form, *get_args(form)}:
+        for number in NUMBERS.keys() & {form, *get_args(form)}:
             try:
                 number(value)
             except ValueError:
-                what = "a whole number" if number is int else "a number"
-                return f"{option}: {value!r} is not {what}; see `{program} --help`"
+                return f"{option}: {value!r} is not {NUMBERS[number]}; see `{program} --help`"
     needed = [each.name for each in dataclasses.fields(kind) if each.default is each.default_factory]
     needs = " and ".join([*needed, "a value behind each option"])
     return f"words are missing: `{program}` needs {needs}; see `{program} --help`"
 
 
 def _options(kind: Any) -> dict[str, Any]:
-    """Return the types of the options of a dataclass, of the dataclasses in its fields, and of its subcommands."""
-    if not dataclasses.is_dataclass(kind):
-        return {name: form for each in get_args(kind) for name, form in _options(each).items()}
+    """Return the types of the options of a dataclass, and of the dataclasses in its fields."""
     hints, found = get_type_hints(kind), dict[str, Any]()
     for field in dataclasses.fields(kind):
         form = hints[field.name]
-        found |= _options(form) or {field.name.replace("_", "-"): form}
+        found |= _options(form) if dataclasses.is_dataclass(form) else {field.name.replace("_", "-"): form}
     return found

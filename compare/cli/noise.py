@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -41,14 +40,13 @@ class Command(WithPage):
     heading: Literal["sensor", "odometry"] = "sensor"
 
     def run(self) -> int:
-        recording, write = files.load_recording(self.recording), self.write
-        beside = nullcontext() if write is None else staged_folder.staged_files(write.parent, [write.name])
-        with beside as parent, staged(self.out, NOISE) as folder:
+        recording = files.load_recording(self.recording)
+        with staged(self.out, NOISE) as folder:
             noise = estimation.find_noise(recording, systematic=self.systematic, heading=self.heading)
             content = noise_json.noise_json(noise) | {"digest": comparison.digest(recording)}
             self.output.show(content, tables.noise_page(content), folder and folder / NOISE)
-            if write is not None and parent is not None:
-                files.save(parent / write.name, noise.tuned)
-        if write is not None:
-            print(f"written to {write}", file=sys.stderr)
+            if self.write is not None:
+                with staged_folder.staged_files(self.write.parent, [self.write.name]) as stage:
+                    files.save(stage / self.write.name, noise.tuned)
+                print(f"written to {self.write}", file=sys.stderr)
         return self.finish(self.out, NOISE)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, NamedTuple
 
 from slamgauge.compare.cli.common import Estimators, OfScenario, OwnCode, WithPage, flattened, staged
@@ -13,7 +14,7 @@ from slamgauge.compare.estimators import loading, requests, running
 from slamgauge.compare.scenarios import scenario as scenarios
 from slamgauge.compare.scenarios import simulation
 from slamgauge.compare.scoring import comparison
-from slamgauge.compare.storage import files, staged_folder
+from slamgauge.compare.storage import files
 from slamgauge.compare.storage.result_files import METRICS, file_name, shown
 from slamgauge.errors import UserError
 
@@ -50,7 +51,6 @@ class Command(OfScenario, WithPage):
     def run(self) -> int:
         scenario, asked = self.load(), self.own_code.ask(self.estimators)
         out = self.out or Path("results") / f"{file_name(scenario.name)}-seed-{self.seed}"
-        staged_folder.require_ours(out)
         simulated = (scenario.name, self.seed, scenarios.scenario_text(scenario))
         data = Data(*simulation.simulate_informed(scenario, self.seed), simulated, self._study_command())
         settings = (scenario.association, scenario.initialisation_settings, scenario.robustness)
@@ -65,32 +65,25 @@ class Command(OfScenario, WithPage):
 
 
 class Data(NamedTuple):
-    """What is scored.
-
-    Attributes:
-        truth: if it is known.
-        recording: input of the estimators.
-        informed: the recording that the optima receive, if that is another one.
-        simulated: name of the scenario, seed, and the scenario as TOML.
-        study: command of many runs.
-        twins: number of simulated twins of the test without ground truth.
-    """
+    """What is scored."""
 
     truth: Truth | None
-    recording: Recording
-    informed: Recording | None = None
-    simulated: tuple[str | None, int | None, str | None] = (None, None, None)
-    study: str = ""
-    twins: int = 0
+    recording: Recording  # input of the estimators
+    informed: Recording | None = None  # input of the optima, if it is another one
+    simulated: tuple[str | None, int | None, str | None] = (None, None, None)  # scenario, seed, scenario as TOML
+    study: str = ""  # command of many runs
+    twins: int = 0  # number of simulated twins of the test without ground truth
+    failures: Mapping[str, str] = MappingProxyType({})  # why stored estimates cannot be read, by label
 
 
 def score(command: WithPage, out: Path | None, data: Data, asked: Sequence[requests.Asked], settings: Settings) -> int:
     """Run the estimators, print the table, and write folder, figures and page; return the exit status."""
-    if not asked:
+    if not asked and not data.failures:
         raise UserError("estimators: none given; name at least one, for example --estimators ekf,batch")
     running.require_room_for_estimates(data.informed or data.recording, asked)
     association, initialisation, robust = settings
     estimators, failures = loading.load_each(asked, association, initialisation, FRAMES, robust)
+    failures |= data.failures
     if not estimators:
         raise UserError(next(iter(failures.values())))
     with staged(out, METRICS) as folder:

@@ -17,7 +17,6 @@ from slamgauge.compare.estimators.registry import BOUND, BOUNDS, HELP
 from slamgauge.compare.figures import publishing
 from slamgauge.compare.scenarios import scenario as scenarios
 from slamgauge.compare.scoring import runs as stored_runs
-from slamgauge.compare.storage import staged_folder
 from slamgauge.compare.storage.result_files import SUMMARY, SWEEP
 from slamgauge.compare.studies import baseline as baselines
 from slamgauge.compare.studies import executors, store, study, summary, sweep
@@ -107,7 +106,6 @@ class Command(common.OfScenario, common.WithPage):
 
     def _study(self, scenario: scenarios.Scenario, asked: list[requests.Asked], out: Path) -> bool:
         """Run a study; return whether everything succeeded."""
-        staged_folder.require_ours(out)
         names = [each.label for each in asked]
         gate = self.gate.opened(names, store.digest(scenario, self.seed), out)
         with self.work.executor() as executor:
@@ -119,8 +117,7 @@ class Command(common.OfScenario, common.WithPage):
             lines, worse = gate.judge(found)
             print(*lines, baselines.false_alarms(gate.tolerance), sep="\n", file=sys.stderr)
         self.output.show(found.to_json(), summary.summary_table(found))
-        runs = study.load_runs(scenario, found.runs, self.seed, asked, out)
-        done = publishing.write_study(out, found, runs, scenario.trajectory.step)
+        done = publishing.write_study(out, found, dict(found.loaded), scenario.trajectory.step)
         return done and not found.failures and not worse
 
     def _sweep(self, key: str, asked: list[requests.Asked], out: Path) -> bool:

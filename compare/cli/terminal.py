@@ -33,15 +33,10 @@ class Output:
     def show(self, content: object, page: Page, file: Path | None = None) -> None:
         """Print `content` as JSON, or the page; write the JSON to a file, if one is given."""
         text = json.dumps(content, indent=2, allow_nan=False)
-        put(text if self.json else self.laid_out(page))
+        width = max(PIPED, shutil.get_terminal_size().columns) if sys.stdout.isatty() else PIPED
+        put(text if self.json else page.text(None if self.wide else width))
         if file is not None:
             file.write_text(f"{text}\n", encoding="utf-8")
-
-    def laid_out(self, page: Page) -> str:
-        """Return the text of a page for this terminal or pipe."""
-        if self.wide:
-            return page.text()
-        return page.text(max(PIPED, shutil.get_terminal_size().columns) if sys.stdout.isatty() else PIPED)
 
 
 def put(text: str) -> None:

@@ -9,9 +9,8 @@ from pathlib import Path
 import tyro
 
 from slamgauge.compare.cli.common import results_of
-from slamgauge.compare.cli.terminal import Output
 from slamgauge.compare.estimators.registry import HINDSIGHT, REGISTRY
-from slamgauge.compare.scoring import optimum_notes, table
+from slamgauge.compare.scoring import optimum_notes
 from slamgauge.compare.storage import files, staged_folder
 from slamgauge.compare.storage.result_files import TWIN, shown
 from slamgauge.compare.studies import twin as twins
@@ -39,10 +38,8 @@ class Command:
     def run(self) -> int:
         folder = self.recording.resolve().parent
         out = self.out or results_of("twin", folder)
-        recording = files.load_recording(self.recording)
-        staged_folder.require_ours(out)
-        twin = twins.make_twin(recording)
         with staged_folder.staged_folder(out, TWIN) as stage:
+            twin = twins.make_twin(files.load_recording(self.recording))
             twins.write_twin(stage, twin, shown(f"{folder.name}/{self.recording.name}"))
         notes: list[str] = []
         if not twin.has_ids:
@@ -50,8 +47,7 @@ class Command:
         if twin.left_out:
             notes.append(f"{twin.left_out} observations dropped: they have no association or no landmark position")
         fit = optimum_notes.fit_of_the_model(REGISTRY[HINDSIGHT].title, twin.optimum)
-        if fit is not None:
-            notes.append(Output().laid_out(table.Page((fit,))))
+        notes += [fit] if fit else []
         counts = f"{twin.recording.steps} steps, {len(twin.optimum.landmark_ids)} landmarks"
         written = f"{counts}, {len(twin.landmark)} observations: written to {out / TWIN}"
         print(*notes, written, sep="\n", file=sys.stderr)

@@ -5,10 +5,8 @@
 
 from __future__ import annotations
 
-import sqlite3
-import struct
 from collections.abc import Collection, Generator, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -73,9 +71,10 @@ class Bag:
             what = f"{topic}: the bag has no definition of {kind}"
             raise UserError(f"{self.path}: {what}; give the folder of its .msg files: --msgs FOLDER")
         read = 0
-        for connection, received, raw in self.reader.messages(connections):
-            read += 1
-            yield received, self.reader.deserialize(raw, connection.msgtype)
+        with _of_library(self.path):
+            for connection, received, raw in self.reader.messages(connections):
+                read += 1
+                yield received, self.reader.deserialize(raw, connection.msgtype)
         if read != count:
             what = f"{read} of {count} messages of {topic} are in it: it is cut"
             raise UserError(f"{self.path}: {what}; copy it again, or repair its metadata with `ros2 bag reindex`")
@@ -117,19 +116,13 @@ def opened(path: Path, msgs: Sequence[Path] = ()) -> Generator[Bag]:
     """
     if path.suffix in (".bz2", ".gz", ".xz", ".zst", ".zip", ".tar"):
         raise UserError(f"{path}: is a packed file; unpack it, and give the bag")
-    try:
-        from apsw import Error as DatabaseError
-        from rosbags.highlevel import AnyReader, AnyReaderError
-        from rosbags.interfaces import MessageDefinitionFormat
-        from rosbags.rosbag1 import ReaderError as Ros1Error
-        from rosbags.rosbag2 import ReaderError as Ros2Error
-        from rosbags.serde import SerdeError
-        from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
-    except ImportError:
-        raise UserError("import bag: needs rosbags; in a clone of slamgauge run: pip install '.[ros]'") from None
-    damaged = (AnyReaderError, Ros1Error, Ros2Error, SerdeError, TypesysError)
-    damaged += (sqlite3.Error, DatabaseError, struct.error, OSError)
-    try:
+    with _of_library(path), ExitStack() as stack:
+        try:
+            from rosbags.highlevel import AnyReader
+            from rosbags.interfaces import MessageDefinitionFormat
+            from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+        except ImportError:
+            raise UserError("import bag: needs rosbags; in a clone of slamgauge run: pip install '.[ros]'") from None
         types = dict[str, Any]()
         for file in sorted(file for folder in msgs for file in folder.rglob("*.msg")):
             package = file.resolve().parent
@@ -137,13 +130,24 @@ def opened(path: Path, msgs: Sequence[Path] = ()) -> Generator[Bag]:
             types |= get_types_from_msg(read_text(file), f"{package.name}/msg/{file.stem}")
         default = get_typestore(Stores.ROS1_NOETIC if path.suffix == ".bag" else Stores.ROS2_HUMBLE)
         default.register({name: value for name, value in types.items() if name not in default.fielddefs})
-        with AnyReader([path], default_typestore=default) as reader:
-            if any(each.msgdef.format == MessageDefinitionFormat.NONE for each in reader.connections):
-                missing = {k: v for k, v in default.fielddefs.items() if k not in reader.typestore.fielddefs}
-                reader.typestore.register(missing)
-            topics = {name: (info.msgtype or "several", info.msgcount) for name, info in reader.topics.items()}
-            yield Bag(path, reader, dict(sorted(topics.items())))
-    except damaged as error:
+        reader = stack.enter_context(AnyReader([path], default_typestore=default))
+        if any(each.msgdef.format == MessageDefinitionFormat.NONE for each in reader.connections):
+            missing = {k: v for k, v in default.fielddefs.items() if k not in reader.typestore.fielddefs}
+            reader.typestore.register(missing)
+        topics = {name: (info.msgtype or "several", info.msgcount) for name, info in reader.topics.items()}
+        opened_now = stack.pop_all()
+    with opened_now:
+        yield Bag(path, reader, dict(sorted(topics.items())))
+
+
+@contextmanager
+def _of_library(path: Path) -> Generator[None]:
+    """Return a context in which each error is a UserError: rosbags raises many kinds of them at damaged files."""
+    try:
+        yield
+    except UserError:
+        raise
+    except Exception as error:  # noqa: BLE001 only calls of rosbags are in the context
         what = " ".join(str(error).split())[:200] or type(error).__name__
         remedy = "give a .bag, .mcap or .db3 file, or a ROS 2 folder with its metadata.yaml"
         repair = "repair it with `rosbag reindex`, `ros2 bag reindex` or `mcap recover`"

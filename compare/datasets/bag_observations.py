@@ -37,11 +37,7 @@ class _Row(NamedTuple):
 
 
 def read_observations(bag: Bag, mapping: BagMapping, notes: list[str]) -> Observed:
-    """Read the observations of a mapping whose topic, paths and base frame are complete, and add notes.
-
-    Raises:
-        UserError: a path does not exist, a frame is not connected to the base, or noise is missing.
-    """
+    """Read the observations of a mapping whose topic, paths and base frame are complete, and add notes."""
     section, where = mapping.observations, f"{bag.path}: {mapping.observations.topic}"
     sensor: Sensor = "position" if section.x else "range-bearing" if section.range else "bearing"
     rows = list(_rows(bag, section))

@@ -117,8 +117,12 @@ class CsvTable:
 
     def ids(self) -> list[int | str]:
         """Return the ids of landmarks: whole numbers from -1, or texts; -1 in all rows without the column."""
-        at = self._used("landmark") if self.has("landmark") else None
-        return [-1 if at is None else _id(line, at) for line in self.rows]
+        if not self.has("landmark"):
+            return [-1] * len(self.rows)
+        at = self._used("landmark")
+        words = [line.words[at] for line in self.rows]
+        is_text = [isnan(number_of(word)) and word.lower() not in ("", "nan") for word in words]
+        return [words[row] if is_text[row] else line.id_at(at, least=-1) for row, line in enumerate(self.rows)]
 
     def _place(self, name: str) -> int | None:
         """Return the place of a column of ours: with the file's own name for it, else ours or another word for it."""
@@ -168,12 +172,6 @@ def _name_and_unit(text: str) -> tuple[str, str]:
     name, _, unit = text.rpartition("_")  # range_mm
     is_ours = any(name.lower() in (ours, *WORDS[ours]) for ours in QUANTITIES)
     return (name, unit) if is_ours and any(unit in units for units in UNITS.values()) else (text, "")
-
-
-def _id(line: Line, at: int) -> int | str:
-    word = line.words[at]
-    is_text = isnan(number_of(word)) and word.lower() not in ("", "nan")
-    return word if is_text else line.id_at(at, least=-1)
 
 
 def _seconds(line: Line, at: int) -> float:

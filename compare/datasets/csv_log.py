@@ -14,17 +14,8 @@ from typing import TypeVar
 import numpy as np
 
 from slamgauge.arrays import Float
+from slamgauge.compare.datasets import imported_log as logs
 from slamgauge.compare.datasets.csv_columns import CsvTable
-from slamgauge.compare.datasets.imported_log import (
-    Imported,
-    Log,
-    Observed,
-    Odometry,
-    TrueMap,
-    checked,
-    require_order,
-    with_sigmas,
-)
 from slamgauge.compare.datasets.log_settings import CsvMapping, Motion, Noise, load_settings
 from slamgauge.compare.storage.csv_folder import OBSERVED, POSE_COV
 from slamgauge.compare.storage.result_files import MAPPING, shown
@@ -50,7 +41,7 @@ FILES = (  # sections and keys of files, and names that are read if they exist
 Kind = TypeVar("Kind", Motion, Sensor)
 
 
-def read_csv_log(folder: Path, overrides: Sequence[str] = ()) -> Imported:
+def read_csv_log(folder: Path, overrides: Sequence[str] = ()) -> logs.Imported:
     """Read the recording of CSV files, its truth if there is one, and the mapping in force.
 
     Args:
@@ -65,7 +56,7 @@ def read_csv_log(folder: Path, overrides: Sequence[str] = ()) -> Imported:
     odometry, clock = _read_odometry(mapping, notes)
     seen, has_steps = _read_observations(mapping, clock, notes)
     path, true_map = _truth(mapping, clock, notes)
-    log = Log(
+    log = logs.Log(
         where=folder,
         odometry=odometry,
         seen=seen,
@@ -114,7 +105,7 @@ def _with_start(mapping: CsvMapping) -> tuple[CsvMapping, Float]:
     return mapping.model_copy(update={"start": stated}), cov if covs is None or cov.any() else covs[0]
 
 
-def _read_odometry(mapping: CsvMapping, notes: list[str]) -> tuple[Odometry, float | None]:
+def _read_odometry(mapping: CsvMapping, notes: list[str]) -> tuple[logs.Odometry, float | None]:
     """Return the odometry, and its first stamp [s] if stamps are times of ISO 8601; add notes.
 
     Rows of increments describe the time before their stamp, and begin at `start.stamp` if that is stated.
@@ -123,7 +114,7 @@ def _read_odometry(mapping: CsvMapping, notes: list[str]) -> tuple[Odometry, flo
     table = CsvTable(section.file, section, section.columns)
     kind = _kind(table, MOTIONS, section.kind, "odometry")
     stamps = table.stamps()
-    require_order(table.rows, stamps, strict=True)
+    logs.require_order(table.rows, stamps, strict=True)
     values = table.poses() if kind == "poses" else _columns(table, MOTIONS[kind])
     if table.has("step") and (table.numbers("step") != np.arange(1, len(stamps) + 1)).any():
         raise table.header.refused("the steps are not 1, 2, 3, ...", "sort the rows, and number them from 1")
@@ -131,7 +122,7 @@ def _read_odometry(mapping: CsvMapping, notes: list[str]) -> tuple[Odometry, flo
     if start is not None and not looks_back:
         raise UserError(f"{section.file}: start.stamp: the log starts at the first row of {kind}; remove it")
     if start is not None and len(stamps) and not start < stamps[0]:
-        raise table.rows[0].refused(f"is not after the start at {start:.9g} s", "correct start.stamp")
+        raise table.rows[0].refused(f"is not after the start at {logs.shown_stamp(start)} s", "correct start.stamp")
     stamps = stamps if start is None else np.append(start, stamps)
     if len(stamps) < 2:
         raise UserError(f"{section.file}: fewer than two stamps; give the whole log")
@@ -146,10 +137,10 @@ def _read_odometry(mapping: CsvMapping, notes: list[str]) -> tuple[Odometry, flo
     triangle, of_row = POSE_COV if kind == "increments" else (), lasts if kind == "velocities" else 1.0
     covs = _covariances(table, mapping.noise, named, triangle, mapping.noise.growth(lasts), of_row)
     notes += table.unused()
-    return Odometry(stamps, increments, covs[rows], table.rows[rows]), stamps[0] if table.has_times else None
+    return logs.Odometry(stamps, increments, covs[rows], table.rows[rows]), stamps[0] if table.has_times else None
 
 
-def _read_observations(mapping: CsvMapping, clock: float | None, notes: list[str]) -> tuple[Observed, bool]:
+def _read_observations(mapping: CsvMapping, clock: float | None, notes: list[str]) -> tuple[logs.Observed, bool]:
     """Return the observations, without those of range 0 on request, and whether their times are steps; add notes."""
     section = mapping.observations
     table = CsvTable(section.file, section, section.columns)
@@ -157,9 +148,9 @@ def _read_observations(mapping: CsvMapping, clock: float | None, notes: list[str
     model = SENSORS[sensor]
     has_steps = table.has("step") and not table.has("stamp")
     times = table.numbers("step") if has_steps else table.stamps()
-    require_order(table.rows, times, strict=False)
+    logs.require_order(table.rows, times, strict=False)
     times = times if has_steps else _on_clock(clock, table, times, notes)
-    values, ids = checked(sensor, table.rows, _columns(table, model.columns)), table.ids()
+    values, ids = logs.checked(sensor, table.rows, _columns(table, model.columns)), table.ids()
     named = zip(model.columns, model.sigmas, strict=True)
     covs = _covariances(table, mapping.noise, named, OBSERVED[sensor][model.dim :])
     notes += table.unused()
@@ -170,7 +161,7 @@ def _read_observations(mapping: CsvMapping, clock: float | None, notes: list[str
         remedy = "leave them out with --set observations.drop_zero_ranges=true"
         notes.append(f"{what}; they are left out" if section.drop_zero_ranges else f"warning: {what}; {remedy}")
     kept = np.flatnonzero(~(zero & section.drop_zero_ranges))
-    return Observed(sensor, times[kept], [ids[at] for at in kept.tolist()], values[kept], covs[kept]), has_steps
+    return logs.Observed(sensor, times[kept], [ids[at] for at in kept.tolist()], values[kept], covs[kept]), has_steps
 
 
 def _on_clock(clock: float | None, table: CsvTable, times: Float, notes: list[str]) -> Float:
@@ -182,13 +173,13 @@ def _on_clock(clock: float | None, table: CsvTable, times: Float, notes: list[st
     return times + clock
 
 
-def _truth(mapping: CsvMapping, clock: float | None, notes: list[str]) -> tuple[Trajectory | None, TrueMap | None]:
+def _truth(mapping: CsvMapping, clock: float | None, notes: list[str]) -> tuple[Trajectory | None, logs.TrueMap | None]:
     """Return the true path and the true map, if the log has them; add notes."""
     section, path, true_map = mapping.truth, None, None
     if section.file is not None:
         table = CsvTable(section.file, section, section.columns)
         times, poses = table.stamps(), table.poses()
-        require_order(table.rows, times, strict=True)
+        logs.require_order(table.rows, times, strict=True)
         path = Trajectory(section.file, _on_clock(clock, table, times, notes), poses)
         notes += table.unused()
     if section.landmarks is not None:
@@ -240,4 +231,4 @@ def _covariances(
             remedy = f"give --set noise.{name}=SIGMA, or add it to {MAPPING}"
             raise UserError(f"{table.path}: its rows have no noise, and noise.{name} is missing; {remedy}")
         sigmas.append(stated * growth if of_rows is None else of_rows * of_row)
-    return with_sigmas(np.zeros((len(table.rows), len(sigmas), len(sigmas))), sigmas)
+    return logs.with_sigmas(np.zeros((len(table.rows), len(sigmas), len(sigmas))), sigmas)

@@ -21,15 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from slamgauge.arrays import Float, Marks
-from slamgauge.compare.datasets.imported_log import (
-    Imported,
-    Log,
-    Observed,
-    Odometry,
-    checked,
-    require_rows,
-    with_sigmas,
-)
+from slamgauge.compare.datasets import imported_log as logs
 from slamgauge.compare.storage.csv_folder import from_triangles
 from slamgauge.compare.storage.text_lines import Line, read_tagged
 from slamgauge.covariances import inverted, scale_of
@@ -50,6 +42,7 @@ FORMS = {
     "LANDMARK": "LANDMARK i l x y cxx cxy cyy",
     "EDGE_BEARING_SE2_XY": "EDGE_BEARING_SE2_XY i l bearing I",
     "BR": "BR i l bearing range bearing-sigma range-sigma",
+    **dict.fromkeys(("ROBOTLASER1", "PARAMS_SE2OFFSET"), ""),  # not used: laser scans, the place of another sensor
 }
 VERTICES, PRIOR = ("VERTEX_SE2", "VERTEX2"), "EDGE_PRIOR_SE2"
 MOTIONS = ("EDGE_SE2", "EDGE2", "ODOMETRY")
@@ -59,11 +52,11 @@ SENSED: dict[str, Sensor] = {
     "EDGE_BEARING_SE2_XY": "bearing",
     "BR": "range-bearing",
 }
-RAW = ("ROBOTLASER1", "PARAMS_SE2OFFSET")  # in g2o's files and not used: laser scans, the place of another sensor
-UNSUPPORTED = {
-    **dict.fromkeys(("EDGE_RANGE_SE2_XY", "EDGE_SE2_XY_RANGE", "EDGE_SE2_POINT_RANGE"), "a range-only edge"),
-    **dict.fromkeys(("EDGE_PRIOR_XY", "EDGE_PRIOR_SE2_XY", "EDGE_XY_PRIOR"), "a prior of a landmark or a position"),
-    **dict.fromkeys(("VERTEX_SE3:QUAT", "EDGE_SE3:QUAT", "VERTEX3", "EDGE3", "VERTEX_TRACKXYZ"), "a graph in space"),
+UNSUPPORTED = {  # parts of further tags, and what their lines are
+    "RANGE": "a range-only edge",
+    "PRIOR": "a prior of a landmark or a position",
+    "XYZ": "a graph in space",
+    "3": "a graph in space",
 }
 TORO_ORDER = np.array([0, 1, 4, 2, 5, 3])  # places of xx xy xt yy yt tt in TORO's order
 SINGULAR = 1e-12  # smallest eigenvalue of correlations whose inverse has no correct digits
@@ -71,7 +64,7 @@ SINGULAR = 1e-12  # smallest eigenvalue of correlations whose inverse has no cor
 Lines = dict[str, list[Line]]
 
 
-def read_g2o(path: Path, *, drop_loop_edges: bool = False, isam: bool = False) -> Imported:
+def read_g2o(path: Path, *, drop_loop_edges: bool = False, isam: bool = False) -> logs.Imported:
     """Read the recording of a graph whose poses are one path.
 
     Args:
@@ -82,7 +75,7 @@ def read_g2o(path: Path, *, drop_loop_edges: bool = False, isam: bool = False) -
     Raises:
         UserError: With the file, the line and the remedy.
     """
-    lines = read_tagged(path, FORMS | dict.fromkeys(RAW, ""), UNSUPPORTED)
+    lines = read_tagged(path, FORMS, UNSUPPORTED)
     _shorten_keys(lines)
     motions, seen = _of(lines, MOTIONS), _of(lines, SENSED)
     for what, tags, found in (("edge between poses", MOTIONS, motions), ("observation of a landmark", SENSED, seen)):
@@ -113,10 +106,10 @@ def read_g2o(path: Path, *, drop_loop_edges: bool = False, isam: bool = False) -
     seen.sort(key=lambda line: step_of[line.id_at(1)])
     sensor, values, of_seen = _measured(seen, isam=isam)
     steps = np.array([step_of[line.id_at(1)] for line in seen], dtype=np.float64)
-    log = Log(
+    log = logs.Log(
         where=path,
-        odometry=Odometry(np.arange(len(poses), dtype=np.float64), increments, covs),
-        seen=Observed(sensor, steps, [line.id_at(2) for line in seen], values, of_seen),
+        odometry=logs.Odometry(np.arange(len(poses), dtype=np.float64), increments, covs),
+        seen=logs.Observed(sensor, steps, [line.id_at(2) for line in seen], values, of_seen),
         has_steps=True,
         start=prior_mean.tolist(),
         prior_cov=prior_cov,
@@ -147,9 +140,10 @@ def _shorten_keys(lines: Lines) -> None:
 def _known(lines: Lines) -> int | None:
     """Return the pose that is fixed or has a prior; None without such a pose."""
     found = [(line.id_at(1), line) for line in (*lines["FIX"], *lines[PRIOR])]
-    landmarks = {line.id_at(1) for line in lines["VERTEX_XY"]}
+    poses = {line.id_at(at) for line in _of(lines, MOTIONS) for at in (1, 2)}
+    landmarks = {*(line.id_at(1) for line in lines["VERTEX_XY"]), *(line.id_at(2) for line in _of(lines, SENSED))}
     for name, line in found:
-        if name in landmarks:
+        if name in landmarks - poses:
             raise line.refused(f"landmark {name} is fixed, which is not supported", "remove the line, and fix a pose")
         if name != found[0][0] or len(lines[PRIOR]) > 1:
             raise line.refused("more poses than the start are fixed or have a prior", "fix one pose, the first")
@@ -170,7 +164,7 @@ def _path_along(lines: list[Line], start: int | None, *, drop_others: bool) -> t
     poses = sorted(joined)
     for i, j in pairwise(poses):
         if j not in joined[i]:
-            remedy = "join all poses to one path, their ids in its order"
+            remedy = "number the poses in the order of the path, and join each one to the next"
             raise lines[min(joined[j].values())].refused(f"no edge joins the poses {i} and {j}", remedy)
     path = [joined[i][j] for i, j in pairwise(poses)]
     others = sorted({*range(len(lines))} - {*path})
@@ -219,11 +213,11 @@ def _measured(lines: list[Line], *, isam: bool) -> tuple[Sensor, Float, Float]:
     dim = SENSORS[sensor].dim
     if sensor != "range-bearing":
         covs = _covariances(lines, numbers[:, dim:], isam=isam)
-        return sensor, checked(sensor, lines, numbers[:, :dim]), covs
+        return sensor, logs.checked(sensor, lines, numbers[:, :dim]), covs
     bearings, ranges, *sigmas = numbers.T
-    require_rows(lines, np.min(sigmas, axis=0) <= 0.0, "a sigma is not > 0", "correct it")
-    covs = with_sigmas(np.zeros((len(lines), dim, dim)), sigmas[::-1])
-    return sensor, checked(sensor, lines, np.column_stack([ranges, bearings])), covs
+    logs.require_rows(lines, np.min(sigmas, axis=0) <= 0.0, "a sigma is not > 0", "correct it")
+    covs = logs.with_sigmas(np.zeros((len(lines), dim, dim)), sigmas[::-1])
+    return sensor, logs.checked(sensor, lines, np.column_stack([ranges, bearings])), covs
 
 
 def _covariances(lines: list[Line], entries: Float, *, isam: bool = False) -> Float:
@@ -239,7 +233,7 @@ def _covariances(lines: list[Line], entries: Float, *, isam: bool = False) -> Fl
         has_cov[:] = False
     wrong = ~has_cov & (smallest_eigenvalues(matrices) <= SINGULAR)
     remedy = "give every quantity a finite variance > 0, in the order of entries that its tag has"
-    require_rows(lines, wrong, "the information matrix is not positive definite", remedy)
+    logs.require_rows(lines, wrong, "the information matrix is not positive definite", remedy)
     matrices[~has_cov] = inverted(matrices[~has_cov])
     return matrices
 

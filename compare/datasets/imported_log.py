@@ -100,10 +100,7 @@ class Log:
     def imported(self, mapping: CsvMapping | BagMapping | None = None) -> Imported:
         """Return the recording, with steps split at observations, and the truth at its stamps.
 
-        Observations without an id are dropped if others have one.
-
-        Raises:
-            UserError: the files do not fit each other.
+        Observations without an id are dropped if others have one. Files that do not fit each other are a UserError.
         """
         seen, notes, count = self.seen, [*self.notes], len(self.seen.ids)
         map_file, true_ids, places = self.map or (self.where, (), None)

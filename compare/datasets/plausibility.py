@@ -34,8 +34,11 @@ COVERED = 0.5  # share of the steps with a true pose, below which a warning is p
 MEDIAN = 0.6745  # median of the absolute value of a standard normal number
 MOST = 2.0  # largest ratio, or inverse ratio, of motions that are the same but for errors
 START = np.array([1.0, 1.0, 0.5])  # m, m, rad: a start that is farther from the prior's mean than this and 6 sigmas
-SIGNAL = 4.0  # smallest ratio of the odometry's squares to its variances; below it the odometry is mostly noise
-FEW = 20  # observations: fewer show no doubts
+SIGNAL = 4.0  # smallest ratio of the odometry's squares to its variances; below it the odometry is mostly noise,
+CORRELATED = 0.8  # unless the square of its correlation with a path is larger than this
+LATE = np.arange(-50, 51) / 10.0  # s: offsets of a path's clock that are tried
+CLEARLY, TURNING = 4.0, 0.02  # ratio of mean squares that makes an offset clear; rad in a second that differ visibly
+FEW = 20  # observations, steps or seconds: fewer show no doubts
 BOUND = 0.999  # probability of the largest normalised innovation that agrees
 DOUBTED = 0.75  # share of observations that agree, below which mistakes are tried
 CONVINCING = 0.9  # smallest share with which a mistake is found; below it a log without one is warned of
@@ -135,6 +138,11 @@ def path_doubts(poses: Float, recording: Recording) -> Iterator[str]:
     if (start > START + 6.0 * np.sqrt(np.diag(recording.prior_cov).max())).any():
         x, y, heading = poses[0]
         yield f"starts at ({x:.4g} m, {y:.4g} m, {heading:.3g} rad), far from the prior; check its frame and headings"
+    late = _late(poses, recording)
+    if late:
+        when = "after" if late > 0.0 else "before"
+        yield f"turns {abs(late):g} s {when} the odometry; add {-late:g} s to its stamps (an estimate's: --time-offset)"
+        return
     motions = between(poses[:-1], poses[1:])
     known = np.isfinite(motions).all(axis=1)
     variances = np.diagonal(recording.odometry_cov, axis1=1, axis2=2)
@@ -142,11 +150,34 @@ def path_doubts(poses: Float, recording: Recording) -> Iterator[str]:
         ("distances", [0, 1], "check the unit of lengths, the directions of the axes and the stamps"),
         ("turns", [2], "check the unit and the sign of headings, and the stamps"),
     ):
-        odometry = recording.odometry[known][:, columns]
-        squares = float(np.sum(odometry**2))
-        ratio = float(np.sum(odometry * motions[known][:, columns])) / (squares or 1.0)
-        if squares > SIGNAL * float(np.sum(variances[known][:, columns])) and not 1.0 / MOST <= ratio <= MOST:
+        odometry, path = recording.odometry[known][:, columns], motions[known][:, columns]
+        product, squares, of_path = (float(np.sum(each)) for each in (odometry * path, odometry**2, path**2))
+        is_signal = squares > SIGNAL * float(np.sum(variances[known][:, columns]))
+        is_same = len(path) > FEW and product**2 > CORRELATED * squares * of_path
+        ratio = product / (squares or 1.0)
+        if (is_signal or is_same) and not 1.0 / MOST <= ratio <= MOST:
             yield f"has {ratio:.3g} times the {what} of the odometry; {remedy}"
+
+
+def _late(poses: Float, recording: Recording) -> float:
+    """Return by how much a path turns later than the odometry [s]; 0 if no offset makes turns agree that disagree.
+
+    Turns in a second are compared. The offset must be clearly better than none, and than turns of the opposite sign.
+    """
+    known, stamps = np.isfinite(poses).all(axis=1), recording.stamps
+    times = np.arange(stamps[0] - LATE[0], stamps[-1] - LATE[-1])
+    if len(times) < FEW or not known.any():
+        return 0.0
+    headings = np.unwrap(poses[known, 2])
+    turns = np.diff(np.interp(times, stamps, np.append(0.0, np.cumsum(recording.odometry[:, 2]))))
+
+    def difference(late: float, sign: float = 1.0) -> float:
+        found = np.diff(np.interp(times + late, stamps[known], headings))
+        return float(np.mean((sign * found - turns) ** 2))
+
+    best = min(LATE.tolist(), key=difference)
+    without = min(difference(0.0), difference(0.0, sign=-1.0))
+    return best if without > max(CLEARLY * difference(best), TURNING**2) else 0.0
 
 
 class Mistake(NamedTuple):
@@ -265,9 +296,14 @@ def _fit(recording: Recording) -> Fit:
 
 def _found(mistakes: Sequence[Mistake], recording: Recording) -> str:
     """Return the mistake without which the observations agree, with its remedy; "" without one."""
-    undone = ((each, each.undone(recording)) for each in mistakes)
-    least = INSIDE * len(recording.observation)
-    fits = {each: _fit(other) for each, other in undone if len(other.observation) > least and _are_lengths(other)}
+    fits, model = dict[Mistake, Fit](), SENSORS[recording.sensor]
+    for each in mistakes:
+        undone = each.undone(recording)
+        sigmas = np.sqrt(np.diagonal(undone.observation_cov, axis1=1, axis2=2))
+        lengths = (np.abs(undone.observation) / sigmas)[:, ~np.array(model.is_angle)]
+        are_resolved = not lengths.size or np.median(lengths) >= RESOLVED  # with smaller ones most paths agree
+        if are_resolved and len(lengths) > INSIDE * len(recording.observation):
+            fits[each] = _fit(undone)
 
     def evidence(each: Mistake) -> tuple[float, float, float]:  # small numbers agree with everything
         size = abs(each.bearing) * each.length * each.turn * each.way
@@ -281,11 +317,3 @@ def _found(mistakes: Sequence[Mistake], recording: Recording) -> str:
     if best.bearing < 0.0 or best.late:
         remedy = "give both files the same clock" if best.late else "change the sign of those that are clockwise"
     return f"{fits[best].share:.1%} if {best.what}; {remedy}"
-
-
-def _are_lengths(recording: Recording) -> bool:
-    """Return whether typical observed lengths are above `RESOLVED` sigmas: with smaller ones most paths agree."""
-    sigmas = np.sqrt(np.diagonal(recording.observation_cov, axis1=1, axis2=2))
-    lengths = [name != "bearing" for name in SENSORS[recording.sensor].columns]
-    ratios = np.abs(recording.observation / sigmas)[:, lengths]
-    return not ratios.size or float(np.median(ratios)) >= RESOLVED

@@ -15,24 +15,14 @@ start is known exactly; else it begins at the origin.
 
 from __future__ import annotations
 
-import zlib
 from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.compare.datasets.imported_log import (
-    Imported,
-    Log,
-    Observed,
-    Odometry,
-    checked,
-    require_order,
-    require_sigmas,
-    with_sigmas,
-)
-from slamgauge.compare.storage.files import explained
+from slamgauge.compare.datasets import imported_log as logs
+from slamgauge.compare.storage.files import DAMAGED, explained
 from slamgauge.compare.storage.text_lines import Line, read_table
 from slamgauge.compare.storage.trajectories import Trajectory, interpolated
 from slamgauge.errors import UserError
@@ -43,8 +33,6 @@ ROBOTS = 5
 MAX_GAP = 1.0  # s: ground truth is not interpolated over longer gaps
 COLUMNS = ("t", "v", "om", "x_true", "y_true", "th_true", "true_valid")
 SCALARS = ("d", "r_var", "b_var", "v_var", "om_var")
-# errors of loadmat at damaged files
-DAMAGED = (OSError, ValueError, TypeError, LookupError, ArithmeticError, NotImplementedError, MemoryError, zlib.error)
 
 
 def read_mrclam(
@@ -56,7 +44,7 @@ def read_mrclam(
     turn: float = 0.05,
     range_sigma: float = 0.15,
     bearing_sigma: float = 0.05,
-) -> Imported:
+) -> logs.Imported:
     """Read the recording of one robot, `range-bearing` and with subjects as ids, and its ground truth.
 
     The parameters are those of `slamgauge import mrclam`. The files do not contain the noise: standard deviations of
@@ -65,7 +53,9 @@ def read_mrclam(
     Raises:
         UserError: With the file, the line and the remedy.
     """
-    require_sigmas(forward=forward, lateral=lateral, turn=turn, range_sigma=range_sigma, bearing_sigma=bearing_sigma)
+    logs.require_sigmas(
+        forward=forward, lateral=lateral, turn=turn, range_sigma=range_sigma, bearing_sigma=bearing_sigma
+    )
     found = sorted(folder.glob("*Odometry.dat" if robot is None else f"Robot{robot}_Odometry.dat"))
     if len(found) != 1:
         names = ", ".join(path.name for path in found)
@@ -90,37 +80,38 @@ def read_mrclam(
     stamps, speeds, rates = commands[begin:].T
     seconds = np.diff(stamps)
     twists = np.column_stack([speeds[:-1], np.zeros(len(seconds)), rates[:-1]])
-    covs = with_sigmas(np.zeros((len(seconds), 3, 3)), [each * np.sqrt(seconds) for each in (forward, lateral, turn)])
+    sigmas = [each * np.sqrt(seconds) for each in (forward, lateral, turn)]
+    covs = logs.with_sigmas(np.zeros((len(seconds), 3, 3)), sigmas)
     seen = _read_observations(folder, prefix, (range_sigma, bearing_sigma), notes)
-    odometry = Odometry(stamps, exp(twists * seconds[:, None]), covs, lines[begin:])
-    log = Log(where=folder, odometry=odometry, seen=seen, path=path, max_gap=MAX_GAP, map=true_map, notes=notes)
+    odometry = logs.Odometry(stamps, exp(twists * seconds[:, None]), covs, lines[begin:])
+    log = logs.Log(where=folder, odometry=odometry, seen=seen, path=path, max_gap=MAX_GAP, map=true_map, notes=notes)
     return log.imported()
 
 
 def _in_time(path: Path, form: str) -> tuple[list[Line], Float]:
     """Read a table whose first column is time; of several lines with the same time, the last is used."""
     lines, table = read_table(path, form)
-    require_order(lines, table[:, 0], strict=False)
+    logs.require_order(lines, table[:, 0], strict=False)
     last = np.diff(table[:, 0], append=np.inf) > 0.0
     return [lines[at] for at in np.flatnonzero(last)], table[last]
 
 
-def _read_observations(folder: Path, prefix: str, sigmas: tuple[float, float], notes: list[str]) -> Observed:
+def _read_observations(folder: Path, prefix: str, sigmas: tuple[float, float], notes: list[str]) -> logs.Observed:
     """Read the observations of landmarks, with standard deviations [m, rad], and add notes about others."""
     barcodes, _ = read_table(folder / "Barcodes.dat", "subject barcode")
     subject_of = {line.id_at(1): line.id_at(0) for line in barcodes}
     lines, table = read_table(folder / f"{prefix}Measurement.dat", "time barcode range bearing")
-    require_order(lines, table[:, 0], strict=False)
-    values = checked("range-bearing", lines, table[:, 2:])
+    logs.require_order(lines, table[:, 0], strict=False)
+    values = logs.checked("range-bearing", lines, table[:, 2:])
     subjects = np.array([subject_of.get(line.id_at(1), -1) for line in lines], dtype=np.int64)
     kept = subjects > ROBOTS
     if not kept.all():
         notes.append(f"{np.sum(~kept)} observations of other robots or unknown barcodes are dropped")
-    covs = with_sigmas(np.zeros((kept.sum(), 2, 2)), sigmas)
-    return Observed("range-bearing", table[kept, 0], subjects[kept].tolist(), values[kept], covs)
+    covs = logs.with_sigmas(np.zeros((kept.sum(), 2, 2)), sigmas)
+    return logs.Observed("range-bearing", table[kept, 0], subjects[kept].tolist(), values[kept], covs)
 
 
-def read_lost_in_the_woods(path: Path, *, max_range: float = 5.0, lateral_slip: float = 0.02) -> Imported:
+def read_lost_in_the_woods(path: Path, *, max_range: float = 5.0, lateral_slip: float = 0.02) -> logs.Imported:
     """Read dataset2.mat and its ground truth, with the body frame at the laser, `d` m ahead of the robot's centre.
 
     The start is the true first pose, fixed. Association is known. Control k moves the robot from pose k-1 to pose k.
@@ -130,7 +121,7 @@ def read_lost_in_the_woods(path: Path, *, max_range: float = 5.0, lateral_slip: 
     Raises:
         UserError: With the file, the field and the remedy.
     """
-    require_sigmas(lateral_slip=lateral_slip)
+    logs.require_sigmas(lateral_slip=lateral_slip)
     fields = _read_fields(path)
     ahead, ranges, bearings = float(fields["d"].item()), fields["r"], fields["b"]
     stamps, speeds, rates, x, y, heading, valid = (fields[name][:, 0] for name in COLUMNS)
@@ -147,10 +138,10 @@ def read_lost_in_the_woods(path: Path, *, max_range: float = 5.0, lateral_slip: 
     variances = np.array([fields["v_var"].item(), lateral_slip**2, fields["om_var"].item()])
     values = np.column_stack([ranges[seen_at, seen], wrap(bearings[seen_at, seen])])
     noise = np.tile(np.diag([fields["r_var"].item(), fields["b_var"].item()]), (len(seen), 1, 1))
-    log = Log(
+    log = logs.Log(
         where=path,
-        odometry=Odometry(stamps, increments, np.einsum("nij,j,nkj->nik", jacobian, variances, jacobian)),
-        seen=Observed("range-bearing", seen_at.astype(np.float64), seen.tolist(), values, noise),
+        odometry=logs.Odometry(stamps, increments, np.einsum("nij,j,nkj->nik", jacobian, variances, jacobian)),
+        seen=logs.Observed("range-bearing", seen_at.astype(np.float64), seen.tolist(), values, noise),
         has_steps=True,
         path=Trajectory("true_valid", stamps[valid != 0], true_poses[valid != 0]),
         max_gap=0.0,
@@ -172,7 +163,7 @@ def _read_fields(path: Path) -> dict[str, Float]:
         shapes = dict.fromkeys(COLUMNS, (steps, 1)) | dict.fromkeys(SCALARS, (1, 1))
         shapes |= dict.fromkeys(("r", "b"), (steps, landmarks)) | {"l": (landmarks, 2)}
         fields = {name: np.asarray(raw[name]).astype(np.float64, casting="same_kind") for name in shapes}
-    except (MatReadError, *DAMAGED) as error:
+    except (MatReadError, OSError, ArithmeticError, *DAMAGED) as error:
         what = " ".join(str(error).split())[:200]
         raise UserError(f"{path}: not a whole dataset2.mat of Lost in the Woods ({what}); copy it again") from None
     for name, shape in shapes.items():

@@ -27,7 +27,7 @@ from slamgauge.compare.estimators.sandbox import CODE, environment, require_wall
 from slamgauge.compare.estimators.user_errors import FormError, OverdueError, UserCodeError
 from slamgauge.compare.storage.result_files import file_name
 from slamgauge.estimate import Estimate
-from slamgauge.notices import tell_first
+from slamgauge.notices import tell_once
 from slamgauge.recording import Recording
 
 WORKER = "slamgauge.compare.estimators.worker"
@@ -135,7 +135,7 @@ class Host:
                 raise self._reported(error)
             if self._printed and not self.limits.is_walled:
                 label = self.where.label
-                tell_first(f"{label} prints", f"{label}: what it prints is kept in {self._output.name}")
+                tell_once(f"{label}: what it prints is kept in {self._output.name}", f"{label} prints")
             return run
 
     def close(self) -> None:

@@ -24,7 +24,7 @@ from slamgauge.compare.storage.progress import counted
 from slamgauge.errors import CovarianceError, UserError, failure_text
 from slamgauge.estimate import Estimate, Estimator, Kind
 from slamgauge.memory import require_memory
-from slamgauge.notices import tell_first
+from slamgauge.notices import tell_once
 from slamgauge.recording import Recording
 
 FARTHEST = 1e12  # m, rad: far outside any map, and squares of errors are still finite
@@ -47,7 +47,7 @@ def remarks_of(estimator: Estimator) -> list[str]:
 def tell_remarks(name: str, remarks: Iterable[str]) -> None:
     """Print remarks on user code, each once: values in them, after the first comma, may differ between runs."""
     for remark in remarks:
-        tell_first(f"{name}: {remark.partition(',')[0]}", f"{name}: {remark}")
+        tell_once(f"{name}: {remark}", topic=f"{name}: {remark.partition(',')[0]}")
 
 
 def run_estimator(

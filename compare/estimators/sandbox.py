@@ -50,6 +50,13 @@ def require_wall() -> None:
         why = "user code could read and change your files"
         remedy = "install Debian's package bubblewrap, or give --unconfined where a container is the wall"
         raise UserError(f"{NO_WALL}, so {why}; {remedy}")
+    for place in (sys.prefix, __file__):
+        if _is_emptied(place):
+            raise UserError(f"{place}: is in a folder that is empty behind the wall; install slamgauge elsewhere")
+
+
+def _is_emptied(place: str) -> bool:
+    return any(Path(place).is_relative_to(folder) for folder in WRITABLE)
 
 
 @cache
@@ -90,7 +97,7 @@ def _caches() -> list[Path]:
     user = Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache").expanduser()
     places = [user / name for name in ("slamgauge", "numba", "matplotlib", "fontconfig")]
     places += [Path(each) for each in [os.environ.get("NUMBA_CACHE_DIR", "")] if each]
-    return [each for each in places if each.is_dir()]
+    return [each for each in places if each.is_dir() and not _is_emptied(str(each))]
 
 
 def _shown() -> list[Path]:
@@ -116,4 +123,4 @@ def _python() -> Iterator[str]:
         places: Iterable[str] = (spec.submodule_search_locations or ()) if spec is not None else ()
         yield from places
     for name in ("PATH", "LD_LIBRARY_PATH"):
-        yield from os.environ.get(name, "").split(os.pathsep)
+        yield from (each for each in os.environ.get(name, "").split(os.pathsep) if not _is_emptied(each))

@@ -23,7 +23,7 @@ import numpy as np
 
 from slamgauge.arrays import Float
 from slamgauge.compare.exercise.settings import CAUSAL, EKF
-from slamgauge.compare.scoring.intervals import Interval, mean_interval
+from slamgauge.compare.scoring.intervals import Interval, half_widths
 from slamgauge.compare.scoring.runs import Runs, paired
 
 Verdict = Literal["holds", "does not hold", "undecided"]
@@ -38,9 +38,8 @@ SAME = (1.0 / 1.1, 1.1)  # "like", "similar"
 UNLIKE = (1.1, math.inf)
 MUCH = (2.0, math.inf)  # "much", "very", "multiplies"
 LARGE = (1.5, math.inf)  # "large" error: at least this factor of the optimum's
-START, HALF, BACK = "near the start", "halfway round", "back at the start"
-WHAT, HALVES = ("error", "sigma"), ("far", "near")  # figures of robot and landmarks, halves of the map
-STRETCHES = {START: (0.0, 0.1), HALF: (0.45, 0.55), BACK: (0.95, 1.05)}  # of a path of two loops, in loops
+
+STRETCHES = {"near the start": (0.0, 0.1), "halfway round": (0.45, 0.55), "back at the start": (0.95, 1.05)}  # loops
 
 
 def _stored(key: str) -> Callable[[Runs], Float]:
@@ -53,8 +52,8 @@ def _found(runs: Runs) -> Float:
 
 
 def _during(what: str, stretch: str, runs: Runs) -> Float:
-    """Return RMS position error or sigma [m] in a stretch of the first of two loops."""
-    squares = runs.series[f"{what}_x"] ** 2 + runs.series[f"{what}_y"] ** 2
+    """Return RMS position error or sigma [m] in a stretch of a path of two loops."""
+    squares = runs.squares(f"{what}_x", f"{what}_y")
     first, last = (round(share * (squares.shape[1] - 1) / 2) for share in STRETCHES[stretch])
     return np.sqrt(squares[:, first : last + 1].mean(axis=1))
 
@@ -66,9 +65,10 @@ FIGURES: dict[str, Callable[[Runs], Float]] = {  # functions that read a figure 
     "mapped landmarks": _stored("landmarks_mapped"),
     "true landmarks": _stored("landmarks_true"),
     "landmarks found": _found,
-    **{f"{a} of the {b} half of the map": _stored(f"landmark_halves_{a}_{b}_m") for a in WHAT for b in HALVES},
-    **{f"position {what} {stretch}": partial(_during, what, stretch) for what in WHAT for stretch in STRETCHES},
 }
+for _what in ("error", "sigma"):
+    FIGURES |= {f"{_what} of the {a} half of the map": _stored(f"map_halves_{_what}_{a}_m") for a in ("far", "near")}
+    FIGURES |= {f"position {_what} {stretch}": partial(_during, _what, stretch) for stretch in STRETCHES}
 
 
 class Measure(NamedTuple):
@@ -76,11 +76,6 @@ class Measure(NamedTuple):
 
     name: str
     setting: str
-
-    @property
-    def key(self) -> tuple[str, str]:
-        """Setting and estimator: causal if the name contains it, else the EKF."""
-        return self.setting, CAUSAL if CAUSAL in self.name else EKF
 
 
 class Conclusion(NamedTuple):
@@ -109,8 +104,11 @@ def _claim(id: str, text: str, asserted: tuple[float, float], settings: Sequence
     return Conclusion(id, text, asserted, tuple(Measure(name, each) for name in names for each in settings))
 
 
-MAP = {what: [f"{what} of the {half} half of the map" for half in HALVES] for what in WHAT}
-ERROR, SIGMA = ({each: f"position {what} {each}" for each in STRETCHES} for what in WHAT)
+START, HALF, BACK = STRETCHES
+ERROR, SIGMA = ({each: f"position {what} {each}" for each in STRETCHES} for what in ("error", "sigma"))
+MAP_ERROR, MAP_SIGMA = (
+    [f"{what} of the {half} half of the map" for half in ("far", "near")] for what in ("error", "sigma")
+)
 MAPPED, FOUND = ("mapped landmarks", "true landmarks"), ("landmarks found", "true landmarks")
 GATE = "with gate 9 the {} map looks as with known association"
 CONCLUSIONS = (
@@ -119,9 +117,9 @@ CONCLUSIONS = (
         "landmarks near the start are better localised than far ones",
         MORE,
         ["2.2"],
-        *MAP["error"],
+        *MAP_ERROR,
     ),
-    _claim("q1-near-landmarks-sigma", "their uncertainty is smaller", MORE, ["2.2"], *MAP["sigma"]),
+    _claim("q1-near-landmarks-sigma", "their uncertainty is smaller", MORE, ["2.2"], *MAP_SIGMA),
     _claim("q1-error-grows", "the error accumulates along the loop", MORE, ["2.2"], ERROR[HALF], ERROR[START]),
     _claim("q1-sigma-grows", "so does the uncertainty", MORE, ["2.2"], SIGMA[HALF], SIGMA[START]),
     _claim("q1-error-falls", "the error is corrected at the start point", LESS, ["2.2"], ERROR[BACK], ERROR[HALF]),
@@ -159,8 +157,8 @@ class Judgement:
     runs_needed: int | None = None
 
 
-def judge(conclusion: Conclusion, runs: Mapping[tuple[str, str], Runs]) -> Judgement:
-    """Judge a conclusion; `runs` are by number of the setting and estimator.
+def judge(conclusion: Conclusion, runs: Mapping[str, Mapping[str, Runs]]) -> Judgement:
+    """Judge a conclusion; `runs` are by number of the setting and by estimator.
 
     Of several ratios, the one that is least in favour of the conclusion decides.
     """
@@ -170,9 +168,10 @@ def judge(conclusion: Conclusion, runs: Mapping[tuple[str, str], Runs]) -> Judge
     return min(judged, key=lambda found: (STRENGTH.index(found[0].verdict), found[1]))[0]
 
 
-def log_ratios(above: Measure, below: Measure, runs: Mapping[tuple[str, str], Runs]) -> Float:
+def log_ratios(above: Measure, below: Measure, runs: Mapping[str, Mapping[str, Runs]]) -> Float:
     """Return the logarithms (R,), at most LIMIT, of a ratio in the runs that have both figures."""
-    ours, theirs = runs[above.key], runs[below.key]
+    ours = runs[above.setting][CAUSAL if CAUSAL in above.name else EKF]
+    theirs = runs[below.setting][CAUSAL if CAUSAL in below.name else EKF]
     rows, others = paired(ours, theirs)
     high, low = FIGURES[above.name](ours)[rows], FIGURES[below.name](theirs)[others]
     known = (high > 0.0) & (low > 0.0)  # False for NaN
@@ -182,38 +181,36 @@ def log_ratios(above: Measure, below: Measure, runs: Mapping[tuple[str, str], Ru
 def judge_ratio(logarithms: Float, asserted: tuple[float, float]) -> Judgement:
     """Judge whether a ratio is in the asserted range, ends excluded, from its logarithms (R,) in independent runs."""
     runs, level = len(logarithms), 1.0 - MISSED / RATIOS
-    interval = mean_interval(np.append(logarithms, logarithms.mean() + UNSEEN), level) if runs else None
-    if interval is None or interval.low is None or interval.high is None:
+    if not runs:
         return Judgement("undecided")
-    low, high = np.log(np.maximum(asserted, np.finfo(float).tiny))
-    ratio = Interval(*(math.exp(each) for each in (interval.mean, interval.low, interval.high)))
-    if low < interval.low and interval.high < high:
-        return Judgement("holds", ratio, runs)
-    if interval.high < low or high < interval.low:
-        return Judgement("does not hold", ratio, runs)
-    needed = None
-    if runs > 1:
-        needed = _runs_needed(float(logarithms.std(ddof=1)), abs(_margin(logarithms, asserted)), level)
-    return Judgement("undecided", ratio, runs, needed)
+    mean, margin = float(logarithms.mean()), _margin(logarithms, asserted)
+    half = float(half_widths(np.append(logarithms, mean + UNSEEN), level))
+    ratio = Interval(*(math.exp(each) for each in (mean, mean - half, mean + half)))
+    if abs(margin) > half:
+        return Judgement("holds" if margin > 0.0 else "does not hold", ratio, runs)
+    return Judgement("undecided", ratio, runs, _runs_needed(logarithms, abs(margin), level))
 
 
 def _margin(logarithms: Float, asserted: tuple[float, float]) -> float:
     """Return how far the mean logarithm is inside the asserted range, from the nearest end; it is negative outside."""
-    ends = [(math.log(end), sign) for end, sign in zip(asserted, (1.0, -1.0), strict=True) if 0.0 < end < math.inf]
-    return min(sign * (float(logarithms.mean()) - end) for end, sign in ends) if len(logarithms) else -math.inf
+    if not len(logarithms):
+        return -math.inf
+    low, high = np.log(np.maximum(asserted, np.finfo(float).tiny))
+    return min(float(logarithms.mean() - low), float(high - logarithms.mean()))
 
 
-def _runs_needed(scatter: float, distance: float, level: float) -> int | None:
+def _runs_needed(logarithms: Float, distance: float, level: float) -> int | None:
     """Return the runs, to two digits, after which an interval ends before an end of the range at this distance.
 
     With n runs and the two of UNSEEN the standard error is the root of (n scatter^2 + 2 log(2)^2) / (n + 2)^2.
     """
     from scipy.special import ndtri  # here: scipy is slow to start
 
-    if distance <= 0.0:
+    if len(logarithms) < 2 or distance <= 0.0:
         return None
+    variance = float(logarithms.var(ddof=1))
     factor = ((float(ndtri((1.0 + level) / 2.0)) + float(ndtri(POWER))) / distance) ** 2
-    linear, constant = factor * scatter**2, 2.0 * factor * (math.log(2.0) ** 2 - scatter**2)
+    linear, constant = factor * variance, 2.0 * factor * (math.log(2.0) ** 2 - variance)
     runs = (linear + math.sqrt(max(linear**2 + 4.0 * constant, 0.0))) / 2.0 - 2.0
     step = 10 ** max(0, math.floor(math.log10(max(runs, 1.0))) - 1)
     return math.ceil(runs / step) * step

@@ -29,7 +29,7 @@ from slamgauge.compare.scoring.run_arrays import closure_steps
 from slamgauge.compare.scoring.runs import Runs
 from slamgauge.compare.scoring.table import cell
 from slamgauge.compare.storage.result_files import STUDIES, origin
-from slamgauge.compare.storage.staged_folder import begin_folder, require_ours
+from slamgauge.compare.storage.staged_folder import begin_folder
 from slamgauge.compare.studies.stored_study import optima_beside
 from slamgauge.compare.studies.study import run_beside_optima
 from slamgauge.compare.studies.study_run import require_numbers, run_seed
@@ -41,16 +41,15 @@ VERBS = {  # for one conclusion and for several
     "does not hold": ("does not hold", "do not hold"),
     "undecided": ("is undecided", "are undecided"),
 }
+Pair = tuple[float | None, float | None]  # just before a step, and at it
 
 
 @dataclass(frozen=True)
 class AtClosure:
-    """RMS over runs of the position error, and three times that of the position sigma, just before and at a step."""
+    """RMS over runs of the position error, and three times that of the position sigma, just before a step and at it."""
 
-    error_before_m: float | None
-    error_after_m: float | None
-    three_sigma_before_m: float | None
-    three_sigma_after_m: float | None
+    error_m: Pair
+    three_sigma_m: Pair
 
 
 @dataclass(frozen=True)
@@ -71,16 +70,16 @@ class SettingResult:
     scenario: Scenario
     runs: Mapping[str, Runs]
     estimators: dict[str, EstimatorSummary]
-    closures: list[Closure]
+    loop_closures: list[Closure]
     landmarks_true: float | None
 
     @property
     def consistency(self) -> str:
         """`consistent`, `overconfident` or `cautious`, as far as the runs show; `-` without a NEES."""
-        nees = self.estimators[EKF]["nees_pose_per_dof"]
+        nees, faults = (self.estimators[EKF][key] for key in ("nees_pose_per_dof", "faults"))
         if nees is None:
             return "-"
-        if not any("a sigma" in fault for fault in self.estimators[EKF]["faults"]):
+        if not any("a sigma" in fault for fault in faults):
             return "consistent"
         return "overconfident" if nees.mean > 1.0 else "cautious"
 
@@ -102,11 +101,9 @@ class QuestionResult:
         """Return in a sentence how accurate and consistent the EKF is, and how many conclusions hold."""
         ratios = [(each.estimators[EKF]["ratio_to_causal"], each.setting) for each in self.settings]
         known = sorted((pair for pair in ratios if pair[0]), key=lambda pair: pair[0].mean)
-        ends = [
-            f"{cell(ratio, '{:.2f}')} ({setting.figure}, {setting.title})"
-            for ratio, setting in dict.fromkeys([*known[:1], *known[-1:]])
-        ]
-        accuracy = f"the error of the EKF is {' to '.join(ends)} times that of the causal optimum"
+        ends = known[:: max(1, len(known) - 1)]  # the smallest and the largest
+        shown = [f"{cell(ratio, '{:.2f}')} ({setting.figure}, {setting.title})" for ratio, setting in ends]
+        accuracy = f"the error of the EKF is {' to '.join(shown)} times that of the causal optimum"
         parts = [accuracy if known else "no run has both the EKF and the causal optimum"]
         places: dict[str, list[str]] = {}
         for each in self.settings:
@@ -135,29 +132,26 @@ class Exercise:
 
     def to_json(self) -> dict[str, Any]:
         """Return the content of exercise.json."""
-        content: dict[str, Any] = {
-            **origin(None),
-            "runs": self.runs,
-            "seed": self.seed,
-            "questions": {},
-            "failures": self.failures,
-        }
-        for question in self.questions:
-            entry = {key: getattr(QUESTIONS[question.name], key) for key in ("title", "task")}
-            entry["answer"] = question.answer()
-            entry["settings"] = [
-                {key: getattr(each.setting, key) for key in ("figure", "scenario", "title")}
-                | {"consistency": each.consistency, "landmarks_true": each.landmarks_true}
-                | {"estimators": {name: found.to_json() for name, found in each.estimators.items()}}
-                | {"loop_closures": each.closures}
-                for each in question.settings
+        questions: dict[str, Any] = {}
+        for each in self.questions:
+            settings = [
+                _fields(ran.setting, "figure", "scenario", "title")
+                | _fields(ran, "consistency", "landmarks_true", "loop_closures")
+                | {"estimators": {name: found.to_json() for name, found in ran.estimators.items()}}
+                for ran in each.settings
             ]
-            keys = ("id", "text", "hypothesis", "asserted")
-            entry["conclusions"] = [
-                {key: getattr(each, key) for key in keys} | asdict(found) for each, found in question.judgements
+            conclusions = [
+                _fields(conclusion, "id", "text", "hypothesis", "asserted") | asdict(found)
+                for conclusion, found in each.judgements
             ]
-            content["questions"][question.name] = entry
-        return to_jsonable_python(content | {"failures": self.failures}, inf_nan_mode="null")
+            found = {"answer": each.answer(), "settings": settings, "conclusions": conclusions}
+            questions[each.name] = _fields(QUESTIONS[each.name], "title", "task") | found
+        content = origin(None) | _fields(self, "runs", "seed", "failures") | {"questions": questions}
+        return to_jsonable_python(content, inf_nan_mode="null")
+
+
+def _fields(found: object, *names: str) -> dict[str, Any]:
+    return {name: getattr(found, name) for name in names}
 
 
 def run_exercise(names: Sequence[str], runs: int, seed: int, out: str | Path, executor: Executor) -> Exercise:
@@ -171,29 +165,26 @@ def run_exercise(names: Sequence[str], runs: int, seed: int, out: str | Path, ex
             raise UserError(f"question {name!r} is not known; use {', '.join(QUESTIONS)}")
     require_numbers(runs, seed)
     begin_folder(Path(out))
-    questions = [name for name in QUESTIONS if name in names or not names]
-    chosen = [each for name in questions for each in QUESTIONS[name].settings]
+    questions = {name: question for name, question in QUESTIONS.items() if name in names or not names}
+    chosen = [setting for question in questions.values() for setting in question.settings]
     concluded = [each for each in CONCLUSIONS if each.id.partition("-")[0] in questions]
     compared = [SETTINGS[measure.setting] for each in concluded for measure in each.measures]
-    found, loaded, failures = dict[str, SettingResult](), dict[tuple[str, str], Runs](), list[str]()
+    found: dict[Setting, SettingResult] = {}
+    loaded: dict[str, Mapping[str, Runs]] = {}
+    failures: list[str] = []
     for setting in dict.fromkeys([*chosen, *compared]):
         estimators = (*FILTERS, *OPTIMA) if setting in chosen else (EKF,)
-        scenario, summary = run_setting(setting, estimators, runs, seed, Path(out), executor)
-        failures += [f"figure {setting.figure}, {line}" for line in failure_lines(summary)]
-        loaded |= {(setting.figure, name): each for name, each in summary.loaded.items()}
+        scenario, study = run_setting(setting, estimators, runs, seed, Path(out), executor)
+        failures += [f"figure {setting.figure}, {line}" for line in failure_lines(study)]
+        loaded[setting.figure] = study.loaded
         if setting in chosen:
-            closures = _closures(scenario, [run_seed(seed, run) for run in range(runs)], summary.loaded)
-            landmarks = mean(summary.loaded[EKF].figures["landmarks_true"])
-            parts = (summary.loaded, summary.estimators, closures, landmarks)
-            found[setting.figure] = SettingResult(setting, scenario, *parts)
-    results = [
-        QuestionResult(
-            name,
-            [found[each.figure] for each in QUESTIONS[name].settings],
-            [(each, judge(each, loaded)) for each in concluded if each.id.startswith(name)],
-        )
-        for name in questions
-    ]
+            closures = _closures(scenario, [run_seed(seed, run) for run in range(runs)], study.loaded)
+            landmarks = mean(study.loaded[EKF].figures["landmarks_true"])
+            found[setting] = SettingResult(setting, scenario, study.loaded, study.estimators, closures, landmarks)
+    results: list[QuestionResult] = []
+    for name, question in questions.items():
+        judged = [(each, judge(each, loaded)) for each in concluded if each.id.startswith(name)]
+        results.append(QuestionResult(name, [found[setting] for setting in question.settings], judged))
     return Exercise(runs, seed, results, failures)
 
 
@@ -203,20 +194,17 @@ def run_setting(
     """Run what `out` lacks of a setting; return its scenario, and the study of the estimators."""
     scenario, studies = load_scenario(setting.scenario), out / STUDIES
     places = studies / setting.figure, optima_beside(studies, informed(scenario), seed, "optima-")
-    require_ours(*places)
     return scenario, run_beside_optima(scenario, ask(estimators), runs, seed, places, executor)
 
 
 def _closures(scenario: Scenario, seeds: Sequence[int], runs: Mapping[str, Runs]) -> list[Closure]:
     """Return the first loop closure of each lap that has one."""
     found: list[Closure] = []
-    for lap, steps in enumerate(np.array([first_closures(scenario, seed) for seed in seeds], dtype=np.int64).T, 1):
+    for lap, steps in enumerate(np.array([first_closures(scenario, seed) for seed in seeds]).T, 1):
         known = steps[steps >= 0]
         if len(known):
-            time = float(known.mean()) * scenario.trajectory.step
-            found.append(
-                Closure(lap, time, len(known), {name: _at(runs[name], steps) for name in (EKF, CAUSAL, GTSAM)})
-            )
+            at = {name: _at(runs[name], steps) for name in (EKF, CAUSAL, GTSAM)}
+            found.append(Closure(lap, float(known.mean()) * scenario.trajectory.step, len(known), at))
     return found
 
 
@@ -227,20 +215,21 @@ def first_closures(scenario: Scenario, seed: int) -> list[int]:
     assert truth.poses is not None and steps is not None
     turns = np.abs(np.unwrap(truth.poses[:, 2]) - truth.poses[0, 2]) / (2.0 * math.pi)
     laps = np.floor(turns + 1e-9).astype(np.int64)  # full turns at each step
-    return [int(steps[laps[steps] == lap][:1].max(initial=-1)) for lap in range(math.ceil(turns.max() - 1e-2))]
+    found: list[int] = []
+    for lap in range(math.ceil(turns.max() - 1e-2)):
+        of_lap = steps[laps[steps] == lap]
+        found.append(int(of_lap[0]) if len(of_lap) else -1)
+    return found
 
 
 def _at(runs: Runs, steps: Int) -> AtClosure:
     """Return error and sigma of an estimator at the steps (runs,) and just before them; step -1 does not count."""
     step = steps[runs.run]
     rows = np.flatnonzero(step >= 0)
-
-    def figure(what: str, before: int, times: float = 1.0) -> float | None:
-        at = rows, step[rows] - before
-        found = rms(np.hypot(runs.series[f"{what}_x"][at], runs.series[f"{what}_y"][at]))
-        return None if found is None else times * found
-
-    return AtClosure(figure("error", 1), figure("error", 0), figure("sigma", 1, 3.0), figure("sigma", 0, 3.0))
+    before, after = (rows, step[rows] - 1), (rows, step[rows])
+    error = np.hypot(runs.series["error_x"], runs.series["error_y"])
+    bound = 3.0 * np.hypot(runs.series["sigma_x"], runs.series["sigma_y"])
+    return AtClosure((rms(error[before]), rms(error[after])), (rms(bound[before]), rms(bound[after])))
 
 
 def _listed(parts: Sequence[str]) -> str:

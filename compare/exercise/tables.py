@@ -19,9 +19,7 @@ SCORES = (
     Head("EKF [m]", help="RMS position error (ATE) of the EKF, mean over runs"),
     Head("GTSAM", help="RMS position error of GTSAM batch, which uses all measurements [m]"),
     Head("x causal", help="error of the EKF over that of the causal optimum, with 95 % interval"),
-    Head(
-        "NEES/3", help="normalised estimation error squared of the EKF's pose over its 3 degrees of freedom: 1 is ideal"
-    ),
+    Head("NEES/3", help="NEES of the EKF's pose over its 3 degrees of freedom: 1 is ideal"),
     Head("in 95%", help="share of the true positions inside the EKF's 95 % ellipses"),
     Head("verdict", help="consistency of the EKF"),
 )
@@ -49,9 +47,7 @@ CONCLUSIONS = (
     Head("interval", help="95 % interval of the ratio that holds for all conclusions of the exercise together"),
     Head("runs needed", help="runs that would decide an undecided conclusion with 90 % probability"),
 )
-RATIO = Head(
-    "ratio of", help="two figures of the same run, with the numbers of their settings, and the range", words=True
-)
+RATIO = Head("ratio of", help="two figures of the same run with their settings, and the asserted range", words=True)
 
 
 def exercise_page(exercise: Exercise) -> Page:
@@ -62,72 +58,70 @@ def exercise_page(exercise: Exercise) -> Page:
         for table in tables_of(each):
             parts += [table, ""]
         answer = each.answer()
-        notes = [setting.doubt for setting in each.settings]
-        parts += [answer[0].upper() + answer[1:], *filter(None, notes), ""]
+        parts.append(answer[0].upper() + answer[1:])
+        parts += [ran.doubt for ran in each.settings if ran.doubt]
+        parts.append("")
     return Page((*parts[:-1], *exercise.failures))
 
 
 def tables_of(question: QuestionResult, *, with_ratio: bool = False) -> list[Table]:
-    """Return the tables of a question that have rows; see `conclusions`."""
-    settings = question.settings
-    judged = conclusions(question.judgements, with_ratio=with_ratio)
-    return [each for each in (scores(settings), closures(settings), landmarks(settings), judged) if each.rows]
+    """Return the tables of a question that have rows; with the figures that a conclusion compares if `with_ratio`."""
+    ran, judged = question.settings, conclusions(question.judgements, with_ratio=with_ratio)
+    return [each for each in (scores(ran), closures(ran), landmarks(ran), judged) if each.rows]
 
 
 def scores(settings: Sequence[SettingResult]) -> Table:
     """Return the table of accuracy and consistency."""
-    rows: list[list[Cell]] = []
+    rows: list[list[Cell | str]] = []
     for each in settings:
-        ekf, ratio = each.estimators[EKF], figure(each.estimators[EKF]["ratio_to_causal"], "{:.2f}")
-        rows.append([Cell(each.setting.figure), Cell(each.setting.title)])
-        rows[-1] += [mean_of(each.estimators[name]["ate_m"], "{:.3f}") for name in (EKF, GTSAM)]
-        rows[-1] += [
+        ekf, gtsam = each.estimators[EKF], each.estimators[GTSAM]
+        ratio = figure(ekf["ratio_to_causal"], "{:.2f}")
+        row = [
+            mean_of(ekf["ate_m"], "{:.3f}"),
+            mean_of(gtsam["ate_m"], "{:.3f}"),
             ratio._replace(text=ratio.text + MARK * bool(each.doubt)),
             mean_of(ekf["nees_pose_per_dof"], "{:.2f}"),
+            mean_of(ekf["coverage_95"], "{:.0%}"),
         ]
-        rows[-1] += [mean_of(ekf["coverage_95"], "{:.0%}"), Cell(each.consistency)]
-    return Table(SCORES, rows, "Accuracy and consistency")
+        rows.append([each.setting.figure, each.setting.title, *row, each.consistency])
+    return Table.of(SCORES, rows, "Accuracy and consistency")
 
 
 def closures(settings: Sequence[SettingResult]) -> Table:
     """Return the table of the first loop closure of each lap: figures just before and at it."""
-    rows: list[list[Cell]] = []
-    for figure_of, closure in ((each.setting.figure, closure) for each in settings for closure in each.closures):
-        rows.append([Cell(figure_of), Cell(str(closure.lap)), figure(closure.time_s, "{:.1f}")])
-        for at in (closure.estimators[name] for name in (EKF, CAUSAL)):
-            for before, after in (
-                (at.error_before_m, at.error_after_m),
-                (at.three_sigma_before_m, at.three_sigma_after_m),
-            ):
-                rows[-1].append(Cell(f"{cell(before, '{:.2f}')} → {cell(after, '{:.2f}')}", before))
-        rows[-1].append(figure(closure.estimators[GTSAM].error_after_m, "{:.2f}"))
-    return Table(CLOSURES, rows, "The first loop closure of each lap")
+    rows: list[list[Cell | str]] = []
+    for each in settings:
+        for closure in each.loop_closures:
+            ekf, causal, gtsam = (closure.estimators[name] for name in (EKF, CAUSAL, GTSAM))
+            pairs = (ekf.error_m, ekf.three_sigma_m, causal.error_m, causal.three_sigma_m)
+            cells = [Cell(f"{cell(before, '{:.2f}')} → {cell(at, '{:.2f}')}", before) for before, at in pairs]
+            start = [each.setting.figure, str(closure.lap), figure(closure.time_s, "{:.1f}")]
+            rows.append([*start, *cells, figure(gtsam.error_m[1], "{:.2f}")])
+    return Table.of(CLOSURES, rows, "The first loop closure of each lap")
 
 
 def landmarks(settings: Sequence[SettingResult]) -> Table:
     """Return the table of mapped landmarks and wrong associations; no rows with known association."""
-    rows: list[list[Cell]] = []
+    rows: list[list[Cell | str]] = []
+    is_unknown = False
     for each in settings:
-        mapped, wrong = (
-            mean_of(each.estimators[EKF][key], "{:.1f}") for key in ("landmarks_mapped", "wrong_associations")
-        )
-        rows.append(
-            [Cell(each.setting.figure), Cell(each.setting.title), mapped, figure(each.landmarks_true, "{:.1f}"), wrong]
-        )
-    is_unknown = any(row[-1].text not in (NO_FIGURE, "0.0") for row in rows)
-    return Table(LANDMARKS, rows if is_unknown else [], "Landmarks and associations")
+        mapped = mean_of(each.estimators[EKF]["landmarks_mapped"], "{:.1f}")
+        wrong = mean_of(each.estimators[EKF]["wrong_associations"], "{:.1f}")
+        is_unknown |= wrong.text not in (NO_FIGURE, "0.0")
+        rows.append([each.setting.figure, each.setting.title, mapped, figure(each.landmarks_true, "{:.1f}"), wrong])
+    return Table.of(LANDMARKS, rows if is_unknown else [], "Landmarks and associations")
 
 
 def conclusions(judged: Sequence[tuple[Conclusion, Judgement]], *, with_ratio: bool = False) -> Table:
-    """Return the table of conclusions; with the figures that a conclusion compares if `with_ratio`."""
-    heads, rows = [*CONCLUSIONS, *([RATIO] if with_ratio else [])], list[list[Cell]]()
+    """Return the table of conclusions; see `tables_of`."""
+    heads = [*CONCLUSIONS, RATIO] if with_ratio else CONCLUSIONS
+    rows: list[list[Cell | str]] = []
     for conclusion, found in judged:
-        ratio, needed = found.ratio, found.runs_needed
+        ratio, needed = found.ratio, figure(found.runs_needed, "{:.0f}")
         interval = Cell(NO_FIGURE) if ratio is None else from_to(ratio.low, ratio.high, "{:.3g}")
-        row = [Cell(found.verdict), Cell(conclusion.text), mean_of(ratio, "{:.3g}"), interval]
-        row += [Cell(NO_FIGURE if needed is None else str(needed), needed), Cell(conclusion.hypothesis)]
+        row = [found.verdict, conclusion.text, mean_of(ratio, "{:.3g}"), interval, needed, conclusion.hypothesis]
         rows.append(row[: len(heads)])
-    return Table(heads, rows, "Conclusions of the exercise")
+    return Table.of(heads, rows, "Conclusions of the exercise")
 
 
 def mean_of(interval: Interval | None, form: str) -> Cell:

@@ -12,7 +12,8 @@ from matplotlib.colors import to_rgba_array
 from matplotlib.patches import Polygon
 
 from slamgauge.arrays import Float, Int, Marks, chunks
-from slamgauge.compare.figures.plot_style import LONG, MARK_COLOR, TRUTH_COLOR, Style, styles
+from slamgauge.compare.figures.curves import LONG
+from slamgauge.compare.figures.plot_style import MARK_COLOR, TRUTH_COLOR, Style, styles
 from slamgauge.compare.storage.files import Results
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording

@@ -1,13 +1,12 @@
-"""What all figures share: styles of estimators, width and formats, and curves, bands, bounds, limits and ticks.
+"""What all figures share: styles of estimators, width, formats, title and legend.
 
 Colours are for colour-blind readers, line styles for grey print.
 """
 
 from __future__ import annotations
 
-import math
 import textwrap
-from collections.abc import Generator, Iterable, Mapping, Sequence
+from collections.abc import Generator, Iterable, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from itertools import cycle
@@ -15,14 +14,9 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import matplotlib as mpl
-import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure, FigureBase
-from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator
-from numpy.typing import ArrayLike
 
 from slamgauge import errors
-from slamgauge.arrays import Float
 from slamgauge.compare.estimators.registry import BOUND, DEAD_RECKONING, HINDSIGHT_BOUND
 
 Format = Literal["pdf", "png", "svg"]
@@ -30,10 +24,6 @@ Width = Literal["column", "page"]
 INCHES: dict[Width, float] = {"column": 3.4, "page": 7.0}  # widths in a paper with two columns
 ENTRY = 1.1  # [in] width of a legend entry
 CHARACTERS = 13  # characters of a title, per inch
-DIVERGED = 5.0  # an extent above this multiple of the median is ignored
-DIVERGED_LOG = 100.0  # the same for logarithmic axes
-NARROW, WIDE = 0.6, 2.5  # decades of an axis between which ticks are at 1, 2, 5; outside at tens or linear
-LONG = 10_000  # points; a longer curve is an image in SVG and PDF files
 LineStyle = str | tuple[int, tuple[float, ...]]
 
 TRUTH_COLOR = "#000000"
@@ -145,53 +135,3 @@ def legend_below(figure: FigureBase, handles: Sequence[Any]) -> None:
     in_row = max(min(in_row, int(CHARACTERS * SHEET.get().inches) // (longest + 6)), 1)
     rows = -(-len(handles) // in_row)
     figure.legend(handles=handles, loc="outside lower center", ncols=-(-len(handles) // max(rows, 1)) or 1)
-
-
-def curve(axes: Axes, x: ArrayLike, y: Float, style: Style, label: str = "", **more: Any) -> None:
-    """Draw a curve (n,) in the style of an estimator."""
-    look: dict[str, Any] = {"linewidth": 0.9, "rasterized": len(y) > LONG, **more}
-    axes.plot(x, y, color=style.color, linestyle=style.dashes, label=label, **look)
-
-
-def band(axes: Axes, x: ArrayLike, low: Float, high: Float, label: str = "", color: str = MARK_COLOR) -> None:
-    """Fill the area between two curves (n,)."""
-    axes.fill_between(x, low, high, color=color, alpha=0.2, linewidth=0, label=label, rasterized=len(low) > LONG)
-
-
-def three_sigma(axes: Axes, x: ArrayLike, sigma: Float, style: Style, *, filled: bool) -> None:
-    """Draw the bounds of three standard deviations (n,) as thin lines, and fill the area between them."""
-    if filled:
-        band(axes, x, -3.0 * sigma, 3.0 * sigma, color=style.color)
-    for side in (-3.0, 3.0):
-        axes.plot(x, side * sigma, color=style.color, linewidth=0.5, alpha=0.8, zorder=2, rasterized=len(sigma) > LONG)
-
-
-def robust_limits(extents: Mapping[str, Float], factor: float = DIVERGED) -> tuple[Float, list[str]]:
-    """Return heights (K,) of K panels without the diverged estimators, and the names of these.
-
-    Args:
-        extents: Largest value (K,) of each estimator in each panel, not negative.
-        factor: Largest extent that counts, as a multiple of the median.
-    """
-    rows = np.array([*extents.values()])
-    typical = np.sort(rows, axis=0)[(len(rows) - 1) // 2]
-    counts = rows <= np.where(typical > 0.0, factor * typical, np.inf)
-    heights = np.where(counts, rows, 0.0).max(axis=0)
-    return heights, [name for name, row in zip(extents, counts, strict=True) if not row.all()]
-
-
-def exceeding(names: list[str]) -> str:
-    """Return a remark about the estimators whose curves exceed the axes; empty without names."""
-    return f"{', '.join(names)} exceed{'s' * (len(names) == 1)} the axes" if names else ""
-
-
-def logarithmic(axes: Axes, which: Literal["x", "y"]) -> None:
-    """Make an axis logarithmic, with few ticks and plain numbers; call it after the data and limits are set."""
-    axis = axes.xaxis if which == "x" else axes.yaxis
-    axes.set(**{f"{which}scale": "log"})
-    low, high = sorted(axis.get_view_interval())
-    decades = math.log10(high / low)
-    round_numbers = LogLocator(subs=(1.0, 2.0, 5.0), numticks=12) if decades < WIDE else LogLocator(numticks=7)
-    axis.set_major_locator(MaxNLocator(4) if decades < NARROW else round_numbers)
-    axis.set_major_formatter("{x:g}")
-    axis.set_minor_locator(NullLocator())

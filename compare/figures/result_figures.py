@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -10,20 +11,10 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from slamgauge.arrays import Float
-from slamgauge.compare.estimators.registry import BOUNDS, CAUSAL, FIXED_LAG, REGISTRY, is_optimum
+from slamgauge.compare.estimators.registry import BOUNDS, CAUSAL, REGISTRY, is_optimum
 from slamgauge.compare.estimators.requests import labels_among
-from slamgauge.compare.figures.plot_style import (
-    MARK_COLOR,
-    SHEET,
-    TRUTH_COLOR,
-    Style,
-    band,
-    curve,
-    legend_below,
-    logarithmic,
-    printed,
-    styles,
-)
+from slamgauge.compare.figures.curves import band, curve, logarithmic
+from slamgauge.compare.figures.plot_style import MARK_COLOR, SHEET, TRUTH_COLOR, Style, legend_below, printed, styles
 from slamgauge.compare.noise.tables import verdict as verdict_on_noise
 from slamgauge.compare.scoring.intervals import Interval
 from slamgauge.compare.scoring.optimum_notes import MARK, at_places
@@ -33,14 +24,7 @@ from slamgauge.compare.studies.budget import ErrorBudget, notes, verdict
 from slamgauge.compare.studies.sweep import Sweep, shares_in_doubt
 
 BASE, COST, GAIN = "#777777", "#CC3311", "#009988"
-RUNGS = {
-    "hindsight optimum": "hindsight\noptimum",
-    "causal optimum": "+ causal\nonly",
-    "assumed noise": "+ assumed\nnoise",
-    "own associations": "+ own asso-\nciations",
-    FIXED_LAG: "+ fixed\nlag",
-    "linearisation": "+ lineari-\nsation",
-}
+LABEL = 15  # characters of a line under a bar
 SWEPT = (
     ("ate_m", "ATE [m]"),
     ("nees_pose_per_dof", "pose NEES / 3 (1 when consistent)"),
@@ -49,13 +33,8 @@ SWEPT = (
 )
 WIDE = 4.0  # values that span more than this factor get a logarithmic axis
 ASSUMED, FOUND = "#EE7733", "#0077BB"
-LOOKS: dict[
-    str, dict[str, Any]
-] = {  # the keys are those of noise.json: values with the assumed and with the estimated noise
-    "before": {"color": ASSUMED, "fillstyle": "none"},
-    "after": {"color": FOUND, "fillstyle": "full"},
-}
-WORDS = {"before": "assumed", "after": "found"}
+# noise, key of noise.json for values with this noise, color and filling of their marks
+LOOKS = (("assumed", "before", ASSUMED, "none"), ("found", "after", FOUND, "full"))
 NO_RESULTS = "has no results in the folder"
 SHOWN = 20.0  # largest ratio of estimated and assumed sigma on the axis
 
@@ -81,7 +60,8 @@ def save_budget_figure(out: Path, budget: ErrorBudget) -> None:
             before = rung.mse_m2
         axes.bar(last, before, width=0.6, color=TRUTH_COLOR)
         axes.annotate(f"{before:.4f}", (last, before), (0, 3), **number)
-        labels = [*(RUNGS[rung.name] for rung in budget.rungs), f"= {budget.filter}"]
+        labels = [textwrap.fill(f"{'+ ' * (place > 0)}{rung.name}", LABEL) for place, rung in enumerate(budget.rungs)]
+        labels.append(f"= {budget.filter}")
         axes.set_xticks(range(last + 1), labels, rotation=90 if narrow else 0)
         axes.margins(y=0.12)
         axes.set(ylabel="mean squared position error [m²]", ylim=(0.0, None))
@@ -174,15 +154,13 @@ def _draw_sigmas(axes: Axes, parameters: dict[str, Any]) -> None:
 
 def _draw_nis(axes: Axes, nis_by_landmark: dict[str, Any]) -> None:
     """Draw the mean NIS per row of each landmark, in the order of ids, and its 95 % band."""
-    columns = {
-        channel: {key: _floats([row[key] for row in rows.values()]) for key in (*LOOKS, "low", "high")}
-        for channel, rows in nis_by_landmark.items()
-    }
-    for (channel, values), marker in zip(columns.items(), ("o", "^"), strict=False):
-        for which, look in LOOKS.items():
-            axes.plot(values[which], linestyle="none", marker=marker, label=f"{channel}, {WORDS[which]}", **look)
-    first = next(iter(columns.values()))
-    band(axes, range(len(first["low"])), first["low"], first["high"], "95 % band")
+    for (channel, rows), marker in zip(nis_by_landmark.items(), ("o", "^"), strict=False):
+        for noise, key, color, filling in LOOKS:
+            look: dict[str, Any] = {"color": color, "fillstyle": filling, "marker": marker, "linestyle": "none"}
+            axes.plot(_floats([row[key] for row in rows.values()]), label=f"{channel}, {noise}", **look)
+    first = next(iter(nis_by_landmark.values())).values()
+    low, high = (_floats([row[key] for row in first]) for key in ("low", "high"))
+    band(axes, range(len(low)), low, high, "95 % band")
     axes.axhline(1.0, color=TRUTH_COLOR, linewidth=0.5)
     axes.set(xlabel="landmarks in the order of ids", ylabel="NIS per row", title="by landmark")
     logarithmic(axes, "y")

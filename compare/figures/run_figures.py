@@ -14,6 +14,7 @@ from matplotlib.transforms import ScaledTranslation
 
 from slamgauge.arrays import Float, Int
 from slamgauge.compare.estimators.registry import CAUSAL, DEAD_RECKONING, HINDSIGHT, OPTIMA
+from slamgauge.compare.figures.curves import curve, exceeding, robust_limits, three_sigma
 from slamgauge.compare.figures.maps import (
     POINT,
     TRUE_ROBOT,
@@ -23,18 +24,7 @@ from slamgauge.compare.figures.maps import (
     explain,
     map_limits,
 )
-from slamgauge.compare.figures.plot_style import (
-    MARK_COLOR,
-    SHEET,
-    TRUTH_COLOR,
-    curve,
-    exceeding,
-    legend_below,
-    printed,
-    robust_limits,
-    styles,
-    three_sigma,
-)
+from slamgauge.compare.figures.plot_style import MARK_COLOR, SHEET, TRUTH_COLOR, legend_below, printed, styles
 from slamgauge.compare.scoring.consistency import pose_errors
 from slamgauge.compare.scoring.optimum_notes import MARK, doubt, is_in_doubt, is_misfit, misfits
 from slamgauge.compare.scoring.run_arrays import closure_steps, pose_covs_of

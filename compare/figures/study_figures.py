@@ -16,24 +16,9 @@ from slamgauge.arrays import Float
 from slamgauge.compare.estimators.registry import BOUNDS, CAUSAL, HINDSIGHT
 from slamgauge.compare.exercise.results import Closure, SettingResult
 from slamgauge.compare.exercise.settings import EKF, GTSAM, Setting
+from slamgauge.compare.figures.curves import band, curve, exceeding, logarithmic, robust_limits, three_sigma
 from slamgauge.compare.figures.frames import RayStrip, has_rays
-from slamgauge.compare.figures.plot_style import (
-    DIVERGED,
-    DIVERGED_LOG,
-    MARK_COLOR,
-    SHEET,
-    Sheet,
-    band,
-    curve,
-    exceeding,
-    legend_below,
-    logarithmic,
-    printed,
-    printed_on,
-    robust_limits,
-    styles,
-    three_sigma,
-)
+from slamgauge.compare.figures.plot_style import MARK_COLOR, SHEET, Sheet, legend_below, printed, printed_on, styles
 from slamgauge.compare.figures.run_figures import HEIGHTS, draw_map_and_errors
 from slamgauge.compare.scoring.optimum_notes import MARK, doubt_in_runs, misfits
 from slamgauge.compare.scoring.runs import BAND_LEVEL, PerStep, Runs, paired
@@ -87,11 +72,8 @@ def _draw_over_time(path: Path, title: str, drawn: Mapping[str, PerStep], step: 
         return
     with printed(path, 3.2, title) as figure:
         axes = figure.subplots()
-        heights, diverged = robust_limits(
-            {name: np.array([np.nanmax(each.value)]) for name, each in found.items()},
-            DIVERGED_LOG if is_log else DIVERGED,
-        )
-        height = heights[0]
+        extents = {name: np.array([np.nanmax(each.value)]) for name, each in found.items()}
+        (height,), diverged = robust_limits(extents, is_log=is_log)
         if not is_error:
             low = np.fmin.reduce([each.low for each in found.values()])
             high = np.fmax.reduce([each.high for each in found.values()])
@@ -168,7 +150,7 @@ def _draw_ratios(path: Path, title: str, runs: Mapping[str, Runs], doubtful: Col
             median.set(color=color, linewidth=1.5)
         axes.axvline(1.0, color=MARK_COLOR, linewidth=0.6)
         extents = {label: each.max(keepdims=True) for label, each, _ in boxes}
-        heights, diverged = robust_limits(extents, DIVERGED_LOG)
+        heights, diverged = robust_limits(extents, is_log=True)
         axes.set(xlabel="ATE / optimum's ATE, run by run", title=exceeding(diverged), xscale="log")
         if diverged:
             axes.set_xlim(right=1.3 * heights[0])
@@ -219,15 +201,15 @@ def save_closure_figure(path: Path, settings: Sequence[SettingResult], title: st
 
     Settings without a loop closure have no panel; nothing is written if no setting has one.
     """
-    closed = [each for each in settings if each.closures]
+    closed = [each for each in settings if each.loop_closures]
     if not closed:
         return
     with _panels(path, [each.setting for each in closed], title) as (figure, panels):
         for axes, each in zip(panels, closed, strict=True):
-            for closure in each.closures:
+            for closure in each.loop_closures:
                 _draw_closure(axes, closure)
-            laps = [closure.lap for closure in each.closures]
-            axes.set_xticks(laps, [f"lap {closure.lap}\n{closure.time_s:.0f} s" for closure in each.closures])
+            laps = [closure.lap for closure in each.loop_closures]
+            axes.set_xticks(laps, [f"lap {closure.lap}\n{closure.time_s:.0f} s" for closure in each.loop_closures])
             axes.set(xlim=(min(laps) - 0.5, max(laps) + 0.5), ylim=(0.0, None))
         figure.supylabel("position [m]", fontsize=7.5)
         labelled = dict(zip(*reversed(panels[0].get_legend_handles_labels()), strict=True))  # each label once
@@ -240,12 +222,11 @@ def _draw_closure(axes: Axes, closure: Closure) -> None:
         found, center = closure.estimators[name], closure.lap + PLACES[name]
         dot: dict[str, Any] = {"markersize": 4.5, "color": "w", "markeredgecolor": style.color, "markeredgewidth": 1.2}
         dot |= {"marker": "D" if name == GTSAM else "o", "linestyle": "none"}
-        error = np.array([found.error_before_m, found.error_after_m], dtype=np.float64)
+        error, bounds = np.array([found.error_m, found.three_sigma_m], dtype=np.float64)
         if name == GTSAM:
             axes.plot(center, error[1], label=f"RMS error of {name}", **dot)
             continue
         places = center + BAR * np.array([-0.5, 0.5])
-        bounds = np.array([found.three_sigma_before_m, found.three_sigma_after_m], dtype=np.float64)
         moments = (("before", BEFORE), ("at the closure", AFTER))
         for place, bound, (when, opacity) in zip(places, bounds, moments, strict=True):
             axes.bar(place, bound, 0.9 * BAR, color=style.color, alpha=opacity, label=f"3σ of {name} {when}")

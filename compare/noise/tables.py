@@ -36,7 +36,7 @@ def noise_table(content: dict[str, Any]) -> Table:
         found = Interval(each["value"], each["low"], each["high"])
         cells = (figure(found.mean, "{:+.3g}"), _ends(found), systematic_verdict(found), "0")
         rows.append([f"{name} [{each['unit']}]", *cells])
-    return Table.of(HEADS, rows, "Noise of the measurements", "noise")
+    return Table.of(HEADS, rows, "Sigmas found and assumed, with 95 % intervals", "noise")
 
 
 def _ends(found: Interval) -> str:

@@ -12,19 +12,10 @@ from urllib.parse import quote
 import numpy as np
 
 from slamgauge.compare.estimators.loading import load_estimators
+from slamgauge.compare.estimators.registry import CAUSAL, DEAD_RECKONING
 from slamgauge.compare.exercise import tables
 from slamgauge.compare.exercise.results import Exercise, QuestionResult, SettingResult
-from slamgauge.compare.exercise.settings import (
-    CAUSAL,
-    CAUSAL_OF_EKF,
-    DEAD_RECKONING,
-    EKF,
-    FILTERS,
-    GTSAM,
-    OPTIMA,
-    QUESTIONS,
-    Setting,
-)
+from slamgauge.compare.exercise.settings import CAUSAL_OF_EKF, EKF, FILTERS, GTSAM, OPTIMA, QUESTIONS, Setting
 from slamgauge.compare.figures.study_figures import save_closure_figure, save_nees_figure, save_setting_figure
 from slamgauge.compare.report.page import Line, Page, Section, origin, pages_of, pictures, render, said, write_pages
 from slamgauge.compare.report.run_pages import TERMS
@@ -113,10 +104,7 @@ def publish_exercise(out: Path, exercise: Exercise) -> bool:
 def exercise_page(figures: Path, run_0: Path, exercise: Exercise) -> Page:
     """Return the page of the exercise: the answer to each question, tables, figures, and links to the replays.
 
-    Args:
-        figures: folder of the figures of the questions.
-        run_0: folder with the folders of run 0 of each setting.
-        exercise: results.
+    `figures` is the folder of the figures of the questions, `run_0` has the folders of run 0 of the settings.
     """
     overview = replace(tables.scores(exercise.settings), id="overview")
     doubts = [*(each.doubt for each in exercise.settings if each.doubt), *exercise.failures]

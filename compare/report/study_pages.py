@@ -1,4 +1,4 @@
-"""Pages of a study, with its worst and median runs, of a sweep, and of an error budget."""
+"""Pages of a study, with the commands of its runs, of a sweep, and of an error budget."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from urllib.parse import quote
 import numpy as np
 
 from slamgauge.compare.report.page import Line, Page, Section, looks, origin, pictures, said
-from slamgauge.compare.scoring.catalogue import BY_KEY
-from slamgauge.compare.scoring.runs import Runs, rays_text
-from slamgauge.compare.scoring.table import ESTIMATOR, Cell, Head, Table, figure
+from slamgauge.compare.scoring.intervals import number
+from slamgauge.compare.scoring.runs import rays_text
+from slamgauge.compare.scoring.table import Cell, Head, Table, figure
 from slamgauge.compare.storage.files import read_json
 from slamgauge.compare.storage.result_files import BUDGET, REPORT, SWEEP
 from slamgauge.compare.studies.budget import notes, read_budget, rung_table, verdict
@@ -52,7 +52,7 @@ def study_page(folder: Path) -> Page:
     summary = study.summary
     value = f" at {summary.request.swept}" if summary.request and summary.request.swept else ""
     first, *others = [*pictures(folder, PICTURES), None]
-    every, entries = run_table(study), summary.estimators.items()
+    entries = summary.estimators.items()
     rays = [Line(name, f"a run's {rays_text(each['rays'])}.") for name, each in entries if each["rays"]]
     tables = [estimator_table(summary), *against_tables(summary.against)]
     return Page(
@@ -64,8 +64,7 @@ def study_page(folder: Path) -> Page:
         sections=[
             Section("Metrics of each estimator", "figures", tables=tables),
             Section("Rays of bearing-only landmarks", lines=rays, level=3),
-            Section("Worst and median runs", "look", tables=[worst_table(study)]),
-            Section(f"All {len(every.rows)} runs", tables=[every], is_folded=True),
+            Section(f"All {summary.runs} runs, the worst first", "runs", tables=[run_table(study)], is_folded=True),
             Section("Consistency and errors", "pictures", pictures=[each for each in others if each is not None]),
         ],
         looks=looks(summary.estimators),
@@ -118,38 +117,16 @@ def command_of_run(summary: Summary, seed: int) -> str:
     return f"{shlex.join(('slamgauge', *words))}{known}"
 
 
-def worst_table(study: StoredStudy) -> Table:
-    """Return the table of the worst and the median run of each estimator, with commands that repeat them."""
-    rows: list[list[Cell]] = []
-    for name, runs in study.runs.items():
-        for which, at in runs_to_look_at(runs).items():
-            run = int(runs.run[at])
-            command = Cell(command_of_run(study.summary, run_seed(study.summary.seed, run)))
-            ate = figure(float(runs.figures["ate_m"][at]), "{:.3f}")
-            rows.append([Cell(name), Cell(which), figure(run, "{}"), ate, command])
-    which = Head("which", help="run of the largest or of the median ATE", words=True)
-    heads = [ESTIMATOR, which, RUN, Head("ATE [m]", help=BY_KEY["ate_m"].help), COMMAND]
-    return Table(heads, rows, "Worst and median runs by ATE", "worst")
-
-
-def runs_to_look_at(runs: Runs) -> dict[str, int]:
-    """Return the positions of the worst and the median run by ATE; nothing without errors."""
-    ates = runs.figures["ate_m"] if len(runs.run) else np.zeros(0)
-    order = np.argsort(ates)[: np.isfinite(ates).sum()].tolist()
-    return {"worst": order[-1], "median": order[len(order) // 2]} if order else {}
-
-
 def run_table(study: StoredStudy) -> Table:
-    """Return the table of the ATE of every run and estimator, with the seeds of the runs."""
-    ates = {
-        name: dict(zip(each.run.tolist(), each.figures["ate_m"].tolist(), strict=True))
-        for name, each in study.runs.items()
-    }
+    """Return the table of the ATE of every run and estimator, with the commands that repeat the runs."""
+    ates = np.full((study.summary.runs, len(study.runs)), np.nan)
+    for column, each in zip(ates.T, study.runs.values(), strict=True):
+        column[each.run] = each.figures["ate_m"]
     rows: list[list[Cell]] = []
-    for run in range(study.summary.runs):
+    for run in np.argsort(-ates[:, 0], kind="stable").tolist():  # NaN is last
         seed = run_seed(study.summary.seed, run)
-        known = [each.get(run, np.inf) for each in ates.values()]
-        figures = [figure(ate if ate < np.inf else None, "{:.4f}") for ate in known]
-        rows.append([figure(run, "{}"), Cell(str(seed)), *figures, Cell(command_of_run(study.summary, seed))])
-    heads = [RUN, Head("seed", help="random seed of the run"), *(Head(name) for name in ates), COMMAND]
-    return Table(heads, rows, "ATE [m] of every run", "runs")
+        cells = [figure(number(ate), "{:.4f}") for ate in ates[run].tolist()]
+        rows.append([figure(run, "{}"), Cell(str(seed)), *cells, Cell(command_of_run(study.summary, seed))])
+    heads = [RUN, Head("seed", help="random seed of the run"), *(Head(name) for name in study.runs), COMMAND]
+    caption = "ATE [m] of every run, first the largest of the first estimator; click a column title to sort"
+    return Table(heads, rows, caption, "runs")

@@ -31,7 +31,7 @@ WIDE = 10.0  # noise of a `wide` outlier divided by that of other observations
 
 
 def simulate(scenario: Scenario | str | Path, seed: int) -> tuple[Truth, Recording]:
-    """Simulate one run: its truth, and the recording for estimators.
+    """Simulate one run of a scenario (a shipped name, a TOML file or a `Scenario`): its truth, and its recording.
 
     The truth follows the commanded increments exactly; the odometry is the command with errors and noise. Every kind
     of draw has its own random stream: a change of the map does not change the odometry, and no option changes the

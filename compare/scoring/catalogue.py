@@ -23,7 +23,7 @@ from slamgauge.estimate import RayLog
 from slamgauge.truth import NOBODY
 
 FAR_OFF = 9.0  # squared Mahalanobis distance of three sigma
-HALVES = ("error_near_m", "error_far_m", "sigma_near_m", "sigma_far_m")  # figures of `Measured.landmark_halves`
+HALVES = ("error_near_m", "error_far_m", "sigma_near_m", "sigma_far_m")  # figures of `Measured.map_halves`
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ class Measured(RunArrays):
         return mean(self.map_nees / 2)
 
     @of_run(stored=HALVES)
-    def landmark_halves(self) -> dict[str, float | None] | None:
+    def map_halves(self) -> dict[str, float | None] | None:
         """RMS error and sigma of the half of the map that is nearer to the start, and of the farther half."""
         way = distances(self.from_truth(self.true_ids, np.tile(self.reference[0, :2], (len(self.true_ids), 1))))
         if np.isnan(way).all():

@@ -12,7 +12,7 @@ from pydantic_core import to_jsonable_python
 
 from slamgauge.arrays import Float, Marks
 from slamgauge.compare.scoring.catalogue import BY_KEY, Measured, measured
-from slamgauge.display import preformatted
+from slamgauge.display import html_table
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
@@ -63,8 +63,8 @@ class Score(FiguresByKey):
 
     def _repr_html_(self) -> str:
         numbers = {key: value for key, value in self.to_json().items() if isinstance(value, int | float)}
-        lines = [f"{key:24}{value:<12.4g}{BY_KEY[key].help}" for key, value in numbers.items()]
-        return preformatted("\n".join([f"{self['kind']} estimate", *lines]))
+        rows = [(key, f"{value:.4g}", BY_KEY[key].help) for key, value in numbers.items()]
+        return html_table((f"{self['kind']} estimate", "", ""), rows)
 
     def timed(self, seconds: float | None) -> Score:
         """Return the score with this computing time [s]."""

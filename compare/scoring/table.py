@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from slamgauge.compare.scoring.intervals import Interval
 from slamgauge.compare.storage.files import write_csv
-from slamgauge.display import preformatted
+from slamgauge.display import html_table
 
 LONGEST_NAME = 28  # characters of the first column if the width is limited; longer names lose their middle
 NARROWEST = 22  # characters: least width of a column of sentences
@@ -125,8 +125,8 @@ class Page:
         return self.text()
 
     def html(self) -> str:
-        """Return the text for a notebook."""
-        return preformatted(self.text())
+        """Return tables and paragraphs for a notebook."""
+        return "\n".join(_html(part) for part in self.parts)
 
     def text(self, width: int | None = None) -> str:
         """Return lines of at most `width` characters, except for longer words; None sets no limit.
@@ -137,6 +137,12 @@ class Page:
         for part in self.parts:
             lines += _table_lines(part, width) if isinstance(part, Table) else _wrapped(part, width)
         return "\n".join(lines)
+
+
+def _html(part: Table | str) -> str:
+    if isinstance(part, Table):
+        return html_table([head.full for head in part.heads], part.texts()[1:])
+    return f"<p>{html.escape(part)}</p>" if part else ""
 
 
 def _wrapped(line: str, width: int | None) -> list[str]:

@@ -75,7 +75,8 @@ def of_this_version(path: Path) -> Generator[None]:
     except UserError:
         raise
     except (LookupError, TypeError, ValueError, AttributeError):
-        raise UserError(f"{path}: written by another version, or changed by hand; run its command again") from None
+        what = f"{path}: written by another version, or changed by hand"
+        raise UserError(f"{what}; move it away, and run its command again") from None
 
 
 # --- records and folders of results ---------------------------------------------------------------
@@ -249,9 +250,6 @@ def override(table: Table, text: str) -> None:
     """Set one `dotted.key=value` in the table; missing sections are created.
 
     The value is parsed as TOML; if that fails, it is taken as a string.
-
-    Raises:
-        UserError: If the key or the `=` is missing.
     """
     path, equals, value = text.partition("=")
     if not equals or not path.strip():

@@ -6,9 +6,6 @@ markup, and it can be too long for a file name: it passes `shown` or `file_name`
 
 from __future__ import annotations
 
-import shlex
-from collections.abc import Generator, Sequence
-from contextlib import contextmanager
 from contextvars import ContextVar
 
 from slamgauge.version import __version__
@@ -34,22 +31,12 @@ GRADESCOPE, RESULTS = "gradescope", "results.json"  # folder with a folder per s
 PAGES = "submissions"  # folder with a page per submission
 
 LONGEST = 200  # bytes of a file name; most file systems allow 255, and extensions follow
-_COMMAND: ContextVar[str | None] = ContextVar("_COMMAND", default=None)
-
-
-@contextmanager
-def commanded(words: Sequence[str]) -> Generator[None]:
-    """Record `slamgauge WORDS` as the command of all results in the block."""
-    token = _COMMAND.set(shlex.join(["slamgauge", *words]))
-    try:
-        yield
-    finally:
-        _COMMAND.reset(token)
+COMMAND: ContextVar[str | None] = ContextVar("COMMAND", default=None)  # what `main` runs at the moment
 
 
 def origin(scenario_text: str | None) -> dict[str, str | None]:
     """Return version, command (None: a Python program) and scenario (None: without one) for a JSON file."""
-    return {"version": __version__, "command": _COMMAND.get(), "scenario_text": scenario_text}
+    return {"version": __version__, "command": COMMAND.get(), "scenario_text": scenario_text}
 
 
 def shown(name: str) -> str:

@@ -18,7 +18,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from secrets import token_hex
 
-from slamgauge.compare.storage.files import explained, read_text
+from slamgauge.compare.storage.files import explained, read_json
 from slamgauge.errors import UserError, failure_text
 
 MARK = ".slamgauge.json"
@@ -60,7 +60,7 @@ def staged_folder(out: str | Path, main: str, *, adds: bool = False) -> Generato
     with _temporary_folder(out if out.is_dir() else out.parent, out) as stage:
         yield stage
         with explained(out, "written"):
-            written = _written(out)
+            written = read_json(out / MARK) if (out / MARK).exists() else {}  # files by main file
             new = sorted(path.relative_to(stage).as_posix() for path in stage.rglob("*") if path.is_file())
             old = {*written.get(main, ())} - {*new}
             written[main] = sorted({*new, *old}) if adds else new
@@ -74,14 +74,6 @@ def staged_folder(out: str | Path, main: str, *, adds: bool = False) -> Generato
             for name in (MARK, *sorted(new, key=main.__eq__)):
                 (out / name).parent.mkdir(parents=True, exist_ok=True)
                 (stage / name).replace(out / name)
-
-
-def _written(out: Path) -> dict[str, list[str]]:
-    """Return the files that slamgauge has written into a folder, by the main file of their command."""
-    try:
-        return json.loads(read_text(out / MARK)) if (out / MARK).exists() else {}
-    except json.JSONDecodeError:
-        raise UserError(f"{out / MARK}: changed by hand; move the folder away or give another --out") from None
 
 
 @contextmanager

@@ -149,14 +149,15 @@ def read_tagged(path: Path, forms: Mapping[str, str], unsupported: Mapping[str, 
     """Read the lines of a file by their first word, the tag.
 
     `forms` are those of the lines of each tag, for example `SENSOR id range bearing`; "" allows any number of words.
-    `unsupported` describes lines of further tags, which are refused.
+    `unsupported` has parts of further tags, and what their lines are; these are refused.
     """
     lines: dict[str, list[Line]] = {tag: [] for tag in forms}
     for line in _read_lines(path):
         tag = line.words[0]
-        if tag in unsupported:
-            raise line.refused(f"{tag} is {unsupported[tag]}, which is not supported", "leave such lines out")
         if tag not in forms:
+            for part, what in unsupported.items():
+                if part in tag:
+                    raise line.refused(f"{tag[:30]} is {what}, which is not supported", "leave such lines out")
             raise line.refused(f"{tag[:30]!r} is an unknown tag", did_you_mean(tag[:30], forms))
         if forms[tag]:
             line.require(forms[tag].split())

@@ -25,19 +25,12 @@ SAME = 1e-6  # s: nearer stamps are the same; a float64 of today's time in secon
 
 
 class Trajectory(NamedTuple):
-    """Poses with stamps of their own.
+    """Poses with stamps of their own."""
 
-    Attributes:
-        where: file or topic, for messages.
-        stamps: (n,) [s], sorted.
-        poses: (n, 3) x, y [m], heading [rad].
-        covs: (n, 3, 3), or None.
-    """
-
-    where: str
-    stamps: Float
-    poses: Float
-    covs: Float | None = None
+    where: str  # file or topic, for messages
+    stamps: Float  # (n,) [s], sorted
+    poses: Float  # (n, 3) x, y [m], heading [rad]
+    covs: Float | None = None  # (n, 3, 3)
 
 
 def has_stamps(path: Path) -> bool:

@@ -52,11 +52,7 @@ RUNGS = {
     "linearisation": "linearisation of the filter",
 }
 HEADS = (
-    Head(
-        "rung",
-        help="an estimator on the same measurements, with one disadvantage more than the rung before",
-        words=True,
-    ),
+    Head("rung", help="an estimator on the same measurements: one disadvantage more than the rung before", words=True),
     Head("mse [m^2]", help="mean squared position error over runs and steps"),
     Head("adds [m^2]", help="increase over the rung before: the largest possible gain there"),
     Head("95 % interval", help="interval of the increase, bootstrapped over runs"),

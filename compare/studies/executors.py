@@ -43,8 +43,6 @@ class _Processes(Executor):
 
     def _begin(self) -> ProcessPoolExecutor:
         os.environ.setdefault("PYTHONSAFEPATH", "1")  # workers must not import libraries from the current folder
-        if hasattr(signal, "SIGHUP"):  # not on Windows
-            _start_tracker()
         context = multiprocessing.get_context("spawn")  # a fork would inherit BLAS threads and locks
         return ProcessPoolExecutor(self._jobs, mp_context=context, initializer=_begin_work)
 
@@ -76,7 +74,7 @@ def lost_worker(error: BaseException) -> bool:
 
 @contextmanager
 def local_processes(jobs: int) -> Generator[Executor]:
-    """Start worker processes on this machine, each with one BLAS thread; they end with their parent in all cases.
+    """Context manager: worker processes on this machine, each with one BLAS thread; they end with their parent.
 
     Raises:
         UserError: a worker died, and the caller did not handle it.
@@ -94,27 +92,6 @@ def local_processes(jobs: int) -> Generator[Executor]:
         pool.shutdown(cancel_futures=True)
 
 
-def _start_tracker() -> None:
-    """Start Python's process that removes semaphores after its parent was killed; let it do so without a word.
-
-    It must survive a closed terminal (SIGHUP), and its warnings about the semaphores help no user.
-    """
-    from multiprocessing import resource_tracker
-
-    main = threading.current_thread() is threading.main_thread()  # only there can Python set handlers
-    handler = signal.signal(signal.SIGHUP, signal.SIG_IGN) if main else None
-    warned = os.environ.get("PYTHONWARNINGS")
-    os.environ["PYTHONWARNINGS"] = "ignore"
-    try:
-        resource_tracker.ensure_running()
-    finally:
-        del os.environ["PYTHONWARNINGS"]
-        if warned is not None:
-            os.environ["PYTHONWARNINGS"] = warned
-        if main:
-            signal.signal(signal.SIGHUP, handler)
-
-
 def _begin_work() -> None:
     """Ignore interrupts and a closed terminal, which the parent handles, and exit when the parent has ended."""
     for name in ("SIGINT", "SIGHUP"):
@@ -127,7 +104,7 @@ def _begin_work() -> None:
 
 @contextmanager
 def dask_cluster(address: str) -> Generator[Executor]:
-    """Connect to a running Dask cluster; its workers need the same version of slamgauge.
+    """Context manager: a running Dask cluster, whose workers need the same version of slamgauge.
 
     Raises:
         UserError: the extra `cluster` is not installed, the address is not valid, no scheduler answers, it has no

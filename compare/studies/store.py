@@ -12,7 +12,6 @@ import json
 import sqlite3
 from collections.abc import Generator, Sequence
 from contextlib import closing, contextmanager
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -46,6 +45,9 @@ CREATE TABLE IF NOT EXISTS outcome (
 );
 """
 INSERT = "INSERT OR IGNORE INTO outcome VALUES (?, ?, ?, ?, ?, ?, ?, ?)"
+MIXED = (
+    "its poses are filtered in some runs and smoothed in others; none of its runs counts: return the same kind in all"
+)
 PATIENCE, BUSY = 1.0, 10.0  # s to wait for another program: to begin, and to store a run
 # errors of SQLite that are not the file's fault: the same command may succeed later
 _IN_USE = (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED)
@@ -79,19 +81,13 @@ class StudyStore:
             self._connection.executemany(INSERT, rows)
 
     def failures(self, runs: int) -> list[tuple[int, str, str]]:
-        """Return run, estimator and error of each failure among the first `runs`, and of each change of kind."""
-        query = "SELECT run, estimator, error FROM outcome WHERE error IS NOT NULL AND run < ? ORDER BY run, estimator"
-        failed = list(self._connection.execute(query, (runs,)))
-        query = (
-            "SELECT estimator, min(run), kind FROM outcome WHERE error IS NULL AND run < ? "
-            "GROUP BY estimator, kind ORDER BY estimator, min(run)"
+        """Return run, estimator and error of each failure among the first `runs`, and of mixed kinds."""
+        failed = "SELECT run, estimator, error FROM outcome WHERE error IS NOT NULL AND run < ? ORDER BY run, estimator"
+        mixed = (
+            "SELECT min(run), estimator, ? FROM outcome WHERE error IS NULL AND run < ? "
+            "GROUP BY estimator HAVING count(DISTINCT kind) > 1"
         )
-        kinds = list(self._connection.execute(query, (runs,)))
-        for (name, first, kind), (other, run, another) in pairwise(kinds):
-            if name == other:
-                what = f"its poses are {kind} in run {first} and {another} in run {run}"
-                failed.append((run, name, f"{what}; none of its runs counts: return the same kind in every run"))
-        return failed
+        return [*self._connection.execute(failed, (runs,)), *self._connection.execute(mixed, (MIXED, runs))]
 
     def load(self, estimator: str, runs: int) -> Runs:
         """Return the first `runs` runs of `estimator`; none if its estimates are not all of one kind."""

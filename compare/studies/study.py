@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import deque
 from collections.abc import Generator, Iterable, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from contextlib import closing
 from dataclasses import replace
-from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
 
@@ -131,7 +130,9 @@ def run_beside_optima(
 def load_runs(
     scenario: Scenario | str | Path, runs: int, seed: int, estimators: Chosen, out: str | Path
 ) -> dict[str, Runs]:
-    """Return the stored runs of each estimator, for figures and statistics in user code.
+    """Return the stored runs of each estimator, for your own figures and statistics; arguments as in `run_study`.
+
+    `runs.figures["ate_m"]` is an array (R,) over runs, `runs.series["nees_pose"]` one (R, N+1) over runs and steps.
 
     Raises:
         UserError: the store does not exist, has another study, or cannot be used.
@@ -144,71 +145,66 @@ def load_runs(
 
 
 def _run_missing(store: StudyStore, work: _Work, runs: int) -> list[Failure]:
-    """Run the missing runs, store each run as it arrives, and return the failures that are not stored.
-
-    When a worker dies, all runs of its pool are lost. They are then run one at a time, which identifies the run that
-    kills its worker.
-    """
+    """Run the missing runs, store each run as it arrives, and return the failures that are not stored."""
     stored = store.stored()
     labels = {each.key: each.label for each in work.asked}
-    results = Counter(run for run, key in stored if run < runs and key in labels)
-    complete = sum(count == len(labels) for count in results.values())
-    missing = ((run, [each for each in work.asked if (run, each.key) not in stored]) for run in range(runs))
-    if complete < runs:
+    tasks = [(run, [each for each in work.asked if (run, each.key) not in stored]) for run in range(runs)]
+    missing = [task for task in tasks if task[1]]
+    if missing:
         for each in (each for each in work.asked if isinstance(each, UserCode)):
             try_out(each, simulate(work.scenario, run_seed(work.seed, 0))[1])
     refused: list[Failure] = []
-    lost: list[_Task] = []
-    in_a_row = 0
-
-    def keep(run: int, outcomes: list[Outcome]) -> None:
-        for each in outcomes:
-            tell_remarks(labels[each.estimator], each.remarks)
-        store.add(run, run_seed(work.seed, run), outcomes)
-        refused.extend(Failure(run, each.estimator, f"{each.error} ({AGAIN})") for each in outcomes if each.transient)
-        progress.update()
-
-    with counted(runs, "run", work.scenario.name, complete, leave=True) as progress:
-        with closing(_arriving((task for task in missing if task[1]), IN_FLIGHT, work)) as arriving:
-            for task, outcomes in arriving:
-                if outcomes is None:
-                    lost.append(task)
-                else:
-                    keep(task[0], outcomes)
-        with closing(_arriving(sorted(lost, key=lambda task: task[0]), 1, work)) as arriving:
-            for (run, estimators), outcomes in arriving:
-                in_a_row = in_a_row + 1 if outcomes is None else 0
-                if in_a_row == MOST_LOST:
-                    raise UserError(
-                        f"a worker process died {MOST_LOST} times in a row, the last time at run {run} alone "
-                        "(out of memory?); make room, and give the same command again"
-                    )
-                died = Outcome("", error="its worker process died (out of memory?)", transient=True)
-                keep(run, outcomes or [replace(died, estimator=each.key) for each in estimators])
+    with (
+        counted(runs, "run", work.scenario.name, runs - len(missing), leave=True) as progress,
+        closing(_arriving(missing, work)) as arriving,
+    ):
+        for run, outcomes in arriving:
+            for each in outcomes:
+                tell_remarks(labels[each.estimator], each.remarks)
+                if each.transient:
+                    refused.append(Failure(run, each.estimator, f"{each.error} ({AGAIN})"))
+            store.add(run, run_seed(work.seed, run), outcomes)
+            progress.update()
     return refused
 
 
-def _arriving(tasks: Iterable[_Task], in_flight: int, work: _Work) -> Generator[tuple[_Task, list[Outcome] | None]]:
-    """Submit tasks; yield each with its outcomes as they arrive, or with None if its worker died.
+def _arriving(tasks: Iterable[_Task], work: _Work) -> Generator[tuple[int, list[Outcome]]]:
+    """Submit tasks; yield the number of each run with its outcomes as they arrive.
 
-    On first use the first task runs alone: it compiles the kernels, which the other workers load.
+    On first use the first task runs alone: it compiles the kernels, which the other workers load. When a worker dies,
+    all runs of its pool are lost. They are then run one at a time, which identifies the run that kills its worker.
     """
     from slamgauge.jit import stored_files  # here: it loads numba
 
-    limit = in_flight if stored_files() else 1
-    pending: dict[Future[list[Outcome]], _Task] = {}
-    waiting = iter(tasks)
+    waiting, pending = deque(tasks), dict[Future[list[Outcome]], _Task]()
+    lost, is_alone, in_a_row = list[_Task](), False, 0
+    limit = IN_FLIGHT if stored_files() else 1
     try:
-        while True:
-            for run, asked in islice(waiting, limit - len(pending)):
+        while waiting or pending or lost:
+            if not (waiting or pending):
+                waiting, lost, is_alone = deque(sorted(lost, key=lambda task: task[0])), [], True
+            while waiting and len(pending) < (1 if is_alone else limit):
+                run, asked = waiting.popleft()
                 pending[work.executor.submit(run_once, work.scenario, run_seed(work.seed, run), asked)] = (run, asked)
-            if not pending:
-                return
-            limit = in_flight
-            for future in wait(pending, return_when=FIRST_COMPLETED).done:
-                task = pending.pop(future)
+            limit = IN_FLIGHT
+            done = wait(pending, return_when=FIRST_COMPLETED).done
+            for future in sorted(done, key=lambda each: each.exception() is not None):  # a defect ends the study
+                run, asked = pending.pop(future)
                 error = future.exception()
-                yield task, None if error is not None and lost_worker(error) else future.result()
+                if error is None or not lost_worker(error):
+                    in_a_row = 0
+                    yield run, future.result()
+                elif not is_alone:
+                    lost.append((run, asked))
+                else:
+                    in_a_row += 1
+                    if in_a_row == MOST_LOST:
+                        raise UserError(
+                            f"a worker process died {MOST_LOST} times in a row, the last time at run {run} alone "
+                            "(out of memory?); make room, and give the same command again"
+                        )
+                    died = Outcome("", error="its worker process died (out of memory?)", transient=True)
+                    yield run, [replace(died, estimator=each.key) for each in asked]
     finally:
         for future in pending:
             future.cancel()

@@ -8,7 +8,7 @@ from typing import Any
 
 from pydantic_core import to_jsonable_python
 
-from slamgauge.compare.estimators.registry import BOUND, BOUNDS, CAUSAL, HINDSIGHT, HINDSIGHT_BOUND, REGISTRY, is_ours
+from slamgauge.compare.estimators.registry import BOUNDS, CAUSAL, HINDSIGHT, REGISTRY, is_ours
 from slamgauge.compare.scoring.catalogue import BY_KEY, figure_cells, heads
 from slamgauge.compare.scoring.optimum_notes import beats_the_optimum, doubt_in_runs, is_misfit_in_runs, misfits
 from slamgauge.compare.scoring.runs import Runs, rays_text
@@ -16,8 +16,6 @@ from slamgauge.compare.scoring.scores import FiguresByKey
 from slamgauge.compare.scoring.table import ESTIMATOR, RUNS, Cell, Page, Table, cell
 from slamgauge.compare.storage.result_files import origin
 from slamgauge.compare.studies.paired_comparisons import Against, RunFigures, against_parts
-
-ERRORS = {BOUND: "causal_position_rmse_m", HINDSIGHT_BOUND: "hindsight_position_rmse_m"}  # keys of summary.json
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,16 +79,13 @@ class Summary:
         return summary_table(self).html()
 
     def to_json(self) -> dict[str, Any]:
-        """Return the content of summary.json; with bounds, `bound` has their errors."""
-        content: dict[str, Any] = {
+        """Return the content of summary.json."""
+        content = {
             **origin(self.scenario_text),
             **{key: getattr(self, key) for key in ("scenario", "runs", "seed", "digest")},
             "estimators": {name: entry.to_json() for name, entry in self.estimators.items()},
             **{key: getattr(self, key) for key in ("failures", "per_run", "against", "request")},
         }
-        if is_bounded(self.estimators):
-            bounds = {key: self.estimators.get(name, {}).get("position_rmse_m") for name, key in ERRORS.items()}
-            content["bound"] = {key: None if each is None else each.mean for key, each in bounds.items()}
         return to_jsonable_python(content)
 
 

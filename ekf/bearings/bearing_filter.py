@@ -24,7 +24,6 @@ from slamgauge.ekf.settings import PLAIN, Delayed, Initialisation, Rays, Robustn
 from slamgauge.errors import UserError
 from slamgauge.estimate import RayLog
 from slamgauge.recording import Observations
-from slamgauge.validation import are_among
 
 
 class BearingFilter(OnlineFilter):
@@ -86,7 +85,7 @@ class BearingFilter(OnlineFilter):
 
     def standing(self, ids: Int) -> Int:
         """Return the ids, -1 for deleted landmarks."""
-        known = are_among(ids, self.landmark_ids)
+        known = np.isin(ids, self.landmark_ids)
         return ids if known.all() else np.where(known, ids, NONE)
 
     def predict(self, increment: ArrayLike, cov: ArrayLike) -> None:

@@ -44,7 +44,3 @@ def test_lack_of_memory_space_and_connections_is_an_error_of_the_machine(error: 
     mistake = UserError("estimator own.py:estimate: it raised an error")
     mistake.__cause__ = error
     assert refused_by_the_machine(mistake) is refused
-
-
-def test_a_users_mistake_is_a_value_error() -> None:
-    assert issubclass(UserError, ValueError)

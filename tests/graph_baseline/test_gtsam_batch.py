@@ -106,7 +106,7 @@ def test_a_given_initial_estimate_decides_which_minimum_is_found() -> None:
 @pytest.mark.parametrize(
     ("initial", "message"),
     [
-        (lambda recording: recording, "^initial: is a Recording; give an Estimate$"),
+        (lambda recording: recording, "^initial: is of type Recording; give type Estimate$"),
         (lambda recording: ekf_slam(recording.first(3)), "^initial: has 4 poses, and the recording 41; [^\n]*$"),
     ],
 )

@@ -1,6 +1,10 @@
-"""Small logs of every format that `slamgauge import` reads: texts by file name."""
+"""Small logs of every format that `slamgauge import` reads: texts by file name, fields of a MATLAB file."""
 
 from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
 
 CSV = {
     "odometry.csv": "stamp,v,omega\n0.0,1.0,0.5\n1.0,1.0,-0.5\n2.0,1.0,0.0\n3.0,0,0\n",
@@ -38,4 +42,22 @@ MRCLAM = {
     "Barcodes.dat": "# Subject Barcode\n1 5\n2 14\n6 63\n7 25\n",
     "Robot2_Groundtruth.dat": "10.2 1 2 3.1\n10.9 2 2 -3.1\n11.9 3 2 -3.0\n12.8 3 2 -3.0\n",
     "Landmark_Groundtruth.dat": "6 1.0 2.0 0.001 0.001\n7 3.0 4.0 0.001 0.001\n",
+}
+COLUMN = np.ones((4, 1))
+WOODS: dict[str, Any] = {  # four steps of a robot that turns by 0.3 rad while it drives 0.2 m, with one landmark
+    "t": 0.1 * np.arange(4.0)[:, None],
+    "v": 2.0 * COLUMN,
+    "om": 3.0 * COLUMN,
+    "d": 0.5,
+    "x_true": COLUMN,
+    "y_true": 2.0 * COLUMN,
+    "th_true": np.pi / 2 * COLUMN,
+    "true_valid": np.array([[1], [1], [0], [1]], dtype=np.uint8),
+    "r": np.array([[1.0], [0.0], [9.0], [5.0]]),
+    "b": 4.0 * COLUMN,
+    "l": [[7.0, 8.0]],
+    "r_var": 0.1,
+    "b_var": 0.2,
+    "v_var": 0.01,
+    "om_var": 0.04,
 }

@@ -88,7 +88,7 @@ def test_an_estimate_as_tum_and_csv(run: Path, tmp_path: Path, capsys: pytest.Ca
 @pytest.mark.parametrize(
     ("place", "form", "more", "message"),
     [
-        ("", "tum", (), "run: it has 2 estimates; give one, as FOLDER/estimates/NAME.npz"),
+        ("", "tum", (), "run: it has 2 estimates; give FOLDER/estimates/NAME.npz"),
         ("estimates/ekf.npz", "g2o", (), "ekf.npz: it is an estimate, not a recording"),
         ("truth.npz", "csv", (), "truth.npz: not a whole Recording: "),
         ("", "csv", ("--columns", "ate_m"), "summary.json: cannot be read"),

@@ -52,7 +52,7 @@ COMMANDS = {  # words of a command, without blanks inside, and the begin of its 
     "run q1-long-dense --sead 1": "--sead: no option of `slamgauge run`; did you mean --seed?",
     "run q1-long-dense -seed 1": "-seed: no option of `slamgauge run`; did you mean --seed?",
     "twin log.npz --run 3": "--run: no option of `slamgauge twin`; `slamgauge twin --help` lists",
-    "import csv log --set=a.b=1 --ouut x": "--ouut: no option of `slamgauge import`; did you mean",
+    "import csv log --set=a.b=1 --ouut x": "--ouut: no option of `slamgauge import csv`; did you mean --out?",
     "run q1-long-dense --seed x": "--seed: 'x' is not a whole number; see `slamgauge run --help`",
     "evaluate x --align se3": "--align: 'se3' is not one of none, se2; did you mean se2?",
     "run q1-long-dense more": "more: one word too many; see `slamgauge run --help`",

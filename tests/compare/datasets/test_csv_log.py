@@ -146,6 +146,11 @@ DRIVE = "stamp,v,omega\n0,1,0\n1,1,0\n"
         (odometry("stamp,x,y,theta,v,omega\n0,1,0,0,0,0\n"), "", "could be velocities or poses; give the kind with"),
         (odometry("stamp,v,omega,v_std\n0,1,0,-1\n1,1,0,1\n"), "", "line 2: v_std is negative"),
         (odometry(DRIVE), "start.stamp=0", "odometry.csv: start.stamp: the log starts at the first row of velocities"),
+        (
+            odometry("stamp,dx,dtheta\n1700000007.9,1,0\n1700000008.9,1,0\n"),
+            "start.stamp=1700000007.95",
+            "line 2: is not after the start at 1700000007.95 s",
+        ),
         (odometry(DRIVE), "noise.forward=-1", "noise.forward: input should be greater than or equal to 0, not '-1'"),
         (odometry(DRIVE), "noise.fwd=1", "noise.fwd: unknown key; did you mean forward?"),
         (odometry(DRIVE), "nose.forward=1", "nose: unknown section; did you mean noise?"),

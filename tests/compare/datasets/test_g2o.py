@@ -127,7 +127,7 @@ def test_loop_edges_are_refused_or_dropped(read: Read):
     ("old", "new", "message"),
     [
         ("EDGE_SE2_XY 15 4 2 1 25 5 16\nEDGE_SE2_XY 10 4 4 -1 25 0 25\n", "", "no observation of a landmark in it"),
-        ("EDGE_SE2 11 15", "EDGE_SE2 15 15", "no edge joins the poses 11 and 15"),
+        ("EDGE_SE2 11 15", "EDGE_SE2 15 15", "no edge joins the poses 11 and 15; number the poses in the order of"),
         ("VERTEX_SE2 15 3", "VERTEX_SE2 99 3", "line 4: pose 99 is on no edge of the path"),
         ("EDGE_SE2_XY 15", "EDGE_SE2_XY 16", "line 9: pose 16 is on no edge of the path; correct the id"),
         ("EDGE_SE2_XY 15 4", "EDGE_SE2_XY 15 11", "line 9: vertex 11 is a pose, not a landmark"),

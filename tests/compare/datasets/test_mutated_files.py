@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import tempfile
 from collections.abc import Callable
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +13,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.io import savemat
 
+from slamgauge.compare.datasets.bag_log import read_bag
 from slamgauge.compare.datasets.csv_log import read_csv_log
 from slamgauge.compare.datasets.g2o import read_g2o
-from slamgauge.compare.datasets.published import read_mrclam
+from slamgauge.compare.datasets.published import read_lost_in_the_woods, read_mrclam
 from slamgauge.compare.estimators.stored_trajectory import load_stored
 from slamgauge.compare.storage.csv_folder import write_recording_csv
 from slamgauge.compare.storage.files import load_recording, save
@@ -23,8 +26,9 @@ from slamgauge.compare.storage.trajectories import write_tum
 from slamgauge.errors import UserError
 from slamgauge.se2 import chain
 from tests.marks import in_full
+from tests.reference.bags import Bags, detection, in_order, odometry_messages, scan_messages
 from tests.reference.random_recordings import random_recording
-from tests.reference.robot_logs import CSV, G2O, MRCLAM, TORO
+from tests.reference.robot_logs import CSV, G2O, MRCLAM, TORO, WOODS
 
 RECORDING = random_recording(3, steps=4)[1]
 PATH = chain(RECORDING.prior_mean, RECORDING.odometry)
@@ -46,8 +50,13 @@ def tum(folder: Path) -> None:
     write_tum(folder / "path.tum", RECORDING.stamps, PATH, np.tile(np.eye(3), (len(PATH), 1, 1)))
 
 
-FORMATS: dict[str, tuple[Files, Callable[[Path], Any]]] = {
-    "npz": (lambda folder: save(folder / "recording.npz", RECORDING), lambda it: load_recording(it / "recording.npz")),
+def bag(folder: Path, kind: str) -> None:
+    recording = random_recording(3, steps=4, sensor="position")[1]
+    seen = scan_messages(recording, "/seen", "vision_msgs/msg/Detection3DArray", detection, "detections")
+    Bags(kind).write(folder / "run", in_order(odometry_messages(recording), seen))
+
+
+TEXTS: dict[str, tuple[Files, Callable[[Path], Any]]] = {
     "tum": (tum, lambda folder: load_stored(folder / "path.tum", RECORDING)),
     "csv recording": (lambda folder: write_recording_csv(folder, RECORDING), read_csv_log),
     "csv log": (texts(CSV), read_csv_log),
@@ -55,10 +64,28 @@ FORMATS: dict[str, tuple[Files, Callable[[Path], Any]]] = {
     "toro": (texts(TORO), lambda folder: read_g2o(folder / "graph.toro", isam=True, drop_loop_edges=True)),
     "mrclam": (texts(MRCLAM), read_mrclam),
 }
+FORMATS = TEXTS | {
+    "npz": (lambda folder: save(folder / "recording.npz", RECORDING), lambda it: load_recording(it / "recording.npz")),
+    "woods": (
+        lambda folder: savemat(folder / "woods.mat", WOODS),
+        lambda folder: read_lost_in_the_woods(folder / "woods.mat"),
+    ),
+    "ros1 bag": (partial(bag, kind="ros1"), lambda folder: read_bag(folder / "run.bag")),
+    "mcap bag": (partial(bag, kind="mcap"), lambda folder: read_bag(folder / "run")),
+    "sqlite3 bag": (partial(bag, kind="sqlite3"), lambda folder: read_bag(folder / "run")),
+}
 
 
-def content_of(folder: Path) -> dict[str, bytes]:
-    return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
+def content_of(folder: Path) -> dict[Path, bytes]:
+    return {path.relative_to(folder): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+
+
+@cache
+def whole_files(name: str) -> dict[Path, bytes]:
+    """Return the files of a format by their places in a folder."""
+    with tempfile.TemporaryDirectory() as folder:
+        FORMATS[name][0](Path(folder))
+        return content_of(Path(folder))
 
 
 @st.composite
@@ -92,22 +119,22 @@ def mutated(draw: st.DrawFn, content: bytes) -> bytes:
 
 def attempts(name: str, data: st.DataObject) -> str:
     """Read a format with one of its files mutated; return the refusal, empty without one."""
-    write, read = FORMATS[name]
     with tempfile.TemporaryDirectory() as where:
-        folder = Path(where)
-        write(folder)
-        path = data.draw(st.sampled_from(sorted(folder.iterdir())))
-        path.write_bytes(data.draw(mutated(path.read_bytes())))
-        before = content_of(folder)
+        folder, files = Path(where), dict(whole_files(name))
+        changed = data.draw(st.sampled_from([*files]))
+        files[changed] = data.draw(mutated(files[changed]))
+        for path, content in files.items():
+            (folder / path).parent.mkdir(exist_ok=True)
+            (folder / path).write_bytes(content)
         try:
             with np.errstate(all="raise", under="ignore"):
-                read(folder)
+                FORMATS[name][1](folder)
         except UserError as error:
             assert len(str(error).splitlines()) == 1
             assert str(error).startswith(where)
             return str(error)
         finally:
-            assert content_of(folder) == before
+            assert content_of(folder) == files
     return ""
 
 
@@ -131,16 +158,16 @@ def test_whole_files_are_read_and_cut_ones_are_refused(name: str, tmp_path: Path
     write, read = FORMATS[name]
     write(tmp_path)
     read(tmp_path)
-    path = max(tmp_path.iterdir(), key=lambda each: each.stat().st_size)
+    path = max((tmp_path / each for each in whole_files(name)), key=lambda each: each.stat().st_size)
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 5])
     with pytest.raises(UserError):
         read(tmp_path)
 
 
-@pytest.mark.parametrize("name", [name for name in FORMATS if name != "npz"])
+@pytest.mark.parametrize("name", TEXTS)
 def test_byte_order_marks_and_line_ends_make_no_difference_and_files_without_text_are_named(name: str, tmp_path: Path):
     """Each text file of a format is changed in turn."""
-    write, read = FORMATS[name]
+    write, read = TEXTS[name]
     write(tmp_path)
     for path in sorted(tmp_path.iterdir()):
         whole = path.read_bytes()

@@ -20,7 +20,7 @@ from slamgauge.compare.storage.files import load_recording
 from slamgauge.errors import UserError
 from slamgauge.se2 import between, compose, rotation, wrap
 from tests.reference.given import given
-from tests.reference.robot_logs import MRCLAM
+from tests.reference.robot_logs import MRCLAM, WOODS
 
 DATA = Path(__file__).parents[3] / "../shared/data"
 VICTORIA_PARK = DATA / "victoria_park/victoria_park.txt"
@@ -62,14 +62,8 @@ DAMAGED = "not a whole dataset2.mat of Lost in the Woods"
 
 
 def woods(path: Path, **changes: Any) -> Imported:
-    """Read four steps of a robot that turns by 0.3 rad while it drives 0.2 m, with one landmark."""
-    column = np.ones((4, 1))
-    fields = {"t": 0.1 * np.arange(4.0)[:, None], "v": 2.0 * column, "om": 3.0 * column, "d": 0.5}
-    fields |= {"x_true": column, "y_true": 2 * column, "th_true": np.pi / 2 * column}
-    fields |= {"true_valid": np.array([[1], [1], [0], [1]], dtype=np.uint8)}
-    fields |= {"r": np.array([[1.0], [0.0], [9.0], [5.0]]), "b": 4.0 * column, "l": [[7.0, 8.0]]}
-    fields |= {"r_var": 0.1, "b_var": 0.2, "v_var": 0.01, "om_var": 0.04}
-    savemat(path / "woods.mat", {name: value for name, value in (fields | changes).items() if value is not None})
+    """Read a small log with changed fields; None leaves a field out."""
+    savemat(path / "woods.mat", {name: value for name, value in (WOODS | changes).items() if value is not None})
     return read_lost_in_the_woods(path / "woods.mat")
 
 

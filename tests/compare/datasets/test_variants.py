@@ -199,6 +199,14 @@ LOGS: dict[str, tuple[Change, str]] = {
     "sensor noise too small": (header(MAPPING, SENSOR_NOISE, "range = 5e-4\nbearing = 2e-4"), "`slamgauge noise`"),
     # truth
     "truth in mm": (scaled(TRUTH, x=1e3, y=1e3), "the true path has 996 times the distances"),
+    "truth half a second early": (
+        moved(TRUTH, "stamp", -0.5),
+        "the true path turns 0.5 s before the odometry; add 0.5 s to its stamps",
+    ),
+    "lengths in m, read as mm, but those of the truth": (
+        settings("[observations]\nlength = 'mm'\n[odometry]\nlength = 'mm'\n"),
+        "the true path has 996 times the distances of the odometry",
+    ),
     "truth of another clock": (moved(TRUTH, "stamp", 1e6), ": start.pose: the ground truth has no pose at the start"),
     "truth at one step": (rows(TRUTH, lambda lines: lines[:1]), "the true path has poses at 1 of 301 steps"),
     "a true map": (with_map(), READ),
@@ -303,6 +311,8 @@ GRAPHS: dict[str, tuple[ChangedGraph, str]] = {
     "doubled edges": (each("EDGE_SE2", lambda line: [*line, "\n", *line]), "a second edge between the poses"),
     "in space": (lambda graph: graph + "VERTEX_SE3:QUAT 0 0 0 0 0 0 0 1\n", "is a graph in space, which"),
     "ranges only": (lambda graph: graph + "EDGE_RANGE_SE2_XY 3 4 1 1\n", "is a range-only edge, which"),
+    "prior of a landmark": (lambda graph: graph + "EDGE_PRIOR_POINTXY 4 1 1\n", "is a prior of a landmark or a pos"),
+    "fixed landmark": (lambda graph: graph + "FIX 5\n", "landmark 5 is fixed, which is not supported"),
 }
 
 

@@ -13,6 +13,7 @@ from collections.abc import Callable
 from contextlib import closing
 from io import BytesIO
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from textwrap import indent
 from time import monotonic, sleep
 
@@ -24,8 +25,9 @@ from slamgauge.compare.estimators import answers
 from slamgauge.compare.estimators.answers import Answer, message, read_answer
 from slamgauge.compare.estimators.child import Host
 from slamgauge.compare.estimators.requests import Limits, address
-from slamgauge.compare.estimators.sandbox import CODE, has_wall
+from slamgauge.compare.estimators.sandbox import CODE, has_wall, require_wall
 from slamgauge.compare.estimators.user_errors import UserCodeError
+from slamgauge.errors import UserError
 
 from .conftest import short
 
@@ -106,6 +108,18 @@ def test_what_it_may_not_do_or_take(walled: Walled, statements: str, expected: s
     with socket.create_server(("127.0.0.1", 0)) as server:
         host = walled(statements.replace("PORT", str(server.getsockname()[1])), 5.0)
         assert expected in reason(host)
+
+
+@needs_wall
+def test_what_the_user_has_in_a_folder_that_is_empty_behind_the_wall(walled: Walled, monkeypatch: pytest.MonkeyPatch):
+    with TemporaryDirectory(dir="/tmp") as folder:
+        Path(folder, "program").touch()
+        monkeypatch.setenv("NUMBA_CACHE_DIR", folder)
+        monkeypatch.setenv("PATH", f"{folder}:{os.environ['PATH']}")
+        assert "ValueError: []" in reason(walled("raise ValueError(os.listdir('/tmp'))"))
+    monkeypatch.setattr(sys, "prefix", "/tmp/venv")
+    with pytest.raises(UserError, match=r"^/tmp/venv: is in a folder that is empty behind the wall; [^\n]+$"):
+        require_wall()
 
 
 @needs_wall

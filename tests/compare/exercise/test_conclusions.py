@@ -122,13 +122,13 @@ def test_twice_the_runs_needed_decide_as_often_as_stated():
     ],
 )
 def test_a_ratio_uses_the_runs_that_have_both_figures(above: Any, below: Any, ratios: list[float]):
-    runs = {("2.6", EKF): runs_of(*above), ("2.1", EKF): runs_of(*below)}
+    runs = {"2.6": {EKF: runs_of(*above)}, "2.1": {EKF: runs_of(*below)}}
     np.testing.assert_allclose(log_ratios(Measure("ATE", "2.6"), Measure("ATE", "2.1"), runs), np.log(ratios))
 
 
 def judged(ratios: dict[str, Float]) -> Judgement:
     """Judge that an error is smaller than several others, from the logarithms of the ratios."""
-    runs = {("3.4", EKF): runs_of(np.ones(50))} | {(name, EKF): runs_of(np.exp(-each)) for name, each in ratios.items()}
+    runs = {name: {EKF: runs_of(np.exp(-each))} for name, each in (ratios | {"3.4": np.zeros(50)}).items()}
     return judge(Conclusion("q3-x", "", LESS, tuple(Measure("ATE", name) for name in ("3.4", *ratios))), runs)
 
 

@@ -86,15 +86,15 @@ def test_loop_closures_are_the_first_of_each_lap(question_1: Exercise):
             firsts = [next((step for step, of in zip(steps, laps, strict=True) if of == lap), -1) for lap in range(9)]
             every.append(firsts[: math.ceil(SECONDS * rate / (2 * math.pi) - 0.01)])
             assert first_closures(ran.scenario, run_seed(3, run)) == every[-1]
-        for closure in ran.closures:
+        for closure in ran.loop_closures:
             at = [(run, firsts[closure.lap - 1]) for run, firsts in enumerate(every) if firsts[closure.lap - 1] >= 0]
             assert closure.time_s == pytest.approx(0.1 * np.mean([step for _, step in at]))
             series, found = ran.runs[EKF].series, closure.estimators[EKF]
             squares = [[series[f"error_{axis}"][run, step - 1] ** 2 for axis in "xy"] for run, step in at]
-            assert found.error_before_m == pytest.approx(math.sqrt(np.sum(squares) / len(at)))
+            assert found.error_m[0] == pytest.approx(math.sqrt(np.sum(squares) / len(at)))
             squares = [[series[f"sigma_{axis}"][run, step] ** 2 for axis in "xy"] for run, step in at]
-            assert found.three_sigma_after_m == pytest.approx(3 * math.sqrt(np.sum(squares) / len(at)))
-    assert any(ran.closures for ran in question_1.settings)
+            assert found.three_sigma_m[1] == pytest.approx(3 * math.sqrt(np.sum(squares) / len(at)))
+    assert any(ran.loop_closures for ran in question_1.settings)
 
 
 def test_tables_fit_80_columns_and_a_ratio_to_an_optimum_in_doubt_is_marked(question_1: Exercise):

@@ -14,7 +14,8 @@ from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 
 from slamgauge.compare.cli.main import main
-from slamgauge.compare.figures.plot_style import INCHES, Sheet, Width, printed_on, robust_limits
+from slamgauge.compare.figures.curves import robust_limits
+from slamgauge.compare.figures.plot_style import INCHES, Sheet, Width, printed_on
 from slamgauge.compare.figures.publishing import drawings_of
 from slamgauge.compare.figures.study_figures import study_drawings
 from slamgauge.compare.studies.stored_study import load_study
@@ -67,7 +68,7 @@ def labels(figure: Figure) -> set[str]:
 
 
 def test_export_draws_the_chosen_estimators(results: Path, tmp_path: Path, drawn: dict[str, Figure]):
-    words = ("export", "svg", str(results / "run"), "--out", str(tmp_path / "out"))
+    words = ("export", "figures", str(results / "run"), "--form", "svg", "--out", str(tmp_path / "out"))
     assert main([*words, "--estimators", "causal,ekf"]) == 0
     assert set(drawn) == {"figure", "rays"}
     assert labels(drawn["figure"]) >= {"ekf", "causal"} and USER_NAME not in labels(drawn["figure"])
@@ -97,7 +98,11 @@ def test_numbers_of_the_study_are_drawn(results: Path, tmp_path: Path, drawn: di
         ("bench", "--estimators riekf", "riekf"),
         ("", "", "contains no run, study, sweep, budget, noise or bench"),
         *(
-            (f"damaged/{kind}", "", f"{kind}.json: written by another version, or changed by hand; run its command")
+            (
+                f"damaged/{kind}",
+                "",
+                f"{kind}.json: written by another version, or changed by hand; move it away, and run",
+            )
             for kind in ("noise", "budget", "bench", "sweep")
         ),
     ],
@@ -108,13 +113,13 @@ def test_refusals(
     if folder.startswith("damaged"):
         (results / folder).mkdir(parents=True)
         (results / folder / f"{Path(folder).name}.json").write_text("{}")
-    assert main(["export", "pdf", str(results / folder), "--out", str(tmp_path / "out"), *options.split()]) == 2
+    assert main(["export", "figures", str(results / folder), "--out", str(tmp_path / "out"), *options.split()]) == 2
     assert message in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 
 
 def test_files_have_the_requested_format_and_width_and_no_date(results: Path, tmp_path: Path):
-    words = ("export", "pdf", str(results / "budget"), "--width", "column", "--out", str(tmp_path))
+    words = ("export", "figures", str(results / "budget"), "--width", "column", "--out", str(tmp_path))
     assert main([*words]) == 0
     written = (tmp_path / "budget.pdf").read_bytes()
     assert b"/MediaBox [ 0 0 244.8 " in written and b"CreationDate" not in written  # 3.4 in, in points

@@ -168,8 +168,8 @@ def test_options_that_do_not_fit(run_folder: Path, capsys: pytest.CaptureFixture
     (run_folder / "truth.npz").unlink()
     words = ["evaluate", run_folder / "recording.npz", "--estimates", f"e={run_folder / 'e.npz'}"]
     for more, message in (
-        (["--max-gap", "0"], "max-gap: 0 s is not above 0; give seconds > 0"),
-        (["--time-offset", "nan"], "time-offset: nan is not a time"),
+        (["--max-gap", "0"], "time-offset and max-gap: 0 s and 0 s are not a time and a gap above 0; give seconds"),
+        (["--time-offset", "nan"], "time-offset and max-gap: nan s and 1 s"),
         (["--align", "se2"], "align: se2 needs true positions"),
     ):
         assert run(*words, *more) == 2

@@ -105,7 +105,7 @@ def test_landmarks_are_compared_by_id() -> None:
     assert score["landmark_rmse_m"] == pytest.approx(math.sqrt((1 + 0.25) / 2))
     assert score["landmark_nees_per_dof"] == pytest.approx((1 + 1) / 2 / 2)
     deviation = pytest.approx(math.sqrt(1.25))
-    assert [*score["landmark_halves"].values()] == [1, 0.5, deviation, deviation]
+    assert [*score["map_halves"].values()] == [1, 0.5, deviation, deviation]
     assert associations(score) == (2, 2, 0, 0)
 
 

@@ -60,9 +60,14 @@ def test_columns_without_figures_are_not_named_and_long_names_stay_without_a_wid
     assert Page((table(CLAIMS, range(3), 1),)).text(40).splitlines()[1].endswith("small  holds")
 
 
-def test_notebooks_show_the_printed_text_with_escapes():
-    shown = Page((table([["estimator"], ["<b>"]], estimator="name"), "a & b")).html()
-    assert shown == '<pre style="white-space: pre; overflow-x: auto">name\n&lt;b&gt;\na &amp; b</pre>'
+def test_notebooks_show_tables_with_full_names_and_escape_texts():
+    shown = Page((table([["estimator"], ["<b>"]], estimator="name"), "", "a & b")).html()
+    assert shown.splitlines() == [
+        '<div style="overflow-x: auto; white-space: nowrap"><table><thead><tr><th>name</th></tr></thead>'
+        "<tbody><tr><td>&lt;b&gt;</td></tr></tbody></table></div>",
+        "",
+        "<p>a &amp; b</p>",
+    ]
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sqlite3
 from collections.abc import Callable
+from concurrent.futures import wait
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -95,6 +96,19 @@ def test_an_interrupted_study_continues_and_repeats_nothing(run: Run, monkeypatc
     with local_processes(2) as executor:
         run(7, BOTH, "parts", executor=executor)  # additional runs in the store change nothing
     assert figures_of(run(5, BOTH, "parts")) == figures_of(whole)
+
+
+def test_runs_that_end_together_with_a_defect_are_stored(run: Run, load: Load, monkeypatch: pytest.MonkeyPatch) -> None:
+    def defective(each: Scenario, seed: int, asked: list[Asked]) -> list[study_run.Outcome]:
+        if seed == run_seed(0, 1):
+            raise RuntimeError("defect")
+        return study_run.run_once(each, seed, asked)
+
+    monkeypatch.setattr("slamgauge.compare.studies.study.run_once", defective)
+    monkeypatch.setattr("slamgauge.compare.studies.study.wait", lambda pending, **_: wait(pending))
+    with pytest.raises(RuntimeError, match="defect"):
+        run(4, ("ekf",))
+    assert load(4, ("ekf",))["ekf"].run.tolist() == [0, 2, 3]
 
 
 def test_a_store_of_another_study_is_refused(run: Run) -> None:
