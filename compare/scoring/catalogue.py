@@ -191,7 +191,8 @@ class Measured(RunArrays):
         log = self.estimate.rays
         if log is None:
             return None
-        collapsed, ended, wrong, off = log.survivor >= 0, log.end >= 0, None, None
+        collapsed, ended = log.survivor >= 0, log.end >= 0
+        wrong, off = None, None
         if self.truth.poses is not None and self.truth.landmark_ids is not None:
             off = collapsed & np.isin(log.landmark, self.estimate.landmark_ids[self.map_nees > FAR_OFF])
             wrong = off | (collapsed & ~self._nearest_survived(log))

@@ -72,9 +72,7 @@ class Table:
 
 ESTIMATOR = Head("estimator", help="name of the estimator", words=True)
 KIND = Head(
-    "kind",
-    help="filtered: poses use only measurements up to their step; smoothed: they use all; the two are not compared",
-    words=True,
+    "kind", help="filtered: from measurements up to the step; smoothed: from all; not to be compared", words=True
 )
 RUNS = Head("runs", help="number of runs")
 
