@@ -71,9 +71,7 @@ class Table:
 
 
 ESTIMATOR = Head("estimator", help="name of the estimator", words=True)
-KIND = Head(
-    "kind", help="filtered: from measurements up to the step; smoothed: from all; not to be compared", words=True
-)
+KIND = Head("kind", help="filtered: from measurements up to the step; smoothed: from all; never compared", words=True)
 RUNS = Head("runs", help="number of runs")
 
 
