@@ -71,9 +71,7 @@ class Table:
 
 
 ESTIMATOR = Head("estimator", help="name of the estimator", words=True)
-KIND = Head(
-    "kind", help="filtered: uses measurements up to the step; smoothed: all; the two are not compared", words=True
-)
+KIND = Head("kind", help="filtered: measurements up to the step; smoothed: all; the two are not compared", words=True)
 RUNS = Head("runs", help="number of runs")
 
 
