@@ -92,7 +92,8 @@ class RayLog(Record):
 
     def __post_init__(self) -> None:
         landmark = as_ints("rays.landmark", self.landmark, (None,))
-        birth, end = (as_ints(f"rays.{name}", getattr(self, name), (len(landmark),)) for name in ("birth", "end"))
+        birth = as_ints("rays.birth", self.birth, (len(landmark),))
+        end = as_ints("rays.end", self.end, (len(landmark),))
         require_rows("rays.birth", birth >= 0, birth, "give the step at which the ray began, >= 0")
         require_rows("rays.end", (end == -1) | (end >= birth), end, "a ray cannot end before its birth; -1: open")
         distances = as_array("rays.distances", self.distances, (len(landmark), None))

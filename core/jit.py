@@ -1,9 +1,9 @@
 """Compilation of kernels by numba on first use.
 
 A kernel is a function that Python calls: its machine code is stored on disk together with that of all functions that it
-calls. The folder is named after a digest of the sources of all kernels, so that no old code runs after a change;
-NUMBA_CACHE_DIR names another place for these folders. With NUMBA_DISABLE_JIT=1 kernels are plain Python functions that
-a debugger can enter.
+calls. The folder is named after a digest of the paths and contents of all sources with kernels, so that no old code
+runs after a change; NUMBA_CACHE_DIR names another place for these folders. With NUMBA_DISABLE_JIT=1 kernels are plain
+Python functions that a debugger can enter.
 """
 
 from __future__ import annotations
@@ -97,7 +97,7 @@ def parent() -> Path:
 
 
 def digest() -> str:
-    """Return a digest of the names and contents of all sources with kernels or formulas."""
+    """Return a digest of the paths and contents of all sources with kernels or formulas."""
     found = hashlib.sha256()
     for package in PACKAGES:
         spec = find_spec(package)
@@ -105,7 +105,7 @@ def digest() -> str:
         for path in sorted(file for folder in folders for file in Path(folder).rglob("*.py")):
             source = path.read_bytes()
             if MARK in source or path.name in FORMULAS:
-                found.update(f"{package} {path.name} {len(source)}\n".encode() + source)
+                found.update(f"{path} {len(source)}\n".encode() + source)
     return found.hexdigest()[:16]
 
 

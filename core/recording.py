@@ -133,7 +133,8 @@ class Recording(Record):
         A bearing without a range puts its landmark at a distance of 1 m.
         """
         seen = inverse(self.sensor, self.observation[rows])
-        return compose(path[self.observation_step[rows]], np.column_stack([seen, np.zeros(len(seen))]))[:, :2]
+        poses = path[self.observation_step[rows]]
+        return compose(poses, np.column_stack([seen, np.zeros(len(seen))]))[:, :2]
 
     def scans(self) -> Iterator[Observations]:
         """Yield the observations of step 0, 1, ..., N (views, not copies)."""

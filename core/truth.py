@@ -26,7 +26,7 @@ NOBODY = -1  # landmark of clutter
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Truth(Record):
-    """Ground truth of a run, which only the scores receive; a field without ground truth is None.
+    """Ground truth of a run, which only the scores receive; None stands for a field without ground truth.
 
     Attributes:
         poses: (N+1, 3); a row of NaN in a gap of the ground truth, a heading of NaN where only the position is known.
@@ -45,8 +45,8 @@ class Truth(Record):
     def __post_init__(self) -> None:
         if self.poses is not None:
             poses = as_array("poses", self.poses, (None, 3))
-            headless = np.isnan(poses[:, 2])
-            known = np.isfinite(poses[:, :2]).all(axis=1) & (np.isfinite(poses[:, 2]) | headless)
+            position, heading = np.isfinite(poses[:, :2]).all(axis=1), poses[:, 2]
+            known = position & (np.isfinite(heading) | np.isnan(heading))
             gap = np.isnan(poses).all(axis=1)
             require_rows(
                 "poses", known | gap, poses, "use finite numbers, NaN for an unknown heading, or NaN in the whole row"

@@ -129,7 +129,7 @@ class Host:
             except BaseException:
                 self.close()
                 raise
-            self.last_output = self._last_lines()
+            self.last_output = "\n".join(last_lines(Path(self._output.name), LAST))
             if run is None:
                 assert error is not None
                 raise self._reported(error)
@@ -141,7 +141,7 @@ class Host:
     def close(self) -> None:
         """End the process."""
         if self._process is not None:
-            self.last_output = self._last_lines()
+            self.last_output = "\n".join(last_lines(Path(self._output.name), LAST))
             self._end()
             self._process = None
 
@@ -179,14 +179,8 @@ class Host:
         place = "" if self.limits.is_walled else f"; all in {self._output.name}"
         return f" (it printed first: {' / '.join(lines[:FIRST])}{place})" if any(lines[:FIRST]) else ""
 
-    def _last_lines(self) -> str:
-        return "\n".join(last_lines(Path(self._output.name), LAST))
 
-
-@lru_cache(maxsize=16)
-def shared_host(where: Address, limits: Limits) -> Host:
-    """Return the host of an address in this process: all runs of a study use the same."""
-    return Host(where, limits)
+shared_host = lru_cache(maxsize=16)(Host)  # all runs of a study in this process use the same
 
 
 def _exchanged(process: subprocess.Popen[bytes], request: bytes, found: Future[Answer | None]) -> None:

@@ -94,6 +94,7 @@ def _digest(files: tuple[tuple[str, bytes], ...]) -> str:
 def _copied(code: CodeFolder) -> Path:
     """Write the files into a temporary folder, which is removed when this process ends."""
     folder = Path(tempfile.mkdtemp(prefix="slamgauge-own-"))
+    folder.chmod(0o755)  # for the user behind a wall of root
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     for path, content in code.files:
         (folder / path).parent.mkdir(parents=True, exist_ok=True)

@@ -105,7 +105,6 @@ BOUNDS = {  # for studies only: they need the truth and many runs
 BOUND_OF = {str(entry.kind): entry.name for entry in BOUNDS.values()}  # kind of estimates -> bound
 FILTERS = tuple(entry.name for entry in _ENTRIES if entry.role == "filter")
 GRAPHS = tuple(entry.name for entry in _ENTRIES if entry.takes_associations)
-INFORMED = tuple(entry.name for entry in _ENTRIES if entry.is_informed)  # the optima and gtsam-batch
 OPTIMA = {str(entry.kind): entry.name for entry in _ENTRIES if entry.role == "optimum"}  # kind of estimates -> optimum
 CAUSAL, HINDSIGHT = OPTIMA["filtered"], OPTIMA["smoothed"]
 BENCHED = ",".join((DEAD_RECKONING, *FILTERS, *OPTIMA.values()))  # default of `slamgauge bench`

@@ -10,6 +10,7 @@ from traceback import extract_tb
 from slamgauge import errors
 from slamgauge.errors import CovarianceError, UserError
 
+PAGE = "docs/your_filter.md"
 MOST = 1000  # characters of an error's text
 PYTHON_2 = ("Missing parentheses in call", "multiple exception types", "'xrange'", "'raw_input'", "'unicode'")
 LIBRARIES = tuple({sysconfig.get_path(name) for name in ("stdlib", "purelib", "platlib")})
@@ -51,13 +52,15 @@ def _remedy(error: BaseException) -> str:
         name = Path(error.filename).name
         return f"read {name} below `if __name__ == '__main__':`, or open Path(__file__).parent / {name!r}"
     if isinstance(error, ModuleNotFoundError):
-        return f"install {error.name} beside slamgauge, or write the filter in a file that does not import it"
+        return f"install {error.name} beside slamgauge, or move the filter into a file without it ({PAGE})"
     if isinstance(error, SyntaxError | NameError):
         line, text = (getattr(error, "text", None) or "").strip(), _message_of(error)
         if line.startswith(("%", "!")) or "'get_ipython'" in text:
             return "remove the lines that only a notebook can run (get_ipython, %, !)"
         if any(part in text for part in PYTHON_2):
             return "this is code of Python 2; convert it to Python 3"
+    if isinstance(error, ValueError) and "inhomogeneous" in str(error):
+        return "an element such as u[0] is an array, which np.array takes for no number: write u[0, 0]"
     return "mend it and run again"
 
 

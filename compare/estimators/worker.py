@@ -146,15 +146,19 @@ def _limit() -> None:
         resource.setrlimit(what, (least, least))
 
 
-def _clear() -> None:
-    """End the processes and remove the files that a run has left; the caches begin again with those of the user."""
-    with suppress(ProcessLookupError):
+def _found() -> set[Path]:
+    """Return the contents of the writable folders; before any run these are libraries that are installed there."""
+    return {each for folder in WRITABLE for each in Path(folder).iterdir()}
+
+
+def _clear(kept: set[Path]) -> None:
+    """End the processes and remove the files that a run has left, not those `kept`; the caches begin again."""
+    with suppress(ProcessLookupError, PermissionError):  # there are none, or only the wall's own
         os.kill(-1, signal.SIGKILL)  # all but this one and the wall's own
-    for folder in map(Path, WRITABLE):
-        for each in folder.iterdir():
-            each.unlink() if each.is_symlink() or not each.is_dir() else shutil.rmtree(each)
-    for place in filter(os.path.isdir, os.environ.get(CACHES, "").split(os.pathsep)):
-        shutil.copytree(place, f"{HOME}/.cache/{Path(place).name}", copy_function=os.symlink, dirs_exist_ok=True)
+    for each in _found() - kept:
+        each.unlink() if each.is_symlink() or not each.is_dir() else shutil.rmtree(each)
+    if Path(CACHES).is_dir():
+        shutil.copytree(CACHES, f"{HOME}/.cache", copy_function=os.symlink)
 
 
 def main() -> None:
@@ -163,9 +167,10 @@ def main() -> None:
     requests, answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
     os.dup2(2, 1)
+    libraries = _found() if walled else set()
     if walled:
         _limit()
-        _clear()
+        _clear(libraries)
     else:
         threading.Thread(target=_end_with_parent, args=[os.getppid()], daemon=True).start()
     for name, value in OLD_NAMES.items():
@@ -184,7 +189,7 @@ def main() -> None:
             _answer(answers, *code.run(recording, fields["noise"]))
         elif pid := os.fork():
             status = os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
-            _clear()
+            _clear(libraries)
             if status != ANSWERED:
                 how = f"was ended by {signal.Signals(-status).name}" if status < 0 else f"ended with status {status}"
                 _answer(answers, {"reason": f"its process {how}{' before the run was done' if status >= 0 else ''}"})

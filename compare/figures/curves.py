@@ -35,8 +35,9 @@ def three_sigma(axes: Axes, x: ArrayLike, sigma: Float, style: Style, *, filled:
     """Draw the bounds of three standard deviations (n,) as thin lines, and fill the area between them."""
     if filled:
         band(axes, x, -3.0 * sigma, 3.0 * sigma, color=style.color)
-    for side in (-3.0, 3.0):
-        axes.plot(x, side * sigma, color=style.color, linewidth=0.5, alpha=0.8, zorder=2, rasterized=len(sigma) > LONG)
+    look: dict[str, Any] = {"linewidth": 0.5, "alpha": 0.8, "zorder": 2, "rasterized": len(sigma) > LONG}
+    axes.plot(x, -3.0 * sigma, color=style.color, **look)
+    axes.plot(x, 3.0 * sigma, color=style.color, **look)
 
 
 def robust_limits(extents: Mapping[str, Float], *, is_log: bool = False) -> tuple[Float, list[str]]:

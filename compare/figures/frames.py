@@ -112,7 +112,8 @@ def ray_moments(estimate: Estimate) -> tuple[int, list[int]]:
     name, recorded = int(log.landmark[ray]), np.unique(history.step)
     members = np.array([_members(estimate, int(step), name) for step in recorded])
     chosen = _spread(recorded[np.diff(members, prepend=-1) != 0], OF_ONE_RAY)
-    last = recorded[-1] if (log.end < 0).any() else max(log.end.max(), *chosen)
+    still_exists = log.end < 0
+    last = recorded[-1] if still_exists.any() else max(log.end.max(), *chosen)
     others = np.setdiff1d(_spread(recorded[recorded <= last], FRAMES), chosen)
     return name, sorted([*chosen, *_spread(others, FRAMES - len(chosen))])
 
@@ -126,7 +127,8 @@ def _members(estimate: Estimate, step: int, name: int) -> int:
 
 def _spread(steps: np.ndarray, count: int) -> list[int]:
     """Return at most `count` of the steps, evenly spaced, with both ends."""
-    return steps[np.unique(np.linspace(0, len(steps) - 1, min(count, len(steps))).round().astype(int))].tolist()
+    places = np.linspace(0, len(steps) - 1, min(count, len(steps)))
+    return steps[np.unique(places.round().astype(int))].tolist()
 
 
 def caption(estimate: Estimate, step: int, name: int) -> str:

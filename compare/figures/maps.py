@@ -45,7 +45,13 @@ class MapRows(NamedTuple):
 
     def only(self, kept: Marks | slice) -> MapRows:
         """Return the rows of a mask (K,) or a slice."""
-        return MapRows(self.landmark[kept], self.member[kept], self.weight[kept], self.position[kept], self.cov[kept])
+        return MapRows(
+            landmark=self.landmark[kept],
+            member=self.member[kept],
+            weight=self.weight[kept],
+            position=self.position[kept],
+            cov=self.cov[kept],
+        )
 
 
 def map_at(estimate: Estimate, step: int) -> MapRows:
@@ -61,8 +67,10 @@ def map_at(estimate: Estimate, step: int) -> MapRows:
     rows = everything.only(slice(int(np.searchsorted(history.step, recorded)), end))
     if log is None:
         return rows
-    lost = (log.birth <= recorded) & (recorded < log.end) & (log.end <= step) & (log.survivor < 0)
-    return rows.only((rows.member < 0) | ~np.isin(rows.landmark, log.landmark[lost]))
+    was_recorded = (log.birth <= recorded) & (recorded < log.end)
+    lost = was_recorded & (log.end <= step) & (log.survivor < 0)
+    is_point, is_lost = rows.member < 0, np.isin(rows.landmark, log.landmark[lost])
+    return rows.only(is_point | ~is_lost)
 
 
 def first_seen(recording: Recording, estimate: Estimate) -> Int:
@@ -110,8 +118,9 @@ def map_limits(sure: Sequence[Float], others: Sequence[Float]) -> tuple[Float, F
 
 def _corners(places: Sequence[Float]) -> tuple[Float, Float]:
     """Return the smallest and the largest coordinates (2,) of positions (n, 2), without copying these."""
-    low = np.min([np.fmin.reduce(each, axis=0, initial=np.inf) for each in places], axis=0)
-    return low, np.max([np.fmax.reduce(each, axis=0, initial=-np.inf) for each in places], axis=0)
+    low = [np.fmin.reduce(each, axis=0, initial=np.inf) for each in places]
+    high = [np.fmax.reduce(each, axis=0, initial=-np.inf) for each in places]
+    return np.min(low, axis=0), np.max(high, axis=0)
 
 
 def draw_path(ax: Axes, places: Float, style: Style, label: str) -> None:
@@ -185,13 +194,15 @@ class Scene:
         self._truth, self._recording = results.truth or Truth(), results.recording
         self._shown, self._mapped = shown, mapped
         self._styles = styles(results.estimates)  # same styles as in the figure of the run
-        self._since = {name: first_seen(self._recording, each) for name, each in mapped.items() if each.history is None}
+        finals = {name: each for name, each in mapped.items() if each.history is None}
+        self._since = {name: first_seen(self._recording, each) for name, each in finals.items()}
         end = None if last is None else last + 1
-        paths = [each.poses for each in (self._truth, *shown.values()) if each.poses is not None]
+        poses = [each.poses for each in (self._truth, *shown.values())]
+        paths = [each[:end, :2] for each in poses if each is not None]
         known = self._truth.landmarks
         landmarks = [known] if known is not None else [each.landmarks for each in mapped.values()]
         passing = [each.history.position for each in mapped.values() if each.history is not None]
-        self.low, self.high = map_limits([*(each[:end, :2] for each in paths), *landmarks], passing)
+        self.low, self.high = map_limits([*paths, *landmarks], passing)
 
     def draw(self, ax: Axes, step: int, after: int = -1) -> None:
         """Draw a step on cleared axes, with lines of sight of the last scan after the step `after`.
@@ -200,7 +211,9 @@ class Scene:
         """
         ax.clear()
         ax.set(aspect="equal", xlabel="x [m]", ylabel="y [m]")
-        ax.set(xlim=(self.low[0], self.high[0]), ylim=(self.low[1], self.high[1]))
+        left, bottom = self.low
+        right, top = self.high
+        ax.set(xlim=(left, right), ylim=(bottom, top))
         draw_true_landmarks(ax, self._truth.landmarks)
         if self._truth.poses is not None:
             self._draw_robot(ax, self._truth.poses[: step + 1], TRUE_ROBOT, "truth")
@@ -211,7 +224,8 @@ class Scene:
                 continue
             self._draw_robot(ax, path, style, name)
             if each.pose_covs is not None:
-                draw_ellipses(ax, path[-1:, :2], each.pose_covs[[step], :2, :2], style.color, zorder=2.5)
+                place, cov = path[-1:, :2], each.pose_covs[[step], :2, :2]
+                draw_ellipses(ax, place, cov, style.color, zorder=2.5)
             if name in self._since:
                 places = each.landmarks[self._since[name] <= step]
                 ax.plot(*places.T, color=style.color, alpha=FAINT, zorder=2.8, **POINT)
@@ -225,7 +239,7 @@ class Scene:
     def _draw_robot(self, ax: Axes, poses: Float, style: Style, label: str) -> None:
         """Draw the path (n, 3) and the robot at its end; the true robot is an outline above the others."""
         draw_path(ax, poses[:, :2], style, label)
-        outline = ROBOT * (self.high - self.low).max() * SHAPE @ rotation(poses[-1, 2]).T
+        size = ROBOT * (self.high - self.low).max()
+        outline = poses[-1, :2] + size * SHAPE @ rotation(poses[-1, 2]).T
         face, zorder = ("none", 5) if style == TRUE_ROBOT else (style.color, 4)
-        robot = Polygon(poses[-1, :2] + outline, facecolor=face, edgecolor=style.color, linewidth=0.7, zorder=zorder)
-        ax.add_patch(robot)
+        ax.add_patch(Polygon(outline, facecolor=face, edgecolor=style.color, linewidth=0.7, zorder=zorder))

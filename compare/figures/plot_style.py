@@ -5,6 +5,7 @@ Colours are for colour-blind readers, line styles for grey print.
 
 from __future__ import annotations
 
+import math
 import textwrap
 from collections.abc import Generator, Iterable, Sequence
 from contextlib import contextmanager
@@ -130,8 +131,8 @@ def save_printed(figure: Figure, path: Path) -> None:
 
 def legend_below(figure: FigureBase, handles: Sequence[Any]) -> None:
     """Draw a legend below all axes of the figure, in rows of about equal length."""
-    in_row = max(int(SHEET.get().inches / ENTRY), 1)
+    inches, count = SHEET.get().inches, max(len(handles), 1)
     longest = max((len(each.get_label()) for each in handles), default=0)
-    in_row = max(min(in_row, int(CHARACTERS * SHEET.get().inches) // (longest + 6)), 1)
-    rows = -(-len(handles) // in_row)
-    figure.legend(handles=handles, loc="outside lower center", ncols=-(-len(handles) // max(rows, 1)) or 1)
+    by_width, by_text = int(inches / ENTRY), int(CHARACTERS * inches) // (longest + 6)
+    rows = math.ceil(count / max(min(by_width, by_text), 1))
+    figure.legend(handles=handles, loc="outside lower center", ncols=math.ceil(count / rows))

@@ -90,7 +90,8 @@ def _of_run(folder: Path, names: Sequence[str]) -> Drawings:
 
 def _of_study(folder: Path, names: Sequence[str]) -> Drawings:
     study = load_study(folder)
-    return study_drawings(study.summary, {name: study.runs[name] for name in _chosen(names, study.runs)}, study.step)
+    runs = {name: study.runs[name] for name in _chosen(names, study.runs)}
+    return study_drawings(study.summary, runs, study.step)
 
 
 def _of_sweep(folder: Path, names: Sequence[str]) -> Drawings:

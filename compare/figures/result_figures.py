@@ -56,8 +56,8 @@ def save_budget_figure(out: Path, budget: ErrorBudget) -> None:
             top = max(before, before + added, before + (high or 0.0))
             mark = MARK if rung.in_doubt else ""
             axes.annotate(f"{added:+.4f}{mark}", (place, top), (0, 3), **number)
-            axes.plot([place - 0.3, place + 1.3], [rung.mse_m2] * 2, color=TRUTH_COLOR, linewidth=0.5, linestyle=":")
             before = rung.mse_m2
+            axes.plot([place - 0.3, place + 1.3], [before, before], ":", color=TRUTH_COLOR, linewidth=0.5)
         axes.bar(last, before, width=0.6, color=TRUTH_COLOR)
         axes.annotate(f"{before:.4f}", (last, before), (0, 3), **number)
         labels = [textwrap.fill(f"{'+ ' * (place > 0)}{rung.name}", LABEL) for place, rung in enumerate(budget.rungs)]
@@ -77,7 +77,8 @@ def save_sweep_figure(out: Path, sweep: Sweep) -> None:
     except ValueError:
         places = np.arange(len(sweep.values), dtype=np.float64)
     with printed(out / "sweep", height, title) as figure:
-        for axes, (key, label) in zip(figure.subplots(rows, columns, sharex=True).flat, SWEPT, strict=True):
+        panels = figure.subplots(rows, columns, sharex=True).flat
+        for axes, (key, label) in zip(panels, SWEPT, strict=True):
             means: list[Float] = []
             for name, style in styles(sweep.summaries[0].estimators).items():
                 intervals = [summary.estimators[name][key] for summary in sweep.summaries]
@@ -117,10 +118,10 @@ def _is_wide(values: Float) -> bool:
 
 def save_noise_figure(out: Path, folder: Path) -> None:
     """Write the figure `noise` of the results in a folder: sigmas, and NIS by landmark."""
-    shape, height = ((2, 1), 4.6) if SHEET.get().is_narrow else ((1, 2), 2.9)
+    rows, columns, height = (2, 1, 4.6) if SHEET.get().is_narrow else (1, 2, 2.9)
     with of_this_version(folder / NOISE), printed(out / "noise", height) as figure:
         content = read_json(folder / NOISE)
-        sigmas, nis = figure.subplots(*shape).flat
+        sigmas, nis = figure.subplots(rows, columns).flat
         _draw_sigmas(sigmas, content["parameters"])
         _draw_nis(nis, content["nis_by_landmark"])
         legend_below(figure, nis.get_legend_handles_labels()[0])
@@ -146,8 +147,8 @@ def _draw_sigmas(axes: Axes, parameters: dict[str, Any]) -> None:
     axes.set_yticks(range(len(parameters)), [*parameters])
     axes.set_ylim(len(parameters) - 0.5, -0.7)
     axes.set(xscale="log", xlabel="sigma found / assumed, 95 % interval", title="noise")
-    low, high = axes.get_xlim()
-    axes.set_xlim(min(max(low, 1 / SHOWN), 0.5), max(min(high, SHOWN), 2.0))
+    left, right = np.clip(axes.get_xlim(), 1 / SHOWN, SHOWN)
+    axes.set_xlim(min(left, 0.5), max(right, 2.0))
     logarithmic(axes, "x")
     axes.grid(visible=True, axis="x", which="major", linewidth=0.3)
 

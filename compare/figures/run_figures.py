@@ -71,7 +71,8 @@ def save_figure(
 
     The title names an optimum whose check or residuals put it in doubt.
     """
-    doubts = [misfits([name for name in OPTIMA.values() if name in estimates and is_misfit(estimates[name])])]
+    optima = [name for name in OPTIMA.values() if name in estimates]
+    doubts = [misfits([name for name in optima if is_misfit(estimates[name])])]
     doubts += [doubt(name, estimate.optimum_check) for name, estimate in estimates.items()]
     title = "\n".join([title, *filter(None, doubts)])
     with printed(Path(folder) / "figure", HEIGHTS[SHEET.get().width], title) as figure:
@@ -117,7 +118,8 @@ def _draw_run(ax: Axes, truth: Truth | None, recording: Recording, estimates: Ma
     closures, label = marked_closures(truth, recording)
     if len(closures):
         ax.plot(*path[closures, :2].T, "d", label=label, zorder=4, **DIAMOND)
-    ax.plot(*recording.prior_mean[:2, None], "o", color=TRUTH_COLOR, markersize=4, label="start", zorder=4)
+    start_x, start_y, _ = recording.prior_mean
+    ax.plot(start_x, start_y, "o", color=TRUTH_COLOR, markersize=4, label="start", zorder=4)
     explain(ax, ellipses=bool(ax.collections))
     low, high = run_limits(truth, recording, estimates)
     ax.set(xlabel="x [m]", ylabel="y [m]")
@@ -168,12 +170,13 @@ def plot_errors(
         for panel, error, sigma in zip(panels, errors.T, sigmas.T, strict=True):
             curve(panel, time, error, style, name, linewidth=0.8, zorder=3)
             three_sigma(panel, time, sigma, style, filled=name == filled)
-        extents[name] = np.nan_to_num(np.fmax.reduce([*np.abs(errors), *(3.0 * sigmas)]))
+        largest = np.fmax.reduce([*np.abs(errors), *(3.0 * sigmas)])
+        extents[name] = np.nan_to_num(largest)
     limits, diverged = robust_limits(extents) if extents else (np.zeros(3), [])
     remarks = [*filter(None, [exceeding(diverged)]), *["dead reckoning not drawn"] * is_hidden]
     remark = f"({'; '.join(remarks)})" if remarks else ""
-    is_long = len(reference.title) + len(remark) >= LONG_TITLE
-    panels[0].set_title(("\n" if is_long else " ").join(filter(None, (reference.title, remark))))
+    gap = "\n" if len(reference.title) + len(remark) >= LONG_TITLE else " "
+    panels[0].set_title(gap.join(filter(None, (reference.title, remark))))
     closures, mark = marked_closures(truth, recording)
     for panel, label, limit in zip(panels, PANELS, limits, strict=True):
         height = 1.1 * limit or 1.0  # symmetric limits make a bias visible

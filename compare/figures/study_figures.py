@@ -67,7 +67,7 @@ def _draw_over_time(path: Path, title: str, drawn: Mapping[str, PerStep], step: 
     Errors have a 95 % band each, other statistics the widest of their chi-square bands; limits ignore diverged curves.
     """
     is_error, is_log = path.name == "rmse", path.name == "nees"
-    found = {name: each for name, each in drawn.items() if not np.isnan(each.value).all()}
+    found = {name: each for name, each in drawn.items() if np.isfinite(each.value).any()}
     if not found:
         return
     with printed(path, 3.2, title) as figure:

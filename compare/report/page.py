@@ -123,9 +123,8 @@ def looks(names: Iterable[str], hidden: Iterable[str] = ()) -> list[Look]:
     found, off = list[Look](), {*hidden}
     for name, style in styles(names).items():
         lengths = () if isinstance(style.dashes, str) else style.dashes[1]
-        found.append(
-            Look(name, style.color, tuple(min(float(each), LONGEST_DASH) for each in lengths), name not in off)
-        )
+        dashes = tuple(min(float(each), LONGEST_DASH) for each in lengths)
+        found.append(Look(name, style.color, dashes, name not in off))
     return found
 
 
@@ -151,8 +150,9 @@ def origin(content: Mapping[str, Any], more: Iterable[tuple[str, str]] = ()) -> 
 def render(page: Page) -> str:
     """Return the HTML of a page, with a glossary of its terms and of the columns of its tables."""
     style, script = _read("page.css"), program()
-    heads = [head for section in page.sections for table in section.tables if table.rows for head in table.heads]
-    glossary = dict.fromkeys([*page.terms, *((head.full, head.help) for head in heads if head.help)])
+    tables = [table for section in page.sections for table in section.tables if table.rows]
+    columns = [(head.full, head.help) for table in tables for head in table.heads if head.help]
+    glossary = dict.fromkeys([*page.terms, *columns])
     policy = (
         f"default-src 'none'; script-src '{_digest(script)}'; style-src '{_digest(style)}'; img-src data:; "
         "base-uri 'none'; form-action 'none'"
@@ -229,4 +229,5 @@ def pages_of(main: Path) -> dict[str, str]:
     """
     module, _, name = PAGES[main.name].partition(":")
     made = getattr(importlib.import_module(f"slamgauge.compare.report.{module}"), name)(main.parent)
-    return {file: render(page) for file, page in (made if isinstance(made, dict) else {REPORT: made}).items()}
+    by_file: dict[str, Page] = made if isinstance(made, dict) else {REPORT: made}
+    return {file: render(page) for file, page in by_file.items()}

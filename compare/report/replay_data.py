@@ -109,14 +109,16 @@ def _predicted(recording: Recording, estimate: Estimate, shown: Int) -> Float:
     """Return the predicted poses (T, 3) before the update; for smoothed estimates their own poses."""
     if estimate.kind == "smoothed":
         return estimate.poses[shown]
-    later = shown[shown > 0]
-    moved = compose(estimate.poses[later - 1], recording.odometry[later - 1])
-    return np.concatenate([np.repeat(recording.prior_mean[None], len(shown) - len(later), axis=0), moved])
+    before = shown[shown > 0] - 1
+    moved = compose(estimate.poses[before], recording.odometry[before])
+    start = np.repeat(recording.prior_mean[None], len(shown) - len(before), axis=0)
+    return np.concatenate([start, moved])
 
 
 def frame_steps(steps: int, count: int) -> Int:
     """Return at most `count` of the steps 0..`steps`, evenly spaced, including both ends."""
-    return np.unique(np.linspace(0, steps, min(count, steps + 1)).round().astype(np.int64))
+    evenly = np.linspace(0, steps, min(count, steps + 1))
+    return np.unique(evenly.round().astype(np.int64))
 
 
 def shown_observations(recording: Recording, shown: Int, length: float) -> ShownObservations:
@@ -128,7 +130,8 @@ def shown_observations(recording: Recording, shown: Int, length: float) -> Shown
     begins = np.maximum(begins, np.searchsorted(recording.observation_step, last))
     counts = np.where(ends > begins, ends - begins, 0)
     start = np.concatenate([[0], np.cumsum(counts)])
-    observation = np.repeat(begins, counts) + np.arange(start[-1]) - np.repeat(start[:-1], counts)
+    place_in_frame = np.arange(start[-1]) - np.repeat(start[:-1], counts)
+    observation = np.repeat(begins, counts) + place_in_frame
     body = inverse(recording.sensor, recording.observation[observation])
     return ShownObservations(observation, start, body if SENSORS[recording.sensor].places_landmarks else length * body)
 
@@ -153,9 +156,10 @@ def packed_map(recording: Recording, estimate: Estimate, shown: Int) -> dict[str
         since = pack(np.searchsorted(shown, first_seen(recording, estimate)), "i4")
     else:
         return None
+    sizes = [len(each.landmark) for each in maps]
     return {
         "mapAt": pack(np.searchsorted(frames, np.arange(len(shown)), side="right") - 1, "i4"),
-        "start": pack(np.concatenate([[0], np.cumsum([len(each.landmark) for each in maps])]), "i4"),
+        "start": pack(np.cumsum([0, *sizes]), "i4"),
         "landmark": pack(np.concatenate([each.landmark for each in maps]), "i4"),
         "member": pack(np.concatenate([each.member for each in maps]) + 1, "u1"),
         "weight": pack(np.concatenate([each.weight for each in maps]) * FULL_WEIGHT, "u1"),

@@ -56,7 +56,8 @@ def run_page(folder: Path) -> Page:
         terms=TERMS,
         origin=origin(metrics, [("Steps", str(recording.steps)), ("Sensor", recording.sensor)]),
     )
-    return replace(page, data={"run": replay_data(results, page.looks, LARGEST - len(render(page).encode()))})
+    room = LARGEST - len(render(page).encode())
+    return replace(page, data={"run": replay_data(results, page.looks, room)})
 
 
 def lead(metrics: dict[str, Any]) -> list[Line]:

@@ -125,8 +125,9 @@ def run_table(study: StoredStudy) -> Table:
     rows: list[list[Cell]] = []
     for run in np.argsort(-ates[:, 0], kind="stable").tolist():  # NaN is last
         seed = run_seed(study.summary.seed, run)
+        command = command_of_run(study.summary, seed)
         cells = [figure(number(ate), "{:.4f}") for ate in ates[run].tolist()]
-        rows.append([figure(run, "{}"), Cell(str(seed)), *cells, Cell(command_of_run(study.summary, seed))])
+        rows.append([figure(run, "{}"), Cell(str(seed)), *cells, Cell(command)])
     heads = [RUN, Head("seed", help="random seed of the run"), *(Head(name) for name in study.runs), COMMAND]
     caption = "ATE [m] of every run, first the largest of the first estimator; click a column title to sort"
     return Table(heads, rows, caption, "runs")

@@ -27,7 +27,6 @@ LOG_FILES = (ODOMETRY, OBSERVATIONS, "recording.toml", "truth.csv")
 
 POSE = ("x", "y", "theta")
 POSE_COV = ("cov_xx", "cov_xy", "cov_xt", "cov_yy", "cov_yt", "cov_tt")
-INCREMENT = ("dx", "dy", "dtheta")
 POINT = ("x", "y")
 POINT_COV = ("cov_xx", "cov_xy", "cov_yy")
 
@@ -62,7 +61,7 @@ def write_recording_csv(folder: Path, recording: Recording) -> None:
     moves = steps, stamps[1:], recording.odometry, upper_triangles(recording.odometry_cov)
     seen = recording.observation_step, ids, recording.observation, upper_triangles(recording.observation_cov)
     write_rows(folder / START, ("stamp", *POSE, *POSE_COV), *start)
-    write_rows(folder / ODOMETRY, ("step", "stamp", *INCREMENT, *POSE_COV), *moves)
+    write_rows(folder / ODOMETRY, ("step", "stamp", "dx", "dy", "dtheta", *POSE_COV), *moves)
     write_rows(folder / OBSERVATIONS, ("step", "landmark", *OBSERVED[recording.sensor]), *seen)
 
 
@@ -106,10 +105,7 @@ def read_estimate_csv(path: Path, kind: Kind, steps: int) -> Estimate:
 
 
 def write_rows(path: Path, header: Sequence[str], *parts: Float | Int) -> None:
-    """Write a header and numbers with all digits; a part is one column (n,) or several (n, k).
-
-    Whole numbers are written without a point.
-    """
+    """Write a header and columns (n,) or (n, k) of numbers with all digits; whole numbers have no point."""
     columns = [column for part in parts for column in np.atleast_2d(part.T).tolist()]
     with explained(path, "written"), path.open("w", encoding="ascii", newline="") as file:
         write_csv(file, [header, *zip(*columns, strict=True)])

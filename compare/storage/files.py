@@ -37,7 +37,7 @@ DAMAGED = (  # errors of zipfile and numpy at damaged or foreign files
     *(SyntaxError, struct.error, tokenize.TokenError, zipfile.BadZipFile, zlib.error, lzma.LZMAError),
 )
 RECORDS_WITHIN = {"rays": RayLog, "history": MapHistory}  # fields of an `Estimate`
-FORMULA = r"(?![-+]?[\d.]+(e[-+]?\d+)?\Z)'*[=+\-@\t\r]"  # what spreadsheets evaluate, perhaps quoted already; no number
+FORMULA = re.compile(r"(?![-+]?[\d.]+(e[-+]?\d+)?\Z)'*[=+\-@\t\r]")  # numbers, which begin with - too, are excluded
 
 
 @contextmanager
@@ -46,25 +46,23 @@ def explained(path: str | Path, verb: str) -> Generator[None]:
     try:
         yield
     except OSError as error:
-        reason = error.strerror or str(error)
         full = errno.errorcode.get(error.errno or 0) in ("ENOSPC", "EDQUOT")
         remedy = "make room, and give the same command again" if full else "check the path and its permissions"
-        raise UserError(f"{path}: cannot be {verb} ({reason}); {remedy}") from None
+        raise UserError(f"{path}: cannot be {verb} ({error.strerror or error}); {remedy}") from None
 
 
 def read_text(path: Path) -> str:
     """Return the text of a file in UTF-8, with or without a byte order mark; an error names the line."""
     with explained(path, "read"):
         content = path.read_bytes()
-    try:
-        text = content.decode("utf-8-sig")
-        broken = text.find("\0")
-    except UnicodeDecodeError as error:
-        text, broken = "", error.start
-    if broken >= 0:
-        line = 1 + content.count(b"\n", 0, broken)
-        raise UserError(f"{path}, line {line}: not a text in UTF-8; give another file, or save it as such")
-    return text
+    broken = content.find(b"\0")
+    if broken < 0:
+        try:
+            return content.decode("utf-8-sig")
+        except UnicodeDecodeError as error:
+            broken = error.start
+    line = 1 + content.count(b"\n", 0, broken)
+    raise UserError(f"{path}, line {line}: not a text in UTF-8; give another file, or save it as such")
 
 
 @contextmanager
@@ -140,7 +138,7 @@ def _made(path: str | Path, kind: type[Record], values: dict[str, Any]) -> Recor
         return kind(**values)
     except UserError as error:
         raise UserError(f"{path}: {error}") from None
-    except TypeError as error:  # of Python, with the names of fields that are missing or unknown
+    except TypeError as error:  # names the fields that are missing or unknown
         raise UserError(f"{path}: not a whole {kind.__name__}: {error}; give another file") from None
 
 
@@ -208,9 +206,8 @@ def write_mat(path: Path, records: Mapping[str, Recording | Truth | Estimate]) -
 
 def write_json(path: Path, content: object) -> None:
     """Write `content` as indented JSON."""
-    with explained(path, "written"), path.open("w", encoding="utf-8") as file:
-        json.dump(content, file, indent=2, allow_nan=False)  # streamed: a long run has megabytes of loop closures
-        file.write("\n")
+    with explained(path, "written"):
+        path.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
 
 
 def read_json(path: Path) -> Any:
@@ -221,17 +218,23 @@ def read_json(path: Path) -> Any:
 
 def write_csv(file: TextIO, rows: Iterable[Iterable[object]]) -> None:
     """Write rows to a text file that was opened with `newline=""`; formulas get an apostrophe in front."""
-    quoted = (
-        [re.sub(rf"\A(?={FORMULA})", "'", cell) if isinstance(cell, str) else cell for cell in row] for row in rows
-    )
-    csv.writer(file, lineterminator="\n").writerows(quoted)
+    writer = csv.writer(file, lineterminator="\n")
+    for row in rows:
+        writer.writerow([f"'{cell}" if _is_formula(cell) else cell for cell in row])
 
 
 def read_csv(path: Path) -> list[dict[str, str]]:
     """Read rows below a header that `write_csv` wrote, as they were."""
     with explained(path, "read"), path.open(encoding="utf-8", newline="") as file:
         rows = [*csv.DictReader(file)]
-    return [{key: re.sub(rf"\A'(?={FORMULA})", "", text) for key, text in row.items()} for row in rows]
+    for row in rows:
+        row.update({key: text[1:] for key, text in row.items() if text[:1] == "'" and _is_formula(text[1:])})
+    return rows
+
+
+def _is_formula(cell: object) -> bool:
+    """Return whether a cell begins like what a spreadsheet evaluates, behind apostrophes or not; numbers do not."""
+    return isinstance(cell, str) and FORMULA.match(cell) is not None
 
 
 # --- TOML -----------------------------------------------------------------------------------------

@@ -78,10 +78,7 @@ def staged_folder(out: str | Path, main: str, *, adds: bool = False) -> Generato
 
 @contextmanager
 def staged_files(folder: Path, names: Sequence[str]) -> Generator[Path]:
-    """Yield a temporary folder; move its files into a folder of the user's if the block succeeds.
-
-    A file that exists already under one of the `names` is refused.
-    """
+    """Yield a temporary folder; move its files into a user's folder if the block succeeds; refuse `names` there."""
     for name in names:
         if os.path.lexists(folder / name):
             raise UserError(f"{folder / name}: exists already; move it away or give another name")

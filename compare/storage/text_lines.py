@@ -22,6 +22,7 @@ from slamgauge.suggestions import did_you_mean
 from slamgauge.validation import LARGEST
 
 LARGEST_ID = 2**53  # not every larger whole number is a float64
+REMARKS = ("#", "%")  # begins of lines of CSV files that are no rows
 SEPARATORS = ";\t"  # separators of CSV files, if the header has one of them; else a comma
 Form = Sequence[str]  # names of the words of a line
 
@@ -89,16 +90,18 @@ def csv_lines(path: Path | str, text: str) -> list[Line]:
     Lines that begin with # or % are remarks. The last of them above the first row names the columns if no other line
     does, as in files of `numpy.savetxt`.
     """
-    lines = [(number, line) for number, line in enumerate(io.StringIO(text, newline=None), start=1) if line.strip()]
-    first = next((at for at, (_, line) in enumerate(lines) if line.lstrip()[0] not in "#%"), None)
-    if first is None:
+    numbered = enumerate(io.StringIO(text, newline=None), start=1)
+    lines = [(number, line) for number, line in numbered if line.strip()]
+    rows = [(number, line) for number, line in lines if not line.lstrip().startswith(REMARKS)]
+    if not rows:
         return []
-    separator = next((each for each in SEPARATORS if each in lines[first][1]), ",")
-    rows = [Line(path, n, _cells(line, separator)) for n, line in lines[first:] if line.lstrip()[0] not in "#%"]
-    if first > 0 and not math.isnan(number_of(rows[0].words[-1])):
-        number, line = lines[first - 1]
-        rows.insert(0, Line(path, number, _cells(line.lstrip()[1:], separator)))
-    return rows
+    separator = next((each for each in SEPARATORS if each in rows[0][1]), ",")
+    found = [Line(path, number, _cells(line, separator)) for number, line in rows]
+    above = lines[: lines.index(rows[0])]
+    if above and not math.isnan(number_of(found[0].words[-1])):
+        number, remark = above[-1]
+        found.insert(0, Line(path, number, _cells(remark.lstrip()[1:], separator)))
+    return found
 
 
 def _cells(line: str, separator: str) -> list[str]:
@@ -109,12 +112,11 @@ def _cells(line: str, separator: str) -> list[str]:
 
 
 def rows_below(path: Path | str, text: str, *headers: Form) -> Float:
-    """Return the numbers (n, columns) of a CSV text; refuse another header than these, which begin like the first."""
+    """Return the numbers (n, columns) of a CSV text; refuse another header than these."""
     lines = csv_lines(path, text)
     if not lines or (*lines[0].words,) not in headers:
-        more = [",".join(each[len(headers[0]) :]) for each in headers[1:]]
-        remedy = f"write {','.join(headers[0])}" + "".join(f", with or without {each}" for each in more if each)
-        raise UserError(f"{path}: line 1 is not the header of this file; {remedy}")
+        known = " or ".join(",".join(header) for header in headers)
+        raise UserError(f"{path}: line 1 is not the header of this file; write {known}")
     return _numbers(lines[1:], lines[0].words)
 
 

@@ -35,7 +35,10 @@ class Trajectory(NamedTuple):
 
 def has_stamps(path: Path) -> bool:
     """Return whether a file of poses has stamps, and not steps."""
-    return path.suffix != ".csv" or [line.words[0] for line in csv_lines(path, read_text(path))[:1]] == ["stamp"]
+    if path.suffix != ".csv":
+        return True
+    lines = csv_lines(path, read_text(path))
+    return bool(lines) and lines[0].words[0] == "stamp"
 
 
 def read_trajectory(path: Path) -> Trajectory:

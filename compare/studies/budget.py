@@ -162,7 +162,9 @@ def summarise_budget(scenario: str, filter_name: str, table: Float, checks: Floa
     """
     names = [name for name in RUNGS if name != FIXED_LAG or table.shape[1] == len(RUNGS)]
     increments = np.diff(table, axis=1, prepend=0.0)
-    shares, fit, before, rungs = [share_of_doubt(check) for check in checks.T], mean_interval(fits), 0.0, list[Rung]()
+    shares = [share_of_doubt(check) for check in checks.T]
+    fit, rungs = mean_interval(fits), list[Rung]()
+    before: float | None = None
     for name, errors, added, share in zip(names, table.T, increments.T, shares, strict=True):
         in_doubt = is_misfit_in_runs(fit) or bool(share or before)
         rungs.append(Rung(name, float(errors.mean()), bootstrap_interval(added), share, in_doubt))

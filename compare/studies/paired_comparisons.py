@@ -43,8 +43,12 @@ class RunFigures:
 
 def run_figures(runs: Runs) -> RunFigures:
     """Return the figures of each run of an estimator."""
-    ate, nees = runs.figures["ate_m"], late_means(runs.series["nees_pose"]) / 3
-    return RunFigures(runs.run.tolist(), *([number(each) for each in column] for column in (ate, nees)))
+    nees = late_means(runs.series["nees_pose"]) / 3
+    return RunFigures(
+        run=runs.run.tolist(),
+        ate_m=[number(each) for each in runs.figures["ate_m"]],
+        nees_pose_per_dof=[number(each) for each in nees],
+    )
 
 
 def compare_user_code(
@@ -93,7 +97,8 @@ def against_tables(against: Against) -> list[Table]:
         rows: list[list[Cell | str]] = []
         for label, figures in others.items():
             ate, nees = figures.get("ate_m"), figures.get("nees_pose_per_dof")
-            rows.append([label, str(ate.runs if ate else 0), *_cells(ate, "{:+.3f}"), *_cells(nees, "{:+.2f}")])
+            runs = str(ate.runs) if ate else "0"
+            rows.append([label, runs, *_cells(ate, "{:+.3f}"), *_cells(nees, "{:+.2f}")])
         tables.append(Table.of(heads, rows, f"Paired comparison with {name}", f"against-{len(tables)}"))
     return tables
 

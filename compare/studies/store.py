@@ -87,7 +87,9 @@ class StudyStore:
             "SELECT min(run), estimator, ? FROM outcome WHERE error IS NULL AND run < ? "
             "GROUP BY estimator HAVING count(DISTINCT kind) > 1"
         )
-        return [*self._connection.execute(failed, (runs,)), *self._connection.execute(mixed, (MIXED, runs))]
+        failures = list(self._connection.execute(failed, (runs,)))
+        failures.extend(self._connection.execute(mixed, (MIXED, runs)))
+        return failures
 
     def load(self, estimator: str, runs: int) -> Runs:
         """Return the first `runs` runs of `estimator`; none if its estimates are not all of one kind."""
@@ -100,8 +102,8 @@ class StudyStore:
         rows = rows if len(kinds) == 1 else []
         try:
             figures = [json.loads(text) for _, _, text, _ in rows]
-            series = np.array([np.frombuffer(blob, dtype=np.float32) for _, _, _, blob in rows], dtype=np.float64)
-            series = np.moveaxis(series.reshape(len(rows), len(SERIES), -1 if rows else 0), 1, 0)
+            stored = [np.frombuffer(blob, dtype=np.float32) for _, _, _, blob in rows]
+            series = np.array(stored, dtype=np.float64).reshape(len(rows), len(SERIES), -1 if rows else 0)
         except ValueError as error:
             raise sqlite3.DatabaseError(f"damaged rows of {estimator}: {error}") from None
         table = np.array([[each.get(key) for key in STORED] for each in figures], dtype=np.float64)  # None becomes NaN
@@ -109,7 +111,7 @@ class StudyStore:
             run=np.array([run for run, _, _, _ in rows], dtype=np.int64),
             kind=kinds.pop() if rows else "",
             figures=dict(zip(STORED, table.reshape(len(rows), len(STORED)).T, strict=True)),
-            series=dict(zip(SERIES, series, strict=True)),
+            series=dict(zip(SERIES, series.swapaxes(0, 1), strict=True)),
         )
 
 

@@ -103,12 +103,14 @@ def study_table(
     """
     content, summary = read_summary(folder / SUMMARY)
     entries = summary.estimators
-    known = [key for key in BY_KEY if any(isinstance(each.get(key), Interval) for each in entries.values())]
+    averaged = {key for entry in entries.values() for key, value in entry.items() if isinstance(value, Interval)}
+    known = [key for key in BY_KEY if key in averaged]
     chosen = keys or [head.key for head in heads("study") if head.key in known][:KEY_COLUMNS]
     _require(chosen, known, "column")
     _require(estimators, entries, "estimator")
     titles = {head.key: head for head in heads("study", bounded=True)}
-    found = [titles.get(key, Head(key, help=BY_KEY[key].help, key=key, form="{:.4g}")) for key in chosen]
+    others = {key: Head(key, help=BY_KEY[key].help, key=key, form="{:.4g}") for key in chosen}
+    found = [titles.get(key, others[key]) for key in chosen]
     rows: list[list[Cell]] = []
     for name in estimators or entries:
         row, runs = [Cell(shown(name))], entries[name]["runs"]

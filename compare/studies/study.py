@@ -88,6 +88,7 @@ def run_study(
     labels = {each.key: each.label for each in asked}
     failures = [replace(each, estimator=labels[each.estimator]) for each in found if each.estimator in labels]
     per_run = {label: run_figures(each) for label, each in loaded.items()}
+    compared = [label for label in per_run if label not in BOUNDS]
     return Summary(
         scenario=scenario.name,
         runs=runs,
@@ -96,7 +97,7 @@ def run_study(
         failures=tuple(sorted(failures)),
         estimators=summarise(loaded),
         against={
-            name: {label: per_run[label].against(per_run[name]) for label in per_run if label not in (name, *BOUNDS)}
+            name: {label: per_run[label].against(per_run[name]) for label in compared if label != name}
             for name in against
         },
         scenario_text=scenario_text(scenario),
@@ -148,8 +149,11 @@ def _run_missing(store: StudyStore, work: _Work, runs: int) -> list[Failure]:
     """Run the missing runs, store each run as it arrives, and return the failures that are not stored."""
     stored = store.stored()
     labels = {each.key: each.label for each in work.asked}
-    tasks = [(run, [each for each in work.asked if (run, each.key) not in stored]) for run in range(runs)]
-    missing = [task for task in tasks if task[1]]
+    missing: list[_Task] = []
+    for run in range(runs):
+        asked = [each for each in work.asked if (run, each.key) not in stored]
+        if asked:
+            missing.append((run, asked))
     if missing:
         for each in (each for each in work.asked if isinstance(each, UserCode)):
             try_out(each, simulate(work.scenario, run_seed(work.seed, 0))[1])
@@ -176,8 +180,11 @@ def _arriving(tasks: Iterable[_Task], work: _Work) -> Generator[tuple[int, list[
     """
     from slamgauge.jit import stored_files  # here: it loads numba
 
-    waiting, pending = deque(tasks), dict[Future[list[Outcome]], _Task]()
-    lost, is_alone, in_a_row = list[_Task](), False, 0
+    waiting = deque(tasks)
+    pending: dict[Future[list[Outcome]], _Task] = {}
+    lost: list[_Task] = []  # of dead workers
+    is_alone = False  # whether the lost runs are run again
+    in_a_row = 0  # workers that died alone, one after another
     limit = IN_FLIGHT if stored_files() else 1
     try:
         while waiting or pending or lost:
@@ -185,7 +192,8 @@ def _arriving(tasks: Iterable[_Task], work: _Work) -> Generator[tuple[int, list[
                 waiting, lost, is_alone = deque(sorted(lost, key=lambda task: task[0])), [], True
             while waiting and len(pending) < (1 if is_alone else limit):
                 run, asked = waiting.popleft()
-                pending[work.executor.submit(run_once, work.scenario, run_seed(work.seed, run), asked)] = (run, asked)
+                future = work.executor.submit(run_once, work.scenario, run_seed(work.seed, run), asked)
+                pending[future] = run, asked
             limit = IN_FLIGHT
             done = wait(pending, return_when=FIRST_COMPLETED).done
             for future in sorted(done, key=lambda each: each.exception() is not None):  # a defect ends the study

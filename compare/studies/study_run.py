@@ -46,7 +46,8 @@ def require_numbers(runs: int, seed: int) -> None:
 
 def run_seed(seed: int, run: int) -> int:
     """Return the seed of run number `run`: independent streams, the same for any number of runs."""
-    return int(np.random.SeedSequence(seed, spawn_key=(run,)).generate_state(1, np.uint64)[0] >> np.uint64(1))
+    spawned = np.random.SeedSequence(seed, spawn_key=(run,))
+    return int(spawned.generate_state(1, np.uint64)[0]) >> 1
 
 
 def run_once(scenario: Scenario, seed: int, estimators: Chosen) -> list[Outcome]:
@@ -92,7 +93,8 @@ def _bound(asked: BuiltIn, truth: Truth, recording: Recording) -> Outcome:
     covs = entry.bounds(truth, recording)
     seconds = perf_counter() - begun
     sigmas = np.sqrt(np.diagonal(covs, axis1=1, axis2=2).clip(min=0)).T
-    series = np.concatenate([sigmas, sigmas, np.full((len(SERIES) - 6, len(covs)), np.nan)])
+    unknown = np.full((len(SERIES) - 6, len(covs)), np.nan)
+    series = np.concatenate([sigmas, sigmas, unknown])
     return Outcome(asked.key, str(entry.kind), {"seconds_total": seconds}, _bytes(series))
 
 

@@ -163,10 +163,13 @@ def too_good_lines(summary: Summary) -> list[str]:
     """Return a line for each user filter that is significantly better than a causal optimum without doubt."""
     if is_marked_against(summary, CAUSAL):
         return []
-    own = {name: each for name, each in summary.estimators.items() if not is_ours(name) and each["kind"] == "filtered"}
     known = summary.estimators[CAUSAL]["runs"] if CAUSAL in summary.estimators else 0
-    found = {name: beats_the_optimum(each["ratio_to_causal"], min(each["runs"], known)) for name, each in own.items()}
-    return [f"{name}: {text}" for name, text in found.items() if text]
+    lines: list[str] = []
+    for name, each in summary.estimators.items():
+        if not is_ours(name) and each["kind"] == "filtered":
+            text = beats_the_optimum(each["ratio_to_causal"], min(each["runs"], known))
+            lines += [f"{name}: {text}"] if text else []
+    return lines
 
 
 def failure_lines(summary: Summary) -> list[str]:

@@ -76,7 +76,8 @@ def write_twin(folder: Path, twin: Twin, name: str) -> None:
     sensor = {"kind": log.sensor, "max_range": float(math.ceil(distance.max() + 1e-9)), "sightings": TWIN_SIGHTINGS}
     covs = upper_triangles(log.observation_cov)
     variances = dict(zip(model.sigmas, np.diag(log.observation_cov[0]), strict=True))  # one for both axes of a position
-    is_common = bool((log.observation_cov == np.diag([variances[name] for name in model.sigmas])).all())
+    common = np.diag([variances[name] for name in model.sigmas])
+    is_common = bool((log.observation_cov == common).all())
     if is_common:
         covs = covs[:, :0]
         for each, is_angle in zip(model.sigmas, model.is_angle, strict=True):

@@ -75,7 +75,6 @@ class ChordDescent:
         self._eliminate_poses = direct(
             eliminate_poses, scans, model, NOT_DAMPED.pose, self._chain, self._front, pose, *np.empty((2, 1, 3, 1))
         )
-        self._extrapolate = direct(chord_kernels.extrapolate_newest, scans, self._at, self._at, 0, model, model)
         self._compute_gradient = direct(chord_kernels.compute_gradient, scans, 0, model, model, step)
         self._solve_step = direct(chord_kernels.solve_step, scans, model, self._chain, np.zeros((1, 1)).T, 0, step)
 
@@ -123,22 +122,29 @@ class ChordDescent:
         """
         k, count, state, at, front = self.newest, len(self._mapped), self._state, self._at, self._front
         added, width, step = slice(count - new, count), 1 + 2 * count, np.zeros(3)
-        predicted, mapped = state.poses[k : k + 1].copy(), state.landmarks[:count].copy()
+        rows = slice(*self._arrays.first[k : k + 2])
+        slot, model, now = self._arrays.slot[rows], self._model, self._now
+        predicted, mapped = state.poses[k].copy(), state.landmarks.copy()
         saved = front.M[:, :width].copy(), front.P.copy(), front.information[:width, :width].copy()
         for again in range(SCAN_PASSES):
             if again:
                 front.M[:, :width], front.P[:], front.information[:width, :width] = saved
             at.poses[k], at.landmarks[added] = state.poses[k], state.landmarks[added]
-            self._linearise(self._arrays, *at, (k, k + 1), self._model)
-            self._linearise(self._arrays, *state, (k, k + 1), self._now)
-            self._extrapolate(self._scans, state, State(predicted, mapped), k, self._now, self._model)
+            self._linearise(self._arrays, *at, (k, k + 1), model)
+            self._linearise(self._arrays, *state, (k, k + 1), now)
+            # Residuals are extrapolated to the predicted pose and map, where the motion has no residual.
+            back = (mapped[slot] - state.landmarks[slot])[:, :, None]
+            model.c[k] = 0.0
+            model.r[rows] = (
+                now.r[rows] + model.Hx[rows] @ (predicted - state.poses[k]) + (model.Hm[rows] @ back)[..., 0]
+            )
             front.M[:, 0], front.information[:width, 0] = 0.0, 0.0  # earlier steps are at their minimum
             if not (self._eliminate(k) and self._factorise()):
                 return None
             right = -front.information[1:width, 0]
             moved = solve_factored(self._factor.T, right)[0] if count else right
             step = front.M[:, 0] + front.M[:, 1:width] @ moved
-            state.poses[k], state.landmarks[:count] = predicted[0] + step, mapped + moved.reshape(-1, 2)
+            state.poses[k], state.landmarks[:count] = predicted + step, mapped[:count] + moved.reshape(-1, 2)
         return step
 
     # --- chord steps -----------------------------------------------------------------------------

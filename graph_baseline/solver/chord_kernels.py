@@ -21,7 +21,6 @@ import numpy as np
 from slamgauge.arrays import Float
 from slamgauge.formula_kernels import exp, wrap
 from slamgauge.graph_baseline.problem.linearisation import LinearModel, Scans, Triple
-from slamgauge.graph_baseline.solver.active_landmarks import State
 from slamgauge.graph_baseline.solver.elimination import Chain
 from slamgauge.jit import inner, kernel
 
@@ -41,39 +40,6 @@ def empty_step(poses: int, landmarks: int, observations: int, dim: int) -> Chord
     """Return a chord step of zeros."""
     rhs, defect, mean = np.zeros((3, poses, 3))
     return ChordStep(np.zeros((poses, 3)), np.zeros((landmarks, 2)), rhs, defect, mean, np.zeros((observations, dim)))
-
-
-@kernel
-def extrapolate_newest(
-    scans: Scans, state: State, predicted: State, newest: int, now: LinearModel, model: LinearModel
-) -> None:
-    """Set the residuals of the newest scan in `model` to those of `now`, extrapolated to a predicted pose and map.
-
-    Relative to the prediction, the motion has no residual.
-
-    Args:
-        scans: observations by pose.
-        state: where `now` is linearised.
-        predicted: with the pose in its first row.
-        newest: pose.
-        now: linearised at `state`.
-        model: linearised where the pose is eliminated.
-    """
-    pose, mapped = predicted.poses[0], predicted.landmarks
-    for i in range(3):
-        model.c[newest, i] = 0.0
-    x, y = pose[0] - state.poses[newest, 0], pose[1] - state.poses[newest, 1]
-    t = pose[2] - state.poses[newest, 2]
-    for row in range(scans.first[newest], scans.first[newest + 1]):
-        slot = scans.slot[row]
-        if slot < 0:
-            continue
-        mx = mapped[slot, 0] - state.landmarks[slot, 0]
-        my = mapped[slot, 1] - state.landmarks[slot, 1]
-        for i in range(model.r.shape[1]):
-            of_pose = model.Hx[row, i, 0] * x + model.Hx[row, i, 1] * y + model.Hx[row, i, 2] * t
-            of_landmark = model.Hm[row, i, 0] * mx + model.Hm[row, i, 1] * my
-            model.r[row, i] = now.r[row, i] + of_pose + of_landmark
 
 
 @kernel

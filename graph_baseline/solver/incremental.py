@@ -13,7 +13,6 @@ they no longer do.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from typing import NamedTuple
 
@@ -30,7 +29,7 @@ from slamgauge.graph_baseline.solver.chord_descent import ChordDescent
 from slamgauge.graph_baseline.solver.levenberg_marquardt import Minimum, damped_descent
 from slamgauge.graph_baseline.solver.search import Start, explained_by_noise, placed_minimum
 from slamgauge.recording import Recording
-from slamgauge.se2 import wrap
+from slamgauge.se2 import compose, wrap
 from slamgauge.sensors import SENSORS
 
 SHORT = 100  # poses; up to this length chord steps run at every scan
@@ -141,7 +140,7 @@ class IncrementalOptimum:
         """Add the next pose and its scan. After a failed search they are only stored until the next search."""
         k, before = self._newest + 1, self._checked_ids()
         start = self._arrays.start
-        self._descent.add_pose(_moved(self._state.poses[k - 1], self._arrays.motion[k]) if k else start)
+        self._descent.add_pose(compose(self._state.poses[k - 1], self._arrays.motion[k]) if k else start)
         if not self.converged:
             self._descent.add_newest_pose()
             if k >= self._next_search:
@@ -295,11 +294,3 @@ class IncrementalOptimum:
         self._mapped.recheck_all()
         self._descent.chi_square = 2.0 * found.cost
         return self._descent.relinearise()
-
-
-def _moved(pose: Float, increment: Float) -> Float:
-    """Return `se2.compose` of one pose (3,) and one increment (3,), in a tenth of its time."""
-    (x, y, heading), (dx, dy, turn) = pose.tolist(), increment.tolist()
-    c, s = math.cos(heading), math.sin(heading)
-    end = heading + turn
-    return np.array([x + (c * dx - s * dy), y + (s * dx + c * dy), end if -math.pi < end <= math.pi else wrap(end)])

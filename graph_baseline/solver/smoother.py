@@ -26,10 +26,13 @@ from slamgauge.graph_baseline.solver.elimination import (
     run_adjoints,
     smooth_covariances,
 )
+from slamgauge.graph_baseline.solver.sparse_system import SparseSystem
 from slamgauge.memory import require_memory
 
 (multiply_triangular,) = get_blas_funcs(("trmm",), dtype=np.float64)
 
+LARGEST_DENSE = 500  # landmarks; smaller maps take at most a second
+SPARSE_COST = 200.0  # time of the sparse covariances / (poses x observations), relative to that of dense / landmarks^3
 POSES_TOGETHER = 128  # poses that are processed together; their rows take a few megabytes
 EXACT = 1e-9  # m or rad; a smaller standard deviation is treated as zero
 LOST_PIVOT = 1e-12  # a pivot below this share of a landmark's information is rounding
@@ -77,11 +80,17 @@ def damped_step(model: LinearModel, scans: Scans, landmarks: int, damping: Dampi
         numpy.linalg.LinAlgError: the observations do not determine the landmarks.
     """
     share = 1.0 / (1.0 + damping.motion)
-    return _step(_without_poses(model._replace(c=share * model.c, W=share * model.W), scans, landmarks, damping))
+    damped = model._replace(c=share * model.c, W=share * model.W)
+    if is_sparse(len(model.c), len(model.r), landmarks):
+        return SparseSystem(damped, scans, landmarks, damping.pose, damping.landmark).step()
+    return _step(_without_poses(damped, scans, landmarks, damping))
 
 
 def solve(model: LinearModel, scans: Scans, landmarks: int) -> Solution:
     """Minimise the linear model over all poses and landmarks; errors as in `damped_step`."""
+    if is_sparse(len(model.c), len(model.r), landmarks):
+        sparse = SparseSystem(model, scans, landmarks, NOT_DAMPED.pose, NOT_DAMPED.landmark)
+        return Solution(*sparse.step(), *sparse.covariances())
     system = _without_poses(model, scans, landmarks, NOT_DAMPED)
     step = _step(system)
     root = solve_triangular(system.root, np.eye(2 * landmarks), trans=1, lower=True, check_finite=False)
@@ -133,15 +142,20 @@ def own_blocks(root: Float) -> Float:
     return np.stack([np.stack([xx, xy], axis=-1), np.stack([xy, yy], axis=-1)], axis=-2)
 
 
+def is_sparse(poses: int, observations: int, landmarks: int) -> bool:
+    """Return whether `SparseSystem` solves the problem: the map is large, and few poses observe the same landmarks."""
+    return landmarks > LARGEST_DENSE and SPARSE_COST * poses * observations < float(landmarks) ** 3
+
+
 def require_memory_for(problem: Problem, name: str) -> None:
-    """Require enough free memory for the dense matrices of all poses and landmarks, which those in SPARSE do without.
+    """Require enough free memory for the dense matrices of all poses and landmarks, unless an estimator has none.
 
     Raises:
         UserError: there is not enough memory for the estimator `name`.
     """
-    if name in SPARSE:
-        return
     landmarks, poses = len(problem.landmark_ids), problem.steps + 1
+    if name in SPARSE or (name.endswith("batch") and is_sparse(poses, len(problem.slot), landmarks)):
+        return
     needed = 8.0 * (MAPS * 3 * poses * 2 * landmarks + MATRICES * (2 * landmarks) ** 2)
     what = f"{name} of {landmarks} landmarks in {poses} poses"
     require_memory(needed, what, "use gtsam-batch or isam2, whose matrices are sparse, or give a part of the recording")

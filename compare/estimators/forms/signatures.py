@@ -8,13 +8,12 @@ from collections.abc import Callable, Sequence
 from types import ModuleType
 from typing import Any, Literal
 
-from slamgauge.compare.estimators.user_errors import FormError
+from slamgauge.compare.estimators.user_errors import PAGE, FormError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 
 Callee = Callable[..., Any]
 Noise = Literal["recording", "file"]  # the noise that user code assumes
-PAGE = "docs/your_filter.md"
 SHOWN = 8  # functions or methods of a refusal
 MOVING = ("predict", "motion", "propagate", "move")  # parts of usual names
 OBSERVING = ("update", "correct", "measure", "observ", "sens")
@@ -38,6 +37,15 @@ class Wrapper:  # comments: what slamgauge gives and reads
     pose_cov = property(lambda self: {owner}.{cov}[:3, :3])
     landmark_ids = property(lambda self: list({owner}.index))
     landmarks = property(lambda self: {owner}.{mean}[3:].reshape(-1, 2))
+"""
+STEP = """import numpy as np
+from {module} import {name}
+
+DT, Q, Py = 0.1, np.eye(2), np.eye(2)  # slamgauge sets the length of a step [s], and the noise of u and y
+
+
+def step(xEst, PEst, u, y):  # (n, 1), (n, n); (2, 1) speed [m/s], yaw rate [rad/s]; (m, 3) range [m], bearing [rad], id
+    return {call}  # u * DT is the increment
 """
 
 
@@ -113,7 +121,7 @@ def no_form(given: Callee | ModuleType, lacks: str) -> FormError:
     made = f"self.filter = {spelt(given).removeprefix('class ')}  # and let it start at the prior"
     wrapper = WRAPPER.format(
         module=owner.__module__ if is_class else owner.__name__,
-        imported=given.__name__ if is_class else ", ".join(each.partition("(")[0] for each in (moves, observes)),
+        imported=given.__name__ if is_class else ", ".join(each.__name__ for each in moving[:1] + observing[:1]) or "*",
         start=made if is_class else "self.x, self.P = prior_mean, prior_cov",
         moves=call + moves,
         observes=call + observes,
@@ -121,7 +129,12 @@ def no_form(given: Callee | ModuleType, lacks: str) -> FormError:
         mean=next((each for each in MEANS if each in names), "x"),
         cov=next((each for each in COVARIANCES if each in names), "P"),
     )
-    remedy = f"copy this wrapper into another file, fill in its arguments, and give FILE.py:Wrapper ({PAGE})"
+    steps = [each for each in parts if any(word in each.__name__.lower() for word in FILTERS)]
+    is_step = not (is_class or moving or observing) and len(steps) > 0
+    if is_step:
+        wrapper = STEP.format(module=owner.__name__, name=steps[-1].__name__, call=spelt(steps[-1]))
+    where = f"FILE.py:{'step' if is_step else 'Wrapper'} ({PAGE})"
+    remedy = f"copy this wrapper into another file, fill in its arguments, and give {where}"
     return FormError(f"{spelt(given) if is_class else 'the file'} has {has}\nit lacks {lacks}\n{remedy}:\n\n{wrapper}")
 
 

@@ -24,7 +24,6 @@ from slamgauge.arrays import Float
 from slamgauge.compare.estimators.forms.signatures import Callee, Form, Noise, parameters, required
 from slamgauge.compare.estimators.forms.step_settings import STATE_AND_INPUT, StepSettings, names_read, step_length
 from slamgauge.compare.estimators.user_errors import UserCodeError
-from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Observations, Recording
 from slamgauge.sensors import SENSORS
@@ -36,7 +35,8 @@ PLAIN = (bool, int, float, complex, str, type(None), np.ndarray, np.generic)  # 
 class Column(np.ndarray):
     """A column (n, 1) whose elements convert to numbers, as those of all arrays did before numpy 2.4.
 
-    Files of the exercise write `float(u[0])` and `math.sin(x[2])`. What they calculate from a `Column` is one, too.
+    Files of the exercise write `float(u[0])` and `math.sin(x[2])`. State, u and y are columns in every run, and so is
+    what the function calculates from them. The covariance begins as a plain array: its products are faster.
     """
 
     __array_priority__ = 1.0
@@ -67,15 +67,10 @@ def lacks(given: Callee) -> str:
 
 @dataclass
 class StepFunction(Form):
-    """A step function as an estimator; every run finds the globals of its module as they were before.
-
-    Attributes:
-        function: the function.
-        noise: assumed noise: that of the recording, or that of its file.
-    """
+    """A step function as an estimator; every run finds the globals of its module as they were before."""
 
     function: Callee
-    noise: Noise = "recording"
+    noise: Noise = "recording"  # assumed noise: that of the recording, or that of its file
 
     def __post_init__(self) -> None:
         names = ", ".join(each.name for each in parameters(self.function))
@@ -84,29 +79,20 @@ class StepFunction(Form):
     def __call__(self, recording: Recording) -> Estimate:
         """Run the function over a recording; for a scan at step 0, u and Q are zero.
 
-        If numpy refuses an element of a column as a number, the run begins again with `Column`, which is slower.
         Recordings that u, y and globals cannot express are refused.
         """
         _require_expressible(recording)
-        try:
-            return self._run_as_new(recording, np.ndarray)
-        except UserError:
-            raise
-        except (TypeError, ValueError):
-            return self._run_as_new(recording, Column)
-
-    def _run_as_new(self, recording: Recording, kind: type[np.ndarray]) -> Estimate:
         space: dict[str, Any] = getattr(self.function, "__globals__", {})
         before = dict(space)
         space.update({name: deepcopy(value) for name, value in before.items() if _is_data(value)})
         try:
-            return self._run(recording, kind)
+            return self._run(recording)
         finally:
             space.update(before)
             for name in space.keys() - before.keys():
                 del space[name]
 
-    def _run(self, recording: Recording, kind: type[np.ndarray]) -> Estimate:
+    def _run(self, recording: Recording) -> Estimate:
         settings = StepSettings(self.function, recording, self.noise)
         self.remarks, self.replaces_noise = [*settings.remarks()], settings.replaces_noise
         passed = settings.passed_at_first()
@@ -122,14 +108,14 @@ class StepFunction(Form):
             settings.set(step, scan, heading=float(np.asarray(x).flat[2]))
             moved = recording.odometry[step - 1, [0, 2]] if step else np.zeros(2)
             u = moved.reshape(2, 1) / step_length(recording, step)
-            given = (x, P, u, _observed(scan, settings.shows_ids, settings.columns))
-            views = [each.view(kind) if type(each) is np.ndarray else each for each in given]  # others as they are
+            x = x.view(Column) if type(x) is np.ndarray else x  # others as they are
+            y = _observed(scan, settings.shows_ids, settings.columns)
             start = perf_counter()
-            returned = self.function(*views, **settings.named() | passed)
+            returned = self.function(x, P, u.view(Column), y.view(Column), **settings.named() | passed)
             seconds[step] = perf_counter() - start
             if not isinstance(returned, tuple | list) or len(returned) < 2:
-                kind_of = type(returned).__name__
-                raise UserCodeError(f"the step function returned a {kind_of}; return state and covariance")
+                what = "one array" if isinstance(returned, np.ndarray) else f"a {type(returned).__name__}"
+                raise UserCodeError(f"the step function returned {what}; return state and covariance")
             x, P, *more = returned
             state, cov = _checked(step, x, P)
             poses[step], covs[step] = state[:3], cov[:3, :3]

@@ -43,15 +43,10 @@ CLOSE = 1e-3  # largest relative difference of equal settings
 
 
 class StepSettings:
-    """Settings of a step function and the recording that replaces them.
+    """Settings of a step function, in the globals `space` of its module, and the recording that replaces them.
 
-    Attributes:
-        space: globals of the function.
-        columns: number of columns of y.
-        shows_ids: whether the function receives ids.
-        replaces_noise: whether the noise of the recording replaces another one of the file.
-
-    A setting without a value is refused.
+    y has `columns` columns, with ids if `shows_ids`. `replaces_noise`: the noise of the recording replaces another one
+    of the file. A setting without a value is refused.
     """
 
     def __init__(self, function: Callee, recording: Recording, noise: Noise) -> None:

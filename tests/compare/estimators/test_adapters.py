@@ -91,7 +91,8 @@ def test_a_callable_on_recordings_is_not_wrapped():
     [
         ("def ekf_slam(x, P, z): ...", "the file has ekf_slam(x, P, z)"),
         ("def ekf_slam(x, P, u, z): ...", "it lacks DT, the length of a step [s], which it reads nowhere: write DT"),
-        (f"class ekf_slam:\n    pose = (0, 0, 0)\n{HALVES}", "it lacks pose_cov, properties or set by its constructor"),
+        (f"class ekf_slam:\n    pose = (0, 0, 0)\n{HALVES}", "it lacks pose_cov: properties (@property), or"),
+        (f"class ekf_slam:\n    pose_cov = 1\n    def pose(self): ...\n{HALVES}", "it lacks pose: properties"),
         (
             f"class ekf_slam:\n    def __init__(self, Q, prior_mean): ...\n{HALVES}",
             "it lacks a constructor without Q: it may have sensor, prior_mean, prior_cov",
@@ -102,7 +103,7 @@ def test_another_form_is_refused_with_what_it_lacks_and_the_wrapper(own: Own, so
     with pytest.raises(UserError) as caught:
         own(source, short())
     assert lacks in str(caught.value)
-    assert "class Wrapper:" in str(caught.value)
+    assert ("class Wrapper:" if source.startswith("class") else "def step(") in str(caught.value)
 
 
 @pytest.mark.parametrize("name", ADAPTERS)

@@ -89,7 +89,7 @@ def test_arguments_and_globals_of_a_step(own: Own):
     estimate = own(source, recording)
     assert np.array_equal(estimate.poses[0], recording.prior_mean)
     assert np.array_equal(np.asarray(estimate.pose_covs)[0], recording.prior_cov)
-    told = eval(Path("told.txt").read_text(), {"array": np.array, "nan": np.nan})
+    told = eval(Path("told.txt").read_text(), {"array": np.array, "Column": np.array, "nan": np.nan})
     u, dt, Q, Py, known, y = told[5]
     assert (dt, known) == (pytest.approx(0.1), 1)
     assert np.allclose(u[:, 0] * dt, recording.odometry[4, [0, 2]])
@@ -163,7 +163,7 @@ BEARING_ONLY = "its Py is one variance, that of bearings, .* use `study` or `gra
     ("source", "change", "message"),
     [
         (spy("1 / 0"), "", r"it raised ZeroDivisionError: .* \(mine.py, line 8\)"),
-        (spy("return xEst"), "", "the step function returned a ndarray; return state and covariance"),
+        (spy("return xEst"), "", "the step function returned one array; return state and covariance"),
         (spy("return xEst, PEst[:2]"), "", r"step 0: returned xEst \(3, 1\) and PEst \(2, 3\); return"),
         (spy("return 'a', PEst"), "", "step 0: returned xEst"),
         (spy("return xEst * np.nan, PEst"), "", "step 0: xEst is not finite from here on"),

@@ -25,9 +25,8 @@ from slamgauge.compare.estimators import answers
 from slamgauge.compare.estimators.answers import Answer, message, read_answer
 from slamgauge.compare.estimators.child import Host
 from slamgauge.compare.estimators.requests import Limits, address
-from slamgauge.compare.estimators.sandbox import CODE, has_wall, require_wall
+from slamgauge.compare.estimators.sandbox import CODE, has_wall
 from slamgauge.compare.estimators.user_errors import UserCodeError
-from slamgauge.errors import UserError
 
 from .conftest import short
 
@@ -94,14 +93,12 @@ def test_it_sees_its_own_folder_and_neither_truth_nor_other_submissions(walled: 
         ("socket.create_connection(('127.0.0.1', PORT), timeout=5)", "refused"),
         ("socket.create_connection(('1.1.1.1', 53), timeout=5)", "unreachable"),
         ("raise ValueError(any(b'pytest' in p.read_bytes() for p in Path('/proc').glob('*/cmdline')))", "False"),
-        (f"raise ValueError([os.listdir(each) for each in {WRITABLE[:2]}])", "ValueError: [[], []]"),
+        ("raise ValueError(os.listdir('/dev/shm'))", "ValueError: []"),
         ("np.ones(600_000_000)", "its process may take 4 GB"),
         ("Path('/tmp/large').open('wb').truncate(600_000_000)", "File too large"),
         ("[open('/dev/null') for _ in range(2000)]", "Too many open files"),
-        (  # the system limits the processes of root by nothing: there the time ends them
-            "[os.fork() or signal.pause() for _ in range(300)]\nwhile True: pass",
-            "Resource temporarily unavailable" if os.getuid() else "it was not done after 5 s",
-        ),
+        ("[os.fork() or signal.pause() for _ in range(300)]", "Resource temporarily unavailable"),
+        ("raise ValueError(os.getuid() == 0)", "ValueError: False"),  # also where root runs slamgauge
     ],
 )
 def test_what_it_may_not_do_or_take(walled: Walled, statements: str, expected: str):
@@ -111,15 +108,12 @@ def test_what_it_may_not_do_or_take(walled: Walled, statements: str, expected: s
 
 
 @needs_wall
-def test_what_the_user_has_in_a_folder_that_is_empty_behind_the_wall(walled: Walled, monkeypatch: pytest.MonkeyPatch):
+def test_programs_below_a_writable_folder_are_seen_and_stay(walled: Walled, monkeypatch: pytest.MonkeyPatch):
     with TemporaryDirectory(dir="/tmp") as folder:
-        Path(folder, "program").touch()
-        monkeypatch.setenv("NUMBA_CACHE_DIR", folder)
         monkeypatch.setenv("PATH", f"{folder}:{os.environ['PATH']}")
-        assert "ValueError: []" in reason(walled("raise ValueError(os.listdir('/tmp'))"))
-    monkeypatch.setattr(sys, "prefix", "/tmp/venv")
-    with pytest.raises(UserError, match=r"^/tmp/venv: is in a folder that is empty behind the wall; [^\n]+$"):
-        require_wall()
+        host = walled(f"Path('/tmp/left').touch()\nraise ValueError(os.path.ismount({folder!r}), os.listdir('/tmp'))")
+        first = reason(host)
+        assert first == reason(host) and "ValueError: (True, [" in first
 
 
 @needs_wall
@@ -136,8 +130,9 @@ if os.fork() == 0:
     os.setsid()
     signal.pause()
 raise ValueError(found)""")
-    assert reason(host) == reason(host)
-    assert "[[], [], ['.cache']" in reason(host)
+    first = reason(host)
+    assert first == reason(host)
+    assert "[], ['.cache']" in first and "left" not in first
 
 
 def descendants(pid: int) -> set[int]:

@@ -18,7 +18,9 @@ from tests.reference.random_recordings import random_recording, recording_of
 pytestmark = pytest.mark.slow
 
 
-def test_a_single_bearing_does_not_determine_a_landmark() -> None:
+@pytest.mark.parametrize("sparse", [False, True])
+def test_a_single_bearing_does_not_determine_a_landmark(sparse: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(smoother, "is_sparse", lambda *_: sparse)
     problem = prepare(recording_of("bearing", 0, steps=20))
     problem = problem.only(np.isin(np.arange(len(problem.slot)), problem.first_row))
     objective = Objective(problem)
