@@ -64,7 +64,6 @@ commands:
 `slamgauge COMMAND --help` prints the options of a command, `slamgauge --version` the version, and
 `slamgauge --tyro-print-completion bash` (zsh, tcsh) a script that completes the words of a shell."""
 COMPLETION = "--tyro-print-completion"
-HEAD_OPTIONS = ("--version", "--help")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -155,9 +154,10 @@ def parse(words: Sequence[str]) -> Any:
     if name == COMPLETION:
         every = {each: load(each) for each in COMMANDS}
         return tyro.extras.subcommand_cli_from_dict(every, prog="slamgauge", args=words, config=CONFIG)
+    if name.startswith("-"):
+        raise UserError(f"{name}: no option of `slamgauge`; {did_you_mean(name, ('--version', '--help'))}")
     if name not in COMMANDS:
-        what, known = ("option of `slamgauge`", HEAD_OPTIONS) if name.startswith("-") else ("such command", COMMANDS)
-        raise UserError(f"{name}: no {what}; {did_you_mean(name, known)}")
+        raise UserError(f"{name}: no such command; {did_you_mean(name, COMMANDS)}")
     command, program = load(name), f"slamgauge {name}"
     if (union := get_type_hints(command).get("format")) and options and not options[0].startswith("-"):
         formats = {re.sub(r"(?<=[a-z])(?=[A-Z])", "-", each.__name__).lower(): each for each in get_args(union)}

@@ -58,7 +58,7 @@ def text_of(found: Noise) -> str:
 
 def test_the_noise_of_a_simulated_log_is_found():
     """Twice the variance is assumed. An interval misses the truth in 1 of 20 logs; none of these four does."""
-    found = find_noise(recording_of())
+    found = find_noise(recording_of(duration=15.0))
     for name, true in TRUE.items():
         sigma = found.parameters[name]
         assert has(sigma, true) and has(sigma, sigma.mean)
