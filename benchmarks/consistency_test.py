@@ -1,4 +1,4 @@
-"""Level and power of the consistency test without ground truth, on simulated recordings.
+"""How often does the consistency test without ground truth reject right filters (level), and wrong ones (power)?
 
     python benchmarks/consistency_test.py [--scenario q1-short-dense] [--set KEY=VALUE] [--estimators causal,riekf,ekf]
         [--runs 200] [--twins 199] [--q 1,1.5]

@@ -1,4 +1,4 @@
-"""Power of the verdicts: how often each is drawn, by the true deviation, on drawn figures of runs.
+"""How often is each verdict drawn, by the true deviation and the number of runs?
 
     python benchmarks/verdict_power.py [--trials 1000]
 

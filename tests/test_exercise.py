@@ -15,6 +15,7 @@ and 3 % for any of the 30.
 from __future__ import annotations
 
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +25,6 @@ from slamgauge.arrays import Float
 from slamgauge.compare.exercise.results import run_setting
 from slamgauge.compare.exercise.settings import CAUSAL, EKF, SETTINGS
 from slamgauge.compare.scoring.runs import paired
-from slamgauge.compare.studies.executors import local_processes
 from tests.marks import in_full
 
 pytestmark = pytest.mark.slow
@@ -72,7 +72,7 @@ def test_error_and_sigma_of_the_ekf_against_the_optimum(figure: str, folder: Pat
 
 def log_ratios(figure: str, folder: Path, seed: int, runs: int) -> tuple[Float, Float]:
     """Run a setting; return the logarithms (runs,) of EKF / causal optimum, of the ATE and of the claimed sigma."""
-    with local_processes(1) as executor:
+    with ThreadPoolExecutor(1) as executor:
         _, study = run_setting(SETTINGS[figure], (EKF, CAUSAL), runs, seed, folder, executor)
     found = study.loaded
     rows, others = paired(found[EKF], found[CAUSAL])

@@ -125,6 +125,7 @@ def test_run_prints_a_table_and_writes_notes_on_standard_error(
     assert metrics["digest"] != metrics_of(stored)["digest"]  # the seed is another one
 
 
+@pytest.mark.usefixtures("empty_pictures")
 def test_the_page_is_opened_with_open(
     stored: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
@@ -198,6 +199,7 @@ def test_stored_estimates_are_scored_and_an_unreadable_one_is_a_row(stored: Path
 # --- recordings without ids --------------------------------------------------------------------
 
 
+@pytest.mark.usefixtures("empty_pictures")
 def test_recordings_without_ids(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     """What `run` writes, and the associations of `evaluate`; those of graphs are in `tests/compare/estimators`."""
     compile_kernels()

@@ -65,7 +65,9 @@ def test_a_twin_has_the_noise_that_the_log_states(sensor: str):
     (exact,) = simulated_twins(replace(recording, **exactly), optimum, 1)
     moved = np.array([twin.odometry - exact.odometry for twin in twins])
     seen = np.array([innovation(sensor, twin.observation, exact.observation) for twin in twins])
-    for errors, covs in ((moved, recording.odometry_cov), (seen, recording.observation_cov)):
+    started = np.array([twin.prior_mean - optimum.poses[:1] for twin in twins])
+    noise = ((started, recording.prior_cov[None]), (moved, recording.odometry_cov), (seen, recording.observation_cov))
+    for errors, covs in noise:
         ratio = np.mean(errors**2 / np.diagonal(covs, axis1=1, axis2=2))
         assert abs(ratio - 1.0) < 4.0 * np.sqrt(2.0 / errors.size) * 1.5  # entries of one error are correlated
 
