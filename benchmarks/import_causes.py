@@ -1,4 +1,4 @@
-"""How often `slamgauge import` names a wrong cause, or none, for mistakes of units, signs, frames and clocks.
+"""How often does `slamgauge import` name a wrong cause, or none, for mistakes of units, signs, frames and clocks?
 
     python benchmarks/import_causes.py [--seeds 50]
 

@@ -1,4 +1,4 @@
-"""Claims of publications about filters, tested on simulated runs.
+"""Which claims of publications about filters hold on simulated runs?
 
     python benchmarks/literature.py [--runs 50] [--seed 100] [--only ID ...] [--jobs 2] [--out results/literature]
 

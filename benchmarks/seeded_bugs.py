@@ -1,4 +1,4 @@
-"""Seed bugs into a textbook EKF, and print which check of `slamgauge check` fails.
+"""Does `slamgauge check` find each bug that is seeded into a textbook EKF, by the check that is named for it?
 
     python benchmarks/seeded_bugs.py [--seeds 20]
 

@@ -29,9 +29,9 @@ def ekf_slam(recording: Recording, settings: FilterSettings = DEFAULTS) -> Estim
     """Textbook EKF-SLAM (the exercise, equation 1.1).
 
     Example:
-        truth, recording = slamgauge.simulate("q1-long-dense", seed=0)
-        estimate = slamgauge.ekf_slam(recording)
-        print(estimate.poses[-1], estimate.pose_covs[-1])
+        >>> truth, recording = slamgauge.simulate("q1-long-dense", seed=0)
+        >>> estimate = slamgauge.ekf_slam(recording)
+        >>> print(estimate.poses[-1], estimate.pose_covs[-1])
 
     Args:
         recording: prior, odometry and observations with their assumed covariances (`slamgauge.Recording`), with ids of

@@ -20,6 +20,7 @@ from tests.reference import fast_commands
 if TYPE_CHECKING:
     from matplotlib.figure import Figure  # imports numpy, which must not precede slamgauge: it pins BLAS's threads
 
+gc.disable()  # until all tests are collected
 pin_blas_threads()  # the tests run on all cores already
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # each program that tests start would compile all its modules
 
@@ -76,8 +77,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 def pytest_collection_finish() -> None:
     """Exclude tests and modules from garbage collection, which commands run often."""
-    gc.collect()
     gc.freeze()
+    gc.enable()
 
 
 @pytest.fixture(autouse=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 from slamgauge import batch, causal, load_scenario, simulate
 from slamgauge.ekf import Association, Delayed, FilterSettings, MapManagement, Robustness, ekf_slam, iekf, riekf
@@ -10,6 +11,7 @@ from slamgauge.ekf import Association, Delayed, FilterSettings, MapManagement, R
 JOINT = Association("jcbb", map_management=MapManagement())
 
 
+@cache
 def compile_kernels() -> None:
     """Compile (or load) the kernels of all filters and of the optimum by runs of two seconds."""
     ranges, bearings = (

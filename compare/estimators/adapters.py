@@ -22,9 +22,7 @@ from slamgauge.estimate import Estimator
 __all__ = ["adapt", "external", "step_function"]
 
 NAMES = ("estimate", "ekf_slam")  # names of the callable that counts, in this order
-STATES = (
-    "estimate(recording), ekf_slam(xEst, PEst, u, y), or a class with predict(increment, cov) and update(observations)"
-)
+FORMS = "estimate(recording), ekf_slam(xEst, PEst, u, y), or a class with predict(increment, cov), update(observations)"
 
 
 def adapt(given: Callee, name: str) -> Estimator:
@@ -51,10 +49,10 @@ def adapted(given: Callee) -> Estimator:
         return OnlineClass(given)
     if steps.is_step_function(given):
         if lacking := steps.lacks(given):
-            raise no_form(given, lacking if is_filter(given) else STATES)
+            raise no_form(given, lacking if is_filter(given) else FORMS)
         return StepFunction(given)
     if len(required(given)) > 1:
-        raise no_form(given, STATES)
+        raise no_form(given, FORMS)
     return given
 
 
@@ -98,7 +96,7 @@ def callable_of(module: ModuleType) -> str:
         raise UserError(f"may be {', '.join(found)}; {remedy}")
     found = found or [name for name, each in own.items() if isinstance(each, type) and is_filter(each)][-1:]
     if not found:
-        raise no_form(module, STATES)
+        raise no_form(module, FORMS)
     return found[0]  # `adapted` names what a filter lacks
 
 

@@ -93,10 +93,12 @@ def _digest(files: tuple[tuple[str, bytes], ...]) -> str:
 @functools.lru_cache(maxsize=64)
 def _copied(code: CodeFolder) -> Path:
     """Write the files into a temporary folder, which is removed when this process ends."""
-    folder = Path(tempfile.mkdtemp(prefix="slamgauge-own-"))
-    folder.chmod(0o755)  # for the user behind a wall of root
-    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    private = Path(tempfile.mkdtemp(prefix="slamgauge-own-"))
+    atexit.register(shutil.rmtree, private, ignore_errors=True)
+    folder = private / "code"
     for path, content in code.files:
         (folder / path).parent.mkdir(parents=True, exist_ok=True)
         (folder / path).write_bytes(content)
+    for each in (folder, *folder.rglob("*")):
+        each.chmod(0o755)  # behind a wall of root another user reads them; nobody reads the private folder
     return folder

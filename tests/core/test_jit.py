@@ -13,6 +13,7 @@ import pytest
 
 from slamgauge import jit
 from slamgauge.notices import tell_once
+from tests.kernels import compile_kernels
 
 STEP = """
 import numpy as np
@@ -25,23 +26,37 @@ for correction in ("standard", "right-invariant", "iterated"):
         slam.update(Observations(np.array([4]), np.array([z]), np.diag([1e-2, 1e-3])[None]))
     print(*slam.pose.round(12), *slam.pose_cov.ravel().round(12), slam.map.cov.round(12).sum())
 """
+SMALL_KERNEL = """
+import numpy as np
+from slamgauge.triangulation import triangulate
+poses, bearings = np.array([[0.0, 0.0, 0.1], [1.0, 0.0, 0.2], [2.0, 0.1, 0.3]]), np.array([0.5, 0.6, 0.7])
+found = triangulate(poses, bearings, np.full(3, 1e-3), 0.3)
+print(*found.landmark.round(9), round(found.sigma, 9), found.placed)
+"""
 
 
-def run(code: str, folder: Path, **variables: str) -> tuple[list[str], str]:
-    """Run a program with machine code in a folder; return its output lines and what it prints on standard error."""
-    variables = {**os.environ, "NUMBA_CACHE_DIR": str(folder), **variables}
+def run(code: str, **variables: str) -> tuple[list[str], str]:
+    """Run a program; return its output lines and what it prints on standard error."""
+    variables = {**os.environ, **variables}
     done = subprocess.run([sys.executable, "-c", code], env=variables, capture_output=True, text=True, check=True)
     return done.stdout.splitlines(), done.stderr
 
 
-def test_a_filter_step_compiled_loaded_or_not_compiled_gives_the_same(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The first compilation prints one line. A folder that cannot be written to is copied."""
-    plain, error = run(STEP, tmp_path, NUMBA_DISABLE_JIT="1")
+@pytest.mark.slow
+def test_a_filter_step_compiled_or_not_compiled_gives_the_same() -> None:
+    compile_kernels()
+    plain, error = run(STEP, NUMBA_DISABLE_JIT="1")
     assert (len(plain), error) == (3, "")
-    assert run(STEP, tmp_path) == (plain, f"slamgauge: {jit.FIRST_USE}\n")
-    assert run(STEP, tmp_path) == (plain, "")
+    assert run(STEP) == (plain, "")
+
+
+@pytest.mark.slow
+def test_a_kernel_is_compiled_once_and_loaded_afterwards(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The compilation prints one line. A folder that cannot be written to is copied."""
+    plain, error = run(SMALL_KERNEL, NUMBA_DISABLE_JIT="1")
+    assert (len(plain), error) == (1, "")
+    assert run(SMALL_KERNEL, NUMBA_CACHE_DIR=str(tmp_path)) == (plain, f"slamgauge: {jit.FIRST_USE}\n")
+    assert run(SMALL_KERNEL, NUMBA_CACHE_DIR=str(tmp_path)) == (plain, "")
     monkeypatch.setattr(jit.NUMBA, "CACHE_DIR", str(tmp_path))
     monkeypatch.setattr(tempfile, "TemporaryFile", Mock(side_effect=PermissionError))
     found = jit.caches.__wrapped__()

@@ -161,6 +161,7 @@ def test_the_limits_of_a_map_need_little_memory(monkeypatch: pytest.MonkeyPatch)
     assert peak < 1e5
 
 
+@pytest.mark.slow
 def test_results_do_not_depend_on_the_size_of_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
     clutter = ["sensor.clutter_rate=0.3", "trajectory.duration=80"]
     for overrides in (clutter, [*clutter, "association.method=nearest-neighbour"]):

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -23,12 +24,15 @@ from slamgauge.se2 import chain, compose, rotation, wrap
 from slamgauge.sensors import Sensor
 from tests.reference.given import given
 
+pytestmark = pytest.mark.slow
+
 Estimator = Callable[[Recording], Estimate]
 FALSE_ALARM_RATE = 1e-3
 RUNS, STEPS = 100, 80
 SENSORS = pytest.mark.parametrize("sensor", ["range-bearing", "position"])
 
 
+@cache
 def circling(seed: int, sensor: Sensor, heading_sigma: float) -> tuple[Float, Recording]:
     """Simulate two turns of a circle with eight landmarks 2 m outside it, with the start drawn from the prior.
 

@@ -118,7 +118,7 @@ def test_the_gate_of_the_settings_equals_the_gate_of_update() -> None:
 
 # --- accuracy and consistency --------------------------------------------------------------------
 
-RUNS = 30
+RUNS = 20
 
 
 @cache

@@ -8,6 +8,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
+from importlib import import_module
+from typing import Any
 
 import gtsam
 import numpy as np
@@ -22,6 +25,7 @@ from slamgauge.graph_baseline.gtsam_batch import motion_factors, observation_fac
 from slamgauge.graph_baseline.problem.preparation import prepare
 from slamgauge.recording import Recording
 from slamgauge.se2 import compose
+from tests.reference.given import given
 from tests.reference.least_squares import Model
 from tests.reference.small_problems import (
     Answer,
@@ -42,6 +46,22 @@ SENSORS = pytest.mark.parametrize("sensor", ["range-bearing", "position"])
 SLIP = pytest.mark.parametrize("slip", [True, False], ids=["slip", "no-slip"])
 SEEDS = pytest.mark.parametrize("seed", range(3))
 OPTIMA = pytest.mark.parametrize("estimator", [batch, causal])
+
+
+@pytest.mark.parametrize("sigmas", [0.0, 0.3])
+def test_the_check_of_causal_is_the_distance_from_the_optimum_in_sigmas(
+    sigmas: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    module = import_module("slamgauge.graph_baseline.causal")
+    optimum_from = module.optimum_from
+
+    def shifted(*arguments: Any) -> Estimate:
+        found = optimum_from(*arguments)
+        sigma = np.sqrt(np.diagonal(given(found.pose_covs), axis1=1, axis2=2))
+        return replace(found, poses=found.poses + sigmas * sigma)
+
+    monkeypatch.setattr(module, "optimum_from", shifted)
+    assert causal(problem(0, "range-bearing", True)[1]).optimum_check == pytest.approx(sigmas, abs=0.02)
 
 
 # --- dense least squares ---------------------------------------------------------------------------

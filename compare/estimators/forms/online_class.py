@@ -83,7 +83,8 @@ def _made(kind: type, recording: Recording) -> Any:
     if others := [name for name in required(kind) if name not in START]:
         raise no_form(kind, f"a constructor without {', '.join(others)}: it may have {', '.join(START)}")
     slam = kind(**{name: getattr(recording, name) for name in names if name in START})
-    if lacking := [name for name in ("pose", "pose_cov") if callable(getattr(slam, name, callable))]:
+    lacking = [name for name in ("pose", "pose_cov") if not hasattr(slam, name) or callable(getattr(slam, name))]
+    if lacking:
         raise no_form(kind, f"{', '.join(lacking)}: properties (@property), or set by its constructor")
     return slam
 

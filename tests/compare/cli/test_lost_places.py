@@ -17,6 +17,7 @@ from slamgauge.compare.cli.doctor import WARM_UPS, run_shortly
 from slamgauge.compare.storage.staged_folder import MARK
 from slamgauge.compare.studies.study import load_runs
 from slamgauge.errors import UserError
+from tests.marks import in_full
 from tests.reference.command_line import command_after, contents
 
 pytestmark = pytest.mark.slow
@@ -48,6 +49,7 @@ def test_a_disk_that_is_full_costs_the_folder_but_not_the_table(stored: Path, ou
     assert contents(out.parent) == before
 
 
+@pytest.mark.parametrize("out", ["new folder", *in_full(["older results"])], indirect=True)
 def test_a_disk_that_fills_up_at_the_figure_costs_that_alone(stored: Path, out: Path):
     done = evaluate_with_room(stored, out, 100_000)
     assert (done.returncode, done.stdout.split()[0]) == (1, "estimator")
@@ -95,7 +97,7 @@ def test_a_run_that_is_interrupted_or_terminated_leaves_nothing_behind(out: Path
     assert contents(out.parent) == before
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, *in_full([signal.SIGTERM])])  # a run has both
 def test_a_study_that_is_interrupted_keeps_its_finished_runs(tmp_path: Path, number: int):
     words = ("study", "q1-short-dense", "--runs", 10_000, "--jobs", 1, "--estimators", "dead-reckoning")
 

@@ -193,6 +193,7 @@ G2O_LINES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "files", "steps"), [("csv log", CSV_LINES, 199_998), ("g2o", G2O_LINES, 50_000)])
 def test_a_hundred_thousand_lines_are_read(name: str, files: dict[str, str], steps: int, tmp_path: Path):
     """No loop is quadratic: the test would take minutes."""

@@ -43,8 +43,9 @@ def test_parts_lie_on_the_arc():
 
 
 def test_stamps_that_coincide_split_nothing():
+    """Also a little before the first stamp and after the last one."""
     odometry = Odometry(np.array([0.0, 0.1, 0.2]), np.full((2, 3), 0.3), np.tile(np.eye(3), (2, 1, 1)))
-    same, steps = split_at(odometry, np.array([0.2, 0.0, 0.1 + 1e-7]))
+    same, steps = split_at(odometry, np.array([0.2 + 1e-7, -1e-7, 0.1 + 1e-7]))
     assert_array_equal(steps, [2, 0, 1])
     for before, after in zip(odometry, same, strict=True):
         assert_array_equal(before, after)

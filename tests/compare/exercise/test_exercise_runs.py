@@ -5,7 +5,9 @@ from __future__ import annotations
 import json
 import math
 import re
+from collections.abc import Generator
 from concurrent.futures import ThreadPoolExecutor
+from copy import deepcopy
 from dataclasses import replace
 from pathlib import Path
 from unittest.mock import Mock
@@ -22,24 +24,28 @@ from slamgauge.compare.exercise.tables import exercise_page
 from slamgauge.compare.report import exercise_page as exercise_pages
 from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
 from slamgauge.compare.scenarios.simulation import informed, simulate
-from slamgauge.compare.scoring.measured import closure_steps
+from slamgauge.compare.scoring.run_arrays import closure_steps
 from slamgauge.compare.studies import study
 from slamgauge.compare.studies.study_run import run_once, run_seed
 from slamgauge.errors import UserError
 from tests.reference.given import given
 
+pytestmark = pytest.mark.slow
+
 SECONDS = 25  # duration of every setting here
 
 
-@pytest.fixture(autouse=True)
-def short(monkeypatch: pytest.MonkeyPatch):
+@pytest.fixture(scope="module", autouse=True)
+def short() -> Generator[None]:
     """Shorten the settings; they turn at four times the rate, so that they have loop closures."""
 
     def shortened(name: str) -> Scenario:
         rate = 0.8 if name == "q1-short-dense" else 0.4
         return load_scenario(name, [f"trajectory.duration={SECONDS}", f"trajectory.yaw_rate={rate}"])
 
-    monkeypatch.setattr(results, "load_scenario", shortened)
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(results, "load_scenario", shortened)
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -48,9 +54,9 @@ def pool():
         yield executor
 
 
-@pytest.fixture
-def question_1(tmp_path: Path, pool: ThreadPoolExecutor) -> Exercise:
-    return run_exercise(["q1"], 2, 3, tmp_path / "out", pool)
+@pytest.fixture(scope="module")
+def question_1(tmp_path_factory: pytest.TempPathFactory, pool: ThreadPoolExecutor) -> Exercise:
+    return run_exercise(["q1"], 2, 3, tmp_path_factory.mktemp("question") / "out", pool)
 
 
 def test_all_estimators_of_a_run_use_the_same_measurements(question_1: Exercise):
@@ -98,8 +104,9 @@ def test_loop_closures_are_the_first_of_each_lap(question_1: Exercise):
 
 
 def test_tables_fit_80_columns_and_a_ratio_to_an_optimum_in_doubt_is_marked(question_1: Exercise):
-    question_1.settings[1].estimators[CAUSAL].figures["optimum_check_share"] = 0.5
-    text = exercise_page(replace(question_1, failures=["figure 2.1, run 0: ekf failed: x"])).text(80)
+    doubted = replace(deepcopy(question_1), failures=["figure 2.1, run 0: ekf failed: x"])
+    doubted.settings[1].estimators[CAUSAL].figures["optimum_check_share"] = 0.5
+    text = exercise_page(doubted).text(80)
     lines = text.splitlines()
     assert max(map(len, lines)) <= 80
     assert "Hidden columns" not in text
@@ -123,7 +130,7 @@ def test_a_failed_estimator_has_a_line_and_the_others_their_figures(
     assert row[3].startswith("0.") and row[4] == "-"  # errors of EKF and GTSAM batch
 
 
-@pytest.mark.usefixtures("studies_in_a_thread")
+@pytest.mark.usefixtures("studies_in_a_thread", "empty_pictures")
 def test_the_command_writes_results_figures_and_pages_and_continues(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):

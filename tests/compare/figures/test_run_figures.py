@@ -165,6 +165,7 @@ def test_an_optimum_in_doubt_is_named_and_marked(tmp_path: Path, drawn: dict[str
         assert ("difference to causal? and" in panel) == is_marked
 
 
+@pytest.mark.slow
 def test_files_of_the_figure_are_reproducible_and_names_with_dollars_are_not_formulas(tmp_path: Path):
     estimates = {"ekf": estimate([0.1, 0, 0]), r"$\frac$": estimate([0, 0.1, 0])}
     written: list[list[bytes]] = []

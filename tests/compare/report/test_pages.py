@@ -176,6 +176,7 @@ def test_a_page_of_other_results_is_refused(page_of: PageOf, tmp_path: Path):
 # --- in a browser ----------------------------------------------------------------------------------
 
 
+@pytest.mark.browser
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_page_of_each_kind_loads_without_errors_explains_its_columns_and_sorts(
     browser: webdriver.Chrome, page_of: PageOf, kind: str
@@ -204,6 +205,7 @@ def test_a_page_of_each_kind_loads_without_errors_explains_its_columns_and_sorts
         assert titles - terms <= ({"ekf", "causal", "batch"} if kind == "study" else set())  # columns of estimators
 
 
+@pytest.mark.browser
 def test_a_run_is_replayed(browser: webdriver.Chrome, page_of: PageOf):
     show(browser, page_of("ranges"))
     play, now, scrub, follow = (browser.find_element("id", name) for name in ("play", "now", "scrub", "follow"))
@@ -245,6 +247,7 @@ def test_a_run_is_replayed(browser: webdriver.Chrome, page_of: PageOf):
     assert browser.get_log("browser") == []
 
 
+@pytest.mark.browser
 def test_a_page_can_be_downloaded_as_csv_and_read_without_javascript(browser: webdriver.Chrome, page_of: PageOf):
     show(browser, page_of("ranges"))
     scores, series = browser.execute_async_script(

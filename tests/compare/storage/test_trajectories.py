@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from slamgauge.arrays import Float
+from slamgauge.compare.datasets.plausibility import path_doubts
 from slamgauge.compare.estimators.stored_trajectory import load_stored
 from slamgauge.compare.storage.csv_folder import POSE, write_rows
 from slamgauge.compare.storage.files import save
@@ -160,6 +162,12 @@ def test_a_variant_is_read_or_refused_or_doubted(
         assert_allclose(np.exp(1j * estimate.poses), np.exp(1j * POSES), atol=1e-9)
     else:
         assert outcome in said
+
+
+@pytest.mark.parametrize(("metres", "doubts"), [(3.9, 0), (4.1, 1)])
+def test_a_start_is_doubted_from_a_metre_and_six_sigmas_of_the_prior_on(metres: float, doubts: int) -> None:
+    recording = replace(RECORDING, prior_cov=np.diag([0.25, 0.25, 0.01]))
+    assert len([*path_doubts(np.add(POSES, [metres, 0.0, 0.0]), recording)]) == doubts
 
 
 def test_covariances_and_npz_files(tmp_path: Path) -> None:

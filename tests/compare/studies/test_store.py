@@ -218,8 +218,7 @@ def test_a_run_that_kills_its_worker_is_named_and_the_others_continue(
     assert [(each.run, each.estimator) for each in summary.failures] == [(1, "ekf"), (1, "riekf")]
     assert {each.error for each in summary.failures} == {f"its worker process died (out of memory?) ({AGAIN})"}
     assert load(4, ("ekf",))["ekf"].run.tolist() == [0, 2, 3]
-    with local_processes(1) as executor:
-        again = run(4, BOTH, executor=executor)
+    again = run(4, BOTH)
     assert (again.failures, again.estimators["ekf"]["runs"]) == ((), 4)
 
 

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 from scipy.linalg import block_diag
+from scipy.stats import chi2
 
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf import textbook
@@ -177,6 +178,24 @@ def test_bearings_of_two_landmarks_with_one_id_are_never_placed() -> None:
     assert 0.0 < IMPROBABLE < 0.05
 
 
+@pytest.mark.parametrize(("factor", "placed"), [(0.95, True), (1.05, False)])
+def test_a_landmark_waits_if_the_chi_square_of_its_bearings_is_improbable(factor: float, placed: bool) -> None:
+    """The path is exact, and the fewest bearings deviate in turn to the left and right."""
+    sigma, distances = 1e-3, np.linspace(0.0, 3.0, FEWEST)
+    offsets = np.column_stack([1.5 - distances, np.full(FEWEST, 4.0)])
+    gradient = offsets @ J.T / np.sum(offsets**2, axis=1, keepdims=True)
+    deviation = (-1.0) ** np.arange(FEWEST)
+    rest = deviation - gradient @ np.linalg.lstsq(gradient, deviation)[0]
+    deviation *= sigma * math.sqrt(factor * chi2.isf(IMPROBABLE, FEWEST - 2) / (rest @ rest))
+    slam = started(Delayed(poses=60, spacing=0.0))
+    for k in range(FEWEST):
+        if k:
+            slam.predict([distances[1], 0.0, 0.0], np.zeros((3, 3)))
+        bearing = math.atan2(offsets[k, 1], offsets[k, 0]) + deviation[k]
+        slam.update(Observations(np.array([0]), np.array([[bearing]]), np.array([[[sigma**2]]])))
+    assert (0 in slam.landmark_ids) == placed
+
+
 # --- the window ----------------------------------------------------------------------------------
 
 
@@ -243,6 +262,15 @@ def test_a_long_path_is_mapped_to_its_end() -> None:
     bins = np.histogram(landmarks[slam.landmark_ids, 0], bins=9, range=(0.0, 180.0))[0]
     there = np.histogram(landmarks[[*seen], 0], bins=9, range=(0.0, 180.0))[0]
     assert (bins > 0.5 * there).all()
+
+
+def test_the_oldest_pose_that_no_landmark_in_view_uses_is_removed_first() -> None:
+    """Each landmark is observed once, and waits until its pose is removed."""
+    slam = started(Delayed(poses=8, spacing=0.2))
+    for k in range(20):
+        slam.predict([0.3, 0.0, 0.0], Q)
+        slam.update(Observations(np.array([k]), np.array([[1.5]]), np.array([[[SIGMA**2]]])))
+    assert [*slam.provisional] == [*range(12, 20)]
 
 
 def test_a_standing_robot_adds_no_poses() -> None:

@@ -10,10 +10,12 @@ import pytest
 
 from slamgauge import batch, causal, load_scenario, simulate
 from slamgauge.compare.cli.bench import workload
+from slamgauge.graph_baseline.problem.preparation import prepare
 from slamgauge.graph_baseline.solver import chord_descent, incremental
 from slamgauge.graph_baseline.solver.anderson import AndersonAcceleration, largest_entry
 from slamgauge.graph_baseline.solver.chord_descent import ChordDescent
 from slamgauge.graph_baseline.solver.incremental import SHORT, IncrementalOptimum
+from slamgauge.graph_baseline.solver.search import degrees_of_freedom
 from slamgauge.recording import Recording
 from slamgauge.se2 import wrap
 
@@ -58,6 +60,16 @@ def test_acceleration_reduces_relinearisations_of_a_large_map(monkeypatch: pytes
         assert estimator.converged
         assert (np.abs(estimator.newest_pose() - optimum.poses[-1]) < 0.02 * sigma).all()
     assert counts[1] < 0.7 * counts[0], counts
+
+
+def test_a_short_recording_with_one_minimum_has_no_changes_and_the_degrees_of_freedom_of_its_problem() -> None:
+    recording = simulate(load_scenario("q1-short-dense", ["start=sampled"]), 0)[1].first(SHORT)
+    estimator = IncrementalOptimum(recording)
+    for _ in range(recording.steps + 1):
+        estimator.add_step()
+    estimator.finish()
+    assert estimator.changes == []
+    assert estimator._degrees_of_freedom() == degrees_of_freedom(prepare(recording))
 
 
 def test_the_error_between_two_convergences_is_small(monkeypatch: pytest.MonkeyPatch) -> None:
