@@ -31,9 +31,9 @@ from slamgauge.compare.scoring.without_truth import (
     ConsistencyTest,
     Figures,
     consistent_filter,
+    expected_nees,
     figures,
     figures_of,
-    step_statistics,
 )
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimator
@@ -88,8 +88,8 @@ def tests_of(
         optimum = batch(recording)
         for name, filter_ in filters.items():
             with suppress(UserError, np.linalg.LinAlgError, ValueError), np.errstate(all="ignore"):  # bugs
-                steps = step_statistics(filter_(recording), optimum)
-                tests[name].append(ConsistencyTest(figures(recording, optimum, *steps), found[name]))
+                expected = expected_nees(filter_(recording), optimum)
+                tests[name].append(ConsistencyTest(figures(recording, optimum, expected), found[name]))
     return tests
 
 

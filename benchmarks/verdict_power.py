@@ -3,7 +3,7 @@
     python benchmarks/verdict_power.py [--trials 1000]
 
 Errors last for the whole run, so the NEES of a run is chi-square with 3 degrees of freedom: the case in which sigmas
-are hardest to judge. ATEs of a run are Rayleigh (`verdicts.SCATTER`), and the ratio of two estimators scatters by
+are hardest to judge. ATEs of a run are Rayleigh (`comparison.SCATTER`), and the ratio of two estimators scatters by
 `SCATTER` from run to run.
 """
 
@@ -17,7 +17,7 @@ import tyro
 
 from slamgauge.arrays import Float
 from slamgauge.compare.scoring.intervals import ratio_interval
-from slamgauge.compare.scoring.verdicts import Evidence, faults, verdict
+from slamgauge.compare.scoring.verdicts import Evidence
 
 RUNS = (20, 100)  # runs in a study
 SIGMAS = (1.0, 1.1, 1.2, 1.5)  # errors over sigmas
@@ -46,7 +46,7 @@ def main(trials: int = 1000) -> int:
 
 def _sigma(factor: float, runs: int, rng: np.random.Generator) -> str:
     nees = factor**2 * rng.chisquare(3, runs).mean() / 3
-    found = faults(Evidence(runs=runs, nees_per_dof=nees))
+    found = Evidence(runs=runs, nees_per_dof=nees).faults()
     return found[0].replace("claims ", "") if found else "right as far as runs show"
 
 
@@ -54,14 +54,14 @@ def _ratio(factor: float, runs: int, rng: np.random.Generator) -> str:
     optimum = rng.rayleigh(size=runs)
     ratio = ratio_interval(optimum * factor * np.exp(_scatter(runs, rng)), optimum)
     evidence = Evidence(ratio=ratio, ratio_runs=runs)
-    text = verdict(evidence) or ""
+    text = evidence.verdict() or ""
     other = "larger error" if evidence.is_worse else "smaller error"
     return next((each for each in ("as accurate", "not significant", "less than") if each in text), other)
 
 
 def _nis(figure: float, runs: int, rng: np.random.Generator) -> str:
     dof = 2 * STEPS * runs
-    found = faults(Evidence(runs=runs, nis_per_dof=figure * rng.chisquare(dof) / dof, nis_dof=dof))
+    found = Evidence(runs=runs, nis_per_dof=figure * rng.chisquare(dof) / dof, nis_dof=dof).faults()
     return found[0] if found else "as expected"
 
 

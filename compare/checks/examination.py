@@ -11,8 +11,7 @@ from slamgauge.compare.checks import covariance_checks, mean_checks, update_chec
 from slamgauge.compare.checks.check import Check, NotJudgedError, OtherModelError, Subject
 from slamgauge.compare.checks.ignored_inputs import ignored_inputs
 from slamgauge.compare.estimators.user_errors import OverdueError
-from slamgauge.compare.scoring.table import Head, Table, cell
-from slamgauge.compare.scoring.text_page import Page
+from slamgauge.compare.scoring.table import Head, Page, Table, cell
 from slamgauge.errors import CovarianceError, UserError
 from slamgauge.estimate import Estimator
 

@@ -19,7 +19,7 @@ from slamgauge.compare.estimators import loading, running
 from slamgauge.compare.estimators.registry import BENCHED, CAUSAL
 from slamgauge.compare.figures import publishing
 from slamgauge.compare.scenarios import scenario, simulation
-from slamgauge.compare.scoring import table, text_page
+from slamgauge.compare.scoring import table
 from slamgauge.compare.storage import progress
 from slamgauge.compare.storage.result_files import BENCH, origin
 from slamgauge.errors import UserError
@@ -112,7 +112,7 @@ def growth_exponent(by_size: dict[str, dict[str, float]]) -> float | None:
     return float(np.polyfit(np.log([float(size) for size in by_size]), np.log(times), 1)[0])
 
 
-def bench_table(result: dict[str, Any]) -> text_page.Page:
+def bench_table(result: dict[str, Any]) -> table.Page:
     """Return the table of the result: step times against map size, whole runs, shares and ratios."""
     columns = {
         "median_s": ("median [ms]", 1e3, "{:.4f}"),
@@ -129,4 +129,4 @@ def bench_table(result: dict[str, Any]) -> text_page.Page:
             rows.append([name, size, *(table.cell(*each) for each in shown)])
     exponents = result["growth_exponent"].items()
     growth = [f"growth of {name}: landmarks^{table.cell(exponent, '{:.2f}')}" for name, exponent in exponents]
-    return text_page.Page((f"workload: {result['workload']}", "", table.Table.of(heads, rows), *growth))
+    return table.Page((f"workload: {result['workload']}", "", table.Table.of(heads, rows), *growth))

@@ -17,7 +17,7 @@ from slamgauge import jit, memory
 from slamgauge.blas_threads import VARIABLES
 from slamgauge.compare.cli.terminal import Output
 from slamgauge.compare.scenarios import scenario, simulation
-from slamgauge.compare.scoring import text_page
+from slamgauge.compare.scoring import table
 from slamgauge.version import __version__
 
 MISSING, BROKEN = "missing", "broken: "
@@ -57,7 +57,7 @@ class Command:
                 found[name] = look()
             except Exception as error:  # noqa: BLE001 any error is a finding
                 found[name] = f"{BROKEN}{type(error).__name__}: {' '.join(str(error).split())}"
-        Output(self.json).show(found, text_page.Page(tuple(f"{name:14}  {text}" for name, text in found.items())))
+        Output(self.json).show(found, table.Page(tuple(f"{name:14}  {text}" for name, text in found.items())))
         return 1 if any(text == MISSING or text.startswith(BROKEN) for text in found.values()) else 0
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from slamgauge.compare.cli.terminal import Output
 from slamgauge.compare.scenarios import scenario
-from slamgauge.compare.scoring import text_page
+from slamgauge.compare.scoring import table
 
 
 @dataclass
@@ -26,7 +26,7 @@ class Command:
     def run(self) -> int:
         found = scenario.shipped_scenarios()
         width = max(len(name) for name, _ in found)
-        page = text_page.Page(tuple(f"{name:{width}}  {text}" for name, text in found))
+        page = table.Page(tuple(f"{name:{width}}  {text}" for name, text in found))
         content = [{"name": name, "description": text} for name, text in found]
         Output(self.json, wide=not sys.stdout.isatty()).show(content, page)
         return 0

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from slamgauge.compare.scoring.text_page import Page
+    from slamgauge.compare.scoring.table import Page
 
 PIPED = 80  # characters: the width in pipes, and the smallest width on terminals
 

@@ -67,7 +67,7 @@ FIGURES: dict[str, Callable[[Runs], Float]] = {  # functions that read a figure 
     "landmarks found": _found,
 }
 for _what in ("error", "sigma"):
-    FIGURES |= {f"{_what} of the {a} half of the map": _stored(f"landmark_{_what}_{a}_m") for a in ("far", "near")}
+    FIGURES |= {f"{_what} of the {a} half of the map": _stored(f"map_halves_{_what}_{a}_m") for a in ("far", "near")}
     FIGURES |= {f"position {_what} {stretch}": partial(_during, _what, stretch) for stretch in STRETCHES}
 
 

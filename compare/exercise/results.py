@@ -27,7 +27,7 @@ from slamgauge.compare.scoring.intervals import mean, rms
 from slamgauge.compare.scoring.optimum_notes import doubt_in_runs
 from slamgauge.compare.scoring.run_arrays import closure_steps
 from slamgauge.compare.scoring.runs import Runs
-from slamgauge.compare.scoring.table import interval_cell
+from slamgauge.compare.scoring.table import cell
 from slamgauge.compare.storage.result_files import STUDIES, origin
 from slamgauge.compare.storage.staged_folder import begin_folder
 from slamgauge.compare.studies.stored_study import optima_beside
@@ -102,7 +102,7 @@ class QuestionResult:
         ratios = [(each.estimators[EKF]["ratio_to_causal"], each.setting) for each in self.settings]
         known = sorted((pair for pair in ratios if pair[0]), key=lambda pair: pair[0].mean)
         ends = known[:: max(1, len(known) - 1)]  # the smallest and the largest
-        shown = [f"{interval_cell(ratio, '{:.2f}')} ({setting.figure}, {setting.title})" for ratio, setting in ends]
+        shown = [f"{cell(ratio, '{:.2f}')} ({setting.figure}, {setting.title})" for ratio, setting in ends]
         accuracy = f"the error of the EKF is {' to '.join(shown)} times that of the causal optimum"
         parts = [accuracy if known else "no run has both the EKF and the causal optimum"]
         places: dict[str, list[str]] = {}

@@ -9,8 +9,7 @@ from slamgauge.compare.exercise.results import Exercise, QuestionResult, Setting
 from slamgauge.compare.exercise.settings import CAUSAL, EKF, GTSAM, QUESTIONS
 from slamgauge.compare.scoring.intervals import Interval
 from slamgauge.compare.scoring.optimum_notes import MARK
-from slamgauge.compare.scoring.table import NO_FIGURE, Cell, Head, Table, cell, figure, from_to
-from slamgauge.compare.scoring.text_page import Page
+from slamgauge.compare.scoring.table import NO_FIGURE, Cell, Head, Page, Table, cell, figure, from_to
 
 FIG = Head("fig", help="number of the figure in the handout; ring is a setting of slamgauge", words=True)
 SETTING = Head("setting", help="what the setting changes", words=True)

@@ -26,8 +26,8 @@ from slamgauge.compare.figures.maps import (
 )
 from slamgauge.compare.figures.plot_style import MARK_COLOR, SHEET, TRUTH_COLOR, legend_below, printed, styles
 from slamgauge.compare.scoring.consistency import pose_errors
-from slamgauge.compare.scoring.measured import closure_steps, pose_covs_of
 from slamgauge.compare.scoring.optimum_notes import MARK, doubt, is_in_doubt, is_misfit, misfits
+from slamgauge.compare.scoring.run_arrays import closure_steps, pose_covs_of
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain

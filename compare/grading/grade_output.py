@@ -10,8 +10,7 @@ from urllib.parse import quote
 from slamgauge.compare.grading.grades import FIGURES, Grade
 from slamgauge.compare.grading.grading import Grades
 from slamgauge.compare.scoring.intervals import Interval
-from slamgauge.compare.scoring.table import Cell, Head, Table, figure
-from slamgauge.compare.scoring.text_page import Page
+from slamgauge.compare.scoring.table import Cell, Head, Page, Table, figure
 from slamgauge.compare.storage.files import explained, write_csv, write_json
 from slamgauge.compare.storage.result_files import GRADES, GRADESCOPE, PAGES, RESULTS, RUBRIC
 

@@ -14,8 +14,7 @@ from slamgauge.compare.grading.rubric import Mark, Rubric
 from slamgauge.compare.grading.trial import Trial, optimum_ates
 from slamgauge.compare.scoring.error_bounds import against_reference, ates, late_nees
 from slamgauge.compare.scoring.intervals import Interval, mean_interval, number, ratio_interval
-from slamgauge.compare.scoring.optimum_notes import beats_the_optimum
-from slamgauge.compare.scoring.runs import share_of_doubt
+from slamgauge.compare.scoring.optimum_notes import beats_the_optimum, share_of_doubt
 from slamgauge.compare.scoring.scores import Score
 from slamgauge.compare.scoring.table import Head
 
@@ -90,7 +89,7 @@ def grade(submission: str, trial: Trial, reference: Sequence[Score], rubric: Rub
         reason = printable(trial.reason)
         return Grade(submission=submission, trial=trial, reasons=(reason,), mark=rubric.nothing(reason))
     scores = trial.scores
-    ratios = against_reference(scores, reference)
+    ratios, broken = against_reference(scores, reference)
     ratio = ratio_interval(ates(scores), optimum_ates(scores))
     reasons: list[str] = []
     required = reference[0]["kind"]
@@ -99,28 +98,25 @@ def grade(submission: str, trial: Trial, reference: Sequence[Score], rubric: Rub
         reasons.append(f"its poses are {kinds[0]}; {required} poses are required")
     is_in_doubt = share_of_doubt(np.array([each["yardstick_check_sigma"] for each in scores], dtype=np.float64))
     too_good = None if is_in_doubt else beats_the_optimum(ratio, int(np.isfinite(optimum_ates(scores)).sum()))
-    reasons += [*filter(None, [too_good]), *ratios.broken]
+    reasons += [*filter(None, [too_good]), *broken]
     failed = trial.failed_checks
     if failed:
         reasons.append(f"fails the check{'s' if len(failed) > 1 else ''} {', '.join(failed)}")
     nees, other = (mean_interval(late_nees(each)) for each in (scores, reference))
     figures = {
         "ate_m": mean_interval(ates(scores)),
-        "ate_ratio": ratios.ate,
         "nees_per_dof": nees,
-        "nees_ratio": ratios.nees,
-        "sigma_position_ratio": ratios.sigma_position,
-        "sigma_heading_ratio": ratios.sigma_heading,
         "ratio_to_optimum": ratio,
+        **ratios,
     }
     if trial.own_noise:
-        own = against_reference(trial.own_noise, reference)
-        figures |= {"own_noise_ate_ratio": own.ate, "own_noise_nees_ratio": own.nees}
+        own, _ = against_reference(trial.own_noise, reference)
+        figures |= {f"own_noise_{key}": own[key] for key in ("ate_ratio", "nees_ratio")}
     return Grade(
         submission=submission,
         trial=trial,
         reasons=tuple(reasons),
-        mark=rubric.mark(ratios.ate, nees, other, trial.verdicts, reasons[0] if kinds else ""),
+        mark=rubric.mark(ratios["ate_ratio"], nees, other, trial.verdicts, reasons[0] if kinds else ""),
         kind=scores[0]["kind"],
         figures=figures,
         seconds=float(np.median([each["seconds_total"] or 0.0 for each in scores])),

@@ -8,8 +8,7 @@ from __future__ import annotations
 from typing import Any
 
 from slamgauge.compare.scoring.intervals import Interval
-from slamgauge.compare.scoring.table import Cell, Head, Table, figure
-from slamgauge.compare.scoring.text_page import Page
+from slamgauge.compare.scoring.table import Cell, Head, Page, Table, figure
 
 SIGNIFICANT = "significant"
 HEADS = (
@@ -63,5 +62,4 @@ def verdict(found: Interval, assumed: float) -> str:
 
 def systematic_verdict(found: Interval) -> str:
     """Return whether a systematic error is significant: its interval does not contain 0."""
-    is_above, is_below = found.low is not None and found.low > 0.0, found.high is not None and found.high < 0.0
-    return SIGNIFICANT if is_above or is_below else "not significant"
+    return SIGNIFICANT if found.is_above(0.0) or found.is_below(0.0) else "not significant"

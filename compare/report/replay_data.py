@@ -12,8 +12,8 @@ from slamgauge.arrays import Float, Int, distinct
 from slamgauge.compare.figures.maps import MapRows, first_seen, map_at
 from slamgauge.compare.figures.run_figures import Reference, reference_of, run_limits
 from slamgauge.compare.report.page import Look, pack
+from slamgauge.compare.scoring.catalogue import Measured
 from slamgauge.compare.scoring.consistency import chi2_band, distances, pose_errors, squared_mahalanobis
-from slamgauge.compare.scoring.measured import Measured
 from slamgauge.compare.scoring.run_arrays import closure_steps, pose_covs_of
 from slamgauge.compare.storage.files import Results
 from slamgauge.estimate import Estimate

@@ -10,7 +10,7 @@ import numpy as np
 
 from slamgauge.compare.report.page import Line, Page, Section, looks, origin, pictures, said
 from slamgauge.compare.scoring.intervals import number
-from slamgauge.compare.scoring.ray_figures import describe
+from slamgauge.compare.scoring.runs import rays_text
 from slamgauge.compare.scoring.table import Cell, Head, Table, figure
 from slamgauge.compare.storage.files import read_json
 from slamgauge.compare.storage.result_files import BUDGET, REPORT, SWEEP
@@ -21,7 +21,6 @@ from slamgauge.compare.studies.study_run import run_seed
 from slamgauge.compare.studies.summary import (
     Request,
     Summary,
-    empty_column_lines,
     estimator_table,
     failure_lines,
     optimum_lines,
@@ -54,14 +53,13 @@ def study_page(folder: Path) -> Page:
     value = f" at {summary.request.swept}" if summary.request and summary.request.swept else ""
     first, *others = [*pictures(folder, PICTURES), None]
     entries = summary.estimators.items()
-    rays = [Line(name, f"a run's {describe(each['rays'])}.") for name, each in entries if each["rays"]]
-    lines = [*optimum_lines(summary), *empty_column_lines([summary], "study")]
+    rays = [Line(name, f"a run's {rays_text(each['rays'])}.") for name, each in entries if each["rays"]]
     tables = [estimator_table(summary), *against_tables(summary.against)]
     return Page(
         kind="a study",
         title=f"{summary.scenario}{value}, {summary.runs} runs",
         lead=[Line(name, f"{each['verdict']}.") for name, each in entries if each["verdict"]],
-        notes=said([*lines, *too_good_lines(summary), *failure_lines(summary)]),
+        notes=said([*optimum_lines(summary), *too_good_lines(summary), *failure_lines(summary)]),
         picture=first,
         sections=[
             Section("Metrics of each estimator", "figures", tables=tables),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
@@ -10,10 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from slamgauge.arrays import chunks
 from slamgauge.compare.estimators.registry import OPTIMA, REGISTRY
 from slamgauge.compare.estimators.running import own_poses_of, run_side_by_side
-from slamgauge.compare.scoring.catalogue import empty_columns, figure_cells, heads
+from slamgauge.compare.scoring.catalogue import figure_cells, heads
 from slamgauge.compare.scoring.optimum_notes import (
     MARKED,
     doubt,
@@ -25,9 +25,7 @@ from slamgauge.compare.scoring.optimum_notes import (
 )
 from slamgauge.compare.scoring.own_stamps import optimum_at, truth_at
 from slamgauge.compare.scoring.scores import Score, evaluate
-from slamgauge.compare.scoring.table import ESTIMATOR, KIND, NO_FIGURE, Cell, Table
-from slamgauge.compare.scoring.text_page import Page
-from slamgauge.compare.scoring.verdicts import single_run, verdict_lines
+from slamgauge.compare.scoring.table import ESTIMATOR, KIND, NO_FIGURE, Cell, Page, Table
 from slamgauge.compare.storage.files import save, write_json
 from slamgauge.compare.storage.result_files import METRICS, RECORDING, TRUTH, origin
 from slamgauge.compare.storage.trajectories import write_tum
@@ -39,6 +37,9 @@ from slamgauge.validation import require_type
 
 if TYPE_CHECKING:
     from slamgauge.compare.scoring.without_truth import ConsistencyTest
+
+# relative standard deviation of the ATE between runs whose errors last for the whole run: that of a Rayleigh variable
+SCATTER = math.sqrt(4 / math.pi - 1)
 
 
 @dataclass(frozen=True)
@@ -98,28 +99,24 @@ def compare_estimators(
     require_type("recording", recording, Recording)
     require_type("estimators", estimators, Mapping)
     require_same_run(truth, recording)
-    if informed is None:
-        informed = recording
-        if recording.landmark is None and truth is not None and truth.association is not None:
-            informed = replace(recording, landmark=truth.association.clip(min=0))  # `misleading` marks clutter anyway
-    ran = run_side_by_side(estimators, recording, informed, None if truth is None else truth.misleading)
+    if informed is None and recording.landmark is None and truth is not None and truth.association is not None:
+        informed = replace(recording, landmark=truth.association.clip(min=0))  # `misleading` marks clutter anyway
+    misleading = None if truth is None else truth.misleading
+    ran = run_side_by_side(estimators, recording, informed or recording, misleading)
+    if not ran.estimates and ran.failures:
+        raise UserError(next(iter(ran.failures.values())))
     scores: dict[str, Score] = {}
     own = {name: own_poses_of(estimators.get(name)) for name in ran.estimates}
     best = {kind: ran.estimates[name] for kind, name in ran.optima.items()}
     for name, estimate in ran.estimates.items():
         optimum, stored = best.get(estimate.kind), own[name]
-        scored, true, compared = estimate, truth, None
-        if stored is not None:  # at its own stamps
-            scored, true, compared = stored.estimate, truth_at(stored.stamps, truth, recording), stored.compared
-            optimum = optimum and optimum_at(stored.stamps, optimum, recording)
-        try:
-            score = evaluate(true, recording, scored, optimum, compared)
-        except UserError as error:
-            ran.failures[name] = f"estimator {name}: {error}"
-            continue
+        if stored is None:
+            score = evaluate(truth, recording, estimate, optimum)
+        else:  # at its own stamps
+            best_there = optimum and optimum_at(stored.stamps, optimum, recording)
+            true_there = truth_at(stored.stamps, truth, recording)
+            score = evaluate(true_there, recording, stored.estimate, best_there, stored.compared)
         scores[name] = score if estimate.seconds is not None else score.timed(ran.seconds.get(name))
-    if not scores and ran.failures:
-        raise UserError(next(iter(ran.failures.values())))
     tests: Mapping[str, ConsistencyTest] = {}
     if twins:
         from slamgauge.compare.scoring.without_truth import tested_filters  # loads the optima
@@ -130,12 +127,12 @@ def compare_estimators(
     return Comparison(
         truth,
         recording,
-        estimates={name: ran.estimates[name] for name in scores},
+        estimates=ran.estimates,
         scores=scores,
         optima=ran.optima,
         failures=ran.failures,
         stand_ins=tuple(ran.stand_ins),
-        remarks=tuple(f"{name}: {remark}" for name in scores for remark in ran.remarks.get(name, ())),
+        remarks=tuple(f"{name}: {remark}" for name, remarks in ran.remarks.items() for remark in remarks),
         without_truth=tests,
     )
 
@@ -164,8 +161,7 @@ def digest(recording: Recording) -> str:
     for each in fields(recording):
         value = getattr(recording, each.name)
         total.update(each.name.encode())
-        for part in [value] if not np.ndim(value) else (value[rows] for rows in chunks(len(value))):
-            total.update(part.tobytes() if isinstance(part, np.ndarray) else str(part).encode())
+        total.update(np.ascontiguousarray(value).data if isinstance(value, np.ndarray) else str(value).encode())
     return total.hexdigest()
 
 
@@ -197,44 +193,37 @@ def table(comparison: Comparison) -> Page:
     """Return the scores as a table, with notes below."""
     optima = {kind: comparison.estimates[name] for kind, name in comparison.optima.items()}
     scores = run_table(comparison.scores, doubtful_kinds(optima), comparison.failures)
-    verdicts = verdict_lines({name: score["verdict"] for name, score in comparison.scores.items()})
+    verdicts = [f"{name}: {score['verdict']}" for name, score in comparison.scores.items() if score["verdict"]]
     return Page((scores, *notes(comparison), *verdicts, *comparison.failures.values()))
 
 
 def notes(comparison: Comparison) -> list[str]:
-    """Return notes on the run, on empty columns, and on the optima: their model, associations, doubts and betters."""
-    scores, estimates, truth = comparison.scores.values(), comparison.estimates, comparison.truth
+    """Return notes on the run, and on the optima: their model, associations, doubts and betters."""
+    estimates, truth = comparison.estimates, comparison.truth
+    found: list[str | None] = []
+    if any(score["ate_m"] is not None for score in comparison.scores.values()):
+        more = f". For conclusions use many runs: {comparison.study}" if comparison.study else ""
+        found.append(f"One run: from run to run the ATE varies by about {100 * SCATTER:.0f} % of its mean{more}")
     optima = sorted(comparison.optima.values())
-    is_scored = any(score["ate_m"] is not None for score in scores)
-    found = [single_run(comparison.study) if is_scored else None]
     found.append(misfits([name for name in optima if is_misfit(estimates[name])]))
     if not len(comparison.recording.observation):
         found.append("no landmark was observed: all estimates are dead reckoning")
     if comparison.stand_ins:
         names = " and ".join(comparison.stand_ins)
         found.append(f"no ids, and no true associations: compared with {names}, with associations right or wrong")
-    found.append(_without_headings(truth))
-    columns = [head for head in heads("run") if head.key != "nees_position"]
-    found += empty_columns(columns, lambda key: all(score[key] is None for score in scores))
+    if truth is not None and truth.poses is not None:
+        headless = np.isfinite(truth.poses[:, 0]) & np.isnan(truth.poses[:, 2])
+        where = "" if headless.all() else f" at {headless.sum()} of {len(headless)} steps"
+        left = "heading errors, relative errors and pose NEES are left out there"
+        found.append(f"the truth has no headings{where}: {left}" if headless.any() else None)
     if optima:
         kind = "smoothed" if "smoothed" in comparison.optima else "filtered"
         found.append(fit_of_the_model(REGISTRY[OPTIMA[kind]].title, estimates[comparison.optima[kind]]))
     found += [left_out(name, truth, comparison.recording, estimates[name]) for name in optima]
     found += [doubt(name, estimates[name].optimum_check, MARKED) for name in optima]
     found += [doubt(name, each.optimum_check) for name, each in estimates.items() if name not in optima]
-    found += verdict_lines({name: test.text() for name, test in comparison.without_truth.items()})
+    found += [f"{name}: {test.text()}" for name, test in comparison.without_truth.items()]
     return [line for line in found if line]
-
-
-def _without_headings(truth: Truth | None) -> str | None:
-    """Return what a truth without headings leaves undefined, or None."""
-    if truth is None or truth.poses is None:
-        return None
-    headless = np.isfinite(truth.poses[:, :2]).all(axis=1) & np.isnan(truth.poses[:, 2])
-    if not headless.any():
-        return None
-    count = "no headings" if headless.all() else f"no headings at {headless.sum()} of {len(headless)} steps"
-    return f"the truth has {count}: heading errors, relative errors and pose NEES are left out there"
 
 
 def write_comparison(folder: Path, comparison: Comparison, content: dict[str, Any]) -> None:

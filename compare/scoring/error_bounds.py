@@ -4,20 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 
 from slamgauge.arrays import Float, Int
 from slamgauge.compare.scoring.consistency import chi2_band
-from slamgauge.compare.scoring.intervals import (
-    Interval,
-    defined_mean,
-    is_above,
-    is_below,
-    mean_interval,
-    ratio_interval,
-)
+from slamgauge.compare.scoring.intervals import Interval, defined_mean, mean_interval, ratio_interval
 from slamgauge.compare.scoring.runs import FIRST_STEP
 from slamgauge.compare.scoring.scores import Score
 from slamgauge.errors import UserError
@@ -64,7 +56,7 @@ def assert_error_bounds(
         _ate_above(ates(scores), max_ate_m),
         _outside("pose NEES at the last step", last, np.full(len(last), 3), len(last), nees_level, regular),
         _outside("NIS", total, dof, dof.sum(), nis_level, "return an Estimate with nis and nis_dof"),
-        *([] if reference is None else against_reference(scores, reference).broken),
+        *([] if reference is None else against_reference(scores, reference)[1]),
     ]
     failures = [f"  {text}" for text in broken if text]
     if failures:
@@ -77,10 +69,9 @@ def _ate_above(errors: Float, bound: float | None) -> str:
         return ""
     if not bound > 0:
         raise UserError(f"max_ate_m = {bound}: no error can keep it; give a bound > 0")
-    average = float(errors.mean())
-    if np.isnan(average):
-        missing = np.isnan(errors).sum()
+    if missing := int(np.isnan(errors).sum()):
         return f"ate_m is missing in {missing} of {len(errors)} run(s): evaluate with a Truth that has poses"
+    average = float(errors.mean())
     return "" if average <= bound else f"ate_m = {average:.6g}{_runs(errors)} exceeds max_ate_m = {bound:.6g}"
 
 
@@ -94,66 +85,52 @@ def _outside(name: str, totals: Float, dof: Int, count: float, level: float | No
         return f"{name} is missing in {missing.sum()} of {len(missing)} run(s): {remedy}"
     if low <= total <= high:
         return ""
-    return (
-        f"{name}{_runs(totals)} = {total / count:.4g} is outside [{low / count:.4g}, {high / count:.4g}], "
-        f"the {100 * level:g} % chi-square band: the estimator is too {'sure' if total > high else 'cautious'}"
-    )
+    band = f"[{low / count:.4g}, {high / count:.4g}], the {100 * level:g} % chi-square band"
+    side = "sure" if total > high else "cautious"
+    return f"{name}{_runs(totals)} = {total / count:.4g} is outside {band}: the estimator is too {side}"
 
 
 def _runs(figures: Float) -> str:
     return f" (mean of {len(figures)} runs)" if len(figures) > 1 else ""
 
 
-# --- relative to a reference ---------------------------------------------------------------------
-
-
-class AgainstReference(NamedTuple):
-    """Ratios of means, estimator over reference, and a line for each broken bound.
-
-    NEES and sigmas are each run's mean and RMS from the 11th step on.
-    """
-
-    ate: Interval | None
-    nees: Interval | None
-    sigma_position: Interval | None
-    sigma_heading: Interval | None
-    broken: tuple[str, ...]
-
-
-def against_reference(scores: Sequence[Score], reference: Sequence[Score]) -> AgainstReference:
+def against_reference(
+    scores: Sequence[Score], reference: Sequence[Score]
+) -> tuple[dict[str, Interval | None], tuple[str, ...]]:
     """Compare the runs of an estimator with those of a reference on the same runs, in the same order.
 
     A bound fails if the whole 95 % interval of a paired ratio is beyond it: the ATE may be 1.05 times the reference's;
     the NEES 1.2 times, unless its own interval reaches down to a consistent estimate's; the sigmas of position and
     heading 0.9 to 1.1 times, unless the NEES is nearer to a consistent estimate's than the reference's.
+
+    Returns:
+        Ratios of means by key, estimator over reference, and a line for each broken bound.
     """
     if [len(each.nees) for each in scores] != [len(each.nees) for each in reference]:
         other = f"{len(reference)} scores for {len(scores)} of other runs"
         raise UserError(f"reference: {other}; score both on the same runs")
     if len(scores) < 2:
         raise UserError("reference: a single run has no interval; give the scores of at least 2 runs")
-    compared = (ates, late_nees, partial(_late_sigma, of=[0, 1]), partial(_late_sigma, of=[2]))
-    ratios = [ratio_interval(figure(scores), figure(reference)) for figure in compared]
     own, other = (mean_interval(late_nees(each)) for each in (scores, reference))
-    is_above_3 = is_above(own, 1.0)
     is_further_off = own is not None and other is not None and _off(own) >= _off(other)
-    rules = (
-        ("ATE", 0.0, 1.05, True),
-        ("NEES", 0.0, 1.2, is_above_3),
-        ("sigma of the position", 0.9, 1.1, is_further_off),
-        ("sigma of the heading", 0.9, 1.1, is_further_off),
-    )
+    rules = {
+        "ate_ratio": ("ATE", ates, 0.0, 1.05, True),
+        "nees_ratio": ("NEES", late_nees, 0.0, 1.2, own is not None and own.is_above(1.0)),
+        "sigma_position_ratio": ("sigma of the position", partial(_late_sigma, of=[0, 1]), 0.9, 1.1, is_further_off),
+        "sigma_heading_ratio": ("sigma of the heading", partial(_late_sigma, of=[2]), 0.9, 1.1, is_further_off),
+    }
+    ratios: dict[str, Interval | None] = {}
     broken = [NO_COVS] if own is None and other is not None else []
-    for ratio, (name, least, most, is_judged) in zip(ratios, rules, strict=True):
+    for key, (name, figure, least, most, is_judged) in rules.items():
+        ratio = ratios[key] = ratio_interval(figure(scores), figure(reference))
         if ratio is None or ratio.low is None or not is_judged:
             continue
         text = f"{name} is {ratio.mean:.3g} ± {ratio.mean - ratio.low:.2g} times the reference's"
-        if is_below(ratio, least):
+        if ratio.is_below(least):
             broken.append(f"{text}, less than {least:g}: it is too sure")
-        elif is_above(ratio, most):
+        elif ratio.is_above(most):
             broken.append(f"{text}, more than {most:g}{': it is too cautious' if least else ''}")
-    ate, nees, position, heading = ratios
-    return AgainstReference(ate, nees, position, heading, tuple(broken))
+    return ratios, tuple(broken)
 
 
 def ates(scores: Sequence[Score]) -> Float:

@@ -47,6 +47,19 @@ class Interval:
     low: float | None
     high: float | None
 
+    @property
+    def half_width(self) -> float | None:
+        """Half the width of the interval."""
+        return None if self.low is None or self.high is None else (self.high - self.low) / 2
+
+    def is_above(self, bound: float) -> bool:
+        """Return whether the whole interval is above a bound."""
+        return self.low is not None and self.low > bound
+
+    def is_below(self, bound: float) -> bool:
+        """Return whether the whole interval is below a bound."""
+        return self.high is not None and self.high < bound
+
 
 def mean_interval(values: Float, level: float = LEVEL) -> Interval | None:
     """Return Student's interval of the mean of the entries that are not NaN; None without entries."""
@@ -98,24 +111,14 @@ def _around(middle: float, half: Float | float) -> Interval:
     return Interval(middle, number(float(middle - half)), number(float(middle + half)))
 
 
-# --- two estimators on the same runs -------------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class Paired:
-    """Comparison of the means of two estimators on the same runs.
+    """Comparison of the means of two estimators on the same runs."""
 
-    Attributes:
-        runs: number of runs with both figures.
-        difference: mean of the differences, first minus second, with Student's interval.
-        ratio: mean over mean, with the delta method's interval; None unless the second mean is above ROUNDING.
-        p_value: p-value of Student's two-sided paired test of equal means; None for a single run.
-    """
-
-    runs: int
-    difference: Interval
-    ratio: Interval | None
-    p_value: float | None
+    runs: int  # with both figures
+    difference: Interval  # mean of the differences, first minus second, with Student's interval
+    ratio: Interval | None  # `ratio_interval`
+    p_value: float | None  # p-value of Student's two-sided paired test of equal means; None for a single run
 
 
 def compare_paired(first: Float, second: Float, level: float = LEVEL) -> Paired | None:
@@ -137,24 +140,12 @@ def compare_paired(first: Float, second: Float, level: float = LEVEL) -> Paired 
     return Paired(runs, difference, ratio_interval(first, second, level), p_value)
 
 
-def is_above(ratio: Interval | None, bound: float) -> bool:
-    """Return whether the whole interval of a ratio is above a bound."""
-    return ratio is not None and ratio.low is not None and ratio.low > bound
-
-
-def is_below(ratio: Interval | None, bound: float) -> bool:
-    """Return whether the whole interval of a ratio is below a bound."""
-    return ratio is not None and ratio.high is not None and ratio.high < bound
-
-
 def needed_runs(ratio: Interval, runs: int) -> str:
     """Return how many runs a 95 % interval of ±WORTH needs, to two digits, for a ratio's interval over `runs` runs.
 
     Empty if `runs` are enough, or if the ratio has no interval.
     """
-    if ratio.low is None or ratio.high is None:
-        return ""
-    needed = round(runs * ((ratio.high - ratio.low) / 2 / WORTH) ** 2, 6)  # 400, not 400.0000001
+    needed = round(runs * ((ratio.half_width or 0.0) / WORTH) ** 2, 6)  # 400, not 400.0000001
     step = 10 ** max(0, math.floor(math.log10(max(needed, 1))) - 1)
     needed = math.ceil(needed / step) * step
     return f": about {needed} runs are needed to know it to {100 * WORTH:g} %" if needed > runs else ""

@@ -10,25 +10,21 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from slamgauge.arrays import Float
 from slamgauge.compare.scoring.consistency import chi2_band
-from slamgauge.compare.scoring.intervals import LEVEL, Interval, is_above, is_below
-from slamgauge.compare.scoring.runs import CHECK_LIMIT
-from slamgauge.compare.scoring.table import MARK, interval_cell
+from slamgauge.compare.scoring.intervals import LEVEL, Interval, mean
+from slamgauge.compare.scoring.table import MARK
 from slamgauge.display import counted
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.sensors import SENSORS
 from slamgauge.truth import NOBODY, Truth
 
-FIT_LEVEL = 0.95  # probability of the two-sided chi-square band of the fit
+CHECK_LIMIT = 0.05  # sigmas: a causal optimum that is farther from the hindsight optimum at the end is in doubt
 MISFIT_LEVEL = 0.999  # probability of the two-sided chi-square band outside of which residuals are implausible
 MISFIT = 0.05  # least deviation of chi2/dof from 1 that causes a warning
 SURE = 0.999  # probability of the two-sided interval: one in 2000 estimators with the optimum's accuracy is reported
-WHY = "no filter can be; check whether it uses the truth, later measurements or the scenario"
 MARKED = f": figures relative to it are marked {MARK}"
-
-
-# --- fit of the model ----------------------------------------------------------------------------
 
 
 def is_misfit(optimum: Estimate) -> bool:
@@ -42,15 +38,13 @@ def is_misfit(optimum: Estimate) -> bool:
 
 def is_misfit_in_runs(fit: Interval | None) -> bool:
     """Return the same for the mean chi2/dof of many runs with its 95 % interval."""
-    return is_above(fit, 1.0 + MISFIT) or is_below(fit, 1.0 - MISFIT)
+    return fit is not None and (fit.is_above(1.0 + MISFIT) or fit.is_below(1.0 - MISFIT))
 
 
 def misfits(names: Sequence[str]) -> str | None:
     """Return that the residuals of these optima contradict the stated noise; None without names."""
-    if not names:
-        return None
     which = f"the residuals of {' and '.join(names)} contradict the stated noise"
-    return f"{which}, so they are not optimal: figures relative to them are marked {MARK}"
+    return f"{which}, so they are not optimal: figures relative to them are marked {MARK}" if names else None
 
 
 def fit_of_the_model(title: str, optimum: Estimate) -> str | None:
@@ -59,23 +53,12 @@ def fit_of_the_model(title: str, optimum: Estimate) -> str | None:
     if optimum.chi_square is None or not dof:
         return None
     figure = optimum.chi_square / dof
-    low, high = (bound / dof for bound in chi2_band(FIT_LEVEL, dof))
-    digits = max(2, 1 - math.floor(math.log10(high - low)))  # at least two digits of the band's width
+    low, high = (bound / dof for bound in chi2_band(LEVEL, dof))
+    form = f".{max(2, 1 - math.floor(math.log10(high - low)))}f"  # at least two digits of the band's width
+    band = f"{100 * LEVEL:g} % band {low:{form}} to {high:{form}}"
     verdict = ", above it: the stated noise is too small, or there are outliers" if figure > high else ""
-    if figure < low:
-        verdict = ", below it: the stated noise is too large"
-    return (
-        f"fit of the model: chi2/dof of the {title} {figure:.{digits}f} ({dof} degrees of freedom, "
-        f"{100 * FIT_LEVEL:g} % band {low:.{digits}f} to {high:.{digits}f}){verdict}"
-    )
-
-
-def mean_fit(title: str, fit: Interval | None) -> str | None:
-    """Return the mean chi2/dof of many runs with its 95 % interval."""
-    return None if fit is None else f"fit of the model: chi2/dof of the {title} {interval_cell(fit, '{:.3f}')}"
-
-
-# --- observations left out -----------------------------------------------------------------------
+    verdict = ", below it: the stated noise is too large" if figure < low else verdict
+    return f"fit of the model: chi2/dof of the {title} {figure:{form}} ({dof} degrees of freedom, {band}){verdict}"
 
 
 def left_out(name: str, truth: Truth | None, recording: Recording, optimum: Estimate) -> str | None:
@@ -85,17 +68,18 @@ def left_out(name: str, truth: Truth | None, recording: Recording, optimum: Esti
     unused = optimum.association == NOBODY
     if truth is not None and truth.misleading is not None:
         unused &= ~truth.misleading
-    count = int(np.sum(unused))
     why = "" if SENSORS[recording.sensor].places_landmarks else " that bearings do not determine"
-    return f"{name} leaves out {counted(count, 'observation')}{why}" if count else None
-
-
-# --- is it the optimum? --------------------------------------------------------------------------
+    return f"{name} leaves out {counted(int(unused.sum()), 'observation')}{why}" if unused.any() else None
 
 
 def is_in_doubt(check: float | None) -> bool:
     """Return whether an optimum was checked and is too far from the hindsight optimum."""
     return check is not None and check > CHECK_LIMIT
+
+
+def share_of_doubt(checks: Float) -> float | None:
+    """Return the share of the checked runs (R,) whose optimum is in doubt; NaN is not checked."""
+    return mean(np.where(np.isnan(checks), np.nan, checks > CHECK_LIMIT))
 
 
 def doubt(name: str, check: float | None, then: str = "") -> str | None:
@@ -108,12 +92,9 @@ def doubt(name: str, check: float | None, then: str = "") -> str | None:
 
 
 def doubt_in_runs(name: str, share: float | None, then: str = MARKED) -> str | None:
-    """Return in which share of many runs a causal optimum is far from the true optimum, and `then`."""
-    if not share:
-        return None
-    return (
-        f"{name} is more than {CHECK_LIMIT:g} sigma from the optimum at a checked step in {share:.1%} of the runs{then}"
-    )
+    """Return in which share of many runs a causal optimum is far from the true optimum, and `then`; None if in none."""
+    far = f"{name} is more than {CHECK_LIMIT:g} sigma from the optimum at a checked step"
+    return f"{far} in {share:.1%} of the runs{then}" if share else None
 
 
 def at_places(name: str, shares: Mapping[str, float | None], then: str = MARKED) -> list[str]:
@@ -130,17 +111,15 @@ def placed(texts: Mapping[str, str | None]) -> list[str]:
     return [f"{', '.join(places)}: {line}" for line, places in lines.items()]
 
 
-# --- estimates that are better -------------------------------------------------------------------
-
-
 def beats_the_optimum(ratio: Interval | None, runs: int) -> str | None:
     """Return a note if a ratio to the causal optimum's ATE over runs is significantly below 1, else None."""
     from scipy.special import stdtrit  # here: scipy is slow to start
 
     if ratio is None or ratio.high is None:
         return None
-    wider = stdtrit(runs - 1, (1 + SURE) / 2) / stdtrit(runs - 1, (1 + LEVEL) / 2)
-    half = float(wider * (ratio.high - ratio.mean))
+    wider, narrower = (stdtrit(runs - 1, (1 + level) / 2) for level in (SURE, LEVEL))
+    half = float(wider / narrower * (ratio.high - ratio.mean))
     if ratio.mean + half >= 1.0:
         return None
-    return f"its error is {ratio.mean:.3g} ± {half:.2g} times the causal optimum's ({SURE:.1%} interval): {WHY}"
+    why = "no filter can be; check whether it uses the truth, later measurements or the scenario"
+    return f"its error is {ratio.mean:.3g} ± {half:.2g} times the causal optimum's ({SURE:.1%} interval): {why}"

@@ -66,13 +66,9 @@ def _moved(poses: Float, motions: Float, recording: Recording, times: Float) -> 
     return found
 
 
-# --- alignment and frames ------------------------------------------------------------------------
-
-
 def aligned(label: str, stored: StoredEstimate, truth: Truth, recording: Recording) -> StoredEstimate:
     """Return a stored estimate moved and turned to fit the true positions; the transform is printed."""
     estimate, reference = _with_truth(stored, truth, recording)
-    assert reference is not None
     known = np.isfinite(reference[:, :2]).all(axis=1)
     if known.sum() < 2:
         raise UserError(f"align: {known.sum()} poses have true positions; two or more are needed")
@@ -118,23 +114,23 @@ def in_world_frame(stored: StoredEstimate) -> StoredEstimate:
 def frame_doubt(label: str, stored: StoredEstimate, truth: Truth | None, recording: Recording) -> str:
     """Return a warning if covariances fit the errors far better once they are rotated to the world frame, else ""."""
     estimate, reference = _with_truth(stored, truth, recording)
-    if reference is None or estimate.pose_covs is None:
+    if estimate.pose_covs is None:
         return ""
-    errors = pose_errors(reference, estimate.poses)
-    read, turned = (
-        defined_mean(squared_mahalanobis(errors, covs)) for covs in (estimate.pose_covs, _rotated(estimate))
-    )
+    errors, covs = pose_errors(reference, estimate.poses), (estimate.pose_covs, _rotated(estimate))
+    read, turned = (defined_mean(squared_mahalanobis(errors, each)) for each in covs)
     if not read > FAR_BETTER * turned:  # NaN without a step that has both
         return ""
     what = f"the mean NEES is {read:.3g}, but {turned:.3g} if its covariances are in the body frame"
     return f"{label}: {what} (as GTSAM's Marginals gives them); then give --covariance-frame body"
 
 
-def _with_truth(stored: StoredEstimate, truth: Truth | None, recording: Recording) -> tuple[Estimate, Float | None]:
-    """Return the estimate, at its own stamps if it has any, and the true poses (N+1, 3) there; None: unknown."""
+def _with_truth(stored: StoredEstimate, truth: Truth | None, recording: Recording) -> tuple[Estimate, Float]:
+    """Return the estimate, at its own stamps if it has any, and the true poses (N+1, 3) there; NaN if unknown."""
     if stored.own is not None:
         truth = truth_at(stored.own.stamps, truth, recording)
-    return stored.estimate if stored.own is None else stored.own.estimate, None if truth is None else truth.poses
+    estimate = stored.estimate if stored.own is None else stored.own.estimate
+    poses = None if truth is None else truth.poses
+    return estimate, np.full(estimate.poses.shape, np.nan) if poses is None else poses
 
 
 def _rotated(estimate: Estimate) -> Float:

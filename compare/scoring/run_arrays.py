@@ -20,28 +20,21 @@ ROUNDING = 1e-6  # rounding error [s] of stamps such as 0.1 k
 
 @dataclass(frozen=True)
 class RunArrays:
-    """An estimate, the known part of the truth, and the optima. A mapped landmark with its observations is a track.
+    """An estimate, the known part of the truth, and the optimum of the same kind.
 
-    Attributes:
-        truth: known part of the truth; figures that need another part are undefined.
-        recording: input of the estimator.
-        estimate: output of the estimator.
-        optimum: estimate of `causal` if `estimate` is filtered, of `batch` if it is smoothed; None: not compared.
-        compared: (N+1,) the steps of which a stored trajectory has a pose; None: all.
+    A mapped landmark with its observations is a track. Figures that need an unknown part of the truth are undefined.
     """
 
     truth: Truth
     recording: Recording
     estimate: Estimate
-    optimum: Estimate | None = None
-    compared: Marks | None = None
+    optimum: Estimate | None = None  # None: not compared
+    compared: Marks | None = None  # (N+1,) the steps of which a stored trajectory has a pose; None: all
 
     @cached_property
     def reference(self) -> Float:
         """True poses (N+1, 3); NaN where they are not known or not compared."""
-        poses = self.truth.poses
-        if poses is None:
-            return np.full(self.estimate.poses.shape, np.nan)
+        poses = np.full(self.estimate.poses.shape, np.nan) if self.truth.poses is None else self.truth.poses
         return poses if self.compared is None else np.where(self.compared[:, None], poses, np.nan)
 
     @cached_property
@@ -73,8 +66,6 @@ class RunArrays:
     def nees_xy(self) -> Float:
         """NEES (N+1,) of the positions."""
         return squared_mahalanobis(self.errors[:, :2], self.covs[:, :2, :2])
-
-    # --- landmarks ---------------------------------------------------------------------------------
 
     @cached_property
     def observed(self) -> Int | None:
@@ -140,15 +131,9 @@ class RunArrays:
 
     def from_truth(self, ids: Int, points: Float) -> Float:
         """Return differences (n, 2) [m] between points and the true landmarks of these ids; NaN without one."""
-        errors = np.full(points.shape, np.nan)
-        known, places = self.truth.landmark_ids, self.truth.landmarks
-        if known is None or places is None or not len(known):
-            return errors
-        names, first = np.unique(known, return_index=True)
-        slot = np.searchsorted(names, ids).clip(max=len(names) - 1)
-        common = (names[slot] == ids) & (ids != NOBODY)
-        errors[common] = points[common] - places[first[slot[common]]]
-        return errors
+        known, places, nowhere = self.truth.landmark_ids, self.truth.landmarks, np.full(2, np.nan)
+        true = {} if known is None or places is None else dict(zip(known.tolist(), places, strict=True))
+        return points - np.array([true.get(name, nowhere) for name in ids.tolist()]).reshape(-1, 2)
 
     @cached_property
     def map_errors(self) -> Float:
@@ -166,22 +151,10 @@ class RunArrays:
         covs = self.estimate.landmark_covs
         return np.full((len(self.map_errors), 2, 2), np.nan) if covs is None else covs
 
-    @property
-    def map_sigmas(self) -> Float:
-        """Position sigmas (L,) of the mapped landmarks [m]."""
-        return np.sqrt(np.trace(self.map_covs, axis1=1, axis2=2).clip(min=0))
-
     @cached_property
     def map_nees(self) -> Float:
         """NEES (L,) of the mapped landmarks."""
         return squared_mahalanobis(self.map_errors, self.map_covs)
-
-    @cached_property
-    def halves(self) -> tuple[Marks, Marks]:
-        """Which mapped landmarks (L,) are in the half nearer to the true start, and which in the farther half."""
-        far = distances(self.from_truth(self.true_ids, np.tile(self.reference[0, :2], (len(self.true_ids), 1))))
-        middle = np.nan if np.isnan(far).all() else np.nanmedian(far)
-        return far <= middle, far > middle
 
 
 def closure_steps(truth: Truth | None, recording: Recording) -> Int | None:

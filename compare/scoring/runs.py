@@ -1,28 +1,93 @@
-"""Stored runs of one estimator in a study: means, ratios and figures by step; decorated methods are metrics."""
+"""Declaration of metrics, and stored runs of one estimator in a study: means, ratios and figures by step.
+
+Decorated methods of `Measured` are metrics of a run, those of `Runs` metrics of a study: the name is the key, the
+docstring the meaning. Their files, stores, tables and pages, and the manual (`docs/make_tables.py`) follow.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
 from slamgauge.arrays import Float, Int
-from slamgauge.compare.estimators.registry import BOUND_OF, CAUSAL, OPTIMA
+from slamgauge.compare.estimators.registry import BOUND_OF, CAUSAL, OPTIMA, REGISTRY
 from slamgauge.compare.scoring.consistency import chi2_band, is_inside
 from slamgauge.compare.scoring.intervals import Interval, half_widths, jackknife_interval, mean, mean_interval
 from slamgauge.compare.scoring.intervals import ratio_interval as ratio_of
-from slamgauge.compare.scoring.metric import Column, of_study
+from slamgauge.compare.scoring.optimum_notes import is_misfit_in_runs, share_of_doubt
+from slamgauge.compare.scoring.table import Head, sized
+from slamgauge.compare.scoring.verdicts import Evidence
 
 # stored for every step: errors and sigmas [m, m, rad], NEES, and the NIS with its degrees of freedom
 SERIES = (
     *("error_x", "error_y", "error_heading", "sigma_x", "sigma_y", "sigma_heading"),
     *("nees_pose", "nees_position", "nees_heading", "nis", "nis_dof"),
 )
+RAYS = ("members", "collapsed", "wrong", "off", "lost", "left")  # figures of `Measured.rays`
 BAND_LEVEL = 0.999  # probability of the chi-square bands at every step
-CHECK_LIMIT = 0.05  # sigmas: a causal optimum that is farther from the hindsight optimum at the end is in doubt
 FIRST_STEP = 11  # first step of NEES means: before it the start still dominates
+
+OverRuns = Callable[[Any, Mapping[str, Any]], Any]  # arguments: `Runs` of the estimator, and those of all by name
+Stored = bool | Sequence[str]  # whether a figure is stored, or the keys of the parts of a figure that is a dictionary
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+@dataclass(frozen=True)
+class Column(Head):
+    """Column of a metric: its places from the left in the tables of a run, a study and a sweep; None: not there.
+
+    Columns `of_bounds` are only in tables with a bound.
+    """
+
+    run: int | None = None
+    study: int | None = None
+    sweep: int | None = None
+    of_bounds: bool = False
+
+
+@dataclass(frozen=True)
+class Metric:
+    """A figure of an estimate, or of an estimator over many runs."""
+
+    key: str  # in metrics.json and summary.json
+    help: str
+    column: Column | None  # in tables
+    measure: Callable[[Any], Any] | None = None  # method of `Measured`; None: not in metrics.json
+    over_runs: OverRuns | None = None  # None: not in summary.json
+    stored: tuple[str, ...] = ()  # names in the store of a study, one for each part of the figure
+
+
+BY_KEY: dict[str, Metric] = {}  # all metrics, once `catalogue` is imported
+
+
+def of_run(
+    column: Column | None = None, over_runs: OverRuns | None = None, *, stored: Stored = False, averaged: bool = False
+) -> Callable[[Function], Function]:
+    """Declare a figure of runs: aggregated by `over_runs`, `stored` by studies, or stored and `averaged` by them."""
+
+    def declare(measure: Function) -> Function:
+        key = measure.__name__
+        mean = (lambda runs, _: mean_interval(runs.figures[key])) if averaged else over_runs
+        parts = () if isinstance(stored, bool) else stored
+        names = tuple(f"{key}_{part}" for part in parts) or (key,) * (averaged or stored is True)
+        return _declared(measure, column, measure=measure, over_runs=mean, stored=names)
+
+    return declare
+
+
+def of_study(column: Column | None = None) -> Callable[[Function], Function]:
+    """Declare a figure of many runs."""
+    return lambda aggregate: _declared(aggregate, column, over_runs=aggregate)
+
+
+def _declared(function: Function, column: Column | None, **parts: Any) -> Function:
+    key, meaning = function.__name__, " ".join((function.__doc__ or "").split()).removesuffix(".")
+    head = None if column is None else replace(column, key=key, help=meaning)
+    BY_KEY[key] = Metric(key, meaning, head, **parts)
+    return function
 
 
 class PerStep(NamedTuple):
@@ -35,19 +100,12 @@ class PerStep(NamedTuple):
 
 @dataclass(frozen=True)
 class Runs:
-    """Runs of one estimator without the failed ones.
+    """Runs of one estimator without the failed ones; NaN where a figure is undefined."""
 
-    Attributes:
-        run: (R,) numbers of the runs, increasing.
-        kind: `filtered` or `smoothed`.
-        figures: arrays (R,) by key (`catalogue.STORED`); NaN where undefined.
-        series: arrays (R, N+1) by name (`SERIES`); NaN where undefined.
-    """
-
-    run: Int
-    kind: str
-    figures: dict[str, Float]
-    series: dict[str, Float]
+    run: Int  # (R,) numbers of the runs, increasing
+    kind: str  # `filtered` or `smoothed`
+    figures: dict[str, Float]  # (R,) by key (`catalogue.STORED`)
+    series: dict[str, Float]  # (R, N+1) by name (`SERIES`)
 
     def squares(self, *series: str) -> Float:
         """Return the sums (R, N+1) of the squares of these series."""
@@ -82,10 +140,6 @@ class Runs:
         """Return the mean over steps of the RMS heading error over runs."""
         return jackknife_interval(_mean_root, self.squares("error_heading"))
 
-    def mean_seconds(self, _: Others) -> float | None:
-        """Return the mean computing time [s]."""
-        return mean(self.figures["seconds_total"])
-
     def total_nis(self, _: Others) -> Interval | None:
         """Return the NIS over its degrees of freedom."""
         dof = self.figures["nis_dof_total"]
@@ -94,7 +148,43 @@ class Runs:
     def over_optimum(self, others: Others, name: str | None = None) -> Interval | None:
         """Return mean ATE over that of an optimum on the same runs; by default the one of the same kind."""
         optimum = others.get(name or OPTIMA.get(self.kind, ""))
-        return None if optimum is None else ratio_of(*paired_figures("ate_m", self, optimum))
+        if optimum is None:
+            return None
+        ours, theirs = paired(self, optimum)
+        return ratio_of(self.figures["ate_m"][ours], optimum.figures["ate_m"][theirs])
+
+    def mean_rays(self, _: Others) -> dict[str, float | None] | None:
+        """Return the mean figures of the rays of a run; None without rays."""
+        means = {name: mean(self.figures[f"rays_{name}"]) for name in RAYS}
+        return None if means["members"] is None else means
+
+    def verdict(self, others: Others) -> str | None:
+        """Return the verdict on the runs."""
+        return self.evidence(others).verdict() if self.kind else None
+
+    @of_study()
+    def faults(self, others: Others) -> tuple[str, ...]:
+        """Faults in a few words, without sizes (`verdicts`)."""
+        return self.evidence(others).faults() if self.kind else ()
+
+    def evidence(self, others: Others) -> Evidence:
+        """Return the figures on which the verdict is based; the ratio to an optimum in doubt is left out."""
+        name, ratio, common = OPTIMA[self.kind], None, 0
+        optimum = others.get(name, self)
+        is_misfit = is_misfit_in_runs(mean_interval(optimum.figures["chi_square_per_dof"]))
+        if optimum is not self and not is_misfit and not optimum.optimum_check_share(others):
+            ratio, common = self.over_optimum(others), len(paired(self, optimum)[0])
+        return Evidence(
+            runs=int(np.sum(~np.isnan(late_means(self.series["nees_pose"])))),
+            nees_per_dof=sized(self.nees_pose_per_dof(others)),
+            coverage_95=sized(self.late_coverage(others)),
+            nis_per_dof=sized(self.total_nis(others)),
+            nis_dof=int(np.nansum(self.figures["nis_dof_total"])),
+            ratio=ratio,
+            ratio_runs=common,
+            optimum=REGISTRY[name].title,
+            wrong_associations=mean(self.figures["wrong_associations"]),
+        )
 
     @of_study(Column("RMSE [m]", study=2, sweep=2, of_bounds=True))
     def position_rmse_m(self, _: Others) -> Interval | None:
@@ -146,10 +236,11 @@ def paired(runs: Runs, optimum: Runs) -> tuple[Int, Int]:
     return ours, theirs
 
 
-def paired_figures(key: str, runs: Runs, other: Runs) -> tuple[Float, Float]:
-    """Return a figure (C,) of the common runs of two estimators."""
-    ours, theirs = paired(runs, other)
-    return runs.figures[key][ours], other.figures[key][theirs]
+def rays_text(rays: Mapping[str, Any]) -> str:
+    """Return the figures of the rays of one run, or their means over runs, in a sentence."""
+    judged = "" if rays["wrong"] is None else f" ({rays['wrong']:.3g} wrongly, {rays['off']:.3g} end off by 3 sigma)"
+    rest = f"{rays['lost']:.3g} were lost, {rays['left']:.3g} are left; {rays['members']:.3g} members in the state"
+    return f"{rays['collapsed']:.4g} rays became points{judged}, {rest}"
 
 
 def late_means(series: Float) -> Float:
@@ -157,11 +248,6 @@ def late_means(series: Float) -> Float:
     late = series[:, FIRST_STEP:]
     count = (~np.isnan(late)).sum(axis=1)
     return np.divide(np.nansum(late, axis=1), count, out=np.full(len(series), np.nan), where=count > 0)
-
-
-def share_of_doubt(checks: Float) -> float | None:
-    """Return the share of the checked runs (R,) whose optimum is in doubt; NaN is not checked."""
-    return mean(np.where(np.isnan(checks), np.nan, checks > CHECK_LIMIT))
 
 
 def _mean_root(sums: Float, count: int) -> Float:

@@ -11,8 +11,7 @@ from typing import Any
 from pydantic_core import to_jsonable_python
 
 from slamgauge.arrays import Float, Marks
-from slamgauge.compare.scoring.catalogue import BY_KEY, measured
-from slamgauge.compare.scoring.measured import Measured
+from slamgauge.compare.scoring.catalogue import BY_KEY, Measured, measured
 from slamgauge.display import html_table
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
@@ -37,12 +36,9 @@ class FiguresByKey(Mapping[str, Any]):
         return len(self.figures)
 
     def to_json(self) -> dict[str, Any]:
-        """Return plain numbers, lists and None, as in files; `rays` only if the estimator has any.
-
-        JSON has no infinity: an infinite check becomes the largest double.
-        """
-        entry = {key: sys.float_info.max if value == math.inf else value for key, value in self.items()}
-        return to_jsonable_python({key: value for key, value in entry.items() if key != "rays" or value is not None})
+        """Return plain numbers, lists and None, as in files; an infinite check becomes the largest double."""
+        finite = {key: sys.float_info.max if value == math.inf else value for key, value in self.items()}
+        return to_jsonable_python(finite)  # JSON has no infinity
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -1,47 +1,40 @@
-"""Tables of results, the same for terminals, notebooks, pages and files; here with the writers for files."""
+"""Tables of results, the same for terminals, notebooks, pages and files; pages of tables and lines of text."""
 
 from __future__ import annotations
 
 import html
+import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
 from io import StringIO
+from itertools import zip_longest
 from typing import NamedTuple
 
 from slamgauge.compare.scoring.intervals import Interval
 from slamgauge.compare.storage.files import write_csv
+from slamgauge.display import html_table
 
+LONGEST_NAME = 28  # characters of the first column if the width is limited; longer names lose their middle
+NARROWEST = 22  # characters: least width of a column of sentences
 VAST = 1e9  # figures from here on are written with an exponent, to keep columns narrow
 NO_FIGURE = "-"  # text of None
 MARK = "?"  # behind figures that are relative to an optimum in doubt
-LATEX = {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "±": r"$\pm$"} | {
-    sign: f"\\{sign}" for sign in "&%$#_{}"
-}
+LATEX_NAMES = {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "±": r"$\pm$"}
+LATEX = str.maketrans({sign: f"\\{sign}" for sign in "&%$#_{}"} | LATEX_NAMES)  # escapes
 
 
 @dataclass(frozen=True)
 class Head:
-    """Column of a table.
-
-    Attributes:
-        title: short name.
-        name: full name, if it differs from the title.
-        help: explanation.
-        words: whether the cells are texts, which are aligned at the left.
-        wraps: whether the texts may continue on further lines.
-        key: key of the metric, if it is one.
-        form: format of the figures.
-        relative: whether figures are relative to an optimum, and marked if that is in doubt.
-    """
+    """Column of a table."""
 
     title: str
-    name: str = ""
+    name: str = ""  # full name, if it differs from the title
     help: str = ""
-    words: bool = False
-    wraps: bool = False
-    key: str = ""
-    form: str = "{:.3f}"
-    relative: bool = False
+    words: bool = False  # the cells are texts, which are aligned at the left
+    wraps: bool = False  # the texts may continue on further lines
+    key: str = ""  # key of a metric
+    form: str = "{:.3f}"  # format of the figures
+    relative: bool = False  # figures are relative to an optimum, and marked if that is in doubt
 
     @property
     def full(self) -> str:
@@ -50,28 +43,21 @@ class Head:
 
 
 class Cell(NamedTuple):
-    """Cell of a table: text, value for sorting and for files, and link."""
+    """Cell of a table."""
 
     text: str
-    value: float | Interval | None = None
+    value: float | Interval | None = None  # for sorting and for files
     link: str = ""
 
 
 @dataclass(frozen=True)
 class Table:
-    """A table with the most important columns first.
-
-    Attributes:
-        heads: columns.
-        rows: cells of each row.
-        caption: what the table shows.
-        id: name on a page.
-    """
+    """A table with the most important columns first."""
 
     heads: Sequence[Head]
     rows: Sequence[Sequence[Cell]]
     caption: str = ""
-    id: str = ""
+    id: str = ""  # name on a page
 
     @classmethod
     def of(cls, heads: Sequence[Head], rows: Sequence[Sequence[Cell | str]], caption: str = "", id: str = "") -> Table:
@@ -85,34 +71,27 @@ class Table:
 
 
 ESTIMATOR = Head("estimator", help="name of the estimator", words=True)
-KIND = Head(
-    "kind",
-    help="filtered: poses use only measurements up to their step; smoothed: they use all; the two are not compared",
-    words=True,
-)
+KIND = Head("kind", help="filtered: measurements up to the step; smoothed: all; the two are not compared", words=True)
 RUNS = Head("runs", help="number of runs")
 
 
-def cell(value: float | None, form: str) -> str:
-    """Return a figure formatted by `form`, `-` for None; a figure that is rounded to 0 has no minus."""
+def cell(value: float | Interval | None, form: str) -> str:
+    """Return a figure formatted by `form`, an interval as `mean ± half width`, `-` for None.
+
+    A figure that is rounded to 0 has no minus.
+    """
     if value is None:
         return NO_FIGURE
+    if isinstance(value, Interval):
+        half = "" if value.half_width is None else f" ± {cell(value.half_width, form).removeprefix('+')}"
+        return f"{cell(value.mean, form)}{half}"
     text = form.format(value) if abs(value) < VAST else f"{value:.3g}"
     return form.format(0.0) if text.startswith("-") and not set(text) & set("123456789") else text
 
 
-def interval_cell(interval: Interval | None, form: str) -> str:
-    """Return `mean ± half width`, or `-` for None."""
-    if interval is None or interval.low is None or interval.high is None:
-        return cell(None if interval is None else interval.mean, form)
-    half = cell((interval.high - interval.low) / 2, form).removeprefix("+")
-    return f"{cell(interval.mean, form)} ± {half}"
-
-
 def figure(value: float | Interval | None, form: str) -> Cell:
     """Return a cell that shows a number, or a mean with its interval."""
-    text = interval_cell(value, form) if isinstance(value, Interval) else cell(value, form)
-    return Cell(text, value)
+    return Cell(cell(value, form), value)
 
 
 def from_to(low: float | None, high: float | None, form: str) -> Cell:
@@ -120,14 +99,105 @@ def from_to(low: float | None, high: float | None, form: str) -> Cell:
     return Cell(NO_FIGURE if low is None and high is None else f"{cell(low, form)} to {cell(high, form)}", low)
 
 
-def marked(found: Cell, mark: str, *, is_marked: bool) -> Cell:
-    """Return a cell with the mark, or with blanks instead, to keep the figures of a column aligned."""
-    return found._replace(text=found.text + (mark if is_marked and found.text != NO_FIGURE else " " * len(mark)))
+def marked(found: Cell, is_marked: bool | None) -> Cell:
+    """Return a cell with the mark of a doubt, or with a blank, to keep a column aligned; None: with neither."""
+    if is_marked is None:
+        return found
+    return found._replace(text=found.text + (MARK if is_marked and found.text != NO_FIGURE else " " * len(MARK)))
 
 
 def sized(value: float | Interval | None) -> float | None:
-    """Return the number by which a cell is sorted."""
+    """Return a number, or the mean of an interval: cells are sorted by it."""
     return value.mean if isinstance(value, Interval) else value
+
+
+@dataclass(frozen=True)
+class Page:
+    """Tables and lines, in order."""
+
+    parts: tuple[Table | str, ...]
+
+    def __str__(self) -> str:
+        return self.text()
+
+    def html(self) -> str:
+        """Return tables and paragraphs for a notebook."""
+        return "\n".join(_html(part) for part in self.parts)
+
+    def text(self, width: int | None = None) -> str:
+        """Return lines of at most `width` characters, except for longer words; None sets no limit.
+
+        A table has full names in its head, or else short titles, or else the last columns are hidden.
+        """
+        lines: list[str] = []
+        for part in self.parts:
+            lines += _table_lines(part, width) if isinstance(part, Table) else _wrapped(part, width)
+        return "\n".join(lines)
+
+
+def _html(part: Table | str) -> str:
+    if isinstance(part, Table):
+        return html_table([head.full for head in part.heads], part.texts()[1:])
+    return f"<p>{html.escape(part)}</p>" if part else ""
+
+
+def _wrapped(line: str, width: int | None) -> list[str]:
+    if width is None or len(line) <= width or "\n" in line:  # a refusal of user code ends with a wrapper to copy
+        return [line]
+    return textwrap.wrap(line, width, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False)
+
+
+def _table_lines(table: Table, width: int | None) -> list[str]:
+    titles, *rows = table.texts()
+    for head in ([head.full for head in table.heads], titles):
+        if width is None or sum(_widths([head, *rows])) + 2 * len(head) - 2 <= width:
+            return _aligned([head, *rows], table.heads)
+    return _fitted_lines(table, width or 0)
+
+
+def _widths(rows: Sequence[Sequence[str]]) -> list[int]:
+    return [max(map(len, column)) for column in zip(*rows, strict=True)]
+
+
+def _aligned(rows: Sequence[Sequence[str]], heads: Sequence[Head]) -> list[str]:
+    """Return rows, first the titles, as lines without trailing blanks: words are at the left, figures at the right."""
+    widths = _widths(rows)
+    lines: list[str] = []
+    for row in rows:
+        columns = zip(row, widths, heads, strict=False)
+        parts = [text.ljust(width) if head.words else text.rjust(width) for text, width, head in columns]
+        lines.append("  ".join(parts).rstrip())
+    return lines
+
+
+def _fitted_lines(table: Table, width: int) -> list[str]:
+    """Return the columns that fit, sentences on several lines, and the names of the other columns that have figures."""
+    rows = [[_shortened(row[0]), *row[1:]] for row in table.texts()]
+    sizes = zip(_widths(rows), table.heads, strict=True)
+    least = [min(NARROWEST, size) if head.wraps else size for size, head in sizes]
+    kept = 1
+    while kept < len(least) and sum(least[: kept + 1]) + 2 * kept <= width:
+        kept += 1
+    room = width - sum(least[:kept]) - 2 * (kept - 1)
+    tall: list[tuple[str, ...]] = []
+    for row in rows:
+        columns = zip(row[:kept], least, table.heads, strict=False)
+        tall += zip_longest(*(_pieces(text, head, size + room) for text, size, head in columns), fillvalue="")
+    names = enumerate(table.heads[kept:], kept)
+    hidden = [head.full for place, head in names if any(row[place] != NO_FIGURE for row in rows[1:])]
+    note = f"Hidden columns (show with --wide): {', '.join(hidden)}"
+    return _aligned(tall, table.heads) + (_wrapped(note, width) if hidden else [])
+
+
+def _pieces(text: str, head: Head, room: int) -> list[str]:
+    """Return a text in lines of at most `room` characters, if it may continue on further lines."""
+    return textwrap.wrap(text, room, break_on_hyphens=False) or [""] if head.wraps else [text]
+
+
+def _shortened(name: str) -> str:
+    """Return the name, without its middle if it is long."""
+    half = (LONGEST_NAME - 3) // 2
+    return name if len(name) <= LONGEST_NAME else f"{name[:half]}...{name[-half:]}"
 
 
 # --- files ---------------------------------------------------------------------------------------
@@ -158,13 +228,13 @@ def markdown_text(table: Table) -> str:
 
 def latex_text(table: Table, label: str, comment: str) -> str:
     """Return a floating table with the caption of `table`; `comment` is a line on top."""
-    head, *body = [" & ".join(map(escaped, row)) + r" \\" for row in table.texts()]
+    head, *body = [" & ".join(text.translate(LATEX) for text in row) + r" \\" for row in table.texts()]
     lines = [
         f"% {comment}",
         r"% needs \usepackage{booktabs}",
         r"\begin{table}",
         r"  \centering",
-        rf"  \caption{{{escaped(table.caption)}}}",
+        rf"  \caption{{{table.caption.translate(LATEX)}}}",
         rf"  \label{{tab:{label}}}",
         rf"  \begin{{tabular}}{{{''.join('l' if each.words else 'r' for each in table.heads)}}}",
         r"    \toprule",
@@ -176,8 +246,3 @@ def latex_text(table: Table, label: str, comment: str) -> str:
         r"\end{table}",
     ]
     return "\n".join(lines) + "\n"
-
-
-def escaped(text: str) -> str:
-    """Escape a text for LaTeX."""
-    return "".join(LATEX.get(sign, sign) for sign in text)

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgauge.compare.estimators.registry import BOUNDS, is_optimum
-from slamgauge.compare.scoring.intervals import is_above, is_below, needed_runs
+from slamgauge.compare.scoring.intervals import needed_runs
 from slamgauge.compare.studies.paired_comparisons import FIGURES
 from slamgauge.compare.studies.stored_study import read_summary
 from slamgauge.compare.studies.summary import Summary
@@ -53,12 +53,12 @@ class Gate(NamedTuple):
             ratio = found.ratio
             low, high = ("?" if end is None else f"{end:.3f}" for end in (ratio.low, ratio.high))
             verdict = worse
-            if not is_above(ratio, limit):
+            if not ratio.is_above(limit):
                 plain = ours.against(theirs)[figure].ratio  # its level does not depend on the number of comparisons
                 needed = needed_runs(plain or ratio, found.runs)
-                verdict = f"not {worse}" if is_below(ratio, limit) else f"not significantly {worse}{needed}"
+                verdict = f"not {worse}" if ratio.is_below(limit) else f"not significantly {worse}{needed}"
             text = f"{ratio.mean:.3f} ({low} to {high}) times the baseline's on {counted(found.runs, 'run')}: {verdict}"
-            lines[f"{name}: {FIGURES[figure]} is {text}"] = is_above(ratio, limit)
+            lines[f"{name}: {FIGURES[figure]} is {text}"] = ratio.is_above(limit)
         return [*lines], [line for line, is_worse in lines.items() if is_worse]
 
 

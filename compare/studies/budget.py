@@ -25,13 +25,11 @@ from slamgauge.compare.estimators.running import run_estimator
 from slamgauge.compare.scenarios.scenario import Scenario, as_scenario, scenario_text
 from slamgauge.compare.scenarios.schema import Assumed
 from slamgauge.compare.scenarios.simulation import simulate_informed
-from slamgauge.compare.scoring.consistency import pose_errors, squared_distances
+from slamgauge.compare.scoring.catalogue import Measured
+from slamgauge.compare.scoring.consistency import pose_errors
 from slamgauge.compare.scoring.intervals import Interval, bootstrap_interval, mean_interval
-from slamgauge.compare.scoring.measured import Measured
-from slamgauge.compare.scoring.optimum_notes import MARK, at_places, is_misfit_in_runs, misfits
-from slamgauge.compare.scoring.runs import share_of_doubt
-from slamgauge.compare.scoring.table import Cell, Head, Table, from_to, marked
-from slamgauge.compare.scoring.text_page import Page
+from slamgauge.compare.scoring.optimum_notes import MARK, at_places, is_misfit_in_runs, misfits, share_of_doubt
+from slamgauge.compare.scoring.table import Cell, Head, Page, Table, from_to, marked
 from slamgauge.compare.storage import progress
 from slamgauge.compare.storage.files import of_this_version, read_json
 from slamgauge.compare.storage.result_files import BUDGET, origin
@@ -195,7 +193,7 @@ def rung_errors(scenario: Scenario, seed: int, chosen: str | Asked, lag: int | N
     except UserError as error:
         raise UserError(f"run with seed {seed}: {error}") from error
     rungs = (hindsight, causal, assuming, associating, *windows, estimate)
-    errors = np.array([squared_distances(pose_errors(truth.poses, each.poses)).mean() for each in rungs])
+    errors = np.array([np.square(pose_errors(truth.poses, each.poses)[:, :2]).sum(axis=1).mean() for each in rungs])
     checks = np.array([each.optimum_check for each in rungs], dtype=np.float64)
     fit = Measured(truth, recording, hindsight).chi_square_per_dof()
     return RungErrors(errors, checks, np.nan if fit is None else fit)
@@ -215,9 +213,7 @@ def rung_table(budget: ErrorBudget) -> Table:
     any_doubt, rows = any(rung.in_doubt for rung in budget.rungs), list[list[Cell | str]]()
     for rung in budget.rungs:
         added = rung.increment_m2
-        adds = Cell(f"{added.mean:+.5f}", added.mean)
-        if any_doubt:
-            adds = marked(adds, MARK, is_marked=rung.in_doubt)
+        adds = marked(Cell(f"{added.mean:+.5f}", added.mean), rung.in_doubt if any_doubt else None)
         interval = from_to(added.low, added.high, "{:+.5f}")
         rows.append([rung.name, Cell(f"{rung.mse_m2:.5f}", rung.mse_m2), adds, interval, RUNGS[rung.name]])
     return Table.of(HEADS, rows, "Rung by rung", "budget")

@@ -12,7 +12,7 @@ from slamgauge.compare.estimators.registry import DEAD_RECKONING, is_optimum
 from slamgauge.compare.estimators.requests import Asked, BuiltIn
 from slamgauge.compare.scoring.intervals import LEVEL, Interval, Paired, compare_paired, needed_runs, number
 from slamgauge.compare.scoring.runs import Runs, late_means
-from slamgauge.compare.scoring.table import NO_FIGURE, RUNS, Cell, Head, Table, figure, interval_cell
+from slamgauge.compare.scoring.table import NO_FIGURE, RUNS, Cell, Head, Table, cell, figure
 from slamgauge.display import counted
 
 SMALLEST_P = 1e-6  # smaller ones are printed as `<1e-06`
@@ -62,7 +62,7 @@ def compare_user_code(
             found = figures[mine].against(figures[other]).get("ate_m")
             if found is None or found.ratio is None:
                 continue
-            text = f"the ATE of {mine} is {interval_cell(found.ratio, '{:.3f}')} times that of {other} on the same "
+            text = f"the ATE of {mine} is {cell(found.ratio, '{:.3f}')} times that of {other} on the same "
             text += counted(found.runs, "run")
             if found.runs < 2:
                 text += "; an interval needs 2 runs"

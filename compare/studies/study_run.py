@@ -14,9 +14,8 @@ from slamgauge.compare.estimators.requests import Asked, BuiltIn, Chosen, ask
 from slamgauge.compare.estimators.running import remarks_of, run_estimator
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.scenarios.simulation import simulate_informed
-from slamgauge.compare.scoring.catalogue import measured
+from slamgauge.compare.scoring.catalogue import Measured, measured
 from slamgauge.compare.scoring.consistency import squared_mahalanobis
-from slamgauge.compare.scoring.measured import Measured
 from slamgauge.compare.scoring.runs import SERIES
 from slamgauge.compare.storage.result_files import shown
 from slamgauge.errors import UserError, failure_text, refused_by_the_machine

@@ -2,28 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 from pydantic_core import to_jsonable_python
 
 from slamgauge.compare.estimators.registry import BOUNDS, CAUSAL, HINDSIGHT, REGISTRY, is_ours
-from slamgauge.compare.scoring.catalogue import BY_KEY, empty_columns, figure_cells, heads
-from slamgauge.compare.scoring.metric import TableName
-from slamgauge.compare.scoring.optimum_notes import (
-    beats_the_optimum,
-    doubt_in_runs,
-    is_misfit_in_runs,
-    mean_fit,
-    misfits,
-)
-from slamgauge.compare.scoring.ray_figures import describe
-from slamgauge.compare.scoring.runs import Runs
+from slamgauge.compare.scoring.catalogue import BY_KEY, figure_cells, heads
+from slamgauge.compare.scoring.optimum_notes import beats_the_optimum, doubt_in_runs, is_misfit_in_runs, misfits
+from slamgauge.compare.scoring.runs import Runs, rays_text
 from slamgauge.compare.scoring.scores import FiguresByKey
-from slamgauge.compare.scoring.table import ESTIMATOR, RUNS, Cell, Table
-from slamgauge.compare.scoring.text_page import Page
-from slamgauge.compare.scoring.verdicts import verdict_lines
+from slamgauge.compare.scoring.table import ESTIMATOR, RUNS, Cell, Page, Table, cell
 from slamgauge.compare.storage.result_files import origin
 from slamgauge.compare.studies.paired_comparisons import Against, RunFigures, against_parts
 
@@ -34,10 +24,6 @@ class EstimatorSummary(FiguresByKey):
 
     `kind` (None if all runs failed) and `runs`, the number of runs without failure, are keys, too.
     """
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the estimator's entry in summary.json; without `rays` if the estimator has none."""
-        return FiguresByKey({**self, "seconds_total": {"mean": self["seconds_total"]}}).to_json()
 
 
 @dataclass(frozen=True, order=True)
@@ -119,12 +105,11 @@ def summarise(runs: Mapping[str, Runs]) -> dict[str, EstimatorSummary]:
 
 def summary_table(summary: Summary) -> Page:
     """Return the table of a study: means with 95 % intervals; below it notes, verdicts, failures and comparisons."""
-    rays = [f"{name}: a run's {describe(each['rays'])}" for name, each in summary.estimators.items() if each["rays"]]
+    rays = [f"{name}: a run's {rays_text(each['rays'])}" for name, each in summary.estimators.items() if each["rays"]]
     below = [
         *optimum_lines(summary),
-        *empty_column_lines([summary], "study"),
         *rays,
-        *verdict_lines({name: each["verdict"] for name, each in summary.estimators.items()}),
+        *(f"{name}: {each['verdict']}" for name, each in summary.estimators.items() if each["verdict"]),
         *too_good_lines(summary),
         *failure_lines(summary),
     ]
@@ -167,11 +152,11 @@ def _optima(summary: Summary) -> list[str]:
 
 def optimum_lines(summary: Summary) -> list[str]:
     """Return lines on the optima: the fit of the model, and whether the causal optimum is in doubt."""
-    fits = [
-        mean_fit(REGISTRY[name].title, summary.estimators[name]["chi_square_per_dof"]) for name in _optima(summary)[:1]
-    ]
-    lines = [*fits, misfits(misfit_optima(summary)), doubt_in_runs(CAUSAL, share_in_doubt(summary))]
-    return [line for line in lines if line]
+    fits = {REGISTRY[name].title: summary.estimators[name]["chi_square_per_dof"] for name in _optima(summary)[:1]}
+    shown = {title: cell(fit, "{:.3f}") for title, fit in fits.items() if fit is not None}
+    lines = [f"fit of the model: chi2/dof of the {title} {figure}" for title, figure in shown.items()]
+    doubts = (misfits(misfit_optima(summary)), doubt_in_runs(CAUSAL, share_in_doubt(summary)))
+    return [*lines, *filter(None, doubts)]
 
 
 def too_good_lines(summary: Summary) -> list[str]:
@@ -185,14 +170,6 @@ def too_good_lines(summary: Summary) -> list[str]:
             text = beats_the_optimum(each["ratio_to_causal"], min(each["runs"], known))
             lines += [f"{name}: {text}"] if text else []
     return lines
-
-
-def empty_column_lines(summaries: Sequence[Summary], table: TableName) -> list[str]:
-    """Return a line that names the empty columns of a table of these summaries; no line if none is empty."""
-    entries = [entry for summary in summaries for entry in summary.estimators.values()]
-    bounded = any(is_bounded(summary.estimators) for summary in summaries)
-    found = heads(table, bounded=bounded)
-    return empty_columns(found, lambda key: all(each[key] is None for each in entries))
 
 
 def failure_lines(summary: Summary) -> list[str]:

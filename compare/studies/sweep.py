@@ -17,8 +17,7 @@ from slamgauge.compare.scenarios.simulation import informed
 from slamgauge.compare.scoring.catalogue import figure_cells, heads
 from slamgauge.compare.scoring.optimum_notes import at_places, misfits, placed
 from slamgauge.compare.scoring.runs import Runs
-from slamgauge.compare.scoring.table import ESTIMATOR, Cell, Head, Table
-from slamgauge.compare.scoring.text_page import Page
+from slamgauge.compare.scoring.table import ESTIMATOR, Cell, Head, Page, Table
 from slamgauge.compare.storage.files import of_this_version, read_json
 from slamgauge.compare.storage.result_files import OPTIMA, SWEEP, origin
 from slamgauge.compare.storage.staged_folder import begin_folder, require_ours
@@ -27,7 +26,6 @@ from slamgauge.compare.studies.study import run_beside_optima
 from slamgauge.compare.studies.study_run import require_numbers
 from slamgauge.compare.studies.summary import (
     Summary,
-    empty_column_lines,
     failure_lines,
     is_bounded,
     is_marked_against,
@@ -181,9 +179,9 @@ def value_table(sweep: Sweep, links: Mapping[str, str] = MappingProxyType({})) -
 
 
 def notes(sweep: Sweep) -> list[str]:
-    """Return notes on the optima and the empty columns."""
+    """Return notes on the optima."""
     fits = {place: misfits(misfit_optima(summary)) for place, summary in sweep.by_place().items()}
-    return [*at_places(CAUSAL, shares_in_doubt(sweep)), *placed(fits), *empty_column_lines(sweep.summaries, "sweep")]
+    return [*at_places(CAUSAL, shares_in_doubt(sweep)), *placed(fits)]
 
 
 def faults(sweep: Sweep) -> dict[str, str]:

@@ -73,7 +73,7 @@ def test_nearest_neighbour_equals_the_textbook(estimator: Estimator, sensor: str
     assert_textbook(estimator, nameless(seed, sensor, steps=20, landmarks=8), gate)
 
 
-@FILTERS
+@pytest.mark.parametrize("estimator", [ekf_slam, fej_ekf, riekf, *in_full([oc_ekf, iekf])])
 @SENSORS
 def test_nearest_neighbour_equals_the_textbook_for_large_scans_from_an_uncertain_start(
     estimator: Estimator, sensor: str

@@ -99,7 +99,9 @@ def test_metrics_have_every_value_that_exists_and_their_provenance(stored: Path)
     entries = metrics["estimators"]
     assert [entries[name]["kind"] for name in SHIPPED] == ["filtered", "filtered", "filtered", "smoothed"]
     assert [len(entries[name]["loop_closure"]) for name in SHIPPED] == [1] * 4
-    empty = {name: {key for key, value in entries[name].items() if value is None} - {"verdict"} for name in SHIPPED}
+    empty = {
+        name: {key for key, value in entries[name].items() if value is None} - {"verdict", "rays"} for name in SHIPPED
+    }
     assert empty["ekf"] == empty["riekf"] == {"optimum_check_sigma", "chi_square_per_dof"}
     assert empty["causal"] == {"nis_per_dof"}
     assert empty["batch"] == {"nis_per_dof", "yardstick_check_sigma", "optimum_check_sigma"}
@@ -114,7 +116,7 @@ def test_run_prints_a_table_and_writes_notes_on_standard_error(
     assert run(*arguments) == 0
     printed = capsys.readouterr()
     begins = [line.split()[0] for line in printed.out.splitlines() if line[0] != " "]
-    assert begins == ["estimator", "dead-reckoning", "ekf", "One", "Empty"]
+    assert begins == ["estimator", "dead-reckoning", "ekf", "One"]
     command = f"slamgauge study q1-long-sparse --runs 100 --estimators 'dead-reckoning, ekf' --set {' '.join(SHORT)}"
     assert command in " ".join(map(str.strip, printed.out.splitlines()))
     assert printed.err == "written to results/q1-long-sparse-seed-0\n"

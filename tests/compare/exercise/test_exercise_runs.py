@@ -24,7 +24,7 @@ from slamgauge.compare.exercise.tables import exercise_page
 from slamgauge.compare.report import exercise_page as exercise_pages
 from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
 from slamgauge.compare.scenarios.simulation import informed, simulate
-from slamgauge.compare.scoring.measured import closure_steps
+from slamgauge.compare.scoring.run_arrays import closure_steps
 from slamgauge.compare.studies import study
 from slamgauge.compare.studies.study_run import run_once, run_seed
 from slamgauge.errors import UserError

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import pytest
 from scipy import stats
@@ -43,8 +41,6 @@ def test_a_singular_covariance_has_no_distance_and_distances_are_limited() -> No
 def test_the_chi_square_band_equals_published_nees_bounds(runs: int, low: float, high: float) -> None:
     band = chi2_band(0.95, 3 * runs)
     assert (band[0] / runs, band[1] / runs) == pytest.approx((low, high), abs=0.006)
-    with pytest.raises(ValueError, match=r"^dof = "):
-        chi2_band(0.95, math.nan)
 
 
 @pytest.mark.parametrize("factor", [1.0, 0.5, 2.0])

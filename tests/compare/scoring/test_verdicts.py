@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from slamgauge.compare.scoring.comparison import SCATTER
 from slamgauge.compare.scoring.consistency import chi2_band
 from slamgauge.compare.scoring.intervals import WORTH, Interval, needed_runs
-from slamgauge.compare.scoring.verdicts import BAND_LEVEL, SCATTER, Evidence, faults, verdict
+from slamgauge.compare.scoring.verdicts import BAND_LEVEL, Evidence
 
 TEXTBOOK = Evidence(
     runs=100,
@@ -30,12 +31,12 @@ ERROR = "the causal optimum's error"
 
 
 def test_the_textbook_filter_and_a_right_one():
-    assert verdict(TEXTBOOK) == (
+    assert TEXTBOOK.verdict() == (
         "claims 2.2 times too small a sigma (95 % ellipses contain 61 %); "
         "1.42 ± 0.17 times the causal optimum's error; "
         "associations and noise are right, so the cause is its linearisation or a bug; NIS does not show this"
     )
-    assert verdict(RIGHT) == (
+    assert RIGHT.verdict() == (
         "its sigmas are right as far as 100 runs show (95 % ellipses contain 95 %); "
         "as accurate as the causal optimum (0.99 ± 0.02)"
     )
@@ -64,30 +65,30 @@ def test_the_textbook_filter_and_a_right_one():
     ],
 )
 def test_sentences_by_figures(changed: dict[str, object], said: str, unsaid: str):
-    sentence = str(verdict(replace(TEXTBOOK, **changed)))  # pyrefly: ignore[bad-argument-type]
+    sentence = str(replace(TEXTBOOK, **changed).verdict())  # pyrefly: ignore[bad-argument-type]
     assert said in sentence
     assert not unsaid or unsaid not in sentence
 
 
 def test_faults_are_those_of_the_verdict_without_sizes():
-    assert faults(TEXTBOOK) == ("claims too small a sigma", "worse than the causal optimum")
+    assert TEXTBOOK.faults() == ("claims too small a sigma", "worse than the causal optimum")
     other = replace(TEXTBOOK, nees_per_dof=0.0, ratio=None, nis_per_dof=0.25, wrong_associations=12.0)
-    assert faults(other) == ("claims too large a sigma", "wrong associations", "innovations smaller than it expects")
+    assert other.faults() == ("claims too large a sigma", "wrong associations", "innovations smaller than it expects")
     right = replace(RIGHT, ratio=Interval(1.02, 0.92, 1.12), wrong_associations=12.0)
-    assert faults(RIGHT) == faults(right) == ()
+    assert RIGHT.faults() == right.faults() == ()
 
 
 def test_a_single_run_shows_only_gross_errors():
     single = replace(TEXTBOOK, runs=1, ratio=None, ratio_runs=0, nis_dof=29_000)
-    assert verdict(single) is not None and verdict(replace(single, nees_per_dof=4.0)) is None
-    assert verdict(replace(single, nees_per_dof=None, nis_per_dof=None, nis_dof=0)) is None
+    assert single.verdict() is not None and replace(single, nees_per_dof=4.0).verdict() is None
+    assert replace(single, nees_per_dof=None, nis_per_dof=None, nis_dof=0).verdict() is None
 
 
 def test_small_deviations_are_not_stated():
     barely = chi2_band(BAND_LEVEL, 3 * 10_000)[1] / 30_000
     assert math.sqrt(barely) < 1 + WORTH  # significant, yet small
-    assert "claims" not in str(verdict(replace(RIGHT, runs=10_000, nees_per_dof=barely + 0.001)))
-    assert "claims" in str(verdict(replace(RIGHT, runs=10_000, nees_per_dof=(1 + WORTH) ** 2 + 1e-6)))
+    assert "claims" not in str(replace(RIGHT, runs=10_000, nees_per_dof=barely + 0.001).verdict())
+    assert "claims" in str(replace(RIGHT, runs=10_000, nees_per_dof=(1 + WORTH) ** 2 + 1e-6).verdict())
 
 
 def test_the_number_of_runs_for_five_percent():

@@ -21,7 +21,7 @@ from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
 from slamgauge.compare.scenarios.simulation import simulate
 from slamgauge.compare.scoring.runs import FIRST_STEP, Runs
 from slamgauge.compare.scoring.scores import evaluate
-from slamgauge.compare.scoring.table import escaped
+from slamgauge.compare.scoring.table import LATEX
 from slamgauge.compare.studies import study_run as study_run
 from slamgauge.compare.studies.executors import dask_cluster, local_processes
 from slamgauge.compare.studies.stored_study import study_table
@@ -186,7 +186,7 @@ def interval(mean: float) -> dict[str, float]:
 @pytest.fixture
 def study(tmp_path: Path) -> Path:
     entry = {"runs": 7, "ate_m": interval(1.0), "ratio_to_causal": interval(2.0), "nees_pose_per_dof": interval(3.0)}
-    entry |= {"coverage_95": interval(0.9), "seconds_total": {"mean": 1.0}, "landmarks_mapped": None}
+    entry |= {"coverage_95": interval(0.9), "verdict": "right", "landmarks_mapped": None}
     estimators = {"ekf": entry, "a_b|c": entry | {"ate_m": None}}
     content = {"scenario": "my_scene", "runs": 7, "seed": 3, "command": "slamgauge study", "version": "1"}
     content |= {"digest": "", "failures": [], "per_run": {}}
@@ -212,10 +212,10 @@ def test_each_format_and_missing_columns(study: Path):
     assert all(f"\\{rule}rule" in latex for rule in ("top", "mid", "bottom"))
     assert r"\caption{my\_scene, 7 runs (seed 3), means with 95 \% intervals. ATE [m]: " in latex
     assert r"a\_b|c & 7 & - & 2.000 $\pm$ 0.500 & 3.00 $\pm$ 0.50 & 90.0\% $\pm$ 50.0\% \\" in latex
-    assert escaped(r"$x^2$ & {~\}#") == r"\$x\textasciicircum{}2\$ \& \{\textasciitilde{}\textbackslash{}\}\#"
+    assert r"$x^2$ & {~\}#".translate(LATEX) == r"\$x\textasciicircum{}2\$ \& \{\textasciitilde{}\textbackslash{}\}\#"
     for keys, names, message in (
         (["ate"], [], r"ate: no column of this study; did you mean ate_m\?"),
-        (["seconds_total"], [], "seconds_total: no column"),  # it has no interval
+        (["verdict"], [], "verdict: no column"),  # it has no interval
         ([], ["efk"], r"efk: no estimator of this study; did you mean ekf\?"),
     ):
         with pytest.raises(UserError, match=message):

@@ -165,7 +165,7 @@ def found(sensor: str, x: Float, point: Float, P: Float, z: Float, R: Float, gat
 def test_pairs_are_all_pairs_within_the_gate(sensor: str, shifted: bool) -> None:
     rng = np.random.default_rng(0)
     within = 0
-    for _ in range(200):
+    for _ in range(100):
         x, P = random_belief(rng, 6)
         point = x + rng.normal(size=len(x)) * rng.choice([0.1, 2.0]) if shifted else x
         gate, slots = 10 ** rng.uniform(0, 2), rng.integers(0, 6, 5)
@@ -185,7 +185,7 @@ def test_pairs_are_all_pairs_within_the_gate(sensor: str, shifted: bool) -> None
         order = pairs.by_distance
         np.testing.assert_array_equal(order, np.lexsort([pairs.distance, pairs.observation]))
         within += len(pairs.slot)
-    assert 1000 < within < 5000  # among 6000
+    assert 500 < within < 2500  # among 3000
 
 
 @SENSORS
@@ -194,7 +194,7 @@ def test_the_nearest_landmark_is_never_skipped(sensor: str, correction: Correcti
     """It is the second of two observations; the first has moved the state, and its downdate is pending."""
     rng = np.random.default_rng(1)
     outcomes = np.zeros(2, dtype=np.int64)
-    for _ in range(300):
+    for _ in range(150):
         x, P = random_belief(rng, 4)
         gate, slots = 10 ** rng.uniform(0, 2), rng.integers(0, 4, 2)
         R = random_covariances(rng, 2, 0.1 * sigmas_of(sensor))
@@ -216,7 +216,7 @@ def test_the_nearest_landmark_is_never_skipped(sensor: str, correction: Correcti
         slam.update(Observations(None, z, R))
         assert slam.associated.tolist() == [lone.associated[0], nearest]
         outcomes[int(distances.min() <= gate)] += 1
-    assert outcomes.min() > 50
+    assert outcomes.min() > 25
 
 
 def test_a_landmark_anticorrelated_with_the_robot_is_found_up_to_the_gate() -> None:
@@ -269,7 +269,7 @@ def searched(scan: Scan, pairs: Pairs, gate: float, limit: int = 10**6) -> tuple
 def test_joint_search_finds_the_best_assignment(sensor: str) -> None:
     """The most pairs, then the smallest joint d^2."""
     nearest, strict, pairs_found = 0, 0, 0
-    for seed in range(60):
+    for seed in range(40):
         scan, pairs, gate = crowded_scan(seed, sensor)
         best, _ = searched(scan, pairs, gate)
         assert best == sorted(brute_force_joint(scan, gate, quantiles(gate, 4)))
@@ -282,9 +282,9 @@ def test_joint_search_finds_the_best_assignment(sensor: str) -> None:
         nearest += best == sorted((i, slots[0]) for i, slots in search_order(scan, gate))
         strict += sorted(every) != best
         pairs_found += len(best)
-    assert nearest < 50  # among 60: nearest neighbours fail for most
+    assert nearest < 33  # among 40: nearest neighbours fail for most
     assert strict > 0
-    assert pairs_found > 120
+    assert pairs_found > 80
 
 
 @SENSORS

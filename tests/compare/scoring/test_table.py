@@ -7,8 +7,7 @@ from collections.abc import Collection
 import pytest
 
 from slamgauge.compare.scoring.intervals import Interval
-from slamgauge.compare.scoring.table import Head, Table, cell, interval_cell
-from slamgauge.compare.scoring.text_page import Page
+from slamgauge.compare.scoring.table import Head, Page, Table, cell
 
 ROWS = [["estimator", "ATE [m]", "NEES"], ["ekf", "1.25", "3.1"], ["mine", "0.5", "failed"]]
 SHOWN = ["estimator  ATE [m]    NEES", "ekf           1.25     3.1", "mine           0.5  failed"]
@@ -85,4 +84,4 @@ def test_notebooks_show_tables_with_full_names_and_escape_texts():
     ],
 )
 def test_cells(value: float | Interval | None, form: str, shown: str):
-    assert (interval_cell if isinstance(value, Interval) else cell)(value, form) == shown  # pyrefly: ignore[bad-argument-type]
+    assert cell(value, form) == shown
