@@ -59,8 +59,6 @@ def _remedy(error: BaseException) -> str:
             return "remove the lines that only a notebook can run (get_ipython, %, !)"
         if any(part in text for part in PYTHON_2):
             return "this is code of Python 2; convert it to Python 3"
-    if isinstance(error, ValueError) and "inhomogeneous" in str(error):
-        return "an element such as u[0] is an array, which np.array takes for no number: write u[0, 0]"
     return "mend it and run again"
 
 

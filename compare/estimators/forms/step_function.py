@@ -22,12 +22,11 @@ import numpy as np
 
 from slamgauge.arrays import Float
 from slamgauge.compare.estimators.forms.signatures import Callee, Form, Noise, parameters, required
-from slamgauge.compare.estimators.forms.step_settings import STATE_AND_INPUT, StepSettings, names_read, step_length
+from slamgauge.compare.estimators.forms.step_settings import STATE_AND_INPUT, Settings, names_read, numbers, step_length
 from slamgauge.compare.estimators.user_errors import UserCodeError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Observations, Recording
 from slamgauge.sensors import SENSORS
-from slamgauge.validation import REAL
 
 PLAIN = (bool, int, float, complex, str, type(None), np.ndarray, np.generic)  # types of globals that start as they were
 
@@ -42,14 +41,20 @@ class Column(np.ndarray):
     __array_priority__ = 1.0
 
     def __float__(self) -> float:
-        """Return the only element; raise TypeError if the array has several."""
-        if self.size != 1:
-            raise TypeError("only arrays of one element can be converted to Python scalars")
+        """Return the only element; raise ValueError if the array has several."""
         return float(self.item())
 
     def __int__(self) -> int:
-        """Return the only element, rounded towards zero; raise TypeError if the array has several."""
+        """Return the only element, rounded towards zero; raise ValueError if the array has several."""
         return int(float(self))
+
+
+class Numbers(Column):
+    """A column whose elements are numbers: numpy takes no u[0] of shape (1,) in a list of numbers."""
+
+    def __getitem__(self, key: Any) -> Any:
+        """Return the element of a row, or any other part as usual."""
+        return self.item(key) if isinstance(key, int) else super().__getitem__(key)
 
 
 def is_step_function(given: object) -> bool:
@@ -76,7 +81,7 @@ class StepFunction(Form):
         names = ", ".join(each.name for each in parameters(self.function))
         self.words = f"step function of the exercise ({names})"
 
-    def __call__(self, recording: Recording) -> Estimate:
+    def __call__(self, recording: Recording, kind_of_u: type[Column] = Column) -> Estimate:
         """Run the function over a recording; for a scan at step 0, u and Q are zero.
 
         Recordings that u, y and globals cannot express are refused.
@@ -86,14 +91,18 @@ class StepFunction(Form):
         before = dict(space)
         space.update({name: deepcopy(value) for name, value in before.items() if _is_data(value)})
         try:
-            return self._run(recording)
+            return self._run(recording, kind_of_u)
+        except ValueError as error:
+            if kind_of_u is Numbers or "inhomogeneous" not in str(error):
+                raise
         finally:
             space.update(before)
             for name in space.keys() - before.keys():
                 del space[name]
+        return self(recording, Numbers)  # from the start, with globals as they were
 
-    def _run(self, recording: Recording) -> Estimate:
-        settings = StepSettings(self.function, recording, self.noise)
+    def _run(self, recording: Recording, kind_of_u: type[Column]) -> Estimate:
+        settings = Settings(self.function, recording, self.noise)
         self.remarks, self.replaces_noise = [*settings.remarks()], settings.replaces_noise
         passed = settings.passed_at_first()
         needed = [name for name in passed if name in required(self.function)]
@@ -111,7 +120,7 @@ class StepFunction(Form):
             x = x.view(Column) if type(x) is np.ndarray else x  # others as they are
             y = _observed(scan, settings.shows_ids, settings.columns)
             start = perf_counter()
-            returned = self.function(x, P, u.view(Column), y.view(Column), **settings.named() | passed)
+            returned = self.function(x, P, u.view(kind_of_u), y.view(Column), **settings.named() | passed)
             seconds[step] = perf_counter() - start
             if not isinstance(returned, tuple | list) or len(returned) < 2:
                 what = "one array" if isinstance(returned, np.ndarray) else f"a {type(returned).__name__}"
@@ -151,7 +160,7 @@ def _estimate(
 
 def _checked(step: int, state: object, cov: object) -> tuple[Float, Float]:
     """Return copies (3+2n,) and (3+2n, 3+2n) of state and covariance, whatever shape the state has."""
-    x, P = _array(state), _array(cov)
+    x, P = numbers(state), numbers(cov)
     size = x.size
     if size < 3 or not size % 2 or P.shape != (size, size):
         what = f"xEst {x.shape} and PEst {P.shape}"
@@ -160,15 +169,6 @@ def _checked(step: int, state: object, cov: object) -> tuple[Float, Float]:
         if not np.isfinite(array).all():
             raise UserCodeError(f"step {step}: {name} is not finite from here on; look for what divides by zero")
     return x.reshape(-1), P
-
-
-def _array(value: object) -> Float:
-    """Copy an array of real numbers; return an empty array for anything else."""
-    try:
-        given = np.asarray(value)
-    except ValueError:
-        return np.zeros(0)
-    return given.astype(np.float64) if given.dtype.kind in REAL else np.zeros(0)
 
 
 def _is_data(value: object) -> bool:

@@ -31,6 +31,7 @@ from slamgauge.compare.estimators.forms.signatures import Callee, Noise, paramet
 from slamgauge.compare.estimators.user_errors import UserCodeError
 from slamgauge.recording import Observations, Recording
 from slamgauge.se2 import rotation
+from slamgauge.validation import REAL
 
 STATE_AND_INPUT = 4  # parameters that every variant has
 KNOWN_IDS = "KNOWN_DATA_ASSOCIATION"
@@ -42,7 +43,7 @@ IDS = "trueLandmarkId"  # list of ids, empty at the start, in files of the exerc
 CLOSE = 1e-3  # largest relative difference of equal settings
 
 
-class StepSettings:
+class Settings:
     """Settings of a step function, in the globals `space` of its module, and the recording that replaces them.
 
     y has `columns` columns, with ids if `shows_ids`. `replaces_noise`: the noise of the recording replaces another one
@@ -136,8 +137,8 @@ class StepSettings:
         if not (scan.cov == given).all():
             what = f"step {step}: observations of one scan have different noise"
             raise UserCodeError(f"{what}, which one {self._observation} cannot express; take its own, --noise file")
-        cov = _numbers(self._file.get(self._observation, given))
-        if cov.size == 1 and cov > 0:  # None is NaN
+        cov = numbers(self._file.get(self._observation, given))
+        if cov.size == 1 and cov > 0:
             if len(given) == 1:
                 return given.reshape(cov.shape).copy()
             what = f"its {self._observation} is one variance, that of bearings, and this recording has ranges"
@@ -178,7 +179,7 @@ class StepSettings:
         if own is None or not self._observation or not (recording.steps if is_motion else len(recording.observation)):
             return ""
         given = self._motion_cov(1, heading=0.0) if is_motion else recording.observation_cov[0]
-        values = np.atleast_2d(_numbers(own))
+        values = np.atleast_2d(numbers(own))
         if values.shape == (2, 2) and len(given) == 1:
             values = values[-1:, -1:]
         hint = ""
@@ -203,17 +204,18 @@ def _is_covariance(value: object) -> bool:
     return isinstance(value, np.ndarray) and value.shape in ((1, 1), (2, 2), (3, 3))
 
 
-def _numbers(value: object) -> Float:
-    """Return a copy of a value as an array of numbers; an empty array if it is not one."""
+def numbers(value: object) -> Float:
+    """Copy an array of real numbers; return an empty array for anything else."""
     try:
-        return np.array(value, np.float64)
-    except (TypeError, ValueError):
+        given = np.asarray(value)
+    except ValueError:
         return np.zeros(0)
+    return given.astype(np.float64) if given.dtype.kind in REAL else np.zeros(0)
 
 
 def _shown(value: object) -> str:
     """Return a matrix in few characters, `diag(0.09, 0.0027)` if it is diagonal."""
-    array = _numbers(value)
+    array = numbers(value)
     if not array.size:
         return repr(value)[:40]
     if array.ndim == 2 and len({*array.shape}) == 1 and not (array - np.diag(np.diag(array))).any():

@@ -98,7 +98,7 @@ BODIES = {
     "return Estimate('filtered', np.zeros((5, 3)))": "returned 5 poses; return 151, one for the start and one for",
     "return Estimate('filtered', np.full((151, 3), np.nan))": r"it raised UserError: poses\[0\] = \[nan, nan, nan\]: .*"
     r" \(OWN.py, line 6\); mend it and run again",
-    "np.array([[0.0, np.ones(1)]])": r"it raised ValueError: .*; an element such as u\[0\] is an array",
+    "np.array([[0.0, np.ones(1)]])": r"it raised ValueError: .*inhomogeneous.* \(OWN.py, line 6\)",
     "recording.odometry[0] = 0.0": r"it raised ValueError: assignment destination is read-only \(OWN.py, line 6\)",
     "sys.exit()": r"it raised SystemExit: \(no message\) \(OWN.py, line 6\)",
 }

@@ -139,9 +139,12 @@ def test_runs_share_no_globals_and_no_arrays(own: Own):
     assert space["told"] == []
 
 
-@pytest.mark.parametrize("read", ["math.cos(xEst[2])", "float(u[0])", "int(xEst[0] + u[1])"])
-def test_elements_of_columns_are_numbers_as_before_numpy_2_4(own: Own, read: str):
-    """The run begins again as new, with columns that convert."""
+LISTS = ["np.array([[0.0, 2.0 * u[0]], [0.0, 1.0]])", "np.matrix([[1.0, u[1]]])", "np.array([u[0], u[1]])[1, 0]"]
+
+
+@pytest.mark.parametrize("read", ["math.cos(xEst[2])", "float(u[0])", "int(xEst[0] + u[1])", *LISTS])
+def test_elements_of_columns_are_numbers_as_in_older_numpy(own: Own, read: str):
+    """Among numbers in a list they are, too: then the run begins again as new."""
     source = spy(f"import math\n    told.append({read})\n    xEst[0, 0] = len(told)")
     assert own(source, short()).poses[-1, 0] == short().steps + 1
 
