@@ -146,8 +146,8 @@ def test_all_scales_have_the_same_measurements_and_the_optimum_has_the_true_nois
 def test_every_ray_becomes_a_point(scenario: str):
     for score in scores(scenario, "ekf", 10, "initialisation=fis"):
         assert score["rays"] is not None
-        assert score["rays"].left == 0
-        assert score["rays"].collapsed == score["landmarks_true"]
+        assert score["rays"]["left"] == 0
+        assert score["rays"]["collapsed"] == score["landmarks_true"]
 
 
 def test_the_constants_of_the_ukfm_benchmark_are_the_published_ones():
