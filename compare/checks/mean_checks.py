@@ -67,7 +67,7 @@ def truth_recovered(subject: Subject, rng: np.random.Generator) -> float:
     """Walk with turns towards three landmarks; no angle comes near pi.
 
     Before that, a filter with its own association makes the path alone and observes one landmark twice: in the walk a
-    wrong mean would confuse its landmarks. A duplicate landmark counts as an error of 1 m.
+    wrong mean, or its own noise, may confuse its landmarks. A duplicate landmark counts as an error of 1 m.
 
     Raises:
         OtherModelError: it moves on arcs, or on their chords, and has no other error.
@@ -76,6 +76,7 @@ def truth_recovered(subject: Subject, rng: np.random.Generator) -> float:
     found = 0.0
     if subject.ignores("ids"):
         found = max(_error(subject, replace(world, observed=())), _duplicates(subject, any_start(rng), 0.0))
+    subject.is_confused |= found <= ROUNDING and subject.ignores("ids") and subject.ignores("observation noise")
     found = found if found > ROUNDING else _error(subject, world)
     if found > ROUNDING and _moves_on_arcs(subject, world):
         raise OtherModelError(ARC)

@@ -32,6 +32,7 @@ MARK_COLOR = "#777777"  # loop closures and other marks
 STYLE = Path(errors.__file__).with_name("paper.mplstyle")  # users load it by the name slamgauge.paper
 PRINT: dict[Any, Any] = {
     **mpl.rc_params_from_file(STYLE, use_default_template=False),
+    "figure.constrained_layout.use": False,  # else `save_printed` would compute the layout again for each format
     "text.parse_math": False,  # user-given names may contain dollars; numbers on axes are plain (`logarithmic`)
     "svg.hashsalt": "slamgauge",  # files are reproducible
     "agg.path.chunksize": 20_000,  # a path of a thousand loops needs 100 MB in one piece

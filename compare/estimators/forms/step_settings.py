@@ -116,7 +116,8 @@ class StepSettings:
         if self._motion in self._replaced:
             self.space[self._motion] = self._motion_cov(step, heading) * (step > 0)
         elif np.shape(self._file.get(self._motion, 0)) in ((2, 2), (3, 3)):
-            self.space[self._motion] = self._file[self._motion] * (step > 0)
+            is_of_observations = not self._observation  # also at step 0
+            self.space[self._motion] = self._file[self._motion] * (step > 0 or is_of_observations)
         if self._observation in self._replaced and len(scan.value):
             self.space[self._observation] = self._observation_cov(step, scan)
 

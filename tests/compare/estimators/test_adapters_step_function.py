@@ -207,6 +207,13 @@ def test_the_noise_of_the_file_is_an_option(own: Own):
         step_function(ekf_slam)
 
 
+def test_noise_of_motion_and_observations_in_one_matrix_is_kept_at_every_step(own: Own):
+    """PythonRobotics' Cx, which a scan at step 0 needs, too."""
+    source = spy("told.append(1)\n    assert (Cx == np.eye(3)).all() and len(told) < 42")
+    estimate = own(source.replace("Q, Py", "Cx, M_DIST_TH").replace("np.eye(2), np.eye(2)", "np.eye(3), 2.0"), short())
+    assert len(estimate.poses) == 41
+
+
 @pytest.mark.parametrize(
     ("Py", "read"),
     [
