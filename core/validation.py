@@ -62,8 +62,11 @@ def _is_kept(value: object, dtype: type[Number]) -> TypeGuard[NDArray[Number]]:
 
 
 def _require_shape(name: str, array: NDArray[np.generic], shape: tuple[int | None, ...]) -> None:
-    if array.ndim != len(shape) or any(n is not None and n != m for n, m in zip(shape, array.shape, strict=True)):
-        raise UserError(f"{name}: shape {array.shape} does not fit; give shape {_spell(shape)}")
+    if array.ndim == len(shape):
+        pairs = zip(shape, array.shape, strict=True)
+        if all(wanted is None or wanted == given for wanted, given in pairs):
+            return
+    raise UserError(f"{name}: shape {array.shape} does not fit; give shape {_spell(shape)}")
 
 
 def as_numbers(name: str, value: object, remedy: str) -> Float:
@@ -79,7 +82,8 @@ def as_numbers(name: str, value: object, remedy: str) -> Float:
 
 def _spell(shape: tuple[int | None, ...]) -> str:
     sizes = ["any" if n is None else str(n) for n in shape]
-    return f"({', '.join(sizes)}{',' if len(sizes) == 1 else ''})"
+    end = "," if len(sizes) == 1 else ""  # as Python prints a tuple of one
+    return f"({', '.join(sizes)}{end})"
 
 
 def as_floats(name: str, value: object, shape: tuple[int | None, ...]) -> Float:
@@ -96,10 +100,12 @@ def as_ints(name: str, value: object, shape: tuple[int | None, ...]) -> Int:
     if isinstance(value, np.ndarray) and value.dtype == np.int64:  # no conversion to floats: there may be millions
         whole = value if _is_kept(value, np.int64) else np.array(value, order="C")
         _require_shape(name, whole, shape)
-        require_rows(name, (whole > -WHOLE) & (whole < WHOLE), whole, rule)
+        is_small = (whole > -WHOLE) & (whole < WHOLE)
+        require_rows(name, is_small, whole, rule)
         return whole
     array = as_floats(name, value, shape)
-    require_rows(name, (array == np.floor(array)) & (np.abs(array) < WHOLE), array, rule)
+    is_whole = (array == np.floor(array)) & (np.abs(array) < WHOLE)
+    require_rows(name, is_whole, array, rule)
     return array.astype(np.int64)
 
 
@@ -135,8 +141,9 @@ def _covariances(name: str, value: object, shape: tuple[int | None, ...], *, def
     array = as_floats(name, value, shape)
     stack = array.reshape(-1, *array.shape[-2:])
     for rows in chunks(len(stack)):
-        symmetric = _symmetric(name, stack[rows], rows.start, definite=definite)
-        if not stack.flags.writeable and not np.array_equal(symmetric, stack[rows]):
+        given = stack[rows]
+        symmetric = _symmetric(name, given, rows.start, definite=definite)
+        if not stack.flags.writeable and not np.array_equal(symmetric, given):
             stack = stack.copy()
         if stack.flags.writeable:
             stack[rows] = symmetric
@@ -154,9 +161,11 @@ def _symmetric(name: str, stack: Float, first: int, *, definite: bool) -> Float:
     """Return covariances (n, d, d), exactly symmetric; the first has the number `first` in error texts."""
     transposed = stack.swapaxes(1, 2)
     scale = np.abs(stack).max(axis=(1, 2), initial=0.0)
-    sigmas = np.sqrt(np.abs(np.diagonal(stack, axis1=1, axis2=2)))  # units differ: one tolerance for each pair
-    allowed = 1e-9 * sigmas[:, :, None] * sigmas[:, None, :] + 1e-15 * scale[:, None, None]
-    symmetric = (np.abs(stack / 2 - transposed / 2) <= allowed / 2).all(axis=(1, 2))
+    sigmas = np.sqrt(np.abs(np.diagonal(stack, axis1=1, axis2=2)))
+    of_pairs = 1e-9 * sigmas[:, :, None] * sigmas[:, None, :]  # units differ: one tolerance for each pair
+    allowed = of_pairs + 1e-15 * scale[:, None, None]
+    difference = np.abs(stack / 2 - transposed / 2)
+    symmetric = (difference <= allowed / 2).all(axis=(1, 2))
     require_rows(name, symmetric, stack, "a covariance must be symmetric; use (P + P.T) / 2", first)
     stack = stack / 2 + transposed / 2  # halves first: the sum might overflow
     variances = np.diagonal(stack, axis1=1, axis2=2)
@@ -208,8 +217,10 @@ def require_rows(name: str, good: ArrayLike, rows: NDArray[np.generic], rule: st
     """Refuse the first row that is not good, with field, row (counted from `first`), value and `rule`."""
     bad = np.flatnonzero(np.logical_not(good))
     if len(bad):
-        value = np.array2string(np.asarray(rows[bad[0]]), precision=6, separator=", ").replace("\n", "")
-        raise UserError(f"{name}[{first + bad[0]}] = {value}: {rule}")
+        row = bad[0]
+        value = np.array2string(np.asarray(rows[row]), precision=6, separator=", ")
+        value = value.replace("\n", "")
+        raise UserError(f"{name}[{first + row}] = {value}: {rule}")
 
 
 def as_whole(name: str, value: object, why: str, least: int) -> int:

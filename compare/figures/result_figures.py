@@ -41,15 +41,21 @@ SHOWN = 20.0  # largest ratio of estimated and assumed sigma on the axis
 
 def save_budget_figure(out: Path, budget: ErrorBudget) -> None:
     """Write the figure `budget`, a waterfall in which each bar starts at the end of the previous one."""
-    narrow, last = SHEET.get().is_narrow, len(budget.rungs)
+    narrow = SHEET.get().is_narrow
     lines = [verdict(budget).replace("; ", ";\n", 1), *notes(budget)]
     number: dict[str, Any] = {"textcoords": "offset points", "ha": "center", "fontsize": 5.5 if narrow else 7.5}
     with printed(out / "budget", 3.4, "\n".join(lines)) as figure:
         axes = figure.subplots()
         before = 0.0
         for place, rung in enumerate(budget.rungs):
-            added, low, high = rung.increment_m2.mean, rung.increment_m2.low, rung.increment_m2.high
-            color, hatch = (BASE, "") if place == 0 else (COST, "///") if added >= 0 else (GAIN, "...")
+            increment = rung.increment_m2
+            added, low, high = increment.mean, increment.low, increment.high
+            if place == 0:
+                color, hatch = BASE, ""
+            elif added >= 0:
+                color, hatch = COST, "///"
+            else:
+                color, hatch = GAIN, "..."
             axes.bar(place, added, bottom=before, width=0.6, color=color, hatch=hatch, edgecolor="white", linewidth=0)
             if low is not None and high is not None:
                 axes.plot([place, place], [before + low, before + high], color=TRUTH_COLOR, linewidth=1)
@@ -58,10 +64,12 @@ def save_budget_figure(out: Path, budget: ErrorBudget) -> None:
             axes.annotate(f"{added:+.4f}{mark}", (place, top), (0, 3), **number)
             before = rung.mse_m2
             axes.plot([place - 0.3, place + 1.3], [before, before], ":", color=TRUTH_COLOR, linewidth=0.5)
+        last = len(budget.rungs)
         axes.bar(last, before, width=0.6, color=TRUTH_COLOR)
         axes.annotate(f"{before:.4f}", (last, before), (0, 3), **number)
-        labels = [textwrap.fill(f"{'+ ' * (place > 0)}{rung.name}", LABEL) for place, rung in enumerate(budget.rungs)]
-        labels.append(f"= {budget.filter}")
+        base, *causes = [rung.name for rung in budget.rungs]
+        names = [base, *(f"+ {cause}" for cause in causes)]
+        labels = [*(textwrap.fill(name, LABEL) for name in names), f"= {budget.filter}"]
         axes.set_xticks(range(last + 1), labels, rotation=90 if narrow else 0)
         axes.margins(y=0.12)
         axes.set(ylabel="mean squared position error [m²]", ylim=(0.0, None))
@@ -83,7 +91,8 @@ def save_sweep_figure(out: Path, sweep: Sweep) -> None:
             for name, style in styles(sweep.summaries[0].estimators).items():
                 intervals = [summary.estimators[name][key] for summary in sweep.summaries]
                 means.append(_draw_intervals(axes, places, intervals, name, style))
-            if _is_wide(every := np.concatenate(means)):
+            every = np.concatenate(means)
+            if _is_wide(every):
                 axes.set_yscale("log", nonpositive="clip")
                 axes.set_ylim(every.min() / 2, None)
                 logarithmic(axes, "y")
@@ -105,7 +114,8 @@ def _draw_intervals(axes: Axes, places: Float, intervals: list[Interval | None],
     mean, low, high = np.array(ends, dtype=np.float64).T
     if is_optimum(name) or name in BOUNDS:
         style = Style(TRUTH_COLOR, style.dashes)
-        curve(axes, places, mean, style, REGISTRY[name].title if is_optimum(name) else name)
+        label = REGISTRY[name].title if is_optimum(name) else name
+        curve(axes, places, mean, style, label)
     else:
         curve(axes, places, mean, style, name, marker="o", markersize=2.5)
     axes.vlines(places, low, high, color=style.color, linewidth=0.9)
@@ -133,15 +143,17 @@ def _draw_sigmas(axes: Axes, parameters: dict[str, Any]) -> None:
     If the assumed sigma is 0, the divisor is the upper end of the interval, or the estimate without that end.
     """
     for place, content in enumerate(parameters.values()):
-        found, assumed = Interval(content["sigma"], content["low"], content["high"]), content["assumed"]
+        found = Interval(content["sigma"], content["low"], content["high"])
+        assumed = content["assumed"]
         over = assumed or found.high or found.mean
         low = max((found.low or 0.0) / over, 1 / SHOWN)
         high = SHOWN if found.high is None else min(found.high / over, SHOWN)
         axes.plot([low, high], [place, place], color=FOUND, linewidth=1.5)
-        text = verdict_on_noise(found, assumed if found.low else 0.0)
         if found.low:
             axes.plot(found.mean / over, place, "o", color=FOUND, markersize=4)
-            text = f"{found.mean:.3g}: {text}"
+            text = f"{found.mean:.3g}: {verdict_on_noise(found, assumed)}"
+        else:
+            text = verdict_on_noise(found, 0.0)
         axes.text(0.03, place - 0.2, text, transform=axes.get_yaxis_transform(), fontsize=6)
     axes.axvline(1.0, color=ASSUMED, linewidth=0.8, linestyle="--")
     axes.set_yticks(range(len(parameters)), [*parameters])
@@ -157,10 +169,12 @@ def _draw_nis(axes: Axes, nis_by_landmark: dict[str, Any]) -> None:
     """Draw the mean NIS per row of each landmark, in the order of ids, and its 95 % band."""
     for (channel, rows), marker in zip(nis_by_landmark.items(), ("o", "^"), strict=False):
         for noise, key, color, filling in LOOKS:
-            look: dict[str, Any] = {"color": color, "fillstyle": filling, "marker": marker, "linestyle": "none"}
-            axes.plot(_floats([row[key] for row in rows.values()]), label=f"{channel}, {noise}", **look)
+            values = _floats([row[key] for row in rows.values()])
+            label = f"{channel}, {noise}"
+            axes.plot(values, label=label, color=color, fillstyle=filling, marker=marker, linestyle="none")
     first = next(iter(nis_by_landmark.values())).values()
-    low, high = (_floats([row[key] for row in first]) for key in ("low", "high"))
+    low = _floats([row["low"] for row in first])
+    high = _floats([row["high"] for row in first])
     band(axes, range(len(low)), low, high, "95 % band")
     axes.axhline(1.0, color=TRUTH_COLOR, linewidth=0.5)
     axes.set(xlabel="landmarks in the order of ids", ylabel="NIS per row", title="by landmark")
@@ -174,17 +188,21 @@ def save_bench_figure(out: Path, folder: Path, names: Sequence[str]) -> None:
     Step times are medians, or the mean over a run for estimators without steps. Without `names` all are drawn.
     """
     with of_this_version(folder / BENCH), printed(out / "bench", 3.4) as figure:
-        axes, measured = figure.subplots(), read_json(folder / BENCH)["estimators"]
-        chosen = styles(labels_among(names or [*measured], measured, NO_RESULTS))
-        for name, style in chosen.items():
-            sizes, times = [int(size) for size in measured[name]], measured[name].values()
+        axes = figure.subplots()
+        measured = read_json(folder / BENCH)["estimators"]
+        chosen = labels_among(names or [*measured], measured, NO_RESULTS)
+        every: set[int] = set()
+        for name, style in styles(chosen).items():
+            sizes = [int(size) for size in measured[name]]
+            every.update(sizes)
+            times = measured[name].values()
             steps = 1e3 * np.array([each.get("median_s") or each["mean_s"] for each in times])
             high = 1e3 * np.array([each.get("p95_s", np.nan) for each in times])
             curve(axes, sizes, steps, style, name, marker="o")
             axes.plot(sizes, high, color=style.color, linestyle="none", marker="_", markersize=6)
-        every = sorted({int(size) for name in chosen for size in measured[name]})
         axes.set(xscale="log", yscale="log", xlabel="landmarks", ylabel="ms per step (dash: 95 %)")
-        axes.set_xticks(every, [str(size) for size in every], minor=False)
+        ticks = sorted(every)
+        axes.set_xticks(ticks, [str(size) for size in ticks], minor=False)
         axes.minorticks_off()
         logarithmic(axes, "y")
         axes.grid(visible=True, linewidth=0.3)
@@ -205,7 +223,8 @@ def save_consistency_figure(out: Path, entries: Mapping[str, Any], title: str) -
         band(axes, first["time_s"], low, high, f"{BAND:.0%} of twins")
         axes.axhline(1.0, color=TRUTH_COLOR, linewidth=0.6, linestyle=":")
         for name, style in styles(entries).items():
-            curve(axes, entries[name]["time_s"], _floats(entries[name]["expected_nees_per_dof"]), style, name)
+            entry = entries[name]
+            curve(axes, entry["time_s"], _floats(entry["expected_nees_per_dof"]), style, name)
         logarithmic(axes, "y")
         axes.set(xlabel="time [s]", ylabel="expected NEES / 3")
         legend_below(figure, axes.get_legend_handles_labels()[0])

@@ -71,8 +71,8 @@ def save_figure(
 
     The title names an optimum whose check or residuals put it in doubt.
     """
-    optima = [name for name in OPTIMA.values() if name in estimates]
-    doubts = [misfits([name for name in optima if is_misfit(estimates[name])])]
+    misfitting = [name for name in OPTIMA.values() if name in estimates and is_misfit(estimates[name])]
+    doubts = [misfits(misfitting)]
     doubts += [doubt(name, estimate.optimum_check) for name, estimate in estimates.items()]
     title = "\n".join([title, *filter(None, doubts)])
     with printed(Path(folder) / "figure", HEIGHTS[SHEET.get().width], title) as figure:
@@ -133,8 +133,10 @@ def _draw_run(ax: Axes, truth: Truth | None, recording: Recording, estimates: Ma
 
 def _paths(recording: Recording, estimates: Mapping[str, Estimate]) -> dict[str, Float]:
     """Return the poses (N+1, 3) of dead reckoning and of the estimates."""
-    odometry = chain(recording.prior_mean, recording.odometry)
-    return {DEAD_RECKONING: odometry} | {name: estimate.poses for name, estimate in estimates.items()}
+    paths = {DEAD_RECKONING: chain(recording.prior_mean, recording.odometry)}
+    for name, estimate in estimates.items():
+        paths[name] = estimate.poses
+    return paths
 
 
 def run_limits(truth: Truth, recording: Recording, estimates: Mapping[str, Estimate]) -> tuple[Float, Float]:
@@ -173,7 +175,9 @@ def plot_errors(
         largest = np.fmax.reduce([*np.abs(errors), *(3.0 * sigmas)])
         extents[name] = np.nan_to_num(largest)
     limits, diverged = robust_limits(extents) if extents else (np.zeros(3), [])
-    remarks = [*filter(None, [exceeding(diverged)]), *["dead reckoning not drawn"] * is_hidden]
+    remarks = [exceeding(diverged)] if diverged else []
+    if is_hidden:
+        remarks.append("dead reckoning not drawn")
     remark = f"({'; '.join(remarks)})" if remarks else ""
     gap = "\n" if len(reference.title) + len(remark) >= LONG_TITLE else " "
     panels[0].set_title(gap.join(filter(None, (reference.title, remark))))

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Generator, Iterable, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure, SubFigure
+from numpy.typing import ArrayLike
 
 from slamgauge.arrays import Float
 from slamgauge.compare.estimators.registry import BOUNDS, CAUSAL, HINDSIGHT
@@ -48,9 +49,7 @@ def study_drawings(summary: Summary, runs: Mapping[str, Runs], step: float) -> d
     doubtful = {name for name in (CAUSAL, HINDSIGHT) if is_marked_against(summary, name)}
 
     def over_time(name: str, statistic: Callable[[Runs], PerStep], label: str) -> Drawing:
-        return lambda out: _draw_over_time(
-            out / name, title, {key: statistic(each) for key, each in ran.items()}, step, label
-        )
+        return lambda out: _draw_over_time(out / name, title, ran, statistic, step, label)
 
     return {
         "nees": over_time("nees", Runs.nees_per_step, "mean pose NEES (3 when consistent)"),
@@ -61,25 +60,29 @@ def study_drawings(summary: Summary, runs: Mapping[str, Runs], step: float) -> d
     }
 
 
-def _draw_over_time(path: Path, title: str, drawn: Mapping[str, PerStep], step: float, label: str) -> None:
-    """Draw a curve for each estimator that has the statistic.
+def _draw_over_time(
+    path: Path, title: str, runs: Mapping[str, Runs], statistic: Callable[[Runs], PerStep], step: float, label: str
+) -> None:
+    """Draw a curve of the statistic for each estimator that has it.
 
     Errors have a 95 % band each, other statistics the widest of their chi-square bands; limits ignore diverged curves.
     """
     is_error, is_log = path.name == "rmse", path.name == "nees"
-    found = {name: each for name, each in drawn.items() if np.isfinite(each.value).any()}
+    every = {name: statistic(each) for name, each in runs.items()}
+    found = {name: each for name, each in every.items() if np.isfinite(each.value).any()}
     if not found:
         return
     with printed(path, 3.2, title) as figure:
         axes = figure.subplots()
         extents = {name: np.array([np.nanmax(each.value)]) for name, each in found.items()}
-        (height,), diverged = robust_limits(extents, is_log=is_log)
+        heights, diverged = robust_limits(extents, is_log=is_log)
+        height = heights[0]
         if not is_error:
             low = np.fmin.reduce([each.low for each in found.values()])
             high = np.fmax.reduce([each.high for each in found.values()])
             height = max(height, np.nanmax(high))
             band(axes, step * np.arange(len(low)), low, high, f"{BAND_LEVEL:.1%} band")
-        for name, style in styles(drawn).items():
+        for name, style in styles(runs).items():
             if name in found:
                 each = found[name]
                 time = step * np.arange(len(each.value))
@@ -103,22 +106,18 @@ def _draw_errors(path: Path, title: str, runs: Mapping[str, Runs], step: float) 
         grid = figure.subplots(len(runs), 3, sharex=True, sharey="col", squeeze=False)
         for row, (name, style) in zip(grid, styles(runs).items(), strict=True):
             extents[name] = np.zeros(len(COMPONENTS))
-            for place, (axes, (_, key, unit)) in enumerate(zip(row, COMPONENTS, strict=True)):
+            for place, (_, key, unit) in enumerate(COMPONENTS):
                 errors = unit * runs[name].series[f"error_{key}"]
                 sigma = unit * runs[name].series[f"sigma_{key}"].mean(axis=0)
                 time = step * np.arange(len(sigma))
-                lines = [np.column_stack([time, error]) for error in errors[:RUNS_DRAWN]]
-                axes.add_collection(
-                    LineCollection(lines, colors=MARK_COLOR, linewidths=0.3, alpha=0.5, rasterized=True)
-                )
-                three_sigma(axes, time, sigma, style, filled=True)
-                axes.locator_params(nbins=3 if SHEET.get().is_narrow else 5)
-                usual = np.nanquantile(np.abs(errors), USUAL) if np.isfinite(errors).any() else 0.0
-                extents[name][place] = np.nanmax([usual, 3.0 * np.nanmax(sigma, initial=0.0)])
+                _draw_single_errors(row[place], time, errors)
+                three_sigma(row[place], time, sigma, style, filled=True)
+                extents[name][place] = _usual_extent(errors, sigma)
             row[0].set_ylabel(name)
         heights, diverged = robust_limits(extents)
         for axes, height, (heading, _, _) in zip(grid[0], heights, COMPONENTS, strict=True):
-            axes.set(title=heading, ylim=(-1.1 * height or -1.0, 1.1 * height or 1.0))
+            limit = 1.1 * height or 1.0
+            axes.set(title=heading, ylim=(-limit, limit))
         for axes in grid[-1]:
             axes.set_xlabel("time [s]")
         if diverged:
@@ -128,24 +127,38 @@ def _draw_errors(path: Path, title: str, runs: Mapping[str, Runs], step: float) 
         figure.supylabel(f"{whose} (grey), mean 3σ bound (filled)", fontsize=7.5)
 
 
+def _draw_single_errors(axes: Axes, time: ArrayLike, errors: Float) -> None:
+    """Draw a thin line for the errors of each of the first runs; `errors` has the shape (runs, N+1)."""
+    lines = [np.column_stack([time, error]) for error in errors[:RUNS_DRAWN]]
+    axes.add_collection(LineCollection(lines, colors=MARK_COLOR, linewidths=0.3, alpha=0.5, rasterized=True))
+    axes.locator_params(nbins=3 if SHEET.get().is_narrow else 5)
+
+
+def _usual_extent(errors: Float, sigma: Float) -> float:
+    """Return the largest usual error or 3-sigma bound."""
+    usual = np.nanquantile(np.abs(errors), USUAL) if np.isfinite(errors).any() else 0.0
+    return np.nanmax([usual, 3.0 * np.nanmax(sigma, initial=0.0)])
+
+
 def _draw_ratios(path: Path, title: str, runs: Mapping[str, Runs], doubtful: Collection[str]) -> None:
     """Draw box plots of the ATE of each run divided by that of the optimum; `doubtful` optima are marked."""
     known = ((CAUSAL, "causal"), (HINDSIGHT, "hindsight"))
     references = [(name, f"{text}{MARK * (name in doubtful)}") for name, text in known if name in runs]
-    boxes = [
-        (f"{name} / {text}", _run_ratios(runs[name], runs[reference]), style.color)
-        for reference, text in references
-        for name, style in styles(runs).items()
-        if name != reference
-    ]
-    boxes = [box for box in reversed(boxes) if len(box[1])]  # the first box is at the top
+    boxes: list[tuple[str, Float, str]] = []
+    for reference, text in references:
+        for name, style in styles(runs).items():
+            if name == reference:
+                continue
+            ratios = _run_ratios(runs[name], runs[reference])
+            if len(ratios):
+                boxes.append((f"{name} / {text}", ratios, style.color))
+    boxes.reverse()  # the first box is at the top
     if not boxes:
         return
     labels, ratios, colors = zip(*boxes, strict=True)
     with printed(path, 0.9 + 0.28 * len(boxes), title) as figure:
         axes = figure.subplots()
-        small = {"markersize": 2}
-        drawn = axes.boxplot(ratios, tick_labels=labels, orientation="horizontal", flierprops=small)
+        drawn = axes.boxplot(ratios, tick_labels=labels, orientation="horizontal", flierprops={"markersize": 2})
         for median, color in zip(drawn["medians"], colors, strict=True):
             median.set(color=color, linewidth=1.5)
         axes.axvline(1.0, color=MARK_COLOR, linewidth=0.6)
@@ -186,8 +199,9 @@ def save_nees_figure(path: Path, settings: Sequence[SettingResult], title: str) 
     with _panels(path, [each.setting for each in settings], title) as (figure, panels):
         for axes, ran in zip(panels, settings, strict=True):
             found = {name: Runs.nees_per_step(ran.runs[name]) for name in (EKF, CAUSAL)}
-            time = ran.scenario.trajectory.step * np.arange(len(found[EKF].value))
-            band(axes, time, found[EKF].low / 3, found[EKF].high / 3, f"{BAND_LEVEL:.1%} band")
+            ekf = found[EKF]
+            time = ran.scenario.trajectory.step * np.arange(len(ekf.value))
+            band(axes, time, ekf.low / 3, ekf.high / 3, f"{BAND_LEVEL:.1%} band")
             for name, style in styles(found).items():
                 curve(axes, time, found[name].value / 3, style, name)
             axes.set_xlabel("time [s]")
@@ -212,32 +226,33 @@ def save_closure_figure(path: Path, settings: Sequence[SettingResult], title: st
             axes.set_xticks(laps, [f"lap {closure.lap}\n{closure.time_s:.0f} s" for closure in each.loop_closures])
             axes.set(xlim=(min(laps) - 0.5, max(laps) + 0.5), ylim=(0.0, None))
         figure.supylabel("position [m]", fontsize=7.5)
-        labelled = dict(zip(*reversed(panels[0].get_legend_handles_labels()), strict=True))  # each label once
+        handles, labels = panels[0].get_legend_handles_labels()
+        labelled = dict(zip(labels, handles, strict=True))  # each label once
         figure.legend(handles=[*labelled.values()], loc="outside lower center", ncols=4)
 
 
 def _draw_closure(axes: Axes, closure: Closure) -> None:
     """Draw bars of 3 sigma before and at the closure, with dots at the errors; of GTSAM batch the error only."""
     for name, style in styles(PLACES).items():
-        found, center = closure.estimators[name], closure.lap + PLACES[name]
-        dot: dict[str, Any] = {"markersize": 4.5, "color": "w", "markeredgecolor": style.color, "markeredgewidth": 1.2}
-        dot |= {"marker": "D" if name == GTSAM else "o", "linestyle": "none"}
-        error, bounds = np.array([found.error_m, found.three_sigma_m], dtype=np.float64)
+        found = closure.estimators[name]
+        center = closure.lap + PLACES[name]
+        errors, bounds = np.array([found.error_m, found.three_sigma_m], dtype=np.float64)
         if name == GTSAM:
-            axes.plot(center, error[1], label=f"RMS error of {name}", **dot)
-            continue
-        places = center + BAR * np.array([-0.5, 0.5])
-        moments = (("before", BEFORE), ("at the closure", AFTER))
-        for place, bound, (when, opacity) in zip(places, bounds, moments, strict=True):
-            axes.bar(place, bound, 0.9 * BAR, color=style.color, alpha=opacity, label=f"3σ of {name} {when}")
-        axes.plot(places, error, label=f"RMS error of {name}", **dot)
+            places, errors = np.array([center]), errors[1:]
+        else:
+            places = center + BAR * np.array([-0.5, 0.5])
+            moments = (("before", BEFORE), ("at the closure", AFTER))
+            for place, bound, (when, opacity) in zip(places, bounds, moments, strict=True):
+                axes.bar(place, bound, 0.9 * BAR, color=style.color, alpha=opacity, label=f"3σ of {name} {when}")
+        (dots,) = axes.plot(places, errors, "D" if name == GTSAM else "o", color="w", markersize=4.5)
+        dots.set(markeredgecolor=style.color, markeredgewidth=1.2, label=f"RMS error of {name}")
 
 
 @contextmanager
 def _panels(path: Path, settings: Sequence[Setting], title: str) -> Generator[tuple[Figure, list[Axes]]]:
     """Yield a figure, which is written as PNG at the end, with a panel for each setting."""
     count = len(settings)
-    columns = count if count < 4 else 2 if count == 4 else 3
+    columns = 2 if count == 4 else min(count, 3)
     rows = -(-count // columns)
     with printed_on(PNG), printed(path, rows * PANEL_HEIGHT + FOOT, title) as figure:
         grid: list[Axes] = list(figure.subplots(rows, columns, squeeze=False).flat)

@@ -55,6 +55,7 @@ def _data(results: Results, looks: Sequence[Look], shown: Int) -> dict[str, Any]
     observations = shown_observations(recording, shown, float((high - low).max()))
     reference = reference_of(truth, recording, results.estimates)
     closures = closure_steps(truth, recording)
+    closure_frames = [] if closures is None else np.unique(np.searchsorted(shown, closures))
     named = "error" if reference.name is None else f"difference to {reference.name}"
     return {
         "step": pack(shown, "i4"),
@@ -69,7 +70,7 @@ def _data(results: Results, looks: Sequence[Look], shown: Int) -> dict[str, Any]
             "bearingOnly": not SENSORS[recording.sensor].places_landmarks,
         },
         "estimates": [_estimate(results, look, reference, observations, shown) for look in looks],
-        "closures": pack([] if closures is None else np.unique(np.searchsorted(shown, closures)), "i4"),
+        "closures": pack(closure_frames, "i4"),
         "world": {"low": low.tolist(), "high": high.tolist()},
         "errorTitle": f"position {named} [m]",
         "neesBand": list(chi2_band(STEP_LEVEL, 3)),
@@ -80,10 +81,13 @@ def _estimate(
     results: Results, look: Look, reference: Reference, observations: ShownObservations, shown: Int
 ) -> dict[str, Any]:
     recording, estimate = results.recording, results.estimates[look.name]
-    errors, covs = pose_errors(reference.poses[shown], estimate.poses[shown]), pose_covs_of(estimate)[shown]
+    errors = pose_errors(reference.poses[shown], estimate.poses[shown])
+    covs = pose_covs_of(estimate)[shown]
+    nees = squared_mahalanobis(errors, covs) if reference.name is None else np.full(len(shown), np.nan)
     wrong = Measured(results.truth or Truth(), recording, estimate).wrong
-    wrong_frames = [] if wrong is None else distinct(np.searchsorted(shown, recording.observation_step[wrong]))
+    wrong_steps = [] if wrong is None else recording.observation_step[wrong]
     given = recording.landmark if estimate.association is None else estimate.association
+    rows = observations.observation
     nis = np.full(len(estimate.poses), np.nan)
     if estimate.nis is not None and estimate.nis_dof is not None:
         nis = np.divide(estimate.nis, estimate.nis_dof, out=nis, where=estimate.nis_dof > 0)
@@ -96,12 +100,12 @@ def _estimate(
         "predicted": pack(_predicted(recording, estimate, shown)),
         "covs": None if estimate.pose_covs is None else pack(triangle(covs)),
         "error": pack(distances(errors)),
-        "nees": pack(squared_mahalanobis(errors, covs) if reference.name is None else errors[:, 0] * np.nan),
+        "nees": pack(nees),
         "nis": pack(nis[shown]),
         "rows": packed_map(recording, estimate, shown),
-        "association": None if given is None else pack(given[observations.observation], "i4"),
-        "wrong": None if wrong is None else pack(wrong[observations.observation], "u1"),
-        "wrongFrames": pack(wrong_frames, "i4"),
+        "association": None if given is None else pack(given[rows], "i4"),
+        "wrong": None if wrong is None else pack(wrong[rows], "u1"),
+        "wrongFrames": pack(distinct(np.searchsorted(shown, wrong_steps)), "i4"),
     }
 
 
@@ -123,17 +127,20 @@ def frame_steps(steps: int, count: int) -> Int:
 
 def shown_observations(recording: Recording, shown: Int, length: float) -> ShownObservations:
     """Return the last scan since the previous shown step, for each shown step; bearings get the `length` [m]."""
+    steps = recording.observation_step
     before = np.concatenate([[-1], shown[:-1]])
-    ends = np.searchsorted(recording.observation_step, shown, side="right")
-    begins = np.searchsorted(recording.observation_step, before, side="right")
-    last = recording.observation_step[np.maximum(ends - 1, 0)] if len(recording.observation_step) else ends
-    begins = np.maximum(begins, np.searchsorted(recording.observation_step, last))
+    begins = np.searchsorted(steps, before, side="right")
+    ends = np.searchsorted(steps, shown, side="right")
+    last_steps = steps[np.maximum(ends - 1, 0)] if len(steps) else ends
+    begins = np.maximum(begins, np.searchsorted(steps, last_steps))
     counts = np.where(ends > begins, ends - begins, 0)
     start = np.concatenate([[0], np.cumsum(counts)])
     place_in_frame = np.arange(start[-1]) - np.repeat(start[:-1], counts)
     observation = np.repeat(begins, counts) + place_in_frame
     body = inverse(recording.sensor, recording.observation[observation])
-    return ShownObservations(observation, start, body if SENSORS[recording.sensor].places_landmarks else length * body)
+    if not SENSORS[recording.sensor].places_landmarks:
+        body = length * body
+    return ShownObservations(observation, start, body)
 
 
 def packed_map(recording: Recording, estimate: Estimate, shown: Int) -> dict[str, Any] | None:
@@ -142,17 +149,20 @@ def packed_map(recording: Recording, estimate: Estimate, shown: Int) -> dict[str
     A recorded map is stored for each frame with a new record since the previous frame.
     """
     history, log, count = estimate.history, estimate.rays, len(estimate.landmark_ids)
+    since = None
     if history is not None and len(history.step):
         changes = np.searchsorted(history.step, shown, side="right")
         if log is not None:  # lost rays leave the map between two records
-            changes = changes + np.searchsorted(np.sort(log.end[log.end >= 0]), shown, side="right")
+            lost = np.sort(log.end[log.end >= 0])
+            changes = changes + np.searchsorted(lost, shown, side="right")
         frames = np.flatnonzero(np.diff(changes, prepend=0) > 0)
-        maps, since = [map_at(estimate, int(shown[frame])) for frame in frames], None
+        maps = [map_at(estimate, int(step)) for step in shown[frames]]
         covs = np.concatenate([np.zeros((0, 2, 2)), *(each.cov for each in maps)])
     elif count:
-        frames, covs = np.zeros(1, np.int64), estimate.landmark_covs
-        final = (estimate.landmark_ids, np.full(count, -1), np.ones(count), estimate.landmarks)
-        maps = [MapRows(*final, np.zeros((count, 2, 2)) if covs is None else covs)]
+        frames = np.zeros(1, np.int64)
+        covs = estimate.landmark_covs
+        known = np.zeros((count, 2, 2)) if covs is None else covs
+        maps = [MapRows(estimate.landmark_ids, np.full(count, -1), np.ones(count), estimate.landmarks, known)]
         since = pack(np.searchsorted(shown, first_seen(recording, estimate)), "i4")
     else:
         return None
