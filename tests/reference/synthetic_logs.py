@@ -18,7 +18,7 @@ SHORT = ("trajectory.duration=6", "trajectory.step=0.1")
 def write_published_logs(folder: Path) -> None:
     """Write `dataset2.mat`, `victoria_park.txt`, `graph.g2o` and `MRCLAM_Dataset1`."""
     truth, recording = simulate(load_scenario("q1-short-dense", SHORT), 1)
-    savemat(folder / "dataset2.mat", lost_in_the_woods(truth, recording))
+    savemat(folder / "dataset2.mat", lost_in_the_woods(truth, recording), do_compression=True)
     write_g2o(folder / "victoria_park.txt", recording_of("position"))
     (folder / "graph.g2o").write_text(G2O["graph.g2o"])
     (folder / "MRCLAM_Dataset1").mkdir()

@@ -67,7 +67,7 @@ TEXTS: dict[str, tuple[Files, Callable[[Path], Any]]] = {
 FORMATS = TEXTS | {
     "npz": (lambda folder: save(folder / "recording.npz", RECORDING), lambda it: load_recording(it / "recording.npz")),
     "woods": (
-        lambda folder: savemat(folder / "woods.mat", WOODS),
+        lambda folder: savemat(folder / "woods.mat", WOODS, do_compression=True),
         lambda folder: read_lost_in_the_woods(folder / "woods.mat"),
     ),
     "ros1 bag": (partial(bag, kind="ros1"), lambda folder: read_bag(folder / "run.bag")),

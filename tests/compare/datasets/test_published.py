@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -63,7 +64,7 @@ DAMAGED = "not a whole dataset2.mat of Lost in the Woods"
 
 def woods(path: Path, **changes: Any) -> Imported:
     """Read a small log with changed fields; None leaves a field out."""
-    savemat(path / "woods.mat", {name: value for name, value in (WOODS | changes).items() if value is not None})
+    savemat(path / "woods.mat", {k: v for k, v in (WOODS | changes).items() if v is not None}, do_compression=True)
     return read_lost_in_the_woods(path / "woods.mat")
 
 
@@ -117,9 +118,10 @@ def test_malformed_woods_are_refused_with_their_field(tmp_path: Path, changes: d
     assert message in str(caught.value)
 
 
-def test_files_that_are_not_matlab_files(tmp_path: Path):
-    path = tmp_path / "woods.mat"
-    for content in (b"", b"t v om\n"):
+def test_files_that_are_not_compressed_matlab_files(tmp_path: Path):
+    path, without_checksums = tmp_path / "woods.mat", BytesIO()
+    savemat(without_checksums, WOODS)
+    for content in (b"", b"t v om\n", without_checksums.getvalue()):
         path.write_bytes(content)
         with pytest.raises(UserError, match=rf"woods.mat: {DAMAGED} [^\n]*$"):
             read_lost_in_the_woods(path)
