@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -41,17 +41,14 @@ class Command(WithPage):
     heading: Literal["sensor", "odometry"] = "sensor"
 
     def run(self) -> int:
-        recording = files.load_recording(self.recording)
-        with staged(self.out, NOISE) as folder, self._stage_of_recording() as stage:
+        recording, write = files.load_recording(self.recording), self.write
+        stage_of_write = nullcontext() if write is None else staged_folder.staged_files(write.parent, [write.name])
+        with staged(self.out, NOISE) as folder, stage_of_write as stage:
             noise = estimation.find_noise(recording, systematic=self.systematic, heading=self.heading)
             content = noise_json.noise_json(noise) | {"digest": comparison.digest(recording)}
             self.output.show(content, tables.noise_page(content), folder and folder / NOISE)
-            if self.write is not None and stage is not None:
-                files.save(stage / self.write.name, noise.tuned)
-        if self.write is not None:
-            print(f"written to {self.write}", file=sys.stderr)
+            if write is not None and stage is not None:
+                files.save(stage / write.name, noise.tuned)
+        if write is not None:
+            print(f"written to {write}", file=sys.stderr)
         return self.finish(self.out, NOISE)
-
-    def _stage_of_recording(self) -> AbstractContextManager[Path | None]:
-        """Return the temporary folder of `write`; an existing file is refused before the estimation."""
-        return nullcontext() if self.write is None else staged_folder.staged_files(self.write.parent, [self.write.name])

@@ -23,8 +23,7 @@ class Output:
 
     Attributes:
         json: Print JSON (docs/glossary.md) on standard output instead of the table.
-        wide: Print all columns, and do not wrap lines. By default a table fits the terminal, or 80 characters in a
-            pipe.
+        wide: Print all columns, and do not wrap lines. By default a table fits the terminal; in pipes, 80 characters.
     """
 
     json: bool = False

@@ -46,8 +46,7 @@ class Command:
             notes.append(f"no ids: associated by {twins.ASSOCIATES} with jcbb, which may be wrong")
         if twin.left_out:
             notes.append(f"{twin.left_out} observations dropped: they have no association or no landmark position")
-        fit = optimum_notes.fit_of_the_model(REGISTRY[HINDSIGHT].title, twin.optimum)
-        notes += [fit] if fit else []
+        notes += filter(None, [optimum_notes.fit_of_the_model(REGISTRY[HINDSIGHT].title, twin.optimum)])
         counts = f"{twin.recording.steps} steps, {len(twin.optimum.landmark_ids)} landmarks"
         written = f"{counts}, {len(twin.landmark)} observations: written to {out / TWIN}"
         print(*notes, written, sep="\n", file=sys.stderr)
