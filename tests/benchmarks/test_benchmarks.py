@@ -36,8 +36,8 @@ SMALLEST = {
         "riekf, true Q 1.5 times as large 1 ",
     ),
     "exercise_verdicts": (  # 10 s
-        "exercise --only q3 --runs 2 --studies 20",
-        "20 studies from 2 runs; wrong and decided share with 10, 20, 50, 100 runs",
+        "exercise --only q3 --runs 2 --studies 5",
+        "5 studies from 2 runs; wrong and decided share with 10, 20, 50, 100 runs",
         "q3-scale-0.1-landmarks 3.1 wrong ",
         "sum wrong ",
     ),
@@ -88,7 +88,7 @@ def test_every_benchmark_is_run_here():
     assert {*SMALLEST} == {path.stem for path in BENCHMARKS.glob("*.py")}
 
 
-LONG = ("misfits", "import_causes", "seeded_bugs")  # other tests have the causes and the bugs
+LONG = ("misfits", "import_causes", "seeded_bugs", "published_ukfm")  # other tests have causes, bugs and the scenario
 
 
 @pytest.mark.usefixtures("compiled_kernels")
