@@ -80,9 +80,7 @@ def write_estimate_csv(path: Path, estimate: Estimate) -> None:
 def read_estimate_csv(path: Path, kind: Kind, steps: int) -> Estimate:
     """Read an estimate of N `steps` from a CSV file, and its map from landmarks.csv beside it if no log is there."""
     rows = rows_below(path, read_whole(path), ("step", *POSE), ("step", *POSE, *POSE_COV))
-    wrong = np.flatnonzero(rows[: steps + 1, 0] != np.arange(len(rows[: steps + 1])))
-    if len(wrong):
-        at = wrong[0]
+    for at in np.flatnonzero(rows[: steps + 1, 0] != np.arange(len(rows[: steps + 1])))[:1]:
         raise UserError(f"{path}, line {at + 2}: step {rows[at, 0]:g}, expected {at}; sort the rows by step")
     if len(rows) != steps + 1:
         raise UserError(f"{path}: has {len(rows)} rows; write {steps + 1}, one for the start and one for each step")

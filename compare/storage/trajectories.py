@@ -1,4 +1,4 @@
-"""Trajectories with stamps in files: TUM, and CSV with a column `stamp`; their interpolation, and their planar parts.
+"""Trajectories with stamps in files: TUM, and CSV with a column of stamps; their interpolation, and their planar parts.
 
 A TUM file has lines `t x y z qx qy qz qw`, of which the planar parts are used. The upper triangle of the covariance of
 x, y and heading may follow. A CSV file has the columns `stamp,x,y,theta`, with or without those of a covariance.
@@ -21,6 +21,7 @@ from slamgauge.se2 import wrap
 
 UNIT, TILTED = 1e-3, 0.1  # largest error of a quaternion's length, and qx or qy of a robot that stands level
 TUM = "t x y z qx qy qz qw"
+STAMPS = ("stamp", "time")  # names of the first column of a CSV file with stamps
 SAME = 1e-6  # s: nearer stamps are the same; a float64 of today's time in seconds resolves 2e-7 s
 
 
@@ -37,14 +38,14 @@ def has_stamps(path: Path) -> bool:
     """Return whether a file of poses has stamps, and not steps."""
     if path.suffix != ".csv":
         return True
-    lines = csv_lines(path, read_text(path))
-    return bool(lines) and lines[0].words[0] == "stamp"
+    return any(line.words[0] in STAMPS for line in csv_lines(path, read_text(path))[:1])
 
 
 def read_trajectory(path: Path) -> Trajectory:
     """Read poses with stamps from a CSV file, or from a TUM file of any other ending; errors name the line."""
     if path.suffix == ".csv":
-        rows = rows_below(path, read_whole(path), ("stamp", *POSE), ("stamp", *POSE, *POSE_COV))
+        headers = [(stamp, *POSE, *more) for stamp in STAMPS for more in ((), POSE_COV)]
+        rows = rows_below(path, read_whole(path), *headers)
         poses, triangles = rows[:, 1:4], rows[:, 4:]
     else:
         lines, rows = read_table(path, TUM, POSE_COV)

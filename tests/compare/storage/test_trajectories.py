@@ -53,6 +53,10 @@ def numbered(_: Float, poses: Float) -> Float:
     return np.column_stack([np.arange(len(poses), dtype=np.float64), poses])
 
 
+def stamped(stamps: Float, poses: Float) -> Float:
+    return np.column_stack([stamps, poses])
+
+
 def scaled(form: Table, *factors: float) -> Table:
     return lambda stamps, poses: form(stamps, poses * factors)
 
@@ -128,6 +132,8 @@ CSV: dict[str, tuple[Table, Text | None, str]] = {
     "headings not wrapped": (changed(numbered, lambda rows: np.add(rows, [0, 0, 0, 4 * np.pi])), None, READ),
     "blank lines at the end": (numbered, lambda text: text + "\n\n", READ),
     "byte order mark": (numbered, headed("\ufeff"), READ),
+    "stamps": (stamped, replaced("step", "stamp"), READ),
+    "times": (stamped, replaced("step", "time"), READ),
     "semicolons": (numbered, replaced(",", ";"), READ),
     "the last number cut short": (numbered, lambda text: text[:-5], "no line end after"),
     "degrees": (scaled(numbered, 1, 1, 180 / np.pi), None, TURNS),
