@@ -168,8 +168,7 @@ def _on_clock(clock: float | None, table: CsvTable, times: Float, notes: list[st
     """Return stamps (n,) on the odometry's clock: seconds count from its first row if that has a time of day."""
     if clock is None or table.has_times or not len(times) or times.max() >= clock:
         return times
-    what = "stamps are seconds, those of the odometry times: they count from its first row"
-    notes.append(f"{table.path.name}: {what}")
+    notes.append(f"{table.path.name}: stamps are seconds, those of the odometry times: they count from its first row")
     return times + clock
 
 

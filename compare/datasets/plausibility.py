@@ -138,8 +138,7 @@ def path_doubts(poses: Float, recording: Recording) -> Iterator[str]:
     if (start > START + 6.0 * np.sqrt(np.diag(recording.prior_cov).max())).any():
         x, y, heading = poses[0]
         yield f"starts at ({x:.4g} m, {y:.4g} m, {heading:.3g} rad), far from the prior; check its frame and headings"
-    late = _late(poses, recording)
-    if late:
+    if late := _late(poses, recording):
         when = "after" if late > 0.0 else "before"
         yield f"turns {abs(late):g} s {when} the odometry; add {-late:g} s to its stamps (an estimate's: --time-offset)"
         return

@@ -15,7 +15,6 @@ start is known exactly; else it begins at the origin.
 
 from __future__ import annotations
 
-import struct
 import zlib
 from io import BytesIO
 from pathlib import Path
@@ -35,7 +34,6 @@ ROBOTS = 5
 MAX_GAP = 1.0  # s: ground truth is not interpolated over longer gaps
 COLUMNS = ("t", "v", "om", "x_true", "y_true", "th_true", "true_valid")
 SCALARS = ("d", "r_var", "b_var", "v_var", "om_var")
-HEADER, COMPRESSED = 128, 15  # bytes before the variables of a MATLAB file; type of a compressed one
 
 
 def read_mrclam(
@@ -56,9 +54,7 @@ def read_mrclam(
     Raises:
         UserError: With the file, the line and the remedy.
     """
-    logs.require_sigmas(
-        forward=forward, lateral=lateral, turn=turn, range_sigma=range_sigma, bearing_sigma=bearing_sigma
-    )
+    logs.require_sigmas(forward=forward, lateral=lateral, turn=turn, range=range_sigma, bearing=bearing_sigma)
     found = sorted(folder.glob("*Odometry.dat" if robot is None else f"Robot{robot}_Odometry.dat"))
     if len(found) != 1:
         names = ", ".join(path.name for path in found)
@@ -160,8 +156,12 @@ def _read_fields(path: Path) -> dict[str, Float]:
 
     with explained(path, "read"):
         content = path.read_bytes()
+    rest = content[128:]  # behind the header; scipy may end Python at variables with wrong checksums, or with none
     try:
-        _require_checksums(content)
+        while rest:
+            size = 8 + int.from_bytes(rest[4:8], "little")
+            zlib.decompress(rest[8:size])
+            rest = rest[size:]
         raw = loadmat(BytesIO(content), variable_names=(*COLUMNS, *SCALARS, "r", "b", "l"))
         steps, landmarks = len(raw["t"]), len(raw["l"])
         shapes = dict.fromkeys(COLUMNS, (steps, 1)) | dict.fromkeys(SCALARS, (1, 1))
@@ -174,14 +174,3 @@ def _read_fields(path: Path) -> dict[str, Float]:
         if fields[name].shape != shape or not (np.abs(fields[name]) < LARGEST).all():
             raise UserError(f"{path}: field {name} must be {shape} finite numbers; correct it")
     return fields
-
-
-def _require_checksums(content: bytes) -> None:
-    """Refuse a MATLAB file with a variable that is not compressed, or damaged: scipy may end Python at such a one."""
-    at = HEADER
-    while at < len(content):
-        kind, size = struct.unpack_from("<II", content, at)
-        if kind != COMPRESSED or content[HEADER - 2 : HEADER] != b"IM":
-            raise ValueError("a variable is not compressed")
-        zlib.decompress(content[at + 8 : at + 8 + size])
-        at += 8 + size

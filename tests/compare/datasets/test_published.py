@@ -224,7 +224,7 @@ def test_wrong_logs_are_refused_in_one_line(read: Read, name: str, text: str, me
 def test_sigmas_that_are_zero_or_negative_are_refused(read: Read, tmp_path: Path):
     with pytest.raises(UserError, match=r"observation_cov\[0\] = [^\n]* must be positive definite"):
         read(MRCLAM, range_sigma=0.0)
-    with pytest.raises(UserError, match=r"^bearing_sigma: -0\.05 is not a standard deviation; [^\n]+$"):
+    with pytest.raises(UserError, match=r"^bearing: -0\.05 is not a standard deviation; [^\n]+$"):
         read(MRCLAM, bearing_sigma=-0.05)
     with pytest.raises(UserError, match=r"^lateral_slip: -1 is not a standard deviation; [^\n]+$"):
         read_lost_in_the_woods(tmp_path / "woods.mat", lateral_slip=-1.0)
