@@ -27,7 +27,7 @@ MADE = runpy.run_path(str(ROOT / "docs/make_figures.py"))
 PAGES = {path.name: path for path in (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))}
 USUAL = ("README.md", "index.md", "scenarios.md")
 OTHER_TOOLS = {"--nthreads", "--no-dashboard", "--ros-args", "--seeds", "--system-site-packages", "--to"}
-ELSEWHERE = re.compile(rf"{re.escape(MADE['CHECK'])}|^pip install|^dask|^openssl|--scheduler", re.MULTILINE)
+ELSEWHERE = re.compile(rf"{re.escape(MADE['CHECK'])}|^pip install|^pytest|^dask|^openssl|--scheduler", re.MULTILINE)
 SMALLER = (
     *MADE["SMALL"],
     (re.compile(r"slamgauge bench.*?(?= --out|$)"), "slamgauge bench --landmarks 5 --estimators ekf"),
