@@ -136,7 +136,7 @@ def _pose_in(base: str, frame: str, frames: Frames, where: str) -> Float:
                 pose = step @ pose
         found.append((root, pose))
     (root, pose), (root_of_base, pose_of_base) = found
-    if root != root_of_base:
+    if root != root_of_base or root in frames:
         remedy = f"give its pose with --set transforms.{frame}=[x,y,heading], or another frames.base"
         raise UserError(f"{where}: no static transform from {frame} to {base} on {STATIC}; {remedy}")
     return np.linalg.inv(pose_of_base) @ pose
