@@ -100,5 +100,5 @@ def _copied(code: CodeFolder) -> Path:
         (folder / path).parent.mkdir(parents=True, exist_ok=True)
         (folder / path).write_bytes(content)
     for each in (folder, *folder.rglob("*")):
-        each.chmod(0o755)  # behind a wall of root another user reads them; nobody reads the private folder
+        each.chmod(0o755)  # behind a wall of root another user reads these, but not the private folder
     return folder

@@ -153,7 +153,7 @@ def _found() -> set[Path]:
 
 def _clear(kept: set[Path]) -> None:
     """End the processes and remove the files that a run has left, not those `kept`; the caches begin again."""
-    with suppress(ProcessLookupError, PermissionError):  # there are none, or only the wall's own
+    with suppress(ProcessLookupError, PermissionError):  # no process is left, or only the wall's own
         os.kill(-1, signal.SIGKILL)  # all but this one and the wall's own
     for each in _found() - kept:
         each.unlink() if each.is_symlink() or not each.is_dir() else shutil.rmtree(each)
