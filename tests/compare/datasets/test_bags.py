@@ -281,6 +281,18 @@ def test_refusals(override: str, refusal: str, tmp_path: Path):
         read_bag(bag(tmp_path), overrides=[override])
 
 
+def test_static_transforms_in_a_circle_are_refused(tmp_path: Path):
+    step = {"translation": xyz(0.1, 0), "rotation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}}
+    circle = [
+        {"header": header(0.0, parent), "child_frame_id": child, "transform": step}
+        for parent, child in (("camera", "base_link"), ("wheel", "camera"), ("camera", "wheel"))
+    ]
+    static = ("/tf_static", nanoseconds(1000.0), "tf2_msgs/msg/TFMessage", {"transforms": circle})
+    path = bag(tmp_path, [static], odometry_messages(RECORDING), detections(RECORDING))
+    with pytest.raises(UserError, match="no static transform from base_link to wheel"):
+        read_bag(path, overrides=["frames.base=wheel"])
+
+
 # --- commands -------------------------------------------------------------------------------------
 
 
