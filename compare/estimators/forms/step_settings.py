@@ -19,6 +19,7 @@ import ast
 import inspect
 import textwrap
 from collections.abc import Iterator
+from contextlib import suppress
 from copy import deepcopy
 from inspect import Parameter
 from types import CodeType, FunctionType
@@ -258,20 +259,16 @@ def _last_column(node: ast.AST, name: str) -> int:
 def _starts_where_called(function: Callee, number: int) -> list[Any]:
     """Return the value of the parameter `number` where the file calls the function; an empty list if it is not found.
 
-    The value is an expression, or a variable that the calling function has assigned one before.
+    The value is a literal, for example `[]`, or a variable that the calling function has assigned one before.
     """
-    module, name = inspect.getmodule(function), getattr(function, "__name__", "")
-    whole = _tree(module)
+    whole, name = _tree(inspect.getmodule(function)), getattr(function, "__name__", "")
     for scope in (*(each for each in ast.walk(whole) if isinstance(each, ast.FunctionDef)), whole):
         for call in ast.walk(scope):
             if isinstance(call, ast.Call) and ast.unparse(call.func) == name and len(call.args) > number:
                 given = call.args[number]
                 found = _assigned(scope, given.id, call.lineno) if isinstance(given, ast.Name) else given
-                if found is not None:
-                    try:
-                        return [eval(ast.unparse(found), dict(vars(module)))]  # it is the user's own code
-                    except NameError:  # a local variable has another value
-                        continue
+                with suppress(ValueError):  # no literal, or none is assigned
+                    return [ast.literal_eval(found or given)]
     return []
 
 
