@@ -154,7 +154,9 @@ def _found() -> set[Path]:
 def _clear(kept: set[Path]) -> None:
     """End the processes and remove the files that a run has left, not those `kept`; the caches begin again."""
     with suppress(ProcessLookupError, PermissionError):  # no process is left, or only the wall's own
-        os.kill(-1, signal.SIGKILL)  # all but this one and the wall's own
+        while True:  # until they have ended
+            os.kill(-1, signal.SIGKILL)  # all but this one and the wall's own
+            sleep(0.001)
     for each in _found() - kept:
         each.unlink() if each.is_symlink() or not each.is_dir() else shutil.rmtree(each)
     if Path(CACHES).is_dir():

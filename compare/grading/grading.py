@@ -95,8 +95,8 @@ def _results(
 ) -> list[T | BaseException]:
     """Call `work` with each of the arguments; return its results.
 
-    If a worker dies, all calls of its pool are lost; these are repeated one by one, and a call that fails again has its
-    exception as result. Other errors of `work` are raised as soon as they occur.
+    Calls whose workers have died are repeated one by one, and a call that fails again has its exception as result.
+    Other errors of `work` are raised as soon as they occur.
     """
     futures = [executor.submit(work, *each) for each in arguments]
     with counted(len(futures), unit) as progress:

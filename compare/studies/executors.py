@@ -13,10 +13,14 @@ import re
 import signal
 import sys
 import threading
+import traceback
 import warnings
 from collections.abc import Callable, Generator
-from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ProcessPoolExecutor
-from contextlib import contextmanager
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
+from contextlib import contextmanager, suppress
+from multiprocessing.connection import Connection
+from multiprocessing.context import SpawnProcess
+from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 from slamgauge.blas_threads import pin_blas_threads
@@ -34,36 +38,94 @@ SAME = {"slamgauge": 4, "python": 2, "distributed": 3, "numpy": 3}  # parts of v
 
 
 class _Processes(Executor):
-    """Worker processes, restarted after one has died; the runs of the dead pool end with `BrokenExecutor`."""
+    """Worker processes, each with a pipe and a thread of its own: one that dies loses its own run, and is replaced.
+
+    An interrupt may leave locks of this process locked, and half a result in a pipe. `terminate` waits for neither.
+    """
 
     def __init__(self, jobs: int) -> None:
-        self._jobs = jobs
-        self._others = set(multiprocessing.active_children())
-        self._pool = self._begin()
-
-    def _begin(self) -> ProcessPoolExecutor:
         os.environ.setdefault("PYTHONSAFEPATH", "1")  # workers must not import libraries from the current folder
-        context = multiprocessing.get_context("spawn")  # a fork would inherit BLAS threads and locks
-        return ProcessPoolExecutor(self._jobs, mp_context=context, initializer=_begin_work)
+        self._tasks = SimpleQueue[tuple[Future[Any], Any] | None]()
+        self._workers = set[SpawnProcess]()
+        self._starting, self._is_over = threading.Lock(), False
+        self._threads = [threading.Thread(target=self._serve, daemon=True) for _ in range(jobs)]
+        for each in self._threads:
+            each.start()
 
     def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
-        """Submit a run, to new processes if the others have died."""
-        try:
-            return self._pool.submit(fn, *args, **kwargs)
-        except (BrokenExecutor, OSError):  # OSError: a process died while another started
-            self.terminate()  # the other would wait for work for ever, and the pool for its end
-            self._pool.shutdown()
-            self._pool = self._begin()
-            return self._pool.submit(fn, *args, **kwargs)
+        """Submit a run."""
+        future = Future[T]()
+        self._tasks.put((future, (fn, args, kwargs)))
+        return future
+
+    def _serve(self) -> None:
+        """Give runs to a worker, one after the other, until there are no more."""
+        pipe: Connection | None = None
+        while (task := self._tasks.get()) is not None:
+            future, call = task
+            if not future.set_running_or_notify_cancel():
+                continue
+            try:
+                pipe = pipe or self._started()
+                pipe.send(call)
+                is_done, result = pipe.recv()
+            except (EOFError, OSError):
+                pipe, is_done, result = None, False, BrokenExecutor("a worker process died")
+            except Exception as error:  # noqa: BLE001 it cannot be pickled
+                is_done, result = False, error
+            future.set_result(result) if is_done else future.set_exception(result)
+        if pipe is not None:
+            pipe.close()
+
+    def _started(self) -> Connection:
+        """Start a process and return the pipe to it."""
+        context = multiprocessing.get_context("spawn")  # a fork would inherit BLAS threads and locks
+        ours, theirs = context.Pipe()
+        with self._starting, theirs:
+            if self._is_over:
+                raise EOFError
+            worker = context.Process(target=_work, args=(theirs,))
+            worker.start()
+            self._workers.add(worker)
+        return ours
 
     def terminate(self) -> None:
         """Kill the processes."""
-        for worker in set(multiprocessing.active_children()) - self._others:
-            worker.terminate()
+        with self._starting:
+            self._is_over = True
+            for worker in self._workers:
+                worker.kill()
+                worker.join()
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """End the processes when they are idle."""
-        self._pool.shutdown(wait, cancel_futures=cancel_futures)
+        with suppress(Empty):
+            while cancel_futures:
+                if (task := self._tasks.get_nowait()) is not None:
+                    task[0].cancel()
+        for _ in self._threads:
+            self._tasks.put(None)
+        if wait:
+            for each in (*self._threads, *self._workers):
+                each.join()
+
+
+def _work(pipe: Connection) -> None:
+    """Answer calls until the pipe ends; a worker ignores interrupts, which its parent handles, and ends with it."""
+    for name in ("SIGINT", "SIGHUP"):
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), signal.SIG_IGN)
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        threading.Thread(target=lambda: (parent.join(), os._exit(1)), daemon=True).start()
+    with suppress(EOFError, ConnectionError):
+        while True:
+            function, args, kwargs = pipe.recv()
+            try:
+                pipe.send((True, function(*args, **kwargs)))
+            except BaseException as error:  # noqa: BLE001 the parent raises it
+                error.add_note(traceback.format_exc())
+                pipe.send((False, error))
 
 
 def lost_worker(error: BaseException) -> bool:
@@ -88,18 +150,7 @@ def local_processes(jobs: int) -> Generator[Executor]:
         if isinstance(error, BrokenExecutor):
             raise UserError("a worker process died (out of memory?); give the same command again") from None
         raise
-    finally:
-        pool.shutdown(cancel_futures=True)
-
-
-def _begin_work() -> None:
-    """Ignore interrupts and a closed terminal, which the parent handles, and exit when the parent has ended."""
-    for name in ("SIGINT", "SIGHUP"):
-        if hasattr(signal, name):
-            signal.signal(getattr(signal, name), signal.SIG_IGN)
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        threading.Thread(target=lambda: (parent.join(), os._exit(1)), daemon=True).start()
+    pool.shutdown(cancel_futures=True)
 
 
 @contextmanager

@@ -175,21 +175,24 @@ def _run_missing(store: StudyStore, work: _Work, runs: int) -> list[Failure]:
 def _arriving(tasks: Iterable[_Task], work: _Work) -> Generator[tuple[int, list[Outcome]]]:
     """Submit tasks; yield the number of each run with its outcomes as they arrive.
 
-    On first use the first task runs alone: it compiles the kernels, which the other workers load. When a worker dies,
-    all runs of its pool are lost. They are then run one at a time, which identifies the run that kills its worker.
+    On first use the first task runs alone: it compiles the kernels, which the other workers load. A run whose worker
+    has died runs again after the others, and alone: then no other takes memory. So do all after three such runs.
     """
     from slamgauge.jit import stored_files  # here: it loads numba
 
     waiting = deque(tasks)
     pending: dict[Future[list[Outcome]], _Task] = {}
     lost: list[_Task] = []  # of dead workers
-    is_alone = False  # whether the lost runs are run again
-    in_a_row = 0  # workers that died alone, one after another
+    is_alone = False  # whether the lost runs run again, one at a time
+    in_a_row = 0  # workers that died, one after another
     limit = IN_FLIGHT if stored_files() else 1
     try:
         while waiting or pending or lost:
+            if in_a_row >= MOST_LOST:
+                lost += [*waiting, *(pending.pop(future) for future in [*pending] if future.cancel())]
+                waiting.clear()
             if not (waiting or pending):
-                waiting, lost, is_alone = deque(sorted(lost, key=lambda task: task[0])), [], True
+                waiting, lost, is_alone, in_a_row = deque(sorted(lost, key=lambda task: task[0])), [], True, 0
             while waiting and len(pending) < (1 if is_alone else limit):
                 run, asked = waiting.popleft()
                 future = work.executor.submit(run_once, work.scenario, run_seed(work.seed, run), asked)
@@ -199,18 +202,17 @@ def _arriving(tasks: Iterable[_Task], work: _Work) -> Generator[tuple[int, list[
             for future in sorted(done, key=lambda each: each.exception() is not None):  # a defect ends the study
                 run, asked = pending.pop(future)
                 error = future.exception()
-                if error is None or not lost_worker(error):
-                    in_a_row = 0
+                in_a_row = in_a_row + 1 if error is not None and lost_worker(error) else 0
+                if not in_a_row:
                     yield run, future.result()
                 elif not is_alone:
                     lost.append((run, asked))
+                elif in_a_row == MOST_LOST:
+                    raise UserError(
+                        f"a worker process died {MOST_LOST} times in a row, the last time at run {run} alone "
+                        "(out of memory?); make room, and give the same command again"
+                    )
                 else:
-                    in_a_row += 1
-                    if in_a_row == MOST_LOST:
-                        raise UserError(
-                            f"a worker process died {MOST_LOST} times in a row, the last time at run {run} alone "
-                            "(out of memory?); make room, and give the same command again"
-                        )
                     died = Outcome("", error="its worker process died (out of memory?)", transient=True)
                     yield run, [replace(died, estimator=each.key) for each in asked]
     finally:

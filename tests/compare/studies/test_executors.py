@@ -3,19 +3,25 @@
 from __future__ import annotations
 
 import logging
+import math
+import multiprocessing
 import os
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
+from concurrent.futures import BrokenExecutor
+from multiprocessing.context import SpawnProcess
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 from distributed import Client, LocalCluster
 
 from slamgauge.compare.studies import executors as cluster
-from slamgauge.compare.studies.executors import dask_cluster
+from slamgauge.compare.studies.executors import dask_cluster, local_processes
 from slamgauge.errors import UserError
 
 pytestmark = pytest.mark.slow
@@ -48,7 +54,7 @@ def test_workers_that_cannot_run_the_study(
             each["packages"] |= theirs
         return found
 
-    monkeypatch.setattr(cluster, "WORKERS", 0.2)
+    monkeypatch.setattr(cluster, "WORKERS", 30.0 if workers else 0.2)
     monkeypatch.setattr(Client, "get_versions", altered)
     options: dict[str, Any] = {"n_workers": workers, "threads_per_worker": 1, "dashboard_address": None}
     local: Any = LocalCluster(processes=False, protocol="tcp", **options)
@@ -122,3 +128,38 @@ def test_processes_end_with_the_command(end: str, status: int, tmp_path: Path):
     _, errors = process.communicate(timeout=60.0)  # both pipes are closed when the last process has ended
     assert process.returncode == status
     assert not errors or ("KeyboardInterrupt" if end == "SIGINT" else "resource_tracker") in errors  # lines of Python
+
+
+def leave(_: int) -> None:
+    os._exit(1)
+
+
+def answer_half(seconds: float) -> None:
+    """Write the beginning of a result of 256 bytes, and end after a time."""
+    os.write(sys._getframe(1).f_locals["pipe"].fileno(), (256).to_bytes(4) + b"half")
+    time.sleep(seconds)
+    os._exit(1)
+
+
+def test_a_worker_that_dies_loses_only_its_own_run(monkeypatch: pytest.MonkeyPatch):
+    start = SpawnProcess.start
+    with local_processes(2) as executor:
+        monkeypatch.setattr(SpawnProcess, "start", Mock(side_effect=OSError("no more processes")))
+        refused = executor.submit(abs, -3).exception(60.0)
+        monkeypatch.setattr(SpawnProcess, "start", start)
+        calls: list[Callable[[int], object]] = [leave, math.sqrt, answer_half, abs]
+        ended = [executor.submit(each, 0) for each in calls]
+        errors = [each.exception(60.0) for each in ended]
+    assert isinstance(refused, BrokenExecutor)
+    assert [isinstance(each, BrokenExecutor) for each in errors] == [True, False, True, False]
+
+
+def test_an_interrupt_waits_for_no_worker():
+    """Neither for one that has written half a result: a killed one never writes the rest."""
+    before = {*multiprocessing.active_children()}
+    with pytest.raises(KeyboardInterrupt), local_processes(1) as executor:
+        executor.submit(abs, 1).result(60.0)
+        executor.submit(answer_half, 1000.0)
+        time.sleep(0.5)
+        raise KeyboardInterrupt
+    assert {*multiprocessing.active_children()} <= before

@@ -6,12 +6,9 @@ import json
 import os
 import re
 import sqlite3
-import time
 from collections.abc import Callable, Generator, Sequence
-from concurrent.futures import BrokenExecutor
 from contextlib import closing, contextmanager
 from dataclasses import replace
-from multiprocessing.context import SpawnProcess
 from pathlib import Path
 from unittest.mock import Mock
 
@@ -220,23 +217,6 @@ def test_a_run_that_kills_its_worker_is_named_and_the_others_continue(
     assert load(4, ("ekf",))["ekf"].run.tolist() == [0, 2, 3]
     again = run(4, BOTH)
     assert (again.failures, again.estimators["ekf"]["runs"]) == ((), 4)
-
-
-def test_a_worker_that_dies_while_another_starts_loses_only_its_own_run(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The queue of the starting worker is closed by then."""
-    start, refusals = SpawnProcess.start, [OSError("handle is closed")]
-
-    def refused_once(process: SpawnProcess) -> None:
-        if refusals:
-            raise refusals.pop()
-        start(process)
-
-    with local_processes(2) as executor:
-        own = executor.submit(time.sleep, 100.0)
-        monkeypatch.setattr(SpawnProcess, "start", refused_once)
-        assert executor.submit(abs, -3).result(60.0) == 3
-        assert isinstance(own.exception(60.0), BrokenExecutor)
-    assert not refusals
 
 
 def leave_at_once(*_: object) -> None:
