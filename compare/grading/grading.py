@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import Executor, Future, as_completed, wait
+from concurrent.futures import Executor, Future
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
@@ -14,7 +14,7 @@ from slamgauge.compare.grading.trial import GradeSettings, Run, Trial, reference
 from slamgauge.compare.scenarios.scenario import scenario_text
 from slamgauge.compare.storage.progress import counted
 from slamgauge.compare.storage.result_files import origin
-from slamgauge.compare.studies.executors import lost_worker
+from slamgauge.compare.studies.executors import first_done, lost_worker
 from slamgauge.compare.studies.store import digest
 from slamgauge.compare.studies.study_run import run_seed
 from slamgauge.errors import UserError, failure_text
@@ -99,19 +99,23 @@ def _results(
     Other errors of `work` are raised as soon as they occur.
     """
     futures = [executor.submit(work, *each) for each in arguments]
+    pending = {*futures}
     with counted(len(futures), unit) as progress:
         try:
-            for future in as_completed(futures):
-                if not _is_lost(future):
-                    future.result()
-                    progress.update()
+            while pending:
+                done = first_done(pending)
+                pending -= done
+                for future in done:
+                    if not _is_lost(future):
+                        future.result()
+                        progress.update()
         finally:
             for future in futures:
                 future.cancel()
         for place, future in enumerate(futures):
             if _is_lost(future):
                 futures[place] = executor.submit(work, *arguments[place])
-                wait([futures[place]])
+                first_done([futures[place]])
                 progress.update()
     return [future.exception() or future.result() for future in futures]
 

@@ -15,12 +15,12 @@ import sys
 import threading
 import traceback
 import warnings
-from collections.abc import Callable, Generator
-from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
+from collections.abc import Callable, Generator, Iterable
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Executor, Future, wait
 from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnProcess
-from queue import Empty, SimpleQueue
+from queue import SimpleQueue
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 from slamgauge.blas_threads import pin_blas_threads
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 P = ParamSpec("P")
 T = TypeVar("T")
 
+WAIT = 0.5  # s
 CONNECT = 10.0  # s to wait for a Dask scheduler
 WORKERS = 5.0  # s to wait for its first worker
 SAME = {"slamgauge": 4, "python": 2, "distributed": 3, "numpy": 3}  # parts of versions that workers must share
@@ -63,6 +64,8 @@ class _Processes(Executor):
         pipe: Connection | None = None
         while (task := self._tasks.get()) is not None:
             future, call = task
+            if self._is_over:
+                future.cancel()
             if not future.set_running_or_notify_cancel():
                 continue
             try:
@@ -96,13 +99,11 @@ class _Processes(Executor):
             for worker in self._workers:
                 worker.kill()
                 worker.join()
+        self.shutdown(wait=False)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """End the processes when they are idle."""
-        with suppress(Empty):
-            while cancel_futures:
-                if (task := self._tasks.get_nowait()) is not None:
-                    task[0].cancel()
+        self._is_over = self._is_over or cancel_futures
         for _ in self._threads:
             self._tasks.put(None)
         if wait:
@@ -126,6 +127,13 @@ def _work(pipe: Connection) -> None:
             except BaseException as error:  # noqa: BLE001 the parent raises it
                 error.add_note(traceback.format_exc())
                 pipe.send((False, error))
+
+
+def first_done(pending: Iterable[Future[T]]) -> set[Future[T]]:
+    """Wait for a run. Python may miss an interrupt that comes when a wait begins, until it ends: none is long."""
+    while not (done := wait(pending, WAIT, FIRST_COMPLETED).done):
+        pass
+    return done
 
 
 def lost_worker(error: BaseException) -> bool:

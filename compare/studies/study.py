@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Generator, Iterable, Sequence
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
+from concurrent.futures import Executor, Future
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
@@ -19,7 +19,7 @@ from slamgauge.compare.scoring.runs import Runs
 from slamgauge.compare.storage.progress import counted
 from slamgauge.compare.storage.result_files import STORE
 from slamgauge.compare.storage.staged_folder import begin_folder
-from slamgauge.compare.studies.executors import lost_worker
+from slamgauge.compare.studies.executors import first_done, lost_worker
 from slamgauge.compare.studies.paired_comparisons import compare_user_code, run_figures
 from slamgauge.compare.studies.store import StudyStore, digest, open_store, sole_use
 from slamgauge.compare.studies.study_run import Outcome, require_numbers, run_once, run_seed
@@ -27,7 +27,7 @@ from slamgauge.compare.studies.summary import Failure, Summary, summarise
 from slamgauge.errors import UserError
 
 IN_FLIGHT = 256  # runs submitted to the executor at a time, which limits the memory of waiting results
-MOST_LOST = 3  # workers that die one after another, each at a single run: then the run is not the cause
+MOST_LOST = 3  # workers that die one after another: then the run is not the cause
 AGAIN = "not stored: the same command runs it again"
 
 
@@ -121,7 +121,8 @@ def run_beside_optima(
     if optima:
         work.append((informed(scenario), optima, places[1]))
     if not stored_files():  # on first use compile the kernels of filters and optima at the same time
-        wait([executor.submit(run_once, each, run_seed(seed, 0), chosen) for each, chosen, _ in work])
+        for begun in [executor.submit(run_once, each, run_seed(seed, 0), chosen) for each, chosen, _ in work]:
+            first_done([begun])
     parts = [run_study(each, runs, seed, chosen, place, executor) for each, chosen, place in work]
     loaded = {name: found for part in parts for name, found in part.loaded.items()}
     failures = tuple(failure for part in parts for failure in part.failures)
@@ -173,48 +174,30 @@ def _run_missing(store: StudyStore, work: _Work, runs: int) -> list[Failure]:
 
 
 def _arriving(tasks: Iterable[_Task], work: _Work) -> Generator[tuple[int, list[Outcome]]]:
-    """Submit tasks; yield the number of each run with its outcomes as they arrive.
-
-    On first use the first task runs alone: it compiles the kernels, which the other workers load. A run whose worker
-    has died runs again after the others, and alone: then no other takes memory. So do all after three such runs.
-    """
+    """Submit tasks; yield the number of each run with its outcomes as they arrive."""
     from slamgauge.jit import stored_files  # here: it loads numba
 
     waiting = deque(tasks)
     pending: dict[Future[list[Outcome]], _Task] = {}
-    lost: list[_Task] = []  # of dead workers
-    is_alone = False  # whether the lost runs run again, one at a time
     in_a_row = 0  # workers that died, one after another
-    limit = IN_FLIGHT if stored_files() else 1
+    limit = IN_FLIGHT if stored_files() else 1  # the first one compiles the kernels, which the others load
     try:
-        while waiting or pending or lost:
-            if in_a_row >= MOST_LOST:
-                lost += [*waiting, *(pending.pop(future) for future in [*pending] if future.cancel())]
-                waiting.clear()
-            if not (waiting or pending):
-                waiting, lost, is_alone, in_a_row = deque(sorted(lost, key=lambda task: task[0])), [], True, 0
-            while waiting and len(pending) < (1 if is_alone else limit):
+        while waiting or pending:
+            while waiting and len(pending) < limit:
                 run, asked = waiting.popleft()
                 future = work.executor.submit(run_once, work.scenario, run_seed(work.seed, run), asked)
                 pending[future] = run, asked
             limit = IN_FLIGHT
-            done = wait(pending, return_when=FIRST_COMPLETED).done
-            for future in sorted(done, key=lambda each: each.exception() is not None):  # a defect ends the study
+            for future in sorted(first_done(pending), key=lambda each: each.exception() is not None):  # defects last
                 run, asked = pending.pop(future)
                 error = future.exception()
                 in_a_row = in_a_row + 1 if error is not None and lost_worker(error) else 0
-                if not in_a_row:
-                    yield run, future.result()
-                elif not is_alone:
-                    lost.append((run, asked))
-                elif in_a_row == MOST_LOST:
-                    raise UserError(
-                        f"a worker process died {MOST_LOST} times in a row, the last time at run {run} alone "
-                        "(out of memory?); make room, and give the same command again"
-                    )
-                else:
-                    died = Outcome("", error="its worker process died (out of memory?)", transient=True)
-                    yield run, [replace(died, estimator=each.key) for each in asked]
+                if in_a_row == MOST_LOST:
+                    what = f"{MOST_LOST} worker processes died one after another, the last one at run {run}"
+                    remedy = "make room or give fewer --jobs, and give the same command again"
+                    raise UserError(f"{what} (out of memory?); {remedy}")
+                died = Outcome("", error="its worker process died (out of memory?)", transient=True)
+                yield run, [replace(died, estimator=each.key) for each in asked] if in_a_row else future.result()
     finally:
         for future in pending:
             future.cancel()

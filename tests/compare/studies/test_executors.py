@@ -97,7 +97,7 @@ PROGRAM = """
 import signal
 import sys
 import time
-from slamgauge.compare.studies.executors import local_processes
+from slamgauge.compare.studies.executors import first_done, local_processes
 
 def leave(number, frame):
     sys.exit(5)
@@ -106,10 +106,10 @@ if __name__ == "__main__":
     signal.signal(signal.SIGHUP, leave)
     signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs inherit that it is ignored
     with local_processes(2) as pool:
-        pool.submit(abs, 1).result()
+        list(pool.map(time.sleep, [0.5, 0.5]))  # both have begun
         waiting = pool.submit(time.sleep, 1000.0)
         print("ready", flush=True)
-        waiting.result()
+        first_done([waiting])
 """
 
 

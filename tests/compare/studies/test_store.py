@@ -200,7 +200,9 @@ def test_workers_that_always_die_are_one_line_and_stored_runs_are_kept(
 ) -> None:
     run(1, ("ekf",))
     monkeypatch.setattr("slamgauge.compare.studies.study.run_once", leave_at_once)
-    line = r"^a worker process died 3 times in a row, the last time at run 3 alone .*; make room, and give the same"
+    line = (
+        r"^3 worker processes died one after another, the last one at run 3 \(.*; make room or give fewer --jobs, and"
+    )
     with pytest.raises(UserError, match=line), local_processes(1) as executor:
         run(6, ("ekf",), executor=executor)
     assert load(6, ("ekf",))["ekf"].run.tolist() == [0]

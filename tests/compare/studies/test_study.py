@@ -106,7 +106,7 @@ def test_runs_that_end_together_with_a_defect_are_stored(run: Run, load: Load, m
         return study_run.run_once(each, seed, asked)
 
     monkeypatch.setattr("slamgauge.compare.studies.study.run_once", defective)
-    monkeypatch.setattr("slamgauge.compare.studies.study.wait", lambda pending, **_: wait(pending))
+    monkeypatch.setattr("slamgauge.compare.studies.study.first_done", lambda pending: wait(pending).done)
     with pytest.raises(RuntimeError, match="defect"):
         run(4, ("ekf",))
     assert load(4, ("ekf",))["ekf"].run.tolist() == [0, 2, 3]
