@@ -64,7 +64,8 @@ class SlamFilter(OnlineFilter):
         ids = ids_of(observations, len(values))
         gate = self._gate if gate is None else gate
         if gate is None:
-            return self._finished(ids.copy(), *self._update(ids, values, covs))
+            nis, dof = self._update(ids, values, covs)
+            return self._finished(ids.copy(), nis, dof)
         require_gate(gate)
         require_ids(ids)
         values, covs = np.asarray(values, np.float64), np.asarray(covs, np.float64)

@@ -64,10 +64,10 @@ class Form(NamedTuple):
 
 
 @kernel
-def find_slots(sorted_ids: Int, sorted_slots: Int, ids: Int, slots: Int) -> int:
-    """Fill `slots` with the slot of each id by bisection, NONE for an unmapped id; return the number of these."""
+def find_slots(sorted_ids: Int, sorted_slots: Int, count: int, ids: Int, slots: Int) -> int:
+    """Fill the first `count` slots with those of the ids by bisection, NONE if unmapped; return the number of these."""
     unmapped = 0
-    for i in range(len(ids)):
+    for i in range(count):
         low, high = 0, len(sorted_ids)
         while low < high:
             middle = (low + high) // 2

@@ -70,14 +70,22 @@ def load_increment(increment: ArrayLike, cov: ArrayLike, to: Float, cov_to: Floa
     Raises:
         UserError: wrong shapes, or not real numbers.
     """
-    to[:] = _shaped("increment", increment, (3,), INCREMENT)
-    cov_to[:] = _shaped("increment_cov", cov, (3, 3), "give shape (3, 3), of variances alone numpy.diag")
+    if not (
+        isinstance(increment, np.ndarray)
+        and increment.dtype.kind in REAL
+        and increment.shape == (3,)
+        and isinstance(cov, np.ndarray)
+        and cov.dtype.kind in REAL
+        and cov.shape == (3, 3)
+    ):  # at almost no step
+        increment = _shaped("increment", increment, (3,), INCREMENT)
+        cov = _shaped("increment_cov", cov, (3, 3), "give shape (3, 3), of variances alone numpy.diag")
+    to[...] = increment
+    cov_to[...] = cov
 
 
 def _shaped(name: str, value: ArrayLike, shape: tuple[int, ...], remedy: str = "") -> NDArray[np.generic]:
-    """Return an array of real numbers; refuse another shape. At almost every step the value is such an array."""
-    if isinstance(value, np.ndarray) and value.dtype.kind in REAL and value.shape == shape:
-        return value
+    """Return an array of real numbers; refuse another shape."""
     remedy = remedy or f"give shape {shape}"
     given = as_numbers(name, value, remedy)
     if given.shape == (0,) and shape[0] == 0:  # an empty list
@@ -128,8 +136,16 @@ def rows_of(observations: Observations, dim: int) -> tuple[NDArray[np.generic], 
         raise UserError(
             f"observations: a {kind} is not a scan; give slamgauge.Observations(landmark, value, cov)"
         ) from None
-    if not isinstance(values, np.ndarray):
-        values = as_numbers("observation", values, f"give shape (any, {dim})")
+    if (
+        isinstance(values, np.ndarray)
+        and values.dtype.kind in REAL
+        and values.shape[1:] == (dim,)
+        and isinstance(covs, np.ndarray)
+        and covs.dtype.kind in REAL
+        and covs.shape == (len(values), dim, dim)
+    ):  # at almost every step
+        return values, covs
+    values = as_numbers("observation", values, f"give shape (any, {dim})")
     count = len(values) if values.ndim else 1
     shaped = _shaped("observation", values, (count, dim))
     return shaped, _shaped("observation_cov", covs, (count, dim, dim))

@@ -86,7 +86,7 @@ class LandmarkMap(MapState):
         form, work = self.form, self._work
         found = update_iterated if form.iterated else update
         return (
-            direct(find_slots, self.ids, self.ids, work.ids, work.slots),
+            direct(find_slots, self.ids, self.ids, 0, work.ids, work.slots),
             direct(found, self.code, self.belief, 0, form.invariant, work),
         )
 
@@ -122,16 +122,17 @@ class LandmarkMap(MapState):
         find, correct = self.update_kernels
         work = self.loaded(values, covs)
         work.ids[:count] = ids
-        if find(self.sorted_ids, self.sorted_slots, work.ids[:count], work.slots):
+        if find(self.sorted_ids, self.sorted_slots, count, work.ids, work.slots):
             return None
         if self.form.tails < math.inf:
             inflate_noise(self.code, self.belief, count, self.form.tails, work)
-        nis, informative, *passes = correct(self.code, self.belief, count, self.form.invariant, work)
+        found = correct(self.code, self.belief, count, self.form.invariant, work)
+        nis = found[0]
         if not math.isfinite(nis):
             raise explain_scan(self.sensor, values, covs, nis, self.variances)
-        for each in passes:  # only the iterated filter returns them
-            self.require_settled(each)
-        return nis, informative
+        if len(found) > 2:  # with the number of passes of the iterated filter
+            self.require_settled(found[2])
+        return nis, found[1]
 
     def require_settled(self, passes: int) -> None:
         """Print a notice, once, if an update of the iterated filter did not settle in its number of passes."""
