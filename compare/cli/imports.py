@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
 
-import numpy as np
 import tyro
 
 from slamgauge.compare.cli.common import Repeated, flattened, results_of
@@ -141,7 +140,7 @@ class VictoriaPark(Format):
 
     def read(self) -> imported_log.Imported:
         recording = g2o.read_g2o(self.path).recording
-        return imported_log.Imported(recording.only(np.linalg.norm(recording.observation, axis=1) <= self.max_range))
+        return imported_log.Imported(recording.only((recording.observation**2).sum(axis=1) <= self.max_range**2))
 
 
 @dataclass
