@@ -76,7 +76,7 @@ def read_g2o(path: Path, *, drop_loop_edges: bool = False, isam: bool = False) -
         UserError: With the file, the line and the remedy.
     """
     lines = read_tagged(path, FORMS, UNSUPPORTED)
-    _shorten_keys(lines)
+    shortened = _shorten_keys(lines)
     motions, seen = _of(lines, MOTIONS), _of(lines, SENSED)
     for what, tags, found in (("edge between poses", MOTIONS, motions), ("observation of a landmark", SENSED, seen)):
         if not found:
@@ -98,11 +98,14 @@ def read_g2o(path: Path, *, drop_loop_edges: bool = False, isam: bool = False) -
         reached = chain(np.zeros(3), increments[: step_of[fixed]])[-1]
         prior_mean = compose(vertices.get(fixed, np.zeros(3)), between(reached, np.zeros(3)))
         prior_cov = np.zeros((3, 3))
-    notes = list[str]()
+    counts = {
+        "edges between poses that are not on the path are dropped": len(motions) - len(edges),
+        "laser scans (ROBOTLASER1) are left out": len(lines["ROBOTLASER1"]),
+        "keys of GTSAM have short ids, 1000 times the number and the code of the letter: l7 is 7108": shortened,
+    }
+    notes = [f"{count} {what}" for what, count in counts.items() if count]
     if fixed != poses[0]:
         notes.append(f"pose {fixed} in mid-path is fixed: the start is placed so that dead reckoning reaches it")
-    if len(edges) < len(motions):
-        notes.append(f"{len(motions) - len(edges)} edges between poses that are not on the path are dropped")
     seen.sort(key=lambda line: step_of[line.id_at(1)])
     sensor, values, of_seen = _measured(seen, isam=isam)
     steps = np.array([step_of[line.id_at(1)] for line in seen], dtype=np.float64)
@@ -123,11 +126,9 @@ def _of(lines: Lines, tags: Iterable[str]) -> list[Line]:
     return sorted((line for tag in tags for line in lines[tag]), key=lambda line: line.number)
 
 
-def _shorten_keys(lines: Lines) -> None:
-    """Replace the keys of GTSAM by small ids, in place.
-
-    A key has the letter of its symbol in the highest of eight bytes. The id of l7 is 7108: 108 is the code of l.
-    """
+def _shorten_keys(lines: Lines) -> int:
+    """Replace the keys of GTSAM, with a letter in the highest of eight bytes, by small ids; return their number."""
+    changed = set[str]()
     places = [(line, at) for line in _of(lines, (*MOTIONS, *SENSED)) for at in (1, 2)]
     places += [(line, 1) for line in _of(lines, (*VERTICES, "VERTEX_XY", "FIX", PRIOR))]
     for line, at in places:
@@ -135,6 +136,8 @@ def _shorten_keys(lines: Lines) -> None:
         letter, number = divmod(int(word), 1 << 56) if word.isdecimal() and len(word) < 20 else (0, 0)
         if chr(letter).isalpha():
             line.words[at] = str(1000 * number + letter)
+            changed.add(word)
+    return len(changed)
 
 
 def _known(lines: Lines) -> int | None:

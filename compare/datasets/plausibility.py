@@ -70,8 +70,7 @@ def examine(log: Imported, path: Path) -> tuple[dict[str, str], list[str]]:
     }
     doubts = [*_of_motion(recording)]
     if doubled:
-        same = "the step, landmark and values of another one"
-        doubts.append(f"{doubled} observations have {same} and count twice; remove them")
+        doubts.append(f"{doubled} observations repeat step, landmark and values of another one; remove them")
     if log.truth is not None:
         doubts += _of_truth(log.truth, recording)
     if not count:
@@ -128,11 +127,7 @@ def path_doubts(poses: Float, recording: Recording) -> Iterator[str]:
     """Yield what the motions along a path contradict, as ends of sentences that begin with the name of the path.
 
     The ratio is the least-squares slope of the motions in the body frame over the odometry: 1 apart from errors, 0.001
-    for metres read as millimetres, 57 for degrees, -1 for clockwise angles.
-
-    Args:
-        poses: (N+1, 3) x, y [m], heading [rad]; rows of NaN are not used.
-        recording: its odometry is the reference.
+    for metres read as millimetres, 57 for degrees, -1 for clockwise angles. Poses (N+1, 3) that are NaN are not used.
     """
     start = np.abs(between(recording.prior_mean, poses[0]))
     if (start > START + 6.0 * np.sqrt(np.diag(recording.prior_cov).max())).any():

@@ -70,6 +70,7 @@ def read_mrclam(
         if not known.any():
             raise UserError(f"{truth}: no pose for any time of the odometry; give files of one data set, or no truth")
         begin = int(np.argmax(known))
+        notes += [f"{begin} rows of odometry before the first true pose are left out"] if begin else []
         places = folder / "Landmark_Groundtruth.dat"
         if places.exists():
             rows, table = read_table(places, "subject x y x-sigma y-sigma")

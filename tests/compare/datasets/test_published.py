@@ -175,6 +175,7 @@ def test_the_log_begins_with_the_ground_truth_and_velocities_are_valid_until_the
     assert_array_equal(given(truth).landmark_ids, [6, 7])
     assert_array_equal(given(truth).association, [7])
     assert notes == (
+        "1 rows of odometry before the first true pose are left out",
         "2 observations of other robots or unknown barcodes are dropped",
         "2 observations outside the odometry's time are dropped, 67%: check units and clocks of the files",
     )

@@ -7,6 +7,7 @@ warning) or words of the refusal or warning.
 from __future__ import annotations
 
 import io
+import re
 from collections.abc import Callable
 from contextlib import redirect_stderr
 from dataclasses import replace
@@ -171,7 +172,7 @@ LOGS: dict[str, tuple[Change, str]] = {
         READ,
     ),
     "stamps of today in ns, without the unit": (both(*(table(file, epoch) for file in ALL)), "check the units"),
-    "doubled observations": (rows(SEEN, twice), "count twice"),
+    "doubled observations": (rows(SEEN, twice), "repeat step, landmark and values of another one"),
     "doubled odometry": (rows(ODOMETRY, twice), "is not after that of the line above"),
     "one line in the wrong place": (
         rows(SEEN, lambda lines: [*lines[:50], lines[60], *lines[50:60], *lines[61:]]),
@@ -237,7 +238,7 @@ def read_as(outcome: str, read: Read, path: Path) -> Imported | None:
     if outcome != READ:
         assert outcome in said
         return None
-    assert said == ""
+    assert not said or re.fullmatch(r"\d+ keys of GTSAM .*: l7 is 7108", said)
     return given(log)
 
 
