@@ -8,9 +8,9 @@ covariance decreases by K S K' = W'W. The filters differ in three places:
   N = [I, J p; 0, 1; I, J l]. The observability-constrained filter takes them at the newest estimate and replaces H by
   the nearest matrix with H N = 0 (`linearisation.project_on_observable`).
 * **Iteration.** The iterated filter repeats the gain with Jacobians at the result (Gauss-Newton):
-  x_{i+1} = x^ + K_i (z - h(x_i) - H_i (x^ - x_i)). After a pass that is longer than the one before,
-  or goes back by more than half of it, later ones are half as long. If `PASSES` of them do not settle, the last one is
-  used, and the caller prints a notice.
+  x_{i+1} = x^ + K_i (z - h(x_i) - H_i (x^ - x_i)). After a pass that goes back by more than half of the one before, or
+  that is longer and does not go on in its direction, later ones are half as long. If `PASSES` of them do not settle,
+  the last one is used, and the caller prints a notice.
 * **Retraction.** The others add dx. The error xi of the right-invariant filter is defined by theta = theta^ + xi_theta
   and p = R(xi_theta) p^ + V(xi_theta) xi_p (the same for landmarks). To first order it is xi = D^-1 (additive error),
   D = [I, J p; 0, 1] with landmark rows [I, J l]. Prediction, Jacobians and augmentation are therefore those of the
@@ -196,7 +196,7 @@ def iterate(
             there.state[j] = state[j] - offset[j]
         if longest < (shortening * SETTLED) ** 2 or (longest < LAST_DIGITS**2 and longest >= before):
             return 0.0, passes
-        if longest > before or back > 0.5 * previous:
+        if back > 0.5 * previous or (longest > before and back >= 0.0):
             shortening *= 0.5
         before = longest
         linearise(sensor, there, slots, values, y, jacobian)
