@@ -94,8 +94,9 @@ def test_pages_show_every_command():
 
 def test_options_in_the_text_are_those_of_a_command(capsys: pytest.CaptureFixture[str]):
     texts = [re.sub(r"^```.*?^```$", "", page.read_text(), flags=re.DOTALL | re.MULTILINE) for page in PAGES.values()]
-    with pytest.raises(SystemExit):
-        main([COMPLETION, "bash"])
+    for words in ([COMPLETION, "bash"], ["import", "csv", "--help"], ["export", "csv", "--help"]):
+        with pytest.raises(SystemExit):
+            main(words)
     options = re.findall(r"'(--[a-z][a-z-]+)'", capsys.readouterr().out)  # of all commands and formats
     named = {option for text in texts for option in re.findall(r"(?<![\w-])--[a-z][a-z-]+", text)}
     assert len(named) > 40
