@@ -1,4 +1,4 @@
-"""Make `build/links/slamgauge` like the installed package, for the type checker, which follows no import hooks."""
+"""Make `build/links/slamgauge` like the installed package, for tools that follow no import hooks."""
 
 from __future__ import annotations
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-import importlib
 import re
 import subprocess
 from pathlib import Path
@@ -39,12 +38,8 @@ def test_python_on_a_page_imports_names_that_exist(monkeypatch: pytest.MonkeyPat
     blocks = [block for text in PAGES.values() for language, block in FENCE.findall(text) if language == "python"]
     assert blocks
     for node in (node for block in blocks for node in ast.walk(ast.parse(block))):
-        if isinstance(node, ast.Import):
-            for alias in node.names:
-                importlib.import_module(alias.name)
-        elif isinstance(node, ast.ImportFrom):
-            module = importlib.import_module(node.module or "")
-            assert [alias.name for alias in node.names if not hasattr(module, alias.name)] == []
+        if isinstance(node, ast.Import | ast.ImportFrom):
+            exec(ast.unparse(node))
 
 
 def test_no_file_names_a_place_on_somebodys_machine():

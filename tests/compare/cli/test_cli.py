@@ -60,7 +60,7 @@ def help_of(capsys: pytest.CaptureFixture[str], *words: str) -> str:
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_every_command_has_help_with_an_example_and_options_in_groups(command: str, capsys: Any):
-    """That pages name options which exist is in `tests/test_docs.py`."""
+    """That pages name options which exist is in `tests/test_commands_of_pages.py`."""
     text = help_of(capsys, command)
     assert re.search(rf"^  slamgauge {command} ?", text, re.MULTILINE)
     parts = re.split(r"(?m)^\W*((?:\S+ )?options)\W*$", text)[1:]
