@@ -55,7 +55,8 @@ def figures_of(runs: Runs) -> dict[str, Float]:
             found[f"{what} of the {half} half of the map"] = stored[f"map_halves_{what}_{half}_m"]
         for stretch, shares in STRETCHES.items():
             first, last = (round(share * (squares.shape[1] - 1) / 2) for share in shares)
-            found[f"position {what} {stretch}"] = np.sqrt(squares[:, first : last + 1].sum(axis=1) / (last + 1 - first))
+            sums = squares[:, first : last + 1].sum(axis=1)
+            found[f"position {what} {stretch}"] = np.sqrt(sums / (last + 1 - first))
     return found
 
 
