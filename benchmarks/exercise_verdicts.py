@@ -34,10 +34,10 @@ def main(
 ) -> int:
     with local_processes(1) as executor:
         exercise = run_exercise(only, runs, seed, folder, executor)
-    found = {ran.setting.figure: ran.runs for ran in exercise.settings}
+    found = {ran.setting.figure: ran.study.loaded for ran in exercise.settings}
     rng, total = np.random.default_rng(1), np.zeros(len(RUNS))
     print(f"{studies} studies from {runs} runs; wrong and decided share with {', '.join(map(str, RUNS))} runs")
-    for conclusion in (pair[0] for question in exercise.questions for pair in question.judgements):
+    for conclusion, _ in exercise.judgements:
         above, *others = conclusion.measures
         for below in (each for each in others if each.setting in found):
             logs = log_ratios(above, below, found)

@@ -76,8 +76,7 @@ def test_error_and_sigma_of_the_ekf_against_the_optimum(figure: str, folder: Pat
 def log_ratios(figure: str, folder: Path, seed: int, runs: int) -> tuple[Float, Float]:
     """Run a setting; return the logarithms (runs,) of EKF / causal optimum, of the ATE and of the claimed sigma."""
     with ThreadPoolExecutor(1) as executor:
-        _, study = run_setting(SETTINGS[figure], (EKF, CAUSAL), runs, seed, folder, executor)
-    found = study.loaded
+        found = run_setting(SETTINGS[figure], (EKF, CAUSAL), runs, seed, folder, executor).study.loaded
     rows, others = paired(found[EKF], found[CAUSAL])
     errors = found[EKF].figures["ate_m"][rows] / found[CAUSAL].figures["ate_m"][others]
     sigmas = found[EKF].reported_sigma()[rows] / found[CAUSAL].reported_sigma()[others]

@@ -1,10 +1,8 @@
 """The conclusions of the exercise as tests: ratios of two figures of the same runs, with intervals and verdicts.
 
-The exercise answers its questions from single runs. Here the ratio of a conclusion is the geometric mean, over
-independent runs, of the ratio of two figures of the same run. Its interval is Student's, of the mean of the logarithms.
-The level is corrected for the number of ratios of all questions (Bonferroni), so that with a probability of 95 % all
-intervals together contain the true ratios. A conclusion holds if its interval is inside the asserted range, does not
-hold if it is outside, and is undecided otherwise.
+The ratio of a conclusion is the geometric mean over independent runs. Its interval is Student's, of the mean of the
+logarithms, at a level that is corrected for the number of ratios of all questions (Bonferroni). A conclusion holds if
+its interval is inside the asserted range, does not hold if it is outside, and is undecided otherwise.
 
 Some filters diverge in a few runs only, and an interval of some dozens of runs without such a run is too narrow. The
 interval is therefore computed as if two runs more had been seen, with twice and with half the ratio. With it the
@@ -14,10 +12,9 @@ probability of any wrong verdict stays below 5 % with 10 to 100 runs (benchmarks
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 
@@ -26,11 +23,9 @@ from slamgauge.compare.exercise.settings import CAUSAL, EKF
 from slamgauge.compare.scoring.intervals import Interval, half_widths
 from slamgauge.compare.scoring.runs import Runs, paired
 
-Verdict = Literal["holds", "does not hold", "undecided"]
-MISSED = 0.05  # largest probability that any of the intervals misses its ratio
+Verdict = Literal["does not hold", "undecided", "holds"]  # from against to in favour
 POWER = 0.9  # probability with which the stated number of runs decides
 LIMIT = math.log(100.0)  # largest logarithm of a ratio of a run: a diverged filter counts as a hundred times the error
-STRENGTH: tuple[Verdict, ...] = ("does not hold", "undecided", "holds")  # verdicts from against to in favour
 UNSEEN = np.log([0.5, 2.0])  # logarithms, relative to the mean, of two runs that are added to those of a ratio
 
 MORE, LESS = (1.0, math.inf), (0.0, 1.0)  # ranges of ratios
@@ -39,40 +34,34 @@ UNLIKE = (1.1, math.inf)
 MUCH = (2.0, math.inf)  # "much", "very", "multiplies"
 LARGE = (1.5, math.inf)  # "large" error: at least this factor of the optimum's
 
+HALVES = ("far", "near")  # of the map, from the start
 STRETCHES = {"near the start": (0.0, 0.1), "halfway round": (0.45, 0.55), "back at the start": (0.95, 1.05)}  # loops
 
 
-def _stored(key: str) -> Callable[[Runs], Float]:
-    return lambda runs: runs.figures[key]
-
-
-def _found(runs: Runs) -> Float:
-    """Return the number of true landmarks that are mapped; 0.5 for none, because ratios have logarithms."""
-    return np.maximum(runs.figures["landmarks_true"] - runs.figures["landmarks_missed"], 0.5)
-
-
-def _during(what: str, stretch: str, runs: Runs) -> Float:
-    """Return RMS position error or sigma [m] in a stretch of a path of two loops."""
-    squares = runs.squares(f"{what}_x", f"{what}_y")
-    first, last = (round(share * (squares.shape[1] - 1) / 2) for share in STRETCHES[stretch])
-    return np.sqrt(squares[:, first : last + 1].mean(axis=1))
-
-
-FIGURES: dict[str, Callable[[Runs], Float]] = {  # functions that read a figure (R,) of every run, by its name
-    "ATE": _stored("ate_m"),
-    f"ATE of {CAUSAL}": _stored("ate_m"),  # the other figures are those of the EKF
-    "reported sigma": Runs.reported_sigma,
-    "mapped landmarks": _stored("landmarks_mapped"),
-    "true landmarks": _stored("landmarks_true"),
-    "landmarks found": _found,
-}
-for _what in ("error", "sigma"):
-    FIGURES |= {f"{_what} of the {a} half of the map": _stored(f"map_halves_{_what}_{a}_m") for a in ("far", "near")}
-    FIGURES |= {f"position {_what} {stretch}": partial(_during, _what, stretch) for stretch in STRETCHES}
+def figures_of(runs: Runs) -> dict[str, Float]:
+    """Return figures (R,) of every run, by the names that conclusions use."""
+    stored = runs.figures
+    found = {
+        "ATE": stored["ate_m"],
+        f"ATE of {CAUSAL}": stored["ate_m"],  # the other figures are those of the EKF
+        "reported sigma": runs.reported_sigma(),
+        "mapped landmarks": stored["landmarks_mapped"],
+        "true landmarks": stored["landmarks_true"],
+        "landmarks found": np.maximum(stored["landmarks_true"] - stored["landmarks_missed"], 0.5),  # for logarithms
+    }
+    for what in ("error", "sigma"):
+        squares = runs.squares(f"{what}_x", f"{what}_y")
+        for half in HALVES:
+            found[f"{what} of the {half} half of the map"] = stored[f"map_halves_{what}_{half}_m"]
+        for stretch, shares in STRETCHES.items():
+            first, last = (round(share * (squares.shape[1] - 1) / 2) for share in shares)
+            sums = squares[:, first : last + 1].sum(axis=1)
+            found[f"position {what} {stretch}"] = np.sqrt(sums / (last + 1 - first))
+    return found
 
 
 class Measure(NamedTuple):
-    """A figure of every run: its name in `FIGURES`, and the number of the setting."""
+    """A figure of every run: its name in `figures_of`, and the number of the setting."""
 
     name: str
     setting: str
@@ -106,9 +95,7 @@ def _claim(id: str, text: str, asserted: tuple[float, float], settings: Sequence
 
 START, HALF, BACK = STRETCHES
 ERROR, SIGMA = ({each: f"position {what} {each}" for each in STRETCHES} for what in ("error", "sigma"))
-MAP_ERROR, MAP_SIGMA = (
-    [f"{what} of the {half} half of the map" for half in ("far", "near")] for what in ("error", "sigma")
-)
+MAP_ERROR, MAP_SIGMA = ([f"{what} of the {half} half of the map" for half in HALVES] for what in ("error", "sigma"))
 MAPPED, FOUND = ("mapped landmarks", "true landmarks"), ("landmarks found", "true landmarks")
 GATE = "with gate 9 the {} map looks as with known association"
 CONCLUSIONS = (
@@ -141,6 +128,7 @@ CONCLUSIONS = (
     _claim("q3-scale-2-best", "the best choice is twice the noise", LESS, ["3.4", "3.1", "3.2", "3.3"], "ATE"),
 )
 RATIOS = sum(len(each.measures) - 1 for each in CONCLUSIONS)
+LEVEL = 1.0 - 0.05 / RATIOS  # of each interval: with a probability of 95 % all together contain the true ratios
 
 
 @dataclass(frozen=True)
@@ -155,6 +143,7 @@ class Judgement:
     ratio: Interval | None = None  # geometric mean over runs; its interval holds for all conclusions together
     runs: int = 0  # number of runs with both figures
     runs_needed: int | None = None
+    margin: float = -math.inf  # of the ratio's logarithm in the asserted range, from the nearest end; negative outside
 
 
 def judge(conclusion: Conclusion, runs: Mapping[str, Mapping[str, Runs]]) -> Judgement:
@@ -163,43 +152,35 @@ def judge(conclusion: Conclusion, runs: Mapping[str, Mapping[str, Runs]]) -> Jud
     Of several ratios, the one that is least in favour of the conclusion decides.
     """
     above, *below = conclusion.measures
-    every = [log_ratios(above, each, runs) for each in below]
-    judged = [(judge_ratio(each, conclusion.asserted), _margin(each, conclusion.asserted)) for each in every]
-    return min(judged, key=lambda found: (STRENGTH.index(found[0].verdict), found[1]))[0]
+    judged = [judge_ratio(log_ratios(above, each, runs), conclusion.asserted) for each in below]
+    return min(judged, key=lambda found: (get_args(Verdict).index(found.verdict), found.margin))
 
 
 def log_ratios(above: Measure, below: Measure, runs: Mapping[str, Mapping[str, Runs]]) -> Float:
     """Return the logarithms (R,), at most LIMIT, of a ratio in the runs that have both figures."""
-    ours = runs[above.setting][CAUSAL if CAUSAL in above.name else EKF]
-    theirs = runs[below.setting][CAUSAL if CAUSAL in below.name else EKF]
+    ours, theirs = (runs[each.setting][CAUSAL if CAUSAL in each.name else EKF] for each in (above, below))
     rows, others = paired(ours, theirs)
-    high, low = FIGURES[above.name](ours)[rows], FIGURES[below.name](theirs)[others]
+    high, low = figures_of(ours)[above.name][rows], figures_of(theirs)[below.name][others]
     known = (high > 0.0) & (low > 0.0)  # False for NaN
     return np.log(high[known] / low[known]).clip(-LIMIT, LIMIT)
 
 
 def judge_ratio(logarithms: Float, asserted: tuple[float, float]) -> Judgement:
     """Judge whether a ratio is in the asserted range, ends excluded, from its logarithms (R,) in independent runs."""
-    runs, level = len(logarithms), 1.0 - MISSED / RATIOS
+    runs = len(logarithms)
     if not runs:
         return Judgement("undecided")
-    mean, margin = float(logarithms.mean()), _margin(logarithms, asserted)
-    half = float(half_widths(np.append(logarithms, mean + UNSEEN), level))
+    mean = float(logarithms.mean())
+    low, high = np.log(np.maximum(asserted, np.finfo(float).tiny)).tolist()
+    margin = min(mean - low, high - mean)
+    half = float(half_widths(np.append(logarithms, mean + UNSEEN), LEVEL))
     ratio = Interval(*(math.exp(each) for each in (mean, mean - half, mean + half)))
     if abs(margin) > half:
-        return Judgement("holds" if margin > 0.0 else "does not hold", ratio, runs)
-    return Judgement("undecided", ratio, runs, _runs_needed(logarithms, abs(margin), level))
+        return Judgement("holds" if margin > 0.0 else "does not hold", ratio, runs, margin=margin)
+    return Judgement("undecided", ratio, runs, _runs_needed(logarithms, abs(margin)), margin)
 
 
-def _margin(logarithms: Float, asserted: tuple[float, float]) -> float:
-    """Return how far the mean logarithm is inside the asserted range, from the nearest end; it is negative outside."""
-    if not len(logarithms):
-        return -math.inf
-    low, high = np.log(np.maximum(asserted, np.finfo(float).tiny))
-    return min(float(logarithms.mean() - low), float(high - logarithms.mean()))
-
-
-def _runs_needed(logarithms: Float, distance: float, level: float) -> int | None:
+def _runs_needed(logarithms: Float, distance: float) -> int | None:
     """Return the runs, to two digits, after which an interval ends before an end of the range at this distance.
 
     With n runs and the two of UNSEEN the standard error is the root of (n scatter^2 + 2 log(2)^2) / (n + 2)^2.
@@ -209,7 +190,7 @@ def _runs_needed(logarithms: Float, distance: float, level: float) -> int | None
     if len(logarithms) < 2 or distance <= 0.0:
         return None
     variance = float(logarithms.var(ddof=1))
-    factor = ((float(ndtri((1.0 + level) / 2.0)) + float(ndtri(POWER))) / distance) ** 2
+    factor = ((float(ndtri((1.0 + LEVEL) / 2.0)) + float(ndtri(POWER))) / distance) ** 2
     linear, constant = factor * variance, 2.0 * factor * (math.log(2.0) ** 2 - variance)
     runs = (linear + math.sqrt(max(linear**2 + 4.0 * constant, 0.0))) / 2.0 - 2.0
     step = 10 ** max(0, math.floor(math.log10(max(runs, 1.0))) - 1)

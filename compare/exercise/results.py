@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from concurrent.futures import Executor
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ from pydantic_core import to_jsonable_python
 from slamgauge.arrays import Int
 from slamgauge.compare.estimators.requests import ask
 from slamgauge.compare.exercise.conclusions import CONCLUSIONS, Conclusion, Judgement, judge
-from slamgauge.compare.exercise.settings import CAUSAL, EKF, FILTERS, GTSAM, OPTIMA, QUESTIONS, SETTINGS, Setting
+from slamgauge.compare.exercise.settings import CAUSAL, EKF, ESTIMATORS, GTSAM, QUESTIONS, SETTINGS, Setting
 from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
 from slamgauge.compare.scenarios.simulation import informed, simulate
 from slamgauge.compare.scoring.intervals import mean, rms
@@ -33,28 +34,19 @@ from slamgauge.compare.storage.staged_folder import begin_folder
 from slamgauge.compare.studies.stored_study import optima_beside
 from slamgauge.compare.studies.study import run_beside_optima
 from slamgauge.compare.studies.study_run import require_numbers, run_seed
-from slamgauge.compare.studies.summary import EstimatorSummary, Summary, failure_lines
+from slamgauge.compare.studies.summary import Summary, failure_lines
 from slamgauge.errors import UserError
 
-VERBS = {  # for one conclusion and for several
-    "holds": ("holds", "hold"),
-    "does not hold": ("does not hold", "do not hold"),
-    "undecided": ("is undecided", "are undecided"),
-}
-Pair = tuple[float | None, float | None]  # just before a step, and at it
-
-
-@dataclass(frozen=True)
-class AtClosure:
-    """RMS over runs of the position error, and three times that of the position sigma, just before a step and at it."""
-
-    error_m: Pair
-    three_sigma_m: Pair
+PLURALS = {"holds": "hold", "does not hold": "do not hold", "is undecided": "are undecided"}
+AtClosure = dict[str, tuple[float | None, float | None]]  # figures just before a step, and at it
 
 
 @dataclass(frozen=True)
 class Closure:
-    """The first loop closure of a lap: mean time [s] over `runs` runs with one, and the estimators at that step."""
+    """The first loop closure of a lap: mean time [s] over `runs` runs with one, and the estimators at that step.
+
+    `error_m` is the RMS over runs of the position error, `three_sigma_m` three times that of the position sigma.
+    """
 
     lap: int
     time_s: float
@@ -64,19 +56,17 @@ class Closure:
 
 @dataclass(frozen=True)
 class SettingResult:
-    """Figures of a setting: `runs` and summary of each estimator, loop closures, mean number of observed landmarks."""
+    """Scenario and study of a setting, with the runs of each estimator; mean number of observed landmarks."""
 
     setting: Setting
     scenario: Scenario
-    runs: Mapping[str, Runs]
-    estimators: dict[str, EstimatorSummary]
-    loop_closures: list[Closure]
+    study: Summary
     landmarks_true: float | None
 
     @property
     def consistency(self) -> str:
         """`consistent`, `overconfident` or `cautious`, as far as the runs show; `-` without a NEES."""
-        nees, faults = (self.estimators[EKF][key] for key in ("nees_pose_per_dof", "faults"))
+        nees, faults = (self.study.estimators[EKF][key] for key in ("nees_pose_per_dof", "faults"))
         if nees is None:
             return "-"
         if not any("a sigma" in fault for fault in faults):
@@ -86,20 +76,43 @@ class SettingResult:
     @property
     def doubt(self) -> str | None:
         """Return that the causal optimum, the reference of the ratio, is in doubt in some runs; None if it is not."""
-        return doubt_in_runs(f"{self.setting.figure}: {CAUSAL}", self.estimators[CAUSAL]["optimum_check_share"])
+        return doubt_in_runs(f"{self.setting.figure}: {CAUSAL}", self.study.estimators[CAUSAL]["optimum_check_share"])
+
+    @cached_property
+    def loop_closures(self) -> list[Closure]:
+        """The first loop closure of each lap that has one."""
+        seeds = [run_seed(self.study.seed, run) for run in range(self.study.runs)]
+        found: list[Closure] = []
+        for lap, steps in enumerate(np.array([first_closures(self.scenario, seed) for seed in seeds]).T, 1):
+            known = steps[steps >= 0]
+            if len(known):
+                at = {name: _at(self.study.loaded[name], steps) for name in (EKF, CAUSAL, GTSAM)}
+                found.append(Closure(lap, float(known.mean()) * self.scenario.trajectory.step, len(known), at))
+        return found
 
 
 @dataclass(frozen=True)
-class QuestionResult:
-    """Results of a question: its settings, and the judgements of its conclusions."""
+class Exercise:
+    """Results of questions over `runs` runs of each setting; `failures` has a line for each run of an estimator."""
 
-    name: str
+    runs: int
+    seed: int
+    failures: list[str]
     settings: list[SettingResult]
     judgements: list[tuple[Conclusion, Judgement]]
 
+    def by_question(self) -> dict[str, Exercise]:
+        """Return the results of each question."""
+        found: dict[str, Exercise] = {}
+        for name in dict.fromkeys(each.setting.question for each in self.settings):
+            settings = [each for each in self.settings if each.setting.question == name]
+            judged = [each for each in self.judgements if each[0].id.startswith(name)]
+            found[name] = replace(self, settings=settings, judgements=judged)
+        return found
+
     def answer(self) -> str:
         """Return in a sentence how accurate and consistent the EKF is, and how many conclusions hold."""
-        ratios = [(each.estimators[EKF]["ratio_to_causal"], each.setting) for each in self.settings]
+        ratios = [(each.study.estimators[EKF]["ratio_to_causal"], each.setting) for each in self.settings]
         known = sorted((pair for pair in ratios if pair[0]), key=lambda pair: pair[0].mean)
         ends = known[:: max(1, len(known) - 1)]  # the smallest and the largest
         shown = [f"{cell(ratio, '{:.2f}')} ({setting.figure}, {setting.title})" for ratio, setting in ends]
@@ -110,42 +123,28 @@ class QuestionResult:
             places.setdefault(each.consistency, []).append(each.setting.figure)
         words = [f"{word} in {_listed(figures)}" for word, figures in places.items() if word != "-"]
         parts += [f"it is {_listed(words)}"] if words else []
-        counts = Counter(judgement.verdict for _, judgement in self.judgements).most_common()
-        verdicts = [f"{count} {VERBS[verdict][count > 1]}" for verdict, count in counts]
+        verbs = Counter(judged.verdict.replace("undecided", "is undecided") for _, judged in self.judgements)
+        verdicts = [f"{count} {verb if count == 1 else PLURALS[verb]}" for verb, count in verbs.most_common()]
         parts += [f"of the exercise's {len(self.judgements)} conclusions {_listed(verdicts)}"] if verdicts else []
         return f"{'; '.join(parts)}."
-
-
-@dataclass(frozen=True)
-class Exercise:
-    """Results of questions over `runs` runs of each setting; `failures` has a line for each run of an estimator."""
-
-    runs: int
-    seed: int
-    questions: list[QuestionResult]
-    failures: list[str]
-
-    @property
-    def settings(self) -> list[SettingResult]:
-        """Results of the settings of all questions."""
-        return [setting for each in self.questions for setting in each.settings]
 
     def to_json(self) -> dict[str, Any]:
         """Return the content of exercise.json."""
         questions: dict[str, Any] = {}
-        for each in self.questions:
+        for name, each in self.by_question().items():
             settings = [
                 _fields(ran.setting, "figure", "scenario", "title")
                 | _fields(ran, "consistency", "landmarks_true", "loop_closures")
-                | {"estimators": {name: found.to_json() for name, found in ran.estimators.items()}}
+                | {"estimators": {label: found.to_json() for label, found in ran.study.estimators.items()}}
                 for ran in each.settings
             ]
             conclusions = [
-                _fields(conclusion, "id", "text", "hypothesis", "asserted") | asdict(found)
+                _fields(conclusion, "id", "text", "hypothesis", "asserted")
+                | _fields(found, "verdict", "ratio", "runs", "runs_needed")
                 for conclusion, found in each.judgements
             ]
             found = {"answer": each.answer(), "settings": settings, "conclusions": conclusions}
-            questions[each.name] = _fields(QUESTIONS[each.name], "title", "task") | found
+            questions[name] = QUESTIONS[name]._asdict() | found
         content = origin(None) | _fields(self, "runs", "seed", "failures") | {"questions": questions}
         return to_jsonable_python(content, inf_nan_mode="null")
 
@@ -165,47 +164,28 @@ def run_exercise(names: Sequence[str], runs: int, seed: int, out: str | Path, ex
             raise UserError(f"question {name!r} is not known; use {', '.join(QUESTIONS)}")
     require_numbers(runs, seed)
     begin_folder(Path(out))
-    questions = {name: question for name, question in QUESTIONS.items() if name in names or not names}
-    chosen = [setting for question in questions.values() for setting in question.settings]
+    questions = [name for name in QUESTIONS if name in names or not names]
+    chosen = [each for each in SETTINGS.values() if each.question in questions]
     concluded = [each for each in CONCLUSIONS if each.id.partition("-")[0] in questions]
     compared = [SETTINGS[measure.setting] for each in concluded for measure in each.measures]
-    found: dict[Setting, SettingResult] = {}
-    loaded: dict[str, Mapping[str, Runs]] = {}
-    failures: list[str] = []
+    found: dict[str, SettingResult] = {}
     for setting in dict.fromkeys([*chosen, *compared]):
-        estimators = (*FILTERS, *OPTIMA) if setting in chosen else (EKF,)
-        scenario, study = run_setting(setting, estimators, runs, seed, Path(out), executor)
-        failures += [f"figure {setting.figure}, {line}" for line in failure_lines(study)]
-        loaded[setting.figure] = study.loaded
-        if setting in chosen:
-            closures = _closures(scenario, [run_seed(seed, run) for run in range(runs)], study.loaded)
-            landmarks = mean(study.loaded[EKF].figures["landmarks_true"])
-            found[setting] = SettingResult(setting, scenario, study.loaded, study.estimators, closures, landmarks)
-    results: list[QuestionResult] = []
-    for name, question in questions.items():
-        judged = [(each, judge(each, loaded)) for each in concluded if each.id.startswith(name)]
-        results.append(QuestionResult(name, [found[setting] for setting in question.settings], judged))
-    return Exercise(runs, seed, results, failures)
+        estimators = ESTIMATORS if setting in chosen else (EKF,)
+        found[setting.figure] = run_setting(setting, estimators, runs, seed, Path(out), executor)
+    failures = [f"figure {figure}, {line}" for figure, ran in found.items() for line in failure_lines(ran.study)]
+    loaded = {figure: ran.study.loaded for figure, ran in found.items()}
+    judgements = [(each, judge(each, loaded)) for each in concluded]
+    return Exercise(runs, seed, failures, [found[each.figure] for each in chosen], judgements)
 
 
 def run_setting(
     setting: Setting, estimators: Sequence[str], runs: int, seed: int, out: Path, executor: Executor
-) -> tuple[Scenario, Summary]:
-    """Run what `out` lacks of a setting; return its scenario, and the study of the estimators."""
+) -> SettingResult:
+    """Run what `out` lacks of a setting with these estimators."""
     scenario, studies = load_scenario(setting.scenario), out / STUDIES
     places = studies / setting.figure, optima_beside(studies, informed(scenario), seed, "optima-")
-    return scenario, run_beside_optima(scenario, ask(estimators), runs, seed, places, executor)
-
-
-def _closures(scenario: Scenario, seeds: Sequence[int], runs: Mapping[str, Runs]) -> list[Closure]:
-    """Return the first loop closure of each lap that has one."""
-    found: list[Closure] = []
-    for lap, steps in enumerate(np.array([first_closures(scenario, seed) for seed in seeds]).T, 1):
-        known = steps[steps >= 0]
-        if len(known):
-            at = {name: _at(runs[name], steps) for name in (EKF, CAUSAL, GTSAM)}
-            found.append(Closure(lap, float(known.mean()) * scenario.trajectory.step, len(known), at))
-    return found
+    study = run_beside_optima(scenario, ask(estimators), runs, seed, places, executor)
+    return SettingResult(setting, scenario, study, mean(study.loaded[EKF].figures["landmarks_true"]))
 
 
 def first_closures(scenario: Scenario, seed: int) -> list[int]:
@@ -215,11 +195,8 @@ def first_closures(scenario: Scenario, seed: int) -> list[int]:
     assert truth.poses is not None and steps is not None
     turns = np.abs(np.unwrap(truth.poses[:, 2]) - truth.poses[0, 2]) / (2.0 * math.pi)
     laps = np.floor(turns + 1e-9).astype(np.int64)  # full turns at each step
-    found: list[int] = []
-    for lap in range(math.ceil(turns.max() - 1e-2)):
-        of_lap = steps[laps[steps] == lap]
-        found.append(int(of_lap[0]) if len(of_lap) else -1)
-    return found
+    first = dict(zip(laps[steps][::-1].tolist(), steps[::-1].tolist(), strict=True))  # the last entry of a lap stays
+    return [first.get(lap, -1) for lap in range(math.ceil(turns.max() - 1e-2))]
 
 
 def _at(runs: Runs, steps: Int) -> AtClosure:
@@ -229,7 +206,8 @@ def _at(runs: Runs, steps: Int) -> AtClosure:
     before, after = (rows, step[rows] - 1), (rows, step[rows])
     error = np.hypot(runs.series["error_x"], runs.series["error_y"])
     bound = 3.0 * np.hypot(runs.series["sigma_x"], runs.series["sigma_y"])
-    return AtClosure((rms(error[before]), rms(error[after])), (rms(bound[before]), rms(bound[after])))
+    found = {"error_m": error, "three_sigma_m": bound}
+    return {key: (rms(figure[before]), rms(figure[after])) for key, figure in found.items()}
 
 
 def _listed(parts: Sequence[str]) -> str:

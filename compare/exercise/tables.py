@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from slamgauge.compare.exercise.conclusions import Conclusion, Judgement
-from slamgauge.compare.exercise.results import Exercise, QuestionResult, SettingResult
+from slamgauge.compare.exercise.results import Exercise, SettingResult
 from slamgauge.compare.exercise.settings import CAUSAL, EKF, GTSAM, QUESTIONS
-from slamgauge.compare.scoring.intervals import Interval
-from slamgauge.compare.scoring.optimum_notes import MARK
-from slamgauge.compare.scoring.table import NO_FIGURE, Cell, Head, Page, Table, cell, figure, from_to
+from slamgauge.compare.scoring.table import NO_FIGURE, Cell, Head, Page, Table, cell, figure, from_to, marked, sized
 
 FIG = Head("fig", help="number of the figure in the handout; ring is a setting of slamgauge", words=True)
 SETTING = Head("setting", help="what the setting changes", words=True)
@@ -46,27 +44,26 @@ CONCLUSIONS = (
     Head("ratio", help="geometric mean over runs of the ratio"),
     Head("interval", help="95 % interval of the ratio that holds for all conclusions of the exercise together"),
     Head("runs needed", help="runs that would decide an undecided conclusion with 90 % probability"),
+    Head("ratio of", help="two figures of the same run with their settings, and the asserted range", words=True),
 )
-RATIO = Head("ratio of", help="two figures of the same run with their settings, and the asserted range", words=True)
 
 
 def exercise_page(exercise: Exercise) -> Page:
     """Return heading, tables and answer of each question, and at the end the failures."""
     parts: list[Table | str] = []
-    for each in exercise.questions:
-        parts += [f"Question {each.name[1:]}. {QUESTIONS[each.name].title}: {exercise.runs} runs of each setting", ""]
-        for table in tables_of(each):
+    for name, each in exercise.by_question().items():
+        parts += ["", f"Question {name[1:]}. {QUESTIONS[name].title}: {exercise.runs} runs of each setting", ""]
+        for table in tables_of(each, CONCLUSIONS[:-1]):
             parts += [table, ""]
         answer = each.answer()
         parts.append(answer[0].upper() + answer[1:])
         parts += [ran.doubt for ran in each.settings if ran.doubt]
-        parts.append("")
-    return Page((*parts[:-1], *exercise.failures))
+    return Page((*parts[1:], *exercise.failures))
 
 
-def tables_of(question: QuestionResult, *, with_ratio: bool = False) -> list[Table]:
-    """Return the tables of a question that have rows; with the figures that a conclusion compares if `with_ratio`."""
-    ran, judged = question.settings, conclusions(question.judgements, with_ratio=with_ratio)
+def tables_of(question: Exercise, heads: Sequence[Head]) -> list[Table]:
+    """Return the tables of a question that have rows; `heads` are those of its conclusions."""
+    ran, judged = question.settings, conclusions(question.judgements, heads)
     return [each for each in (scores(ran), closures(ran), landmarks(ran), judged) if each.rows]
 
 
@@ -74,14 +71,13 @@ def scores(settings: Sequence[SettingResult]) -> Table:
     """Return the table of accuracy and consistency."""
     rows: list[list[Cell | str]] = []
     for each in settings:
-        ekf, gtsam = each.estimators[EKF], each.estimators[GTSAM]
-        ratio = figure(ekf["ratio_to_causal"], "{:.2f}")
+        ekf, gtsam = each.study.estimators[EKF], each.study.estimators[GTSAM]
         row = [
-            mean_of(ekf["ate_m"], "{:.3f}"),
-            mean_of(gtsam["ate_m"], "{:.3f}"),
-            ratio._replace(text=ratio.text + MARK * bool(each.doubt)),
-            mean_of(ekf["nees_pose_per_dof"], "{:.2f}"),
-            mean_of(ekf["coverage_95"], "{:.0%}"),
+            figure(sized(ekf["ate_m"]), "{:.3f}"),
+            figure(sized(gtsam["ate_m"]), "{:.3f}"),
+            marked(figure(ekf["ratio_to_causal"], "{:.2f}"), True if each.doubt else None),
+            figure(sized(ekf["nees_pose_per_dof"]), "{:.2f}"),
+            figure(sized(ekf["coverage_95"]), "{:.0%}"),
         ]
         rows.append([each.setting.figure, each.setting.title, *row, each.consistency])
     return Table.of(SCORES, rows, "Accuracy and consistency")
@@ -93,37 +89,30 @@ def closures(settings: Sequence[SettingResult]) -> Table:
     for each in settings:
         for closure in each.loop_closures:
             ekf, causal, gtsam = (closure.estimators[name] for name in (EKF, CAUSAL, GTSAM))
-            pairs = (ekf.error_m, ekf.three_sigma_m, causal.error_m, causal.three_sigma_m)
+            pairs = (ekf["error_m"], ekf["three_sigma_m"], causal["error_m"], causal["three_sigma_m"])
             cells = [Cell(f"{cell(before, '{:.2f}')} → {cell(at, '{:.2f}')}", before) for before, at in pairs]
             start = [each.setting.figure, str(closure.lap), figure(closure.time_s, "{:.1f}")]
-            rows.append([*start, *cells, figure(gtsam.error_m[1], "{:.2f}")])
+            rows.append([*start, *cells, figure(gtsam["error_m"][1], "{:.2f}")])
     return Table.of(CLOSURES, rows, "The first loop closure of each lap")
 
 
 def landmarks(settings: Sequence[SettingResult]) -> Table:
     """Return the table of mapped landmarks and wrong associations; no rows with known association."""
-    rows: list[list[Cell | str]] = []
-    is_unknown = False
+    rows: list[list[Cell]] = []
     for each in settings:
-        mapped = mean_of(each.estimators[EKF]["landmarks_mapped"], "{:.1f}")
-        wrong = mean_of(each.estimators[EKF]["wrong_associations"], "{:.1f}")
-        is_unknown |= wrong.text not in (NO_FIGURE, "0.0")
-        rows.append([each.setting.figure, each.setting.title, mapped, figure(each.landmarks_true, "{:.1f}"), wrong])
-    return Table.of(LANDMARKS, rows if is_unknown else [], "Landmarks and associations")
+        mapped, wrong = (each.study.estimators[EKF][key] for key in ("landmarks_mapped", "wrong_associations"))
+        cells = [figure(sized(count), "{:.1f}") for count in (mapped, each.landmarks_true, wrong)]
+        rows.append([Cell(each.setting.figure), Cell(each.setting.title), *cells])
+    is_unknown = any(row[-1].text not in (NO_FIGURE, "0.0") for row in rows)
+    return Table(LANDMARKS, rows if is_unknown else [], "Landmarks and associations")
 
 
-def conclusions(judged: Sequence[tuple[Conclusion, Judgement]], *, with_ratio: bool = False) -> Table:
-    """Return the table of conclusions; see `tables_of`."""
-    heads = [*CONCLUSIONS, RATIO] if with_ratio else CONCLUSIONS
+def conclusions(judged: Sequence[tuple[Conclusion, Judgement]], heads: Sequence[Head]) -> Table:
+    """Return the table of conclusions with the first of the columns `CONCLUSIONS`."""
     rows: list[list[Cell | str]] = []
     for conclusion, found in judged:
-        ratio, needed = found.ratio, figure(found.runs_needed, "{:.0f}")
+        ratio = found.ratio
         interval = Cell(NO_FIGURE) if ratio is None else from_to(ratio.low, ratio.high, "{:.3g}")
-        row = [found.verdict, conclusion.text, mean_of(ratio, "{:.3g}"), interval, needed, conclusion.hypothesis]
-        rows.append(row[: len(heads)])
+        figures = (figure(sized(ratio), "{:.3g}"), interval, figure(found.runs_needed, "{:.0f}"))
+        rows.append([found.verdict, conclusion.text, *figures, conclusion.hypothesis][: len(heads)])
     return Table.of(heads, rows, "Conclusions of the exercise")
-
-
-def mean_of(interval: Interval | None, form: str) -> Cell:
-    """Return a cell with the mean alone."""
-    return figure(None if interval is None else interval.mean, form)

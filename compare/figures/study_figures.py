@@ -198,7 +198,7 @@ def save_nees_figure(path: Path, settings: Sequence[SettingResult], title: str) 
     """Write the mean pose NEES over 3 of EKF and causal optimum against time as PNG, a panel for each setting."""
     with _panels(path, [each.setting for each in settings], title) as (figure, panels):
         for axes, ran in zip(panels, settings, strict=True):
-            found = {name: Runs.nees_per_step(ran.runs[name]) for name in (EKF, CAUSAL)}
+            found = {name: Runs.nees_per_step(ran.study.loaded[name]) for name in (EKF, CAUSAL)}
             ekf = found[EKF]
             time = ran.scenario.trajectory.step * np.arange(len(ekf.value))
             band(axes, time, ekf.low / 3, ekf.high / 3, f"{BAND_LEVEL:.1%} band")
@@ -236,7 +236,7 @@ def _draw_closure(axes: Axes, closure: Closure) -> None:
     for name, style in styles(PLACES).items():
         found = closure.estimators[name]
         center = closure.lap + PLACES[name]
-        errors, bounds = np.array([found.error_m, found.three_sigma_m], dtype=np.float64)
+        errors, bounds = np.array([found["error_m"], found["three_sigma_m"]], dtype=np.float64)
         if name == GTSAM:
             places, errors = np.array([center]), errors[1:]
         else:

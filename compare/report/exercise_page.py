@@ -14,8 +14,8 @@ import numpy as np
 from slamgauge.compare.estimators.loading import load_estimators
 from slamgauge.compare.estimators.registry import CAUSAL, DEAD_RECKONING
 from slamgauge.compare.exercise import tables
-from slamgauge.compare.exercise.results import Exercise, QuestionResult, SettingResult
-from slamgauge.compare.exercise.settings import EKF, FILTERS, GTSAM, OPTIMA, QUESTIONS, Setting
+from slamgauge.compare.exercise.results import Exercise, SettingResult
+from slamgauge.compare.exercise.settings import EKF, ESTIMATORS, GTSAM, QUESTIONS, Setting
 from slamgauge.compare.figures.study_figures import save_closure_figure, save_nees_figure, save_setting_figure
 from slamgauge.compare.report.page import Line, Page, Section, origin, pages_of, pictures, render, said, write_pages
 from slamgauge.compare.report.run_pages import TERMS
@@ -72,7 +72,7 @@ def publish_first_run(setting: Setting, scenario: Scenario, seed: int, folder: P
 
 
 def _estimators_of(setting: Setting) -> list[str]:
-    return [*FILTERS, *OPTIMA, *([CAUSAL_OF_EKF] if setting.figure in ASSOCIATED else [])]
+    return [*ESTIMATORS, *([CAUSAL_OF_EKF] if setting.figure in ASSOCIATED else [])]
 
 
 def _is_complete(setting: Setting, scenario: Scenario, seed: int, folder: Path) -> bool:
@@ -89,14 +89,13 @@ def _is_complete(setting: Setting, scenario: Scenario, seed: int, folder: Path) 
 
 def publish_exercise(out: Path, exercise: Exercise) -> bool:
     """Write the figures and the page next to exercise.json and run 0 of the settings; return whether all succeeded."""
-    figures = [each.setting.figure for each in exercise.settings]
 
     def draw(stage: Path) -> None:
-        for each in exercise.questions:
-            title = f"Question {each.name[1:]}, {exercise.runs} runs"
-            save_nees_figure(stage / f"{each.name}-nees", each.settings, title)
-            save_closure_figure(stage / f"{each.name}-closures", each.settings, title)
-        for figure in figures:
+        for name, each in exercise.by_question().items():
+            title = f"Question {name[1:]}, {exercise.runs} runs"
+            save_nees_figure(stage / f"{name}-nees", each.settings, title)
+            save_closure_figure(stage / f"{name}-closures", each.settings, title)
+        for figure in (each.setting.figure for each in exercise.settings):
             copy(out / RUN_0 / figure / "figure.png", stage / f"figure-{figure}.png")
 
     def write(stage: Path) -> None:
@@ -112,13 +111,14 @@ def exercise_page(figures: Path, run_0: Path, exercise: Exercise) -> Page:
     """
     overview = replace(tables.scores(exercise.settings), id="overview")
     doubts = [*(each.doubt for each in exercise.settings if each.doubt), *exercise.failures]
-    sections = [Section("All settings", "all", tables=[overview])] if len(exercise.questions) > 1 else []
-    for each in exercise.questions:
-        sections += [_question(figures, each), *(_setting(run_0, ran) for ran in each.settings)]
+    questions = exercise.by_question()
+    sections = [Section("All settings", "all", tables=[overview])] if len(questions) > 1 else []
+    for name, each in questions.items():
+        sections += [_question(figures, name, each), *(_setting(run_0, ran) for ran in each.settings)]
     return Page(
         kind="the exercise next to its optimum",
         title="TP4: EKF-SLAM next to GTSAM batch",
-        lead=[Line(f"Question {each.name[1:]}", each.answer(), f"#{each.name}") for each in exercise.questions],
+        lead=[Line(f"Question {name[1:]}", each.answer(), f"#{name}") for name, each in questions.items()],
         notes=said([MEASUREMENTS.format(exercise.runs), *doubts]),
         sections=sections,
         terms=TERMS,
@@ -126,16 +126,16 @@ def exercise_page(figures: Path, run_0: Path, exercise: Exercise) -> Page:
     )
 
 
-def _question(figures: Path, found: QuestionResult) -> Section:
+def _question(figures: Path, name: str, found: Exercise) -> Section:
     """Return the section of a question: task, tables, and figures of all its settings."""
-    name, question = found.name, QUESTIONS[found.name]
+    question = QUESTIONS[name]
     captions = {
         f"{name}-nees.png": "Mean NEES of EKF and causal optimum over time in each setting: a filter above the band of "
         "consistent filters is overconfident, one below it is cautious.",
         f"{name}-closures.png": "The first loop closure of each lap: RMS position error (dots) and 3σ (bars) of EKF "
         "and optimum, just before and at the closure.",
     }
-    shown = enumerate(tables.tables_of(found, with_ratio=True))
+    shown = enumerate(tables.tables_of(found, tables.CONCLUSIONS))
     return Section(
         f"Question {name[1:]}: {question.title}",
         name,
@@ -162,7 +162,7 @@ def what_the_figure_shows(ran: SettingResult, metrics: dict[str, Any]) -> str:
     """Return the numbers of run 0: errors, share of the steps outside the 3-sigma bounds, landmarks, associations."""
     ates, outside = list[str](), list[str]()
     for name in (EKF, GTSAM, DEAD_RECKONING):
-        runs = ran.runs[name]
+        runs = ran.study.loaded[name]
         if len(runs.run) and runs.run[0] == 0:
             ates.append(f"{runs.figures['ate_m'][0]:.2f} m ({name})")
             error = np.array([runs.series["error_x"][0], runs.series["error_y"][0]])

@@ -12,9 +12,8 @@ from scipy import stats
 from slamgauge.arrays import Float
 from slamgauge.compare.exercise.conclusions import (
     CONCLUSIONS,
-    FIGURES,
     LESS,
-    MISSED,
+    LEVEL,
     MORE,
     MUCH,
     POWER,
@@ -24,11 +23,12 @@ from slamgauge.compare.exercise.conclusions import (
     Conclusion,
     Judgement,
     Measure,
+    figures_of,
     judge,
     judge_ratio,
     log_ratios,
 )
-from slamgauge.compare.exercise.settings import EKF, QUESTIONS, SETTINGS
+from slamgauge.compare.exercise.settings import EKF, SETTINGS
 from slamgauge.compare.scoring.catalogue import STORED
 from slamgauge.compare.scoring.runs import SERIES, Runs
 
@@ -41,17 +41,19 @@ def sample(mean: float, spread: float, runs: int = 50) -> Float:
 
 def runs_of(ates: Float, numbers: list[int] | None = None) -> Runs:
     numbers = [*range(len(ates))] if numbers is None else numbers
-    return Runs(np.array(numbers), "filtered", {"ate_m": np.asarray(ates, dtype=np.float64)}, {})
+    figures = dict.fromkeys(STORED, np.asarray(ates, dtype=np.float64))
+    return Runs(np.array(numbers), "filtered", figures, dict.fromkeys(SERIES, np.ones((len(ates), 600))))
 
 
 def test_the_interval_is_students_of_the_logarithms_and_two_runs_more_at_a_level_corrected_for_all_ratios():
     logs = np.random.default_rng(1).normal(0.1, 0.3, 40)
     found = judge_ratio(logs, MORE).ratio
-    expected = stats.ttest_1samp([*logs, *(logs.mean() + UNSEEN)], 0.0).confidence_interval(1 - MISSED / RATIOS)
+    expected = stats.ttest_1samp([*logs, *(logs.mean() + UNSEEN)], 0.0).confidence_interval(LEVEL)
     assert found is not None
     assert (found.low, found.high) == pytest.approx((math.exp(expected.low), math.exp(expected.high)))
     assert found.mean == pytest.approx(math.exp(logs.mean()))
     assert RATIOS == 21
+    assert pytest.approx(1 - 0.05 / 21) == LEVEL
 
 
 @pytest.mark.parametrize(
@@ -85,7 +87,7 @@ def wrong_share(logs: Float) -> float:
 @pytest.mark.parametrize("runs", [10, 20, 100])
 @pytest.mark.parametrize(("spread", "lowest"), [(0.7, 0.0010), (0.3, 0.0)], ids=["wide", "narrow"])
 def test_false_verdicts_are_as_rare_as_stated(spread: float, lowest: float, runs: int):
-    """MISSED / RATIOS = 0.24 % of the studies may end with a verdict, within four standard deviations.
+    """1 - LEVEL = 0.24 % of the studies may end with a verdict, within four standard deviations.
 
     If the ratios scatter less than the two added runs, false verdicts are rarer.
     """
@@ -100,7 +102,7 @@ def test_runs_that_seldom_diverge_cause_few_false_verdicts(runs: int):
     logs = rng.normal(0.0, 0.05, (STUDIES, runs)) + diverged - 0.04
     assert wrong_share(logs) <= 0.02
     if runs == 20:
-        alone = stats.ttest_1samp(logs, 0.0, axis=1).pvalue < MISSED / RATIOS
+        alone = stats.ttest_1samp(logs, 0.0, axis=1).pvalue < 1 - LEVEL
         assert alone.mean() > 0.2
 
 
@@ -145,20 +147,20 @@ def test_a_conclusion_with_several_ratios_must_hold_for_each():
     ("stretch", "first", "last"), [("near the start", 0, 5), ("halfway round", 22, 28), ("back at the start", 48, 52)]
 )
 def test_stretches_are_shares_of_the_first_of_two_loops(stretch: str, first: int, last: int):
-    series = {"error_x": np.arange(101.0)[None], "error_y": np.zeros((1, 101))}
-    (found,) = FIGURES[f"position error {stretch}"](Runs(np.zeros(1, dtype=np.int64), "filtered", {}, series))
+    runs = runs_of(np.zeros(1))
+    runs.series.update(error_x=np.arange(101.0)[None], error_y=np.zeros((1, 101)))
+    (found,) = figures_of(runs)[f"position error {stretch}"]
     assert found == pytest.approx(math.sqrt(np.mean(np.arange(first, last + 1) ** 2)))
 
 
 def test_conclusions_name_settings_of_the_exercise_and_figures_that_studies_store():
     """A metric that left the catalogue ended `slamgauge exercise` in a KeyError after all runs."""
-    series = {name: np.ones((3, 600)) for name in SERIES}
-    runs = Runs(np.arange(3), "filtered", {key: np.ones(3) for key in STORED}, series)
+    figures = figures_of(runs_of(np.ones(3)))
     assert len({each.id for each in CONCLUSIONS}) == len(CONCLUSIONS) == 19
     for each in CONCLUSIONS:
-        assert SETTINGS[each.measures[0].setting] in QUESTIONS[each.id[:2]].settings
+        assert SETTINGS[each.measures[0].setting].question == each.id[:2]
         assert all(measure.setting in SETTINGS for measure in each.measures)
-        assert all(FIGURES[measure.name](runs).shape == (3,) for measure in each.measures)
+        assert all(figures[measure.name].shape == (3,) for measure in each.measures)
     hypotheses = {each.id: each.hypothesis for each in CONCLUSIONS}
     assert hypotheses["q1-sparse-error"] == "ATE (2.3) / ATE (2.2) > 2"
     assert hypotheses["q2-like-known-long-dense"] == "ATE (2.7) / ATE (2.2) within 1/1.1 and 1.1"

@@ -19,7 +19,7 @@ from slamgauge.compare.cli.main import main
 from slamgauge.compare.estimators.registry import REGISTRY
 from slamgauge.compare.exercise import results
 from slamgauge.compare.exercise.results import Exercise, first_closures, run_exercise
-from slamgauge.compare.exercise.settings import CAUSAL, EKF, FILTERS, GTSAM, OPTIMA, QUESTIONS
+from slamgauge.compare.exercise.settings import CAUSAL, EKF, ESTIMATORS, GTSAM, SETTINGS
 from slamgauge.compare.exercise.tables import exercise_page
 from slamgauge.compare.report import exercise_page as exercise_pages
 from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
@@ -64,9 +64,12 @@ def test_all_estimators_of_a_run_use_the_same_measurements(question_1: Exercise)
     for ran in question_1.settings:
         for run in range(2):
             seed = run_seed(3, run)
-            alone = [*run_once(ran.scenario, seed, FILTERS), *run_once(informed(ran.scenario), seed, OPTIMA)]
+            alone = [
+                *run_once(ran.scenario, seed, ESTIMATORS[:2]),
+                *run_once(informed(ran.scenario), seed, ESTIMATORS[2:]),
+            ]
             for outcome in alone:
-                assert ran.runs[outcome.estimator].figures["ate_m"][run] == outcome.figures["ate_m"]
+                assert ran.study.loaded[outcome.estimator].figures["ate_m"][run] == outcome.figures["ate_m"]
 
 
 def test_settings_with_the_same_measurements_share_the_optima(tmp_path: Path, pool: ThreadPoolExecutor):
@@ -74,7 +77,7 @@ def test_settings_with_the_same_measurements_share_the_optima(tmp_path: Path, po
     run_exercise(["q2"], 1, 0, tmp_path, pool)
     folders = {path.name for path in (tmp_path / "studies").iterdir()}
     assert {name for name in folders if not name.startswith("optima-")} == {
-        *(each.figure for each in QUESTIONS["q2"].settings),
+        *(each.figure for each in SETTINGS.values() if each.question == "q2"),
         *("2.1", "2.2", "2.3"),
     }
     assert sum(name.startswith("optima-") for name in folders) == 3
@@ -95,17 +98,17 @@ def test_loop_closures_are_the_first_of_each_lap(question_1: Exercise):
         for closure in ran.loop_closures:
             at = [(run, firsts[closure.lap - 1]) for run, firsts in enumerate(every) if firsts[closure.lap - 1] >= 0]
             assert closure.time_s == pytest.approx(0.1 * np.mean([step for _, step in at]))
-            series, found = ran.runs[EKF].series, closure.estimators[EKF]
+            series, found = ran.study.loaded[EKF].series, closure.estimators[EKF]
             squares = [[series[f"error_{axis}"][run, step - 1] ** 2 for axis in "xy"] for run, step in at]
-            assert found.error_m[0] == pytest.approx(math.sqrt(np.sum(squares) / len(at)))
+            assert found["error_m"][0] == pytest.approx(math.sqrt(np.sum(squares) / len(at)))
             squares = [[series[f"sigma_{axis}"][run, step] ** 2 for axis in "xy"] for run, step in at]
-            assert found.three_sigma_m[1] == pytest.approx(3 * math.sqrt(np.sum(squares) / len(at)))
+            assert found["three_sigma_m"][1] == pytest.approx(3 * math.sqrt(np.sum(squares) / len(at)))
     assert any(ran.loop_closures for ran in question_1.settings)
 
 
 def test_tables_fit_80_columns_and_a_ratio_to_an_optimum_in_doubt_is_marked(question_1: Exercise):
     doubted = replace(deepcopy(question_1), failures=["figure 2.1, run 0: ekf failed: x"])
-    doubted.settings[1].estimators[CAUSAL].figures["optimum_check_share"] = 0.5
+    doubted.settings[1].study.estimators[CAUSAL].figures["optimum_check_share"] = 0.5
     text = exercise_page(doubted).text(80)
     lines = text.splitlines()
     assert max(map(len, lines)) <= 80
@@ -146,10 +149,8 @@ def test_the_command_writes_results_figures_and_pages_and_continues(
     for figure in ("4.1", "ring"):
         assert f'href="run-0/{figure}/report.html"' in page
         assert (out / "run-0" / figure / "report.html").is_file()
-        assert set(json.loads((out / "run-0" / figure / "metrics.json").read_text())["estimators"]) == {
-            *FILTERS,
-            *OPTIMA,
-        }
+        metrics = json.loads((out / "run-0" / figure / "metrics.json").read_text())
+        assert set(metrics["estimators"]) == {*ESTIMATORS}
     for module, name in ((exercise_pages, "publish_first_run"), (study, "run_once")):
         monkeypatch.setattr(module, name, Mock(side_effect=UserError("not again")))
     assert main(words) == 0
@@ -166,4 +167,4 @@ def test_every_key_of_the_json_file_is_documented(question_1: Exercise):
     for setting in found["questions"]["q1"]["settings"]:
         setting["estimators"] = {}  # as in summary.json
     keys = {*re.findall(r'"([^"]+)": ', json.dumps(found))}
-    assert keys - {"q1", *FILTERS, *OPTIMA} <= documented | {"mean", "low", "high"}
+    assert keys - {"q1", *ESTIMATORS} <= documented | {"mean", "low", "high"}
