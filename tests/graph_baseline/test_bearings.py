@@ -12,7 +12,9 @@ from slamgauge import load_scenario, simulate
 from slamgauge.arrays import Float
 from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline import batch, causal, robust_batch
-from slamgauge.graph_baseline.problem.placement import SURE
+from slamgauge.graph_baseline.problem.placement import SURE, triangulate_all
+from slamgauge.graph_baseline.problem.preparation import prepare
+from slamgauge.graph_baseline.solver.incremental import IncrementalOptimum
 from slamgauge.se2 import wrap
 from slamgauge.triangulation import triangulate
 from tests.reference.least_squares import Model
@@ -112,3 +114,14 @@ def test_a_landmark_with_a_single_bearing_is_ignored_and_its_association_is_minu
     expected = optimum(recording.associated(association))
     np.testing.assert_allclose(estimate.poses, expected.poses, atol=1e-6)
     assert (used >= 0).sum() == (np.asarray(expected.association) >= 0).sum() > len(used) / 3
+
+
+@pytest.mark.parametrize("seed", [3, 9])
+def test_the_causal_map_has_no_landmark_that_its_bearings_no_longer_place(seed: int):
+    """In both recordings a later minimum moves the path so that a landmark with a small sigma loses its position."""
+    recording = recording_of("bearing", seed, steps=60, landmarks=5)
+    problem, estimator = prepare(recording), IncrementalOptimum(recording)
+    for k in range(recording.steps + 1):
+        estimator.add_step()
+        ids, _, sigmas = triangulate_all(problem.first(k), estimator.path_and_map()[0])
+        assert np.isin(estimator.landmark_ids, ids[np.isfinite(sigmas)]).all()
