@@ -12,9 +12,10 @@ from slamgauge import load_scenario, simulate
 from slamgauge.arrays import Float
 from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline import batch, causal, robust_batch
-from slamgauge.graph_baseline.problem.placement import SURE, triangulate_all
+from slamgauge.graph_baseline.problem.placement import SURE, are_placed, landmarks_at_median, triangulate_all
 from slamgauge.graph_baseline.problem.preparation import prepare
 from slamgauge.graph_baseline.solver.incremental import IncrementalOptimum
+from slamgauge.graph_baseline.solver.search import placed_minimum
 from slamgauge.se2 import wrap
 from slamgauge.triangulation import triangulate
 from tests.reference.least_squares import Model
@@ -125,3 +126,14 @@ def test_the_causal_map_has_no_landmark_that_its_bearings_no_longer_place(seed: 
         estimator.add_step()
         ids, _, sigmas = triangulate_all(problem.first(k), estimator.path_and_map()[0])
         assert np.isin(estimator.landmark_ids, ids[np.isfinite(sigmas)]).all()
+
+
+@pytest.mark.parametrize(("seed", "steps", "landmarks"), [(3, 40, 8), (36, 25, 4)])
+def test_a_search_adds_landmarks_that_its_minimum_places_and_dead_reckoning_does_not(
+    seed: int, steps: int, landmarks: int
+):
+    problem = prepare(recording_of("bearing", seed, steps=steps, landmarks=landmarks))
+    path = problem.dead_reckoning
+    taken, found = placed_minimum(problem, path, lambda part, path: [lambda: (path, landmarks_at_median(part, path))])
+    np.testing.assert_array_equal(taken >= 0, are_placed(problem, found.poses))
+    assert (taken >= 0).sum() > are_placed(problem, path).sum()
