@@ -226,5 +226,4 @@ def require_sound(sensor: str, values: ArrayLike, covs: ArrayLike) -> None:
 
 def require_ids(ids: Int) -> None:
     """Refuse negative ids of new landmarks."""
-    if len(ids) and ids.min() < 0:
-        require_rows("landmark", ids >= 0, ids, "an id must be >= 0; use landmark=None for unknown association")
+    require_rows("landmark", ids >= 0, ids, "an id must be >= 0; use landmark=None for unknown association")

@@ -239,7 +239,7 @@ def outside_of(columns: Float, q: int, dim: int, used: int) -> Triple:
     a, b = (columns[0, q], columns[1, q], columns[2, q]), (columns[0, last], columns[1, last], columns[2, last])
     p00, p11, p01 = 1.0 - dot(a, a), 1.0 - dot(b, b), -dot(a, b)
     if dim == 1:
-        p01, p11, b = 0.0, 1.0, (0.0, 0.0, 0.0)
+        p01, p11 = 0.0, 1.0
     if min(p00, p11) - abs(p01) > INEXACT:
         return p00, p01, p11
     k00, k01, k11 = p00 * p00 + p01 * p01, p01 * (p00 + p11), p01 * p01 + p11 * p11

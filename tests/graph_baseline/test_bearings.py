@@ -12,7 +12,10 @@ from slamgauge import load_scenario, simulate
 from slamgauge.arrays import Float
 from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline import batch, causal, robust_batch
-from slamgauge.graph_baseline.problem.placement import SURE
+from slamgauge.graph_baseline.problem.placement import SURE, are_placed, landmarks_at_median, triangulate_all
+from slamgauge.graph_baseline.problem.preparation import prepare
+from slamgauge.graph_baseline.solver.incremental import IncrementalOptimum
+from slamgauge.graph_baseline.solver.search import placed_minimum
 from slamgauge.se2 import wrap
 from slamgauge.triangulation import triangulate
 from tests.reference.least_squares import Model
@@ -112,3 +115,25 @@ def test_a_landmark_with_a_single_bearing_is_ignored_and_its_association_is_minu
     expected = optimum(recording.associated(association))
     np.testing.assert_allclose(estimate.poses, expected.poses, atol=1e-6)
     assert (used >= 0).sum() == (np.asarray(expected.association) >= 0).sum() > len(used) / 3
+
+
+@pytest.mark.parametrize("seed", [3, 9])
+def test_the_causal_map_has_no_landmark_that_its_bearings_no_longer_place(seed: int):
+    """In both recordings a later minimum moves the path so that a landmark with a small sigma loses its position."""
+    recording = recording_of("bearing", seed, steps=60, landmarks=5)
+    problem, estimator = prepare(recording), IncrementalOptimum(recording)
+    for k in range(recording.steps + 1):
+        estimator.add_step()
+        ids, _, sigmas = triangulate_all(problem.first(k), estimator.path_and_map()[0])
+        assert np.isin(estimator.landmark_ids, ids[np.isfinite(sigmas)]).all()
+
+
+@pytest.mark.parametrize(("seed", "steps", "landmarks"), [(3, 40, 8), (36, 25, 4)])
+def test_a_search_adds_landmarks_that_its_minimum_places_and_dead_reckoning_does_not(
+    seed: int, steps: int, landmarks: int
+):
+    problem = prepare(recording_of("bearing", seed, steps=steps, landmarks=landmarks))
+    path = problem.dead_reckoning
+    taken, found = placed_minimum(problem, path, lambda part, path: [lambda: (path, landmarks_at_median(part, path))])
+    np.testing.assert_array_equal(taken >= 0, are_placed(problem, found.poses))
+    assert (taken >= 0).sum() > are_placed(problem, path).sum()

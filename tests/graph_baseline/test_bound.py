@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -154,7 +155,11 @@ def test_clutter_and_outliers_are_ignored_and_ids_may_have_any_order() -> None:
     np.testing.assert_allclose(causal_bound(renamed, recording.only(~outlier)), expected, rtol=1e-9)
 
 
-def test_a_truth_without_landmarks_is_refused() -> None:
+def test_a_truth_without_landmarks_associations_or_one_of_the_poses_is_refused() -> None:
     truth, recording = small_run(6, "range-bearing")
-    with pytest.raises(UserError, match="truth: the bound needs all true poses, landmarks and associations"):
-        causal_bound(replace(truth, landmark_ids=None, landmarks=None), recording)
+    poses = given(truth.poses).copy()
+    poses[5] = np.nan
+    missing: list[dict[str, Any]] = [{"landmark_ids": None, "landmarks": None}, {"association": None}, {"poses": poses}]
+    for each in missing:
+        with pytest.raises(UserError, match="truth: the bound needs all true poses, landmarks and associations"):
+            causal_bound(replace(truth, **each), recording)

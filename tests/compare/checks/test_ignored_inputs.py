@@ -63,6 +63,7 @@ def jittered(recording: Recording) -> Estimate:
     [
         (ekf_slam, set[Need]()),
         (own_noise, ALL_NOISE),
+        (partial(own_noise, R=np.diag([1.0, 0.05]) ** 2), ALL_NOISE),
         (partial(own_noise, Q=np.zeros((3, 3))), {"observation noise"}),
         (partial(own_noise, R=1e-20 * np.eye(2)), {"odometry noise"}),
         (partial(seeded_ekf, bug="start with no uncertainty"), set[Need]()),
@@ -70,7 +71,7 @@ def jittered(recording: Recording) -> Estimate:
         (dead_reckoning, set[Need]()),
         (jittered, set[Need]()),
     ],
-    ids=["none", "noise", "no Q", "no R", "no prior", "its own prior", "no observations", "random estimates"],
+    ids=["none", "noise", "ranges", "no Q", "no R", "no prior", "its own prior", "no observations", "random estimates"],
 )
 def test_inputs_that_a_filter_ignores(estimator: Estimator, ignored: set[Need]):
     assert ignored_inputs(Subject("mine", estimator)) == ignored

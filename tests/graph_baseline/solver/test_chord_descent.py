@@ -130,3 +130,18 @@ def test_scans_of_many_landmarks_lose_no_digits(smallest: float, prior_sigma: fl
     expected = (prior_sigma**2 + np.square(sigmas))[:, None, None] * np.eye(2)
     expected = expected + 0.01 * lever[:, :, None] * lever[:, None, :]
     np.testing.assert_allclose(estimator.landmark_covs(), expected, rtol=0, atol=1e-6 * prior_sigma**2)
+
+
+def test_a_chord_step_is_measured_by_the_change_of_all_predicted_observations() -> None:
+    recording = simulate(load_scenario("q1-short-dense", ["start=sampled"]), 0)[1].first(30)
+    estimator = IncrementalOptimum(recording)
+    for _ in range(recording.steps + 1):
+        estimator.add_step()
+    descent = estimator._descent
+    model, step, seen_from = descent._model, descent._step, recording.observation_step
+    descent._state.landmarks[:] += np.random.default_rng(0).normal(size=descent._state.landmarks.shape) / 100
+    size = descent._chord_step()
+    change = np.einsum("mij,mj->mi", model.Hx, step.pose[seen_from])
+    change += np.einsum("mij,mj->mi", model.Hm, step.landmark[descent._scans.slot])
+    np.testing.assert_allclose(step.seen, change, rtol=0, atol=1e-9)
+    assert size == pytest.approx(np.linalg.norm(change))
