@@ -97,7 +97,7 @@ def test_options_in_the_text_are_those_of_a_command(capsys: pytest.CaptureFixtur
     for words in ([COMPLETION, "bash"], ["import", "csv", "--help"], ["export", "csv", "--help"]):
         with pytest.raises(SystemExit):
             main(words)
-    options = re.findall(r"'(--[a-z][a-z-]+)'", capsys.readouterr().out)  # of all commands and formats
+    options = re.findall(r"'(--[a-z][a-z-]+)'", capsys.readouterr().out)  # the completion script names all
     named = {option for text in texts for option in re.findall(r"(?<![\w-])--[a-z][a-z-]+", text)}
     assert len(named) > 40
     assert named - {*OTHER_TOOLS, COMPLETION, *options} == set()

@@ -140,7 +140,7 @@ class VictoriaPark(Format):
 
     def read(self) -> imported_log.Imported:
         recording = g2o.read_g2o(self.path).recording
-        return imported_log.Imported(recording.only((recording.observation**2).sum(axis=1) <= self.max_range**2))
+        return imported_log.Imported(recording.only((recording.observation**2).sum(axis=1) ** 0.5 <= self.max_range))
 
 
 @dataclass

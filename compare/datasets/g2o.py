@@ -101,7 +101,7 @@ def read_g2o(path: Path, *, drop_loop_edges: bool = False, isam: bool = False) -
     counts = {
         "edges between poses that are not on the path are dropped": len(motions) - len(edges),
         "laser scans (ROBOTLASER1) are left out": len(lines["ROBOTLASER1"]),
-        "keys of GTSAM have short ids, 1000 times the number and the code of the letter: l7 is 7108": shortened,
+        "keys of GTSAM have short ids, the number and the code of the letter (l is 108): l7 is 7108": shortened,
     }
     notes = [f"{count} {what}" for what, count in counts.items() if count]
     if fixed != poses[0]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import Executor, Future
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
@@ -106,20 +106,15 @@ def _results(
                 done = first_done(pending)
                 pending -= done
                 for future in done:
-                    if not _is_lost(future):
+                    if not lost_worker(future.exception()):
                         future.result()
                         progress.update()
         finally:
             for future in futures:
                 future.cancel()
         for place, future in enumerate(futures):
-            if _is_lost(future):
+            if lost_worker(future.exception()):
                 futures[place] = executor.submit(work, *arguments[place])
                 first_done([futures[place]])
                 progress.update()
     return [future.exception() or future.result() for future in futures]
-
-
-def _is_lost(future: Future[Any]) -> bool:
-    error = future.exception()
-    return error is not None and lost_worker(error)

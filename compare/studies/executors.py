@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 P = ParamSpec("P")
 T = TypeVar("T")
 
-WAIT = 0.5  # s
+WAIT = 0.5  # s until an interrupt is noticed at the latest
 CONNECT = 10.0  # s to wait for a Dask scheduler
 WORKERS = 5.0  # s to wait for its first worker
 SAME = {"slamgauge": 4, "python": 2, "distributed": 3, "numpy": 3}  # parts of versions that workers must share
@@ -41,7 +41,8 @@ SAME = {"slamgauge": 4, "python": 2, "distributed": 3, "numpy": 3}  # parts of v
 class _Processes(Executor):
     """Worker processes, each with a pipe and a thread of its own: one that dies loses its own run, and is replaced.
 
-    An interrupt may leave locks of this process locked, and half a result in a pipe. `terminate` waits for neither.
+    An interrupt may leave locks of this process locked, and half a result in a pipe. Python's ProcessPoolExecutor then
+    waits for ever; `terminate` waits for neither.
     """
 
     def __init__(self, jobs: int) -> None:
@@ -130,13 +131,13 @@ def _work(pipe: Connection) -> None:
 
 
 def first_done(pending: Iterable[Future[T]]) -> set[Future[T]]:
-    """Wait for a run. Python may miss an interrupt that comes when a wait begins, until it ends: none is long."""
+    """Wait for a run, in short waits: Python may notice an interrupt only when a wait ends."""
     while not (done := wait(pending, WAIT, FIRST_COMPLETED).done):
         pass
     return done
 
 
-def lost_worker(error: BaseException) -> bool:
+def lost_worker(error: BaseException | None) -> bool:
     """Whether a run is missing because its worker process has died."""
     scheduler = sys.modules.get("distributed.scheduler")  # loaded if the executor is a cluster
     return isinstance(error, BrokenExecutor) or (scheduler is not None and isinstance(error, scheduler.KilledWorker))

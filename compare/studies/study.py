@@ -29,6 +29,7 @@ from slamgauge.errors import UserError
 IN_FLIGHT = 256  # runs submitted to the executor at a time, which limits the memory of waiting results
 MOST_LOST = 3  # workers that die one after another: then the run is not the cause
 AGAIN = "not stored: the same command runs it again"
+DIED = Outcome("", error="its worker process died (out of memory?)", transient=True)
 
 
 class _Work(NamedTuple):
@@ -190,14 +191,13 @@ def _arriving(tasks: Iterable[_Task], work: _Work) -> Generator[tuple[int, list[
             limit = IN_FLIGHT
             for future in sorted(first_done(pending), key=lambda each: each.exception() is not None):  # defects last
                 run, asked = pending.pop(future)
-                error = future.exception()
-                in_a_row = in_a_row + 1 if error is not None and lost_worker(error) else 0
+                is_lost = lost_worker(future.exception())
+                in_a_row = in_a_row + 1 if is_lost else 0
                 if in_a_row == MOST_LOST:
                     what = f"{MOST_LOST} worker processes died one after another, the last one at run {run}"
                     remedy = "make room or give fewer --jobs, and give the same command again"
                     raise UserError(f"{what} (out of memory?); {remedy}")
-                died = Outcome("", error="its worker process died (out of memory?)", transient=True)
-                yield run, [replace(died, estimator=each.key) for each in asked] if in_a_row else future.result()
+                yield run, [replace(DIED, estimator=each.key) for each in asked] if is_lost else future.result()
     finally:
         for future in pending:
             future.cancel()

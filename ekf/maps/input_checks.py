@@ -77,7 +77,7 @@ def load_increment(increment: ArrayLike, cov: ArrayLike, to: Float, cov_to: Floa
         and isinstance(cov, np.ndarray)
         and cov.dtype.kind in REAL
         and cov.shape == (3, 3)
-    ):  # at almost no step
+    ):  # at almost no step; written out, because a call takes as long as these comparisons
         increment = _shaped("increment", increment, (3,), INCREMENT)
         cov = _shaped("increment_cov", cov, (3, 3), "give shape (3, 3), of variances alone numpy.diag")
     to[...] = increment

@@ -230,10 +230,10 @@ def add_scan(scans: Scans, model: LinearModel, k: int, columns: Float, X: Float,
 
 @inner
 def outside_of(columns: Float, q: int, dim: int, used: int) -> Triple:
-    """Return entries 00, 01 and 11 of I - Q_i Q_i', for the rows q..q+dim-1 of Q; I - Q Q' is a projection.
+    """Return entries 00, 01 and 11 of I - Q_i Q_i', for the rows q..q+dim-1 of Q; for one row, only 00 has a meaning.
 
-    If these rows determine the pose, the difference loses its digits. It equals its square plus Q_i S Q_i', where S is
-    the sum of Q_j' Q_j over the other rows: this has no small difference.
+    I - Q Q' is a projection. If these rows determine the pose, the difference loses its digits. It equals its square
+    plus Q_i S Q_i', where S is the sum of Q_j' Q_j over the other rows: this has no small difference.
     """
     last = q + dim - 1
     a, b = (columns[0, q], columns[1, q], columns[2, q]), (columns[0, last], columns[1, last], columns[2, last])
